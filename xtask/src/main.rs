@@ -1,0 +1,106 @@
+//! Every command of the house: `cargo xtask` lists them.
+
+mod bench;
+mod fuzz;
+mod run;
+mod test;
+mod tools;
+mod ui;
+
+use std::process::ExitCode;
+
+use run::{Failure, Outcome};
+
+/// One command: its name, what follows it, what it does.
+struct Task {
+    name: &'static str,
+    arguments: &'static str,
+    about: &'static str,
+    run: fn(&[String]) -> Outcome,
+}
+
+const TASKS: &[Task] = &[
+    Task {
+        name: "up",
+        arguments: "[OPTIONS]",
+        about: "build the control room and start server, broker and 50 simulated robots (`cargo up`)",
+        run: up,
+    },
+    Task {
+        name: "setup",
+        arguments: "",
+        about: "install the tools that tests need, or say which are missing and how to get them",
+        run: |_| tools::setup(),
+    },
+    Task {
+        name: "test",
+        arguments: "",
+        about: "everything a change must pass: format, lints, tests, control room, end to end",
+        run: |_| test::all(),
+    },
+    Task {
+        name: "ui",
+        arguments: "",
+        about: "build the control room into host-server/ui/dist",
+        run: |_| ui::build(),
+    },
+    Task {
+        name: "fuzz",
+        arguments: "[--seconds N]",
+        about: "run every fuzz target for N seconds (default 30)",
+        run: fuzz::all,
+    },
+    Task {
+        name: "bench",
+        arguments: "[lockstep|fleet]",
+        about: "measure, and print tables in the form of docs/numbers.md",
+        run: bench::all,
+    },
+];
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let Some((name, rest)) = arguments.split_first() else {
+        print_tasks();
+        return ExitCode::SUCCESS;
+    };
+    let Some(task) = TASKS.iter().find(|task| task.name == name) else {
+        eprintln!("xtask: there is no command '{name}'\n");
+        print_tasks();
+        return ExitCode::from(2);
+    };
+    match (task.run)(rest) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure(reason)) => {
+            eprintln!("xtask {name}: {reason}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn print_tasks() {
+    println!("cargo xtask COMMAND\n");
+    for task in TASKS {
+        let call = format!("{} {}", task.name, task.arguments);
+        println!("  {call:<24} {}", task.about);
+    }
+}
+
+/// Starts the main job. The server still runs without a control room when Node.js is missing;
+/// its page then says how to get it.
+fn up(arguments: &[String]) -> Outcome {
+    if let Err(Failure(reason)) = ui::build() {
+        eprintln!("xtask up: starting without the control room: {reason}");
+    }
+    run::cargo(&[
+        "build",
+        "--release",
+        "--locked",
+        "--package",
+        "crawler-server",
+    ])?;
+    run::replace_with(
+        &run::target_dir().join("release/terracrawler"),
+        std::iter::once("up".to_owned()).chain(arguments.iter().cloned()),
+    )
+}

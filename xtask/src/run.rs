@@ -1,0 +1,100 @@
+//! Running other programs, and saying plainly what went wrong.
+
+use std::env;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// One line for the person at the terminal: what failed and what to do about it.
+#[derive(Debug)]
+pub(crate) struct Failure(pub(crate) String);
+
+/// What a command of the house came to.
+pub(crate) type Outcome<T = ()> = Result<T, Failure>;
+
+/// The root of the repository.
+pub(crate) fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("xtask lies in the repository")
+        .to_owned()
+}
+
+/// Where cargo puts what it builds.
+pub(crate) fn target_dir() -> PathBuf {
+    env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+}
+
+/// Runs `program` in `directory` and shows its output.
+pub(crate) fn run<S: AsRef<OsStr>>(directory: &Path, program: &str, arguments: &[S]) -> Outcome {
+    run_command(command(directory, program, arguments))
+}
+
+/// As [`run`], with extra environment variables.
+pub(crate) fn run_with_env<S: AsRef<OsStr>>(
+    directory: &Path,
+    program: &str,
+    arguments: &[S],
+    variables: &[(&str, &str)],
+) -> Outcome {
+    let mut command = command(directory, program, arguments);
+    command.envs(variables.iter().copied());
+    run_command(command)
+}
+
+/// Runs cargo at the root of the repository.
+pub(crate) fn cargo(arguments: &[&str]) -> Outcome {
+    let cargo = env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
+    run(&root(), &cargo, arguments)
+}
+
+/// What `program` prints, or `None` when it cannot be run or fails.
+pub(crate) fn output(program: &str, arguments: &[&str]) -> Option<String> {
+    let output = Command::new(program)
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .ok()?;
+    output
+        .status
+        .success()
+        .then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+/// Becomes `program`, so that Ctrl-C and the exit code are its own.
+pub(crate) fn replace_with(program: &Path, arguments: impl Iterator<Item = String>) -> Outcome {
+    let mut command = Command::new(program);
+    command.args(arguments).current_dir(root());
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::CommandExt as _;
+        let error = command.exec();
+        Err(Failure(format!(
+            "cannot start {}: {error}",
+            program.display()
+        )))
+    }
+    #[cfg(not(unix))]
+    run_command(command)
+}
+
+fn command<S: AsRef<OsStr>>(directory: &Path, program: &str, arguments: &[S]) -> Command {
+    let mut command = Command::new(program);
+    command
+        .args(arguments)
+        .current_dir(directory)
+        .stdin(Stdio::null());
+    command
+}
+
+fn run_command(mut command: Command) -> Outcome {
+    let shown = format!("{command:?}").replace('"', "");
+    let status = command
+        .status()
+        .map_err(|error| Failure(format!("cannot run `{shown}`: {error}")))?;
+    if status.success() {
+        Ok(())
+    } else {
+        Err(Failure(format!("`{shown}` ended with {status}")))
+    }
+}

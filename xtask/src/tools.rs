@@ -1,0 +1,105 @@
+//! Tools that are not Rust crates: what they are for, whether they are here, how to get them.
+
+use crate::run::{self, Failure, Outcome};
+
+/// A program the house uses but does not build.
+pub(crate) struct Tool {
+    /// What it is called on the command line.
+    pub(crate) program: &'static str,
+    /// Debian's package of it.
+    package: &'static str,
+    /// What does not work without it.
+    purpose: &'static str,
+}
+
+/// Builds the control room.
+pub(crate) const NPM: Tool = Tool {
+    program: "npm",
+    package: "npm",
+    purpose: "building the control room (Node.js 20.19 or newer)",
+};
+/// Shows the control room to its tests.
+pub(crate) const CHROMIUM: Tool = Tool {
+    program: "chromium",
+    package: "chromium",
+    purpose: "testing the control room in a browser",
+};
+/// An MQTT broker that we did not write.
+pub(crate) const MOSQUITTO: Tool = Tool {
+    program: "mosquitto",
+    package: "mosquitto",
+    purpose: "testing against an outside broker",
+};
+/// An MQTT client that we did not write.
+pub(crate) const MOSQUITTO_PUB: Tool = Tool {
+    program: "mosquitto_pub",
+    package: "mosquitto-clients",
+    purpose: "testing the embedded broker",
+};
+
+const ALL: [&Tool; 4] = [&NPM, &CHROMIUM, &MOSQUITTO, &MOSQUITTO_PUB];
+
+impl Tool {
+    /// Whether the program is on the search path. Debian puts servers where a user's path does
+    /// not look.
+    pub(crate) fn present(&self) -> bool {
+        std::env::var_os("PATH")
+            .iter()
+            .flat_map(std::env::split_paths)
+            .chain(["/usr/sbin".into(), "/usr/local/sbin".into()])
+            .any(|folder| folder.join(self.program).is_file())
+    }
+
+    fn missing(&self) -> String {
+        format!(
+            "{} is missing (for {}): sudo apt-get install {}",
+            self.program, self.purpose, self.package
+        )
+    }
+
+    /// Nothing when the tool is here.
+    ///
+    /// # Errors
+    /// One line that names the tool, its purpose and its package.
+    pub(crate) fn require(&self) -> Outcome {
+        if self.present() {
+            Ok(())
+        } else {
+            Err(Failure(self.missing()))
+        }
+    }
+}
+
+/// Installs what is missing where that is allowed: as root, with apt.
+///
+/// # Errors
+/// Names every tool that is still missing.
+pub(crate) fn setup() -> Outcome {
+    let missing: Vec<&Tool> = ALL.into_iter().filter(|tool| !tool.present()).collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let may_install = run::output("id", &["-u"]).as_deref() == Some("0")
+        && run::output("apt-get", &["--version"]).is_some();
+    if may_install {
+        let root = run::root();
+        let quiet = [("DEBIAN_FRONTEND", "noninteractive")];
+        let packages = missing.iter().map(|tool| tool.package);
+        run::run(&root, "apt-get", &["update", "-qq"])?;
+        let install: Vec<&str> = ["install", "-y", "-qq", "--no-install-recommends"]
+            .into_iter()
+            .chain(packages)
+            .collect();
+        run::run_with_env(&root, "apt-get", &install, &quiet)?;
+    }
+    let still: Vec<String> = ALL
+        .into_iter()
+        .filter(|tool| !tool.present())
+        .map(Tool::missing)
+        .collect();
+    if still.is_empty() {
+        Ok(())
+    } else {
+        Err(Failure(still.join("\n")))
+    }
+}

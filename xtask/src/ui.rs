@@ -1,0 +1,109 @@
+//! The control room: npm's part of the build.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use crate::run::{self, Failure, Outcome};
+use crate::tools;
+
+/// Vite 8 needs it.
+const OLDEST_NODE: (u32, u32) = (20, 19);
+
+/// Where the control room lives.
+pub(crate) fn folder() -> PathBuf {
+    run::root().join("host-server/ui")
+}
+
+/// Builds `dist/` unless it is newer than everything it is made from.
+///
+/// # Errors
+/// When npm or a new enough Node.js is missing, or the build fails.
+pub(crate) fn build() -> Outcome {
+    let folder = folder();
+    let page = folder.join("dist/index.html");
+    if let Some(built) = modified(&page)
+        && newest(&folder)? < built
+    {
+        return Ok(());
+    }
+    install()?;
+    run::run(&folder, "npm", &["run", "--silent", "build"])
+}
+
+/// Lints, type-checks and unit-tests the control room.
+///
+/// # Errors
+/// As [`build`].
+pub(crate) fn check() -> Outcome {
+    install()?;
+    run::run(&folder(), "npm", &["run", "--silent", "check"])
+}
+
+/// `npm ci`, only when the lock file is newer than what is installed.
+fn install() -> Outcome {
+    tools::NPM.require()?;
+    let version = run::output("node", &["--version"]).unwrap_or_default();
+    if parse_version(&version).is_none_or(|version| version < OLDEST_NODE) {
+        return Err(Failure(format!(
+            "Node.js {}.{} or newer is needed for the control room, found '{version}': see https://nodejs.org/en/download",
+            OLDEST_NODE.0, OLDEST_NODE.1
+        )));
+    }
+    let folder = folder();
+    let installed = modified(&folder.join("node_modules/.package-lock.json"));
+    let locked = modified(&folder.join("package-lock.json"));
+    if installed.is_some() && installed >= locked {
+        return Ok(());
+    }
+    run::run(
+        &folder,
+        "npm",
+        &["ci", "--no-audit", "--no-fund", "--loglevel=error"],
+    )
+}
+
+/// Major and minor number of `v20.19.2`.
+fn parse_version(version: &str) -> Option<(u32, u32)> {
+    let mut numbers = version.strip_prefix('v')?.split('.');
+    Some((numbers.next()?.parse().ok()?, numbers.next()?.parse().ok()?))
+}
+
+fn modified(path: &Path) -> Option<SystemTime> {
+    fs::metadata(path).ok()?.modified().ok()
+}
+
+/// When the newest source below `folder` was changed.
+fn newest(folder: &Path) -> Outcome<SystemTime> {
+    let unreadable =
+        |error: std::io::Error| Failure(format!("cannot read {}: {error}", folder.display()));
+    let mut newest = SystemTime::UNIX_EPOCH;
+    for entry in fs::read_dir(folder).map_err(unreadable)? {
+        let entry = entry.map_err(unreadable)?;
+        let name = entry.file_name();
+        if name == "node_modules" || name == "dist" {
+            continue;
+        }
+        let kind = entry.file_type().map_err(unreadable)?;
+        let changed = if kind.is_dir() {
+            self::newest(&entry.path())?
+        } else {
+            modified(&entry.path()).unwrap_or(SystemTime::UNIX_EPOCH)
+        };
+        newest = newest.max(changed);
+    }
+    Ok(newest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{OLDEST_NODE, parse_version};
+
+    #[test]
+    fn node_versions_compare() {
+        assert!(parse_version("v20.20.2").is_some_and(|version| version >= OLDEST_NODE));
+        assert!(parse_version("v18.19.0").is_some_and(|version| version < OLDEST_NODE));
+        assert_eq!(parse_version("nonsense"), None);
+        assert_eq!(parse_version(""), None);
+    }
+}
