@@ -1,0 +1,37 @@
+//! Support for the end-to-end tests and the measurements: real processes on loopback, each ended
+//! by its own id, each wait bounded.
+
+mod brokers;
+mod server;
+
+pub use brokers::{Mosquitto, publish, subscribe};
+pub use server::Terracrawler;
+
+use std::net::TcpListener;
+use std::time::{Duration, Instant};
+
+/// A port of loopback that is free right now.
+///
+/// # Panics
+/// When there is none.
+pub fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0")
+        .and_then(|listener| listener.local_addr())
+        .expect("a free port")
+        .port()
+}
+
+/// Asks `ready` every 50 ms until it gives something.
+///
+/// # Panics
+/// With `what` when `limit` passes first.
+pub fn wait_for<T>(what: &str, limit: Duration, mut ready: impl FnMut() -> Option<T>) -> T {
+    let began = Instant::now();
+    loop {
+        if let Some(value) = ready() {
+            return value;
+        }
+        assert!(began.elapsed() < limit, "gave up after {limit:?}: {what}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}

@@ -1,0 +1,186 @@
+//! The binary `terracrawler`, started as a user would.
+
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::Duration;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::{free_port, wait_for};
+
+/// A running `terracrawler` with ports and data directory of its own.
+#[derive(Debug)]
+pub struct Terracrawler {
+    child: Child,
+    http: u16,
+    mqtt: u16,
+    folder: TempDir,
+}
+
+/// The binary that cargo built next to the running test.
+///
+/// # Panics
+/// When it was not built.
+pub(crate) fn binary() -> PathBuf {
+    let test = std::env::current_exe().expect("the path of this test");
+    let built = test
+        .ancestors()
+        .nth(2)
+        .expect("target/<profile>/deps/<test>")
+        .join("terracrawler");
+    assert!(
+        built.is_file(),
+        "{} is missing: cargo build --package crawler-server",
+        built.display()
+    );
+    built
+}
+
+impl Terracrawler {
+    /// Starts `terracrawler` with `arguments` (the subcommand first) and waits until it is ready.
+    ///
+    /// # Panics
+    /// When it ends, or is not ready within 60 s; shows its log.
+    pub fn start(arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().expect("a data directory");
+        let (http, mqtt) = (free_port(), free_port());
+        let log = std::fs::File::create(folder.path().join("log")).expect("a log file");
+        let child = Command::new(binary())
+            .args(arguments)
+            .args(["--http", &format!("127.0.0.1:{http}")])
+            .args(["--mqtt", &format!("127.0.0.1:{mqtt}")])
+            .arg("--data")
+            .arg(folder.path().join("data"))
+            .stdin(Stdio::null())
+            .stdout(log.try_clone().expect("a log file"))
+            .stderr(log)
+            .spawn()
+            .expect("terracrawler starts");
+        let mut server = Self {
+            child,
+            http,
+            mqtt,
+            folder,
+        };
+        wait_for("the server is ready", Duration::from_mins(1), || {
+            if let Ok(Some(status)) = server.child.try_wait() {
+                panic!("terracrawler ended with {status}:\n{}", server.log());
+            }
+            (server.try_get("/readyz")?.0 == 200).then_some(())
+        });
+        server
+    }
+
+    /// The port of its broker.
+    pub fn mqtt(&self) -> u16 {
+        self.mqtt
+    }
+
+    /// Where its pages and its API are.
+    pub fn url(&self) -> String {
+        format!("http://127.0.0.1:{}", self.http)
+    }
+
+    /// Its process.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Everything it wrote so far.
+    pub fn log(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("log")).unwrap_or_default()
+    }
+
+    /// Status and body of a GET; a body that is not JSON becomes a string.
+    ///
+    /// # Panics
+    /// When there is no answer within 10 s.
+    pub fn get(&self, path: &str) -> (u16, Value) {
+        self.try_get(path)
+            .unwrap_or_else(|| panic!("no answer to GET {path}:\n{}", self.log()))
+    }
+
+    fn try_get(&self, path: &str) -> Option<(u16, Value)> {
+        read(agent().get(format!("{}{path}", self.url())).call().ok()?)
+    }
+
+    /// Status and body of a POST of JSON.
+    ///
+    /// # Panics
+    /// When there is no answer within 10 s.
+    pub fn post(&self, path: &str, body: &Value) -> (u16, Value) {
+        agent()
+            .post(format!("{}{path}", self.url()))
+            .send_json(body)
+            .ok()
+            .and_then(read)
+            .unwrap_or_else(|| panic!("no answer to POST {path}:\n{}", self.log()))
+    }
+
+    /// The robots that the server reports as online.
+    ///
+    /// # Panics
+    /// As [`Terracrawler::get`].
+    pub fn online(&self) -> Vec<Value> {
+        let (status, body) = self.get("/api/v1/robots");
+        assert_eq!(status, 200, "{body}");
+        let robots = body["robots"].as_array().or_else(|| body.as_array());
+        robots
+            .expect("a list of robots")
+            .iter()
+            .filter(|robot| robot["presence"] == "online")
+            .cloned()
+            .collect()
+    }
+
+    /// Waits until `count` robots are online.
+    ///
+    /// # Panics
+    /// When `limit` passes first.
+    pub fn wait_online(&self, count: usize, limit: Duration) {
+        wait_for(&format!("{count} robots online"), limit, || {
+            (self.online().len() == count).then_some(())
+        });
+    }
+
+    /// Asks it to end, as Ctrl-C does, and waits for it.
+    ///
+    /// # Panics
+    /// When it has not ended within 20 s.
+    pub fn interrupt(mut self) -> (ExitStatus, String) {
+        let id = self.child.id().to_string();
+        let sent = Command::new("kill").args(["-INT", &id]).status();
+        assert!(sent.expect("kill").success());
+        let status = wait_for("the server ends", Duration::from_secs(20), || {
+            self.child.try_wait().expect("our own process")
+        });
+        (status, self.log())
+    }
+}
+
+impl Drop for Terracrawler {
+    fn drop(&mut self) {
+        // Already ended is fine.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        if std::thread::panicking() {
+            eprintln!("--- log of terracrawler ---\n{}", self.log());
+        }
+    }
+}
+
+fn agent() -> ureq::Agent {
+    ureq::Agent::config_builder()
+        .timeout_global(Some(Duration::from_secs(10)))
+        // 4xx and 5xx are answers here, not errors.
+        .http_status_as_error(false)
+        .build()
+        .into()
+}
+
+fn read(mut response: ureq::http::Response<ureq::Body>) -> Option<(u16, Value)> {
+    let text = response.body_mut().read_to_string().ok()?;
+    let body = serde_json::from_str(&text).unwrap_or(Value::String(text));
+    Some((response.status().as_u16(), body))
+}

@@ -1,0 +1,140 @@
+//! Small promises of the house: licences, dependencies with a reason, files that stay readable.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use cargo_metadata::{Metadata, MetadataCommand};
+
+/// Licences that go with MIT OR Apache-2.0. The same list stands in `deny.toml`.
+const LICENCES: &[&str] = &[
+    "MIT",
+    "MIT-0",
+    "Apache-2.0",
+    "Apache-2.0 WITH LLVM-exception",
+    "BSD-2-Clause",
+    "BSD-3-Clause",
+    "BSL-1.0",
+    "CC0-1.0",
+    "ISC",
+    "MPL-2.0",
+    "Unicode-3.0",
+    "Zlib",
+    "0BSD",
+    "CDLA-Permissive-2.0",
+    "Unlicense",
+];
+
+/// Longest source file: beyond this, tests or a part of it move to a file of their own.
+const LONGEST: usize = 450;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the tests lie in the repository")
+        .to_owned()
+}
+
+fn metadata() -> Metadata {
+    MetadataCommand::new()
+        .current_dir(root())
+        .other_options(["--locked".to_owned()])
+        .exec()
+        .expect("cargo metadata")
+}
+
+#[test]
+fn every_licence_goes_with_ours() {
+    let allowed: Vec<spdx::Licensee> = LICENCES
+        .iter()
+        .map(|name| spdx::Licensee::parse(name).expect(name))
+        .collect();
+    let mut refused = Vec::new();
+    for package in metadata().packages {
+        let stated = package.license.clone().unwrap_or_default();
+        let fine = spdx::Expression::parse_mode(&stated, spdx::ParseMode::LAX).is_ok_and(|terms| {
+            terms.evaluate(|required| allowed.iter().any(|licence| licence.satisfies(required)))
+        });
+        if !fine {
+            refused.push(format!("{} {}: '{stated}'", package.name, package.version));
+        }
+    }
+    assert!(refused.is_empty(), "{}", refused.join("\n"));
+}
+
+#[test]
+fn cargo_deny_is_told_the_same_licences() {
+    let deny = std::fs::read_to_string(root().join("deny.toml")).expect("deny.toml");
+    for licence in LICENCES {
+        assert!(
+            deny.contains(&format!("\"{licence}\"")),
+            "deny.toml lacks {licence}"
+        );
+    }
+}
+
+#[test]
+fn every_direct_dependency_says_why() {
+    let reasons =
+        std::fs::read_to_string(root().join("docs/dependencies.md")).expect("docs/dependencies.md");
+    let metadata = metadata();
+    let ours: BTreeSet<&str> = metadata
+        .workspace_packages()
+        .iter()
+        .map(|package| package.name.as_str())
+        .collect();
+    let direct: BTreeSet<&str> = metadata
+        .workspace_packages()
+        .iter()
+        .flat_map(|package| &package.dependencies)
+        .map(|need| need.name.as_str())
+        .filter(|name| !ours.contains(name))
+        .collect();
+    let listed: BTreeSet<&str> = reasons
+        .lines()
+        .filter_map(|line| line.strip_prefix("| `"))
+        .filter_map(|line| line.split_once('`'))
+        .map(|(name, _)| name)
+        .collect();
+    let missing: Vec<_> = direct.difference(&listed).collect();
+    assert!(missing.is_empty(), "without a reason: {missing:?}");
+    let gone: Vec<_> = listed
+        .iter()
+        .filter(|name| !name.starts_with("npm:") && !direct.contains(*name))
+        .collect();
+    assert!(gone.is_empty(), "listed but not used: {gone:?}");
+}
+
+#[test]
+fn files_stay_readable() {
+    let mut long = Vec::new();
+    measure(&root(), &mut long);
+    assert!(
+        long.is_empty(),
+        "longer than {LONGEST} lines:\n{}",
+        long.join("\n")
+    );
+}
+
+fn measure(folder: &Path, long: &mut Vec<String>) {
+    for entry in std::fs::read_dir(folder).expect("readable folder") {
+        let path = entry.expect("readable entry").path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if path.is_dir() {
+            let skip = ["target", "node_modules", "dist"].contains(&name.as_ref());
+            if !skip && !name.starts_with('.') {
+                measure(&path, long);
+            }
+        } else if [".rs", ".ts", ".vue", ".css", ".mjs"]
+            .iter()
+            .any(|ending| name.ends_with(ending))
+        {
+            let lines = std::fs::read_to_string(&path)
+                .expect("UTF-8")
+                .lines()
+                .count();
+            if lines > LONGEST {
+                long.push(format!("{} has {lines}", path.display()));
+            }
+        }
+    }
+}

@@ -1,0 +1,300 @@
+//! Dependencies point one way, and the robot program needs nothing that a microcontroller lacks.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use cargo_metadata::{DependencyKind, MetadataCommand};
+use syn::visit::{self, Visit};
+
+/// For each crate, the crates of the workspace that it may depend on.
+const ALLOWED: &[(&str, &[&str])] = &[
+    ("crawler-hal", &[]),
+    ("crawler-drivers", &["crawler-hal"]),
+    ("crawler-protocol", &["crawler-hal"]),
+    (
+        "crawler-app",
+        &["crawler-hal", "crawler-drivers", "crawler-protocol"],
+    ),
+    (
+        "crawler-sim",
+        &[
+            "crawler-hal",
+            "crawler-drivers",
+            "crawler-protocol",
+            "crawler-app",
+        ],
+    ),
+    ("crawler-server", &["crawler-protocol", "crawler-sim"]),
+    ("xtask", &[]),
+];
+
+/// The crates that run on a microcontroller: no std, no heap, no statics, no unsafe.
+const BARE: &[(&str, &str)] = &[
+    ("crawler-hal", "firmware/hal"),
+    ("crawler-drivers", "firmware/drivers"),
+    ("crawler-protocol", "firmware/protocol"),
+    ("crawler-app", "firmware/app"),
+];
+
+/// Where two robots, or two worlds, must be able to live in one process.
+const WITHOUT_GLOBALS: &[&str] = &["firmware/drivers", "firmware/app", "hal-sim"];
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the tests lie in the repository")
+        .to_owned()
+}
+
+#[test]
+fn dependencies_point_one_way() {
+    let metadata = MetadataCommand::new()
+        .current_dir(root())
+        .no_deps()
+        .exec()
+        .expect("cargo metadata");
+    let members: BTreeMap<String, BTreeSet<String>> = metadata
+        .packages
+        .iter()
+        .map(|package| {
+            let needs = package
+                .dependencies
+                .iter()
+                .filter(|need| need.kind == DependencyKind::Normal)
+                .map(|need| need.name.clone());
+            (package.name.to_string(), needs.collect())
+        })
+        .collect();
+    for (name, needs) in &members {
+        // The tests may look at everything.
+        if name == "crawler-tests" {
+            continue;
+        }
+        let allowed = ALLOWED
+            .iter()
+            .find(|(member, _)| member == name)
+            .unwrap_or_else(|| panic!("{name} has no place in the layering: add it to ALLOWED"))
+            .1;
+        for need in needs.iter().filter(|need| members.contains_key(*need)) {
+            assert!(
+                allowed.contains(&need.as_str()),
+                "{name} must not depend on {need}"
+            );
+        }
+    }
+    for (name, _) in ALLOWED {
+        assert!(
+            members.contains_key(*name),
+            "{name} is gone: drop it from ALLOWED"
+        );
+    }
+}
+
+#[test]
+fn no_dependency_of_the_robot_program_brings_std_or_a_heap() {
+    for (name, _) in BARE {
+        let output = Command::new(env!("CARGO"))
+            .args(["tree", "--locked", "--package", name])
+            .args(["--edges", "normal,no-proc-macro", "--prefix", "none"])
+            .args(["--format", "{p}|{f}"])
+            .current_dir(root())
+            .output()
+            .expect("cargo tree");
+        let tree = String::from_utf8(output.stdout).expect("UTF-8");
+        assert!(output.status.success() && tree.starts_with(name), "{tree}");
+        for line in tree.lines() {
+            let (package, features) = line.trim_end_matches(" (*)").split_once('|').expect(line);
+            for feature in features.split(',') {
+                assert!(
+                    !["std", "alloc", "use-std", "unstable-alloc"].contains(&feature),
+                    "{name} gets {package} with feature {feature}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn bare_crates_are_no_std_and_forbid_unsafe() {
+    for (name, folder) in BARE {
+        let folder = root().join(folder);
+        let lib = std::fs::read_to_string(folder.join("src/lib.rs")).expect(name);
+        let file = syn::parse_file(&lib).expect(name);
+        let no_std = file.attrs.iter().any(|a| a.path().is_ident("no_std"));
+        assert!(no_std, "{name} must be #![no_std] without conditions");
+        let manifest = std::fs::read_to_string(folder.join("Cargo.toml")).expect(name);
+        assert!(
+            manifest.contains("[lints]\nworkspace = true"),
+            "{name} must use the lints of the workspace"
+        );
+    }
+    let workspace = std::fs::read_to_string(root().join("Cargo.toml")).expect("Cargo.toml");
+    for lint in ["unsafe_code = \"forbid\"", "missing_docs = \"deny\""] {
+        assert!(workspace.contains(lint), "the workspace must say {lint}");
+    }
+}
+
+#[test]
+fn bare_crates_name_neither_std_nor_alloc_and_hold_no_statics() {
+    let mut findings = Vec::new();
+    for (_, folder) in BARE {
+        scan(&root().join(folder).join("src"), true, &mut findings);
+    }
+    assert!(findings.is_empty(), "{}", findings.join("\n"));
+}
+
+#[test]
+fn drivers_program_and_simulator_hold_no_statics() {
+    let mut findings = Vec::new();
+    for folder in WITHOUT_GLOBALS {
+        scan(&root().join(folder).join("src"), false, &mut findings);
+    }
+    assert!(findings.is_empty(), "{}", findings.join("\n"));
+}
+
+/// The scan is only worth something if it sees what it looks for.
+#[test]
+fn the_scan_finds_what_it_looks_for() {
+    let bad = [
+        ("static X: u8 = 0;", "static"),
+        ("thread_local! { static X: u8 = 0; }", "thread_local"),
+        ("use std::vec::Vec;", "std"),
+        ("fn f() { let _ = alloc::vec::Vec::<u8>::new(); }", "alloc"),
+        ("extern crate alloc;", "alloc"),
+        (
+            "fn f() { unsafe { core::hint::unreachable_unchecked() } }",
+            "unsafe",
+        ),
+        ("fn f() { std::env::var(\"X\").ok(); }", "std"),
+        ("mod m { static mut Y: u8 = 0; }", "static"),
+    ];
+    for (source, what) in bad {
+        let findings = scan_source(source, true);
+        assert!(
+            findings.iter().any(|(_, found)| found.contains(what)),
+            "{source}: {findings:?}"
+        );
+    }
+    let good = "#[cfg(test)] mod tests { use std::vec::Vec; static X: u8 = 0; }
+        fn f(x: &'static str) { let _ = \"std::x\"; } // std::y";
+    assert_eq!(scan_source(good, true), []);
+}
+
+/// Looks at every source file below `folder`; `bare` also forbids std, alloc and unsafe.
+fn scan(folder: &Path, bare: bool, findings: &mut Vec<String>) {
+    let mut files = 0;
+    for entry in std::fs::read_dir(folder).expect("readable folder") {
+        let path = entry.expect("readable entry").path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if path.is_dir() {
+            // Test modules in files of their own are compiled under cfg(test) alone.
+            if name != "tests" {
+                scan(&path, bare, findings);
+            }
+            continue;
+        }
+        let is_test = name == "tests.rs" || name.ends_with("_tests.rs") || name == "testing.rs";
+        if is_test || path.extension().is_none_or(|extension| extension != "rs") {
+            continue;
+        }
+        files += 1;
+        let source = std::fs::read_to_string(&path).expect("readable file");
+        for (line, what) in scan_source(&source, bare) {
+            findings.push(format!("{}:{line}: {what}", path.display()));
+        }
+    }
+    assert!(
+        files > 0 || !folder.ends_with("src"),
+        "{} is empty",
+        folder.display()
+    );
+}
+
+fn scan_source(source: &str, bare: bool) -> Vec<(usize, String)> {
+    let file = syn::parse_file(source).expect("valid Rust");
+    let mut scan = Scan {
+        bare,
+        findings: Vec::new(),
+    };
+    scan.visit_file(&file);
+    scan.findings
+}
+
+struct Scan {
+    bare: bool,
+    findings: Vec<(usize, String)>,
+}
+
+impl Scan {
+    fn find(&mut self, span: proc_macro2::Span, what: &str) {
+        self.findings.push((span.start().line, what.to_owned()));
+    }
+
+    fn check_root(&mut self, ident: &syn::Ident) {
+        if self.bare && (ident == "std" || ident == "alloc") {
+            self.find(ident.span(), &format!("names `{ident}`"));
+        }
+    }
+}
+
+/// Whether an item exists only in tests.
+fn only_in_tests(attributes: &[syn::Attribute]) -> bool {
+    attributes.iter().any(|attribute| {
+        attribute.path().is_ident("cfg")
+            && attribute
+                .parse_args::<syn::Ident>()
+                .is_ok_and(|condition| condition == "test")
+    })
+}
+
+impl<'ast> Visit<'ast> for Scan {
+    fn visit_item(&mut self, item: &'ast syn::Item) {
+        let attributes = match item {
+            syn::Item::Mod(item) => &item.attrs,
+            syn::Item::Fn(item) => &item.attrs,
+            syn::Item::Impl(item) => &item.attrs,
+            syn::Item::Use(item) => &item.attrs,
+            syn::Item::ExternCrate(item) => &item.attrs,
+            _ => &Vec::new(),
+        };
+        if !only_in_tests(attributes) {
+            visit::visit_item(self, item);
+        }
+    }
+
+    fn visit_item_static(&mut self, item: &'ast syn::ItemStatic) {
+        self.find(item.ident.span(), "a static");
+        visit::visit_item_static(self, item);
+    }
+
+    fn visit_item_extern_crate(&mut self, item: &'ast syn::ItemExternCrate) {
+        self.check_root(&item.ident);
+    }
+
+    fn visit_macro(&mut self, call: &'ast syn::Macro) {
+        if call.path.is_ident("thread_local") {
+            let span = call.path.segments[0].ident.span();
+            self.find(span, "a thread_local");
+        }
+        visit::visit_macro(self, call);
+    }
+
+    fn visit_path(&mut self, path: &'ast syn::Path) {
+        if path.segments.len() > 1 {
+            self.check_root(&path.segments[0].ident);
+        }
+        visit::visit_path(self, path);
+    }
+
+    fn visit_use_path(&mut self, path: &'ast syn::UsePath) {
+        self.check_root(&path.ident);
+    }
+
+    fn visit_expr_unsafe(&mut self, block: &'ast syn::ExprUnsafe) {
+        if self.bare {
+            self.find(block.unsafe_token.span, "an unsafe block");
+        }
+        visit::visit_expr_unsafe(self, block);
+    }
+}
