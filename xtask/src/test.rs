@@ -13,7 +13,7 @@ type Step = (&'static str, fn() -> Outcome);
 /// # Errors
 /// Names the steps that failed.
 pub(crate) fn all() -> Outcome {
-    let steps: [Step; 8] = [
+    let steps: [Step; 9] = [
         ("tools", tools::setup),
         ("format", || run::cargo(&["fmt", "--all", "--check"])),
         ("control room", || ui::check().and_then(|()| ui::build())),
@@ -30,6 +30,7 @@ pub(crate) fn all() -> Outcome {
                 "--no-fail-fast",
             ])
         }),
+        ("bare target", bare_target),
         ("documentation", documentation),
         ("advisories", advisories),
     ];
@@ -69,6 +70,25 @@ fn clippy() -> Outcome {
         "--",
         "--deny",
         "warnings",
+    ])
+}
+
+/// Compiles the robot program for a microcontroller that has neither std nor an allocator, where
+/// the toolchain has that target.
+fn bare_target() -> Outcome {
+    const TARGET: &str = "riscv32imac-unknown-none-elf";
+    let libraries = run::output("rustc", &["--print", "target-libdir", "--target", TARGET]);
+    if !libraries.is_some_and(|folder| std::path::Path::new(&folder).is_dir()) {
+        println!("skipped: rustup target add {TARGET}");
+        return Ok(());
+    }
+    run::cargo(&[
+        "check",
+        "--locked",
+        "--package",
+        "crawler-app",
+        "--target",
+        TARGET,
     ])
 }
 

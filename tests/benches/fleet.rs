@@ -1,0 +1,229 @@
+//! Server, broker and live robots in one process, measured from outside over real sockets.
+//!
+//! `cargo xtask bench fleet` runs it and prints the table that `docs/numbers.md` records. Robots
+//! wander while it measures. Latency is taken at an operator's MQTT client: from just before the
+//! publish of a `stop` to the arrival of its `completed`, through the broker both ways.
+
+use std::collections::HashMap;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use crawler_tests::{Terracrawler, wait_for};
+use rumqttc::v5::mqttbytes::QoS;
+use rumqttc::v5::mqttbytes::v5::Packet;
+use rumqttc::v5::{Client, Connection, Event, MqttOptions};
+use serde_json::{Value, json};
+
+/// Single commands per fleet, spread over its robots.
+const COMMANDS: usize = 500;
+/// Pause between two of them.
+const PAUSE: Duration = Duration::from_millis(20);
+/// How long CPU and real-time factor are averaged.
+const STEADY: Duration = Duration::from_secs(20);
+/// Answers that take longer count as missing.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+fn main() {
+    let sizes: Vec<usize> = std::env::args()
+        .filter_map(|argument| argument.parse().ok())
+        .collect();
+    let sizes = if sizes.is_empty() {
+        vec![50, 1000]
+    } else {
+        sizes
+    };
+    println!(
+        "| robots | all online after | CPU, % of one core | memory, MiB | messages/s \
+         | real-time factor | stop: answered | stop: p50, ms | p99, ms | swarm stop: answered, ms |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|");
+    for robots in sizes {
+        println!("{}", measure(robots));
+    }
+}
+
+fn measure(robots: usize) -> String {
+    let began = Instant::now();
+    let server = Terracrawler::start(&["up", "--robots", &robots.to_string(), "--seed", "1"]);
+    wait_for("all robots online", Duration::from_mins(2), || {
+        (metric(&server, "terracrawler_robots{presence=\"online\"}") >= robots as f64).then_some(())
+    });
+    let online = began.elapsed();
+    // Behaviours start and connection work settles.
+    std::thread::sleep(Duration::from_secs(5));
+
+    let before = (Instant::now(), cpu_seconds(server.id()), messages(&server));
+    std::thread::sleep(STEADY);
+    let factor = metric(&server, "terracrawler_simulation_real_time_factor");
+    let span = before.0.elapsed().as_secs_f64();
+    let cpu = (cpu_seconds(server.id()) - before.1) / span * 100.0;
+    let rate = (messages(&server) - before.2) / span;
+
+    let mut operator = Operator::connect(server.mqtt());
+    let mut latencies = operator.single_stops(robots);
+    latencies.sort_unstable();
+    let (answered, swarm) = operator.swarm_stop(robots);
+    let memory = resident_mib(server.id());
+    let share = format!("{} of {COMMANDS}", latencies.len());
+    let (status, log) = server.interrupt();
+    assert!(status.success(), "{log}");
+    format!(
+        "| {robots} | {:.1} s | {cpu:.0} | {memory:.0} | {rate:.0} | {factor:.2} | {share} | {:.1} \
+         | {:.1} | {answered} of {robots}, {:.0} |",
+        online.as_secs_f64(),
+        milliseconds(percentile(&latencies, 50)),
+        milliseconds(percentile(&latencies, 99)),
+        milliseconds(swarm),
+    )
+}
+
+/// An operator's own MQTT session.
+struct Operator {
+    client: Client,
+    connection: Connection,
+    seq: u64,
+}
+
+impl Operator {
+    fn connect(port: u16) -> Self {
+        let mut options = MqttOptions::new("bench", "127.0.0.1", port);
+        options.set_keep_alive(Duration::from_secs(30));
+        let (client, connection) = Client::new(options, 4096);
+        let mut operator = Self {
+            client,
+            connection,
+            seq: unix_ms(),
+        };
+        let client = &operator.client;
+        client
+            .subscribe("swarm/response/robot/+", QoS::AtLeastOnce)
+            .expect("subscribe");
+        let deadline = Instant::now() + PATIENCE;
+        while Instant::now() < deadline {
+            if let Ok(Ok(Event::Incoming(Packet::SubAck(_)))) =
+                operator.connection.recv_timeout(PAUSE)
+            {
+                return operator;
+            }
+        }
+        panic!("no SUBACK");
+    }
+
+    fn stop(&mut self, topic: &str) -> u64 {
+        self.seq += 1;
+        let command = json!({"command": "stop", "timestamp": unix_ms(), "seq": self.seq,
+                             "source": "bench"});
+        self.client
+            .publish(topic, QoS::AtLeastOnce, false, command.to_string())
+            .expect("publish");
+        self.seq
+    }
+
+    /// Latency of every answered one of [`COMMANDS`] stops.
+    fn single_stops(&mut self, robots: usize) -> Vec<Duration> {
+        let mut open = HashMap::new();
+        let mut latencies = Vec::new();
+        for index in 0..COMMANDS {
+            let robot = index * 7 % robots + 1;
+            let sent = Instant::now();
+            let seq = self.stop(&format!("swarm/command/robot/sim-{robot:04}"));
+            open.insert(seq, sent);
+            self.collect(sent + PAUSE, |seq, at| {
+                if let Some(sent) = open.remove(&seq) {
+                    latencies.push(at - sent);
+                }
+                false
+            });
+        }
+        self.collect(Instant::now() + PATIENCE, |seq, at| {
+            if let Some(sent) = open.remove(&seq) {
+                latencies.push(at - sent);
+            }
+            open.is_empty()
+        });
+        latencies
+    }
+
+    /// How many robots completed one stop for the swarm, and when the last of them had.
+    fn swarm_stop(&mut self, robots: usize) -> (usize, Duration) {
+        let sent = Instant::now();
+        let stop = self.stop("swarm/command/swarm");
+        let (mut answered, mut last) = (0, sent);
+        self.collect(sent + PATIENCE, |seq, at| {
+            if seq == stop {
+                answered += 1;
+                last = at;
+            }
+            answered == robots
+        });
+        (answered, last - sent)
+    }
+
+    /// Hands completed answers to `found` until it says enough or `deadline`.
+    fn collect(&mut self, deadline: Instant, mut found: impl FnMut(u64, Instant) -> bool) {
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return;
+            }
+            let Ok(event) = self.connection.recv_timeout(left) else {
+                return;
+            };
+            let Event::Incoming(Packet::Publish(publish)) = event.expect("the session holds")
+            else {
+                continue;
+            };
+            let at = Instant::now();
+            let answer: Value = serde_json::from_slice(&publish.payload).expect("JSON");
+            let seq = answer["seq"].as_u64().expect("a seq");
+            if answer["status"] == "completed" && found(seq, at) {
+                return;
+            }
+        }
+    }
+}
+
+fn unix_ms() -> u64 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH);
+    now.expect("a clock after 1970").as_millis() as u64
+}
+
+fn milliseconds(span: Duration) -> f64 {
+    span.as_secs_f64() * 1e3
+}
+
+/// Nearest-rank percentile of a sorted list.
+fn percentile(sorted: &[Duration], percent: usize) -> Duration {
+    let rank = (sorted.len() * percent).div_ceil(100).max(1);
+    sorted.get(rank - 1).copied().unwrap_or(Duration::MAX)
+}
+
+/// The value of one line of `/metrics`.
+fn metric(server: &Terracrawler, name: &str) -> f64 {
+    let (_, text) = server.get("/metrics");
+    let text = text.as_str().expect("Prometheus text");
+    text.lines()
+        .find_map(|line| line.strip_prefix(name)?.trim().parse().ok())
+        .unwrap_or_else(|| panic!("{name} is not in /metrics:\n{text}"))
+}
+
+fn messages(server: &Terracrawler) -> f64 {
+    metric(server, "terracrawler_messages_received_total")
+}
+
+/// User and system time of a process so far, from `/proc/<id>/stat` (proc(5): fields 14 and 15 in
+/// clock ticks of 1/100 s).
+fn cpu_seconds(id: u32) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).expect("/proc");
+    let (_, after_name) = stat.rsplit_once(") ").expect("a process name");
+    let fields: Vec<&str> = after_name.split(' ').collect();
+    let ticks = |index: usize| fields[index].parse::<f64>().expect("a number");
+    (ticks(11) + ticks(12)) / 100.0
+}
+
+/// Resident memory of a process, from `/proc/<id>/status`.
+fn resident_mib(id: u32) -> f64 {
+    let status = std::fs::read_to_string(format!("/proc/{id}/status")).expect("/proc");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.trim().strip_suffix(" kB"));
+    kib.expect("VmRSS").parse::<f64>().expect("a number") / 1024.0
+}
