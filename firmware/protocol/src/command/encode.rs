@@ -1,0 +1,111 @@
+//! Commands to JSON.
+
+use serde::ser::{SerializeMap, SerializeStruct};
+use serde::{Serialize, Serializer};
+
+use super::{Action, BehaviourSpec, Command, ParameterValue};
+
+/// The parameters of an action as the flat object they are on the wire.
+struct Parameters<'a>(&'a Action);
+
+impl Parameters<'_> {
+    fn any(&self) -> bool {
+        match self.0 {
+            Action::Move { .. }
+            | Action::Drive { .. }
+            | Action::Behave(_)
+            | Action::Goto { .. }
+            | Action::Set(_) => true,
+            Action::Stop
+            | Action::Estop
+            | Action::Reset
+            | Action::Scan
+            | Action::Capture
+            | Action::Identify
+            | Action::Reboot => false,
+        }
+    }
+}
+
+impl Serialize for Parameters<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        match self.0 {
+            Action::Move {
+                direction,
+                speed,
+                duration_ms,
+            } => {
+                map.serialize_entry("direction", direction)?;
+                map.serialize_entry("speed", speed)?;
+                map.serialize_entry("duration", duration_ms)?;
+            }
+            Action::Drive { v, w } => {
+                map.serialize_entry("v", &ParameterValue::Number(*v))?;
+                map.serialize_entry("w", &ParameterValue::Number(*w))?;
+            }
+            Action::Goto { x, y } => place(&mut map, *x, *y)?,
+            Action::Behave(spec) => {
+                map.serialize_entry("behaviour", &spec.behaviour())?;
+                match spec {
+                    BehaviourSpec::Wander { speed } => map.serialize_entry("speed", speed)?,
+                    BehaviourSpec::Goto { x, y } => place(&mut map, *x, *y)?,
+                    BehaviourSpec::Manual
+                    | BehaviourSpec::Disperse
+                    | BehaviourSpec::Gather
+                    | BehaviourSpec::Flock
+                    | BehaviourSpec::Formation
+                    | BehaviourSpec::Policy => {}
+                }
+            }
+            Action::Set(values) => {
+                for (name, value) in values {
+                    map.serialize_entry(name.as_str(), value)?;
+                }
+            }
+            Action::Stop
+            | Action::Estop
+            | Action::Reset
+            | Action::Scan
+            | Action::Capture
+            | Action::Identify
+            | Action::Reboot => {}
+        }
+        map.end()
+    }
+}
+
+/// Through [`ParameterValue`], which refuses what is not finite.
+fn place<M: SerializeMap>(map: &mut M, x: f32, y: f32) -> Result<(), M::Error> {
+    map.serialize_entry("x", &ParameterValue::Number(x))?;
+    map.serialize_entry("y", &ParameterValue::Number(y))
+}
+
+fn fields<S: SerializeStruct>(fields: &mut S, action: &Action) -> Result<(), S::Error> {
+    fields.serialize_field("command", &action.command())?;
+    let parameters = Parameters(action);
+    if parameters.any() {
+        fields.serialize_field("parameters", &parameters)
+    } else {
+        fields.skip_field("parameters")
+    }
+}
+
+impl Serialize for Action {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut object = serializer.serialize_struct("Action", 2)?;
+        fields(&mut object, self)?;
+        object.end()
+    }
+}
+
+impl Serialize for Command {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut object = serializer.serialize_struct("Command", 5)?;
+        fields(&mut object, &self.action)?;
+        object.serialize_field("timestamp", &self.timestamp)?;
+        object.serialize_field("seq", &self.seq)?;
+        object.serialize_field("source", &self.source)?;
+        object.end()
+    }
+}

@@ -1,0 +1,225 @@
+//! The first step: bytes to a frame of bounded scalars.
+
+use heapless::{String, Vec};
+
+use super::{CommandName, MAX_SET};
+use crate::json::{MAX_DEPTH, Reader, Text, Value};
+use crate::{DecodeError, MAX_MESSAGE, Reason, Source};
+
+/// A parameter as it stands in the text.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Scalar {
+    Bool(bool),
+    /// Finite.
+    Number(f64),
+    Text(String<64>),
+}
+
+/// Everything read of a command, and the first thing found wrong with it.
+#[derive(Debug, Default)]
+pub(super) struct Frame {
+    pub(super) fault: Option<Reason>,
+    pub(super) command: Option<CommandName>,
+    pub(super) parameters: Vec<(String<32>, Scalar), MAX_SET>,
+    /// A parameter's name was longer than any name is. What that means depends on the command.
+    pub(super) long_name: bool,
+    pub(super) timestamp: Option<u64>,
+    pub(super) seq: Option<u64>,
+    pub(super) source: Option<Source>,
+}
+
+/// Which fields there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Expect {
+    /// All of them.
+    Command,
+    /// `command` and `parameters`.
+    Action,
+}
+
+/// Names of fields already met.
+#[derive(Default)]
+struct Met {
+    command: bool,
+    parameters: bool,
+    timestamp: bool,
+    seq: bool,
+    source: bool,
+}
+
+/// Reads as much as can be read.
+pub(super) fn read(payload: &[u8], expect: Expect) -> Frame {
+    let mut frame = Frame::default();
+    let fits = payload.get(..MAX_MESSAGE).unwrap_or(payload);
+    let (text, whole) = match core::str::from_utf8(fits) {
+        Ok(text) => (text, fits.len() == payload.len()),
+        Err(error) => {
+            let valid = fits.get(..error.valid_up_to()).unwrap_or_default();
+            (core::str::from_utf8(valid).unwrap_or_default(), false)
+        }
+    };
+    let syntax = frame.object(text, expect);
+    if payload.len() > MAX_MESSAGE {
+        frame.fault = Some(Reason::TooLarge);
+    } else if syntax.is_err() || !whole {
+        frame.fault = Some(Reason::Malformed);
+    }
+    frame
+}
+
+impl Frame {
+    /// The first fault stays; later ones may only follow from it.
+    fn blame(&mut self, reason: Reason) {
+        self.fault.get_or_insert(reason);
+    }
+
+    fn object(&mut self, text: &str, expect: Expect) -> Result<(), DecodeError> {
+        let mut reader = Reader::new(text);
+        let Value::Object = reader.value()? else {
+            // Some other JSON value: right syntax, wrong type; unless the syntax is wrong too.
+            let mut proof = Reader::new(text);
+            proof.skip(MAX_DEPTH)?;
+            self.blame(Reason::WrongType);
+            return proof.end();
+        };
+        reader.open_object()?;
+        let mut met = Met::default();
+        let mut first = true;
+        while let Some(name) = reader.member(first)? {
+            first = false;
+            self.field(&mut reader, name, &mut met, expect)?;
+        }
+        reader.end()
+    }
+
+    fn field(
+        &mut self,
+        reader: &mut Reader<'_>,
+        name: Text<'_>,
+        met: &mut Met,
+        expect: Expect,
+    ) -> Result<(), DecodeError> {
+        let name = name.decode::<16>();
+        let whole = expect == Expect::Command;
+        let seen = match name.as_deref() {
+            Some("command") => &mut met.command,
+            Some("parameters") => &mut met.parameters,
+            Some("timestamp") if whole => &mut met.timestamp,
+            Some("seq") if whole => &mut met.seq,
+            Some("source") if whole => &mut met.source,
+            _ => {
+                self.blame(Reason::UnknownField);
+                return reader.skip(MAX_DEPTH - 1);
+            }
+        };
+        if core::mem::replace(seen, true) {
+            self.blame(Reason::DuplicateField);
+            return reader.skip(MAX_DEPTH - 1);
+        }
+        match name.as_deref() {
+            Some("command") => {
+                self.command = self.scalar(reader, command_name)?;
+            }
+            Some("timestamp") => self.timestamp = self.scalar(reader, whole_number)?,
+            Some("seq") => {
+                let seq = self.scalar(reader, whole_number)?;
+                // A number at the end of a truncated text may be the front of another.
+                if reader.goes_on() {
+                    self.seq = seq;
+                }
+            }
+            Some("source") => self.source = self.scalar(reader, source)?,
+            _ => self.parameters(reader)?,
+        }
+        Ok(())
+    }
+
+    /// Reads one value as what `meaning` takes it for; blames it and goes on where it is not.
+    fn scalar<T>(
+        &mut self,
+        reader: &mut Reader<'_>,
+        meaning: fn(Value<'_>) -> Result<T, Reason>,
+    ) -> Result<Option<T>, DecodeError> {
+        let before = reader.clone();
+        let result = match reader.value()? {
+            Value::Object | Value::Array => {
+                *reader = before;
+                reader.skip(MAX_DEPTH - 1)?;
+                Err(Reason::WrongType)
+            }
+            value => meaning(value),
+        };
+        Ok(result.map_err(|reason| self.blame(reason)).ok())
+    }
+
+    fn parameters(&mut self, reader: &mut Reader<'_>) -> Result<(), DecodeError> {
+        let before = reader.clone();
+        match reader.value()? {
+            Value::Null => return Ok(()),
+            Value::Object => reader.open_object()?,
+            Value::Bool(_) | Value::Number(_) | Value::Text(_) | Value::Array => {
+                *reader = before;
+                self.blame(Reason::WrongType);
+                return reader.skip(MAX_DEPTH - 1);
+            }
+        }
+        let mut first = true;
+        while let Some(name) = reader.member(first)? {
+            first = false;
+            let name = name.decode::<32>();
+            let value = self.scalar(reader, parameter)?;
+            let Some(name) = name else {
+                self.long_name = true;
+                continue;
+            };
+            if self.parameters.iter().any(|(known, _)| *known == name) {
+                self.blame(Reason::DuplicateField);
+            } else if let Some(value) = value
+                && self.parameters.push((name, value)).is_err()
+            {
+                self.blame(Reason::TooLarge);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn command_name(value: Value<'_>) -> Result<CommandName, Reason> {
+    match value {
+        Value::Text(text) => text
+            .decode::<16>()
+            .and_then(|name| CommandName::from_name(&name))
+            .ok_or(Reason::UnknownCommand),
+        _ => Err(Reason::WrongType),
+    }
+}
+
+fn whole_number(value: Value<'_>) -> Result<u64, Reason> {
+    match value {
+        Value::Number(text) if text.contains(['.', 'e', 'E']) => Err(Reason::WrongType),
+        Value::Number(text) => text.parse().map_err(|_| Reason::OutOfRange),
+        _ => Err(Reason::WrongType),
+    }
+}
+
+fn source(value: Value<'_>) -> Result<Source, Reason> {
+    match value {
+        Value::Text(text) => text
+            .decode::<{ crate::MAX_SOURCE }>()
+            .and_then(|name| Source::new(&name).ok())
+            .ok_or(Reason::OutOfRange),
+        _ => Err(Reason::WrongType),
+    }
+}
+
+fn parameter(value: Value<'_>) -> Result<Scalar, Reason> {
+    match value {
+        Value::Bool(value) => Ok(Scalar::Bool(value)),
+        Value::Number(text) => match text.parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(Scalar::Number(value)),
+            _ => Err(Reason::OutOfRange),
+        },
+        Value::Text(text) => text.decode().map(Scalar::Text).ok_or(Reason::OutOfRange),
+        Value::Null | Value::Object | Value::Array => Err(Reason::WrongType),
+    }
+}

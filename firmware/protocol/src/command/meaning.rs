@@ -1,0 +1,206 @@
+//! The second step: a frame to a command.
+
+use heapless::String;
+
+use super::frame::{Frame, Scalar};
+use super::value::is_text;
+use super::{
+    Action, BehaviourSpec, Command, CommandName, DEFAULT_WANDER_SPEED, Direction, MAX_COORDINATE,
+    MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, ParameterValue, ParameterValues,
+};
+use crate::{BehaviourName, Reason};
+
+/// Makes a command of a frame. Takes `source` out of it only where nothing is wrong.
+pub(super) fn command(frame: &mut Frame) -> Result<Command, Reason> {
+    if let Some(fault) = frame.fault {
+        return Err(fault);
+    }
+    let (Some(timestamp), Some(seq), true) = (frame.timestamp, frame.seq, frame.source.is_some())
+    else {
+        return Err(Reason::MissingField);
+    };
+    let action = action(frame)?;
+    let source = frame.source.take().ok_or(Reason::MissingField)?;
+    Ok(Command {
+        action,
+        timestamp,
+        seq,
+        source,
+    })
+}
+
+/// Makes an action of a frame.
+pub(super) fn action(frame: &Frame) -> Result<Action, Reason> {
+    if let Some(fault) = frame.fault {
+        return Err(fault);
+    }
+    let command = frame.command.ok_or(Reason::MissingField)?;
+    if frame.long_name {
+        return Err(match command {
+            CommandName::Set => Reason::UnknownParameter,
+            _ => Reason::UnknownField,
+        });
+    }
+    let given = Given(&frame.parameters);
+    match command {
+        CommandName::Move => {
+            given.only(&["direction", "speed", "duration"])?;
+            Ok(Action::Move {
+                direction: Direction::from_name(given.text("direction")?)
+                    .ok_or(Reason::OutOfRange)?,
+                speed: percent(given.number("speed")?)?,
+                duration_ms: whole(given.number("duration")?, MAX_MOVE_MS)?,
+            })
+        }
+        CommandName::Drive => {
+            given.only(&["v", "w"])?;
+            Ok(Action::Drive {
+                v: within(given.number("v")?, MAX_DRIVE_V)?,
+                w: within(given.number("w")?, MAX_DRIVE_W)?,
+            })
+        }
+        CommandName::Goto => {
+            given.only(&["x", "y"])?;
+            Ok(Action::Goto {
+                x: within(given.number("x")?, MAX_COORDINATE)?,
+                y: within(given.number("y")?, MAX_COORDINATE)?,
+            })
+        }
+        CommandName::Behave => behave(given).map(Action::Behave),
+        CommandName::Set => set(given).map(Action::Set),
+        CommandName::Stop => given.only(&[]).map(|()| Action::Stop),
+        CommandName::Estop => given.only(&[]).map(|()| Action::Estop),
+        CommandName::Reset => given.only(&[]).map(|()| Action::Reset),
+        CommandName::Scan => given.only(&[]).map(|()| Action::Scan),
+        CommandName::Capture => given.only(&[]).map(|()| Action::Capture),
+        CommandName::Identify => given.only(&[]).map(|()| Action::Identify),
+        CommandName::Reboot => given.only(&[]).map(|()| Action::Reboot),
+    }
+}
+
+fn behave(given: Given<'_>) -> Result<BehaviourSpec, Reason> {
+    let name = given.text("behaviour")?;
+    let behaviour = BehaviourName::from_name(name).ok_or(Reason::UnknownBehaviour)?;
+    let alone = |spec| given.only(&["behaviour"]).map(|()| spec);
+    match behaviour {
+        BehaviourName::Wander => {
+            given.only(&["behaviour", "speed"])?;
+            Ok(BehaviourSpec::Wander {
+                speed: match given.get("speed") {
+                    Some(_) => percent(given.number("speed")?)?,
+                    None => DEFAULT_WANDER_SPEED,
+                },
+            })
+        }
+        BehaviourName::Goto => {
+            given.only(&["behaviour", "x", "y"])?;
+            Ok(BehaviourSpec::Goto {
+                x: within(given.number("x")?, MAX_COORDINATE)?,
+                y: within(given.number("y")?, MAX_COORDINATE)?,
+            })
+        }
+        BehaviourName::Manual => alone(BehaviourSpec::Manual),
+        BehaviourName::Disperse => alone(BehaviourSpec::Disperse),
+        BehaviourName::Gather => alone(BehaviourSpec::Gather),
+        BehaviourName::Flock => alone(BehaviourSpec::Flock),
+        BehaviourName::Formation => alone(BehaviourSpec::Formation),
+        BehaviourName::Policy => alone(BehaviourSpec::Policy),
+    }
+}
+
+/// Which parameters there are is the robot's business; here they only must look like some.
+fn set(given: Given<'_>) -> Result<ParameterValues, Reason> {
+    let mut values = ParameterValues::new();
+    for (name, scalar) in given.0 {
+        if !is_parameter_name(name) {
+            return Err(Reason::UnknownParameter);
+        }
+        let value = match scalar {
+            Scalar::Bool(value) => ParameterValue::Bool(*value),
+            Scalar::Number(value) => ParameterValue::Number(within(*value, f32::MAX)?),
+            Scalar::Text(value) if is_text(value) => ParameterValue::Text(value.clone()),
+            Scalar::Text(_) => return Err(Reason::OutOfRange),
+        };
+        values
+            .push((name.clone(), value))
+            .map_err(|_| Reason::TooLarge)?;
+    }
+    if values.is_empty() {
+        return Err(Reason::MissingField);
+    }
+    Ok(values)
+}
+
+/// `a-z`, `0-9` and `_`, at least one.
+fn is_parameter_name(name: &str) -> bool {
+    !name.is_empty()
+        && name
+            .bytes()
+            .all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_'))
+}
+
+/// The parameters that came.
+#[derive(Clone, Copy)]
+struct Given<'a>(&'a [(String<32>, Scalar)]);
+
+impl<'a> Given<'a> {
+    /// An unknown name is reported before a missing one: it usually is the missing one, misspelt.
+    fn only(self, names: &[&str]) -> Result<(), Reason> {
+        if self
+            .0
+            .iter()
+            .all(|(name, _)| names.contains(&name.as_str()))
+        {
+            Ok(())
+        } else {
+            Err(Reason::UnknownField)
+        }
+    }
+
+    fn get(self, name: &str) -> Option<&'a Scalar> {
+        self.0
+            .iter()
+            .find(|(given, _)| given == name)
+            .map(|(_, value)| value)
+    }
+
+    fn number(self, name: &str) -> Result<f64, Reason> {
+        match self.get(name).ok_or(Reason::MissingField)? {
+            Scalar::Number(value) => Ok(*value),
+            Scalar::Bool(_) | Scalar::Text(_) => Err(Reason::WrongType),
+        }
+    }
+
+    fn text(self, name: &str) -> Result<&'a str, Reason> {
+        match self.get(name).ok_or(Reason::MissingField)? {
+            Scalar::Text(value) => Ok(value),
+            Scalar::Bool(_) | Scalar::Number(_) => Err(Reason::WrongType),
+        }
+    }
+}
+
+/// A number from `-most` to `most`.
+fn within(value: f64, most: f32) -> Result<f32, Reason> {
+    if value.abs() <= f64::from(most) {
+        Ok(value as f32)
+    } else {
+        Err(Reason::OutOfRange)
+    }
+}
+
+/// A whole number from 0 to `most`. `80.0` is one: some languages write it so.
+fn whole(value: f64, most: u32) -> Result<u32, Reason> {
+    if !(0.0..=f64::from(most)).contains(&value) {
+        return Err(Reason::OutOfRange);
+    }
+    let number = value as u32;
+    if f64::from(number) == value {
+        Ok(number)
+    } else {
+        Err(Reason::WrongType)
+    }
+}
+
+fn percent(value: f64) -> Result<u8, Reason> {
+    whole(value, 100).and_then(|value| u8::try_from(value).map_err(|_| Reason::OutOfRange))
+}

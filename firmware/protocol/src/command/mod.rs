@@ -1,0 +1,293 @@
+//! Commands: what a robot is told to do.
+//!
+//! Reading takes two steps. `frame` turns bytes into a frame of bounded scalars and remembers
+//! the first thing that is wrong with it, so that `seq` and `source` survive a bad command and the
+//! robot can answer `rejected`. `meaning` turns the frame into an [`Action`].
+
+mod encode;
+mod frame;
+mod meaning;
+mod value;
+
+use core::fmt;
+
+pub use value::{MAX_SET, ParameterValue, ParameterValues};
+
+use crate::words::words;
+use crate::{BehaviourName, EncodeError, Reason, Source, json};
+
+words! {
+    /// The name of a command.
+    CommandName {
+        /// See [`Action::Move`].
+        Move = "move",
+        /// See [`Action::Drive`].
+        Drive = "drive",
+        /// See [`Action::Stop`].
+        Stop = "stop",
+        /// See [`Action::Estop`].
+        Estop = "estop",
+        /// See [`Action::Reset`].
+        Reset = "reset",
+        /// See [`Action::Scan`].
+        Scan = "scan",
+        /// See [`Action::Capture`].
+        Capture = "capture",
+        /// See [`Action::Behave`].
+        Behave = "behave",
+        /// See [`Action::Goto`].
+        Goto = "goto",
+        /// See [`Action::Set`].
+        Set = "set",
+        /// See [`Action::Identify`].
+        Identify = "identify",
+        /// See [`Action::Reboot`].
+        Reboot = "reboot",
+    }
+}
+
+words! {
+    /// Where `move` goes.
+    Direction {
+        /// Straight ahead.
+        Forward = "forward",
+        /// Straight back.
+        Backward = "backward",
+        /// Counter-clockwise on the spot.
+        Left = "left",
+        /// Clockwise on the spot.
+        Right = "right",
+    }
+}
+
+/// Longest `move`, in milliseconds.
+pub const MAX_MOVE_MS: u32 = 10_000;
+/// Fastest `drive`, in m/s either way. A robot goes as fast as it can below that.
+pub const MAX_DRIVE_V: f32 = 10.0;
+/// Fastest turn of `drive`, in rad/s either way. A robot turns as fast as it can below that.
+pub const MAX_DRIVE_W: f32 = 50.0;
+/// Farthest coordinate of `goto`, in metres either way: there an `f32` still resolves a millimetre.
+pub const MAX_COORDINATE: f32 = 10_000.0;
+/// Speed of `wander` where none is given, in percent.
+pub const DEFAULT_WANDER_SPEED: u8 = 60;
+
+/// What to behave like from now on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum BehaviourSpec {
+    /// Do what you are told.
+    Manual,
+    /// Move about and avoid what is in the way.
+    Wander {
+        /// Top speed, 0 to 100 %.
+        speed: u8,
+    },
+    /// Go to a place, avoiding what is in the way.
+    Goto {
+        /// Metres along the x axis.
+        x: f32,
+        /// Metres along the y axis.
+        y: f32,
+    },
+    /// Keep away from other robots.
+    Disperse,
+    /// Join other robots.
+    Gather,
+    /// Move along with other robots.
+    Flock,
+    /// Keep a place among other robots.
+    Formation,
+    /// Follow a trained policy.
+    Policy,
+}
+
+impl BehaviourSpec {
+    /// The behaviour without its parameters.
+    #[must_use]
+    pub const fn behaviour(&self) -> BehaviourName {
+        match self {
+            Self::Manual => BehaviourName::Manual,
+            Self::Wander { .. } => BehaviourName::Wander,
+            Self::Goto { .. } => BehaviourName::Goto,
+            Self::Disperse => BehaviourName::Disperse,
+            Self::Gather => BehaviourName::Gather,
+            Self::Flock => BehaviourName::Flock,
+            Self::Formation => BehaviourName::Formation,
+            Self::Policy => BehaviourName::Policy,
+        }
+    }
+
+    /// The name on the wire.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        self.behaviour().name()
+    }
+}
+
+/// What to do.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Action {
+    /// Move one way for a time.
+    Move {
+        /// Which way.
+        direction: Direction,
+        /// 0 to 100 % of full duty.
+        speed: u8,
+        /// Milliseconds, up to [`MAX_MOVE_MS`]; 0 lasts until told otherwise. `duration` on the
+        /// wire.
+        duration_ms: u32,
+    },
+    /// Drive at this twist until told otherwise.
+    Drive {
+        /// Forward speed in m/s, within ±[`MAX_DRIVE_V`].
+        v: f32,
+        /// Turning speed in rad/s, counter-clockwise, within ±[`MAX_DRIVE_W`].
+        w: f32,
+    },
+    /// Stop and stand.
+    Stop,
+    /// Stop at once and stand until `reset`.
+    Estop,
+    /// Leave the emergency stop, or an error.
+    Reset,
+    /// Turn once around and look.
+    Scan,
+    /// Take a picture.
+    Capture,
+    /// Behave like this from now on.
+    Behave(BehaviourSpec),
+    /// Go to a place.
+    Goto {
+        /// Metres along the x axis, within ±[`MAX_COORDINATE`].
+        x: f32,
+        /// Metres along the y axis, within ±[`MAX_COORDINATE`].
+        y: f32,
+    },
+    /// Set parameters; at least one.
+    Set(ParameterValues),
+    /// Show which robot you are.
+    Identify,
+    /// Start the program again.
+    Reboot,
+}
+
+impl Action {
+    /// Which command this is.
+    #[must_use]
+    pub const fn command(&self) -> CommandName {
+        match self {
+            Self::Move { .. } => CommandName::Move,
+            Self::Drive { .. } => CommandName::Drive,
+            Self::Stop => CommandName::Stop,
+            Self::Estop => CommandName::Estop,
+            Self::Reset => CommandName::Reset,
+            Self::Scan => CommandName::Scan,
+            Self::Capture => CommandName::Capture,
+            Self::Behave(_) => CommandName::Behave,
+            Self::Goto { .. } => CommandName::Goto,
+            Self::Set(_) => CommandName::Set,
+            Self::Identify => CommandName::Identify,
+            Self::Reboot => CommandName::Reboot,
+        }
+    }
+
+    /// The name on the wire.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        self.command().name()
+    }
+
+    /// Whether the command can make a robot move, and so expires with age.
+    #[must_use]
+    pub const fn is_motion(&self) -> bool {
+        match self {
+            Self::Move { .. }
+            | Self::Drive { .. }
+            | Self::Scan
+            | Self::Behave(_)
+            | Self::Goto { .. } => true,
+            Self::Stop
+            | Self::Estop
+            | Self::Reset
+            | Self::Capture
+            | Self::Set(_)
+            | Self::Identify
+            | Self::Reboot => false,
+        }
+    }
+
+    /// Reads a request for a command: a [`Command`] without `timestamp`, `seq` and `source`, as a
+    /// person sends it to the server.
+    ///
+    /// # Errors
+    /// The first [`Reason`] why it is not one; `timestamp`, `seq` or `source` are unknown fields.
+    pub fn parse(payload: &[u8]) -> Result<Self, Reason> {
+        let frame = frame::read(payload, frame::Expect::Action);
+        meaning::action(&frame)
+    }
+
+    /// Writes a request for the command as JSON to the front of `buf` and returns its length.
+    ///
+    /// # Errors
+    /// [`EncodeError`] when it does not fit, or a number is not finite.
+    pub fn to_json(&self, buf: &mut [u8]) -> Result<usize, EncodeError> {
+        json::to_slice(self, buf)
+    }
+}
+
+/// A command as it travels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Command {
+    /// What to do.
+    pub action: Action,
+    /// When it was sent, in Unix milliseconds.
+    pub timestamp: u64,
+    /// Rises with each command of `source`.
+    pub seq: u64,
+    /// Who sent it.
+    pub source: Source,
+}
+
+/// Why bytes are not a command, and what could be read of them nevertheless.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CommandError {
+    /// The first thing wrong.
+    pub reason: Reason,
+    /// The number to answer to, where it could be read.
+    pub seq: Option<u64>,
+    /// Who to answer to, where it could be read.
+    pub source: Option<Source>,
+}
+
+impl fmt::Display for CommandError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "not a command: {}", self.reason)
+    }
+}
+
+impl core::error::Error for CommandError {}
+
+impl Command {
+    /// Reads a command from the whole of `payload`.
+    ///
+    /// # Errors
+    /// [`CommandError`] with the first thing wrong, in this order: size and syntax, then the
+    /// fields as they stand in the text, then what is missing, then what the parameters mean.
+    pub fn parse(payload: &[u8]) -> Result<Self, CommandError> {
+        let mut frame = frame::read(payload, frame::Expect::Command);
+        meaning::command(&mut frame).map_err(|reason| CommandError {
+            reason,
+            seq: frame.seq,
+            source: frame.source,
+        })
+    }
+
+    /// Writes the command as JSON to the front of `buf` and returns its length.
+    ///
+    /// # Errors
+    /// [`EncodeError`] when it does not fit, or a number is not finite.
+    pub fn to_json(&self, buf: &mut [u8]) -> Result<usize, EncodeError> {
+        json::to_slice(self, buf)
+    }
+}

@@ -1,0 +1,179 @@
+//! Names of robots, fleets and controllers. A value of one of these types is a valid name.
+
+use core::fmt;
+
+use heapless::String;
+use serde::de::{Unexpected, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// Longest robot id or fleet name, in bytes.
+pub const MAX_ID: usize = 32;
+/// Longest name of a controller, in bytes.
+pub const MAX_SOURCE: usize = 48;
+
+/// Why a text is not a name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum IdError {
+    /// Nothing between the quotes.
+    Empty,
+    /// More bytes than a name of this kind may have.
+    TooLong,
+    /// A character outside the alphabet of this kind of name.
+    Alphabet,
+}
+
+impl fmt::Display for IdError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Empty => "the name is empty",
+            Self::TooLong => "the name is too long",
+            Self::Alphabet => "the name has a character that is not allowed",
+        })
+    }
+}
+
+impl core::error::Error for IdError {}
+
+const fn is_id_byte(byte: u8) -> bool {
+    matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-')
+}
+
+/// Printable ASCII that needs no escape in JSON.
+const fn is_source_byte(byte: u8) -> bool {
+    matches!(byte, b' '..=b'~') && byte != b'"' && byte != b'\\'
+}
+
+fn checked<const N: usize>(text: &str, allowed: fn(u8) -> bool) -> Result<String<N>, IdError> {
+    if text.is_empty() {
+        return Err(IdError::Empty);
+    }
+    if text.len() > N {
+        return Err(IdError::TooLong);
+    }
+    if !text.bytes().all(allowed) {
+        return Err(IdError::Alphabet);
+    }
+    String::try_from(text).map_err(|_| IdError::TooLong)
+}
+
+macro_rules! name {
+    ($(#[$doc:meta])* $name:ident, $max:expr, $allowed:expr, $expecting:literal, $pattern:literal) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub struct $name(String<$max>);
+
+        impl $name {
+            /// Checks `text` and takes a copy of it.
+            ///
+            /// # Errors
+            /// [`IdError`] when `text` is empty, too long or leaves the alphabet.
+            pub fn new(text: &str) -> Result<Self, IdError> {
+                checked(text, $allowed).map(Self)
+            }
+
+            /// The name as text.
+            #[must_use]
+            pub fn as_str(&self) -> &str {
+                &self.0
+            }
+        }
+
+        impl AsRef<str> for $name {
+            fn as_ref(&self) -> &str {
+                &self.0
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(&self.0)
+            }
+        }
+
+        impl core::str::FromStr for $name {
+            type Err = IdError;
+
+            fn from_str(text: &str) -> Result<Self, IdError> {
+                Self::new(text)
+            }
+        }
+
+        impl TryFrom<&str> for $name {
+            type Error = IdError;
+
+            fn try_from(text: &str) -> Result<Self, IdError> {
+                Self::new(text)
+            }
+        }
+
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.serialize_str(&self.0)
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                struct NameVisitor;
+
+                impl Visitor<'_> for NameVisitor {
+                    type Value = $name;
+
+                    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                        f.write_str($expecting)
+                    }
+
+                    fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<$name, E> {
+                        $name::new(text)
+                            .map_err(|_| E::invalid_value(Unexpected::Str(text), &self))
+                    }
+                }
+
+                deserializer.deserialize_str(NameVisitor)
+            }
+        }
+
+        #[cfg(feature = "schema")]
+        impl schemars::JsonSchema for $name {
+            fn schema_name() -> std::borrow::Cow<'static, str> {
+                stringify!($name).into()
+            }
+
+            fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                schemars::json_schema!({
+                    "description": $expecting,
+                    "type": "string",
+                    "minLength": 1,
+                    "maxLength": $max,
+                    "pattern": $pattern,
+                })
+            }
+        }
+    };
+}
+
+name!(
+    /// The name of a robot: 1 to 32 characters of `a-z`, `0-9` and `-`.
+    RobotId, MAX_ID, is_id_byte, "a robot id: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
+);
+name!(
+    /// The root topic of a fleet: same alphabet as [`RobotId`]. The default is `swarm`.
+    Fleet, MAX_ID, is_id_byte, "a fleet name: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
+);
+name!(
+    /// Who sent a command, such as `operator:ada`: 1 to 48 characters of printable ASCII
+    /// without quotation mark and backslash.
+    Source, MAX_SOURCE, is_source_byte,
+    "a controller: 1 to 48 characters of printable ASCII without quotation mark and backslash",
+    r"^[ !#-\[\]-~]+$"
+);
+
+impl Default for Fleet {
+    fn default() -> Self {
+        let mut name = String::new();
+        // Five bytes always fit in 32.
+        let _ = name.push_str("swarm");
+        Self(name)
+    }
+}

@@ -1,0 +1,312 @@
+//! A serde deserializer over text whose syntax is already proved.
+
+use core::fmt;
+
+use serde::de::{self, DeserializeSeed, IntoDeserializer as _, Visitor};
+use serde::forward_to_deserialize_any;
+
+use super::{DecodeError, MAX_DEPTH, Reader, Text, Value};
+
+/// Longest string with escapes that is decoded. No field of this contract is longer, so a longer
+/// one is out of range wherever it stands.
+const MAX_ESCAPED: usize = 256;
+
+impl de::Error for DecodeError {
+    fn custom<T: fmt::Display>(_: T) -> Self {
+        Self::OutOfRange
+    }
+
+    fn invalid_type(_: de::Unexpected<'_>, _: &dyn de::Expected) -> Self {
+        Self::WrongType
+    }
+
+    fn invalid_value(_: de::Unexpected<'_>, _: &dyn de::Expected) -> Self {
+        Self::OutOfRange
+    }
+
+    fn invalid_length(_: usize, _: &dyn de::Expected) -> Self {
+        Self::OutOfRange
+    }
+
+    fn unknown_variant(_: &str, _: &'static [&'static str]) -> Self {
+        Self::OutOfRange
+    }
+
+    fn unknown_field(_: &str, _: &'static [&'static str]) -> Self {
+        Self::UnknownField
+    }
+
+    fn missing_field(_: &'static str) -> Self {
+        Self::MissingField
+    }
+
+    fn duplicate_field(_: &'static str) -> Self {
+        Self::DuplicateField
+    }
+}
+
+pub(super) struct Deserializer<'de> {
+    reader: Reader<'de>,
+}
+
+impl<'de> Deserializer<'de> {
+    pub(super) const fn new(text: &'de str) -> Self {
+        Self {
+            reader: Reader::new(text),
+        }
+    }
+
+    /// Hands over a value that is no number.
+    fn visit<V: Visitor<'de>>(
+        &mut self,
+        value: Value<'de>,
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        match value {
+            Value::Null => visitor.visit_unit(),
+            Value::Bool(value) => visitor.visit_bool(value),
+            Value::Number(text) => visit_number(text, visitor),
+            Value::Text(text) => visit_text(text, visitor),
+            Value::Object => {
+                self.reader.open_object()?;
+                visitor.visit_map(Members {
+                    de: self,
+                    first: true,
+                })
+            }
+            Value::Array => {
+                self.reader.open_array()?;
+                visitor.visit_seq(Elements {
+                    de: self,
+                    first: true,
+                })
+            }
+        }
+    }
+
+    /// Hands over a whole number; one that no integer type holds is out of range, not of another
+    /// type.
+    fn integer<V: Visitor<'de>>(&mut self, visitor: V) -> Result<V::Value, DecodeError> {
+        match self.reader.value()? {
+            Value::Number(text) if is_integer(text) => {
+                if let Ok(value) = text.parse() {
+                    visitor.visit_u64(value)
+                } else if let Ok(value) = text.parse() {
+                    visitor.visit_i64(value)
+                } else {
+                    Err(DecodeError::OutOfRange)
+                }
+            }
+            other => self.visit(other, visitor),
+        }
+    }
+}
+
+fn is_integer(text: &str) -> bool {
+    !text.contains(['.', 'e', 'E'])
+}
+
+fn visit_number<'de, V: Visitor<'de>>(text: &str, visitor: V) -> Result<V::Value, DecodeError> {
+    if is_integer(text) {
+        if let Ok(value) = text.parse() {
+            return visitor.visit_u64(value);
+        }
+        if let Ok(value) = text.parse() {
+            return visitor.visit_i64(value);
+        }
+    }
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => visitor.visit_f64(value),
+        _ => Err(DecodeError::OutOfRange),
+    }
+}
+
+fn visit_text<'de, V: Visitor<'de>>(text: Text<'de>, visitor: V) -> Result<V::Value, DecodeError> {
+    if let Some(plain) = text.plain() {
+        visitor.visit_borrowed_str(plain)
+    } else {
+        let decoded = text
+            .decode::<MAX_ESCAPED>()
+            .ok_or(DecodeError::OutOfRange)?;
+        visitor.visit_str(&decoded)
+    }
+}
+
+impl<'de> de::Deserializer<'de> for &mut Deserializer<'de> {
+    type Error = DecodeError;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        let value = self.reader.value()?;
+        self.visit(value, visitor)
+    }
+
+    fn deserialize_u8<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.integer(visitor)
+    }
+
+    fn deserialize_u16<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.integer(visitor)
+    }
+
+    fn deserialize_u32<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.integer(visitor)
+    }
+
+    fn deserialize_u64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.integer(visitor)
+    }
+
+    fn deserialize_i8<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.integer(visitor)
+    }
+
+    fn deserialize_i16<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.integer(visitor)
+    }
+
+    fn deserialize_i32<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.integer(visitor)
+    }
+
+    fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.integer(visitor)
+    }
+
+    /// Read as what it becomes, because rounding twice may round wrong.
+    fn deserialize_f32<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        match self.reader.value()? {
+            Value::Number(text) => match text.parse::<f32>() {
+                Ok(value) if value.is_finite() => visitor.visit_f32(value),
+                _ => Err(DecodeError::OutOfRange),
+            },
+            other => self.visit(other, visitor),
+        }
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        let before = self.reader.clone();
+        if let Value::Null = self.reader.value()? {
+            visitor.visit_none()
+        } else {
+            self.reader = before;
+            visitor.visit_some(self)
+        }
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        visitor.visit_newtype_struct(self)
+    }
+
+    /// Enums of this contract are words.
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        match self.reader.value()? {
+            Value::Text(text) => {
+                let word = text
+                    .decode::<MAX_ESCAPED>()
+                    .ok_or(DecodeError::OutOfRange)?;
+                visitor.visit_enum(word.as_str().into_deserializer())
+            }
+            _ => Err(DecodeError::WrongType),
+        }
+    }
+
+    fn deserialize_ignored_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        self.reader.skip(MAX_DEPTH)?;
+        visitor.visit_unit()
+    }
+
+    forward_to_deserialize_any! {
+        bool i128 u128 f64 char str string bytes byte_buf unit unit_struct seq tuple tuple_struct
+        map struct identifier
+    }
+}
+
+struct Members<'a, 'de> {
+    de: &'a mut Deserializer<'de>,
+    first: bool,
+}
+
+impl<'de> de::MapAccess<'de> for Members<'_, 'de> {
+    type Error = DecodeError;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(
+        &mut self,
+        seed: K,
+    ) -> Result<Option<K::Value>, DecodeError> {
+        match self.de.reader.member(self.first)? {
+            None => Ok(None),
+            Some(name) => {
+                self.first = false;
+                seed.deserialize(Key(name)).map(Some)
+            }
+        }
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(
+        &mut self,
+        seed: V,
+    ) -> Result<V::Value, DecodeError> {
+        seed.deserialize(&mut *self.de)
+    }
+}
+
+struct Elements<'a, 'de> {
+    de: &'a mut Deserializer<'de>,
+    first: bool,
+}
+
+impl<'de> de::SeqAccess<'de> for Elements<'_, 'de> {
+    type Error = DecodeError;
+
+    fn next_element_seed<T: DeserializeSeed<'de>>(
+        &mut self,
+        seed: T,
+    ) -> Result<Option<T::Value>, DecodeError> {
+        if self.de.reader.element(self.first)? {
+            self.first = false;
+            seed.deserialize(&mut *self.de).map(Some)
+        } else {
+            Ok(None)
+        }
+    }
+}
+
+/// The name of a member. One too long to decode is no name of this contract.
+struct Key<'de>(Text<'de>);
+
+impl<'de> de::Deserializer<'de> for Key<'de> {
+    type Error = DecodeError;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
+        if let Some(plain) = self.0.plain() {
+            return visitor.visit_borrowed_str(plain);
+        }
+        let decoded = self
+            .0
+            .decode::<MAX_ESCAPED>()
+            .ok_or(DecodeError::UnknownField)?;
+        visitor.visit_str(&decoded)
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        self.deserialize_any(visitor)
+    }
+
+    forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option
+        unit unit_struct seq tuple tuple_struct map struct enum identifier ignored_any
+    }
+}

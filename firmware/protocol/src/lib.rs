@@ -1,0 +1,65 @@
+//! Topics and messages of a fleet: the one definition that robot, server and control room share.
+//!
+//! Everything a robot and a server say to each other goes over MQTT 5, on a [`Topic`] below the name
+//! of the [`Fleet`], as one JSON object of at most [`MAX_MESSAGE`] bytes:
+//!
+//! | topic | message |
+//! |---|---|
+//! | `command/…` | [`Command`] |
+//! | `response/robot/{id}`, `response/swarm` | [`Response`], [`SwarmResponse`] |
+//! | `status/{id}` | [`StatusMessage`] |
+//! | `heartbeat/{id}` | [`Heartbeat`] |
+//! | `telemetry/{id}` | [`Telemetry`] |
+//! | `vision/{id}` | [`Detections`] |
+//! | `logs/{id}` | [`LogRecord`] |
+//! | `parameters/{id}` | [`ParametersMessage`] |
+//! | `cell/{x}/{y}` | [`CellDigest`] |
+//! | `pose/{id}` | [`PoseFix`] |
+//! | `time` | [`TimeMessage`] |
+//!
+//! Messages are read strictly: an unknown field, a field twice, another type or a value out of range
+//! is an error with its own [`Reason`], and nothing that arrives can panic or take more memory than
+//! the type it becomes. A number that is not finite never leaves: it is an error where it must be
+//! there, and `null` where it may be missing.
+//!
+//! The crate has no heap and no `std`. Feature `schema` adds JSON Schemas of all messages for the
+//! host.
+#![no_std]
+
+#[cfg(any(feature = "schema", test))]
+extern crate std;
+
+mod command;
+mod ids;
+mod json;
+mod message;
+mod number;
+mod reason;
+#[cfg(feature = "schema")]
+mod schema;
+mod topic;
+mod words;
+
+pub use command::{
+    Action, BehaviourSpec, Command, CommandError, CommandName, DEFAULT_WANDER_SPEED, Direction,
+    MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
+    ParameterValues,
+};
+pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, Source};
+pub use json::{DecodeError, EncodeError, MAX_DEPTH};
+pub use message::{
+    Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
+    Heartbeat, Kind, Level, LogRecord, MAX_DETECTIONS, MAX_NEIGHBOURS, MAX_PARAMETERS, Neighbour,
+    Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, Reports, Response, RobotState,
+    StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
+};
+pub use reason::{Reason, ResponseStatus};
+#[cfg(feature = "schema")]
+pub use schema::schemas;
+pub use topic::{Qos, Topic, TopicError, TopicFilter, TopicString};
+
+/// Most bytes of one message; images and firmware excepted.
+pub const MAX_MESSAGE: usize = 1024;
+
+/// Version of this contract, as reported in [`StatusMessage::protocol`].
+pub const PROTOCOL_VERSION: u8 = 1;

@@ -1,0 +1,205 @@
+//! The parameters of a robot: values and what they may be.
+
+use core::fmt;
+
+use heapless::{String, Vec};
+use serde::de::{self, MapAccess, Visitor};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::{DecodeError, EncodeError, ParameterValue, RobotId, json};
+
+/// Most parameters of one robot. As many fit a message, whatever their names and values, as long
+/// as no more than one of them is a text.
+pub const MAX_PARAMETERS: usize = 15;
+
+/// The parameters of one robot.
+pub type Reports = Vec<ParameterReport, MAX_PARAMETERS>;
+
+/// One parameter: its value and what it may be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterReport {
+    /// Its name. No name comes twice.
+    pub name: String<24>,
+    /// Its value.
+    pub value: ParameterValue,
+    /// Its value in a robot as it comes; `None` where it was left out for room.
+    pub default: Option<ParameterValue>,
+    /// Its least value; `None` where there is none, or it was left out for room.
+    pub min: Option<f32>,
+    /// Its greatest value; `None` where there is none, or it was left out for room.
+    pub max: Option<f32>,
+    /// Its unit; `None` where there is none, or it was left out for room. A name says its unit too
+    /// where that is not the SI unit.
+    pub unit: Option<String<8>>,
+}
+
+/// The parameters of a robot, retained.
+///
+/// On the wire `values` is an object with one member per parameter:
+/// `"safe_distance_mm":{"value":600,"default":500,"min":100,"max":2000,"unit":"mm"}`.
+/// A retained message cannot be split, so what says least is left out where it would be too large:
+/// first units, then defaults, then ranges. Values are always there.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct ParametersMessage {
+    /// The robot.
+    pub robot: RobotId,
+    /// Its parameters.
+    #[serde(serialize_with = "everything", deserialize_with = "members")]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(
+            with = "std::collections::BTreeMap<std::string::String, Body>",
+            length(max = 15)
+        )
+    )]
+    pub values: Reports,
+}
+
+/// How much to tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Detail {
+    Values,
+    Ranges,
+    Defaults,
+    Units,
+}
+
+impl ParametersMessage {
+    /// Writes the message as JSON to the front of `buf` and returns its length.
+    ///
+    /// # Errors
+    /// [`EncodeError::TooLarge`] when not even the values fit `buf`, or more than one of them is a
+    /// long text; [`EncodeError::NotFinite`] when a value is not.
+    pub fn to_json(&self, buf: &mut [u8]) -> Result<usize, EncodeError> {
+        #[derive(Serialize)]
+        struct Fitting<'a> {
+            robot: &'a RobotId,
+            values: Members<'a>,
+        }
+
+        let mut result = Err(EncodeError::TooLarge);
+        for detail in [
+            Detail::Units,
+            Detail::Defaults,
+            Detail::Ranges,
+            Detail::Values,
+        ] {
+            let fitting = Fitting {
+                robot: &self.robot,
+                values: Members {
+                    reports: &self.values,
+                    detail,
+                },
+            };
+            result = json::to_slice(&fitting, buf);
+            if result != Err(EncodeError::TooLarge) {
+                break;
+            }
+        }
+        result
+    }
+
+    /// Reads the message from the whole of `payload`.
+    ///
+    /// # Errors
+    /// [`DecodeError`] names what is wrong with `payload`.
+    pub fn from_json(payload: &[u8]) -> Result<Self, DecodeError> {
+        json::from_slice(payload)
+    }
+}
+
+/// A parameter on the wire, without its name.
+#[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "ParameterReport"))]
+#[serde(deny_unknown_fields)]
+struct Body {
+    value: ParameterValue,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    default: Option<ParameterValue>,
+    #[serde(default, with = "crate::number::optional")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f32>"))]
+    min: Option<f32>,
+    #[serde(default, with = "crate::number::optional")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f32>"))]
+    max: Option<f32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "Option<std::string::String>", length(max = 8))
+    )]
+    unit: Option<String<8>>,
+}
+
+/// The reports as an object.
+struct Members<'a> {
+    reports: &'a [ParameterReport],
+    detail: Detail,
+}
+
+impl Serialize for Members<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let finite = |value: Option<f32>| value.filter(|value| value.is_finite());
+        let mut map = serializer.serialize_map(Some(self.reports.len()))?;
+        for report in self.reports {
+            let ranges = self.detail >= Detail::Ranges;
+            let body = Body {
+                value: report.value.clone(),
+                default: report
+                    .default
+                    .clone()
+                    .filter(|_| self.detail >= Detail::Defaults),
+                min: finite(report.min).filter(|_| ranges),
+                max: finite(report.max).filter(|_| ranges),
+                unit: report.unit.clone().filter(|_| self.detail >= Detail::Units),
+            };
+            map.serialize_entry(report.name.as_str(), &body)?;
+        }
+        map.end()
+    }
+}
+
+fn everything<S: Serializer>(reports: &Reports, serializer: S) -> Result<S::Ok, S::Error> {
+    let detail = Detail::Units;
+    Members { reports, detail }.serialize(serializer)
+}
+
+fn members<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Reports, D::Error> {
+    struct MembersVisitor;
+
+    impl<'de> Visitor<'de> for MembersVisitor {
+        type Value = Reports;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            write!(f, "an object of at most {MAX_PARAMETERS} parameters")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Reports, A::Error> {
+            let mut reports = Reports::new();
+            while let Some((name, body)) = map.next_entry::<String<24>, Body>()? {
+                if reports.iter().any(|report| report.name == name) {
+                    return Err(de::Error::duplicate_field("values"));
+                }
+                let report = ParameterReport {
+                    name,
+                    value: body.value,
+                    default: body.default,
+                    min: body.min,
+                    max: body.max,
+                    unit: body.unit,
+                };
+                if reports.push(report).is_err() {
+                    return Err(de::Error::invalid_length(MAX_PARAMETERS + 1, &self));
+                }
+            }
+            Ok(reports)
+        }
+    }
+
+    deserializer.deserialize_map(MembersVisitor)
+}

@@ -1,0 +1,89 @@
+//! Words that several messages share.
+
+use crate::words::words;
+
+words! {
+    /// What a robot is doing, as it reports it. The order is that of the live feed.
+    RobotState {
+        /// Starting up.
+        Initializing = "INITIALIZING",
+        /// Standing, ready.
+        Idle = "IDLE",
+        /// Moving freely.
+        Moving = "MOVING",
+        /// Turning once around to look.
+        Scanning = "SCANNING",
+        /// Moving slowly, for a reason: something near, or a low battery.
+        Caution = "CAUTION",
+        /// Turning away from something.
+        Avoiding = "AVOIDING",
+        /// Taking a firmware update.
+        Updating = "UPDATING",
+        /// Standing until somebody sees to it.
+        Error = "ERROR",
+    }
+}
+
+words! {
+    /// What kind of body a robot has.
+    Kind {
+        /// A body in the simulator.
+        Simulated = "simulated",
+        /// Firmware on an emulated microcontroller.
+        Emulated = "emulated",
+        /// A robot one can trip over.
+        Physical = "physical",
+    }
+}
+
+words! {
+    /// What a robot can do besides talking.
+    Capability {
+        /// It moves.
+        Drive = "drive",
+        /// It measures the distance ahead.
+        Range = "range",
+        /// It sees.
+        Camera = "camera",
+    }
+}
+
+words! {
+    /// Why the program of a robot started.
+    BootCause {
+        /// Power was switched on.
+        PowerOn = "power-on",
+        /// The program asked for it.
+        Software = "software",
+        /// The watchdog was not fed.
+        Watchdog = "watchdog",
+        /// The supply voltage fell too low.
+        BrownOut = "brown-out",
+        /// The program panicked.
+        Panic = "panic",
+        /// The reset pin, or a cause the chip does not name.
+        External = "external",
+    }
+}
+
+words! {
+    /// The behaviours a robot knows by name.
+    BehaviourName {
+        /// Does what it is told.
+        Manual = "manual",
+        /// Moves about and avoids what is in the way.
+        Wander = "wander",
+        /// Goes to a place.
+        Goto = "goto",
+        /// Keeps away from other robots.
+        Disperse = "disperse",
+        /// Joins other robots.
+        Gather = "gather",
+        /// Moves along with other robots.
+        Flock = "flock",
+        /// Keeps a place among other robots.
+        Formation = "formation",
+        /// Follows a trained policy.
+        Policy = "policy",
+    }
+}

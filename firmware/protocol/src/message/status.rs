@@ -1,0 +1,54 @@
+//! Who a robot is, and whether it is there.
+
+use heapless::{String, Vec};
+use serde::{Deserialize, Serialize};
+
+use super::{BootCause, Capability, Kind, wire};
+use crate::RobotId;
+
+/// Which start of the program this is, and why it started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Boot {
+    /// Starts so far, this one included.
+    pub count: u32,
+    /// Why the program started.
+    pub cause: BootCause,
+}
+
+/// Retained description of a robot. The last will says `"online": false`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct StatusMessage {
+    /// The robot.
+    pub robot: RobotId,
+    /// Whether it is connected.
+    pub online: bool,
+    /// What kind of body it has.
+    pub kind: Kind,
+    /// Version of its firmware.
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "std::string::String", length(max = 32))
+    )]
+    pub firmware: String<32>,
+    /// Its board.
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "std::string::String", length(max = 16))
+    )]
+    pub board: String<16>,
+    /// What it can do.
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "std::vec::Vec<Capability>", length(max = 8))
+    )]
+    pub capabilities: Vec<Capability, 8>,
+    /// Which start this is.
+    pub boot: Boot,
+    /// Version of this contract that it speaks.
+    pub protocol: u8,
+}
+wire!(StatusMessage);

@@ -1,0 +1,84 @@
+//! What a robot measures, and that it lives.
+
+use serde::{Deserialize, Serialize};
+
+use super::{BehaviourName, Pose, RobotState, wire};
+use crate::RobotId;
+
+/// What the wheels are told to do.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Wheels {
+    /// Left wheel, −1 to 1 of full duty.
+    #[serde(with = "crate::number")]
+    #[cfg_attr(feature = "schema", schemars(with = "f32"))]
+    pub left: f32,
+    /// Right wheel, −1 to 1 of full duty.
+    #[serde(with = "crate::number")]
+    #[cfg_attr(feature = "schema", schemars(with = "f32"))]
+    pub right: f32,
+}
+
+/// State of the battery.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Battery {
+    /// Voltage of the pack in millivolts.
+    pub mv: u16,
+    /// State of charge, 0 to 100 %.
+    #[serde(deserialize_with = "crate::number::percent")]
+    #[cfg_attr(feature = "schema", schemars(range(max = 100)))]
+    pub percent: u8,
+}
+
+/// One look at a robot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Telemetry {
+    /// The robot.
+    pub robot: RobotId,
+    /// Rises by one with each telemetry of this boot.
+    pub seq: u64,
+    /// When, in Unix milliseconds; 0 while the robot's clock is not synchronised.
+    pub timestamp: u64,
+    /// What it is doing.
+    pub state: RobotState,
+    /// The behaviour in force.
+    pub behaviour: BehaviourName,
+    /// Where it believes to be.
+    pub pose: Pose,
+    /// Distance to what is ahead, in millimetres; `null` without a trustworthy reading.
+    pub range_mm: Option<u16>,
+    /// Temperature of the air in °C; `null` where it is not known.
+    #[serde(default, with = "crate::number::optional")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f32>"))]
+    pub temperature_c: Option<f32>,
+    /// What the wheels are told to do.
+    pub wheels: Wheels,
+    /// State of the battery.
+    pub battery: Battery,
+    /// Strength of the received signal in dBm; `null` on a wire.
+    pub rssi_dbm: Option<i8>,
+}
+wire!(Telemetry);
+
+/// A sign of life.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Heartbeat {
+    /// The robot.
+    pub robot: RobotId,
+    /// Rises by one with each heartbeat of this boot.
+    pub seq: u64,
+    /// When, in Unix milliseconds; 0 while the robot's clock is not synchronised.
+    pub timestamp: u64,
+    /// Time since boot in milliseconds.
+    pub uptime_ms: u64,
+    /// What it is doing.
+    pub state: RobotState,
+}
+wire!(Heartbeat);
