@@ -11,6 +11,9 @@ use crawler_hal::{Millivolts, Percent};
 
 pub mod curve;
 
+#[cfg(test)]
+mod tests;
+
 /// Cells in series.
 pub const CELLS: u16 = 2;
 

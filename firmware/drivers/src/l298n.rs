@@ -28,6 +28,9 @@ use embedded_hal::pwm::SetDutyCycle;
 mod duty;
 mod wheel;
 
+#[cfg(test)]
+mod tests;
+
 pub use duty::{Duty, Trim};
 use wheel::Half;
 
@@ -251,6 +254,10 @@ impl<Pwm: SetDutyCycle, Pin: OutputPin> L298n<Pwm, Pin> {
 
     /// Shorts both motors through the bridge at once; they stop hard. Leaving the brake takes the
     /// dead time, in either direction.
+    ///
+    /// The data sheet (section 2, "suggestions") wants no more than 2 A while braking: that is the
+    /// voltage a motor gives at the speed it has, over the resistance of its winding. Slow down
+    /// first where that could be more.
     ///
     /// # Errors
     /// As [`Self::apply`].

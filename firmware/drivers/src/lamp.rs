@@ -150,3 +150,6 @@ impl<P: OutputPin> Lamp<P> {
         Ok(start + next)
     }
 }
+
+#[cfg(test)]
+mod tests;

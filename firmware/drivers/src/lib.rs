@@ -13,8 +13,14 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(test)]
+extern crate std;
+
 pub mod battery;
 pub mod l298n;
 pub mod lamp;
 pub mod median;
 pub mod us100;
+
+#[cfg(test)]
+mod testing;

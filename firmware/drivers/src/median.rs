@@ -61,3 +61,6 @@ impl<const N: usize> Default for Median<N> {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -22,6 +22,9 @@ use embedded_io_async::{ErrorKind, Read, Write};
 mod pulse;
 mod uart;
 
+#[cfg(test)]
+mod tests;
+
 pub use pulse::{echo_range, echo_width, speed_of_sound_mm_per_s};
 
 /// Nearest the sensor can tell: 2 cm (data sheet). Its own ringing hides what is nearer.
@@ -32,6 +35,9 @@ pub const FARTHEST: Millimeters = Millimeters(4_500);
 pub const COLDEST: Celsius = Celsius(-20);
 /// Warmest the sensor works at: 70 °C (data sheet).
 pub const WARMEST: Celsius = Celsius(70);
+
+/// The temperature at which sound travels at 340 m/s, to 0.1 %.
+pub const CORRECTED: Celsius = Celsius(14);
 
 /// How long a measurement may take. Echo from 4.5 m at 319 m/s (−20 °C): 28.2 ms. Three bytes at
 /// 9600 baud, ten bits each: 3.1 ms. Together 31.3 ms, doubled, because the sensor's own latency
@@ -171,7 +177,8 @@ impl<U: Read + Write, T: OutputPin, E: InputPin + Wait> Us100<U, T, E> {
     /// Measures the distance to the nearest surface.
     ///
     /// `air` is the temperature of the air, for pulse mode; over the UART the sensor corrects by
-    /// itself, and `air` is not used. Being 10 °C wrong costs 2 % of the range.
+    /// itself, and `air` is not used. Being 10 °C wrong costs 2 % of the range. (A module that
+    /// corrects the width of its echo too, for 340 m/s, wants [`CORRECTED`] instead.)
     ///
     /// In pulse mode the width of the echo is the time between two wake-ups of this task: an
     /// executor that is 100 µs late at one of them is 17 mm off.

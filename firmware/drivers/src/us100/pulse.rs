@@ -44,8 +44,8 @@ async fn before<C: Clock, E>(
 }
 
 /// Speed of sound in air, in millimetres per second: 331.3 m/s at 0 °C and 0.606 m/s more per
-/// degree, the usual linear form of √T, within 0.2 % where the sensor works. `air` is clamped to
-/// [`COLDEST`] to [`WARMEST`].
+/// degree, the usual linear form of 331.3 m/s · √(T / 273.15 K). It is within 0.2 % of that up to
+/// 35 °C, and 0.7 % at 70 °C. `air` is clamped to [`COLDEST`] to [`WARMEST`].
 #[must_use]
 pub fn speed_of_sound_mm_per_s(air: Celsius) -> u32 {
     let air = i32::from(air.clamp(COLDEST, WARMEST).0);
