@@ -1,0 +1,128 @@
+//! The devices of a simulated robot, on the far side of the traits of `crawler-hal`.
+//!
+//! They are stricter than hardware: what a data sheet forbids fails or is recorded here.
+
+mod camera;
+mod flash;
+mod gauge;
+mod motor;
+mod sonar;
+mod system;
+#[cfg(test)]
+mod tests;
+mod trigger;
+mod uart;
+
+use core::marker::PhantomData;
+use std::rc::Rc;
+
+use crawler_hal::{Body, MotorPort, Network, Parts, RangerPort};
+use rand_pcg::Pcg32;
+
+pub use camera::{CAMERA_SIDE, CameraError, SimCamera};
+pub use flash::{Chip, ERASE_BYTES, FlashError, SimFlash, WRITE_BYTES};
+pub use gauge::{GaugeError, SimGauge};
+pub use motor::{DutyError, MAX_DUTY, SimPin, SimPwm};
+pub use system::SimSystem;
+pub use trigger::{SimEcho, SimTrigger};
+pub use uart::{SimUart, UartError};
+
+pub(crate) use sonar::Sonar;
+
+use crate::sched::SimClock;
+use crate::world::{Ports, Purpose, Wire, Wiring, stream};
+use motor::{Line, Side};
+
+/// A simulated body whose way to the network is `N`.
+#[derive(Debug)]
+pub struct SimBody<N>(PhantomData<N>);
+
+impl<N: Network> Body for SimBody<N> {
+    type Clock = SimClock;
+    type Pwm = SimPwm;
+    type Pin = SimPin;
+    type Uart = SimUart;
+    type Trigger = SimTrigger;
+    type Echo = SimEcho;
+    type Battery = SimGauge;
+    type Camera = SimCamera;
+    type Flash = SimFlash;
+    type Network = N;
+    type System = SimSystem;
+    type Rng = Pcg32;
+}
+
+/// Everything a simulated body hands over at boot but its network.
+#[derive(Debug)]
+pub struct BodyParts {
+    /// Monotonic clock, zero at this boot.
+    pub clock: SimClock,
+    /// Motor on the left.
+    pub left: MotorPort<SimPwm, SimPin>,
+    /// Motor on the right.
+    pub right: MotorPort<SimPwm, SimPin>,
+    /// The US-100, looking forward.
+    pub ranger: RangerPort<SimUart, SimTrigger, SimEcho>,
+    /// Status lamp; high is lit.
+    pub lamp: SimPin,
+    /// Battery voltage behind its divider.
+    pub battery: SimGauge,
+    /// Camera.
+    pub camera: SimCamera,
+    /// Flash region for parameters.
+    pub flash: SimFlash,
+    /// The microcontroller.
+    pub system: SimSystem,
+    /// Randomness of the program. Each boot of a robot has its own stream.
+    pub rng: Pcg32,
+}
+
+impl BodyParts {
+    pub(crate) fn new(ports: &Rc<Ports>) -> Self {
+        let wire = Wire::new(ports);
+        let motor = |side| MotorPort {
+            enable: SimPwm::new(wire.clone(), side),
+            in1: SimPin::new(wire.clone(), Line::In1(side)),
+            in2: SimPin::new(wire.clone(), Line::In2(side)),
+        };
+        let space = ports.shared.space.borrow();
+        let ranger = match space.parameters.ranger.wiring {
+            Wiring::Uart => RangerPort::Uart(SimUart::new(wire.clone())),
+            Wiring::Pulse => RangerPort::Pulse {
+                trigger: SimTrigger::new(wire.clone()),
+                echo: SimEcho::new(wire.clone()),
+            },
+        };
+        // The boot takes part, so that a robot that keeps resetting does not repeat its jitter.
+        let seed = ports.shared.seed ^ u64::from(ports.life.get()) << 32;
+        Self {
+            clock: ports.shared.clock.boot_now(),
+            left: motor(Side::Left),
+            right: motor(Side::Right),
+            ranger,
+            lamp: SimPin::new(wire.clone(), Line::Lamp),
+            battery: SimGauge::new(wire.clone()),
+            camera: SimCamera::new(wire.clone()),
+            flash: SimFlash::of_body(&wire),
+            system: SimSystem::new(wire.clone()),
+            rng: stream(seed, ports.robot.get(), Purpose::Program),
+        }
+    }
+
+    /// The whole body, with `network` as its way out.
+    pub fn with_network<N: Network>(self, network: N) -> Parts<SimBody<N>> {
+        Parts {
+            clock: self.clock,
+            left: self.left,
+            right: self.right,
+            ranger: self.ranger,
+            lamp: self.lamp,
+            battery: self.battery,
+            camera: self.camera,
+            flash: self.flash,
+            network,
+            system: self.system,
+            rng: self.rng,
+        }
+    }
+}

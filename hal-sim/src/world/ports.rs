@@ -1,0 +1,171 @@
+//! What a world and the devices of one robot share.
+
+use std::cell::{Cell, RefCell};
+use std::rc::Rc;
+
+use crawler_hal::{Instant, ResetCause};
+use rand_pcg::Pcg32;
+
+use super::RobotIndex;
+use super::bodies::{Build, Inputs, Presence};
+use super::rng::{Purpose, stream};
+use super::space::Space;
+use crate::devices::{Chip, Sonar};
+use crate::faults::Faults;
+use crate::sched::SimClock;
+
+/// What all robots of a world share.
+pub(crate) struct Shared {
+    pub(crate) space: RefCell<Space>,
+    pub(crate) clock: SimClock,
+    pub(crate) seed: u64,
+    /// At most one entry for each change of a robot's life, drained by the runner.
+    pub(crate) events: RefCell<Vec<BodyEvent>>,
+}
+
+/// Something that happened to a robot and concerns whoever runs its program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BodyEvent {
+    /// The supply fell below the brown-out voltage: drop the program, do not start it yet.
+    PowerLost(RobotIndex),
+    /// The program has to start anew, with the parts that [`super::World::boot`] hands out.
+    Reset(RobotIndex, ResetCause),
+}
+
+/// The watchdog timer of one robot.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Watchdog {
+    /// Armed by the first feeding.
+    pub(crate) fed: Option<Instant>,
+    /// How often it bit.
+    pub(crate) bites: u32,
+    /// Longest time between two feedings, microseconds.
+    pub(crate) longest_us: u64,
+}
+
+/// What one robot's devices share with the world.
+pub(crate) struct Ports {
+    pub(crate) shared: Rc<Shared>,
+    pub(crate) robot: RobotIndex,
+    /// What the body is when nothing is broken.
+    pub(crate) sound: Build,
+    /// Which boot this is; devices of an earlier one are disconnected.
+    pub(crate) life: Cell<u32>,
+    /// A reset was asked for and not carried out yet.
+    pub(crate) resetting: Cell<bool>,
+    pub(crate) cause: Cell<ResetCause>,
+    pub(crate) watchdog: Cell<Watchdog>,
+    pub(crate) faults: Cell<Faults>,
+    pub(crate) sonar: RefCell<Sonar>,
+    pub(crate) gauge_rng: RefCell<Pcg32>,
+    pub(crate) camera_rng: RefCell<Pcg32>,
+    pub(crate) chip: Rc<RefCell<Chip>>,
+}
+
+impl Ports {
+    pub(crate) fn new(shared: Rc<Shared>, robot: RobotIndex) -> Self {
+        let seed = shared.seed;
+        let rng = |purpose| stream(seed, robot.get(), purpose);
+        let (sectors, sound) = {
+            let space = shared.space.borrow();
+            (
+                usize::from(space.parameters.surroundings.flash_sectors),
+                space.bodies.build[robot.get() as usize],
+            )
+        };
+        Self {
+            sound,
+            life: Cell::new(0),
+            resetting: Cell::new(false),
+            cause: Cell::new(ResetCause::PowerOn),
+            watchdog: Cell::new(Watchdog {
+                fed: None,
+                bites: 0,
+                longest_us: 0,
+            }),
+            faults: Cell::new(Faults::NONE),
+            sonar: RefCell::new(Sonar::new(rng(Purpose::Ranger), rng(Purpose::Serial))),
+            gauge_rng: RefCell::new(rng(Purpose::Battery)),
+            camera_rng: RefCell::new(rng(Purpose::Camera)),
+            chip: Rc::new(RefCell::new(Chip::new(sectors, rng(Purpose::Flash)))),
+            shared,
+            robot,
+        }
+    }
+
+    pub(crate) const fn index(&self) -> usize {
+        self.robot.get() as usize
+    }
+
+    /// Asks for a reset, unless one is asked for already.
+    pub(crate) fn ask_reset(&self, cause: ResetCause) {
+        if !self.resetting.replace(true) {
+            self.cause.set(cause);
+            self.shared
+                .events
+                .borrow_mut()
+                .push(BodyEvent::Reset(self.robot, cause));
+        }
+    }
+
+    /// The watchdog's view of the present moment.
+    pub(crate) fn check_watchdog(&self, now: Instant, limit_us: u64) {
+        let mut watchdog = self.watchdog.get();
+        let Some(fed) = watchdog.fed else { return };
+        let hungry = now.saturating_since(fed).as_micros();
+        watchdog.longest_us = watchdog.longest_us.max(hungry);
+        if limit_us > 0 && hungry > limit_us {
+            watchdog.bites = watchdog.bites.saturating_add(1);
+            watchdog.fed = None;
+            self.watchdog.set(watchdog);
+            self.ask_reset(ResetCause::Watchdog);
+        } else {
+            self.watchdog.set(watchdog);
+        }
+    }
+}
+
+/// A device's connection to its body. It breaks when the robot is reset: whatever an old program
+/// still does then reaches nothing.
+#[derive(Clone)]
+pub(crate) struct Wire {
+    pub(crate) ports: Rc<Ports>,
+    life: u32,
+}
+
+impl Wire {
+    pub(crate) fn new(ports: &Rc<Ports>) -> Self {
+        Self {
+            ports: Rc::clone(ports),
+            life: ports.life.get(),
+        }
+    }
+
+    /// Whether the program behind this device is the one that runs now, on a powered body.
+    pub(crate) fn is_live(&self) -> bool {
+        self.life == self.ports.life.get()
+            && self.ports.shared.space.borrow().bodies.presence[self.ports.index()]
+                == Presence::Present
+    }
+
+    /// Changes the levels the program drives.
+    pub(crate) fn drive(&self, change: impl FnOnce(&mut Inputs)) {
+        if self.is_live() {
+            let index = self.ports.index();
+            change(&mut self.ports.shared.space.borrow_mut().bodies.inputs[index]);
+        }
+    }
+
+    pub(crate) fn clock(&self) -> &SimClock {
+        &self.ports.shared.clock
+    }
+}
+
+impl core::fmt::Debug for Wire {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Wire")
+            .field("robot", &self.ports.robot)
+            .field("life", &self.life)
+            .finish_non_exhaustive()
+    }
+}
