@@ -4,6 +4,8 @@ use serde::de::{Error as _, Unexpected};
 use serde::ser::Error as _;
 use serde::{Deserialize, Deserializer, Serializer};
 
+// The signature is that of `serde(with)`.
+#[allow(clippy::trivially_copy_pass_by_ref)]
 pub(crate) fn serialize<S: Serializer>(value: &f32, serializer: S) -> Result<S::Ok, S::Error> {
     if value.is_finite() {
         serializer.serialize_f32(*value)
@@ -41,7 +43,7 @@ pub(crate) mod optional {
     use serde::de::{Error as _, Unexpected};
 
     // The signature is that of `serde(with)`.
-    #[allow(clippy::ref_option)]
+    #[allow(clippy::ref_option, clippy::trivially_copy_pass_by_ref)]
     pub(crate) fn serialize<S: Serializer>(
         value: &Option<f32>,
         serializer: S,

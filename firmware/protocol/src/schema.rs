@@ -1,1 +1,229 @@
-//! JSON Schemas of all messages.
+//! JSON Schemas of all messages, from the types that read and write them.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::vec::Vec;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
+
+use crate::{
+    Action, BehaviourName, CellDigest, Command, CommandName, Detections, Direction, Heartbeat,
+    LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
+    ParametersMessage, PoseFix, Response, Source, StatusMessage, SwarmResponse, Telemetry,
+    TimeMessage,
+};
+
+/// Name and JSON Schema (2020-12) of every message, and of the request for a command.
+#[must_use]
+pub fn schemas() -> Vec<(&'static str, Schema)> {
+    [
+        ("command", schema_for!(Command)),
+        ("command-request", schema_for!(Action)),
+        ("response", schema_for!(Response)),
+        ("swarm-response", schema_for!(SwarmResponse)),
+        ("status", schema_for!(StatusMessage)),
+        ("heartbeat", schema_for!(Heartbeat)),
+        ("telemetry", schema_for!(Telemetry)),
+        ("detections", schema_for!(Detections)),
+        ("log-record", schema_for!(LogRecord)),
+        ("parameters", schema_for!(ParametersMessage)),
+        ("cell-digest", schema_for!(CellDigest)),
+        ("pose-fix", schema_for!(PoseFix)),
+        ("time", schema_for!(TimeMessage)),
+    ]
+    .into()
+}
+
+impl JsonSchema for Command {
+    fn schema_name() -> Cow<'static, str> {
+        "Command".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let source = generator.subschema_for::<Source>();
+        let mut alternatives = alternatives(generator);
+        for alternative in &mut alternatives {
+            let members = alternative.ensure_object();
+            if let Some(properties) = members
+                .get_mut("properties")
+                .and_then(|p| p.as_object_mut())
+            {
+                properties.insert(
+                    "timestamp".into(),
+                    whole(u64::MAX, "When it was sent, in Unix milliseconds.").into(),
+                );
+                properties.insert(
+                    "seq".into(),
+                    whole(u64::MAX, "Rises with each command of the source.").into(),
+                );
+                properties.insert("source".into(), source.clone().into());
+            }
+            if let Some(required) = members.get_mut("required").and_then(|r| r.as_array_mut()) {
+                required.extend(["timestamp", "seq", "source"].map(Into::into));
+            }
+        }
+        json_schema!({
+            "description": "What a robot is told to do.",
+            "oneOf": alternatives,
+        })
+    }
+}
+
+impl JsonSchema for Action {
+    fn schema_name() -> Cow<'static, str> {
+        "CommandRequest".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "A command as a person asks the server for it.",
+            "oneOf": alternatives(generator),
+        })
+    }
+}
+
+/// One schema per command.
+fn alternatives(generator: &mut SchemaGenerator) -> Vec<Schema> {
+    CommandName::ALL
+        .iter()
+        .map(|name| {
+            let parameters = parameters(*name, generator);
+            let mut required = std::vec!["command"];
+            if parameters.is_some() {
+                required.push("parameters");
+            }
+            let parameters = parameters.unwrap_or_else(
+                || json_schema!({ "type": ["object", "null"], "maxProperties": 0 }),
+            );
+            json_schema!({
+                "title": name.name(),
+                "type": "object",
+                "properties": {
+                    "command": { "const": name.name() },
+                    "parameters": parameters,
+                },
+                "required": required,
+                "additionalProperties": false,
+            })
+        })
+        .collect()
+}
+
+/// The parameters of a command that has some.
+fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Schema> {
+    let place = || {
+        [
+            (
+                "x",
+                within(MAX_COORDINATE, "Metres along the x axis."),
+                true,
+            ),
+            (
+                "y",
+                within(MAX_COORDINATE, "Metres along the y axis."),
+                true,
+            ),
+        ]
+    };
+    match name {
+        CommandName::Move => Some(object([
+            ("direction", generator.subschema_for::<Direction>(), true),
+            ("speed", whole(100, "Share of full duty in percent."), true),
+            (
+                "duration",
+                whole(
+                    MAX_MOVE_MS.into(),
+                    "Milliseconds; 0 lasts until told otherwise, with a word every 500 ms.",
+                ),
+                true,
+            ),
+        ])),
+        CommandName::Drive => Some(object([
+            ("v", within(MAX_DRIVE_V, "Forward speed in m/s."), true),
+            (
+                "w",
+                within(MAX_DRIVE_W, "Turning speed in rad/s, counter-clockwise."),
+                true,
+            ),
+        ])),
+        CommandName::Goto => Some(object(place())),
+        CommandName::Behave => {
+            let behaviours: Vec<Schema> = BehaviourName::ALL
+                .iter()
+                .map(|behaviour| {
+                    let mut members = std::vec![(
+                        "behaviour",
+                        json_schema!({ "const": behaviour.name() }),
+                        true
+                    )];
+                    match behaviour {
+                        BehaviourName::Wander => members.push((
+                            "speed",
+                            whole(100, "Top speed in percent; 60 where it is not given."),
+                            false,
+                        )),
+                        BehaviourName::Goto => members.extend(place()),
+                        BehaviourName::Manual
+                        | BehaviourName::Disperse
+                        | BehaviourName::Gather
+                        | BehaviourName::Flock
+                        | BehaviourName::Formation
+                        | BehaviourName::Policy => {}
+                    }
+                    object(members)
+                })
+                .collect();
+            Some(json_schema!({ "oneOf": behaviours }))
+        }
+        CommandName::Set => Some(json_schema!({
+            "type": "object",
+            "propertyNames": { "pattern": "^[a-z0-9_]{1,32}$" },
+            "additionalProperties": generator.subschema_for::<ParameterValue>(),
+            "minProperties": 1,
+            "maxProperties": MAX_SET,
+        })),
+        CommandName::Stop
+        | CommandName::Estop
+        | CommandName::Reset
+        | CommandName::Scan
+        | CommandName::Capture
+        | CommandName::Identify
+        | CommandName::Reboot => None,
+    }
+}
+
+/// An object of these members: name, schema, and whether it must be there.
+fn object(members: impl IntoIterator<Item = (&'static str, Schema, bool)>) -> Schema {
+    let mut properties = BTreeMap::new();
+    let mut required = Vec::new();
+    for (name, schema, must) in members {
+        properties.insert(name, schema);
+        if must {
+            required.push(name);
+        }
+    }
+    json_schema!({
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": false,
+    })
+}
+
+fn whole(most: u64, description: &str) -> Schema {
+    json_schema!({
+        "description": description,
+        "type": "integer",
+        "minimum": 0,
+        "maximum": most,
+    })
+}
+
+fn within(most: f32, description: &str) -> Schema {
+    json_schema!({
+        "description": description,
+        "type": "number",
+        "minimum": -most,
+        "maximum": most,
+    })
+}

@@ -37,14 +37,27 @@ pub(super) enum Expect {
     Action,
 }
 
-/// Names of fields already met.
-#[derive(Default)]
-struct Met {
-    command: bool,
-    parameters: bool,
-    timestamp: bool,
-    seq: bool,
-    source: bool,
+/// The fields of a command.
+#[derive(Debug, Clone, Copy)]
+enum Field {
+    Command,
+    Parameters,
+    Timestamp,
+    Seq,
+    Source,
+}
+
+impl Field {
+    fn from_name(name: &str, expect: Expect) -> Option<Self> {
+        match (name, expect) {
+            ("command", _) => Some(Self::Command),
+            ("parameters", _) => Some(Self::Parameters),
+            ("timestamp", Expect::Command) => Some(Self::Timestamp),
+            ("seq", Expect::Command) => Some(Self::Seq),
+            ("source", Expect::Command) => Some(Self::Source),
+            _ => None,
+        }
+    }
 }
 
 /// Reads as much as can be read.
@@ -83,7 +96,7 @@ impl Frame {
             return proof.end();
         };
         reader.open_object()?;
-        let mut met = Met::default();
+        let mut met = 0;
         let mut first = true;
         while let Some(name) = reader.member(first)? {
             first = false;
@@ -92,44 +105,37 @@ impl Frame {
         reader.end()
     }
 
+    /// Reads one member; `met` has a bit for every field that came before.
     fn field(
         &mut self,
         reader: &mut Reader<'_>,
         name: Text<'_>,
-        met: &mut Met,
+        met: &mut u8,
         expect: Expect,
     ) -> Result<(), DecodeError> {
         let name = name.decode::<16>();
-        let whole = expect == Expect::Command;
-        let seen = match name.as_deref() {
-            Some("command") => &mut met.command,
-            Some("parameters") => &mut met.parameters,
-            Some("timestamp") if whole => &mut met.timestamp,
-            Some("seq") if whole => &mut met.seq,
-            Some("source") if whole => &mut met.source,
-            _ => {
-                self.blame(Reason::UnknownField);
-                return reader.skip(MAX_DEPTH - 1);
-            }
+        let Some(field) = name.and_then(|name| Field::from_name(&name, expect)) else {
+            self.blame(Reason::UnknownField);
+            return reader.skip(MAX_DEPTH - 1);
         };
-        if core::mem::replace(seen, true) {
+        let bit = 1 << field as u8;
+        if *met & bit != 0 {
             self.blame(Reason::DuplicateField);
             return reader.skip(MAX_DEPTH - 1);
         }
-        match name.as_deref() {
-            Some("command") => {
-                self.command = self.scalar(reader, command_name)?;
-            }
-            Some("timestamp") => self.timestamp = self.scalar(reader, whole_number)?,
-            Some("seq") => {
+        *met |= bit;
+        match field {
+            Field::Command => self.command = self.scalar(reader, command_name)?,
+            Field::Parameters => self.parameters(reader)?,
+            Field::Timestamp => self.timestamp = self.scalar(reader, whole_number)?,
+            Field::Seq => {
                 let seq = self.scalar(reader, whole_number)?;
                 // A number at the end of a truncated text may be the front of another.
                 if reader.goes_on() {
                     self.seq = seq;
                 }
             }
-            Some("source") => self.source = self.scalar(reader, source)?,
-            _ => self.parameters(reader)?,
+            Field::Source => self.source = self.scalar(reader, source)?,
         }
         Ok(())
     }

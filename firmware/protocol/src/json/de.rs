@@ -89,9 +89,9 @@ impl<'de> Deserializer<'de> {
     fn integer<V: Visitor<'de>>(&mut self, visitor: V) -> Result<V::Value, DecodeError> {
         match self.reader.value()? {
             Value::Number(text) if is_integer(text) => {
-                if let Ok(value) = text.parse() {
+                if let Ok(value) = text.parse::<u64>() {
                     visitor.visit_u64(value)
-                } else if let Ok(value) = text.parse() {
+                } else if let Ok(value) = text.parse::<i64>() {
                     visitor.visit_i64(value)
                 } else {
                     Err(DecodeError::OutOfRange)
@@ -108,10 +108,10 @@ fn is_integer(text: &str) -> bool {
 
 fn visit_number<'de, V: Visitor<'de>>(text: &str, visitor: V) -> Result<V::Value, DecodeError> {
     if is_integer(text) {
-        if let Ok(value) = text.parse() {
+        if let Ok(value) = text.parse::<u64>() {
             return visitor.visit_u64(value);
         }
-        if let Ok(value) = text.parse() {
+        if let Ok(value) = text.parse::<i64>() {
             return visitor.visit_i64(value);
         }
     }
