@@ -1,0 +1,10 @@
+//! The hardware of `crawler-hal` in software: device models, a world with physics, and the
+//! scheduler that runs robot programs in it.
+//!
+//! A world is a value on one thread: the same seed and the same scenario give the same history,
+//! byte for byte, however many worlds run beside it.
+
+pub mod devices;
+pub mod faults;
+pub mod sched;
+pub mod world;
