@@ -111,8 +111,8 @@ pub struct Thresholds {
 impl Thresholds {
     /// Below, no pack is connected (a board on its USB plug); half a volt per cell.
     pub const ABSENT: Millivolts = Millivolts(1_000);
-    /// Below, a pack is damaged or the reading is: 2.5 V per cell is where makers of cells end
-    /// the discharge (Sony US18650VTC6: 2.5 V for the usual 2.0 to 2.75 V).
+    /// Below, a pack is damaged or the reading is: 2.5 V per cell, where the discharge behind
+    /// [`curve`] ended.
     pub const LOWEST: Millivolts = Millivolts(5_000);
     /// Above, it is no pack of two cells: 4.2 V per cell when full, 0.05 V tolerance of the
     /// charger, 1 % of the divider.
@@ -156,9 +156,10 @@ pub struct Config {
 
 impl Config {
     /// The usual robot: 100 kΩ over 47 kΩ brings 8.6 V down to 2.75 V, within the 3.1 V an
-    /// ESP32-S3 measures at 12 dB attenuation. Low at 7.0 V (3.5 V per cell, sagging), critical at
-    /// 6.6 V (the L298N drops 2 V, and small motors stall below 4.5 V), 0.2 V of hysteresis, more
-    /// than the pack recovers when the motors stop.
+    /// ESP32-S3 measures at 12 dB attenuation (an ESP32-C3 ends at 2.5 V and wants another
+    /// divider). Low at 7.0 V, 3.5 V per cell. Critical at 6.6 V: the L298N takes 2 V of it, and
+    /// small geared motors are weak below 4.5 V. 0.2 V of hysteresis is more than the pack
+    /// recovers when the motors stop.
     pub const STANDARD: Self = {
         // Checked when this is compiled.
         let Ok(divider) = Divider::new(100_000, 47_000, Millivolts(3_100)) else {

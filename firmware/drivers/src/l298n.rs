@@ -1,7 +1,7 @@
 //! L298N motor driver: two wheels.
 //!
 //! Each wheel has an enable input on PWM and two direction inputs. The L298 data sheet
-//! (ST, figure 6, "bidirectional DC motor control") gives:
+//! (ST, January 2000, figure 6, "bidirectional DC motor control") gives:
 //!
 //! | enable | in1 | in2 | motor |
 //! |---|---|---|---|

@@ -127,6 +127,32 @@ fn a_wheel_of_unknown_state_rests_first() {
     }
 }
 
+/// After a restart without a power cycle, the outputs may be anything.
+#[test]
+fn no_state_of_the_outputs_makes_the_first_call_drive() {
+    for levels in 0..4 {
+        for braked in [false, true] {
+            let (bench, mut motors) = Bench::new(255, Config::new());
+            for side in SIDES {
+                bench
+                    .side(side)
+                    .borrow_mut()
+                    .found_at(levels & 1 == 1, levels & 2 == 2);
+            }
+            if braked {
+                motors.brake().unwrap();
+            } else {
+                let applied = motors.apply(Duty::FULL, Duty::new(-1.0), bench.at(ms(0)));
+                assert_eq!(applied, Ok(Applied::default()));
+            }
+            assert_eq!(bench.drives(), [0; 2]);
+            for side in SIDES {
+                assert_eq!(bench.side(side).borrow().driven, [], "{levels} {braked}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_reversal_passes_zero_for_the_dead_time_and_then_happens() {
     let (bench, mut motors, start) = Bench::driving(0.8);

@@ -76,12 +76,11 @@ impl<Pwm: SetDutyCycle, Pin: OutputPin> Half<Pwm, Pin> {
     /// Brakes at once.
     pub(super) fn brake(&mut self) -> Result<(), Output> {
         if self.state != State::Braking {
-            // Off while the inputs change, or the motor is driven backwards for an instant.
+            // Off while the inputs change one by one: both may have been high before.
             self.enable(0)?;
             self.port.in1.set_low().map_err(|_| Output::In1)?;
             self.port.in2.set_low().map_err(|_| Output::In2)?;
         }
-        self.state = State::Unknown;
         self.enable(Duty::STEPS)?;
         self.state = State::Braking;
         Ok(())

@@ -43,6 +43,11 @@ impl Bridge {
         self.in1 == self.in2 && self.duty == self.max_duty
     }
 
+    /// The enable is full and the inputs are at `in1` and `in2`, none of it by the driver.
+    pub(super) fn found_at(&mut self, in1: bool, in2: bool) {
+        (self.duty, self.in1, self.in2) = (self.max_duty, in1, in2);
+    }
+
     fn write(&mut self, change: impl FnOnce(&mut Self)) {
         let before = self.drive();
         change(self);
