@@ -179,6 +179,8 @@ fn the_scan_finds_what_it_looks_for() {
     let good = "#[cfg(test)] mod tests { use std::vec::Vec; static X: u8 = 0; }
         fn f(x: &'static str) { let _ = \"std::x\"; } // std::y";
     assert_eq!(scan_source(good, true), []);
+    let twice = "#[cfg(any(test, not(feature = \"schema\")))] extern crate std;";
+    assert_eq!(scan_source(twice, true).len(), 1);
 }
 
 /// Looks at every source file below `folder`; `bare` also forbids std, alloc and unsafe.
@@ -194,7 +196,9 @@ fn scan(folder: &Path, bare: bool, findings: &mut Vec<String>) {
             }
             continue;
         }
-        let is_test = name == "tests.rs" || name.ends_with("_tests.rs") || name == "testing.rs";
+        // `schema` is a feature for the host; no board enables it.
+        let for_the_host = ["tests.rs", "testing.rs", "schema.rs"].contains(&name.as_ref());
+        let is_test = for_the_host || name.ends_with("_tests.rs");
         if is_test || path.extension().is_none_or(|extension| extension != "rs") {
             continue;
         }
@@ -238,13 +242,15 @@ impl Scan {
     }
 }
 
-/// Whether an item exists only in tests.
-fn only_in_tests(attributes: &[syn::Attribute]) -> bool {
+/// Whether an item exists only on the host: in tests, or for the JSON Schemas.
+fn only_on_the_host(attributes: &[syn::Attribute]) -> bool {
     attributes.iter().any(|attribute| {
-        attribute.path().is_ident("cfg")
-            && attribute
-                .parse_args::<syn::Ident>()
-                .is_ok_and(|condition| condition == "test")
+        let syn::Meta::List(list) = &attribute.meta else {
+            return false;
+        };
+        let condition = list.tokens.to_string().replace(' ', "");
+        let for_the_host = ["test", "feature=\"schema\"", "any(feature=\"schema\",test)"];
+        list.path.is_ident("cfg") && for_the_host.contains(&condition.as_str())
     })
 }
 
@@ -258,7 +264,7 @@ impl<'ast> Visit<'ast> for Scan {
             syn::Item::ExternCrate(item) => &item.attrs,
             _ => &Vec::new(),
         };
-        if !only_in_tests(attributes) {
+        if !only_on_the_host(attributes) {
             visit::visit_item(self, item);
         }
     }
