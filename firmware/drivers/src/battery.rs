@@ -242,6 +242,12 @@ impl Gauge {
         self.reading
     }
 
+    /// Other thresholds, from the next voltage on. The smoothed voltage and the class stay, so a
+    /// pack that is critical does not recover by a change of settings alone.
+    pub const fn set_thresholds(&mut self, thresholds: Thresholds) {
+        self.config.thresholds = thresholds;
+    }
+
     /// Takes the voltage at the pin in.
     pub fn update(&mut self, pin: Millivolts) -> Reading {
         let pack = self.config.divider.pack(pin);

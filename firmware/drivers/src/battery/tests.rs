@@ -249,6 +249,24 @@ fn a_converter_that_died_is_a_state() {
 }
 
 #[test]
+fn other_thresholds_count_from_the_next_voltage_on() {
+    let limits = |low, critical| {
+        Thresholds::new(Millivolts(low), Millivolts(critical), Millivolts(200)).unwrap()
+    };
+    let (mut gauge, before) = settled(7_400);
+    assert_eq!(before.charge, Charge::Ok);
+    gauge.set_thresholds(limits(7_800, 7_500));
+    assert_eq!(gauge.reading(), Some(before));
+    let after = gauge.update(pin(7_400));
+    assert_eq!((after.charge, after.pack), (Charge::Critical, before.pack));
+    // Within the hysteresis of the new ones, and the class is the old one.
+    gauge.set_thresholds(limits(7_700, 7_300));
+    assert_eq!(gauge.update(pin(7_400)).charge, Charge::Critical);
+    gauge.set_thresholds(limits(7_000, 6_600));
+    assert_eq!(gauge.update(pin(7_400)).charge, Charge::Ok);
+}
+
+#[test]
 fn a_discharge_passes_the_classes_once() {
     let (mut gauge, first) = settled(8_300);
     let mut charge = first.charge;
