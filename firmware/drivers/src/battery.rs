@@ -355,9 +355,9 @@ impl Filter {
         let sample = (sample.0 as u32) << Self::FRACTION_BITS;
         // Both parts are below 2^24; subtracting first would need a sign.
         let weighted = self.level * ((1 << Self::WEIGHT_BITS) - 1) + sample;
-        let half = 1 << (Self::WEIGHT_BITS - 1);
+        // Rounded down: the fraction is fine enough that the level told is still right.
         Self {
-            level: (weighted + half) >> Self::WEIGHT_BITS,
+            level: weighted >> Self::WEIGHT_BITS,
         }
     }
 

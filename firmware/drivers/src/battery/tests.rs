@@ -121,9 +121,15 @@ fn every_charge_survives_the_way_through_its_voltage() {
 
 #[test]
 fn every_first_reading_is_classified() {
-    for pin in every_voltage() {
-        let pack = STANDARD.divider.pack(pin);
-        let reading = Gauge::new(STANDARD).update(pin);
+    // Halves hit each limit to the millivolt, which the standard divider steps over.
+    let halves = Config {
+        divider: Divider::new(1, 1, Millivolts(u16::MAX)).unwrap(),
+        ..STANDARD
+    };
+    let each = |config| every_voltage().map(move |pin| (config, pin));
+    for (config, pin) in each(STANDARD).chain(each(halves)) {
+        let pack = config.divider.pack(pin);
+        let reading = Gauge::new(config).update(pin);
         let want = match pack.0 {
             0..1_000 => Charge::Absent,
             1_000..5_000 | 8_601.. => Charge::Absurd,
