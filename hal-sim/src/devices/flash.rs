@@ -153,6 +153,11 @@ impl Chip {
         self.sectors.get(sector).map(|sector| sector.erases)
     }
 
+    /// Memory of the host that the contents take, in bytes: what was written, not the region.
+    pub fn footprint(&self) -> usize {
+        self.sectors.iter().map(|s| s.written.capacity()).sum()
+    }
+
     /// Bytes written so far.
     pub const fn bytes_written(&self) -> u64 {
         self.bytes_written

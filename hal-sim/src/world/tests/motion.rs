@@ -1,0 +1,142 @@
+//! How a robot moves when nothing is in its way.
+
+use super::*;
+
+#[test]
+fn alike_wheels_drive_straight_and_mirrored_duties_drive_mirrored() {
+    let mut bench = Bench::plain();
+    bench.add(-4.0, 0.0, 0.0);
+    bench.add(0.0, -2.0, 0.0);
+    bench.add(0.0, 2.0, 0.0);
+    bench.drive(0, 200, 200);
+    bench.drive(1, 200, 150);
+    bench.drive(2, 150, 200);
+    bench.steps(150);
+    let straight = bench.see(0).pose;
+    assert!(straight.x > -3.5, "it moves: {straight:?}");
+    assert!(straight.y == 0.0 && straight.theta == 0.0, "{straight:?}");
+    let (right, left) = (bench.see(1).pose, bench.see(2).pose);
+    assert!(left.theta > 0.1, "the faster right wheel turns it left");
+    assert!((right.x - left.x).abs() < 1e-5, "{right:?} {left:?}");
+    assert!((right.y + left.y).abs() < 1e-5);
+    assert!((right.theta + left.theta).abs() < 1e-6);
+}
+
+#[test]
+fn forward_and_backward_are_the_same_but_for_the_sign() {
+    let mut bench = Bench::plain();
+    bench.add(0.0, 1.0, 0.0);
+    bench.add(0.0, -1.0, 0.0);
+    bench.drive(0, 180, 180);
+    bench.drive(1, -180, -180);
+    bench.steps(100);
+    assert!(bench.see(0).speed > 0.2);
+    assert!((bench.see(0).speed + bench.see(1).speed).abs() < 1e-6);
+    assert!((bench.see(0).pose.x + bench.see(1).pose.x).abs() < 1e-5);
+}
+
+#[test]
+fn a_turn_in_place_turns_by_the_speed_of_the_wheels_over_the_track() {
+    let mut bench = Bench::plain();
+    bench.add(0.0, 0.0, 0.0);
+    bench.drive(0, -255, 255);
+    bench.steps(100);
+    let seen = bench.see(0);
+    assert!(seen.pose.x.abs() < 1e-6 && seen.pose.y.abs() < 1e-6);
+    let parameters = bench.world.parameters();
+    let rim = parameters
+        .chassis
+        .speed_at(f32::from(seen.battery.0) * 1e-3);
+    let turn = 2.0 * rim / parameters.chassis.track_m;
+    assert!((seen.turn - turn).abs() < 0.02 * turn, "{seen:?}, {turn}");
+    let before = seen.pose.theta;
+    bench.step();
+    let turned = wrap_any(bench.see(0).pose.theta - before);
+    assert!((turned - seen.turn * 0.01).abs() < 1e-3);
+}
+
+#[test]
+fn without_duty_every_robot_comes_to_a_full_stop_and_stays_there() {
+    for (in1, in2, longest) in [(false, false, 150), (true, true, 150), (true, false, 150)] {
+        let mut bench = Bench::plain();
+        bench.add(0.0, 0.0, 0.3);
+        bench.drive(0, 255, 255);
+        bench.steps(100);
+        let port = &mut bench.parts[0].left;
+        port.in1.set_state(in1.into()).expect("infallible");
+        port.in2.set_state(in2.into()).expect("infallible");
+        let BodyParts { left, right, .. } = &mut bench.parts[0];
+        for port in [left, right] {
+            port.enable.set_duty_cycle(0).expect("zero is a duty");
+        }
+        bench.steps(longest);
+        let stopped = bench.see(0);
+        assert!(stopped.speed == 0.0 && stopped.turn == 0.0, "{stopped:?}");
+        bench.steps(100);
+        assert_eq!(bench.see(0).pose, stopped.pose);
+    }
+}
+
+#[test]
+fn braking_stops_sooner_than_coasting() {
+    let distance = |duty: u8| {
+        let mut bench = Bench::plain();
+        bench.add(-3.0, 0.0, 0.0);
+        bench.drive(0, 255, 255);
+        bench.steps(150);
+        let from = bench.see(0).pose.x;
+        let BodyParts { left, right, .. } = &mut bench.parts[0];
+        for port in [left, right] {
+            port.in1.set_high().expect("infallible");
+            port.in2.set_high().expect("infallible");
+            port.enable.set_duty_cycle(duty.into()).expect("a duty");
+        }
+        bench.steps(200);
+        bench.see(0).pose.x - from
+    };
+    let (coast, half, brake) = (distance(0), distance(128), distance(255));
+    assert!(brake < 0.6 * half, "{brake} {half}");
+    assert!(half < 0.8 * coast, "{half} {coast}");
+}
+
+#[test]
+fn stiction_holds_a_standing_wheel_that_would_go_on_turning() {
+    let mut bench = Bench::plain();
+    bench.add(0.0, 1.0, 0.0);
+    bench.add(0.0, -1.0, 0.0);
+    // 0.13 · 6.5 V = 0.84 V: between friction and stiction.
+    bench.drive(0, 33, 33);
+    bench.drive(1, 120, 120);
+    bench.steps(50);
+    bench.drive(1, 33, 33);
+    bench.steps(300);
+    assert!(bench.see(0).speed == 0.0, "it never started");
+    assert!(bench.see(1).speed > 0.01, "it goes on: {:?}", bench.see(1));
+    bench.drive(0, 60, 60);
+    bench.steps(50);
+    assert!(bench.see(0).speed > 0.05);
+}
+
+#[test]
+fn the_motor_lags_by_its_time_constant() {
+    let mut bench = Bench::plain();
+    bench.add(0.0, 0.0, 0.0);
+    bench.drive(0, 200, 200);
+    bench.steps(9);
+    let at_tau = bench.see(0).speed;
+    bench.steps(90);
+    let share = at_tau / bench.see(0).speed;
+    // 1 − 1/e, less what the sagging battery costs on the way.
+    assert!((0.60..0.68).contains(&share), "{share}");
+}
+
+#[test]
+fn a_heading_stays_within_one_turn() {
+    let mut bench = Bench::plain();
+    bench.add(0.0, 0.0, 40.0);
+    bench.drive(0, 255, -255);
+    for _ in 0..500 {
+        bench.step();
+        assert!(bench.see(0).pose.theta.abs() <= core::f32::consts::PI);
+    }
+}
