@@ -1,0 +1,412 @@
+//! Any message there can be, and any way to spell it.
+
+use crawler_protocol::{
+    Action, Battery, BehaviourName, BehaviourSpec, Boot, BootCause, Capability, CellDigest,
+    Command, CommandName, Detection, Detections, Direction, Heartbeat, Kind, Level, LogRecord,
+    MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, Neighbour, Outcomes, ParameterReport,
+    ParameterValue, ParametersMessage, Pose, PoseFix, Reason, Response, ResponseStatus, RobotId,
+    RobotState, Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
+};
+use heapless::String as Text;
+use proptest::collection::vec;
+use proptest::option;
+use proptest::prelude::*;
+use proptest::sample::select;
+use serde_json::Value;
+
+pub(crate) fn robot() -> impl Strategy<Value = RobotId> {
+    "[a-z0-9-]{1,32}".prop_map(|text| RobotId::new(&text).unwrap())
+}
+
+pub(crate) fn source() -> impl Strategy<Value = Source> {
+    r"[ !#-\[\]-~]{1,48}".prop_map(|text| Source::new(&text).unwrap())
+}
+
+/// Finite numbers, subnormal ones included.
+pub(crate) fn number() -> impl Strategy<Value = f32> {
+    any::<u32>()
+        .prop_map(f32::from_bits)
+        .prop_filter("finite", |value| value.is_finite())
+}
+
+/// Text of at most `N` bytes without control characters.
+fn text<const N: usize>() -> impl Strategy<Value = Text<N>> {
+    r"\PC{0,160}".prop_map(|characters| {
+        let mut text = Text::new();
+        for character in characters.chars() {
+            if text.push(character).is_err() {
+                break;
+            }
+        }
+        text
+    })
+}
+
+fn name<const N: usize>() -> impl Strategy<Value = Text<N>> {
+    vec(select(b"abcxyz019_".as_slice()), 1..=N)
+        .prop_map(|bytes| Text::try_from(core::str::from_utf8(&bytes).unwrap()).unwrap())
+}
+
+fn value() -> impl Strategy<Value = ParameterValue> {
+    prop_oneof![
+        any::<bool>().prop_map(ParameterValue::Bool),
+        number().prop_map(ParameterValue::Number),
+        text().prop_map(ParameterValue::Text),
+    ]
+}
+
+fn pose() -> impl Strategy<Value = Pose> {
+    (number(), number(), number(), number()).prop_map(|(x, y, theta, sigma)| Pose {
+        x,
+        y,
+        theta,
+        sigma,
+    })
+}
+
+fn place() -> impl Strategy<Value = (f32, f32)> {
+    let axis = -MAX_COORDINATE..=MAX_COORDINATE;
+    (axis.clone(), axis)
+}
+
+fn behaviour() -> impl Strategy<Value = BehaviourSpec> {
+    prop_oneof![
+        (0..=100_u8).prop_map(|speed| BehaviourSpec::Wander { speed }),
+        place().prop_map(|(x, y)| BehaviourSpec::Goto { x, y }),
+        select(vec![
+            BehaviourSpec::Manual,
+            BehaviourSpec::Disperse,
+            BehaviourSpec::Gather,
+            BehaviourSpec::Flock,
+            BehaviourSpec::Formation,
+            BehaviourSpec::Policy,
+        ]),
+    ]
+}
+
+pub(crate) fn action() -> impl Strategy<Value = Action> {
+    prop_oneof![
+        (select(Direction::ALL), 0..=100_u8, 0..=MAX_MOVE_MS).prop_map(
+            |(direction, speed, duration_ms)| Action::Move {
+                direction,
+                speed,
+                duration_ms
+            }
+        ),
+        (-MAX_DRIVE_V..=MAX_DRIVE_V, -MAX_DRIVE_W..=MAX_DRIVE_W)
+            .prop_map(|(v, w)| Action::Drive { v, w }),
+        place().prop_map(|(x, y)| Action::Goto { x, y }),
+        behaviour().prop_map(Action::Behave),
+        vec((name::<32>(), value()), 1..=8).prop_map(|pairs| {
+            let mut values = heapless::Vec::<(Text<32>, ParameterValue), 8>::new();
+            for (name, value) in pairs {
+                if !values.iter().any(|(known, _)| *known == name) {
+                    values.push((name, value)).unwrap();
+                }
+            }
+            Action::Set(values)
+        }),
+        select(vec![
+            Action::Stop,
+            Action::Estop,
+            Action::Reset,
+            Action::Scan,
+            Action::Capture,
+            Action::Identify,
+            Action::Reboot,
+        ]),
+    ]
+}
+
+pub(crate) fn command() -> impl Strategy<Value = Command> {
+    (action(), any::<u64>(), any::<u64>(), source()).prop_map(|(action, timestamp, seq, source)| {
+        Command {
+            action,
+            timestamp,
+            seq,
+            source,
+        }
+    })
+}
+
+pub(crate) fn response() -> impl Strategy<Value = Response> {
+    (
+        robot(),
+        any::<u64>(),
+        select(ResponseStatus::ALL.as_slice()),
+        option::of(select(Reason::ALL.as_slice())),
+        any::<u64>(),
+    )
+        .prop_map(|(robot, seq, status, reason, timestamp)| Response {
+            robot,
+            seq,
+            status,
+            reason,
+            timestamp,
+        })
+}
+
+pub(crate) fn swarm_response() -> impl Strategy<Value = SwarmResponse> {
+    (
+        source(),
+        any::<u64>(),
+        select(CommandName::ALL),
+        any::<u32>(),
+        any::<[u32; 7]>(),
+        any::<u64>(),
+    )
+        .prop_map(|(source, seq, command, robots, counts, timestamp)| {
+            let [
+                accepted,
+                completed,
+                rejected,
+                expired,
+                stale,
+                failed,
+                unanswered,
+            ] = counts;
+            SwarmResponse {
+                source,
+                seq,
+                command,
+                robots,
+                outcomes: Outcomes {
+                    accepted,
+                    completed,
+                    rejected,
+                    expired,
+                    stale,
+                    failed,
+                    unanswered,
+                },
+                timestamp,
+            }
+        })
+}
+
+pub(crate) fn status() -> impl Strategy<Value = StatusMessage> {
+    (
+        (robot(), any::<bool>(), select(Kind::ALL), text(), text()),
+        vec(select(Capability::ALL), 0..=8),
+        (any::<u32>(), select(BootCause::ALL), any::<u8>()),
+    )
+        .prop_map(
+            |((robot, online, kind, firmware, board), capabilities, (count, cause, protocol))| {
+                StatusMessage {
+                    robot,
+                    online,
+                    kind,
+                    firmware,
+                    board,
+                    capabilities: heapless::Vec::from_slice(&capabilities).unwrap(),
+                    boot: Boot { count, cause },
+                    protocol,
+                }
+            },
+        )
+}
+
+pub(crate) fn heartbeat() -> impl Strategy<Value = Heartbeat> {
+    (robot(), any::<[u64; 3]>(), select(RobotState::ALL)).prop_map(
+        |(robot, [seq, timestamp, uptime_ms], state)| Heartbeat {
+            robot,
+            seq,
+            timestamp,
+            uptime_ms,
+            state,
+        },
+    )
+}
+
+pub(crate) fn telemetry() -> impl Strategy<Value = Telemetry> {
+    (
+        (robot(), any::<u64>(), any::<u64>()),
+        (select(RobotState::ALL), select(BehaviourName::ALL), pose()),
+        (
+            option::of(any::<u16>()),
+            option::of(number()),
+            option::of(any::<i8>()),
+        ),
+        (number(), number(), any::<u16>(), 0..=100_u8),
+    )
+        .prop_map(
+            |((robot, seq, timestamp), (state, behaviour, pose), readings, body)| {
+                let (range_mm, temperature_c, rssi_dbm) = readings;
+                let (left, right, mv, percent) = body;
+                Telemetry {
+                    robot,
+                    seq,
+                    timestamp,
+                    state,
+                    behaviour,
+                    pose,
+                    range_mm,
+                    temperature_c,
+                    wheels: Wheels { left, right },
+                    battery: Battery { mv, percent },
+                    rssi_dbm,
+                }
+            },
+        )
+}
+
+pub(crate) fn detections() -> impl Strategy<Value = Detections> {
+    let object =
+        (text(), number(), number(), any::<u8>()).prop_map(|(class, x, y, margin)| Detection {
+            class,
+            x,
+            y,
+            margin,
+        });
+    (
+        robot(),
+        any::<u64>(),
+        any::<u64>(),
+        any::<u32>(),
+        vec(object, 0..=8),
+    )
+        .prop_map(|(robot, seq, timestamp, frame, objects)| Detections {
+            robot,
+            seq,
+            timestamp,
+            frame,
+            objects: objects.into_iter().collect(),
+        })
+}
+
+pub(crate) fn log_record() -> impl Strategy<Value = LogRecord> {
+    (
+        robot(),
+        any::<u64>(),
+        any::<u64>(),
+        select(Level::ALL),
+        text(),
+        text(),
+    )
+        .prop_map(|(robot, seq, timestamp, level, event, text)| LogRecord {
+            robot,
+            seq,
+            timestamp,
+            level,
+            event,
+            text,
+        })
+}
+
+/// Few enough parameters that nothing is left out.
+pub(crate) fn parameters() -> impl Strategy<Value = ParametersMessage> {
+    let report = (
+        name::<24>(),
+        value(),
+        option::of(value()),
+        option::of(number()),
+        option::of(number()),
+        option::of(text()),
+    )
+        .prop_map(|(name, value, default, min, max, unit)| ParameterReport {
+            name,
+            value,
+            default,
+            min,
+            max,
+            unit,
+        });
+    (robot(), vec(report, 0..=2)).prop_map(|(robot, reports)| {
+        let mut values = heapless::Vec::new();
+        for report in reports {
+            let known = |other: &ParameterReport| other.name == report.name;
+            if !values.iter().any(known) {
+                values.push(report).unwrap();
+            }
+        }
+        ParametersMessage { robot, values }
+    })
+}
+
+pub(crate) fn neighbour() -> impl Strategy<Value = Neighbour> {
+    (robot(), number(), number(), number(), number(), number()).prop_map(
+        |(id, x, y, theta, v, w)| Neighbour {
+            id,
+            x,
+            y,
+            theta,
+            v,
+            w,
+        },
+    )
+}
+
+/// Few enough robots that none is left out.
+pub(crate) fn cell_digest() -> impl Strategy<Value = CellDigest> {
+    (
+        any::<i16>(),
+        any::<i16>(),
+        any::<u64>(),
+        any::<u16>(),
+        vec(neighbour(), 0..=5),
+    )
+        .prop_map(|(x, y, timestamp, count, robots)| CellDigest {
+            x,
+            y,
+            timestamp,
+            count,
+            robots: robots.into_iter().collect(),
+        })
+}
+
+pub(crate) fn pose_fix() -> impl Strategy<Value = PoseFix> {
+    (robot(), any::<u64>(), pose()).prop_map(|(robot, timestamp, pose)| PoseFix {
+        robot,
+        timestamp,
+        pose,
+    })
+}
+
+pub(crate) fn time() -> impl Strategy<Value = TimeMessage> {
+    any::<u64>().prop_map(|timestamp| TimeMessage { timestamp })
+}
+
+/// The same JSON with its members in another order, and with white space. Every `seed` is another
+/// order.
+pub(crate) fn respell(json: &[u8], seed: u64) -> String {
+    fn write(value: &Value, seed: &mut u64, out: &mut String) {
+        match value {
+            Value::Object(members) => {
+                let mut members: Vec<_> = members.iter().collect();
+                out.push_str("{ ");
+                let mut first = true;
+                while !members.is_empty() {
+                    // A linear congruential step is enough to vary the order.
+                    *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    let (name, value) = members.remove((*seed >> 33) as usize % members.len());
+                    if !core::mem::take(&mut first) {
+                        out.push_str(",\n\t");
+                    }
+                    out.push_str(&Value::from(name.as_str()).to_string());
+                    out.push_str(" : ");
+                    write(value, seed, out);
+                }
+                out.push_str("\r\n}");
+            }
+            Value::Array(elements) => {
+                out.push('[');
+                for (at, element) in elements.iter().enumerate() {
+                    if at > 0 {
+                        out.push_str(" , ");
+                    }
+                    write(element, seed, out);
+                }
+                out.push(']');
+            }
+            Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {
+                out.push_str(&value.to_string());
+            }
+        }
+    }
+
+    let value = serde_json::from_slice(json).expect("others can read what we write");
+    let mut out = String::new();
+    let mut seed = seed;
+    write(&value, &mut seed, &mut out);
+    out
+}

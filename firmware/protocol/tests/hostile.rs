@@ -1,0 +1,193 @@
+//! Nothing that arrives can make a parser panic, or accept what is not JSON.
+
+// Each test file uses a part of it.
+#[allow(dead_code)]
+mod common;
+// The same bodies as under the fuzzer; there they are public.
+#[allow(unreachable_pub)]
+#[path = "../../../fuzz/src/targets.rs"]
+mod targets;
+
+use std::fs;
+use std::path::Path;
+
+use crawler_protocol::{Command, MAX_MESSAGE, Reason};
+use proptest::prelude::*;
+use targets::TARGETS;
+
+const MOVE: &str = r#"{"command": "move", "parameters": {"direction": "forward", "speed": 80, "duration": 2000}, "timestamp": 1648372964000, "seq": 17, "source": "operator:ada"}"#;
+
+fn corpus(target: &str) -> Vec<(String, Vec<u8>)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../fuzz/corpus")
+        .join(target);
+    let mut seeds: Vec<_> = fs::read_dir(&folder)
+        .unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
+        .map(|entry| entry.unwrap().path())
+        .map(|path| (path.display().to_string(), fs::read(&path).unwrap()))
+        .collect();
+    seeds.sort();
+    seeds
+}
+
+#[test]
+fn every_target_passes_its_corpus() {
+    for (name, body) in TARGETS {
+        let seeds = corpus(name);
+        assert!(seeds.len() >= 2, "{name} has a corpus");
+        for (path, data) in seeds {
+            println!("{path}");
+            body(&data);
+        }
+    }
+}
+
+/// Every target is also built as a fuzzer, and every fuzzer is a target.
+#[test]
+fn every_target_has_a_fuzzer() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/fuzz_targets");
+    let mut fuzzers: Vec<_> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| {
+            entry
+                .unwrap()
+                .path()
+                .file_stem()
+                .unwrap()
+                .to_string_lossy()
+                .into_owned()
+        })
+        .collect();
+    fuzzers.sort();
+    let mut names: Vec<_> = TARGETS.iter().map(|(name, _)| (*name).to_owned()).collect();
+    names.sort();
+    assert_eq!(fuzzers, names);
+}
+
+#[test]
+fn truncated_anywhere_no_message_is_read_and_nothing_panics() {
+    for (name, body) in TARGETS {
+        for (_, data) in corpus(name) {
+            for length in 0..data.len() {
+                body(&data[..length]);
+            }
+        }
+    }
+    for length in 0..MOVE.len() {
+        let error = Command::parse(&MOVE.as_bytes()[..length]).expect_err("half a command");
+        assert_eq!(error.reason, Reason::Malformed, "at {length}");
+        // What is said to be read was whole in the text.
+        let seq_at = MOVE.find("17,").unwrap() + 3;
+        assert_eq!(error.seq, (length >= seq_at).then_some(17), "at {length}");
+        let source_at = MOVE.len() - 1;
+        assert_eq!(error.source.is_some(), length >= source_at, "at {length}");
+    }
+}
+
+#[test]
+fn every_single_byte_mutation_of_every_seed_is_survived() {
+    for (name, body) in TARGETS {
+        for (_, seed) in corpus(name) {
+            let mut data = seed.clone();
+            for at in 0..seed.len() {
+                // Each bit, and the bytes that mean something in JSON.
+                for byte in (0..8)
+                    .map(|bit| seed[at] ^ 1 << bit)
+                    .chain(*b"{}[]\",:\\-0e. \n\x00\xff")
+                {
+                    data[at] = byte;
+                    body(&data);
+                }
+                data[at] = seed[at];
+            }
+        }
+    }
+}
+
+#[test]
+fn every_byte_value_anywhere_in_a_command_is_survived() {
+    let mut data = MOVE.as_bytes().to_vec();
+    for at in 0..data.len() {
+        let before = data[at];
+        for byte in 0..=u8::MAX {
+            data[at] = byte;
+            if let Ok(command) = Command::parse(&data) {
+                assert_eq!(command.action.name(), "move");
+            }
+        }
+        data[at] = before;
+    }
+}
+
+#[test]
+fn a_nesting_bomb_is_malformed_and_costs_no_stack() {
+    for open in ["[", "{\"a\":", "[{\"a\":"] {
+        for whole in [false, true] {
+            let mut bomb = String::from(r#"{"seq":17,"source":"a","x":"#);
+            while bomb.len() + open.len() <= MAX_MESSAGE / 2 {
+                bomb.push_str(open);
+            }
+            if whole {
+                let closing: String = bomb
+                    .chars()
+                    .rev()
+                    .filter_map(|character| match character {
+                        '[' => Some(']'),
+                        '{' => Some('}'),
+                        _ => None,
+                    })
+                    .collect();
+                bomb.push('1');
+                bomb.push_str(&closing);
+            }
+            for (_, body) in TARGETS {
+                body(bomb.as_bytes());
+            }
+            let error = Command::parse(bomb.as_bytes()).unwrap_err();
+            assert_eq!((error.reason, error.seq), (Reason::Malformed, Some(17)));
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn arbitrary_bytes(data in proptest::collection::vec(any::<u8>(), 0..1100)) {
+        for (_, body) in TARGETS {
+            body(&data);
+        }
+    }
+
+    /// Texts of the alphabet of JSON get further in than arbitrary bytes do.
+    #[test]
+    fn arbitrary_tokens(tokens in proptest::collection::vec(proptest::sample::select(vec![
+        "{", "}", "[", "]", ":", ",", "\"", "\\", "\\u", "d83e", " ", "-", "0", "17", ".5", "e9",
+        "1e999", "true", "false", "null", "\"seq\"", "\"source\"", "\"command\"", "\"parameters\"",
+        "\"timestamp\"", "\"robot\"", "\"a\"", "\"stop\"", "\"values\"", "{\"", "\":",
+    ]), 0..60)) {
+        let text = tokens.concat();
+        for (_, body) in TARGETS {
+            body(text.as_bytes());
+        }
+    }
+
+    /// Valid commands with a piece cut out, doubled or overwritten.
+    #[test]
+    fn damaged_commands(
+        command in common::command(),
+        cut in any::<(u16, u8)>(),
+        patch in proptest::collection::vec(any::<u8>(), 0..6),
+    ) {
+        let mut buf = [0; MAX_MESSAGE];
+        if let Ok(length) = command.to_json(&mut buf) {
+            let mut data = buf[..length].to_vec();
+            let from = usize::from(cut.0) % length;
+            let to = (from + usize::from(cut.1 % 24)).min(length);
+            data.splice(from..to, patch);
+            for (name, body) in TARGETS {
+                if name.starts_with("command") {
+                    body(&data);
+                }
+            }
+        }
+    }
+}
