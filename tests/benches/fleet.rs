@@ -45,7 +45,7 @@ fn measure(robots: usize) -> String {
     let began = Instant::now();
     let server = Terracrawler::start(&["up", "--robots", &robots.to_string(), "--seed", "1"]);
     wait_for("all robots online", Duration::from_mins(2), || {
-        (metric(&server, "terracrawler_robots{presence=\"online\"}") >= robots as f64).then_some(())
+        (metric(&server, "terracrawler_robots{status=\"online\"}") >= robots as f64).then_some(())
     });
     let online = began.elapsed();
     // Behaviours start and connection work settles.
@@ -206,8 +206,14 @@ fn metric(server: &Terracrawler, name: &str) -> f64 {
         .unwrap_or_else(|| panic!("{name} is not in /metrics:\n{text}"))
 }
 
+/// Messages from robots so far, over all topics.
 fn messages(server: &Terracrawler) -> f64 {
-    metric(server, "terracrawler_messages_received_total")
+    let (_, text) = server.get("/metrics");
+    let text = text.as_str().expect("Prometheus text");
+    text.lines()
+        .filter(|line| line.starts_with("terracrawler_mqtt_messages_in_total{"))
+        .filter_map(|line| line.rsplit_once(' ')?.1.parse::<f64>().ok())
+        .sum()
 }
 
 /// User and system time of a process so far, from `/proc/<id>/stat` (proc(5): fields 14 and 15 in

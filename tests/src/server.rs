@@ -46,10 +46,15 @@ impl Terracrawler {
         let folder = tempfile::tempdir().expect("a data directory");
         let (http, mqtt) = (free_port(), free_port());
         let log = std::fs::File::create(folder.path().join("log")).expect("a log file");
-        let child = Command::new(binary())
+        let mut command = Command::new(binary());
+        command
             .args(arguments)
-            .args(["--http", &format!("127.0.0.1:{http}")])
-            .args(["--mqtt", &format!("127.0.0.1:{mqtt}")])
+            .args(["--http", &format!("127.0.0.1:{http}")]);
+        // An outside broker leaves no port of ours to name.
+        if !arguments.contains(&"--broker") {
+            command.args(["--mqtt", &format!("127.0.0.1:{mqtt}")]);
+        }
+        let child = command
             .arg("--data")
             .arg(folder.path().join("data"))
             .stdin(Stdio::null())
