@@ -1,0 +1,80 @@
+import { describe, expect, it } from 'vitest'
+import { ApiError, createApi, problemText } from '../../src/api'
+
+function answering(status: number, body: unknown) {
+  const calls: { url: string; init: RequestInit }[] = []
+  const api = createApi((url, init) => {
+    calls.push({ url: url as string, init: init ?? {} })
+    return Promise.resolve(new Response(JSON.stringify(body), { status }))
+  })
+  return { api, calls }
+}
+
+describe('the API', () => {
+  it('posts a command without seq, time or source', async () => {
+    const { api, calls } = answering(202, { id: 'abc' })
+    const command = { command: 'drive', parameters: { v: 0.2, w: 0 } }
+    expect(await api.commandRobot('sim-0001', command)).toBe('abc')
+    expect(calls[0]?.url).toBe('/api/v1/robots/sim-0001/commands')
+    expect(calls[0]?.init).toMatchObject({ method: 'POST', keepalive: true })
+    expect(JSON.parse(calls[0]?.init.body as string)).toEqual(command)
+  })
+
+  it('words an error as the problem document does', async () => {
+    const { api } = answering(404, { title: 'No such robot', detail: 'sim-9 is unknown' })
+    await expect(api.commandSwarm({ command: 'stop' })).rejects.toThrow(
+      'No such robot: sim-9 is unknown',
+    )
+  })
+
+  it('words an unreachable server', async () => {
+    const api = createApi(() => Promise.reject(new TypeError('Failed to fetch')))
+    const failure = await api.commandSwarm({ command: 'stop' }).catch((error: unknown) => error)
+    expect(failure).toBeInstanceOf(ApiError)
+    expect(failure).toMatchObject({ status: 0, message: 'the server cannot be reached' })
+  })
+
+  it('falls back to the status without a problem document', () => {
+    expect(problemText(null, 502)).toBe('the server answered 502')
+    expect(problemText({ title: 5 }, 502)).toBe('the server answered 502')
+  })
+})
+
+describe('what the server tells', () => {
+  it('is read as the server writes it', async () => {
+    const robot = {
+      id: 'sim-0001',
+      presence: 'online',
+      duplicate: false,
+      behaviour: 'wander',
+      battery: { mv: 7_610, percent: 71 },
+      temperature_c: 22.5,
+      rssi_dbm: null,
+    }
+    expect(await answering(200, robot).api.robot('sim-0001')).toEqual({
+      behaviour: 'wander',
+      batteryPercent: 71,
+      batteryMillivolts: 7_610,
+      temperature: 22.5,
+      rssi: null,
+      duplicate: false,
+    })
+    const { api } = answering(200, { time: 1, robots: [robot, { id: 'sim-0002', battery: null }] })
+    expect([...(await api.batteries())]).toEqual([['sim-0001', 71]])
+  })
+
+  it('adds up the outcomes of a command', async () => {
+    const { api } = answering(200, {
+      id: '5',
+      status: 'pending',
+      reason: null,
+      counts: { pending: 2, completed: 48, timeout: 0 },
+    })
+    expect(await api.outcome('5')).toEqual({
+      status: 'pending',
+      reason: null,
+      completed: 48,
+      expected: 50,
+    })
+  })
+})

@@ -1,0 +1,133 @@
+import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest'
+import type { ConnectionStatus } from '../../src/feed/connection'
+import { Connection, DEAD_AFTER_MS, SILENT_AFTER_MS, feedUrl } from '../../src/feed/connection'
+import type { Frame, Refusal } from '../../src/feed/decode'
+import { jsonFrame } from '../mock/encode.mjs'
+
+/** A socket without a network. */
+class FakeSocket {
+  binaryType = 'blob'
+  onmessage: ((message: { data: unknown }) => void) | null = null
+  onclose: (() => void) | null = null
+  onerror: (() => void) | null = null
+  closed = false
+  close(): void {
+    this.closed = true
+  }
+}
+
+const hello = () =>
+  jsonFrame('hello', { protocol: 1, fleet: 'swarm', time: 1_700_000_000_000, arena: null })
+const event = () => jsonFrame('event', { time: 1, level: 'info', robot: null, text: 'x' })
+
+function setUp() {
+  const sockets: FakeSocket[] = []
+  const statuses: ConnectionStatus[] = []
+  const frames: Frame[] = []
+  const refusals: Refusal[] = []
+  const connection = new Connection({
+    url: 'ws://test/api/v1/live',
+    now: () => Date.now(),
+    random: () => 1,
+    open() {
+      const socket = new FakeSocket()
+      sockets.push(socket)
+      return socket as unknown as WebSocket
+    },
+    onFrame: (frame) => frames.push(frame),
+    onRefused: (reason) => refusals.push(reason),
+    onStatus: (status) => statuses.push(status),
+  })
+  connection.start()
+  const state = () => statuses.at(-1)?.state
+  return { connection, sockets, statuses, frames, refusals, state }
+}
+
+beforeEach(() => {
+  vi.useFakeTimers()
+})
+afterEach(() => {
+  vi.useRealTimers()
+})
+
+describe('the connection', () => {
+  it('is live from the hello on', () => {
+    const { sockets, frames, state } = setUp()
+    expect(state()).toBe('connecting')
+    sockets[0]?.onmessage?.({ data: hello() })
+    expect(state()).toBe('live')
+    expect(frames).toHaveLength(1)
+  })
+
+  it('counts what it cannot read, and goes on', () => {
+    const { sockets, frames, refusals, state } = setUp()
+    sockets[0]?.onmessage?.({ data: hello() })
+    sockets[0]?.onmessage?.({ data: new Uint8Array([99]).buffer })
+    sockets[0]?.onmessage?.({ data: 'text' })
+    sockets[0]?.onmessage?.({ data: event() })
+    expect(refusals).toEqual(['unknown-kind', 'unknown-kind'])
+    expect(frames).toHaveLength(2)
+    expect(state()).toBe('live')
+  })
+
+  it('comes back with growing, bounded waits', async () => {
+    const { sockets, statuses } = setUp()
+    const waits: number[] = []
+    for (let i = 0; i < 7; i++) {
+      sockets.at(-1)?.onclose?.()
+      const status = statuses.at(-1)
+      if (status?.state !== 'waiting' || status.retryAt === null) throw new Error('not waiting')
+      waits.push(status.retryAt - Date.now())
+      await vi.advanceTimersByTimeAsync(waits.at(-1) ?? 0)
+    }
+    expect(waits).toEqual([500, 1_000, 2_000, 4_000, 8_000, 8_000, 8_000])
+    sockets.at(-1)?.onmessage?.({ data: hello() })
+    sockets.at(-1)?.onclose?.()
+    expect((statuses.at(-1)?.retryAt ?? 0) - Date.now()).toBe(500)
+  })
+
+  it('says when the server has gone quiet, and gives it up in the end', async () => {
+    const { sockets, state } = setUp()
+    sockets[0]?.onmessage?.({ data: hello() })
+    await vi.advanceTimersByTimeAsync(SILENT_AFTER_MS + 600)
+    expect(state()).toBe('silent')
+    sockets[0]?.onmessage?.({ data: event() })
+    expect(state()).toBe('live')
+    await vi.advanceTimersByTimeAsync(DEAD_AFTER_MS + 1_500)
+    expect(sockets[0]?.closed).toBe(true)
+    expect(sockets.length).toBeGreaterThan(1)
+  })
+
+  it('does not listen to a socket it has given up', async () => {
+    const { sockets, frames } = setUp()
+    sockets[0]?.onclose?.()
+    await vi.advanceTimersByTimeAsync(500)
+    sockets[0]?.onmessage?.({ data: hello() })
+    expect(frames).toHaveLength(0)
+  })
+
+  it('tries at once when asked to, and only one at a time', async () => {
+    const { connection, sockets } = setUp()
+    sockets[0]?.onclose?.()
+    connection.retryNow()
+    connection.retryNow()
+    expect(sockets).toHaveLength(2)
+    await vi.advanceTimersByTimeAsync(2_000)
+    expect(sockets).toHaveLength(2)
+  })
+
+  it('stays closed once closed', async () => {
+    const { connection, sockets } = setUp()
+    connection.close()
+    sockets[0]?.onclose?.()
+    await vi.advanceTimersByTimeAsync(60_000)
+    expect(sockets).toHaveLength(1)
+  })
+})
+
+describe('feedUrl', () => {
+  it('follows the page', () => {
+    expect(feedUrl({ protocol: 'http:', host: 'a:1' })).toBe('ws://a:1/api/v1/live')
+    expect(feedUrl({ protocol: 'https:', host: 'b' })).toBe('wss://b/api/v1/live')
+  })
+})
