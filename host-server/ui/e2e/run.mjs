@@ -1,0 +1,396 @@
+// `npm run e2e`: what an operator does, in a real browser, against the server
+// at BASE_URL. Prints one line per check and a closing 'N passed, N failed';
+// exits non-zero when anything failed. SCREENSHOTS=DIR keeps pictures.
+
+import { readFile } from 'node:fs/promises'
+import { createRequire } from 'node:module'
+import { join } from 'node:path'
+import { DESKTOP, PHONE, launch } from './browser.mjs'
+
+/** Everything together ends by then, whatever hangs. */
+const DEADLINE_MS = 58_000
+/** All robots must stand this soon after the emergency stop. */
+const STAND_WITHIN_MS = 2_000
+/** Standing: no further than this over the time watched, metres. */
+const STILL_METRES = 0.01
+const STILL_FOR_MS = 600
+/** Moving: at least this far, metres. */
+const MOVED_METRES = 0.03
+const STATES_AT_REST = new Set(['IDLE', 'ERROR'])
+
+const base = process.env.BASE_URL
+if (base === undefined) {
+  console.error('BASE_URL is not set: give the address of a running server')
+  process.exit(2)
+}
+
+let passed = 0
+let failed = 0
+
+async function check(name, act) {
+  try {
+    const detail = await act()
+    passed += 1
+    console.log(`ok    ${name}${typeof detail === 'string' ? ` (${detail})` : ''}`)
+  } catch (error) {
+    failed += 1
+    console.log(`FAIL  ${name}: ${String(error.message).split('\n')[0]}`)
+  }
+}
+
+function expect(condition, reason) {
+  if (!condition) throw new Error(reason)
+}
+
+/** Polls until `probe` gives something truthy; the last value names the failure. */
+async function until(reason, milliseconds, probe) {
+  const end = performance.now() + milliseconds
+  for (;;) {
+    const value = await probe()
+    if (value) return value
+    if (performance.now() > end) throw new Error(`${reason} within ${milliseconds} ms`)
+    await pause(50)
+  }
+}
+
+function pause(milliseconds) {
+  return new Promise((resolve) => setTimeout(resolve, milliseconds))
+}
+
+function robots(page) {
+  return page.evaluate(() => globalThis.terracrawler.robots())
+}
+
+/** The farthest that any robot is from where it was, and which one. */
+function farthest(before, after) {
+  const then = new Map(before.map((robot) => [robot.id, robot]))
+  let most = { id: 'none', metres: 0 }
+  for (const robot of after) {
+    const old = then.get(robot.id)
+    if (old === undefined) continue
+    const metres = Math.hypot(robot.x - old.x, robot.y - old.y)
+    if (metres > most.metres) most = { id: robot.id, metres }
+  }
+  return most
+}
+
+function moved(before, after, metres = MOVED_METRES) {
+  const then = new Map(before.map((robot) => [robot.id, robot]))
+  return after.filter((robot) => {
+    const old = then.get(robot.id)
+    return old !== undefined && Math.hypot(robot.x - old.x, robot.y - old.y) > metres
+  })
+}
+
+async function one(page, id) {
+  const found = (await robots(page)).find((robot) => robot.id === id)
+  expect(found !== undefined, `${id} is no longer in the fleet`)
+  return found
+}
+
+async function axe(page, name) {
+  const violations = await page.evaluate(async () => {
+    const result = await globalThis.axe.run(document, { resultTypes: ['violations'] })
+    return result.violations.map(({ id, nodes }) => `${id} at ${nodes[0]?.target.join(' ')}`)
+  })
+  expect(violations.length === 0, violations.join('; '))
+  return name
+}
+
+async function picture(page, name) {
+  const directory = process.env.SCREENSHOTS
+  if (directory !== undefined) await page.screenshot({ path: join(directory, `${name}.png`) })
+}
+
+/** A reachable robot that is not about to run into something. */
+function withRoom(list) {
+  const online = list.filter((robot) => robot.presence === 'online')
+  const lonely = (robot) =>
+    Math.min(
+      ...list
+        .filter((other) => other.id !== robot.id)
+        .map((other) => Math.hypot(other.x - robot.x, other.y - robot.y)),
+    )
+  const ranked = online
+    .filter(({ state }) => state === 'IDLE')
+    .sort((a, b) => lonely(b) - lonely(a))
+  return ranked[0] ?? online[0]
+}
+
+async function operate(page) {
+  const requests = []
+  page.on('request', (request) => {
+    if (request.method() === 'POST') requests.push(`${request.url()} ${request.postData()}`)
+  })
+
+  await check('the page loads and shows robots', async () => {
+    const response = await page.goto(base)
+    expect(response?.ok() === true, `the page answered ${response?.status()}`)
+    const rows = page.locator('[data-testid=robot-row][data-x]')
+    await rows.first().waitFor({ timeout: 20_000 })
+    await until('the feed is not live', 5_000, async () => {
+      return (await page.getByTestId('connection').getAttribute('data-connection')) === 'live'
+    })
+    return `${(await robots(page)).length} robots`
+  })
+
+  await check('robots move', async () => {
+    const before = await robots(page)
+    const wanted = Math.min(3, before.length)
+    // A fleet that stands after an earlier run is set going as an operator would.
+    if ((await page.getByTestId('stop-panel').getAttribute('data-stop')) === 'stopped') {
+      await page.getByTestId('rearm').click()
+    }
+    await pause(1_000)
+    if (moved(before, await robots(page), 0.005).length < wanted) {
+      await page.getByTestId('wander-all').click()
+    }
+    const found = await until(`fewer than ${wanted} robots moved`, 8_000, async () => {
+      const list = moved(before, await robots(page))
+      return list.length >= wanted ? list : null
+    })
+    return `${found.length} of ${before.length} robots`
+  })
+
+  await check('the arena is drawn', async () => {
+    const canvas = page.getByTestId('arena')
+    expect((await canvas.getAttribute('data-problem')) === 'none', 'the arena reports a problem')
+    const first = Number(await canvas.getAttribute('data-drawn'))
+    await until('no new picture', 3_000, async () => {
+      return Number(await canvas.getAttribute('data-drawn')) > first
+    })
+  })
+  await picture(page, 'moving')
+
+  await check('no accessibility violations while moving', () => axe(page, 'axe-core'))
+
+  await check('a space in the search field is text', async () => {
+    const search = page.getByTestId('search')
+    await search.click()
+    await page.keyboard.type('a b')
+    expect((await search.inputValue()) === 'a b', 'the field did not take the space')
+    expect(
+      !requests.some((text) => text.includes('estop')),
+      'a space in the field stopped the fleet',
+    )
+    await search.fill('')
+    await page.keyboard.press('Escape')
+  })
+
+  await check('Space stops all robots within 2 s, and clicks nothing', async () => {
+    // The hazard: focus on a button that Space would press.
+    await page.getByTestId('wander-all').focus()
+    const sentBefore = requests.length
+    const pressed = performance.now()
+    await page.keyboard.press('Space')
+    await until('the page does not show the stop', 1_000, async () => {
+      return (await page.getByTestId('stop-panel').getAttribute('data-stop')) !== 'armed'
+    })
+    await pause(STAND_WITHIN_MS - (performance.now() - pressed))
+    const before = await robots(page)
+    await pause(STILL_FOR_MS)
+    const after = await robots(page)
+    const worst = farthest(before, after)
+    expect(worst.metres <= STILL_METRES, `${worst.id} still moved ${worst.metres.toFixed(3)} m`)
+    const odd = after.find(
+      ({ state, presence }) => presence === 'online' && !STATES_AT_REST.has(state),
+    )
+    expect(odd === undefined, `${odd?.id} reports ${odd?.state}`)
+    const sent = requests.slice(sentBefore)
+    expect(
+      sent.some((text) => text.includes('"estop"')),
+      'no emergency stop was sent',
+    )
+    expect(!sent.some((text) => text.includes('behave')), 'Space also clicked the focused button')
+    expect(
+      (await page.getByTestId('stop-panel').getAttribute('data-stop')) === 'stopped',
+      'the stop is not shown as delivered',
+    )
+    return `${after.length} robots, farthest ${(worst.metres * 1_000).toFixed(1)} mm`
+  })
+  await picture(page, 'stopped')
+
+  let chosen = ''
+  await check('while stopped, driving is refused with a reason', async () => {
+    chosen = withRoom(await robots(page)).id
+    await page.getByTestId('search').fill(chosen)
+    await page.locator(`[data-robot-id="${chosen}"][data-testid=robot-row]`).click()
+    const pad = page.getByTestId('drive-pad')
+    expect((await pad.getAttribute('data-blocked')) === 'stopped', 'the pad is not blocked')
+    const before = requests.length
+    await page.keyboard.down('ArrowUp')
+    await pause(300)
+    await page.keyboard.up('ArrowUp')
+    expect(
+      !requests.slice(before).some((text) => text.includes('"drive"')),
+      'a drive command went out',
+    )
+    return (await page.getByTestId('drive-words').textContent())?.trim()
+  })
+
+  await check('re-arming moves nothing', async () => {
+    const before = await robots(page)
+    await page.getByTestId('rearm').click()
+    await until('still latched', 3_000, async () => {
+      return (await page.getByTestId('stop-panel').getAttribute('data-stop')) === 'armed'
+    })
+    await pause(800)
+    const worst = farthest(before, await robots(page))
+    expect(worst.metres <= STILL_METRES, `${worst.id} moved ${worst.metres.toFixed(3)} m`)
+  })
+
+  await check('a held arrow key drives the selected robot, and only it', async () => {
+    const everyone = await robots(page)
+    chosen = withRoom(everyone).id
+    await page.getByTestId('search').fill(chosen)
+    await page.locator(`[data-robot-id="${chosen}"][data-testid=robot-row]`).click()
+    await page.getByTestId('search').fill('')
+    await page.getByTestId('drive-pad').focus()
+    const before = await one(page, chosen)
+    const distance = async () => {
+      const now = await one(page, chosen)
+      return Math.hypot(now.x - before.x, now.y - before.y)
+    }
+    let metres = 0
+    // Whatever stands in the way ahead does not stand behind.
+    for (const key of ['ArrowUp', 'ArrowDown']) {
+      await page.keyboard.down(key)
+      const end = performance.now() + 2_500
+      while (metres < 2 * MOVED_METRES && performance.now() < end) {
+        await pause(50)
+        metres = await distance()
+      }
+      if (metres >= 2 * MOVED_METRES) break
+      await page.keyboard.up(key)
+    }
+    const words = await page.getByTestId('drive-words').textContent()
+    expect(
+      metres >= MOVED_METRES,
+      `${chosen} moved ${metres.toFixed(3)} m; the page says: ${words}`,
+    )
+    const others = moved(everyone, await robots(page)).filter(({ id }) => id !== chosen)
+    expect(others.length === 0, `${others[0]?.id} moved too`)
+    return `${chosen}, ${metres.toFixed(2)} m`
+  })
+
+  await check('letting go stops it', async () => {
+    const before = requests.length
+    await page.keyboard.up('ArrowUp')
+    await page.keyboard.up('ArrowDown')
+    await until('no stop was sent', 500, async () => {
+      return requests.slice(before).some((text) => text.includes(chosen) && text.includes('"stop"'))
+    })
+    await pause(900)
+    const first = await one(page, chosen)
+    await pause(STILL_FOR_MS)
+    const second = await one(page, chosen)
+    const metres = Math.hypot(second.x - first.x, second.y - first.y)
+    expect(metres <= STILL_METRES, `${chosen} still moved ${metres.toFixed(3)} m`)
+  })
+
+  await check('losing the window stops it', async () => {
+    await page.keyboard.down('ArrowLeft')
+    await until('driving did not start', 1_000, async () => {
+      return (await page.getByTestId('drive-pad').getAttribute('data-driving')) === 'true'
+    })
+    const before = requests.length
+    await page.evaluate(() => globalThis.dispatchEvent(new Event('blur')))
+    await until('no stop was sent', 500, async () => {
+      return requests.slice(before).some((text) => text.includes('"stop"'))
+    })
+    await pause(400)
+    const tail = requests.slice(before).map((text) => /"command":"(\w+)"/.exec(text)?.[1])
+    expect(tail.at(-1) === 'stop', `${tail.at(-1)} went out after the stop`)
+    await page.keyboard.up('ArrowLeft')
+  })
+  await picture(page, 'driven')
+
+  await check('Wander sets the fleet going again', async () => {
+    const before = await robots(page)
+    await page.getByTestId('wander-all').click()
+    await until('too few robots moved', 6_000, async () => {
+      return moved(before, await robots(page)).length >= Math.min(3, before.length)
+    })
+  })
+
+  await check('the arena survives a lost graphics context', async () => {
+    const canvas = page.getByTestId('arena')
+    await canvas.evaluate((element) => {
+      globalThis.lostContext = element.getContext('webgl2').getExtension('WEBGL_lose_context')
+      globalThis.lostContext.loseContext()
+    })
+    await until('the loss is not shown', 2_000, async () => {
+      return (await canvas.getAttribute('data-problem')) === 'lost'
+    })
+    const before = Number(await canvas.getAttribute('data-drawn'))
+    await page.evaluate(() => globalThis.lostContext.restoreContext())
+    await until('nothing is drawn after the restore', 4_000, async () => {
+      const drawn = Number(await canvas.getAttribute('data-drawn'))
+      return (await canvas.getAttribute('data-problem')) === 'none' && drawn > before
+    })
+  })
+}
+
+async function phone(browser) {
+  const context = await browser.newContext({
+    viewport: PHONE,
+    hasTouch: true,
+    isMobile: true,
+    colorScheme: 'dark',
+    deviceScaleFactor: 2,
+  })
+  const page = await context.newPage()
+  await page.addInitScript(await axeSource())
+  await check('on a phone nothing is cut off and nothing violates accessibility', async () => {
+    await page.goto(base)
+    const row = page.locator('[data-testid=robot-row][data-presence=online]').first()
+    await row.waitFor({ timeout: 15_000 })
+    await row.tap()
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth)
+    expect(wide <= PHONE.width, `the page is ${wide} pixels wide`)
+    for (const id of ['stop-all', 'pad-forward', 'pad-backward', 'speed']) {
+      const box = await page.getByTestId(id).boundingBox()
+      expect(box !== null && box.y + box.height <= PHONE.height, `${id} is not on the screen`)
+    }
+    return axe(page, 'axe-core, dark')
+  })
+  await picture(page, 'phone')
+  await context.close()
+}
+
+function axeSource() {
+  return readFile(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8')
+}
+
+function finish() {
+  console.log(`${passed} passed, ${failed} failed`)
+  process.exit(failed === 0 && passed > 0 ? 0 : 1)
+}
+
+const guard = setTimeout(() => {
+  failed += 1
+  console.log(`FAIL  not finished within ${DEADLINE_MS / 1_000} s`)
+  finish()
+}, DEADLINE_MS)
+
+try {
+  const browser = await launch()
+  const context = await browser.newContext({ viewport: DESKTOP })
+  const page = await context.newPage()
+  page.setDefaultTimeout(8_000)
+  const errors = []
+  page.on('pageerror', (error) => errors.push(error.message))
+  await page.addInitScript(await axeSource())
+  await operate(page)
+  await check('the page threw no errors', () => {
+    expect(errors.length === 0, errors[0])
+  })
+  await context.close()
+  await phone(browser)
+  await browser.close()
+} catch (error) {
+  failed += 1
+  console.log(`FAIL  the browser: ${String(error.message).split('\n')[0]}`)
+}
+clearTimeout(guard)
+finish()

@@ -1,0 +1,49 @@
+// `npm run screenshots -- DIR`: pictures of the page at BASE_URL, desktop and
+// phone, light and dark, to look at.
+
+import { mkdir } from 'node:fs/promises'
+import { join } from 'node:path'
+import { DESKTOP, PHONE, launch } from './browser.mjs'
+
+const directory = process.argv[2]
+const base = process.env.BASE_URL
+if (directory === undefined || base === undefined) {
+  console.error('usage: BASE_URL=http://… npm run screenshots -- DIR')
+  process.exit(2)
+}
+await mkdir(directory, { recursive: true })
+const browser = await launch()
+for (const [size, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE })) {
+  for (const colorScheme of ['light', 'dark']) {
+    const context = await browser.newContext({
+      viewport,
+      colorScheme,
+      deviceScaleFactor: size === 'phone' ? 2 : 1,
+      hasTouch: size === 'phone',
+    })
+    const page = await context.newPage()
+    page.on('console', (message) => console.log(`${size}: ${message.text()}`))
+    page.on('pageerror', (error) => console.log(`${size}: ${error.message}`))
+    const shot = (name) =>
+      page.screenshot({ path: join(directory, `${size}-${colorScheme}-${name}.png`) })
+    await page.goto(base)
+    await page.locator('[data-testid=robot-row][data-x]').first().waitFor({ timeout: 15_000 })
+    await page.waitForTimeout(1_500)
+    await shot('overview')
+    await page.locator('[data-testid=robot-row][data-presence=online]').nth(2).click()
+    await page.waitForTimeout(1_200)
+    await shot('selected')
+    await page.keyboard.press('?')
+    await page.waitForTimeout(200)
+    await shot('help')
+    await page.keyboard.press('Escape')
+    await page.keyboard.press('Space')
+    await page.waitForTimeout(1_500)
+    await shot('stopped')
+    await page.getByTestId('rearm').click()
+    await page.waitForTimeout(300)
+    await page.getByTestId('wander-all').click()
+    await context.close()
+  }
+}
+await browser.close()

@@ -1,0 +1,220 @@
+// Stand-in for the server in tests of the page: the live feed, the few HTTP
+// calls the page makes, and the built page itself.
+
+import { readFile } from 'node:fs/promises'
+import { createServer } from 'node:http'
+import { extname, join, normalize } from 'node:path'
+import { fileURLToPath } from 'node:url'
+import { WebSocketServer } from 'ws'
+import { jsonFrame, posesFrame } from './encode.mjs'
+import { createWorld } from './world.mjs'
+
+const DIST = fileURLToPath(new URL('../../dist/', import.meta.url))
+const TYPES = {
+  '.html': 'text/html; charset=utf-8',
+  '.js': 'text/javascript',
+  '.css': 'text/css',
+  '.svg': 'image/svg+xml',
+}
+const STEP_MS = 20
+const FEED_EVERY_MS = 100
+const LARGEST_BODY = 4_096
+/** As strict as a server may be: the page must work under it. */
+const POLICY = "default-src 'self'; connect-src 'self'; object-src 'none'; frame-ancestors 'none'"
+
+/** Starts a mock; resolves with its address and what tests may do to it. */
+export async function startMock({ robots = 50, seed = 1, port = 0 } = {}) {
+  const world = createWorld({ robots, seed })
+  const commands = []
+  const counts = { sent: 0, answered: 0, frames: 0 }
+  const shown = new Map()
+  const started = Date.now()
+  const clock = () => started + Math.round(performance.now() - origin)
+  const origin = performance.now()
+  let refuse = false
+
+  const server = createServer((request, response) => {
+    handle(request, response).catch(() => {
+      problem(response, 500, 'Internal error', 'the mock failed')
+    })
+  })
+  const sockets = new WebSocketServer({ noServer: true })
+  server.on('upgrade', (request, socket, head) => {
+    if (refuse || request.url !== '/api/v1/live') return socket.destroy()
+    sockets.handleUpgrade(request, socket, head, greet)
+  })
+
+  function greet(socket) {
+    socket.send(
+      jsonFrame('hello', { protocol: 1, fleet: 'swarm', time: clock(), arena: world.arena }),
+    )
+    socket.send(jsonFrame('roster', { robots: world.robots.map(entry), removed: [] }))
+    socket.send(poses(world.robots, true))
+  }
+
+  function entry({ index, id, kind, presence, firmware, board }) {
+    return { index, id, kind, online: presence, firmware, board }
+  }
+
+  function poses(list, full) {
+    const [x0, y0] = [-world.arena.width / 2 - 1, -world.arena.height / 2 - 1]
+    const unit = (Math.max(world.arena.width, world.arena.height) + 2) / 65_000
+    return posesFrame({ full, ms: clock(), x0, y0, unit, robots: list })
+  }
+
+  function broadcast(frame) {
+    for (const socket of sockets.clients) if (socket.readyState === 1) socket.send(frame)
+  }
+
+  function feed() {
+    const changed = world.robots.filter((robot) => {
+      const now = `${robot.x.toFixed(4)} ${robot.y.toFixed(4)} ${robot.heading.toFixed(3)} ${robot.state} ${robot.presence} ${robot.rangeMm}`
+      if (shown.get(robot.index) === now) return false
+      shown.set(robot.index, now)
+      return true
+    })
+    counts.frames += changed.length
+    if (changed.length > 0) broadcast(poses(changed, false))
+  }
+
+  function report() {
+    const present = { online: 0, stale: 0, offline: 0 }
+    const states = {}
+    for (const robot of world.robots) {
+      present[robot.presence] += 1
+      states[robot.state] = (states[robot.state] ?? 0) + 1
+    }
+    const { sent, answered } = counts
+    broadcast(
+      jsonFrame('metrics', {
+        robots: present,
+        states,
+        messages_per_s: present.online * 6,
+        commands: { sent, answered },
+        real_time_factor: 1,
+      }),
+    )
+  }
+
+  async function handle(request, response) {
+    const path = new URL(request.url, 'http://mock').pathname
+    if (!path.startsWith('/api/')) return page(path, response)
+    const parts = path.split('/').slice(3)
+    if (request.method === 'GET' && parts[0] === 'robots') {
+      if (parts.length === 1) return json(response, 200, { robots: world.robots.map(state) })
+      const robot = world.robots.find(({ id }) => id === parts[1])
+      if (robot === undefined) return problem(response, 404, 'Not found', `no robot ${parts[1]}`)
+      return json(response, 200, state(robot))
+    }
+    if (request.method === 'GET' && parts[0] === 'commands') {
+      const found = commands[Number(parts[1])]
+      if (found === undefined) return problem(response, 404, 'Not found', 'no such command')
+      const { status, reason, counts } = found
+      return json(response, 200, { id: parts[1], status, reason, counts })
+    }
+    if (request.method === 'POST' && parts.at(-1) === 'commands') {
+      return accept(request, response, parts)
+    }
+    return problem(response, 404, 'Not found', `nothing at ${path}`)
+  }
+
+  async function accept(request, response, parts) {
+    let body = ''
+    for await (const chunk of request) {
+      body += chunk
+      if (body.length > LARGEST_BODY)
+        return problem(response, 413, 'Too large', 'command too large')
+    }
+    let command
+    try {
+      command = JSON.parse(body)
+    } catch {
+      return problem(response, 400, 'Malformed', 'not JSON')
+    }
+    const all = parts[0] === 'swarm'
+    const targets = all ? world.robots : world.robots.filter(({ id }) => id === parts[1])
+    if (targets.length === 0) return problem(response, 404, 'Not found', `no robot ${parts[1]}`)
+    let outcome = { status: 'completed', reason: null }
+    const tally = {}
+    for (const robot of targets.filter(({ presence }) => presence === 'online')) {
+      outcome = world.obey(robot, command, clock())
+      tally[outcome.status] = (tally[outcome.status] ?? 0) + 1
+      counts.sent += 1
+      counts.answered += 1
+    }
+    commands.push({ to: all ? 'swarm' : parts[1], ...command, ...outcome, counts: tally })
+    if (command.command !== 'drive') {
+      broadcast(
+        jsonFrame('event', {
+          time: clock(),
+          level: command.command === 'estop' ? 'warn' : 'info',
+          robot: all ? null : parts[1],
+          text: `command ${command.command} from operator`,
+        }),
+      )
+    }
+    return json(response, 202, { id: String(commands.length - 1) })
+  }
+
+  function state(robot) {
+    return {
+      id: robot.id,
+      kind: robot.kind,
+      presence: robot.presence,
+      duplicate: false,
+      state: robot.state,
+      behaviour: robot.behaviour,
+      battery: { mv: 6_400 + 20 * robot.battery, percent: robot.battery },
+      temperature_c: 22.5,
+      rssi_dbm: -58,
+    }
+  }
+
+  const timers = [
+    setInterval(() => world.step(STEP_MS / 1_000, clock()), STEP_MS),
+    setInterval(feed, FEED_EVERY_MS),
+    setInterval(report, 1_000),
+  ]
+  await new Promise((resolve, reject) => {
+    server.once('error', reject)
+    server.listen(port, '127.0.0.1', resolve)
+  })
+  return {
+    url: `http://127.0.0.1:${server.address().port}`,
+    world,
+    commands,
+    /** Cuts all feeds and refuses new ones, or lets them in again. */
+    setFeed(open) {
+      refuse = !open
+      if (refuse) for (const socket of sockets.clients) socket.terminate()
+    },
+    broadcast,
+    close() {
+      for (const timer of timers) clearInterval(timer)
+      for (const socket of sockets.clients) socket.terminate()
+      server.closeAllConnections()
+      return new Promise((resolve) => server.close(resolve))
+    },
+  }
+}
+
+async function page(path, response) {
+  const file = normalize(join(DIST, path === '/' ? 'index.html' : path))
+  const body = file.startsWith(DIST) ? await readFile(file).catch(() => null) : null
+  if (body === null) return problem(response, 404, 'Not found', `no page ${path}`)
+  response.writeHead(200, {
+    'content-type': TYPES[extname(file)] ?? 'application/octet-stream',
+    'content-security-policy': POLICY,
+  })
+  response.end(body)
+}
+
+function json(response, status, body) {
+  response.writeHead(status, { 'content-type': 'application/json' })
+  response.end(JSON.stringify(body))
+}
+
+function problem(response, status, title, detail) {
+  response.writeHead(status, { 'content-type': 'application/problem+json' })
+  response.end(JSON.stringify({ type: 'about:blank', title, status, detail }))
+}
