@@ -1,0 +1,308 @@
+//! The door: what arrives as bytes leaves as a valid, fresh, new command, or as an answer.
+//!
+//! In this order, each step answering for itself:
+//!
+//! 1. Size, then [`Command::parse`]. What cannot be read is `rejected` with its reason, when at
+//!    least its `seq` can.
+//! 2. `stop` and `estop` are obeyed: however old, however often repeated, whatever the clock
+//!    says, and whether or not there is room for the answer. They still count as the latest word
+//!    of their source, so a motion command they overtook is stale.
+//! 3. The [`Ledger`]: a repeated command is answered from memory (not at all while its answer is
+//!    still being worked out; that one will come), an older one is `stale`.
+//! 4. The clock, for motion commands: `rejected` with `no_clock` while it is not synchronised,
+//!    `expired` when older than [`EXPIRY`], `rejected` with `out_of_range` when further in the
+//!    future than [`TOLERANCE`]. A sender whose clock runs ahead would otherwise buy its commands
+//!    a longer life; no command lives longer than the two together.
+//! 5. Room for its answers in the outbox, and in the channel to whoever carries it out: else
+//!    `rejected` with `busy`.
+//!
+//! Whatever was parsed is recorded, also when refused: its repetition gets the same answer.
+//! Refusals are answered at most [`ANSWER_RATE`] times a second and logged at most [`LOG_RATE`]
+//! times, so a flood does not become one; what was withheld is counted and reported.
+
+use core::cell::RefCell;
+
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::{Action, Command, Level, MAX_MESSAGE, Reason, ResponseStatus, Source};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use heapless::Vec;
+
+use crate::context::{Robot, Routed};
+use crate::ledger::{Answer, Ledger, Verdict};
+use crate::order::Sender;
+use crate::outbox::Outgoing;
+
+/// Age at which a motion command expires.
+pub const EXPIRY: Duration = Duration::from_millis(2_000);
+/// How far ahead of the robot's clock a motion command may be.
+pub const TOLERANCE: Duration = Duration::from_millis(2_000);
+/// Refusals and repeated answers given per second, after a burst of as many.
+pub const ANSWER_RATE: u32 = 20;
+/// Refusals logged per second, after a burst of as many.
+pub const LOG_RATE: u32 = 2;
+
+/// Orders a halt can take back at once: as many as can wait.
+const TAKEN_BACK: usize = 4;
+
+/// What intake remembers between commands: about 1 KB.
+pub struct Intake<M: RawMutex> {
+    memory: Mutex<M, RefCell<Memory>>,
+}
+
+struct Memory {
+    ledger: Ledger,
+    answers: Bucket,
+    logs: Bucket,
+}
+
+impl<M: RawMutex> Intake<M> {
+    /// An intake that has seen nothing yet.
+    pub const fn new() -> Self {
+        Self {
+            memory: Mutex::new(RefCell::new(Memory {
+                ledger: Ledger::new(),
+                answers: Bucket::full(ANSWER_RATE),
+                logs: Bucket::full(LOG_RATE),
+            })),
+        }
+    }
+
+    fn with<R>(&self, f: impl FnOnce(&mut Memory) -> R) -> R {
+        self.memory.lock(|memory| f(&mut memory.borrow_mut()))
+    }
+}
+
+impl<M: RawMutex> Default for Intake<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<M: RawMutex> Robot<M> {
+    /// Takes in one message from a command topic, as it arrived at `now`.
+    ///
+    /// Whatever the bytes are: they are acted upon, answered, or counted. Synchronous and bounded.
+    pub fn submit(&self, payload: &[u8], now: Instant) {
+        if payload.len() > MAX_MESSAGE {
+            return self.refuse_unreadable(Reason::TooLarge, None, now);
+        }
+        match Command::parse(payload) {
+            Ok(command) => self.take(&command, now),
+            Err(error) => self.refuse_unreadable(error.reason, error.seq, now),
+        }
+    }
+
+    /// Answers a command: notes what it came to, and queues the answer for delivery.
+    pub fn respond(
+        &self,
+        source: &Source,
+        seq: u64,
+        status: ResponseStatus,
+        reason: Option<Reason>,
+        now: Instant,
+    ) {
+        let answer = Answer { status, reason };
+        self.intake
+            .with(|memory| memory.ledger.answer(source, seq, answer));
+        self.outbox.answer(source, self.outgoing(seq, answer, now));
+    }
+
+    /// Unix time in milliseconds, while the robot's clock is synchronised.
+    pub fn unix_ms(&self, now: Instant) -> Option<u64> {
+        self.time.unix_ms(now)
+    }
+
+    /// Writes a log record, to be sent when there is a session. Long text is cut.
+    pub fn log(
+        &self,
+        level: Level,
+        event: &'static str,
+        text: core::fmt::Arguments<'_>,
+        now: Instant,
+    ) {
+        let timestamp = self.unix_ms(now).unwrap_or(0);
+        self.outbox.log(level, event, text, timestamp);
+    }
+
+    fn outgoing(&self, seq: u64, answer: Answer, now: Instant) -> Outgoing {
+        Outgoing {
+            seq,
+            status: answer.status,
+            reason: answer.reason,
+            timestamp: self.unix_ms(now).unwrap_or(0),
+        }
+    }
+
+    fn take(&self, command: &Command, now: Instant) {
+        let source = &command.source;
+        let unix = self.unix_ms(now);
+        // What lies beyond the tolerance says nothing about when the command was given.
+        let vouched = unix
+            .filter(|unix| command.timestamp <= unix.saturating_add(TOLERANCE.as_millis()))
+            .map(|_| command.timestamp);
+        if matches!(command.action, Action::Stop | Action::Estop) {
+            self.intake
+                .with(|memory| memory.ledger.record(source, command.seq, vouched, now));
+            return self.carry_out(command, now);
+        }
+        let verdict = self.intake.with(|memory| {
+            let verdict = memory.ledger.judge(source, command.seq, command.timestamp);
+            if verdict == Verdict::Fresh {
+                memory.ledger.record(source, command.seq, vouched, now);
+            }
+            verdict
+        });
+        match verdict {
+            Verdict::Fresh => {}
+            Verdict::Repeated(None) => return,
+            Verdict::Repeated(Some(answer)) => return self.tell(command.seq, answer, now),
+            Verdict::Stale => {
+                let answer = Answer {
+                    status: ResponseStatus::Stale,
+                    reason: None,
+                };
+                return self.tell(command.seq, answer, now);
+            }
+        }
+        match check_clock(command, unix) {
+            None => {}
+            Some(refusal) => return self.refuse(command, refusal, now),
+        }
+        if self.outbox.admit(source, command.seq, now).is_err() {
+            return self.refuse(command, rejected(Reason::Busy), now);
+        }
+        self.carry_out(command, now);
+    }
+
+    fn carry_out(&self, command: &Command, now: Instant) {
+        let mut taken_back: Vec<Sender, TAKEN_BACK> = Vec::new();
+        let routed = self.route(command, now, |sender| {
+            // As many as can wait, so it fits.
+            let _ = taken_back.push(sender.clone());
+        });
+        for sender in &taken_back {
+            let interrupted = Some(Reason::Interrupted);
+            let failed = ResponseStatus::Failed;
+            self.respond(&sender.source, sender.seq, failed, interrupted, now);
+        }
+        match routed {
+            Ok(Routed::Waiting) => {}
+            Ok(Routed::Unattended) => {
+                let accepted = ResponseStatus::Accepted;
+                self.respond(&command.source, command.seq, accepted, None, now);
+            }
+            Err(reason) => {
+                self.outbox.dismiss(&command.source, command.seq);
+                self.refuse(command, rejected(reason), now);
+            }
+        }
+    }
+
+    /// Refuses a command that could be read.
+    fn refuse(&self, command: &Command, answer: Answer, now: Instant) {
+        let (source, seq) = (&command.source, command.seq);
+        self.intake
+            .with(|memory| memory.ledger.answer(source, seq, answer));
+        self.tell(seq, answer, now);
+        self.log_refusal(
+            format_args!(
+                "{} {seq} of {source}: {}",
+                command.action.name(),
+                answer.reason.map_or(answer.status.name(), Reason::name)
+            ),
+            now,
+        );
+    }
+
+    /// Refuses what could not be read.
+    fn refuse_unreadable(&self, reason: Reason, seq: Option<u64>, now: Instant) {
+        match seq {
+            Some(seq) => {
+                self.tell(seq, rejected(reason), now);
+                self.log_refusal(format_args!("command {seq}: {}", reason.name()), now);
+            }
+            None => self.log_refusal(format_args!("unreadable command: {}", reason.name()), now),
+        }
+    }
+
+    fn tell(&self, seq: u64, answer: Answer, now: Instant) {
+        if self.intake.with(|memory| memory.answers.take(now)) {
+            self.outbox.courtesy(self.outgoing(seq, answer, now));
+        } else {
+            self.outbox.withheld();
+        }
+    }
+
+    fn log_refusal(&self, text: core::fmt::Arguments<'_>, now: Instant) {
+        if self.intake.with(|memory| memory.logs.take(now)) {
+            self.log(Level::Warn, "command-refused", text, now);
+        }
+    }
+}
+
+const fn rejected(reason: Reason) -> Answer {
+    Answer {
+        status: ResponseStatus::Rejected,
+        reason: Some(reason),
+    }
+}
+
+/// The refusal of a motion command that the clock does not allow.
+fn check_clock(command: &Command, unix: Option<u64>) -> Option<Answer> {
+    if !command.action.is_motion() {
+        return None;
+    }
+    let Some(unix) = unix else {
+        return Some(rejected(Reason::NoClock));
+    };
+    if unix.saturating_sub(command.timestamp) > EXPIRY.as_millis() {
+        return Some(Answer {
+            status: ResponseStatus::Expired,
+            reason: None,
+        });
+    }
+    if command.timestamp.saturating_sub(unix) > TOLERANCE.as_millis() {
+        return Some(rejected(Reason::OutOfRange));
+    }
+    None
+}
+
+/// A token bucket: so many at once, and so many a second.
+#[derive(Debug)]
+struct Bucket {
+    rate: u32,
+    /// Microtokens.
+    level: u64,
+    at: Instant,
+}
+
+impl Bucket {
+    const TOKEN: u64 = 1_000_000;
+
+    const fn full(rate: u32) -> Self {
+        Self {
+            rate,
+            level: rate as u64 * Self::TOKEN,
+            at: Instant::BOOT,
+        }
+    }
+
+    fn take(&mut self, now: Instant) -> bool {
+        let rate = u64::from(self.rate);
+        let gained = (now - self.at).as_micros().saturating_mul(rate);
+        self.at = now;
+        self.level = self.level.saturating_add(gained).min(rate * Self::TOKEN);
+        match self.level.checked_sub(Self::TOKEN) {
+            Some(rest) => {
+                self.level = rest;
+                true
+            }
+            None => false,
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "intake_tests.rs"]
+mod tests;

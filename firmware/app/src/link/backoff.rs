@@ -1,0 +1,135 @@
+//! How long to wait before the next attempt.
+
+use crawler_hal::Duration;
+use rand_core::Rng;
+
+/// First wait after a session that was stable, or after boot.
+pub const SHORTEST: Duration = Duration::from_millis(500);
+/// Longest wait while the broker cannot be reached.
+pub const LONGEST: Duration = Duration::from_secs(30);
+/// A session that lasted this long was stable: the next wait is short again.
+pub const STABLE_AFTER: Duration = Duration::from_secs(10);
+/// First wait after another robot with this robot's id has taken the session over.
+pub const TAKEN_OVER: Duration = Duration::from_secs(60);
+/// Longest wait while that keeps happening.
+pub const TAKEN_OVER_LONGEST: Duration = Duration::from_secs(600);
+
+/// Exponential back-off with jitter: each wait is drawn from the upper half of a span that doubles
+/// from one failure to the next, so that a fleet that lost its broker in one moment does not come
+/// back in one moment.
+#[derive(Debug)]
+pub(super) struct Backoff {
+    span: Duration,
+    taken_over: Duration,
+}
+
+impl Backoff {
+    pub(super) const fn new() -> Self {
+        Self {
+            span: SHORTEST,
+            taken_over: TAKEN_OVER,
+        }
+    }
+
+    /// The wait after an attempt that failed, or a session that broke off after `lasted`.
+    pub(super) fn after_loss(&mut self, lasted: Duration, rng: &mut impl Rng) -> Duration {
+        self.taken_over = TAKEN_OVER;
+        if lasted >= STABLE_AFTER {
+            self.span = SHORTEST;
+        }
+        let wait = jittered(self.span, rng);
+        self.span = (self.span * 2).min(LONGEST);
+        wait
+    }
+
+    /// The wait after the broker refused the session for a reason that time alone seldom mends.
+    pub(super) fn after_refusal(&mut self, rng: &mut impl Rng) -> Duration {
+        self.taken_over = TAKEN_OVER;
+        self.span = LONGEST;
+        jittered(LONGEST, rng)
+    }
+
+    /// The wait after another client with the same id appeared. Were it short, two robots with
+    /// one id would throw each other out for ever.
+    pub(super) fn after_takeover(&mut self, rng: &mut impl Rng) -> Duration {
+        self.span = SHORTEST;
+        let wait = jittered(self.taken_over, rng);
+        self.taken_over = (self.taken_over * 2).min(TAKEN_OVER_LONGEST);
+        wait
+    }
+}
+
+/// Between half of `span` and all of it.
+fn jittered(span: Duration, rng: &mut impl Rng) -> Duration {
+    let half = span.as_micros() / 2;
+    // Spans stay far below 2^32 µs · 2, so the product fits.
+    let extra = (half * u64::from(rng.next_u32())) >> 32;
+    Duration::from_micros(half + extra)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Answers every draw with the same number.
+    struct Fixed(u32);
+
+    impl rand_core::TryRng for Fixed {
+        type Error = core::convert::Infallible;
+
+        fn try_next_u32(&mut self) -> Result<u32, Self::Error> {
+            Ok(self.0)
+        }
+
+        fn try_next_u64(&mut self) -> Result<u64, Self::Error> {
+            Ok(u64::from(self.0))
+        }
+
+        fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), Self::Error> {
+            bytes.fill(self.0 as u8);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn waits_double_up_to_the_longest_and_fall_back_after_a_stable_session() {
+        let mut backoff = Backoff::new();
+        let mut rng = Fixed(u32::MAX);
+        let mut expected = SHORTEST;
+        for _ in 0..12 {
+            let wait = backoff.after_loss(Duration::ZERO, &mut rng);
+            assert!(wait <= expected, "{wait:?} after a span of {expected:?}");
+            assert!(wait.as_micros() + 2 >= expected.as_micros());
+            expected = (expected * 2).min(LONGEST);
+        }
+        assert_eq!(expected, LONGEST);
+        assert!(backoff.after_loss(STABLE_AFTER, &mut rng) <= SHORTEST);
+    }
+
+    #[test]
+    fn jitter_spreads_waits_over_the_upper_half() {
+        let low = Backoff::new().after_loss(Duration::ZERO, &mut Fixed(0));
+        let high = Backoff::new().after_loss(Duration::ZERO, &mut Fixed(u32::MAX));
+        assert_eq!(low.as_micros() * 2, SHORTEST.as_micros());
+        assert!(high > low && high <= SHORTEST);
+    }
+
+    #[test]
+    fn a_robot_thrown_out_again_and_again_waits_longer_each_time() {
+        let mut backoff = Backoff::new();
+        let mut rng = Fixed(0);
+        let mut last = Duration::ZERO;
+        for _ in 0..8 {
+            let wait = backoff.after_takeover(&mut rng);
+            assert!(wait >= last && wait <= TAKEN_OVER_LONGEST);
+            assert!(wait.as_micros() >= TAKEN_OVER.as_micros() / 2);
+            last = wait;
+        }
+        assert_eq!(last.as_micros() * 2, TAKEN_OVER_LONGEST.as_micros());
+        backoff.after_loss(Duration::ZERO, &mut rng);
+        assert_eq!(
+            backoff.after_takeover(&mut rng).as_micros() * 2,
+            TAKEN_OVER.as_micros()
+        );
+    }
+}

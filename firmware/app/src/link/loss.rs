@@ -1,0 +1,113 @@
+//! Why there is no session.
+
+use core::fmt;
+
+use crawler_hal::{Elapsed, NetError};
+use rust_mqtt::client::MqttError;
+use rust_mqtt::types::ReasonCode;
+
+/// Why a session ended, or did not begin. Each variant is a different thing to look at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Loss {
+    /// The network could not be joined or the broker not be reached.
+    Unreachable(NetError),
+    /// Joining or connecting took too long.
+    Unanswered,
+    /// The network went away beneath the session.
+    NetworkDown,
+    /// The stream broke or was closed.
+    Broken,
+    /// Nothing was heard for too long, not even an answer to a ping.
+    Silent,
+    /// The stream took no more bytes.
+    Stalled,
+    /// A QoS 1 message was not acknowledged in time: sending it again needs a new connection.
+    Unacknowledged,
+    /// The broker sent what is not MQTT 5, or more than was agreed.
+    Protocol,
+    /// A subscription was refused or not acknowledged: commands would not arrive.
+    NotSubscribed,
+    /// Another client with this robot's id connected.
+    TakenOver,
+    /// The broker said no, or good-bye, with this reason.
+    Dismissed(ReasonCode),
+    /// The broker does not support what this program needs.
+    Unsupported,
+}
+
+impl Loss {
+    /// Whether trying again soon would hardly help.
+    pub(super) const fn is_refusal(self) -> bool {
+        match self {
+            Self::Dismissed(reason) => matches!(
+                reason,
+                ReasonCode::UnsupportedProtocolVersion
+                    | ReasonCode::ClientIdentifierNotValid
+                    | ReasonCode::BadUserNameOrPassword
+                    | ReasonCode::NotAuthorized
+                    | ReasonCode::Banned
+                    | ReasonCode::BadAuthenticationMethod
+            ),
+            Self::NotSubscribed | Self::Unsupported => true,
+            Self::Unreachable(_)
+            | Self::Unanswered
+            | Self::NetworkDown
+            | Self::Broken
+            | Self::Silent
+            | Self::Stalled
+            | Self::Unacknowledged
+            | Self::Protocol
+            | Self::TakenOver => false,
+        }
+    }
+}
+
+impl fmt::Display for Loss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unreachable(NetError::NotJoined) => f.write_str("no network"),
+            Self::Unreachable(NetError::UnknownHost) => f.write_str("unknown broker host"),
+            Self::Unreachable(NetError::Refused) => f.write_str("broker refuses connections"),
+            Self::Unreachable(NetError::NoResources) => f.write_str("no room for a stream"),
+            Self::Unreachable(_) | Self::Unanswered => f.write_str("broker does not answer"),
+            Self::NetworkDown => f.write_str("network down"),
+            Self::Broken => f.write_str("connection broken"),
+            Self::Silent => f.write_str("broker silent"),
+            Self::Stalled => f.write_str("broker takes no more bytes"),
+            Self::Unacknowledged => f.write_str("message not acknowledged"),
+            Self::Protocol => f.write_str("broker violates the protocol"),
+            Self::NotSubscribed => f.write_str("subscription refused"),
+            Self::TakenOver => f.write_str("another robot with this id connected"),
+            Self::Dismissed(reason) => write!(f, "broker said 0x{:02x}", reason.value()),
+            Self::Unsupported => f.write_str("broker lacks a feature"),
+        }
+    }
+}
+
+impl From<NetError> for Loss {
+    fn from(error: NetError) -> Self {
+        Self::Unreachable(error)
+    }
+}
+
+impl From<Elapsed> for Loss {
+    fn from(_: Elapsed) -> Self {
+        Self::Unanswered
+    }
+}
+
+impl<const PROPERTIES: usize> From<MqttError<'_, PROPERTIES>> for Loss {
+    fn from(error: MqttError<'_, PROPERTIES>) -> Self {
+        match error {
+            MqttError::Disconnect {
+                reason: ReasonCode::SessionTakenOver,
+                ..
+            } => Self::TakenOver,
+            MqttError::Disconnect { reason, .. } => Self::Dismissed(reason),
+            MqttError::Network(_) | MqttError::RecoveryRequired => Self::Broken,
+            // `Alloc`: a field longer than any packet we agreed to.
+            MqttError::Server | MqttError::Alloc => Self::Protocol,
+            _ => Self::Unsupported,
+        }
+    }
+}

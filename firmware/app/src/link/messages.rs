@@ -1,0 +1,186 @@
+//! The robot's own messages, composed from the shared context.
+//!
+//! Each function writes JSON to the front of `buf` and returns its length; `None` when the message
+//! cannot be written, which the caller reports.
+
+use crawler_hal::{Instant, ResetCause};
+use crawler_protocol::{
+    Battery, Boot, BootCause, Capability, Heartbeat, LogRecord, PROTOCOL_VERSION, ParameterReport,
+    ParameterValue, ParametersMessage, Reports, Response, StatusMessage, Telemetry, Wheels,
+};
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use heapless::{String, Vec};
+
+use crate::context::{BootRecord, Robot};
+use crate::outbox::{LogEntry, Outgoing};
+use crate::parameters::Domain;
+
+/// As much of `text` as fits, cut at a character boundary.
+fn cut<const N: usize>(text: &str) -> String<N> {
+    let mut out = String::new();
+    for character in text.chars() {
+        if out.push(character).is_err() {
+            break;
+        }
+    }
+    out
+}
+
+const fn cause(cause: ResetCause) -> BootCause {
+    match cause {
+        ResetCause::PowerOn => BootCause::PowerOn,
+        ResetCause::Software => BootCause::Software,
+        ResetCause::Watchdog => BootCause::Watchdog,
+        ResetCause::BrownOut => BootCause::BrownOut,
+        ResetCause::Panic => BootCause::Panic,
+        // The enum may grow; what the wire does not name is as unknown as what the chip does not.
+        _ => BootCause::External,
+    }
+}
+
+/// Status, or last will when `online` is false.
+pub(super) fn status<M: RawMutex>(
+    robot: &Robot<M>,
+    online: bool,
+    boot: BootRecord,
+    buf: &mut [u8],
+) -> Option<usize> {
+    let config = robot.config();
+    let mut capabilities = Vec::new();
+    // Two of eight places.
+    let _ = capabilities.push(Capability::Drive);
+    let _ = capabilities.push(Capability::Range);
+    StatusMessage {
+        robot: config.id.clone(),
+        online,
+        kind: config.kind,
+        firmware: cut(config.firmware),
+        board: cut(config.board),
+        capabilities,
+        boot: Boot {
+            count: boot.count,
+            cause: cause(boot.cause),
+        },
+        protocol: PROTOCOL_VERSION,
+    }
+    .to_json(buf)
+    .ok()
+}
+
+pub(super) fn heartbeat<M: RawMutex>(
+    robot: &Robot<M>,
+    seq: u64,
+    now: Instant,
+    buf: &mut [u8],
+) -> Option<usize> {
+    Heartbeat {
+        robot: robot.config().id.clone(),
+        seq,
+        timestamp: robot.unix_ms(now).unwrap_or(0),
+        uptime_ms: now.as_millis(),
+        state: robot.snapshot().state,
+    }
+    .to_json(buf)
+    .ok()
+}
+
+pub(super) fn telemetry<M: RawMutex>(
+    robot: &Robot<M>,
+    seq: u64,
+    rssi_dbm: Option<i8>,
+    now: Instant,
+    buf: &mut [u8],
+) -> Option<usize> {
+    let snapshot = robot.snapshot();
+    let [left, right] = snapshot.wheels;
+    Telemetry {
+        robot: robot.config().id.clone(),
+        seq,
+        timestamp: robot.unix_ms(now).unwrap_or(0),
+        state: snapshot.state,
+        behaviour: snapshot.behaviour,
+        pose: snapshot.pose,
+        range_mm: snapshot.reading.range_mm(now),
+        temperature_c: snapshot
+            .reading
+            .temperature
+            .map(|celsius| f32::from(celsius.0)),
+        wheels: Wheels { left, right },
+        battery: Battery {
+            mv: snapshot
+                .battery
+                .voltage
+                .map_or(0, |millivolts| millivolts.0),
+            percent: snapshot
+                .battery
+                .percent
+                .map_or(0, crawler_hal::Percent::get),
+        },
+        rssi_dbm,
+    }
+    .to_json(buf)
+    .ok()
+}
+
+pub(super) fn response<M: RawMutex>(
+    robot: &Robot<M>,
+    answer: Outgoing,
+    buf: &mut [u8],
+) -> Option<usize> {
+    Response {
+        robot: robot.config().id.clone(),
+        seq: answer.seq,
+        status: answer.status,
+        reason: answer.reason,
+        timestamp: answer.timestamp,
+    }
+    .to_json(buf)
+    .ok()
+}
+
+pub(super) fn log<M: RawMutex>(
+    robot: &Robot<M>,
+    entry: &LogEntry,
+    buf: &mut [u8],
+) -> Option<usize> {
+    LogRecord {
+        robot: robot.config().id.clone(),
+        seq: entry.seq,
+        timestamp: entry.timestamp,
+        level: entry.level,
+        event: cut(entry.event),
+        text: cut(&entry.text),
+    }
+    .to_json(buf)
+    .ok()
+}
+
+pub(super) fn parameters<M: RawMutex>(robot: &Robot<M>, buf: &mut [u8]) -> Option<usize> {
+    let mut values = Reports::new();
+    robot.with_parameters(|parameters| {
+        for (definition, value) in parameters.iter() {
+            let (min, max, default) = match definition.domain {
+                Domain::Number {
+                    min, max, default, ..
+                } => (Some(min), Some(max), Some(ParameterValue::Number(default))),
+                Domain::Switch { default } => (None, None, Some(ParameterValue::Bool(default))),
+                Domain::Text { .. } => (None, None, None),
+            };
+            // A test holds the table to what a message takes.
+            let _ = values.push(ParameterReport {
+                name: cut(definition.name),
+                value,
+                default,
+                min,
+                max,
+                unit: definition.unit.map(cut),
+            });
+        }
+    });
+    ParametersMessage {
+        robot: robot.config().id.clone(),
+        values,
+    }
+    .to_json(buf)
+    .ok()
+}

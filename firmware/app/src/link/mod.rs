@@ -1,0 +1,252 @@
+//! The link activity: network, MQTT session, and what travels over it.
+//!
+//! One session at a time, and every wait has a deadline:
+//!
+//! | wait | at most | then |
+//! |---|---|---|
+//! | joining the network | [`JOINED_WITHIN`] | back-off |
+//! | opening the stream, CONNACK | [`OPENED_WITHIN`] each | back-off |
+//! | subscriptions confirmed | [`SUBSCRIBED_WITHIN`] | back-off |
+//! | writing one packet, reading the rest of one | [`WRITTEN_WITHIN`] | link lost |
+//! | silence of the broker | ping after [`PING_AFTER`], lost after [`LOST_AFTER`] | link lost |
+//! | PUBACK | [`ACKNOWLEDGED_WITHIN`] | link lost: MQTT allows to send again only on a new connection |
+//!
+//! Link lost means that control knows it at once ([`LinkHealth::Lost`]). From the last byte of
+//! the broker that takes at most [`LOST_AFTER`] and a write of up to a second, which together
+//! stay below one and a half times [`KEEP_ALIVE`].
+//!
+//! The connection is dropped, never closed politely, so the broker publishes the last will (the
+//! retained status, `"online": false`) and keeps the session for [`SESSION_EXPIRY`]. After a
+//! reconnection the subscriptions are made again; if the broker kept the session, what it has
+//! not acknowledged is sent again under its old number, else everything in the outbox is sent
+//! anew. The first session after boot is always a new one: commands queued for a program that
+//! has since restarted are not for this one.
+//!
+//! Retained commands are not asked for. What a session queued for a robot that was away arrives
+//! late, and meets the clock at intake like anything else; a late `stop` still stops.
+//!
+//! Memory, on a 32-bit target: scratch for one outgoing message 1,024 bytes, the incoming packet
+//! 1,390, write and read buffers 768, session and client about 400, all in the future of
+//! [`link`]; the outbox and intake in the shared context add about 2.5 and 1 KB.
+
+mod backoff;
+mod buffered;
+mod flow;
+mod letter;
+mod loss;
+mod messages;
+mod session;
+
+#[cfg(test)]
+mod tests;
+
+use core::cell::RefCell;
+use core::convert::Infallible;
+use core::num::NonZero;
+
+use crawler_hal::{Clock, Duration, Network, with_deadline};
+use crawler_protocol::{Level, MAX_MESSAGE, Topic};
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use rand_core::Rng;
+use rust_mqtt::client::options::{ConnectOptions, WillOptions};
+use rust_mqtt::config::{KeepAlive, SessionExpiryInterval};
+use rust_mqtt::types::{MqttBinary, MqttString, TopicName};
+
+use crate::context::Robot;
+use crate::perception::LinkHealth;
+
+use backoff::Backoff;
+pub use backoff::{LONGEST, SHORTEST, STABLE_AFTER, TAKEN_OVER, TAKEN_OVER_LONGEST};
+use buffered::Buffered;
+use flow::Flow;
+use letter::{Letter, MAX_PACKET, Mailbox};
+use loss::Loss;
+use session::{Connection, Counters, Mqtt, State};
+
+/// Keep-alive announced to the broker. Some brokers add seconds to anything below six.
+pub const KEEP_ALIVE: Duration = Duration::from_secs(6);
+/// Silence after which the broker is asked whether it is there.
+pub const PING_AFTER: Duration = Duration::from_secs(3);
+/// Silence after which the link is lost.
+pub const LOST_AFTER: Duration = Duration::from_secs(8);
+/// Longest time to join the network.
+pub const JOINED_WITHIN: Duration = Duration::from_secs(15);
+/// Longest time to open a stream, and then to be accepted by the broker.
+pub const OPENED_WITHIN: Duration = Duration::from_secs(5);
+/// Longest time until every subscription is confirmed.
+pub const SUBSCRIBED_WITHIN: Duration = Duration::from_secs(5);
+/// Longest time to write one packet.
+pub const WRITTEN_WITHIN: Duration = Duration::from_secs(5);
+/// Longest time until a QoS 1 message is acknowledged.
+pub const ACKNOWLEDGED_WITHIN: Duration = Duration::from_secs(10);
+/// How long the broker keeps the session of a robot that is away.
+pub const SESSION_EXPIRY: Duration = Duration::from_secs(60);
+/// Period of heartbeats.
+pub const HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);
+
+/// Everything that outlives a connection.
+struct Kept {
+    letter: RefCell<Letter>,
+    scratch: [u8; MAX_MESSAGE],
+    flow: Flow,
+    counters: Counters,
+}
+
+/// Keeps the robot connected. Never returns.
+///
+/// # Cancellation Safety
+/// Dropping the future drops the connection: the broker publishes the last will.
+pub async fn link<M: RawMutex, N: Network, R: Rng, C: Clock>(
+    robot: &Robot<M>,
+    mut network: N,
+    mut rng: R,
+    clock: C,
+) -> Infallible {
+    let mut kept = Kept {
+        letter: RefCell::new(Letter::new()),
+        scratch: [0; MAX_MESSAGE],
+        flow: Flow::new(),
+        counters: Counters::default(),
+    };
+    let mut backoff = Backoff::new();
+    let mut attempts: u32 = 0;
+    loop {
+        attempts = attempts.saturating_add(1);
+        let (loss, up_since) = attempt(robot, &mut network, &clock, &mut kept).await;
+        let now = clock.now();
+        let wait = match loss {
+            Loss::TakenOver => {
+                // The session is another's now.
+                kept.flow.session = None;
+                backoff.after_takeover(&mut rng)
+            }
+            _ if loss.is_refusal() => backoff.after_refusal(&mut rng),
+            _ => backoff.after_loss(
+                up_since.map_or(Duration::ZERO, |since| now - since),
+                &mut rng,
+            ),
+        };
+        let wait_ms = wait.as_millis();
+        if up_since.is_some() {
+            robot.set_link_health(LinkHealth::Lost);
+            attempts = 0;
+            let text = format_args!("{loss}; next attempt in {wait_ms} ms");
+            robot.log(Level::Warn, "link-lost", text, now);
+        } else if attempts == 1 || loss.is_refusal() {
+            // The others of one outage would say the same.
+            let text = format_args!("{loss}; next attempt in {wait_ms} ms");
+            robot.log(Level::Warn, "link-failed", text, now);
+        }
+        clock.sleep(wait).await;
+    }
+}
+
+/// One connection: why it ended, and since when it had been up, if it had.
+async fn attempt<M: RawMutex, N: Network, C: Clock>(
+    robot: &Robot<M>,
+    network: &mut N,
+    clock: &C,
+    kept: &mut Kept,
+) -> (Loss, Option<crawler_hal::Instant>) {
+    let monitor = network.monitor();
+    let stream = match open(robot, network, clock).await {
+        Ok(stream) => stream,
+        Err(loss) => return (loss, None),
+    };
+    let Kept {
+        letter,
+        scratch,
+        flow,
+        counters,
+    } = kept;
+    let mut mailbox = Mailbox(letter);
+    let previous = flow.session.take();
+    let clean = previous.is_none();
+    let mut client: Mqtt<'_, _> = match previous {
+        Some(session) => Mqtt::with_session(session, &mut mailbox),
+        None => Mqtt::new(&mut mailbox),
+    };
+    let connected = connect(robot, clock, &mut client, stream, clean, scratch).await;
+    let mut connection = Connection {
+        robot,
+        clock,
+        monitor: &monitor,
+        client: &mut client,
+        letter,
+        scratch,
+        flow,
+        counters,
+        state: State::new(clock.now()),
+    };
+    let loss = match connected {
+        Ok(resumed) => connection.run(resumed).await,
+        Err(loss) => loss,
+    };
+    let up_since = connection.state.up_since;
+    flow.keep(client.session().clone(), clock.now());
+    (loss, up_since)
+}
+
+async fn open<'n, M: RawMutex, N: Network, C: Clock>(
+    robot: &Robot<M>,
+    network: &'n mut N,
+    clock: &C,
+) -> Result<N::Stream<'n>, Loss> {
+    with_deadline(clock, clock.now() + JOINED_WITHIN, network.join()).await??;
+    let config = robot.config();
+    let work = network.connect(&config.broker_host, config.broker_port);
+    Ok(with_deadline(clock, clock.now() + OPENED_WITHIN, work).await??)
+}
+
+/// Whether the broker continues the session.
+async fn connect<M, C, S>(
+    robot: &Robot<M>,
+    clock: &C,
+    client: &mut Mqtt<'_, S>,
+    stream: S,
+    clean: bool,
+    scratch: &mut [u8; MAX_MESSAGE],
+) -> Result<bool, Loss>
+where
+    M: RawMutex,
+    C: Clock,
+    S: embedded_io_async::Read + embedded_io_async::Write,
+{
+    let config = robot.config();
+    let len = messages::status(robot, false, robot.boot(), scratch).ok_or(Loss::Unsupported)?;
+    let topic = Topic::Status(config.id.clone());
+    let will_topic = topic.render(&config.fleet);
+    let will_topic = MqttString::from_str(&will_topic)
+        .ok()
+        .and_then(TopicName::new)
+        .ok_or(Loss::Unsupported)?;
+    let message = MqttBinary::from_slice(&scratch[..len]).map_err(|_| Loss::Unsupported)?;
+    let mut options = ConnectOptions::new()
+        .keep_alive(seconds(KEEP_ALIVE).map_or(KeepAlive::Infinite, KeepAlive::Seconds))
+        .session_expiry_interval(
+            seconds(SESSION_EXPIRY).map_or(SessionExpiryInterval::EndOnDisconnect, |s| {
+                SessionExpiryInterval::Seconds(s.into())
+            }),
+        )
+        .will(
+            WillOptions::new(will_topic, message)
+                .at_least_once()
+                .retain(),
+        );
+    if let Some(size) = NonZero::new(MAX_PACKET as u32) {
+        options = options.maximum_packet_size(size);
+    }
+    if clean {
+        options = options.clean_start();
+    }
+    let id = MqttString::from_str(config.id.as_str()).map_err(|_| Loss::Unsupported)?;
+    let work = client.connect(Buffered::new(stream), &options, Some(id));
+    let connected = with_deadline(clock, clock.now() + OPENED_WITHIN, work).await??;
+    Ok(connected.session_present)
+}
+
+fn seconds(span: Duration) -> Option<NonZero<u16>> {
+    u16::try_from(span.as_millis() / 1_000)
+        .ok()
+        .and_then(NonZero::new)
+}

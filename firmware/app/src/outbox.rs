@@ -1,0 +1,431 @@
+//! What waits to be sent: answers to commands, and log records.
+//!
+//! # Answers
+//! Delivered at QoS 1: an answer stays here, in order, across any number of reconnections, until
+//! the broker has acknowledged it. There are [`ANSWERS`] places, and three kinds of answers
+//! compete for them:
+//!
+//! | kind | admitted while places taken or promised stay within | when there is no room |
+//! |---|---|---|
+//! | answers to an admitted command | [`ADMIT_LIMIT`], checked *before* the command is admitted | the command is refused with `busy`; an admitted one has its places |
+//! | refusals, and answers repeated from memory | [`COURTESY_LIMIT`] | not given; counted and reported |
+//! | answers to `stop` and `estop` | [`ANSWERS`] | the oldest such answer not yet sent gives way; counted and reported. The halt itself is never refused |
+//!
+//! An admitted command is promised two places, for `accepted` and for what it comes to; its final
+//! answer gives back what is left. At most [`PROMISES`] commands are open at a time; a promise
+//! nobody kept for [`PROMISE_LIFE`] gives way when all are taken.
+//!
+//! # Log records
+//! A ring of [`LOGS`]: the oldest gives way, and the next record sent says how many did.
+//!
+//! Telemetry is not queued at all: the link sends the latest snapshot.
+//!
+//! State: about 2.5 KB (32 answers of 40 bytes, 8 records of 130).
+
+use core::cell::RefCell;
+use core::fmt::Write as _;
+
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::{Level, Reason, ResponseStatus, Source};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::signal::Signal;
+use heapless::{Deque, String, Vec};
+
+/// Places for answers.
+pub const ANSWERS: usize = 32;
+/// Places taken or promised up to which a command is admitted.
+pub const ADMIT_LIMIT: usize = 20;
+/// Places taken or promised up to which a refusal or a repeated answer is given.
+pub const COURTESY_LIMIT: usize = 24;
+/// Commands that may be open, that is admitted and not finally answered, at a time.
+pub const PROMISES: usize = 8;
+/// Age at which a promise gives way to a new one when all are taken.
+pub const PROMISE_LIFE: Duration = Duration::from_secs(5 * 60);
+/// Log records held.
+pub const LOGS: usize = 8;
+/// Longest text of a log record, in bytes; what is longer is cut.
+pub const LOG_TEXT: usize = 88;
+
+/// Answers promised to each admitted command.
+const PER_COMMAND: u8 = 2;
+
+/// Names one answer in the outbox.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ticket(u32);
+
+/// An answer to a command, as it will be sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Outgoing {
+    /// Number of the command.
+    pub seq: u64,
+    /// Outcome.
+    pub status: ResponseStatus,
+    /// Why, where there is a why.
+    pub reason: Option<Reason>,
+    /// Unix ms when it was given, 0 when unknown.
+    pub timestamp: u64,
+}
+
+/// A log record, as it will be sent.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LogEntry {
+    /// Counts all records since boot, lost ones included.
+    pub seq: u64,
+    /// Unix ms when it was written, 0 when unknown.
+    pub timestamp: u64,
+    /// How bad it is.
+    pub level: Level,
+    /// Stable name of what happened.
+    pub event: &'static str,
+    /// In words.
+    pub text: String<LOG_TEXT>,
+}
+
+/// No place is free for the answers of one more command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NoRoom;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Promised,
+    Courtesy,
+    Halt,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    ticket: Ticket,
+    kind: Kind,
+    in_flight: bool,
+    answer: Outgoing,
+}
+
+/// Identifies an open command without keeping its source: 64 bits of FNV-1a over it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Key {
+    source: u64,
+    seq: u64,
+}
+
+impl Key {
+    fn new(source: &Source, seq: u64) -> Self {
+        let source = source
+            .as_str()
+            .bytes()
+            .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
+                (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+            });
+        Self { source, seq }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Promise {
+    key: Key,
+    left: u8,
+    made: Instant,
+}
+
+#[derive(Debug)]
+struct Inner {
+    answers: Vec<Entry, ANSWERS>,
+    promises: Vec<Promise, PROMISES>,
+    next_ticket: u32,
+    logs: Deque<LogEntry, LOGS>,
+    log_seq: u64,
+    logs_lost: u32,
+    answers_lost: u32,
+}
+
+/// See the [module](self).
+pub struct Outbox<M: RawMutex> {
+    inner: Mutex<M, RefCell<Inner>>,
+    wake: Signal<M, ()>,
+}
+
+impl<M: RawMutex> Outbox<M> {
+    /// An empty outbox.
+    pub const fn new() -> Self {
+        Self {
+            inner: Mutex::new(RefCell::new(Inner {
+                answers: Vec::new(),
+                promises: Vec::new(),
+                next_ticket: 0,
+                logs: Deque::new(),
+                log_seq: 0,
+                logs_lost: 0,
+                answers_lost: 0,
+            })),
+            wake: Signal::new(),
+        }
+    }
+
+    fn with<R>(&self, f: impl FnOnce(&mut Inner) -> R) -> R {
+        self.inner.lock(|inner| f(&mut inner.borrow_mut()))
+    }
+
+    /// Promises room for the answers to one command.
+    ///
+    /// # Errors
+    /// [`NoRoom`]: refuse the command with `busy`.
+    pub fn admit(&self, source: &Source, seq: u64, now: Instant) -> Result<(), NoRoom> {
+        self.with(|inner| inner.admit(Key::new(source, seq), now))
+    }
+
+    /// Takes back a promise whose command was not accepted after all.
+    pub fn dismiss(&self, source: &Source, seq: u64) {
+        let key = Key::new(source, seq);
+        self.with(|inner| inner.promises.retain(|promise| promise.key != key));
+    }
+
+    /// Queues the answer to an admitted command, or, when there is no promise for it, to a halt.
+    pub fn answer(&self, source: &Source, answer: Outgoing) {
+        self.with(|inner| inner.answer(Key::new(source, answer.seq), answer));
+        self.wake.signal(());
+    }
+
+    /// Queues a refusal or a repeated answer, if there is room beyond what others may need.
+    pub fn courtesy(&self, answer: Outgoing) {
+        self.with(|inner| inner.courtesy(answer));
+        self.wake.signal(());
+    }
+
+    /// Counts a refusal or a repeated answer that its sender will not get, because refusals come
+    /// too fast.
+    pub fn withheld(&self) {
+        self.with(|inner| inner.answers_lost = inner.answers_lost.saturating_add(1));
+    }
+
+    /// Queues a log record. `text` is cut at [`LOG_TEXT`] bytes.
+    pub fn log(
+        &self,
+        level: Level,
+        event: &'static str,
+        text: core::fmt::Arguments<'_>,
+        timestamp: u64,
+    ) {
+        self.with(|inner| inner.log(level, event, text, timestamp));
+        self.wake.signal(());
+    }
+
+    /// Returns when something may have been queued since the last return.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub async fn changed(&self) {
+        self.wake.wait().await;
+    }
+
+    /// The first answer that is not on its way.
+    pub fn next_answer(&self) -> Option<(Ticket, Outgoing)> {
+        self.with(|inner| {
+            let entry = inner.answers.iter().find(|entry| !entry.in_flight)?;
+            Some((entry.ticket, entry.answer))
+        })
+    }
+
+    /// The answer that `ticket` names, while it is not delivered.
+    pub fn get(&self, ticket: Ticket) -> Option<Outgoing> {
+        self.with(|inner| {
+            let entry = inner.answers.iter().find(|entry| entry.ticket == ticket)?;
+            Some(entry.answer)
+        })
+    }
+
+    /// Notes that an answer is on its way.
+    pub fn sent(&self, ticket: Ticket) {
+        self.with(|inner| {
+            if let Some(entry) = inner.answers.iter_mut().find(|e| e.ticket == ticket) {
+                entry.in_flight = true;
+            }
+        });
+    }
+
+    /// Notes that the broker has an answer: its place is free.
+    pub fn delivered(&self, ticket: Ticket) {
+        self.with(|inner| inner.answers.retain(|entry| entry.ticket != ticket));
+    }
+
+    /// Notes that nothing is on its way any more: every answer here is to be sent (again).
+    pub fn rewind(&self) {
+        self.with(|inner| {
+            for entry in &mut inner.answers {
+                entry.in_flight = false;
+            }
+        });
+        self.wake.signal(());
+    }
+
+    /// Takes the oldest log record. One that tells of losses comes before the others.
+    pub fn next_log(&self, timestamp: u64) -> Option<LogEntry> {
+        self.with(|inner| inner.next_log(timestamp))
+    }
+
+    /// Answers waiting or on their way.
+    pub fn pending(&self) -> usize {
+        self.with(|inner| inner.answers.len())
+    }
+}
+
+impl<M: RawMutex> Default for Outbox<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Inner {
+    /// Places taken or promised.
+    fn load(&self) -> usize {
+        let promised: usize = self.promises.iter().map(|p| usize::from(p.left)).sum();
+        self.answers.len() + promised
+    }
+
+    fn admit(&mut self, key: Key, now: Instant) -> Result<(), NoRoom> {
+        if self.promises.is_full() {
+            // Oldest first: promises are pushed in order.
+            match self.promises.first() {
+                Some(oldest) if now - oldest.made > PROMISE_LIFE => {
+                    self.promises.remove(0);
+                }
+                Some(_) | None => return Err(NoRoom),
+            }
+        }
+        if self.load() + usize::from(PER_COMMAND) > ADMIT_LIMIT {
+            return Err(NoRoom);
+        }
+        let promise = Promise {
+            key,
+            left: PER_COMMAND,
+            made: now,
+        };
+        self.promises.push(promise).map_err(|_| NoRoom)
+    }
+
+    fn answer(&mut self, key: Key, answer: Outgoing) {
+        let Some(index) = self.promises.iter().position(|p| p.key == key) else {
+            return self.answer_halt(answer);
+        };
+        let promise = &mut self.promises[index];
+        if answer.status.is_final() {
+            self.promises.remove(index);
+        } else if promise.left > 1 {
+            promise.left -= 1;
+        } else {
+            // A second `accepted`: the last place is for what the command comes to.
+            return self.courtesy(answer);
+        }
+        self.push(Kind::Promised, answer);
+    }
+
+    fn answer_halt(&mut self, answer: Outgoing) {
+        if self.load() >= ANSWERS {
+            let waiting = |entry: &Entry| entry.kind == Kind::Halt && !entry.in_flight;
+            self.answers_lost = self.answers_lost.saturating_add(1);
+            match self.answers.iter().position(waiting) {
+                Some(oldest) => {
+                    self.answers.remove(oldest);
+                }
+                None => return,
+            }
+        }
+        self.push(Kind::Halt, answer);
+    }
+
+    fn courtesy(&mut self, answer: Outgoing) {
+        let same = |entry: &Entry| {
+            !entry.in_flight
+                && (entry.answer.seq, entry.answer.status, entry.answer.reason)
+                    == (answer.seq, answer.status, answer.reason)
+        };
+        if self.answers.iter().any(same) {
+            return;
+        }
+        if self.load() >= COURTESY_LIMIT {
+            self.answers_lost = self.answers_lost.saturating_add(1);
+            return;
+        }
+        self.push(Kind::Courtesy, answer);
+    }
+
+    fn push(&mut self, kind: Kind, answer: Outgoing) {
+        let entry = Entry {
+            ticket: Ticket(self.next_ticket),
+            kind,
+            in_flight: false,
+            answer,
+        };
+        self.next_ticket = self.next_ticket.wrapping_add(1);
+        if self.answers.push(entry).is_err() {
+            // Not reached: every caller has made sure of a place. Counted all the same.
+            self.answers_lost = self.answers_lost.saturating_add(1);
+        }
+    }
+
+    fn log(
+        &mut self,
+        level: Level,
+        event: &'static str,
+        text: core::fmt::Arguments<'_>,
+        timestamp: u64,
+    ) {
+        let mut cut = Cut(String::new());
+        // `Cut` never fails.
+        let _ = cut.write_fmt(text);
+        if self.logs.is_full() {
+            self.logs.pop_front();
+            self.logs_lost = self.logs_lost.saturating_add(1);
+        }
+        let entry = LogEntry {
+            seq: self.log_seq,
+            timestamp,
+            level,
+            event,
+            text: cut.0,
+        };
+        self.log_seq += 1;
+        // There is room: made above.
+        let _ = self.logs.push_back(entry);
+    }
+
+    fn next_log(&mut self, timestamp: u64) -> Option<LogEntry> {
+        if self.logs_lost == 0 && self.answers_lost == 0 {
+            return self.logs.pop_front();
+        }
+        let mut text = Cut(String::new());
+        let _ = write!(
+            text,
+            "{} log records and {} answers were not sent",
+            self.logs_lost, self.answers_lost
+        );
+        self.logs_lost = 0;
+        self.answers_lost = 0;
+        let seq = self.log_seq;
+        self.log_seq += 1;
+        Some(LogEntry {
+            seq,
+            timestamp,
+            level: Level::Warn,
+            event: "outbox-full",
+            text: text.0,
+        })
+    }
+}
+
+/// Takes as much text as fits and drops the rest, at a character boundary.
+struct Cut(String<LOG_TEXT>);
+
+impl core::fmt::Write for Cut {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        for character in text.chars() {
+            if self.0.push(character).is_err() {
+                break;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+#[path = "outbox_tests.rs"]
+mod tests;
