@@ -377,13 +377,18 @@ impl World {
         })
     }
 
-    /// The true distance in metres from a robot's ranger to the nearest echo, without noise or
-    /// the limits of the sensor. `None` when nothing within 10 m sends one.
+    /// The true distance in metres from a robot's ranger to the nearest echo within its reach,
+    /// without its errors. `None` when nothing sends one.
     pub fn true_range(&self, robot: RobotIndex) -> Option<f32> {
         self.robots.get(robot.0 as usize)?;
         let mut space = self.shared.space.borrow_mut();
         space.list_robots(0);
-        space.range(robot.0 as usize, 0.0, 10.0)
+        let ranger = space.parameters.ranger;
+        space.range(
+            robot.0 as usize,
+            f32::from(ranger.nearest_mm) * 1e-3,
+            f32::from(ranger.farthest_mm) * 1e-3,
+        )
     }
 
     /// A fingerprint of the full physical state: every bit of every body, the generators of its

@@ -118,8 +118,9 @@ pub(crate) struct Cone {
     pub(crate) axis: Vec2,
     pub(crate) half_angle: f32,
     pub(crate) max_incidence: f32,
-    /// Cosine and sine of `half_angle`.
+    /// Cosine and sine of `half_angle`, which is below a quarter turn.
     pub(crate) edge: Vec2,
+    sine_of_max_incidence: f32,
 }
 
 impl Cone {
@@ -130,7 +131,17 @@ impl Cone {
             half_angle,
             max_incidence,
             edge: Vec2::unit(half_angle),
+            sine_of_max_incidence: libm::sinf(max_incidence),
         }
+    }
+
+    /// How far a point of the cone's own frame lies to the left and to the right of the cone.
+    fn sides(&self, local: Vec2) -> (f32, f32) {
+        let outward = local.x * self.edge.y;
+        (
+            local.y * self.edge.x - outward,
+            -local.y * self.edge.x - outward,
+        )
     }
 
     /// Distance to the echo of a disc, if it sends one.
@@ -158,16 +169,20 @@ impl Cone {
         if hit < 0.0 {
             return None;
         }
-        let sine_of_incidence = beyond / radius;
-        (sine_of_incidence <= libm::sinf(self.max_incidence)).then_some(hit)
+        (beyond <= radius * self.sine_of_max_incidence).then_some(hit)
     }
 
-    /// Distance to the echo of a straight wall from `a` to `b`, if it sends one.
-    pub(crate) fn echo_of_segment(&self, a: Vec2, b: Vec2) -> Option<f32> {
+    /// Distance to the echo of a straight wall from `a` to `b`, if it sends one from less than
+    /// `limit`.
+    pub(crate) fn echo_of_segment(&self, a: Vec2, b: Vec2, limit: f32) -> Option<f32> {
         let a = a.minus(self.apex).into_frame(self.axis);
         let b = b.minus(self.apex).into_frame(self.axis);
-        // A wall wholly behind the apex; the half angle is below a quarter turn.
+        // A wall wholly behind the apex, or wholly beside the cone.
         if a.x <= 0.0 && b.x <= 0.0 {
+            return None;
+        }
+        let ((left_a, right_a), (left_b, right_b)) = (self.sides(a), self.sides(b));
+        if (left_a > 0.0 && left_b > 0.0) || (right_a > 0.0 && right_b > 0.0) {
             return None;
         }
         let along = b.minus(a);
@@ -178,7 +193,7 @@ impl Cone {
         // Signed distance of the wall's line from the apex, and the bearing of its foot.
         let offset = a.cross(along) / length;
         let distance = offset.abs();
-        if distance < 1e-5 {
+        if distance < 1e-5 || distance >= limit {
             return None;
         }
         let sign = if offset > 0.0 { 1.0 } else { -1.0 };
@@ -204,7 +219,8 @@ impl Cone {
         }
         // `low` and `high` lie within the incidence limit, hence the cosine is positive.
         let nearest = 0.0_f32.clamp(low, high);
-        Some(distance / libm::cosf(nearest))
+        let echo = distance / libm::cosf(nearest);
+        (echo < limit).then_some(echo)
     }
 }
 

@@ -5,14 +5,14 @@ use super::bodies::{Bodies, Presence};
 use super::geometry::{Cone, Pose, Vec2, ray_to_circle, ray_to_segment};
 use super::grid::{Cells, Grid};
 use super::parameters::Parameters;
-use super::physics::Rates;
+use super::physics::{REBUILD_STEPS, Rates, STEP_S};
 
 /// Obstacles count as near a cell from this far beyond it, metres: a robot's radius and what it
 /// may be pushed within one step.
 const SOLID_MARGIN_M: f32 = 0.15;
 
-/// How far a robot may have moved since the grid was rebuilt, metres.
-const STALE_M: f32 = 0.2;
+/// How far ahead a ranger looks first, metres; it doubles from there.
+const FIRST_REACH_M: f32 = 1.0;
 
 /// Robots that may be missing from the grid while more are being added.
 const MAX_UNLISTED: usize = 256;
@@ -34,6 +34,8 @@ pub(crate) struct Space {
     pub(crate) robots: Grid,
     pub(crate) bodies: Bodies,
     pub(crate) steps: u64,
+    /// How far a robot may have moved since the grid was rebuilt, metres.
+    stale_m: f32,
     /// Robots from this index on were added since the grid was rebuilt.
     listed: usize,
 }
@@ -88,6 +90,7 @@ impl Space {
             robots: Grid::default(),
             bodies: Bodies::default(),
             steps: 0,
+            stale_m: parameters.top_speed() * STEP_S * REBUILD_STEPS as f32,
             listed: 0,
         };
         space.rebuild_grid();
@@ -142,7 +145,7 @@ impl Space {
     /// Calls `each` for everything within `reach` of a point, and some things beyond; an obstacle
     /// may come more than once.
     fn visit(&self, point: Vec2, reach: f32, mut each: impl FnMut(&Self, Thing<'_>)) {
-        let half = Vec2::new(reach + STALE_M, reach + STALE_M);
+        let half = Vec2::new(reach + self.stale_m, reach + self.stale_m);
         let block = self.cells.around(point, half);
         for row in block.rows.0..=block.rows.1 {
             for column in block.columns.0..=block.columns.1 {
@@ -179,14 +182,14 @@ impl Space {
             high = Vec2::new(high.x.max(corner.x), high.y.max(corner.y));
         }
         // The arc bulges beyond its ends by less than the sagitta.
-        let margin = reach * (1.0 - cone.edge.x) + self.parameters.chassis.radius_m + STALE_M;
+        let margin = reach * (1.0 - cone.edge.x) + self.parameters.chassis.radius_m + self.stale_m;
         let middle = low.plus(high).times(0.5);
         let half = high.minus(low).times(0.5).plus(Vec2::new(margin, margin));
         let block = self.cells.around(middle, half);
         // A cell is skipped when the circle around it lies clear of the cone.
         let around = self.cells.side() * core::f32::consts::FRAC_1_SQRT_2
             + self.parameters.chassis.radius_m
-            + STALE_M;
+            + self.stale_m;
         for row in block.rows.0..=block.rows.1 {
             for column in block.columns.0..=block.columns.1 {
                 let local = self
@@ -208,36 +211,57 @@ impl Space {
         let theta = self.bodies.theta[i];
         let apex = self.bodies.at[i].plus(Vec2::unit(theta).times(ranger.mount_m));
         let cone = Cone::new(apex, theta, ranger.half_angle, ranger.max_incidence);
-        let mut nearest: Option<f32> = None;
-        let mut echo = |distance: Option<f32>| {
-            if let Some(distance) = distance
-                && (least..=most).contains(&distance)
-                && nearest.is_none_or(|nearest| distance < nearest)
+        let mut nearest = most.next_up();
+        for (a, b) in self.walls() {
+            if let Some(echo) = cone.echo_of_segment(a, b, nearest)
+                && echo >= least
             {
-                nearest = Some(distance);
+                nearest = echo;
+            }
+        }
+        // Most echoes come from close by: look further only when there is nothing nearer.
+        let mut reach = FIRST_REACH_M;
+        loop {
+            let searched = reach.min(nearest);
+            self.visit_cone(&cone, searched, |space, thing| {
+                space.hear(&cone, thing, i, least, &mut nearest);
+            });
+            if searched >= nearest || searched >= most {
+                break;
+            }
+            reach *= 2.0;
+        }
+        (nearest <= most).then_some(nearest)
+    }
+
+    /// Lowers `nearest` to the echo of `thing`, if that is nearer.
+    fn hear(&self, cone: &Cone, thing: Thing<'_>, own: usize, least: f32, nearest: &mut f32) {
+        let offer = |echo: Option<f32>, nearest: &mut f32| {
+            if let Some(echo) = echo
+                && echo >= least
+                && echo < *nearest
+            {
+                *nearest = echo;
             }
         };
-        for (a, b) in self.walls() {
-            echo(cone.echo_of_segment(a, b));
-        }
-        self.visit_cone(&cone, most, |space, thing| match thing {
+        match thing {
             Thing::Solid(&Solid::Circle { centre, radius }) => {
-                echo(cone.echo_of_circle(centre, radius));
+                offer(cone.echo_of_circle(centre, radius), nearest);
             }
             Thing::Solid(&Solid::Box { centre, axis, half }) => {
                 let corners = Solid::corners(centre, axis, half);
                 for (k, &corner) in corners.iter().enumerate() {
-                    echo(cone.echo_of_segment(corner, corners[(k + 1) % 4]));
+                    let next = corners[(k + 1) % 4];
+                    offer(cone.echo_of_segment(corner, next, *nearest), nearest);
                 }
             }
             Thing::Robot(j) => {
-                if j != i {
-                    let radius = space.parameters.chassis.radius_m;
-                    echo(cone.echo_of_circle(space.bodies.at[j], radius));
+                if j != own {
+                    let radius = self.parameters.chassis.radius_m;
+                    offer(cone.echo_of_circle(self.bodies.at[j], radius), nearest);
                 }
             }
-        });
-        nearest
+        }
     }
 
     /// What can be seen from robot `i` within `half_angle` of its heading: candidates for
