@@ -6,5 +6,8 @@
 
 pub mod devices;
 pub mod faults;
+pub mod net;
+pub mod run;
+pub mod scenario;
 pub mod sched;
 pub mod world;

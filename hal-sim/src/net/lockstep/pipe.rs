@@ -1,0 +1,133 @@
+//! One direction of a connection: an ordered stream of bytes, each with its time of arrival.
+
+use std::collections::VecDeque;
+use std::task::Waker;
+
+/// Never, while the link is cut.
+pub(super) const HELD: u64 = u64::MAX;
+
+/// A stream of bytes under way.
+#[derive(Debug, Default)]
+pub(super) struct Pipe {
+    bytes: VecDeque<u8>,
+    /// Time of arrival and length of what was written at once, in order.
+    segments: VecDeque<(u64, usize)>,
+    /// When the newest segment arrives: nothing overtakes.
+    last: u64,
+    /// Nothing more will be written.
+    pub(super) ended: bool,
+    pub(super) reader: Option<Waker>,
+    pub(super) writer: Option<Waker>,
+}
+
+impl Pipe {
+    /// Bytes under way or waiting to be read.
+    pub(super) fn len(&self) -> usize {
+        self.bytes.len()
+    }
+
+    /// Sends `bytes`, to arrive at `arrival` or when all before has arrived. Returns when.
+    pub(super) fn write(&mut self, bytes: &[u8], arrival: u64) -> u64 {
+        self.last = self.last.max(arrival);
+        self.bytes.extend(bytes);
+        match self.segments.back_mut() {
+            Some((at, len)) if *at == self.last => *len += bytes.len(),
+            _ => self.segments.push_back((self.last, bytes.len())),
+        }
+        wake(&mut self.reader);
+        self.last
+    }
+
+    /// When the newest byte arrives.
+    pub(super) fn last(&self) -> u64 {
+        self.last
+    }
+
+    /// When the next byte arrives.
+    pub(super) fn next_arrival(&self) -> Option<u64> {
+        self.segments.front().map(|&(at, _)| at)
+    }
+
+    /// Moves what has arrived into `buf`; returns how much.
+    pub(super) fn read(&mut self, now: u64, buf: &mut [u8]) -> usize {
+        let mut taken = 0;
+        while taken < buf.len() {
+            let Some((_, len)) = self.segments.front_mut().filter(|(at, _)| *at <= now) else {
+                break;
+            };
+            let part = (*len).min(buf.len() - taken);
+            for (to, from) in buf[taken..taken + part]
+                .iter_mut()
+                .zip(self.bytes.drain(..part))
+            {
+                *to = from;
+            }
+            taken += part;
+            *len -= part;
+            if *len == 0 {
+                self.segments.pop_front();
+            }
+        }
+        if taken > 0 {
+            wake(&mut self.writer);
+        }
+        taken
+    }
+
+    /// Moves all that has arrived to the end of `out`.
+    pub(super) fn read_to(&mut self, now: u64, out: &mut Vec<u8>) {
+        let mut len = 0;
+        while let Some(&(at, part)) = self.segments.front() {
+            if at > now {
+                break;
+            }
+            len += part;
+            self.segments.pop_front();
+        }
+        if len > 0 {
+            out.extend(self.bytes.drain(..len));
+            wake(&mut self.writer);
+        }
+    }
+
+    /// What would arrive at `from` or later does not until [`Pipe::release`].
+    pub(super) fn hold(&mut self, from: u64) {
+        for (at, _) in &mut self.segments {
+            if *at >= from {
+                *at = HELD;
+            }
+        }
+        if self.segments.back().is_some_and(|&(at, _)| at == HELD) {
+            self.last = HELD;
+        }
+    }
+
+    /// What was held arrives at `arrival`. Returns whether there is any.
+    pub(super) fn release(&mut self, arrival: u64) -> bool {
+        let mut any = false;
+        for (at, _) in &mut self.segments {
+            if *at == HELD {
+                *at = arrival;
+                any = true;
+            }
+        }
+        if self.last == HELD {
+            self.last = arrival;
+        }
+        wake(&mut self.reader);
+        any
+    }
+
+    /// Ends the stream, and tells both ends.
+    pub(super) fn end(&mut self) {
+        self.ended = true;
+        wake(&mut self.reader);
+        wake(&mut self.writer);
+    }
+}
+
+fn wake(waker: &mut Option<Waker>) {
+    if let Some(waker) = waker.take() {
+        waker.wake();
+    }
+}

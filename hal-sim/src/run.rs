@@ -1,0 +1,9 @@
+//! Robots at work: a world, the real robot program in each body, and a way to the network.
+
+mod fingerprint;
+mod machine;
+mod simulation;
+
+pub use fingerprint::Fingerprint;
+pub use machine::SimRobot;
+pub use simulation::{EPOCH_MS, Simulation, SimulationError};

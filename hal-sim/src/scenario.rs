@@ -1,0 +1,485 @@
+//! Recipes for worlds.
+//!
+//! A [`Scenario`] is a TOML file. Everything but its name has a default; an unknown key is an
+//! error. What it leaves to chance is drawn from the seed of the run.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use crawler_protocol::{Action, Command};
+use rand_core::Rng;
+use rand_pcg::Pcg32;
+use serde::{Deserialize, Serialize};
+
+use crate::net::lockstep::LinkModel;
+use crate::world::{ARENA_SIDE_M, Arena, ArenaError, MAX_OBSTACLES, MAX_ROBOTS, Obstacle};
+use crate::world::{Parameters, Pose};
+
+/// Draws for one thing before it is given up: a place for it hardly exists then.
+const TRIES: u32 = 2_000;
+
+/// The scenarios that come with the crate: name and file.
+const BUILT_IN: [(&str, &str); 3] = [
+    ("arena", include_str!("../scenarios/arena.toml")),
+    ("corridor", include_str!("../scenarios/corridor.toml")),
+    ("empty", include_str!("../scenarios/empty.toml")),
+];
+
+/// A recipe for worlds, see the [module](self).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// Name, for people.
+    pub name: String,
+    /// Number of robots, unless the run says otherwise.
+    #[serde(default = "one")]
+    pub robots: u32,
+    /// The ground.
+    #[serde(default)]
+    pub arena: Ground,
+    /// Where robots start.
+    #[serde(default)]
+    pub spawn: Spawn,
+    /// What every robot is told once it can take commands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub command: Option<Start>,
+    /// Links, in lockstep runs.
+    #[serde(default)]
+    pub link: LinkModel,
+    /// Physical constants; `parameters.ranger.wiring` says how the rangers are wired.
+    #[serde(default)]
+    pub parameters: Parameters,
+}
+
+/// Size of the arena and what stands in it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ground {
+    /// Length along x, metres. Without it the arena is a square of `area_per_robot` for each
+    /// robot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub width: Option<f32>,
+    /// Length along y, metres; goes with `width`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height: Option<f32>,
+    /// Square metres for each robot.
+    pub area_per_robot: f32,
+    /// Shortest side of a square arena, metres.
+    pub least_side: f32,
+    /// Obstacles at given places.
+    pub obstacles: Vec<Obstacle>,
+    /// Obstacles at places drawn from the seed.
+    pub scatter: Scatter,
+}
+
+impl Default for Ground {
+    fn default() -> Self {
+        Self {
+            width: None,
+            height: None,
+            area_per_robot: 2.0,
+            least_side: 3.0,
+            obstacles: Vec::new(),
+            scatter: Scatter::default(),
+        }
+    }
+}
+
+/// Obstacles drawn from the seed: half of them circles, half boxes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scatter {
+    /// Number for each square metre of the arena.
+    pub per_square_metre: f32,
+    /// Smallest and largest radius of circles, metres.
+    pub radius: [f32; 2],
+    /// Shortest and longest side of boxes, metres.
+    pub side: [f32; 2],
+    /// Free space around each, metres: a robot has to get through.
+    pub clearance: f32,
+}
+
+impl Default for Scatter {
+    fn default() -> Self {
+        Self {
+            per_square_metre: 0.0,
+            radius: [0.08, 0.25],
+            side: [0.15, 0.6],
+            clearance: 0.45,
+        }
+    }
+}
+
+/// Where robots start: anywhere, looking anywhere.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Spawn {
+    /// Free space between a robot's rim and anything else, metres.
+    pub clearance: f32,
+}
+
+impl Default for Spawn {
+    fn default() -> Self {
+        Self { clearance: 0.1 }
+    }
+}
+
+/// A command without timestamp, sequence number and source.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Start {
+    /// Name of the command.
+    pub command: String,
+    /// Its parameters.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub parameters: BTreeMap<String, serde_json::Value>,
+}
+
+/// Why a scenario cannot be used.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum ScenarioError {
+    /// The text is not TOML, or has an unknown, missing or wrong key.
+    Text(Box<toml::de::Error>),
+    /// No scenario of that name comes with the program.
+    Unknown(String),
+    /// A value is out of range: which, and what it may be.
+    Value(&'static str, String),
+    /// The command is none: why.
+    Command(String),
+    /// The arena is not sound.
+    Arena(ArenaError),
+    /// No place was found: for what, and in an arena of which size.
+    NoRoom(String),
+}
+
+impl fmt::Display for ScenarioError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Text(error) => write!(f, "not a scenario: {error}"),
+            Self::Unknown(name) => {
+                write!(f, "no scenario is called {name:?}; there are")?;
+                for (index, name) in Scenario::names().enumerate() {
+                    write!(f, "{} {name}", if index == 0 { "" } else { "," })?;
+                }
+                Ok(())
+            }
+            Self::Value(key, rule) => write!(f, "{key} {rule}"),
+            Self::Command(why) => write!(f, "command: {why}"),
+            Self::Arena(error) => write!(f, "arena: {error}"),
+            Self::NoRoom(what) => write!(f, "no room for {what}"),
+        }
+    }
+}
+
+impl std::error::Error for ScenarioError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Text(error) => Some(error),
+            Self::Arena(error) => Some(error),
+            Self::Unknown(_) | Self::Value(..) | Self::Command(_) | Self::NoRoom(_) => None,
+        }
+    }
+}
+
+impl From<ArenaError> for ScenarioError {
+    fn from(error: ArenaError) -> Self {
+        Self::Arena(error)
+    }
+}
+
+const fn one() -> u32 {
+    1
+}
+
+impl Scenario {
+    /// Names of the scenarios that come with the crate. The first is the default.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        BUILT_IN.iter().map(|&(name, _)| name)
+    }
+
+    /// A scenario that comes with the crate.
+    ///
+    /// # Errors
+    /// [`ScenarioError::Unknown`] when there is none of that name.
+    pub fn built_in(name: &str) -> Result<Self, ScenarioError> {
+        let (_, text) = BUILT_IN
+            .iter()
+            .find(|(known, _)| *known == name)
+            .ok_or_else(|| ScenarioError::Unknown(name.to_owned()))?;
+        Self::parse(text)
+    }
+
+    /// Reads a scenario.
+    ///
+    /// # Errors
+    /// See [`ScenarioError`]; TOML errors name line and column.
+    pub fn parse(text: &str) -> Result<Self, ScenarioError> {
+        let scenario: Self =
+            toml::from_str(text).map_err(|error| ScenarioError::Text(Box::new(error)))?;
+        scenario.validate()?;
+        Ok(scenario)
+    }
+
+    /// The same for another number of robots.
+    #[must_use]
+    pub fn with_robots(mut self, robots: u32) -> Self {
+        self.robots = robots;
+        self
+    }
+
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// The first thing found wrong.
+    pub fn validate(&self) -> Result<(), ScenarioError> {
+        let check = |key: &'static str, value: f32, low: f32, high: f32| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                let rule = format!("must be {low} to {high}, not {value}");
+                Err(ScenarioError::Value(key, rule))
+            }
+        };
+        if self.name.is_empty() || self.name.len() > 64 {
+            let rule = "must have 1 to 64 bytes".to_owned();
+            return Err(ScenarioError::Value("name", rule));
+        }
+        if self.robots as usize > MAX_ROBOTS {
+            let rule = format!("must be at most {MAX_ROBOTS}, not {}", self.robots);
+            return Err(ScenarioError::Value("robots", rule));
+        }
+        let ground = &self.arena;
+        if ground.width.is_some() != ground.height.is_some() {
+            let rule = "must both be there, or neither".to_owned();
+            return Err(ScenarioError::Value("arena.width and arena.height", rule));
+        }
+        let (least, most) = (*ARENA_SIDE_M.start(), *ARENA_SIDE_M.end());
+        for (key, value) in [
+            ("arena.width", ground.width),
+            ("arena.height", ground.height),
+            ("arena.least_side", Some(ground.least_side)),
+        ] {
+            check(key, value.unwrap_or(least), least, most)?;
+        }
+        check("arena.area_per_robot", ground.area_per_robot, 0.1, 10_000.0)?;
+        let scatter = &ground.scatter;
+        check(
+            "arena.scatter.per_square_metre",
+            scatter.per_square_metre,
+            0.0,
+            4.0,
+        )?;
+        check("arena.scatter.clearance", scatter.clearance, 0.0, 10.0)?;
+        for (key, [low, high]) in [
+            ("arena.scatter.radius", scatter.radius),
+            ("arena.scatter.side", scatter.side),
+        ] {
+            check(key, low, 0.01, high)?;
+            check(key, high, low, 5.0)?;
+        }
+        check("spawn.clearance", self.spawn.clearance, 0.0, 10.0)?;
+        self.link
+            .validate()
+            .map_err(|rule| ScenarioError::Value("link", rule.to_owned()))?;
+        self.parameters
+            .validate()
+            .map_err(|error| ScenarioError::Value("parameters", error.to_string()))?;
+        self.action()?;
+        let (width, height) = self.sides();
+        check(
+            "the side that arena.area_per_robot asks for",
+            width,
+            least,
+            most,
+        )?;
+        let fixed = Arena {
+            width,
+            height,
+            obstacles: ground.obstacles.clone(),
+        };
+        Ok(fixed.validate()?)
+    }
+
+    /// The initial command, when there is one.
+    ///
+    /// # Errors
+    /// [`ScenarioError::Command`] when it is not a command.
+    pub fn action(&self) -> Result<Option<Action>, ScenarioError> {
+        let Some(start) = &self.command else {
+            return Ok(None);
+        };
+        let mut object = serde_json::json!({
+            "command": start.command,
+            "timestamp": 0,
+            "seq": 1,
+            "source": "scenario",
+        });
+        if !start.parameters.is_empty() {
+            object["parameters"] = serde_json::json!(start.parameters);
+        }
+        let command = Command::parse(object.to_string().as_bytes())
+            .map_err(|error| ScenarioError::Command(error.reason.name().to_owned()))?;
+        Ok(Some(command.action))
+    }
+
+    fn sides(&self) -> (f32, f32) {
+        match (self.arena.width, self.arena.height) {
+            (Some(width), Some(height)) => (width, height),
+            _ => {
+                let area = self.arena.area_per_robot * self.robots.max(1) as f32;
+                let side = area.sqrt().max(self.arena.least_side);
+                (side, side)
+            }
+        }
+    }
+
+    /// The arena of a run, with the obstacles that `seed` puts into it.
+    ///
+    /// # Errors
+    /// [`ScenarioError::NoRoom`] when an obstacle finds no place.
+    pub fn arena(&self, seed: u64) -> Result<Arena, ScenarioError> {
+        let (width, height) = self.sides();
+        let mut arena = Arena {
+            width,
+            height,
+            obstacles: self.arena.obstacles.clone(),
+        };
+        arena.validate()?;
+        let scatter = &self.arena.scatter;
+        let wanted = (scatter.per_square_metre * width * height) as usize;
+        if arena.obstacles.len() + wanted > MAX_OBSTACLES {
+            return Err(ArenaError::TooManyObstacles.into());
+        }
+        let mut rng = Pcg32::new(seed, 0x6F62_7374);
+        let mut draw = |low: f32, high: f32| {
+            low + (high - low) * ((rng.next_u32() >> 8) as f32 * (1.0 / 16_777_216.0))
+        };
+        // Only what lies near can be in the way: with thousands of obstacles, looking at all of
+        // them for each draw would take minutes.
+        let mut near = Nearby::new(&arena, scatter.side[1].max(scatter.radius[1]) * 2.0);
+        for number in 0..wanted {
+            let mut placed = false;
+            for _ in 0..TRIES {
+                let (x, y) = (
+                    draw(-width * 0.5, width * 0.5),
+                    draw(-height * 0.5, height * 0.5),
+                );
+                let (obstacle, reach) = if number % 2 == 0 {
+                    let r = draw(scatter.radius[0], scatter.radius[1]);
+                    (Obstacle::Circle { x, y, r }, r)
+                } else {
+                    let w = draw(scatter.side[0], scatter.side[1]);
+                    let h = draw(scatter.side[0], scatter.side[1]);
+                    let theta = draw(0.0, core::f32::consts::PI);
+                    let reach = (w * w + h * h).sqrt() * 0.5;
+                    (Obstacle::Box { x, y, w, h, theta }, reach)
+                };
+                if near.clearance(&arena, x, y, reach + scatter.clearance)
+                    >= reach + scatter.clearance
+                {
+                    near.add(arena.obstacles.len() as u32, x, y);
+                    arena.obstacles.push(obstacle);
+                    placed = true;
+                    break;
+                }
+            }
+            if !placed {
+                return Err(ScenarioError::NoRoom(format!(
+                    "obstacle {} of {wanted} in an arena of {width} m by {height} m",
+                    number + 1
+                )));
+            }
+        }
+        arena.validate()?;
+        Ok(arena)
+    }
+
+    /// Draws starting poses. Whoever places a robot there checks that the place is free.
+    #[must_use]
+    pub fn spawner(&self, arena: &Arena, seed: u64) -> Spawner {
+        Spawner {
+            half_width: arena.width * 0.5,
+            half_height: arena.height * 0.5,
+            rng: Pcg32::new(seed, 0x7370_6177),
+        }
+    }
+}
+
+/// A stream of poses, see [`Scenario::spawner`].
+#[derive(Debug, Clone)]
+pub struct Spawner {
+    half_width: f32,
+    half_height: f32,
+    rng: Pcg32,
+}
+
+impl Spawner {
+    /// The first drawn pose that `free` agrees to; `None` when it refuses too many.
+    pub fn find(&mut self, mut free: impl FnMut(Pose) -> bool) -> Option<Pose> {
+        let mut draw = |half: f32| {
+            let unit = (self.rng.next_u32() >> 8) as f32 * (1.0 / 16_777_216.0);
+            (2.0 * unit - 1.0) * half
+        };
+        (0..TRIES).find_map(|_| {
+            let pose = Pose::new(
+                draw(self.half_width),
+                draw(self.half_height),
+                draw(core::f32::consts::PI),
+            );
+            free(pose).then_some(pose)
+        })
+    }
+}
+
+/// Obstacles by square, while an arena is being filled.
+struct Nearby {
+    side: f32,
+    squares: BTreeMap<(i32, i32), Vec<u32>>,
+    /// Obstacles of the scenario itself, of any size: looked at every time.
+    fixed: usize,
+}
+
+impl Nearby {
+    fn new(arena: &Arena, side: f32) -> Self {
+        Self {
+            side: side.max(0.5),
+            squares: BTreeMap::new(),
+            fixed: arena.obstacles.len(),
+        }
+    }
+
+    fn square(&self, x: f32, y: f32) -> (i32, i32) {
+        (
+            libm::floorf(x / self.side) as i32,
+            libm::floorf(y / self.side) as i32,
+        )
+    }
+
+    fn add(&mut self, index: u32, x: f32, y: f32) {
+        let square = self.square(x, y);
+        self.squares.entry(square).or_default().push(index);
+    }
+
+    /// Distance to the nearest wall or obstacle, or something larger than `limit`.
+    fn clearance(&self, arena: &Arena, x: f32, y: f32, limit: f32) -> f32 {
+        // An obstacle's centre is at most one square from any point of it.
+        let reach = (limit / self.side) as i32 + 2;
+        let (column, row) = self.square(x, y);
+        let mut close = Arena::empty(arena.width, arena.height);
+        close.obstacles.extend(&arena.obstacles[..self.fixed]);
+        for (_, square) in self
+            .squares
+            .range((column - reach, i32::MIN)..=(column + reach, i32::MAX))
+            .filter(|((_, r), _)| (row - reach..=row + reach).contains(r))
+        {
+            close
+                .obstacles
+                .extend(square.iter().map(|&index| arena.obstacles[index as usize]));
+        }
+        close.clearance(x, y)
+    }
+}
+
+#[cfg(test)]
+mod tests;
