@@ -1,0 +1,320 @@
+//! The server's own MQTT session, with its own broker or any other.
+//!
+//! One task owns the connection and hands every message to the fleet as it arrives. When it
+//! cannot keep up, its TCP window fills and the broker's bounded queue for it takes the strain;
+//! nothing queues up here.
+//!
+//! A lost connection is replaced by an entirely new client: commands of the old one would be out of
+//! date, and the client library can lock up when a session ends with a publish under way.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use crawler_protocol::{Fleet, Qos, Topic, TopicFilter};
+use rumqttc::v5::mqttbytes::QoS;
+use rumqttc::v5::mqttbytes::v5::{
+    ConnectReturnCode, Filter, Packet, PublishProperties, SubscribeReasonCode,
+};
+use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
+use tokio_util::sync::CancellationToken;
+
+use crate::metrics::Metrics;
+
+/// The shortest the library allows; it finds a silent broker within twice that.
+const KEEP_ALIVE: Duration = Duration::from_secs(5);
+/// A ping is due every [`KEEP_ALIVE`], so a connection with nothing to tell for so long is stuck,
+/// for instance in a write that the broker does not read.
+const STUCK: Duration = Duration::from_secs(16);
+/// For connecting and subscribing.
+const SETUP: Duration = Duration::from_secs(5);
+const FIRST_PAUSE: Duration = Duration::from_millis(200);
+const LONGEST_PAUSE: Duration = Duration::from_secs(5);
+/// Publishes waiting for the connection. Beyond it [`Bus::publish`] refuses.
+const OUTGOING: usize = 4_096;
+/// Above what the embedded broker lets pass.
+const MAX_PACKET: u32 = 512 * 1024;
+/// Status and parameters of the largest fleet.
+const MAX_EARLY: usize = 40_000;
+/// A command that waits longer in a broker is of no use to anybody.
+const MESSAGE_EXPIRY_S: u32 = 60;
+
+const FILTERS: [TopicFilter; 6] = [
+    TopicFilter::Status,
+    TopicFilter::Heartbeat,
+    TopicFilter::Telemetry,
+    TopicFilter::Responses,
+    TopicFilter::Parameters,
+    TopicFilter::Logs,
+];
+
+/// Where the broker is and who we are to it.
+#[derive(Clone)]
+pub(crate) struct Target {
+    pub(crate) host: String,
+    pub(crate) port: u16,
+    pub(crate) client_id: String,
+    pub(crate) credentials: Option<(String, String)>,
+}
+
+/// Who gets what arrives.
+pub(crate) trait Receiver: Send + Sync + 'static {
+    /// One message. Called from the task that owns the connection: must not block.
+    fn message(&self, topic: &[u8], payload: &[u8], retained: bool);
+    /// The connection came up (`true`) or was lost.
+    fn connection(&self, up: bool, text: &str);
+}
+
+/// Why a message did not go out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum PublishError {
+    /// There is no connection to the broker.
+    NotConnected,
+    /// Too much is waiting already.
+    Full,
+}
+
+/// The sending side, shared by everybody who publishes.
+pub(crate) struct Bus {
+    fleet: Fleet,
+    client: Mutex<Option<AsyncClient>>,
+    up: AtomicBool,
+    metrics: Arc<Metrics>,
+}
+
+/// A connection that is set up and not yet served.
+pub(crate) struct Connection {
+    client: AsyncClient,
+    events: EventLoop,
+    /// What arrived while subscribing.
+    early: Vec<Event>,
+}
+
+impl Bus {
+    pub(crate) fn new(fleet: Fleet, metrics: Arc<Metrics>) -> Self {
+        Self {
+            fleet,
+            client: Mutex::new(None),
+            up: AtomicBool::new(false),
+            metrics,
+        }
+    }
+
+    /// Whether messages go out and come in.
+    pub(crate) fn is_up(&self) -> bool {
+        self.up.load(Ordering::Relaxed)
+    }
+
+    /// Hands one message to the connection, with the quality of service of its topic.
+    ///
+    /// Messages go out in the order of these calls.
+    ///
+    /// # Errors
+    /// [`PublishError`]; the message has not gone out then.
+    pub(crate) fn publish(&self, topic: &Topic, payload: &[u8]) -> Result<(), PublishError> {
+        let client = self.client.lock().unwrap_or_else(PoisonError::into_inner);
+        let client = client.as_ref().ok_or(PublishError::NotConnected)?;
+        let properties = PublishProperties {
+            message_expiry_interval: (!topic.retained()).then_some(MESSAGE_EXPIRY_S),
+            ..PublishProperties::default()
+        };
+        client
+            .try_publish_with_properties(
+                topic.render(&self.fleet).as_str(),
+                quality(topic.qos()),
+                topic.retained(),
+                payload.to_vec(),
+                properties,
+            )
+            .map_err(|_| PublishError::Full)?;
+        self.metrics.message_out(topic);
+        Ok(())
+    }
+
+    fn set(&self, client: Option<AsyncClient>) {
+        self.up.store(client.is_some(), Ordering::Relaxed);
+        self.metrics.broker_connected(client.is_some());
+        *self.client.lock().unwrap_or_else(PoisonError::into_inner) = client;
+    }
+}
+
+const fn quality(qos: Qos) -> QoS {
+    match qos {
+        Qos::AtMostOnce => QoS::AtMostOnce,
+        Qos::AtLeastOnce => QoS::AtLeastOnce,
+    }
+}
+
+/// Connects and subscribes once.
+///
+/// # Errors
+/// One line saying why the broker cannot be used.
+pub(crate) async fn connect(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
+    match tokio::time::timeout(SETUP, set_up(target, fleet)).await {
+        Ok(result) => result,
+        Err(_) => Err(format!("no answer within {} s", SETUP.as_secs())),
+    }
+}
+
+async fn set_up(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
+    let mut options = MqttOptions::new(&target.client_id, &target.host, target.port);
+    options
+        .set_keep_alive(KEEP_ALIVE)
+        .set_clean_start(true)
+        .set_max_packet_size(Some(MAX_PACKET));
+    if let Some((user, password)) = &target.credentials {
+        options.set_credentials(user, password);
+    }
+    let mut network = rumqttc::NetworkOptions::new();
+    network.set_tcp_nodelay(true);
+    options.set_network_options(network);
+
+    let (client, mut events) = AsyncClient::new(options, OUTGOING);
+    let filters = FILTERS.map(|filter| {
+        Filter::new(
+            filter.render(fleet).as_str().to_owned(),
+            quality(filter.qos()),
+        )
+    });
+    let mut early = Vec::new();
+    loop {
+        match events.poll().await.map_err(|error| describe(&error))? {
+            Event::Incoming(Packet::ConnAck(_)) => client
+                .try_subscribe_many(filters.clone())
+                .map_err(|error| error.to_string())?,
+            Event::Incoming(Packet::SubAck(ack)) => {
+                let refused = ack
+                    .return_codes
+                    .iter()
+                    .any(|code| !matches!(code, SubscribeReasonCode::Success(_)));
+                if refused {
+                    return Err("the broker refuses our subscriptions".into());
+                }
+                return Ok(Connection {
+                    client,
+                    events,
+                    early,
+                });
+            }
+            // Retained messages may overtake the acknowledgement.
+            event @ Event::Incoming(Packet::Publish(_)) => {
+                if early.len() == MAX_EARLY {
+                    return Err("the broker sends without acknowledging our subscriptions".into());
+                }
+                early.push(event);
+            }
+            _ => {}
+        }
+    }
+}
+
+fn describe(error: &ConnectionError) -> String {
+    match error {
+        ConnectionError::Io(error) => error.to_string(),
+        ConnectionError::ConnectionRefused(ConnectReturnCode::BadUserNamePassword) => {
+            "the broker refuses user name or password".into()
+        }
+        ConnectionError::ConnectionRefused(code) => format!("the broker refuses us: {code:?}"),
+        ConnectionError::Timeout(_) => "no answer in time".into(),
+        error => error.to_string(),
+    }
+}
+
+/// Serves `connection`, and when it is lost new ones, until `stop`.
+pub(crate) async fn run(
+    bus: Arc<Bus>,
+    target: Target,
+    connection: Connection,
+    receiver: Arc<dyn Receiver>,
+    stop: CancellationToken,
+) {
+    let mut next = Some(connection);
+    let mut pause = FIRST_PAUSE;
+    while !stop.is_cancelled() {
+        let connection = match next.take() {
+            Some(connection) => Ok(connection),
+            None => connect(&target, &bus.fleet).await,
+        };
+        match connection {
+            Ok(connection) => {
+                pause = FIRST_PAUSE;
+                bus.set(Some(connection.client.clone()));
+                receiver.connection(true, "connected to the broker");
+                // A task of its own: should the client library panic over what a broker sends, that
+                // costs the connection and not the server.
+                let session = tokio::spawn(serve(connection, Arc::clone(&receiver), stop.clone()));
+                let reason = match session.await {
+                    Ok(reason) => reason,
+                    Err(error) => format!("the MQTT client failed: {error}"),
+                };
+                bus.set(None);
+                if !stop.is_cancelled() {
+                    bus.metrics.broker_lost();
+                    tracing::error!(reason, "lost the broker, trying again");
+                    receiver.connection(false, &reason);
+                }
+            }
+            Err(reason) => tracing::warn!(reason, "the broker cannot be reached, trying again"),
+        }
+        tokio::select! {
+            () = stop.cancelled() => {}
+            () = tokio::time::sleep(jitter(pause)) => {}
+        }
+        pause = (pause * 2).min(LONGEST_PAUSE);
+    }
+}
+
+/// Half to all of `pause`, so that several servers do not return in step.
+fn jitter(pause: Duration) -> Duration {
+    let mut byte = [0_u8];
+    // Without randomness the full pause is right as well.
+    let share = match getrandom::fill(&mut byte) {
+        Ok(()) => f64::from(byte[0]) / 255.0,
+        Err(_) => 1.0,
+    };
+    pause.mul_f64(0.5 + share / 2.0)
+}
+
+/// Serves one connection to its end and says why it ended.
+async fn serve(
+    mut connection: Connection,
+    receiver: Arc<dyn Receiver>,
+    stop: CancellationToken,
+) -> String {
+    for event in std::mem::take(&mut connection.early) {
+        deliver(receiver.as_ref(), &event);
+    }
+    let events = &mut connection.events;
+    loop {
+        tokio::select! {
+            biased;
+            () = stop.cancelled() => break,
+            polled = tokio::time::timeout(STUCK, events.poll()) => match polled {
+                Ok(Ok(Event::Incoming(Packet::Disconnect(packet)))) => {
+                    return format!("the broker ended the session: {:?}", packet.reason_code);
+                }
+                Ok(Ok(event)) => deliver(receiver.as_ref(), &event),
+                Ok(Err(error)) => return describe(&error),
+                Err(_) => return "the connection is stuck".into(),
+            },
+        }
+    }
+    // What was handed over before goes out before the DISCONNECT does.
+    let farewell = async {
+        if connection.client.try_disconnect().is_ok() {
+            while let Ok(event) = events.poll().await {
+                if event == Event::Outgoing(rumqttc::Outgoing::Disconnect) {
+                    break;
+                }
+            }
+        }
+    };
+    let _ = tokio::time::timeout(Duration::from_secs(1), farewell).await;
+    "stopped".into()
+}
+
+fn deliver(receiver: &dyn Receiver, event: &Event) {
+    if let Event::Incoming(Packet::Publish(publish)) = event {
+        receiver.message(&publish.topic, &publish.payload, publish.retain);
+    }
+}

@@ -1,0 +1,10 @@
+//! Wall-clock time in the unit of the wire.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Unix milliseconds; 0 when the machine's clock stands before 1970.
+pub(crate) fn unix_ms() -> u64 {
+    SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |elapsed| elapsed.as_millis() as u64)
+}

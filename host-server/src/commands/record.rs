@@ -1,0 +1,326 @@
+//! One command and what it came to.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use crawler_protocol::{Action, Command, Outcomes, Reason, Response, ResponseStatus, RobotId};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::Target;
+
+/// A robot that has not answered at all by then will not.
+const FIRST_ANSWER: Duration = Duration::from_secs(5);
+/// What a lasting command may take beyond its own duration.
+const GRACE: Duration = Duration::from_secs(5);
+const LONGEST_SCAN: Duration = Duration::from_mins(1);
+const LONGEST_GOTO: Duration = Duration::from_mins(10);
+
+/// What a command came to with one robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum OutcomeStatus {
+    /// Done, or in force.
+    Completed,
+    /// Older than another command; nothing changed.
+    Stale,
+    /// Came too late; nothing changed.
+    Expired,
+    /// Not acceptable; nothing changed.
+    Rejected,
+    /// Begun and not brought to its end.
+    Failed,
+    /// No answer in time.
+    Timeout,
+    /// Under way.
+    Accepted,
+    /// No answer yet.
+    Pending,
+}
+
+impl OutcomeStatus {
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Completed => "completed",
+            Self::Stale => "stale",
+            Self::Expired => "expired",
+            Self::Rejected => "rejected",
+            Self::Failed => "failed",
+            Self::Timeout => "timeout",
+            Self::Accepted => "accepted",
+            Self::Pending => "pending",
+        }
+    }
+
+    const fn is_open(self) -> bool {
+        matches!(self, Self::Accepted | Self::Pending)
+    }
+}
+
+impl From<ResponseStatus> for OutcomeStatus {
+    fn from(status: ResponseStatus) -> Self {
+        match status {
+            ResponseStatus::Accepted => Self::Accepted,
+            ResponseStatus::Completed => Self::Completed,
+            ResponseStatus::Rejected => Self::Rejected,
+            ResponseStatus::Expired => Self::Expired,
+            ResponseStatus::Stale => Self::Stale,
+            ResponseStatus::Failed => Self::Failed,
+        }
+    }
+}
+
+/// What a command came to with one robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Outcome {
+    pub(crate) status: OutcomeStatus,
+    pub(crate) reason: Option<Reason>,
+    pub(crate) timestamp: Option<u64>,
+}
+
+impl Outcome {
+    const PENDING: Self = Self {
+        status: OutcomeStatus::Pending,
+        reason: None,
+        timestamp: None,
+    };
+}
+
+/// What an answer changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Change {
+    /// The robot's first answer that ends the matter.
+    pub(super) first_final: bool,
+    pub(super) completed: bool,
+}
+
+/// A command and its outcomes.
+#[derive(Debug, Clone)]
+pub(crate) struct Record {
+    pub(crate) command: Command,
+    pub(crate) target: Target,
+    pub(crate) outcomes: BTreeMap<RobotId, Outcome>,
+    pub(crate) sent_at: Instant,
+    /// Outcomes that are not final.
+    open: usize,
+}
+
+impl Record {
+    pub(super) fn new(
+        command: Command,
+        target: Target,
+        expected: impl IntoIterator<Item = RobotId>,
+        now: Instant,
+    ) -> Self {
+        let outcomes: BTreeMap<_, _> = expected
+            .into_iter()
+            .map(|id| (id, Outcome::PENDING))
+            .collect();
+        Self {
+            command,
+            target,
+            open: outcomes.len(),
+            outcomes,
+            sent_at: now,
+        }
+    }
+
+    /// Whether some robot has not answered for good.
+    pub(super) const fn is_open(&self) -> bool {
+        self.open > 0
+    }
+
+    /// Takes in an answer; `None` when it changes nothing.
+    pub(super) fn answer(&mut self, response: &Response, known: bool) -> Option<Change> {
+        let status = OutcomeStatus::from(response.status);
+        let outcome = Outcome {
+            status,
+            reason: response.reason,
+            timestamp: Some(response.timestamp),
+        };
+        let Some(current) = self.outcomes.get_mut(&response.robot) else {
+            if self.target != Target::Swarm || !known {
+                return None;
+            }
+            self.outcomes.insert(response.robot.clone(), outcome);
+            self.open += usize::from(status.is_open());
+            return Some(Change {
+                first_final: !status.is_open(),
+                completed: status == OutcomeStatus::Completed,
+            });
+        };
+        // A late answer is worth more than our giving up; a final answer is never taken back, and
+        // `accepted` does not follow `accepted`.
+        let moves_on = match current.status {
+            OutcomeStatus::Pending | OutcomeStatus::Timeout => true,
+            OutcomeStatus::Accepted => !status.is_open(),
+            OutcomeStatus::Completed
+            | OutcomeStatus::Stale
+            | OutcomeStatus::Expired
+            | OutcomeStatus::Rejected
+            | OutcomeStatus::Failed => false,
+        };
+        if !moves_on {
+            return None;
+        }
+        // A timed-out robot that reports `accepted` after all has its first word, not a new wait.
+        let was_open = current.status.is_open();
+        if was_open && !status.is_open() {
+            self.open -= 1;
+        } else if !was_open && status.is_open() {
+            self.open += 1;
+        }
+        *current = outcome;
+        Some(Change {
+            first_final: !status.is_open(),
+            completed: status == OutcomeStatus::Completed,
+        })
+    }
+
+    /// Turns overdue outcomes into time-outs and returns how many.
+    pub(super) fn expire(&mut self, now: Instant) -> usize {
+        let age = now.saturating_duration_since(self.sent_at);
+        let end = longest(&self.command.action);
+        let mut expired = 0;
+        for outcome in self.outcomes.values_mut() {
+            let overdue = match outcome.status {
+                OutcomeStatus::Pending => age >= FIRST_ANSWER,
+                OutcomeStatus::Accepted => age >= end,
+                _ => false,
+            };
+            if overdue {
+                outcome.status = OutcomeStatus::Timeout;
+                expired += 1;
+            }
+        }
+        self.open -= expired;
+        expired
+    }
+
+    pub(super) fn wire_outcomes(&self) -> Outcomes {
+        let mut outcomes = Outcomes::default();
+        for outcome in self.outcomes.values() {
+            match outcome.status {
+                OutcomeStatus::Completed => outcomes.add(ResponseStatus::Completed),
+                OutcomeStatus::Stale => outcomes.add(ResponseStatus::Stale),
+                OutcomeStatus::Expired => outcomes.add(ResponseStatus::Expired),
+                OutcomeStatus::Rejected => outcomes.add(ResponseStatus::Rejected),
+                OutcomeStatus::Failed => outcomes.add(ResponseStatus::Failed),
+                OutcomeStatus::Accepted => outcomes.add(ResponseStatus::Accepted),
+                OutcomeStatus::Timeout | OutcomeStatus::Pending => outcomes.unanswered += 1,
+            }
+        }
+        outcomes
+    }
+
+    pub(crate) fn view(&self) -> CommandView {
+        let mut counts = Counts::default();
+        for outcome in self.outcomes.values() {
+            *match outcome.status {
+                OutcomeStatus::Completed => &mut counts.completed,
+                OutcomeStatus::Stale => &mut counts.stale,
+                OutcomeStatus::Expired => &mut counts.expired,
+                OutcomeStatus::Rejected => &mut counts.rejected,
+                OutcomeStatus::Failed => &mut counts.failed,
+                OutcomeStatus::Timeout => &mut counts.timeout,
+                OutcomeStatus::Accepted => &mut counts.accepted,
+                OutcomeStatus::Pending => &mut counts.pending,
+            } += 1;
+        }
+        // The order of the variants is that of how much is left to wish for.
+        let decisive = self.outcomes.values().max_by_key(|outcome| outcome.status);
+        let status = decisive.map_or(OutcomeStatus::Completed, |outcome| outcome.status);
+        let reason = decisive
+            .and_then(|outcome| outcome.reason)
+            .map(Reason::name);
+        CommandView {
+            id: self.command.seq.to_string(),
+            seq: self.command.seq,
+            command: self.command.action.name(),
+            robot: match &self.target {
+                Target::Robot(id) => Some(id.as_str().to_owned()),
+                Target::Swarm => None,
+            },
+            source: self.command.source.as_str().to_owned(),
+            timestamp: self.command.timestamp,
+            status,
+            reason,
+            counts,
+            outcomes: self
+                .outcomes
+                .iter()
+                .map(|(id, outcome)| OutcomeView {
+                    robot: id.as_str().to_owned(),
+                    status: outcome.status,
+                    reason: outcome.reason.map(Reason::name),
+                    timestamp: outcome.timestamp,
+                })
+                .collect(),
+        }
+    }
+}
+
+/// By when a robot that has accepted must have come to an end.
+fn longest(action: &Action) -> Duration {
+    match action {
+        Action::Move { duration_ms, .. } => Duration::from_millis((*duration_ms).into()) + GRACE,
+        Action::Scan => LONGEST_SCAN,
+        Action::Goto { .. } => LONGEST_GOTO,
+        _ => FIRST_ANSWER + GRACE,
+    }
+}
+
+/// A command and what it came to.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = CommandRecord)]
+pub(crate) struct CommandView {
+    /// Name of this record in `/api/v1/commands/{id}`.
+    pub(crate) id: String,
+    /// The command's number on the wire.
+    pub(crate) seq: u64,
+    /// The command's name.
+    pub(crate) command: &'static str,
+    /// The robot it was for; `null` for all of them.
+    pub(crate) robot: Option<String>,
+    /// Who sent it, as robots see it.
+    pub(crate) source: String,
+    /// Unix milliseconds when it was sent.
+    pub(crate) timestamp: u64,
+    /// The least finished, then the worst, of the outcomes.
+    pub(crate) status: OutcomeStatus,
+    /// Why, in a stable code, of the outcome that gives `status`.
+    pub(crate) reason: Option<&'static str>,
+    /// Robots by outcome.
+    pub(crate) counts: Counts,
+    /// Every robot's outcome.
+    pub(crate) outcomes: Vec<OutcomeView>,
+}
+
+/// Robots by outcome.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = CommandCounts)]
+#[allow(missing_docs)] // the names are those of OutcomeStatus
+pub(crate) struct Counts {
+    pub(crate) pending: usize,
+    pub(crate) accepted: usize,
+    pub(crate) completed: usize,
+    pub(crate) rejected: usize,
+    pub(crate) expired: usize,
+    pub(crate) stale: usize,
+    pub(crate) failed: usize,
+    pub(crate) timeout: usize,
+}
+
+/// What a command came to with one robot.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = CommandOutcome)]
+pub(crate) struct OutcomeView {
+    /// The robot.
+    pub(crate) robot: String,
+    /// What it came to.
+    pub(crate) status: OutcomeStatus,
+    /// Why, in a stable code.
+    pub(crate) reason: Option<&'static str>,
+    /// When the robot said so, in Unix milliseconds by its clock.
+    pub(crate) timestamp: Option<u64>,
+}

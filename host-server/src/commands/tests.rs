@@ -1,0 +1,271 @@
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use crawler_protocol::{Direction, Reason, ResponseStatus};
+
+use super::*;
+
+/// Keeps what would go out; refuses when told to.
+#[derive(Default)]
+struct Wire {
+    sent: Mutex<Vec<(Topic, Vec<u8>)>>,
+    broken: Mutex<Option<PublishError>>,
+}
+
+impl Outlet for Wire {
+    fn publish(&self, topic: &Topic, payload: &[u8]) -> Result<(), PublishError> {
+        if let Some(error) = *self.broken.lock().expect("lock") {
+            return Err(error);
+        }
+        let mut sent = self.sent.lock().expect("lock");
+        sent.push((topic.clone(), payload.to_vec()));
+        Ok(())
+    }
+}
+
+fn center() -> (Arc<Wire>, CommandCenter) {
+    let wire = Arc::new(Wire::default());
+    let outlet: Arc<dyn Outlet> = Arc::clone(&wire) as _;
+    let source = Source::new("server").expect("source");
+    let sequence = Sequence::in_memory(1_000);
+    let center = CommandCenter::new(outlet, Arc::new(Metrics::new()), source, sequence);
+    (wire, center)
+}
+
+fn id(text: &str) -> RobotId {
+    RobotId::new(text).expect("robot id")
+}
+
+fn answer(robot: &str, seq: u64, status: ResponseStatus) -> Response {
+    Response {
+        robot: id(robot),
+        seq,
+        status,
+        reason: None,
+        timestamp: 7,
+    }
+}
+
+const MOVE: Action = Action::Move {
+    direction: Direction::Forward,
+    speed: 50,
+    duration_ms: 2_000,
+};
+
+#[test]
+fn numbers_rise_and_what_goes_out_is_a_command() {
+    let (wire, center) = center();
+    let now = Instant::now();
+    for expected in 1_000..1_003 {
+        let view = center
+            .send(MOVE, Target::Robot(id("a")), [id("a")], now)
+            .expect("sent");
+        assert_eq!(view.seq, expected);
+        assert_eq!(view.status, OutcomeStatus::Pending);
+    }
+    let sent = wire.sent.lock().expect("lock");
+    for (number, (topic, payload)) in sent.iter().enumerate() {
+        assert_eq!(*topic, Topic::CommandRobot(id("a")));
+        let command = Command::parse(payload).expect("a command");
+        assert_eq!(command.seq, 1_000 + number as u64);
+        assert_eq!(command.action, MOVE);
+        assert_eq!(command.source.as_str(), "server");
+    }
+}
+
+#[test]
+fn a_lasting_command_is_accepted_then_completed() {
+    let (_, center) = center();
+    let now = Instant::now();
+    let seq = center
+        .send(MOVE, Target::Robot(id("a")), [id("a")], now)
+        .expect("sent")
+        .seq;
+    let status = |center: &CommandCenter| center.view(seq).expect("known").status;
+    assert!(
+        center
+            .answer(&answer("a", seq, ResponseStatus::Accepted), true, now)
+            .is_none()
+    );
+    assert_eq!(status(&center), OutcomeStatus::Accepted);
+    assert!(
+        center
+            .answer(&answer("a", seq, ResponseStatus::Completed), true, now)
+            .is_some()
+    );
+    assert_eq!(status(&center), OutcomeStatus::Completed);
+    // A repeated or contradicting answer changes nothing.
+    center.answer(&answer("a", seq, ResponseStatus::Failed), true, now);
+    center.answer(&answer("a", seq, ResponseStatus::Accepted), true, now);
+    assert_eq!(status(&center), OutcomeStatus::Completed);
+    let totals = center.totals();
+    assert_eq!((totals.sent, totals.answered, totals.open), (1, 1, 0));
+}
+
+#[test]
+fn answers_nobody_asked_for_are_nothing() {
+    let (_, center) = center();
+    let now = Instant::now();
+    let seq = center
+        .send(MOVE, Target::Robot(id("a")), [id("a")], now)
+        .expect("sent")
+        .seq;
+    center.answer(&answer("b", seq, ResponseStatus::Completed), true, now);
+    center.answer(&answer("a", seq + 1, ResponseStatus::Completed), true, now);
+    let view = center.view(seq).expect("known");
+    assert_eq!(view.status, OutcomeStatus::Pending);
+    assert_eq!(view.outcomes.len(), 1);
+    assert_eq!(center.totals().answered, 0);
+}
+
+#[test]
+fn silence_is_a_time_out_and_a_late_answer_still_counts() {
+    let (_, center) = center();
+    let start = Instant::now();
+    let seq = center
+        .send(Action::Stop, Target::Robot(id("a")), [id("a")], start)
+        .expect("sent")
+        .seq;
+    assert!(
+        center
+            .sweep(start + Duration::from_millis(4_999))
+            .is_empty()
+    );
+    let over = center.sweep(start + Duration::from_secs(5));
+    assert_eq!(over.len(), 1);
+    assert_eq!(over[0].status, OutcomeStatus::Timeout);
+    let late = start + Duration::from_secs(6);
+    center.answer(&answer("a", seq, ResponseStatus::Completed), true, late);
+    assert_eq!(
+        center.view(seq).expect("known").status,
+        OutcomeStatus::Completed
+    );
+}
+
+#[test]
+fn an_accepted_move_may_take_its_duration() {
+    let (_, center) = center();
+    let start = Instant::now();
+    let seq = center
+        .send(MOVE, Target::Robot(id("a")), [id("a")], start)
+        .expect("sent")
+        .seq;
+    center.answer(&answer("a", seq, ResponseStatus::Accepted), true, start);
+    assert!(
+        center
+            .sweep(start + Duration::from_millis(6_999))
+            .is_empty()
+    );
+    assert_eq!(center.sweep(start + Duration::from_secs(7)).len(), 1);
+}
+
+#[test]
+fn a_swarm_command_is_over_when_all_have_answered() {
+    let (wire, center) = center();
+    let now = Instant::now();
+    let robots = ["a", "b", "c"].map(id);
+    let seq = center
+        .send(Action::Stop, Target::Swarm, robots, now)
+        .expect("sent")
+        .seq;
+    center.answer(&answer("a", seq, ResponseStatus::Completed), true, now);
+    center.answer(&answer("b", seq, ResponseStatus::Rejected), true, now);
+    // A robot that was away a moment ago answers as well; one that nobody knows does not count.
+    center.answer(&answer("d", seq, ResponseStatus::Completed), true, now);
+    center.answer(&answer("e", seq, ResponseStatus::Completed), false, now);
+    let over = center
+        .answer(&answer("c", seq, ResponseStatus::Completed), true, now)
+        .expect("over");
+    assert_eq!(over.counts.completed, 3);
+    assert_eq!(over.counts.rejected, 1);
+    assert_eq!(over.status, OutcomeStatus::Rejected);
+
+    let sent = wire.sent.lock().expect("lock");
+    assert_eq!(sent[0].0, Topic::CommandSwarm);
+    assert_eq!(sent[1].0, Topic::ResponseSwarm);
+    let told = SwarmResponse::from_json(&sent[1].1).expect("a swarm response");
+    assert_eq!(told.seq, seq);
+    assert_eq!(told.robots, 4);
+    assert_eq!(told.outcomes.completed, 3);
+    assert_eq!(told.outcomes.unanswered, 0);
+    assert_eq!(sent.len(), 2, "told once");
+}
+
+#[test]
+fn a_swarm_command_is_over_after_a_while() {
+    let (wire, center) = center();
+    let start = Instant::now();
+    let seq = center
+        .send(Action::Stop, Target::Swarm, ["a", "b"].map(id), start)
+        .expect("sent")
+        .seq;
+    center.answer(&answer("a", seq, ResponseStatus::Completed), true, start);
+    center.sweep(start + Duration::from_secs(5));
+    let sent = wire.sent.lock().expect("lock");
+    let told = SwarmResponse::from_json(&sent[1].1).expect("a swarm response");
+    assert_eq!((told.outcomes.completed, told.outcomes.unanswered), (1, 1));
+}
+
+#[test]
+fn what_cannot_go_out_leaves_no_trace() {
+    let (wire, center) = center();
+    let now = Instant::now();
+    for (broken, error) in [
+        (PublishError::NotConnected, SendError::NotConnected),
+        (PublishError::Full, SendError::Full),
+    ] {
+        *wire.broken.lock().expect("lock") = Some(broken);
+        let result = center.send(MOVE, Target::Robot(id("a")), [id("a")], now);
+        assert_eq!(result.map(|view| view.seq), Err(error));
+    }
+    assert!(center.view(1_000).is_none());
+    *wire.broken.lock().expect("lock") = None;
+    let view = center.send(MOVE, Target::Robot(id("a")), [id("a")], now);
+    assert_eq!(view.expect("sent").seq, 1_000, "no number is lost");
+}
+
+#[test]
+fn records_are_bounded_by_count_outcomes_and_age() {
+    let (_, center) = center();
+    let start = Instant::now();
+    for _ in 0..MAX_RECORDS + 10 {
+        center
+            .send(Action::Stop, Target::Robot(id("a")), [id("a")], start)
+            .expect("sent");
+    }
+    assert!(center.view(1_009).is_none());
+    assert!(center.view(1_010).is_some());
+
+    let robots: Vec<_> = (0..20_000)
+        .map(|number| id(&format!("r-{number}")))
+        .collect();
+    for _ in 0..20 {
+        center
+            .send(Action::Stop, Target::Swarm, robots.iter().cloned(), start)
+            .expect("sent");
+    }
+    assert!(center.book().outcomes <= MAX_OUTCOMES);
+
+    center.sweep(start + MAX_AGE + Duration::from_secs(1));
+    assert_eq!(center.book().records.len(), 0);
+    assert_eq!(center.book().outcomes, 0);
+    assert_eq!(center.totals().open, 0);
+}
+
+#[test]
+fn reasons_reach_the_operator() {
+    let (_, center) = center();
+    let now = Instant::now();
+    let seq = center
+        .send(MOVE, Target::Robot(id("a")), [id("a")], now)
+        .expect("sent")
+        .seq;
+    let rejected = Response {
+        reason: Some(Reason::Estopped),
+        ..answer("a", seq, ResponseStatus::Rejected)
+    };
+    center.answer(&rejected, true, now);
+    let view = center.view(seq).expect("known");
+    assert_eq!(view.reason, Some("estopped"));
+    assert_eq!(view.outcomes[0].reason, Some("estopped"));
+}

@@ -1,0 +1,230 @@
+//! Options: the command line wins over the environment, that over the file, that over defaults.
+//!
+//! Every option exists in all three places under one name: `--log-format`,
+//! `TERRACRAWLER_LOG_FORMAT` and the key `log_format` of the file given by `--config`. A name
+//! nobody knows is an error in each of them, so a typing mistake cannot pass for a default.
+
+mod broker_url;
+mod cli;
+mod layer;
+#[cfg(test)]
+mod tests;
+
+use std::ffi::OsString;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+
+use crawler_protocol::Fleet;
+
+pub use broker_url::{BrokerUrl, BrokerUrlError};
+pub use cli::{Cli, Command};
+pub use layer::{Layer, LogFormat};
+
+/// Prefix of every environment variable of this program.
+pub const ENV_PREFIX: &str = "TERRACRAWLER_";
+
+/// How many simulated robots one process may be asked for.
+pub const MAX_SIMULATED: u32 = 10_000;
+
+/// Which parts of the program run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Server, broker (unless an outside one is named) and simulated robots.
+    Up,
+    /// Server and broker, no robots.
+    Serve,
+    /// Simulated robots alone, on somebody's broker.
+    Sim,
+}
+
+/// Where the fleet's broker is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Broker {
+    /// In this process, listening at this address.
+    Embedded(SocketAddr),
+    /// Somewhere else.
+    Outside(BrokerUrl),
+}
+
+/// All options, resolved.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Which parts of the program run.
+    pub role: Role,
+    /// Root topic of the fleet.
+    pub fleet: Fleet,
+    /// Where the fleet's broker is.
+    pub broker: Broker,
+    /// Address of API and control room.
+    pub http: SocketAddr,
+    /// Where the server keeps what must survive a restart.
+    pub data: PathBuf,
+    /// Number of simulated robots.
+    pub robots: u32,
+    /// Name or file of the scenario the simulated robots live in.
+    pub scenario: Option<String>,
+    /// Seed of the simulated world.
+    pub seed: u64,
+    /// Log filter in the syntax of `tracing_subscriber::EnvFilter`.
+    pub log: String,
+    /// How log lines are written.
+    pub log_format: LogFormat,
+}
+
+/// Why the options cannot be used.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum ConfigError {
+    /// The file could not be read.
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        cause: std::io::Error,
+    },
+    /// The file is not what it should be.
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and where.
+        text: String,
+    },
+    /// An environment variable with our prefix that is not an option.
+    UnknownVariable(String),
+    /// A value that cannot be used.
+    Value {
+        /// Where it came from, as the person wrote it.
+        origin: String,
+        /// What is wrong with it.
+        text: String,
+    },
+    /// Two options that exclude each other.
+    Conflict(&'static str),
+}
+
+impl std::fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
+            Self::File { path, text } => write!(f, "{}: {text}", path.display()),
+            Self::UnknownVariable(name) => write!(
+                f,
+                "unknown environment variable {name}; known ones are {}",
+                layer::KEYS
+                    .iter()
+                    .map(|key| format!("{ENV_PREFIX}{}", key.to_uppercase()))
+                    .chain([format!("{ENV_PREFIX}CONFIG")])
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            ),
+            Self::Value { origin, text } => write!(f, "{origin}: {text}"),
+            Self::Conflict(text) => f.write_str(text),
+        }
+    }
+}
+
+impl std::error::Error for ConfigError {}
+
+impl Settings {
+    /// Resolves the options of one run.
+    ///
+    /// `environment` is every variable of the process; those without our prefix are ignored.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when a source cannot be read or holds something unknown or unusable.
+    pub fn resolve(
+        cli: Cli,
+        environment: impl IntoIterator<Item = (OsString, OsString)>,
+    ) -> Result<Self, ConfigError> {
+        let (role, arguments, config) = cli.into_layer();
+        let (environment, environment_config) = Layer::from_environment(environment)?;
+        let file = match config.or(environment_config) {
+            Some(path) => read_file(&path)?,
+            None => Layer::default(),
+        };
+        Self::from_layers(role, &[arguments, environment, file])
+    }
+
+    /// Resolves layers, the strongest first.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when values are out of range or exclude each other.
+    pub fn from_layers(role: Role, layers: &[Layer]) -> Result<Self, ConfigError> {
+        let first = |level: fn(&Layer) -> bool| layers.iter().position(level);
+        let mqtt_at = first(|layer| layer.mqtt.is_some());
+        let broker_at = first(|layer| layer.broker.is_some());
+        let mut merged = Layer::default();
+        for layer in layers {
+            merged.fill_from(layer);
+        }
+        let loopback = |port| SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port);
+        let broker = match (role, merged.broker, merged.mqtt) {
+            (Role::Sim, Some(url), _) => Broker::Outside(url),
+            (Role::Sim, None, _) => Broker::Outside(BrokerUrl::loopback()),
+            (Role::Up | Role::Serve, Some(_), Some(_)) if mqtt_at == broker_at => {
+                return Err(ConfigError::Conflict(
+                    "`mqtt` sets where the embedded broker listens and `broker` names an outside \
+                     one: give one of the two",
+                ));
+            }
+            // The stronger source decides: `--mqtt` on the command line overrules a `broker` key
+            // in the file, and the other way round.
+            (Role::Up | Role::Serve, Some(url), _) if mqtt_at.is_none() || broker_at < mqtt_at => {
+                Broker::Outside(url)
+            }
+            (Role::Up | Role::Serve, _, listen) => {
+                Broker::Embedded(listen.unwrap_or_else(|| loopback(1883)))
+            }
+        };
+        let robots = merged.robots.unwrap_or(50);
+        if role != Role::Serve && !(1..=MAX_SIMULATED).contains(&robots) {
+            return Err(ConfigError::Value {
+                origin: "robots".into(),
+                text: format!("{robots} is outside 1 to {MAX_SIMULATED}"),
+            });
+        }
+        Ok(Self {
+            role,
+            fleet: merged.fleet.unwrap_or_default(),
+            broker,
+            http: merged.http.unwrap_or_else(|| loopback(8080)),
+            data: merged.data.unwrap_or_else(|| PathBuf::from("data")),
+            robots,
+            scenario: merged.scenario,
+            seed: merged.seed.unwrap_or(1),
+            log: merged
+                .log
+                .unwrap_or_else(|| "info,rmqtt=error,rmqtt_net=error".into()),
+            log_format: merged.log_format.unwrap_or_default(),
+        })
+    }
+
+    /// The addresses that machines other than this one can reach.
+    #[must_use]
+    pub fn exposed(&self) -> Vec<(&'static str, SocketAddr)> {
+        let mut exposed = Vec::new();
+        if self.role == Role::Sim {
+            return exposed;
+        }
+        if !self.http.ip().is_loopback() {
+            exposed.push(("API and control room", self.http));
+        }
+        if let Broker::Embedded(address) = self.broker
+            && !address.ip().is_loopback()
+        {
+            exposed.push(("MQTT broker", address));
+        }
+        exposed
+    }
+}
+
+fn read_file(path: &Path) -> Result<Layer, ConfigError> {
+    let text = std::fs::read_to_string(path).map_err(|cause| ConfigError::Read {
+        path: path.to_owned(),
+        cause,
+    })?;
+    Layer::from_toml(&text).map_err(|text| ConfigError::File {
+        path: path.to_owned(),
+        text,
+    })
+}

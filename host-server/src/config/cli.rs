@@ -1,0 +1,138 @@
+//! The command line.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+use crawler_protocol::Fleet;
+
+use super::layer::parse_fleet;
+use super::{BrokerUrl, Layer, LogFormat, Role};
+
+/// A swarm of robots, simulated or real: broker, API, control room.
+///
+/// Every option is also an environment variable (`--log-format` is `TERRACRAWLER_LOG_FORMAT`) and a key
+/// of the file given by `--config` (`log_format`). The command line wins over the environment, that
+/// over the file.
+#[derive(Debug, Parser)]
+#[command(name = "terracrawler", version)]
+pub struct Cli {
+    /// What to run.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to run.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Server, broker and simulated robots in one process
+    Up {
+        #[command(flatten)]
+        #[allow(missing_docs)] // a doc comment here would become the command's description
+        common: Common,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        server: ServerOptions,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        robots: RobotOptions,
+    },
+    /// Server and broker, without robots
+    Serve {
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        common: Common,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        server: ServerOptions,
+    },
+    /// Simulated robots alone, on any MQTT 5 broker
+    Sim {
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        common: Common,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        robots: RobotOptions,
+    },
+}
+
+/// Options of every command.
+#[derive(Debug, Args)]
+pub struct Common {
+    /// TOML file with options
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Root topic of the fleet [default: swarm]
+    #[arg(long, value_name = "NAME", value_parser = parse_fleet)]
+    pub fleet: Option<Fleet>,
+    /// Outside MQTT 5 broker, like `mqtt://host:1883`
+    #[arg(long, value_name = "URL")]
+    pub broker: Option<BrokerUrl>,
+    /// Log filter, like `debug` or `info,crawler_server=trace` [default: info]
+    #[arg(long, value_name = "FILTER")]
+    pub log: Option<String>,
+    /// How log lines are written [default: text]
+    #[arg(long, value_enum, value_name = "FORMAT", hide_possible_values = false)]
+    pub log_format: Option<LogFormat>,
+}
+
+/// Options of the server.
+#[derive(Debug, Args)]
+pub struct ServerOptions {
+    /// Address of API and control room [default: 127.0.0.1:8080]
+    #[arg(long, value_name = "ADDRESS")]
+    pub http: Option<SocketAddr>,
+    /// Address of the embedded broker [default: 127.0.0.1:1883]
+    #[arg(long, value_name = "ADDRESS", conflicts_with = "broker")]
+    pub mqtt: Option<SocketAddr>,
+    /// Directory for what must survive a restart [default: data]
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+}
+
+/// Options of the simulated robots.
+#[derive(Debug, Args)]
+pub struct RobotOptions {
+    /// How many [default: 50]
+    #[arg(long, value_name = "N")]
+    pub robots: Option<u32>,
+    /// Name or TOML file of the scenario they live in
+    #[arg(long, value_name = "SCENARIO")]
+    pub scenario: Option<String>,
+    /// Seed of their world: the same seed draws the same arena [default: 1]
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+}
+
+impl Cli {
+    pub(super) fn into_layer(self) -> (Role, Layer, Option<PathBuf>) {
+        let (role, common, server, robots) = match self.command {
+            Command::Up {
+                common,
+                server,
+                robots,
+            } => (Role::Up, common, Some(server), Some(robots)),
+            Command::Serve { common, server } => (Role::Serve, common, Some(server), None),
+            Command::Sim { common, robots } => (Role::Sim, common, None, Some(robots)),
+        };
+        let mut layer = Layer {
+            fleet: common.fleet,
+            broker: common.broker,
+            log: common.log,
+            log_format: common.log_format,
+            ..Layer::default()
+        };
+        if let Some(server) = server {
+            layer.http = server.http;
+            layer.mqtt = server.mqtt;
+            layer.data = server.data;
+        }
+        if let Some(robots) = robots {
+            layer.robots = robots.robots;
+            layer.scenario = robots.scenario;
+            layer.seed = robots.seed;
+        }
+        (role, layer, common.config)
+    }
+}

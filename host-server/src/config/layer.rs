@@ -1,0 +1,175 @@
+//! One source of options: each of them may be there or not.
+
+use std::ffi::OsString;
+use std::fmt::Display;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use crawler_protocol::Fleet;
+use serde::Deserialize;
+
+use super::{BrokerUrl, ConfigError, ENV_PREFIX};
+
+/// How log lines are written.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum LogFormat {
+    /// For people.
+    #[default]
+    Text,
+    /// One JSON object per line.
+    Json,
+}
+
+impl FromStr for LogFormat {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "text" => Ok(Self::Text),
+            "json" => Ok(Self::Json),
+            _ => Err("must be `text` or `json`"),
+        }
+    }
+}
+
+/// Every key, as the file spells it.
+pub(super) const KEYS: [&str; 10] = [
+    "fleet",
+    "broker",
+    "mqtt",
+    "http",
+    "data",
+    "robots",
+    "scenario",
+    "seed",
+    "log",
+    "log_format",
+];
+
+/// One source of options. The fields are those of [`super::Settings`].
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Layer {
+    /// Root topic of the fleet.
+    pub fleet: Option<Fleet>,
+    /// An outside broker.
+    pub broker: Option<BrokerUrl>,
+    /// Where the embedded broker listens.
+    pub mqtt: Option<SocketAddr>,
+    /// Address of API and control room.
+    pub http: Option<SocketAddr>,
+    /// Where the server keeps what must survive a restart.
+    pub data: Option<PathBuf>,
+    /// Number of simulated robots.
+    pub robots: Option<u32>,
+    /// Name or file of the scenario.
+    pub scenario: Option<String>,
+    /// Seed of the simulated world.
+    pub seed: Option<u64>,
+    /// Log filter.
+    pub log: Option<String>,
+    /// How log lines are written.
+    pub log_format: Option<LogFormat>,
+}
+
+impl Layer {
+    /// Reads the file format.
+    ///
+    /// # Errors
+    /// One line saying what is wrong and where.
+    pub fn from_toml(text: &str) -> Result<Self, String> {
+        toml::from_str(text).map_err(|error| {
+            let line = error
+                .span()
+                .map_or(1, |span| 1 + text[..span.start].matches('\n').count());
+            format!("line {line}: {}", error.message().replace('\n', " "))
+        })
+    }
+
+    /// Reads the variables with our prefix, and apart from them the file named by
+    /// `TERRACRAWLER_CONFIG`.
+    ///
+    /// # Errors
+    /// [`ConfigError::UnknownVariable`] and [`ConfigError::Value`].
+    pub fn from_environment(
+        variables: impl IntoIterator<Item = (OsString, OsString)>,
+    ) -> Result<(Self, Option<PathBuf>), ConfigError> {
+        let mut layer = Self::default();
+        let mut config = None;
+        for (name, value) in variables {
+            let Some(key) = name.to_str().and_then(|name| name.strip_prefix(ENV_PREFIX)) else {
+                continue;
+            };
+            let origin = || format!("{ENV_PREFIX}{key}");
+            if key == "CONFIG" {
+                config = Some(PathBuf::from(value));
+                continue;
+            }
+            let key_name = key.to_lowercase();
+            if key != key.to_uppercase() || !KEYS.contains(&key_name.as_str()) {
+                return Err(ConfigError::UnknownVariable(origin()));
+            }
+            let value = value.into_string().map_err(|_| ConfigError::Value {
+                origin: origin(),
+                text: "is not UTF-8".into(),
+            })?;
+            layer
+                .set(&key_name, &value)
+                .map_err(|text| ConfigError::Value {
+                    origin: origin(),
+                    text,
+                })?;
+        }
+        Ok((layer, config))
+    }
+
+    fn set(&mut self, key: &str, value: &str) -> Result<(), String> {
+        fn parse<T: FromStr<Err: Display>>(value: &str) -> Result<Option<T>, String> {
+            value
+                .parse()
+                .map(Some)
+                .map_err(|error| format!("`{value}`: {error}"))
+        }
+        match key {
+            "fleet" => self.fleet = Some(parse_fleet(value)?),
+            "broker" => self.broker = parse(value)?,
+            "mqtt" => self.mqtt = parse(value)?,
+            "http" => self.http = parse(value)?,
+            "data" => self.data = Some(PathBuf::from(value)),
+            "robots" => self.robots = parse(value)?,
+            "scenario" => self.scenario = Some(value.to_owned()),
+            "seed" => self.seed = parse(value)?,
+            "log" => self.log = Some(value.to_owned()),
+            "log_format" => self.log_format = parse(value)?,
+            _ => return Err("unknown".into()),
+        }
+        Ok(())
+    }
+
+    /// Takes from `weaker` what is not there yet.
+    pub(super) fn fill_from(&mut self, weaker: &Self) {
+        fn fill<T: Clone>(own: &mut Option<T>, other: Option<&T>) {
+            if own.is_none() {
+                *own = other.cloned();
+            }
+        }
+        fill(&mut self.fleet, weaker.fleet.as_ref());
+        fill(&mut self.broker, weaker.broker.as_ref());
+        fill(&mut self.mqtt, weaker.mqtt.as_ref());
+        fill(&mut self.http, weaker.http.as_ref());
+        fill(&mut self.data, weaker.data.as_ref());
+        fill(&mut self.robots, weaker.robots.as_ref());
+        fill(&mut self.scenario, weaker.scenario.as_ref());
+        fill(&mut self.seed, weaker.seed.as_ref());
+        fill(&mut self.log, weaker.log.as_ref());
+        fill(&mut self.log_format, weaker.log_format.as_ref());
+    }
+}
+
+/// A fleet's name, with the rule in the message when it breaks it.
+pub(super) fn parse_fleet(text: &str) -> Result<Fleet, String> {
+    Fleet::new(text)
+        .map_err(|_| format!("`{text}` is not a fleet's name: 1 to 32 of a-z, 0-9 and -"))
+}

@@ -1,0 +1,227 @@
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use clap::{CommandFactory as _, Parser as _};
+
+use super::*;
+
+fn resolve(arguments: &[&str], environment: &[(&str, &str)]) -> Result<Settings, ConfigError> {
+    let cli = Cli::try_parse_from([&["terracrawler"], arguments].concat()).expect("command line");
+    let environment = environment
+        .iter()
+        .map(|(name, value)| (OsString::from(name), OsString::from(value)));
+    Settings::resolve(cli, environment)
+}
+
+/// A file of its own for each test, removed with the value.
+struct TomlFile(PathBuf);
+
+impl TomlFile {
+    fn new(name: &str, text: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("crawler-{name}-{}.toml", std::process::id()));
+        std::fs::write(&path, text).expect("write");
+        Self(path)
+    }
+
+    fn path(&self) -> &str {
+        self.0.to_str().expect("UTF-8")
+    }
+}
+
+impl Drop for TomlFile {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+#[test]
+fn defaults_stay_on_this_machine() {
+    let settings = resolve(&["up"], &[]).expect("defaults");
+    assert_eq!(settings.robots, 50);
+    assert_eq!(settings.fleet.as_str(), "swarm");
+    assert_eq!(settings.http.to_string(), "127.0.0.1:8080");
+    assert_eq!(
+        settings.broker,
+        Broker::Embedded("127.0.0.1:1883".parse().expect("address"))
+    );
+    assert!(settings.exposed().is_empty());
+}
+
+#[test]
+fn command_line_over_environment_over_file() {
+    let file = TomlFile::new(
+        "precedence",
+        "robots = 1\nseed = 11\nfleet = \"file\"\nlog = \"warn\"\n",
+    );
+    let environment = [
+        ("TERRACRAWLER_CONFIG", file.path()),
+        ("TERRACRAWLER_ROBOTS", "2"),
+        ("TERRACRAWLER_SEED", "22"),
+        ("UNRELATED", "x"),
+    ];
+    let settings = resolve(&["up", "--robots", "3"], &environment).expect("settings");
+    assert_eq!(settings.robots, 3, "command line");
+    assert_eq!(settings.seed, 22, "environment");
+    assert_eq!(settings.fleet.as_str(), "file", "file");
+    assert_eq!(settings.log, "warn", "file");
+}
+
+#[test]
+fn every_key_is_known_in_every_source() {
+    let values = [
+        ("fleet", "bench", "\"bench\""),
+        ("broker", "mqtt://h:1", "\"mqtt://h:1\""),
+        ("mqtt", "127.0.0.1:1", "\"127.0.0.1:1\""),
+        ("http", "127.0.0.1:2", "\"127.0.0.1:2\""),
+        ("data", "d", "\"d\""),
+        ("robots", "7", "7"),
+        ("scenario", "arena", "\"arena\""),
+        ("seed", "9", "9"),
+        ("log", "debug", "\"debug\""),
+        ("log_format", "json", "\"json\""),
+    ];
+    assert_eq!(values.map(|(key, _, _)| key), layer::KEYS);
+    for (key, plain, toml) in values {
+        let variable = format!("TERRACRAWLER_{}", key.to_uppercase());
+        let (from_environment, _) =
+            Layer::from_environment([(OsString::from(variable), OsString::from(plain))])
+                .expect(key);
+        let from_file = Layer::from_toml(&format!("{key} = {toml}")).expect(key);
+        assert_eq!(from_environment, from_file, "{key}");
+        assert_ne!(from_file, Layer::default(), "{key}");
+
+        let option = format!("--{}", key.replace('_', "-"));
+        let cli = Cli::try_parse_from(["terracrawler", "up", &option, plain]).expect(key);
+        assert_eq!(cli.into_layer().1, from_file, "{key}");
+    }
+}
+
+#[test]
+fn unknown_names_are_errors() {
+    let error = Cli::try_parse_from(["terracrawler", "up", "--robot", "5"]).expect_err("option");
+    assert!(error.to_string().contains("--robots"), "{error}");
+
+    let error = resolve(&["up"], &[("TERRACRAWLER_ROBOT", "5")]).expect_err("variable");
+    let text = error.to_string();
+    assert!(text.contains("TERRACRAWLER_ROBOT;"), "{text}");
+    assert!(text.contains("TERRACRAWLER_ROBOTS"), "{text}");
+
+    let file = TomlFile::new("unknown", "seed = 1\nrobot = 5\n");
+    let text = resolve(&["up", "--config", file.path()], &[])
+        .expect_err("key")
+        .to_string();
+    assert!(text.contains("line 2"), "{text}");
+    assert!(text.contains("unknown field `robot`"), "{text}");
+    assert!(!text.contains('\n'), "{text}");
+}
+
+#[test]
+fn values_that_cannot_be_are_errors() {
+    for (arguments, environment, expected) in [
+        (&["up", "--robots", "0"][..], &[][..], "outside 1 to 10000"),
+        (&["up", "--robots", "10001"], &[], "outside 1 to 10000"),
+        (
+            &["up"],
+            &[("TERRACRAWLER_ROBOTS", "many")],
+            "TERRACRAWLER_ROBOTS: `many`",
+        ),
+        (
+            &["up"],
+            &[("TERRACRAWLER_FLEET", "My Fleet")],
+            "1 to 32 of a-z",
+        ),
+        (
+            &["up"],
+            &[("TERRACRAWLER_BROKER", "mqtts://h")],
+            "only mqtt:// is supported",
+        ),
+        (
+            &["up", "--config", "/nonexistent.toml"],
+            &[],
+            "cannot read /nonexistent.toml",
+        ),
+    ] {
+        let text = resolve(arguments, environment)
+            .expect_err(expected)
+            .to_string();
+        assert!(text.contains(expected), "{text}");
+    }
+}
+
+#[test]
+fn one_broker_at_a_time_and_the_stronger_source_decides() {
+    let both = ["up", "--mqtt", "127.0.0.1:1", "--broker", "mqtt://h"];
+    Cli::try_parse_from([&["terracrawler"], &both[..]].concat()).expect_err("both");
+
+    let file = TomlFile::new("broker", "broker = \"mqtt://elsewhere\"\n");
+    let settings = resolve(
+        &["up", "--config", file.path(), "--mqtt", "127.0.0.1:7"],
+        &[],
+    )
+    .expect("settings");
+    assert_eq!(
+        settings.broker,
+        Broker::Embedded("127.0.0.1:7".parse().expect("address"))
+    );
+
+    let file = TomlFile::new("mqtt", "mqtt = \"127.0.0.1:7\"\n");
+    let settings = resolve(
+        &["up", "--config", file.path(), "--broker", "mqtt://h:9"],
+        &[],
+    )
+    .expect("settings");
+    assert_eq!(
+        settings.broker,
+        Broker::Outside("mqtt://h:9".parse().expect("broker"))
+    );
+
+    let file = TomlFile::new("both", "mqtt = \"127.0.0.1:7\"\nbroker = \"mqtt://h\"\n");
+    resolve(&["up", "--config", file.path()], &[]).expect_err("both in one file");
+}
+
+#[test]
+fn other_machines_are_named() {
+    let settings =
+        resolve(&["up", "--http", "0.0.0.0:80", "--mqtt", "[::]:1883"], &[]).expect("settings");
+    assert_eq!(settings.exposed().len(), 2);
+    // Robots alone listen nowhere.
+    let settings = resolve(&["sim"], &[("TERRACRAWLER_HTTP", "0.0.0.0:80")]).expect("settings");
+    assert!(settings.exposed().is_empty());
+}
+
+#[test]
+fn brokers_are_read_strictly() {
+    let ok = |text: &str| text.parse::<BrokerUrl>().expect(text);
+    assert_eq!(ok("mqtt://h").port, 1883);
+    assert_eq!(ok("mqtt://h:1884/").port, 1884);
+    assert_eq!(ok("mqtt://[::1]:1884").host, "::1");
+    let url = ok("mqtt://ada:p:w@h");
+    assert_eq!(url.credentials, Some(("ada".into(), "p:w".into())));
+    assert_eq!(
+        url.to_string(),
+        "mqtt://h:1883",
+        "no password where it is shown"
+    );
+    assert_eq!(format!("{url:?}"), "mqtt://h:1883");
+    for (text, error) in [
+        ("h:1883", BrokerUrlError::Scheme),
+        ("http://h", BrokerUrlError::Scheme),
+        ("wss://h", BrokerUrlError::Unsupported),
+        ("mqtt://", BrokerUrlError::Host),
+        ("mqtt://a b", BrokerUrlError::Host),
+        ("mqtt://[::1", BrokerUrlError::Host),
+        ("mqtt://[::1]x", BrokerUrlError::Host),
+        ("mqtt://[h]:1", BrokerUrlError::Host),
+        ("mqtt://h:0", BrokerUrlError::Port),
+        ("mqtt://h:65536", BrokerUrlError::Port),
+        ("mqtt://h:", BrokerUrlError::Port),
+        ("mqtt://h/x", BrokerUrlError::Path),
+    ] {
+        assert_eq!(text.parse::<BrokerUrl>(), Err(error), "{text}");
+    }
+}
+
+#[test]
+fn the_command_line_is_consistent() {
+    Cli::command().debug_assert();
+}

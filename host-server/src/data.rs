@@ -1,0 +1,159 @@
+//! The data directory: one server at a time, and what must survive a restart.
+
+use std::fs::{self, File, TryLockError};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Why the data directory cannot be used.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum DataError {
+    /// It cannot be made or written.
+    Io {
+        /// The file or directory.
+        path: PathBuf,
+        /// What the operating system said.
+        cause: io::Error,
+    },
+    /// Another server uses it.
+    InUse(PathBuf),
+    /// A file in it is not what this program wrote.
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        text: &'static str,
+    },
+}
+
+impl std::fmt::Display for DataError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Io { path, cause } => write!(
+                f,
+                "cannot use the data directory: {}: {cause}",
+                path.display()
+            ),
+            Self::InUse(path) => write!(
+                f,
+                "the data directory {} is in use by another server",
+                path.display()
+            ),
+            Self::Damaged { path, text } => write!(f, "{}: {text}", path.display()),
+        }
+    }
+}
+
+impl std::error::Error for DataError {}
+
+/// The directory, ours while this value lives.
+#[derive(Debug)]
+pub(crate) struct DataDir {
+    path: PathBuf,
+    /// The lock goes with the file when it is closed.
+    _lock: File,
+}
+
+impl DataDir {
+    /// Makes the directory if need be and takes possession of it.
+    pub(crate) fn open(path: &Path) -> Result<Self, DataError> {
+        let at = |path: &Path| {
+            let path = path.to_owned();
+            move |cause| DataError::Io { path, cause }
+        };
+        fs::create_dir_all(path).map_err(at(path))?;
+        let lock_path = path.join("lock");
+        let lock = File::options()
+            .create(true)
+            .write(true)
+            .truncate(false)
+            .open(&lock_path)
+            .map_err(at(&lock_path))?;
+        match lock.try_lock() {
+            Ok(()) => Ok(Self {
+                path: path.to_owned(),
+                _lock: lock,
+            }),
+            Err(TryLockError::WouldBlock) => Err(DataError::InUse(path.to_owned())),
+            Err(TryLockError::Error(cause)) => Err(at(&lock_path)(cause)),
+        }
+    }
+
+    /// Reads the number in the file `name`; `None` when there is no such file.
+    pub(crate) fn number(&self, name: &str) -> Result<Option<u64>, DataError> {
+        let path = self.path.join(name);
+        match fs::read_to_string(&path) {
+            Ok(text) => text
+                .trim()
+                .parse()
+                .map(Some)
+                .map_err(|_| DataError::Damaged {
+                    path,
+                    text: "is not a number; remove the file to start afresh",
+                }),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(cause) => Err(DataError::Io { path, cause }),
+        }
+    }
+
+    /// Writes the number in the file `name`, whole or not at all.
+    pub(crate) fn set_number(&self, name: &str, number: u64) -> Result<(), DataError> {
+        let path = self.path.join(name);
+        let new = self.path.join(format!("{name}.new"));
+        let write = || -> io::Result<()> {
+            let mut file = File::create(&new)?;
+            writeln!(file, "{number}")?;
+            file.sync_all()?;
+            fs::rename(&new, &path)
+        };
+        write().map_err(|cause| DataError::Io {
+            path: path.clone(),
+            cause,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scratch(name: &str) -> PathBuf {
+        let path = std::env::temp_dir().join(format!("crawler-data-{name}-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&path);
+        path
+    }
+
+    #[test]
+    fn a_number_survives() {
+        let path = scratch("number");
+        let data = DataDir::open(&path).expect("open");
+        assert_eq!(data.number("seq").expect("read"), None);
+        data.set_number("seq", 17).expect("write");
+        data.set_number("seq", 18).expect("write again");
+        drop(data);
+        let data = DataDir::open(&path).expect("open again");
+        assert_eq!(data.number("seq").expect("read"), Some(18));
+        fs::remove_dir_all(path).expect("clean up");
+    }
+
+    #[test]
+    fn one_server_at_a_time() {
+        let path = scratch("lock");
+        let first = DataDir::open(&path).expect("open");
+        let second = DataDir::open(&path).expect_err("in use");
+        assert!(matches!(second, DataError::InUse(_)), "{second}");
+        drop(first);
+        DataDir::open(&path).expect("free again");
+        fs::remove_dir_all(path).expect("clean up");
+    }
+
+    #[test]
+    fn damage_is_named() {
+        let path = scratch("damage");
+        let data = DataDir::open(&path).expect("open");
+        fs::write(path.join("seq"), "seventeen").expect("write");
+        let error = data.number("seq").expect_err("damaged").to_string();
+        assert!(error.contains("seq: is not a number"), "{error}");
+        fs::remove_dir_all(path).expect("clean up");
+    }
+}

@@ -1,0 +1,178 @@
+//! The frames: one byte of kind, then JSON or packed little-endian numbers.
+
+use std::collections::BTreeMap;
+
+use axum::body::Bytes;
+use crawler_protocol::{Fleet, RobotState};
+use serde_json::{Value, json};
+
+use super::Numbers;
+use crate::fleet::{Event, FleetState, Presence, Robot};
+
+const HELLO: u8 = 0;
+const ROSTER: u8 = 1;
+const POSES: u8 = 2;
+const EVENT: u8 = 3;
+const METRICS: u8 = 4;
+
+/// Version of the frames.
+const PROTOCOL: u8 = 1;
+/// Positions are told to the millimetre as long as the fleet is within 65 m.
+const FINEST_M: f32 = 0.001;
+const LOW_BATTERY_PERCENT: u8 = 20;
+
+/// What the feed tells of a robot ten times a second.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sample {
+    /// Millimetres, as fine as they are told.
+    x_mm: i32,
+    y_mm: i32,
+    /// 65,536 to the turn.
+    heading: u16,
+    state: u8,
+    flags: u8,
+    range_mm: u16,
+}
+
+impl Sample {
+    /// `None` while there is nothing to tell: no position yet, or no roster line to go with it.
+    pub(super) fn of(robot: &Robot) -> Option<Self> {
+        let telemetry = robot.telemetry.as_ref()?;
+        robot.status.as_ref()?;
+        let presence = match robot.presence {
+            Presence::Online => 0,
+            Presence::Stale => 1,
+            Presence::Offline => 2,
+        };
+        let low = telemetry.battery.percent < LOW_BATTERY_PERCENT;
+        let turns = telemetry.pose.theta / std::f32::consts::TAU;
+        Some(Self {
+            x_mm: (telemetry.pose.x * 1000.0).round() as i32,
+            y_mm: (telemetry.pose.y * 1000.0).round() as i32,
+            heading: ((turns - turns.floor()) * 65_536.0) as u32 as u16,
+            state: state_code(robot.state().unwrap_or(telemetry.state)),
+            flags: presence | u8::from(telemetry.range_mm.is_some()) << 2 | u8::from(low) << 3,
+            range_mm: telemetry.range_mm.unwrap_or(0),
+        })
+    }
+}
+
+const fn state_code(state: RobotState) -> u8 {
+    match state {
+        RobotState::Initializing => 0,
+        RobotState::Idle => 1,
+        RobotState::Moving => 2,
+        RobotState::Scanning => 3,
+        RobotState::Caution => 4,
+        RobotState::Avoiding => 5,
+        RobotState::Updating => 6,
+        RobotState::Error => 7,
+    }
+}
+
+fn json_frame(kind: u8, value: &Value) -> Bytes {
+    let mut frame = vec![kind];
+    // A Value has string keys and no failing parts; writing to memory does not fail either.
+    if let Err(error) = serde_json::to_writer(&mut frame, value) {
+        tracing::error!(%error, kind, "a frame cannot be written");
+    }
+    frame.into()
+}
+
+pub(super) fn hello(fleet: &Fleet, time: u64, arena: &Value) -> Bytes {
+    json_frame(
+        HELLO,
+        &json!({"protocol": PROTOCOL, "fleet": fleet.as_str(), "time": time, "arena": arena}),
+    )
+}
+
+/// Robots whose status nobody has seen have no line: what they are is not known.
+pub(super) fn roster<'a>(robots: impl Iterator<Item = &'a Robot>, removed: &[u16]) -> Bytes {
+    let lines: Vec<_> = robots
+        .filter_map(|robot| {
+            let status = robot.status.as_ref()?;
+            Some(json!({
+                "index": robot.index,
+                "id": robot.id.as_str(),
+                "kind": status.kind.name(),
+                "online": robot.presence.name(),
+                "firmware": status.firmware.as_str(),
+                "board": status.board.as_str(),
+            }))
+        })
+        .collect();
+    json_frame(ROSTER, &json!({"robots": lines, "removed": removed}))
+}
+
+pub(super) fn poses(full: bool, unix_ms: u64, samples: &[(u16, Sample)]) -> Bytes {
+    // The largest fleet is below 65,536; a longer list would be a mistake above.
+    let count = samples.len().min(usize::from(u16::MAX));
+    let samples = samples.get(..count).unwrap_or_default();
+    let bounds = |value: fn(&Sample) -> i32| {
+        let values = samples.iter().map(|(_, sample)| value(sample));
+        let low = values.clone().min().unwrap_or(0);
+        let high = values.max().unwrap_or(0);
+        (low, i64::from(high) - i64::from(low))
+    };
+    let (x0, width) = bounds(|sample| sample.x_mm);
+    let (y0, height) = bounds(|sample| sample.y_mm);
+    // Millimetres per unit; 1 unless the robots are further apart than 16 bits of them.
+    let unit = (width.max(height) as f32 / f32::from(u16::MAX)).max(1.0);
+    let scaled =
+        |value: i32, from: i32| ((i64::from(value) - i64::from(from)) as f32 / unit).round() as u16;
+
+    let mut frame = Vec::with_capacity(20 + 12 * count);
+    frame.push(POSES);
+    frame.push(u8::from(full));
+    frame.extend((count as u16).to_le_bytes());
+    frame.extend((unix_ms as u32).to_le_bytes());
+    frame.extend((x0 as f32 * FINEST_M).to_le_bytes());
+    frame.extend((y0 as f32 * FINEST_M).to_le_bytes());
+    frame.extend((unit * FINEST_M).to_le_bytes());
+    for (index, sample) in samples {
+        frame.extend(index.to_le_bytes());
+        frame.extend(scaled(sample.x_mm, x0).to_le_bytes());
+        frame.extend(scaled(sample.y_mm, y0).to_le_bytes());
+        frame.extend(sample.heading.to_le_bytes());
+        frame.push(sample.state);
+        frame.push(sample.flags);
+        frame.extend(sample.range_mm.to_le_bytes());
+    }
+    frame.into()
+}
+
+pub(super) fn event(event: &Event) -> Option<Bytes> {
+    match serde_json::to_value(event) {
+        Ok(value) => Some(json_frame(EVENT, &value)),
+        Err(error) => {
+            tracing::error!(%error, "an event cannot be written");
+            None
+        }
+    }
+}
+
+pub(super) fn metrics(fleet: &FleetState, messages_per_s: f64, numbers: &Numbers) -> Bytes {
+    let presences = fleet.presences();
+    let mut states = BTreeMap::new();
+    for robot in fleet.robots() {
+        if robot.presence == Presence::Online
+            && let Some(state) = robot.state()
+        {
+            *states.entry(state.name()).or_insert(0_u32) += 1;
+        }
+    }
+    json_frame(
+        METRICS,
+        &json!({
+            "robots": {
+                "online": presences.online,
+                "stale": presences.stale,
+                "offline": presences.offline,
+            },
+            "states": states,
+            "messages_per_s": (messages_per_s * 10.0).round() / 10.0,
+            "commands": {"sent": numbers.commands.sent, "answered": numbers.commands.answered},
+            "real_time_factor": numbers.real_time_factor.filter(|factor| factor.is_finite()),
+        }),
+    )
+}

@@ -1,0 +1,185 @@
+//! What the server knows of each robot, from what robots say.
+//!
+//! One value behind one lock, changed by messages ([`FleetState::receive`]) and by time passing
+//! ([`FleetState::sweep`]). It holds at most [`MAX_ROBOTS`] robots, a bounded number of log records
+//! and of events, whatever arrives.
+
+mod events;
+mod ingest;
+mod presence;
+mod robot;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeSet, HashMap};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use crawler_protocol::{Fleet, Response, RobotId};
+
+pub(crate) use events::{Event, EventLog, Level};
+pub(crate) use presence::Presence;
+pub(crate) use robot::Robot;
+
+/// The live feed numbers robots with 16 bits; this stays below with room for a bad day.
+pub(crate) const MAX_ROBOTS: usize = 20_000;
+/// Log records kept, of all robots together. Each robot has an equal share.
+const MAX_LOGS: usize = 100_000;
+const LOGS_PER_ROBOT: std::ops::RangeInclusive<usize> = 5..=200;
+
+/// How many robots there are of each presence.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Presences {
+    pub(crate) online: usize,
+    pub(crate) stale: usize,
+    pub(crate) offline: usize,
+}
+
+/// What a message was, beyond what it changed here.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Received {
+    /// Nothing for anybody else.
+    Noted,
+    /// An answer to a command.
+    Response(Response),
+}
+
+/// All robots of the fleet.
+pub(crate) struct FleetState {
+    fleet: Fleet,
+    slots: Vec<Option<Robot>>,
+    indices: HashMap<RobotId, u16>,
+    /// Robots whose roster line changed since the feed last looked.
+    changed: BTreeSet<u16>,
+    removed: Vec<u16>,
+    /// Changes of presence between two sweeps, not yet told as events.
+    moved: Vec<(RobotId, Presence)>,
+    rejected: ingest::RejectionLog,
+    pub(crate) events: EventLog,
+}
+
+/// What changed in the roster since it was last asked for.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(crate) struct RosterChanges {
+    pub(crate) changed: BTreeSet<u16>,
+    pub(crate) removed: Vec<u16>,
+}
+
+/// The fleet behind its lock. A panic while it was held leaves values that are each still valid.
+pub(crate) struct SharedFleet(Mutex<FleetState>);
+
+impl SharedFleet {
+    pub(crate) fn new(fleet: Fleet) -> Self {
+        Self(Mutex::new(FleetState::new(fleet)))
+    }
+
+    pub(crate) fn lock(&self) -> MutexGuard<'_, FleetState> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl FleetState {
+    pub(crate) fn new(fleet: Fleet) -> Self {
+        Self {
+            fleet,
+            slots: Vec::new(),
+            indices: HashMap::new(),
+            changed: BTreeSet::new(),
+            removed: Vec::new(),
+            moved: Vec::new(),
+            rejected: ingest::RejectionLog::default(),
+            events: EventLog::default(),
+        }
+    }
+
+    pub(crate) fn get(&self, id: &RobotId) -> Option<&Robot> {
+        let index = *self.indices.get(id)?;
+        self.slots.get(usize::from(index))?.as_ref()
+    }
+
+    /// Every robot, by index.
+    pub(crate) fn robots(&self) -> impl Iterator<Item = &Robot> {
+        self.slots.iter().flatten()
+    }
+
+    pub(crate) fn presences(&self) -> Presences {
+        let mut presences = Presences::default();
+        for robot in self.robots() {
+            *match robot.presence {
+                Presence::Online => &mut presences.online,
+                Presence::Stale => &mut presences.stale,
+                Presence::Offline => &mut presences.offline,
+            } += 1;
+        }
+        presences
+    }
+
+    /// Takes the roster changes that have piled up.
+    pub(crate) fn take_roster_changes(&mut self) -> RosterChanges {
+        RosterChanges {
+            changed: std::mem::take(&mut self.changed),
+            removed: std::mem::take(&mut self.removed),
+        }
+    }
+
+    /// Recomputes every robot's presence.
+    pub(crate) fn sweep(&mut self, now: Instant) {
+        let mut moves = std::mem::take(&mut self.moved);
+        for robot in self.slots.iter_mut().flatten() {
+            let presence = robot.presence_at(now);
+            if presence != robot.presence {
+                robot.presence = presence;
+                self.changed.insert(robot.index);
+                moves.push((robot.id.clone(), presence));
+            }
+        }
+        self.events.presence_changes(&moves);
+    }
+
+    /// The robot's entry, made when it is new and there is room.
+    fn entry(&mut self, id: &RobotId, now: Instant) -> Option<&mut Robot> {
+        let index = match self.indices.get(id) {
+            Some(index) => *index,
+            None => self.insert(id, now)?,
+        };
+        self.slots.get_mut(usize::from(index))?.as_mut()
+    }
+
+    fn insert(&mut self, id: &RobotId, now: Instant) -> Option<u16> {
+        if self.indices.len() >= MAX_ROBOTS {
+            // Whoever has been away longest makes room; a fleet that is all there takes nobody in.
+            let gone = self
+                .robots()
+                .filter(|robot| robot.presence == Presence::Offline)
+                .min_by_key(|robot| robot.last_seen.unwrap_or(robot.known_since))
+                .map(|robot| robot.id.clone())?;
+            self.remove(&gone);
+        }
+        let free = self.slots.iter().position(Option::is_none);
+        let index = free.unwrap_or(self.slots.len());
+        let number = u16::try_from(index).ok()?;
+        let robot = Robot::new(id.clone(), number, now);
+        match self.slots.get_mut(index) {
+            Some(slot) => *slot = Some(robot),
+            None => self.slots.push(Some(robot)),
+        }
+        self.indices.insert(id.clone(), number);
+        self.changed.insert(number);
+        Some(number)
+    }
+
+    fn remove(&mut self, id: &RobotId) {
+        if let Some(index) = self.indices.remove(id) {
+            if let Some(slot) = self.slots.get_mut(usize::from(index)) {
+                *slot = None;
+            }
+            self.changed.remove(&index);
+            // Readers get every removal; the list is emptied ten times a second.
+            self.removed.push(index);
+        }
+    }
+
+    fn logs_per_robot(&self) -> usize {
+        (MAX_LOGS / self.indices.len().max(1)).clamp(*LOGS_PER_ROBOT.start(), *LOGS_PER_ROBOT.end())
+    }
+}

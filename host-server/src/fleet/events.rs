@@ -1,0 +1,91 @@
+//! What an operator should know of, in words.
+
+use std::collections::VecDeque;
+
+use crawler_protocol::RobotId;
+use serde::Serialize;
+
+use super::Presence;
+use crate::clock;
+
+/// Events kept for readers who come later.
+const KEPT: usize = 500;
+/// When more robots than this change at once, one event tells of all of them.
+const ONE_BY_ONE: usize = 5;
+
+/// How much an event matters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Level {
+    /// As expected.
+    Info,
+    /// Worth a look.
+    Warn,
+    /// Needs somebody.
+    Error,
+}
+
+/// One event, as the live feed sends it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(crate) struct Event {
+    /// Unix milliseconds.
+    pub(crate) time: u64,
+    pub(crate) level: Level,
+    pub(crate) robot: Option<RobotId>,
+    pub(crate) text: String,
+}
+
+/// The newest events, numbered through.
+#[derive(Debug, Default)]
+pub(crate) struct EventLog {
+    events: VecDeque<Event>,
+    /// Number of the event after the newest.
+    next: u64,
+}
+
+impl EventLog {
+    pub(crate) fn push(&mut self, level: Level, robot: Option<RobotId>, text: String) {
+        if self.events.len() == KEPT {
+            self.events.pop_front();
+        }
+        self.events.push_back(Event {
+            time: clock::unix_ms(),
+            level,
+            robot,
+            text,
+        });
+        self.next += 1;
+    }
+
+    /// The newest `count` events, oldest first.
+    pub(crate) fn newest(&self, count: usize) -> impl Iterator<Item = &Event> {
+        self.events
+            .iter()
+            .skip(self.events.len().saturating_sub(count))
+    }
+
+    /// Events since number `from`, how many in between are lost, and the number to ask for next.
+    pub(crate) fn since(&self, from: u64) -> (impl Iterator<Item = &Event>, u64, u64) {
+        let new = self.next.saturating_sub(from);
+        let kept = (self.events.len() as u64).min(new);
+        (self.newest(kept as usize), new - kept, self.next)
+    }
+
+    pub(super) fn presence_changes(&mut self, moves: &[(RobotId, Presence)]) {
+        for presence in [Presence::Offline, Presence::Stale, Presence::Online] {
+            let level = match presence {
+                Presence::Online => Level::Info,
+                Presence::Stale | Presence::Offline => Level::Warn,
+            };
+            let same: Vec<_> = moves.iter().filter(|(_, now)| *now == presence).collect();
+            if same.len() > ONE_BY_ONE {
+                let text = format!("{} robots are {}", same.len(), presence.name());
+                self.push(level, None, text);
+            } else {
+                for (id, _) in same {
+                    self.push(level, Some(id.clone()), presence.name().to_owned());
+                }
+            }
+        }
+    }
+}

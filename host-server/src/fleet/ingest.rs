@@ -1,0 +1,304 @@
+//! Taking in messages: topic, size, meaning, in this order, and nothing gets further that fails one.
+
+use std::fmt;
+use std::time::{Duration, Instant};
+
+use crawler_protocol::{
+    Heartbeat, LogRecord, MAX_MESSAGE, ParametersMessage, Response, RobotId, StatusMessage,
+    Telemetry, Topic, TopicError,
+};
+
+use super::{FleetState, Level, MAX_ROBOTS, Received};
+use crate::clock;
+
+/// Positions beyond this are no positions. A coordinate in `f32` is good to 6 cm there.
+const FARTHEST_M: f32 = 1.0e6;
+/// One line per cause and interval tells of rejected messages.
+const REPORT_EVERY: Duration = Duration::from_secs(5);
+
+/// Why a message was not accepted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Rejection {
+    /// The topic is not UTF-8 or none of the contract's.
+    Topic,
+    /// What should be a robot id in the topic is none.
+    RobotId,
+    /// Longer than a message may be.
+    TooLarge,
+    /// Not the message that belongs on this topic.
+    Malformed,
+    /// It says another robot's id than its topic.
+    Mismatch,
+    /// A number no robot can mean.
+    Absurd,
+    /// The fleet is full.
+    Full,
+}
+
+impl Rejection {
+    const ALL: [Self; 7] = [
+        Self::Topic,
+        Self::RobotId,
+        Self::TooLarge,
+        Self::Malformed,
+        Self::Mismatch,
+        Self::Absurd,
+        Self::Full,
+    ];
+
+    /// The name in metrics.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Topic => "topic",
+            Self::RobotId => "robot_id",
+            Self::TooLarge => "too_large",
+            Self::Malformed => "malformed",
+            Self::Mismatch => "mismatch",
+            Self::Absurd => "absurd",
+            Self::Full => "full",
+        }
+    }
+}
+
+impl fmt::Display for Rejection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Topic => "a topic outside the contract",
+            Self::RobotId => "a topic with something that is no robot id",
+            Self::TooLarge => "larger than 1024 bytes",
+            Self::Malformed => "not the message that belongs on its topic",
+            Self::Mismatch => "names another robot than its topic",
+            Self::Absurd => "a position that cannot be one",
+            Self::Full => "from a robot beyond the largest fleet",
+        })
+    }
+}
+
+/// Says that messages are being rejected, without saying it for each of them.
+#[derive(Debug, Default)]
+pub(super) struct RejectionLog {
+    lines: [(Option<Instant>, u64); Rejection::ALL.len()],
+}
+
+impl RejectionLog {
+    /// Counts one; returns how many to report now, if now is a time to report.
+    fn count(&mut self, rejection: Rejection, now: Instant) -> Option<u64> {
+        let (reported, count) = self.lines.get_mut(rejection as usize)?;
+        *count += 1;
+        if reported.is_some_and(|at| now.saturating_duration_since(at) < REPORT_EVERY) {
+            return None;
+        }
+        *reported = Some(now);
+        Some(std::mem::take(count))
+    }
+}
+
+impl FleetState {
+    /// Takes in one message.
+    ///
+    /// # Errors
+    /// [`Rejection`]; nothing has changed then but the count of rejections.
+    pub(crate) fn receive(
+        &mut self,
+        topic: &[u8],
+        payload: &[u8],
+        retained: bool,
+        now: Instant,
+    ) -> Result<(Topic, Received), Rejection> {
+        let result = self.accept(topic, payload, retained, now);
+        if let Err(rejection) = result
+            && let Some(count) = self.rejected.count(rejection, now)
+        {
+            // What an attacker writes goes into the log escaped and cut short.
+            let shown: String = String::from_utf8_lossy(topic).chars().take(80).collect();
+            tracing::warn!(topic = ?shown, count, "ignored messages: {rejection}");
+            let text = match count {
+                1 => format!("ignored a message: {rejection}"),
+                _ => format!("ignored {count} messages: {rejection}"),
+            };
+            self.events.push(Level::Warn, None, text);
+        }
+        result
+    }
+
+    fn accept(
+        &mut self,
+        topic: &[u8],
+        payload: &[u8],
+        retained: bool,
+        now: Instant,
+    ) -> Result<(Topic, Received), Rejection> {
+        let text = std::str::from_utf8(topic).map_err(|_| Rejection::Topic)?;
+        let topic = Topic::parse(&self.fleet, text).map_err(|error| match error {
+            TopicError::Robot => Rejection::RobotId,
+            _ => Rejection::Topic,
+        })?;
+        if payload.len() > MAX_MESSAGE {
+            return Err(Rejection::TooLarge);
+        }
+        let received = match &topic {
+            Topic::Status(id) if payload.is_empty() => {
+                // MQTT's way to clear a retained message: somebody takes the robot off the books.
+                self.remove(id);
+                Received::Noted
+            }
+            Topic::Status(id) => {
+                let message = decode(StatusMessage::from_json(payload))?;
+                same(id, &message.robot)?;
+                self.status(id, message, retained, now)?;
+                Received::Noted
+            }
+            Topic::Heartbeat(id) => {
+                let message = decode(Heartbeat::from_json(payload))?;
+                same(id, &message.robot)?;
+                self.heartbeat(id, message, now)?;
+                Received::Noted
+            }
+            Topic::Telemetry(id) => {
+                let message = decode(Telemetry::from_json(payload))?;
+                same(id, &message.robot)?;
+                let pose = &message.pose;
+                if !(pose.x.abs() <= FARTHEST_M && pose.y.abs() <= FARTHEST_M) {
+                    return Err(Rejection::Absurd);
+                }
+                let robot = self.entry(id, now).ok_or(Rejection::Full)?;
+                robot.telemetry = Some(message);
+                self.spoke(id, now);
+                Received::Noted
+            }
+            Topic::Parameters(_) if payload.is_empty() => Received::Noted,
+            Topic::Parameters(id) => {
+                let message = decode(ParametersMessage::from_json(payload))?;
+                same(id, &message.robot)?;
+                let robot = self.entry(id, now).ok_or(Rejection::Full)?;
+                robot.parameters = Some(Box::new(message));
+                Received::Noted
+            }
+            Topic::Logs(id) => {
+                let message = decode(LogRecord::from_json(payload))?;
+                same(id, &message.robot)?;
+                self.log(id, message, now)?;
+                Received::Noted
+            }
+            Topic::Response(id) => {
+                let message = decode(Response::from_json(payload))?;
+                same(id, &message.robot)?;
+                Received::Response(message)
+            }
+            // The server subscribes to none of these; a broker that sends them anyway is wrong.
+            Topic::CommandSwarm
+            | Topic::CommandRobot(_)
+            | Topic::CommandExperiment
+            | Topic::ResponseSwarm
+            | Topic::Vision(_)
+            | Topic::Image(_)
+            | Topic::Cell { .. }
+            | Topic::Pose(_)
+            | Topic::Time
+            | Topic::Ota(_)
+            | Topic::SimulatorCommand
+            | Topic::SimulatorExperiment => return Err(Rejection::Topic),
+        };
+        Ok((topic, received))
+    }
+
+    fn status(
+        &mut self,
+        id: &RobotId,
+        message: StatusMessage,
+        retained: bool,
+        now: Instant,
+    ) -> Result<(), Rejection> {
+        let robot = self.entry(id, now).ok_or(Rejection::Full)?;
+        let online = message.online;
+        robot.status = Some(message);
+        let index = robot.index;
+        if !online {
+            robot.gone();
+        }
+        self.changed.insert(index);
+        // A retained status tells what was, not that the robot is there now.
+        if online && !retained {
+            self.spoke(id, now);
+        } else {
+            self.judge(id, now);
+        }
+        Ok(())
+    }
+
+    fn heartbeat(
+        &mut self,
+        id: &RobotId,
+        message: Heartbeat,
+        now: Instant,
+    ) -> Result<(), Rejection> {
+        let robot = self.entry(id, now).ok_or(Rejection::Full)?;
+        let index = robot.index;
+        if robot.beat(message, now) {
+            self.changed.insert(index);
+            tracing::error!(robot = %id, "two robots use this id, or it restarts all the time");
+            self.events.push(
+                Level::Error,
+                Some(id.clone()),
+                "two robots use this id, or it restarts all the time".into(),
+            );
+        }
+        self.spoke(id, now);
+        Ok(())
+    }
+
+    fn log(&mut self, id: &RobotId, message: LogRecord, now: Instant) -> Result<(), Rejection> {
+        use crawler_protocol::Level as Severity;
+        let keep = self.logs_per_robot();
+        let level = match message.level {
+            Severity::Error => Some(Level::Error),
+            Severity::Warn => Some(Level::Warn),
+            Severity::Info | Severity::Debug => None,
+        };
+        let text = level.map(|_| format!("{}: {}", message.event, message.text));
+        let robot = self.entry(id, now).ok_or(Rejection::Full)?;
+        robot.log(message, keep);
+        if let (Some(level), Some(text)) = (level, text) {
+            self.events.push(level, Some(id.clone()), text);
+        }
+        Ok(())
+    }
+
+    /// Notes a live word of the robot, and that it is online at once rather than at the next sweep.
+    fn spoke(&mut self, id: &RobotId, now: Instant) {
+        if let Some(robot) = self.entry(id, now) {
+            robot.seen(now, clock::unix_ms());
+        }
+        self.judge(id, now);
+    }
+
+    /// Recomputes one robot's presence. Changes for the worse, and robots coming online, are told
+    /// by the next sweep, which can gather many of them into one event.
+    fn judge(&mut self, id: &RobotId, now: Instant) {
+        let Some(robot) = self.entry(id, now) else {
+            return;
+        };
+        let presence = robot.presence_at(now);
+        if presence != robot.presence {
+            robot.presence = presence;
+            let index = robot.index;
+            self.changed.insert(index);
+            // Emptied ten times a second; a flood between two sweeps is told in part.
+            if self.moved.len() < MAX_ROBOTS {
+                self.moved.push((id.clone(), presence));
+            }
+        }
+    }
+}
+
+fn decode<T, E>(result: Result<T, E>) -> Result<T, Rejection> {
+    result.map_err(|_| Rejection::Malformed)
+}
+
+fn same(topic: &RobotId, message: &RobotId) -> Result<(), Rejection> {
+    if topic == message {
+        Ok(())
+    } else {
+        Err(Rejection::Mismatch)
+    }
+}

@@ -1,0 +1,128 @@
+//! One robot.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use crawler_protocol::{
+    Heartbeat, LogRecord, ParametersMessage, RobotId, RobotState, StatusMessage, Telemetry,
+};
+
+use super::Presence;
+
+/// Two robots under one id show as an uptime that keeps jumping back. A restart is one jump, a
+/// robot in a boot loop one every few seconds at most; so many within [`TWIN_WINDOW`] are twins
+/// or as bad.
+const TWIN_JUMPS: usize = 3;
+const TWIN_WINDOW: Duration = Duration::from_mins(1);
+
+/// What is known of one robot.
+pub(crate) struct Robot {
+    pub(crate) id: RobotId,
+    pub(crate) index: u16,
+    pub(crate) presence: Presence,
+    pub(crate) status: Option<StatusMessage>,
+    pub(crate) telemetry: Option<Telemetry>,
+    pub(crate) heartbeat: Option<Heartbeat>,
+    /// Boxed: large, and seldom looked at.
+    pub(crate) parameters: Option<Box<ParametersMessage>>,
+    /// Oldest first.
+    pub(crate) logs: VecDeque<LogRecord>,
+    pub(crate) known_since: Instant,
+    pub(crate) last_seen: Option<Instant>,
+    /// Unix milliseconds of the same moment, for people.
+    pub(crate) last_seen_ms: Option<u64>,
+    goodbye: bool,
+    jumps: VecDeque<Instant>,
+}
+
+impl Robot {
+    pub(super) fn new(id: RobotId, index: u16, now: Instant) -> Self {
+        Self {
+            id,
+            index,
+            presence: Presence::Stale,
+            status: None,
+            telemetry: None,
+            heartbeat: None,
+            parameters: None,
+            logs: VecDeque::new(),
+            known_since: now,
+            last_seen: None,
+            last_seen_ms: None,
+            goodbye: false,
+            jumps: VecDeque::new(),
+        }
+    }
+
+    pub(super) fn presence_at(&self, now: Instant) -> Presence {
+        Presence::judge(
+            self.goodbye,
+            self.last_seen.map(|at| now.saturating_duration_since(at)),
+            now.saturating_duration_since(self.known_since),
+        )
+    }
+
+    /// Notes a live word. Whoever speaks is there, even after a goodbye: the will of a session that
+    /// was taken over may arrive after the first words of the next one.
+    pub(super) fn seen(&mut self, now: Instant, unix_ms: u64) {
+        self.last_seen = Some(now);
+        self.last_seen_ms = Some(unix_ms);
+        self.goodbye = false;
+    }
+
+    /// Notes that the robot is going, by its own word or by its last will.
+    pub(super) fn gone(&mut self) {
+        self.goodbye = true;
+    }
+
+    /// Takes a heartbeat; true when it shows for the first time in a while that two robots share
+    /// this id.
+    pub(super) fn beat(&mut self, heartbeat: Heartbeat, now: Instant) -> bool {
+        let jumped = self
+            .heartbeat
+            .as_ref()
+            .is_some_and(|last| heartbeat.uptime_ms < last.uptime_ms);
+        self.heartbeat = Some(heartbeat);
+        self.forget_jumps(now);
+        if !jumped {
+            return false;
+        }
+        self.jumps.push_back(now);
+        if self.jumps.len() > 2 * TWIN_JUMPS {
+            self.jumps.pop_front();
+        }
+        self.jumps.len() == TWIN_JUMPS
+    }
+
+    fn forget_jumps(&mut self, now: Instant) {
+        while let Some(first) = self.jumps.front() {
+            if now.saturating_duration_since(*first) < TWIN_WINDOW {
+                break;
+            }
+            self.jumps.pop_front();
+        }
+    }
+
+    /// Whether two robots seem to share this id.
+    pub(crate) fn has_twin(&self) -> bool {
+        self.jumps.len() >= TWIN_JUMPS
+    }
+
+    /// The newest state, from whichever message told it last.
+    pub(crate) fn state(&self) -> Option<RobotState> {
+        match (&self.telemetry, &self.heartbeat) {
+            (Some(telemetry), Some(heartbeat)) if heartbeat.timestamp > telemetry.timestamp => {
+                Some(heartbeat.state)
+            }
+            (Some(telemetry), _) => Some(telemetry.state),
+            (None, heartbeat) => heartbeat.as_ref().map(|heartbeat| heartbeat.state),
+        }
+    }
+
+    pub(super) fn log(&mut self, record: LogRecord, keep: usize) {
+        self.logs.push_back(record);
+        while self.logs.len() > keep {
+            self.logs.pop_front();
+        }
+    }
+}

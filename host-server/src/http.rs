@@ -1,0 +1,112 @@
+//! The HTTP side: API, live feed, health, metrics, control room.
+
+mod assets;
+mod commands;
+mod guard;
+mod health;
+mod live;
+mod problem;
+mod robots;
+mod schema;
+mod serve;
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::middleware;
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use crate::broker::GuardCounters;
+use crate::bus::Bus;
+use crate::commands::CommandCenter;
+use crate::feed::Feed;
+use crate::fleet::SharedFleet;
+use crate::metrics::{Metrics, Simulated};
+
+pub(crate) use live::MAX_READERS;
+pub(crate) use serve::serve;
+
+/// Longest request body. A command is at most 1,024 bytes on the wire.
+const MAX_BODY: usize = 4 * 1024;
+
+/// Everything a request may need.
+pub(crate) struct App {
+    pub(crate) fleet: SharedFleet,
+    pub(crate) commands: CommandCenter,
+    pub(crate) bus: Arc<Bus>,
+    pub(crate) metrics: Arc<Metrics>,
+    pub(crate) feed: Feed,
+    /// Counts of the embedded broker, when it is ours.
+    pub(crate) guard: Option<Arc<GuardCounters>>,
+    /// How the simulation in this process is doing, when there is one.
+    pub(crate) simulation: Option<Box<dyn Fn() -> SimulationState + Send + Sync>>,
+    /// Readers the live feed still has room for.
+    pub(crate) readers: Arc<Semaphore>,
+    /// Ends the live feed's connections.
+    pub(crate) stop: CancellationToken,
+}
+
+/// What the simulation tells about itself.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SimulationState {
+    pub(crate) numbers: Simulated,
+    /// Whether it is running at all.
+    pub(crate) running: bool,
+}
+
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Terracrawler",
+        description = "Watch and steer a fleet of robots. Errors are problem documents (RFC 9457) \
+                       with a stable `code`."
+    ),
+    tags(
+        (name = "robots", description = "The fleet as last known"),
+        (name = "commands", description = "Telling robots what to do"),
+        (name = "feed", description = "Everything as it happens"),
+        (name = "description", description = "What messages look like")
+    )
+)]
+struct Description;
+
+/// The router of everything, for a server listening at `listen`.
+pub(crate) fn router(app: Arc<App>, listen: SocketAddr) -> Router {
+    let (api, document) = OpenApiRouter::with_openapi(Description::openapi())
+        .nest(
+            "/api/v1",
+            OpenApiRouter::new()
+                .routes(routes!(robots::list))
+                .routes(routes!(robots::one))
+                .routes(routes!(robots::logs))
+                .routes(routes!(robots::parameters, robots::set_parameters))
+                .routes(routes!(commands::to_robot))
+                .routes(routes!(commands::to_swarm))
+                .routes(routes!(commands::one))
+                .routes(routes!(schema::one))
+                .routes(routes!(live::connect)),
+        )
+        .split_for_parts();
+    api.merge(schema::document(&document))
+        .merge(health::routes())
+        .fallback(assets::serve)
+        .layer(DefaultBodyLimit::max(MAX_BODY))
+        .layer(middleware::from_fn(guard::time_out))
+        .layer(middleware::from_fn_with_state(
+            guard::Rules::new(listen),
+            guard::check,
+        ))
+        .layer(middleware::from_fn(problem::uniform))
+        .layer(middleware::from_fn(guard::catch_panics))
+        .layer(middleware::from_fn_with_state(
+            Arc::clone(&app),
+            guard::finish,
+        ))
+        .with_state(app)
+}

@@ -1,0 +1,233 @@
+//! Telling robots what to do.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use crawler_protocol::{Action, Reason, RobotId};
+use utoipa::ToSchema;
+
+use super::App;
+use super::guard::JsonBody;
+use super::problem::Problem;
+use crate::commands::{CommandView, SendError, Target};
+use crate::fleet::Presence;
+
+/// A command on its way: the same document as `GET /api/v1/commands/{id}`, whose address is in
+/// `Location`.
+pub(super) struct Accepted(CommandView);
+
+impl utoipa::PartialSchema for Accepted {
+    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::schema::Schema> {
+        CommandView::schema()
+    }
+}
+
+impl ToSchema for Accepted {
+    fn name() -> std::borrow::Cow<'static, str> {
+        CommandView::name()
+    }
+
+    fn schemas(
+        schemas: &mut Vec<(
+            String,
+            utoipa::openapi::RefOr<utoipa::openapi::schema::Schema>,
+        )>,
+    ) {
+        CommandView::schemas(schemas);
+    }
+}
+
+impl IntoResponse for Accepted {
+    fn into_response(self) -> Response {
+        let location = format!("/api/v1/commands/{}", self.0.id);
+        (
+            StatusCode::ACCEPTED,
+            [(header::LOCATION, location)],
+            Json(self.0),
+        )
+            .into_response()
+    }
+}
+
+/// A command without number, time and sender. The schema `command-request` says what it may be.
+#[derive(ToSchema)]
+#[schema(as = CommandRequest)]
+#[allow(dead_code)] // describes a body that the protocol's own parser reads
+pub(super) struct CommandRequest {
+    /// Its name, like `move`.
+    #[schema(example = "drive")]
+    command: String,
+    /// What the command needs; left out where it needs nothing.
+    #[schema(value_type = Option<Object>, example = json!({"v": 0.2, "w": 0.0}))]
+    parameters: Option<()>,
+}
+
+fn parse(body: &[u8]) -> Result<Action, Problem> {
+    Action::parse(body).map_err(|reason| {
+        let status = match reason {
+            Reason::Malformed => StatusCode::BAD_REQUEST,
+            _ => StatusCode::UNPROCESSABLE_ENTITY,
+        };
+        let detail = match reason {
+            Reason::Malformed => "the body is not one JSON object",
+            Reason::TooLarge => "the command is too large for a message",
+            Reason::UnknownCommand => "there is no such command",
+            Reason::UnknownField => "the command does not have one of these fields",
+            Reason::DuplicateField => "a field is there twice",
+            Reason::MissingField => "a field is missing",
+            Reason::WrongType => "a field holds another type than it must",
+            Reason::OutOfRange => "a value is out of range",
+            Reason::UnknownBehaviour => "there is no such behaviour",
+            _ => "the command is not valid",
+        };
+        Problem::new(status, reason.name(), detail)
+    })
+}
+
+/// Whatever happens, these go out: they can only make things safer.
+const fn is_halt(action: &Action) -> bool {
+    matches!(action, Action::Stop | Action::Estop)
+}
+
+fn failed(error: SendError) -> Problem {
+    match error {
+        SendError::NotConnected => Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "broker_unavailable",
+            "there is no connection to the broker; the command was not sent",
+        ),
+        SendError::Full => Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "overloaded",
+            "too many commands are waiting to go out; this one was not sent",
+        ),
+        SendError::TooLarge => Problem::new(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            Reason::TooLarge.name(),
+            "the command is too large for a message",
+        ),
+    }
+}
+
+/// Reads a command and sends it to one robot.
+pub(super) fn send_to_robot(app: &App, id: &str, body: &[u8]) -> Result<Accepted, Problem> {
+    let action = parse(body)?;
+    let unknown = || Problem::unknown_robot(id);
+    let robot = RobotId::new(id).map_err(|_| unknown())?;
+    let presence = {
+        let fleet = app.fleet.lock();
+        fleet.get(&robot).ok_or_else(unknown)?.presence
+    };
+    // A stale robot may still hear; an offline one would not, and must not find the command waiting
+    // when it returns.
+    if presence == Presence::Offline && !is_halt(&action) {
+        return Err(Problem::new(
+            StatusCode::CONFLICT,
+            "robot_offline",
+            format!("robot `{id}` is offline; only stop and estop are sent all the same"),
+        ));
+    }
+    let target = Target::Robot(robot.clone());
+    app.commands
+        .send(action, target, [robot], Instant::now())
+        .map(Accepted)
+        .map_err(failed)
+}
+
+/// Sends a command to one robot
+///
+/// A robot that is offline gets `stop` and `estop` only; anything else is a 409.
+#[utoipa::path(post, path = "/robots/{id}/commands", tag = "commands",
+    params(("id" = String, Path, description = "Robot id")),
+    request_body = CommandRequest,
+    responses(
+        (status = 202, description = "Sent", body = Accepted),
+        (status = 400, description = "Not JSON", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 404, description = "Nobody knows the robot", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 409, description = "The robot is offline", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 422, description = "Not a command", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 503, description = "No connection to the broker", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn to_robot(
+    State(app): State<Arc<App>>,
+    Path(id): Path<String>,
+    JsonBody(body): JsonBody,
+) -> Result<Accepted, Problem> {
+    send_to_robot(&app, &id, &body)
+}
+
+/// Sends a command to every robot
+///
+/// Answers are expected of the robots online at this moment. When all have answered, or after a
+/// while, what it came to is published on `{fleet}/response/swarm`. With no robot online, `stop`
+/// and `estop` go out all the same and anything else is a 409.
+#[utoipa::path(post, path = "/swarm/commands", tag = "commands",
+    request_body = CommandRequest,
+    responses(
+        (status = 202, description = "Sent", body = Accepted),
+        (status = 400, description = "Not JSON", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 409, description = "No robot is online", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 422, description = "Not a command", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 503, description = "No connection to the broker", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn to_swarm(
+    State(app): State<Arc<App>>,
+    JsonBody(body): JsonBody,
+) -> Result<Accepted, Problem> {
+    let action = parse(&body)?;
+    let expected: Vec<RobotId> = {
+        let fleet = app.fleet.lock();
+        let online = fleet
+            .robots()
+            .filter(|robot| robot.presence == Presence::Online);
+        online.map(|robot| robot.id.clone()).collect()
+    };
+    if expected.is_empty() && !is_halt(&action) {
+        return Err(Problem::new(
+            StatusCode::CONFLICT,
+            "no_robots",
+            "no robot is online; only stop and estop are sent all the same",
+        ));
+    }
+    app.commands
+        .send(action, Target::Swarm, expected, Instant::now())
+        .map(Accepted)
+        .map_err(failed)
+}
+
+/// What a command came to
+///
+/// The server remembers the last 4,096 commands for up to an hour.
+#[utoipa::path(get, path = "/commands/{id}", tag = "commands",
+    params(("id" = String, Path, description = "Id from the answer to the command")),
+    responses(
+        (status = 200, description = "What it came to so far", body = CommandView),
+        (status = 404, description = "Not known, or no longer", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn one(
+    State(app): State<Arc<App>>,
+    Path(id): Path<String>,
+) -> Result<Json<CommandView>, Problem> {
+    id.parse()
+        .ok()
+        .and_then(|seq| app.commands.view(seq))
+        .map(Json)
+        .ok_or_else(|| {
+            Problem::new(
+                StatusCode::NOT_FOUND,
+                "unknown_command_id",
+                "no such command is remembered",
+            )
+        })
+}

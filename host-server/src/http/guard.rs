@@ -1,0 +1,243 @@
+//! What every request passes: checks against other web pages, time-out, headers.
+//!
+//! There are no accounts yet, so whoever reaches the port is an operator. A web page that somebody
+//! has open must not become one: requests from other origins are refused, and so are host names
+//! that are not ours while we listen on loopback (a page could point its own name here).
+
+use std::net::{IpAddr, SocketAddr};
+use std::panic::AssertUnwindSafe;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Bytes;
+use axum::extract::{FromRequest, Request, State};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use futures_util::FutureExt as _;
+
+use super::App;
+use super::problem::Problem;
+
+/// No call waits for anything but a lock or the client's own bytes.
+const TIME_OUT: Duration = Duration::from_secs(10);
+
+/// Which hosts are ours.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rules {
+    loopback_only: bool,
+}
+
+impl Rules {
+    pub(super) fn new(listen: SocketAddr) -> Self {
+        Self {
+            loopback_only: listen.ip().is_loopback(),
+        }
+    }
+
+    fn check(self, headers: &HeaderMap) -> Result<(), Problem> {
+        let forbidden = |code, detail| Err(Problem::new(StatusCode::FORBIDDEN, code, detail));
+        let host = headers
+            .get(header::HOST)
+            .and_then(|host| host.to_str().ok())
+            .and_then(|host| host.parse::<Authority>().ok());
+        let Some(host) = host else {
+            return Err(Problem::new(
+                StatusCode::BAD_REQUEST,
+                "bad_host",
+                "the Host header is missing or not one",
+            ));
+        };
+        if self.loopback_only && !is_loopback_name(host.host()) {
+            return forbidden(
+                "foreign_host",
+                "this server answers on loopback only, to localhost, 127.0.0.1 and [::1]",
+            );
+        }
+        match headers.get(header::ORIGIN) {
+            None => Ok(()),
+            Some(origin) if is_origin_of(origin, host.as_str()) => Ok(()),
+            Some(_) => forbidden(
+                "foreign_origin",
+                "requests from pages of other origins are refused",
+            ),
+        }
+    }
+}
+
+fn is_loopback_name(host: &str) -> bool {
+    let bare = host
+        .strip_prefix('[')
+        .and_then(|host| host.strip_suffix(']'))
+        .unwrap_or(host);
+    bare.eq_ignore_ascii_case("localhost")
+        || bare.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+}
+
+/// Whether a page served at `host` has this origin. `https` counts too: a proxy in front may add it.
+fn is_origin_of(origin: &HeaderValue, host: &str) -> bool {
+    origin
+        .to_str()
+        .ok()
+        .and_then(|origin| {
+            origin
+                .strip_prefix("http://")
+                .or_else(|| origin.strip_prefix("https://"))
+        })
+        .is_some_and(|origin| origin.eq_ignore_ascii_case(host))
+}
+
+pub(super) async fn check(State(rules): State<Rules>, request: Request, next: Next) -> Response {
+    match rules.check(request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => problem.into_response(),
+    }
+}
+
+pub(super) async fn time_out(request: Request, next: Next) -> Response {
+    match tokio::time::timeout(TIME_OUT, next.run(request)).await {
+        Ok(response) => response,
+        Err(_) => Problem::new(
+            StatusCode::REQUEST_TIMEOUT,
+            "timeout",
+            "the request did not come to its end within 10 s",
+        )
+        .into_response(),
+    }
+}
+
+/// A mistake of ours costs its request and nothing else.
+pub(super) async fn catch_panics(request: Request, next: Next) -> Response {
+    let call = AssertUnwindSafe(next.run(request)).catch_unwind();
+    call.await.unwrap_or_else(|_| {
+        // The panic hook has logged what and where.
+        Problem::new(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "internal",
+            "the server failed over this request",
+        )
+        .into_response()
+    })
+}
+
+/// Scripts, styles and connections of our own origin only. Vite bundles neither inline scripts nor
+/// inline styles; textures and icons may come as data.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; \
+    img-src 'self' data: blob:; font-src 'self'; connect-src 'self'; worker-src 'self'; \
+    manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// Counts the request and adds the headers that every answer carries.
+pub(super) async fn finish(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    let mut response = next.run(request).await;
+    app.metrics.http_request(response.status().as_u16());
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (
+            HeaderName::from_static("cross-origin-opener-policy"),
+            "same-origin",
+        ),
+        (
+            HeaderName::from_static("cross-origin-resource-policy"),
+            "same-origin",
+        ),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    headers
+        .entry(header::CACHE_CONTROL)
+        .or_insert(HeaderValue::from_static("no-store"));
+    response
+}
+
+/// A body that says it is JSON. Pages of other origins cannot send that without asking first.
+pub(super) struct JsonBody(pub(super) Bytes);
+
+impl<S: Send + Sync> FromRequest<S> for JsonBody {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
+        let is_json = request
+            .headers()
+            .get(header::CONTENT_TYPE)
+            .and_then(|value| value.to_str().ok())
+            .and_then(|value| value.split(';').next())
+            .is_some_and(|kind| kind.trim().eq_ignore_ascii_case("application/json"));
+        if !is_json {
+            return Err(Problem::new(
+                StatusCode::UNSUPPORTED_MEDIA_TYPE,
+                "unsupported_media_type",
+                "the body must be application/json",
+            ));
+        }
+        match Bytes::from_request(request, state).await {
+            Ok(bytes) => Ok(Self(bytes)),
+            Err(error) if error.status() == StatusCode::PAYLOAD_TOO_LARGE => Err(Problem::new(
+                StatusCode::PAYLOAD_TOO_LARGE,
+                "too_large",
+                "the body is larger than 4096 bytes",
+            )),
+            Err(_) => Err(Problem::new(
+                StatusCode::BAD_REQUEST,
+                "bad_request",
+                "the body did not arrive",
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn verdict(listen: &str, host: &str, origin: Option<&str>) -> bool {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::HOST, host.parse().expect("host"));
+        if let Some(origin) = origin {
+            headers.insert(header::ORIGIN, origin.parse().expect("origin"));
+        }
+        Rules::new(listen.parse().expect("address"))
+            .check(&headers)
+            .is_ok()
+    }
+
+    #[test]
+    fn loopback_answers_to_its_own_names() {
+        for host in [
+            "localhost:8080",
+            "127.0.0.1:8080",
+            "[::1]:8080",
+            "LOCALHOST",
+            "127.0.0.2",
+        ] {
+            assert!(verdict("127.0.0.1:8080", host, None), "{host}");
+        }
+        for host in [
+            "evil.example:8080",
+            "localhost.evil.example",
+            "10.0.0.1:8080",
+        ] {
+            assert!(!verdict("127.0.0.1:8080", host, None), "{host}");
+        }
+        assert!(verdict("0.0.0.0:8080", "robots.local:8080", None));
+    }
+
+    #[test]
+    fn only_our_own_pages_may_call() {
+        let at = |origin| verdict("127.0.0.1:8080", "localhost:8080", Some(origin));
+        assert!(at("http://localhost:8080"));
+        for origin in [
+            "http://localhost:9090",
+            "http://127.0.0.1:8080",
+            "https://evil.example",
+            "null",
+            "file://",
+            "http://localhost:8080.evil.example",
+        ] {
+            assert!(!at(origin), "{origin}");
+        }
+    }
+}

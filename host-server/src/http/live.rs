@@ -1,0 +1,290 @@
+//! The live feed's connections.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
+use axum::http::StatusCode;
+use axum::response::Response;
+use futures_util::{Sink, SinkExt as _, Stream, StreamExt as _};
+use tokio::sync::broadcast;
+use tokio_util::sync::CancellationToken;
+
+use super::App;
+use super::problem::Problem;
+
+/// Readers at a time.
+pub(crate) const MAX_READERS: usize = 64;
+/// A reader that takes nothing for so long is gone.
+const STALLED: Duration = Duration::from_secs(5);
+/// For the snapshot of a large fleet over a slow link.
+const SNAPSHOT: Duration = Duration::from_secs(30);
+const FAREWELL: Duration = Duration::from_secs(1);
+
+/// Everything as it happens (WebSocket)
+///
+/// Binary frames, little-endian; the first byte is the kind: 0 hello, 1 roster, 2 poses, 3 event,
+/// 4 metrics. A snapshot first, then what changes. Readers that are too slow are closed with code
+/// 1008. Messages to the server are not taken.
+#[utoipa::path(get, path = "/live", tag = "feed",
+    responses(
+        (status = 101, description = "The feed follows"),
+        (status = 400, description = "Not a WebSocket request", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 503, description = "Too many readers", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn connect(
+    State(app): State<Arc<App>>,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Result<Response, Problem> {
+    let upgrade = upgrade.map_err(|error| {
+        Problem::new(
+            StatusCode::BAD_REQUEST,
+            "not_a_websocket",
+            error.body_text(),
+        )
+    })?;
+    let permit = Arc::clone(&app.readers).try_acquire_owned().map_err(|_| {
+        Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "too_many_readers",
+            format!("the feed has {MAX_READERS} readers already"),
+        )
+    })?;
+    Ok(upgrade
+        .max_message_size(1_024)
+        .max_frame_size(1_024)
+        .on_upgrade(async move |socket| {
+            app.metrics.live_clients(1);
+            let (frames, receiver) = app.feed.connect(&app.fleet);
+            let end = read(socket, frames, receiver, app.stop.clone()).await;
+            app.metrics.live_clients(-1);
+            if end.is_slow() {
+                app.metrics.live_dropped();
+                tracing::warn!(?end, "dropped a reader of the live feed");
+            }
+            drop(permit);
+        }))
+}
+
+/// Why a reader's connection ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum End {
+    /// The reader went away.
+    Left,
+    /// The reader sent something.
+    Spoke,
+    /// The reader fell too far behind.
+    Behind,
+    /// The reader took nothing at all.
+    Stalled,
+    /// The server stops.
+    Stopped,
+}
+
+impl End {
+    const fn is_slow(self) -> bool {
+        matches!(self, Self::Behind | Self::Stalled)
+    }
+
+    /// What to tell the reader, where it can still be told.
+    const fn farewell(self) -> Option<(u16, &'static str)> {
+        match self {
+            Self::Left | Self::Stalled => None,
+            Self::Spoke => Some((close_code::UNSUPPORTED, "this feed takes no messages")),
+            Self::Behind => Some((close_code::POLICY, "too slow: frames were lost")),
+            Self::Stopped => Some((close_code::AWAY, "the server stops")),
+        }
+    }
+}
+
+async fn read(
+    socket: WebSocket,
+    frames: Vec<Bytes>,
+    receiver: broadcast::Receiver<Bytes>,
+    stop: CancellationToken,
+) -> End {
+    let (mut sink, stream) = socket.split();
+    let end = pump(&mut sink, stream, frames, receiver, stop).await;
+    if let Some((code, reason)) = end.farewell() {
+        let close = Message::Close(Some(CloseFrame {
+            code,
+            reason: reason.into(),
+        }));
+        let _ = tokio::time::timeout(FAREWELL, sink.send(close)).await;
+    }
+    end
+}
+
+/// Hands frames on until there is a reason not to.
+async fn pump<S, R, E>(
+    sink: &mut S,
+    mut stream: R,
+    frames: Vec<Bytes>,
+    mut receiver: broadcast::Receiver<Bytes>,
+    stop: CancellationToken,
+) -> End
+where
+    S: Sink<Message> + Unpin,
+    R: Stream<Item = Result<Message, E>> + Unpin,
+{
+    let snapshot = async {
+        for frame in frames {
+            if sink.send(Message::Binary(frame)).await.is_err() {
+                return Some(End::Left);
+            }
+        }
+        None
+    };
+    let sent = tokio::select! {
+        biased;
+        () = stop.cancelled() => Some(End::Stopped),
+        sent = tokio::time::timeout(SNAPSHOT, snapshot) => sent.unwrap_or(Some(End::Stalled)),
+    };
+    if let Some(end) = sent {
+        return end;
+    }
+    loop {
+        tokio::select! {
+            biased;
+            () = stop.cancelled() => return End::Stopped,
+            word = stream.next() => match word {
+                Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
+                Some(Ok(Message::Text(_) | Message::Binary(_))) => return End::Spoke,
+                Some(Ok(Message::Close(_)) | Err(_)) | None => return End::Left,
+            },
+            frame = receiver.recv() => match frame {
+                Ok(frame) => {
+                    let sent = sink.send(Message::Binary(frame));
+                    match tokio::time::timeout(STALLED, sent).await {
+                        Ok(Ok(())) => {}
+                        Ok(Err(_)) => return End::Left,
+                        Err(_) => return End::Stalled,
+                    }
+                }
+                Err(broadcast::error::RecvError::Lagged(_)) => return End::Behind,
+                Err(broadcast::error::RecvError::Closed) => return End::Stopped,
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+    use std::pin::Pin;
+    use std::task::{Context, Poll};
+
+    use futures_util::stream;
+
+    use super::*;
+
+    /// Takes frames at a pace; `None` never takes any.
+    struct Reader {
+        pace: Option<Duration>,
+        busy: Option<Pin<Box<tokio::time::Sleep>>>,
+        taken: usize,
+    }
+
+    impl Reader {
+        fn new(pace: Option<Duration>) -> Self {
+            Self {
+                pace,
+                busy: None,
+                taken: 0,
+            }
+        }
+    }
+
+    impl Sink<Message> for Reader {
+        type Error = Infallible;
+
+        fn poll_ready(
+            mut self: Pin<&mut Self>,
+            cx: &mut Context<'_>,
+        ) -> Poll<Result<(), Infallible>> {
+            if self.pace.is_none() {
+                return Poll::Pending;
+            }
+            match &mut self.busy {
+                Some(busy) => busy.as_mut().poll(cx).map(Ok),
+                None => Poll::Ready(Ok(())),
+            }
+        }
+
+        fn start_send(mut self: Pin<&mut Self>, _: Message) -> Result<(), Infallible> {
+            self.taken += 1;
+            self.busy = self.pace.map(|pace| Box::pin(tokio::time::sleep(pace)));
+            Ok(())
+        }
+
+        fn poll_flush(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Result<(), Infallible>> {
+            Poll::Ready(Ok(()))
+        }
+
+        fn poll_close(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Result<(), Infallible>> {
+            Poll::Ready(Ok(()))
+        }
+    }
+
+    /// Sends a frame every 10 ms to `reader` and says how it ended.
+    async fn run(reader: &mut Reader, frames: usize) -> End {
+        let sender = broadcast::Sender::new(16);
+        let receiver = sender.subscribe();
+        let stop = CancellationToken::new();
+        let feed = {
+            let stop = stop.clone();
+            async move {
+                for _ in 0..frames {
+                    tokio::time::sleep(Duration::from_millis(10)).await;
+                    if sender.send(Bytes::from_static(b"{}")).is_err() {
+                        break;
+                    }
+                }
+                // Time for whoever is still waiting on the last frame.
+                tokio::time::sleep(Duration::from_secs(10)).await;
+                stop.cancel();
+            }
+        };
+        let silent = stream::pending::<Result<Message, Infallible>>();
+        let (end, ()) = tokio::join!(pump(reader, silent, Vec::new(), receiver, stop), feed);
+        end
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_quick_reader_gets_everything() {
+        let mut reader = Reader::new(Some(Duration::from_millis(1)));
+        assert_eq!(run(&mut reader, 500).await, End::Stopped);
+        assert_eq!(reader.taken, 500);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_slow_reader_is_dropped() {
+        let mut reader = Reader::new(Some(Duration::from_millis(100)));
+        assert_eq!(run(&mut reader, 500).await, End::Behind);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_reader_that_takes_nothing_is_dropped() {
+        assert_eq!(run(&mut Reader::new(None), 500).await, End::Stalled);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_reader_that_speaks_is_told_off() {
+        let sender = broadcast::Sender::new(16);
+        let word = stream::iter([Ok::<_, Infallible>(Message::Text("stop".into()))]);
+        let end = pump(
+            &mut Reader::new(Some(Duration::ZERO)),
+            word,
+            Vec::new(),
+            sender.subscribe(),
+            CancellationToken::new(),
+        )
+        .await;
+        assert_eq!(end, End::Spoke);
+        assert!(end.farewell().is_some());
+    }
+}

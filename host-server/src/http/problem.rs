@@ -1,0 +1,107 @@
+//! Errors as RFC 9457 problem documents.
+
+use axum::body::Body;
+use axum::extract::Request;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+const CONTENT_TYPE: HeaderValue = HeaderValue::from_static("application/problem+json");
+
+/// An error, as RFC 9457 wants it.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub(crate) struct Problem {
+    /// Always `about:blank`: `code` says more.
+    #[serde(rename = "type")]
+    kind: &'static str,
+    /// The status in words.
+    title: &'static str,
+    /// The HTTP status.
+    status: u16,
+    /// What is wrong with this request, for people.
+    detail: String,
+    /// What is wrong, for programs. Stable.
+    code: &'static str,
+}
+
+impl Problem {
+    pub(crate) fn new(status: StatusCode, code: &'static str, detail: impl Into<String>) -> Self {
+        Self {
+            kind: "about:blank",
+            title: status.canonical_reason().unwrap_or("Error"),
+            status: status.as_u16(),
+            detail: detail.into(),
+            code,
+        }
+    }
+
+    pub(crate) fn unknown_robot(id: &str) -> Self {
+        Self::new(
+            StatusCode::NOT_FOUND,
+            "unknown_robot",
+            format!("no robot `{}` is known", id.escape_default()),
+        )
+    }
+
+    fn from_status(status: StatusCode) -> Self {
+        let (code, detail) = match status {
+            StatusCode::NOT_FOUND => ("not_found", "there is nothing at this address"),
+            StatusCode::METHOD_NOT_ALLOWED => (
+                "method_not_allowed",
+                "this address does not take this method",
+            ),
+            StatusCode::PAYLOAD_TOO_LARGE => ("too_large", "the body is larger than 4096 bytes"),
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => (
+                "unsupported_media_type",
+                "the body must be application/json",
+            ),
+            StatusCode::UPGRADE_REQUIRED | StatusCode::BAD_REQUEST => {
+                ("bad_request", "the request cannot be understood")
+            }
+            status if status.is_server_error() => ("internal", "the server failed"),
+            _ => ("refused", "the request is refused"),
+        };
+        Self::new(status, code, detail)
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let mut response = (status, axum::Json(self)).into_response();
+        response
+            .headers_mut()
+            .insert(header::CONTENT_TYPE, CONTENT_TYPE);
+        response
+    }
+}
+
+/// Marks an answer whose body is meant as it is, although its status is that of an error.
+#[derive(Debug, Clone, Copy)]
+struct AsItIs;
+
+/// Keeps [`uniform`] from replacing the body.
+pub(super) fn keep(response: &mut Response) {
+    response.extensions_mut().insert(AsItIs);
+}
+
+/// Turns errors that others have worded into problem documents.
+pub(super) async fn uniform(request: Request, next: Next) -> Response {
+    let response = next.run(request).await;
+    let status = response.status();
+    if !(status.is_client_error() || status.is_server_error())
+        || response.headers().get(header::CONTENT_TYPE) == Some(&CONTENT_TYPE)
+        || response.extensions().get::<AsItIs>().is_some()
+    {
+        return response;
+    }
+    let (mut parts, _) = response.into_parts();
+    let problem = Problem::from_status(status).into_response();
+    let (problem_parts, body) = problem.into_parts();
+    // What belongs to the error stays, such as the methods that are allowed.
+    parts.headers.remove(header::CONTENT_LENGTH);
+    parts.headers.extend(problem_parts.headers);
+    Response::from_parts(parts, Body::new(body))
+}

@@ -1,0 +1,275 @@
+//! The fleet as last known.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::{Path, Query, State};
+use axum::http::StatusCode;
+use crawler_protocol::{
+    Battery, Boot, Capability, LogRecord, ParameterValue, Pose, RobotId, Wheels,
+};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::App;
+use super::commands::{Accepted, send_to_robot};
+use super::guard::JsonBody;
+use super::problem::Problem;
+use crate::clock;
+use crate::fleet::{Presence, Robot};
+
+/// A robot as last known. What it has not told yet is `null`.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Robot)]
+pub(super) struct RobotView {
+    /// Its id.
+    id: String,
+    /// Its number in the live feed.
+    index: u16,
+    /// Whether it is there.
+    presence: Presence,
+    /// Whether two robots seem to use this id.
+    duplicate: bool,
+    /// Unix milliseconds of its last heartbeat or telemetry; `null` when it has not spoken since the
+    /// server runs.
+    last_seen: Option<u64>,
+    /// `simulated`, `emulated` or `physical`.
+    kind: Option<&'static str>,
+    /// Version of its program.
+    firmware: Option<String>,
+    /// Its hardware.
+    board: Option<String>,
+    /// What it has: `drive`, `range`, `camera`.
+    #[schema(value_type = Vec<String>)]
+    capabilities: Vec<Capability>,
+    /// How often and why it started.
+    #[schema(value_type = Option<Object>)]
+    boot: Option<Boot>,
+    /// Version of the messages it speaks.
+    protocol: Option<u8>,
+    /// Its state, like `MOVING`.
+    state: Option<&'static str>,
+    /// Its behaviour, like `wander`.
+    behaviour: Option<&'static str>,
+    /// Where it believes to be, in metres and radians; `sigma` is how sure it is.
+    #[schema(value_type = Option<Object>)]
+    pose: Option<Pose>,
+    /// What its ranger sees, in millimetres.
+    range_mm: Option<u16>,
+    /// Temperature at the ranger.
+    temperature_c: Option<f32>,
+    /// Duty of the wheels, −1 to 1.
+    #[schema(value_type = Option<Object>)]
+    wheels: Option<Wheels>,
+    /// Its battery, in millivolts and percent.
+    #[schema(value_type = Option<Object>)]
+    battery: Option<Battery>,
+    /// Strength of its radio link.
+    rssi_dbm: Option<i8>,
+    /// Milliseconds since it started.
+    uptime_ms: Option<u64>,
+    /// Unix milliseconds of the telemetry shown here, by the robot's clock.
+    timestamp: Option<u64>,
+}
+
+impl From<&Robot> for RobotView {
+    fn from(robot: &Robot) -> Self {
+        let status = robot.status.as_ref();
+        let telemetry = robot.telemetry.as_ref();
+        Self {
+            id: robot.id.as_str().to_owned(),
+            index: robot.index,
+            presence: robot.presence,
+            duplicate: robot.has_twin(),
+            last_seen: robot.last_seen_ms,
+            kind: status.map(|status| status.kind.name()),
+            firmware: status.map(|status| status.firmware.as_str().to_owned()),
+            board: status.map(|status| status.board.as_str().to_owned()),
+            capabilities: status.map_or_else(Vec::new, |status| status.capabilities.to_vec()),
+            boot: status.map(|status| status.boot),
+            protocol: status.map(|status| status.protocol),
+            state: robot.state().map(crawler_protocol::RobotState::name),
+            behaviour: telemetry.map(|telemetry| telemetry.behaviour.name()),
+            pose: telemetry.map(|telemetry| telemetry.pose),
+            range_mm: telemetry.and_then(|telemetry| telemetry.range_mm),
+            temperature_c: telemetry.and_then(|telemetry| telemetry.temperature_c),
+            wheels: telemetry.map(|telemetry| telemetry.wheels),
+            battery: telemetry.map(|telemetry| telemetry.battery),
+            rssi_dbm: telemetry.and_then(|telemetry| telemetry.rssi_dbm),
+            uptime_ms: robot.heartbeat.as_ref().map(|beat| beat.uptime_ms),
+            timestamp: telemetry.map(|telemetry| telemetry.timestamp),
+        }
+    }
+}
+
+/// The fleet.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Robots)]
+pub(super) struct RobotList {
+    /// Unix milliseconds now, by the server's clock.
+    time: u64,
+    /// Every robot the server knows, by index.
+    robots: Vec<RobotView>,
+}
+
+/// Every robot as last known
+#[utoipa::path(get, path = "/robots", tag = "robots",
+    responses((status = 200, description = "The fleet", body = RobotList)))]
+pub(super) async fn list(State(app): State<Arc<App>>) -> Json<RobotList> {
+    let robots = app.fleet.lock().robots().map(RobotView::from).collect();
+    Json(RobotList {
+        time: clock::unix_ms(),
+        robots,
+    })
+}
+
+/// Looks a robot up and takes from it what is wanted.
+fn with_robot<T>(app: &App, id: &str, take: impl FnOnce(&Robot) -> T) -> Result<T, Problem> {
+    let unknown = || Problem::unknown_robot(id);
+    let id = RobotId::new(id).map_err(|_| unknown())?;
+    app.fleet.lock().get(&id).map(take).ok_or_else(unknown)
+}
+
+/// One robot as last known
+#[utoipa::path(get, path = "/robots/{id}", tag = "robots",
+    params(("id" = String, Path, description = "Robot id")),
+    responses(
+        (status = 200, description = "The robot", body = RobotView),
+        (status = 404, description = "Nobody knows it", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn one(
+    State(app): State<Arc<App>>,
+    Path(id): Path<String>,
+) -> Result<Json<RobotView>, Problem> {
+    with_robot(&app, &id, |robot| RobotView::from(robot)).map(Json)
+}
+
+/// How many records are wanted.
+#[derive(Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct LogQuery {
+    /// At most so many; 200 when not given.
+    limit: Option<usize>,
+}
+
+/// What a robot has logged, newest first.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Logs)]
+pub(super) struct LogList {
+    /// Newest first. Each is a `log-record` message.
+    #[schema(value_type = Vec<Object>)]
+    records: Vec<LogRecord>,
+}
+
+/// What a robot has logged, newest first
+///
+/// The server keeps up to 200 records of a robot in memory, fewer when the fleet is large.
+#[utoipa::path(get, path = "/robots/{id}/logs", tag = "robots",
+    params(("id" = String, Path, description = "Robot id"), LogQuery),
+    responses(
+        (status = 200, description = "Its log records", body = LogList),
+        (status = 400, description = "The query is not valid", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 404, description = "Nobody knows it", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn logs(
+    State(app): State<Arc<App>>,
+    Path(id): Path<String>,
+    query: Result<Query<LogQuery>, axum::extract::rejection::QueryRejection>,
+) -> Result<Json<LogList>, Problem> {
+    let Query(query) = query
+        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
+    let records = with_robot(&app, &id, |robot| {
+        let newest = robot.logs.iter().rev();
+        newest.take(query.limit.unwrap_or(200)).cloned().collect()
+    })?;
+    Ok(Json(LogList { records }))
+}
+
+/// A parameter and what it may be.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Parameter)]
+pub(super) struct ParameterView {
+    /// Its name.
+    name: String,
+    /// Its value.
+    #[schema(value_type = Object)]
+    value: ParameterValue,
+    /// Its value in a robot as it comes.
+    #[schema(value_type = Option<Object>)]
+    default: Option<ParameterValue>,
+    /// Least value.
+    min: Option<f32>,
+    /// Greatest value.
+    max: Option<f32>,
+    /// Unit.
+    unit: Option<String>,
+}
+
+/// The parameters of a robot.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Parameters)]
+pub(super) struct ParameterList {
+    /// In the robot's order.
+    parameters: Vec<ParameterView>,
+}
+
+/// The parameters of a robot
+#[utoipa::path(get, path = "/robots/{id}/parameters", tag = "robots",
+    params(("id" = String, Path, description = "Robot id")),
+    responses(
+        (status = 200, description = "Its parameters", body = ParameterList),
+        (status = 404, description = "Nobody knows it, or its parameters", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn parameters(
+    State(app): State<Arc<App>>,
+    Path(id): Path<String>,
+) -> Result<Json<ParameterList>, Problem> {
+    let message = with_robot(&app, &id, |robot| robot.parameters.clone())?.ok_or_else(|| {
+        Problem::new(
+            StatusCode::NOT_FOUND,
+            "no_parameters",
+            "the robot has not told its parameters yet",
+        )
+    })?;
+    let parameters = message.values.iter().map(|report| ParameterView {
+        name: report.name.as_str().to_owned(),
+        value: report.value.clone(),
+        default: report.default.clone(),
+        min: report.min,
+        max: report.max,
+        unit: report.unit.as_ref().map(|unit| unit.as_str().to_owned()),
+    });
+    Ok(Json(ParameterList {
+        parameters: parameters.collect(),
+    }))
+}
+
+/// Changes parameters of a robot
+///
+/// The body is an object of new values, like `{"safe_distance_mm": 600}`. It goes to the robot as a
+/// `set` command, which answers for all of them together.
+#[utoipa::path(put, path = "/robots/{id}/parameters", tag = "robots",
+    params(("id" = String, Path, description = "Robot id")),
+    request_body(content = Object, description = "New values by name"),
+    responses(
+        (status = 202, description = "Sent to the robot", body = Accepted),
+        (status = 404, description = "Nobody knows it", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 409, description = "It is offline", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 422, description = "Not an object of values", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn set_parameters(
+    State(app): State<Arc<App>>,
+    Path(id): Path<String>,
+    JsonBody(body): JsonBody,
+) -> Result<Accepted, Problem> {
+    // The strict reader behind this knows no field twice and nothing after the end, so a body
+    // cannot reach beyond the place it is put in.
+    let mut request = br#"{"command":"set","parameters":"#.to_vec();
+    request.extend_from_slice(&body);
+    request.push(b'}');
+    send_to_robot(&app, &id, &request)
+}

@@ -1,0 +1,32 @@
+//! The server of a fleet: embedded broker, state of every robot, API, live feed, control room.
+//!
+//! [`config`] resolves the options, [`server::Server`] starts and stops everything, [`run`] is what
+//! the binary `terracrawler` does with the two. Robots are met in MQTT messages alone, whether the
+//! broker is in this process or not; what those messages are is `crawler-protocol`'s to say.
+
+pub mod config;
+pub mod run;
+pub mod server;
+
+mod broker;
+mod bus;
+mod clock;
+mod commands;
+mod data;
+mod feed;
+mod fleet;
+mod http;
+mod metrics;
+mod process;
+
+pub use data::DataError;
+
+/// Bytes as text.
+fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a String does not fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}

@@ -1,0 +1,383 @@
+//! Numbers about the server, in the text format Prometheus reads.
+
+use std::fmt::Write as _;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use crawler_protocol::Topic;
+use prometheus_client::encoding::{EncodeLabelSet, text};
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::Histogram;
+use prometheus_client::registry::{Registry, Unit};
+
+use crate::broker::GuardCounters;
+use crate::process;
+
+/// What is asked for at every scrape rather than counted along the way.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Observed {
+    pub(crate) online: usize,
+    pub(crate) stale: usize,
+    pub(crate) offline: usize,
+    pub(crate) open_commands: usize,
+    pub(crate) simulation: Option<Simulated>,
+}
+
+/// How the simulation in this process is doing.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Simulated {
+    /// Simulated seconds per second.
+    pub(crate) real_time_factor: f64,
+    /// Physics steps so far.
+    pub(crate) steps: u64,
+    /// Robots in the world.
+    pub(crate) robots: u64,
+}
+
+/// A label with one of a few values known beforehand.
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct Kind {
+    kind: &'static str,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct CommandLabel {
+    command: &'static str,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct StatusLabel {
+    status: &'static str,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct HttpLabel {
+    class: &'static str,
+}
+
+/// Every number of the server.
+pub(crate) struct Metrics {
+    registry: Mutex<Registry>,
+    messages_in: Family<Kind, Counter>,
+    messages_in_total: AtomicU64,
+    messages_out: Family<Kind, Counter>,
+    messages_rejected: Family<Kind, Counter>,
+    commands_sent: Family<CommandLabel, Counter>,
+    answers: Family<StatusLabel, Counter>,
+    latency: Family<CommandLabel, Histogram>,
+    http_requests: Family<HttpLabel, Counter>,
+    live_clients: Gauge,
+    live_dropped: Counter,
+    broker_up: Gauge,
+    broker_losses: Counter,
+    robots: Family<StatusLabel, Gauge>,
+    open_commands: Gauge,
+}
+
+/// From a quarter of a millisecond to a minute: an instantaneous command takes one, `goto` the other.
+fn latency_histogram() -> Histogram {
+    Histogram::new([
+        0.000_25, 0.000_5, 0.001, 0.002, 0.003, 0.005, 0.007_5, 0.01, 0.015, 0.02, 0.03, 0.05,
+        0.075, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0,
+    ])
+}
+
+impl Metrics {
+    pub(crate) fn new() -> Self {
+        let mut registry = Registry::with_prefix("terracrawler");
+        let metrics = Self {
+            messages_in: Family::default(),
+            messages_in_total: AtomicU64::new(0),
+            messages_out: Family::default(),
+            messages_rejected: Family::default(),
+            commands_sent: Family::default(),
+            answers: Family::default(),
+            latency: Family::new_with_constructor(latency_histogram),
+            http_requests: Family::default(),
+            live_clients: Gauge::default(),
+            live_dropped: Counter::default(),
+            broker_up: Gauge::default(),
+            broker_losses: Counter::default(),
+            robots: Family::default(),
+            open_commands: Gauge::default(),
+            registry: Mutex::default(),
+        };
+        let r = &mut registry;
+        r.register(
+            "mqtt_messages_in",
+            "Messages received from robots, by topic",
+            metrics.messages_in.clone(),
+        );
+        r.register(
+            "mqtt_messages_out",
+            "Messages published by the server, by topic",
+            metrics.messages_out.clone(),
+        );
+        r.register(
+            "mqtt_messages_rejected",
+            "Messages that were not what they should be, by cause",
+            metrics.messages_rejected.clone(),
+        );
+        r.register(
+            "commands_sent",
+            "Commands sent, counted once per robot they were for",
+            metrics.commands_sent.clone(),
+        );
+        r.register(
+            "command_answers",
+            "Last answers to commands, by what they came to; timeout when none came",
+            metrics.answers.clone(),
+        );
+        r.register_with_unit(
+            "command_latency",
+            "From sending a command to the robot's completed",
+            Unit::Seconds,
+            metrics.latency.clone(),
+        );
+        r.register(
+            "commands_open",
+            "Commands some robot has not answered for good",
+            metrics.open_commands.clone(),
+        );
+        r.register(
+            "robots",
+            "Robots known, by presence",
+            metrics.robots.clone(),
+        );
+        r.register(
+            "http_requests",
+            "HTTP requests answered, by class of status",
+            metrics.http_requests.clone(),
+        );
+        r.register(
+            "live_clients",
+            "Readers of the live feed",
+            metrics.live_clients.clone(),
+        );
+        r.register(
+            "live_dropped",
+            "Readers of the live feed that were too slow and were dropped",
+            metrics.live_dropped.clone(),
+        );
+        r.register(
+            "broker_connected",
+            "1 while the server is connected to the broker",
+            metrics.broker_up.clone(),
+        );
+        r.register(
+            "broker_losses",
+            "Connections to the broker that were lost",
+            metrics.broker_losses.clone(),
+        );
+        *metrics
+            .registry
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner) = registry;
+        metrics
+    }
+
+    pub(crate) fn message_in(&self, topic: &Topic) {
+        self.messages_in_total.fetch_add(1, Ordering::Relaxed);
+        count(&self.messages_in, topic_kind(topic));
+    }
+
+    pub(crate) fn message_out(&self, topic: &Topic) {
+        count(&self.messages_out, topic_kind(topic));
+    }
+
+    /// Counts a message that was not accepted, whatever topic it came on.
+    pub(crate) fn message_rejected(&self, cause: &'static str) {
+        self.messages_in_total.fetch_add(1, Ordering::Relaxed);
+        count(&self.messages_rejected, cause);
+    }
+
+    /// Messages received so far, good and bad.
+    pub(crate) fn messages_in_total(&self) -> u64 {
+        self.messages_in_total.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn command_sent(&self, command: &'static str, robots: usize) {
+        self.commands_sent
+            .get_or_create(&CommandLabel { command })
+            .inc_by(robots as u64);
+    }
+
+    pub(crate) fn answer(&self, status: &'static str) {
+        self.answers.get_or_create(&StatusLabel { status }).inc();
+    }
+
+    pub(crate) fn completed(&self, command: &'static str, took: Duration) {
+        self.latency
+            .get_or_create(&CommandLabel { command })
+            .observe(took.as_secs_f64());
+    }
+
+    pub(crate) fn http_request(&self, status: u16) {
+        let class = match status {
+            100..200 => "1xx",
+            200..300 => "2xx",
+            300..400 => "3xx",
+            400..500 => "4xx",
+            _ => "5xx",
+        };
+        self.http_requests.get_or_create(&HttpLabel { class }).inc();
+    }
+
+    pub(crate) fn live_clients(&self, change: i64) {
+        self.live_clients.inc_by(change);
+    }
+
+    pub(crate) fn live_dropped(&self) {
+        self.live_dropped.inc();
+    }
+
+    pub(crate) fn broker_connected(&self, up: bool) {
+        self.broker_up.set(i64::from(up));
+    }
+
+    pub(crate) fn broker_lost(&self) {
+        self.broker_losses.inc();
+    }
+
+    /// Everything as text.
+    pub(crate) fn encode(&self, observed: &Observed, guard: Option<&GuardCounters>) -> String {
+        for (status, count) in [
+            ("online", observed.online),
+            ("stale", observed.stale),
+            ("offline", observed.offline),
+        ] {
+            self.robots
+                .get_or_create(&StatusLabel { status })
+                .set(count as i64);
+        }
+        self.open_commands.set(observed.open_commands as i64);
+        let mut out = String::new();
+        let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
+        // Writing to a String does not fail.
+        let _ = text::encode(&mut out, &registry);
+        drop(registry);
+        // Values that are read rather than counted go in front of the end mark.
+        if out.ends_with("# EOF\n") {
+            out.truncate(out.len() - "# EOF\n".len());
+        }
+        if let Some(usage) = process::usage() {
+            counter(
+                &mut out,
+                "process_cpu_seconds",
+                "User and system time of this process",
+                usage.cpu_seconds,
+            );
+            gauge(
+                &mut out,
+                "process_resident_memory_bytes",
+                "Resident memory of this process",
+                usage.resident_bytes as f64,
+            );
+            gauge(
+                &mut out,
+                "process_threads",
+                "Threads of this process",
+                usage.threads as f64,
+            );
+        }
+        if let Some(simulation) = observed.simulation {
+            gauge(
+                &mut out,
+                "terracrawler_simulation_real_time_factor",
+                "Simulated seconds per second",
+                simulation.real_time_factor,
+            );
+            gauge(
+                &mut out,
+                "terracrawler_simulation_robots",
+                "Robots in the simulated world",
+                simulation.robots as f64,
+            );
+            counter(
+                &mut out,
+                "terracrawler_simulation_steps",
+                "Physics steps of the simulated world",
+                simulation.steps as f64,
+            );
+        }
+        if let Some(guard) = guard {
+            for (name, help, value) in [
+                (
+                    "oversize",
+                    "Publishes refused for their size",
+                    &guard.oversize,
+                ),
+                (
+                    "retain_refused",
+                    "Publishes refused because nothing is retained on their topic",
+                    &guard.retain_refused,
+                ),
+                (
+                    "not_retained",
+                    "Messages not retained because the storage is full",
+                    &guard.not_retained,
+                ),
+                (
+                    "delayed",
+                    "Publishes that waited because their client was over its budget",
+                    &guard.delayed,
+                ),
+                (
+                    "refused",
+                    "Connections refused for their credentials",
+                    &guard.refused,
+                ),
+            ] {
+                counter(
+                    &mut out,
+                    &format!("terracrawler_embedded_broker_{name}"),
+                    help,
+                    value.load(Ordering::Relaxed) as f64,
+                );
+            }
+        }
+        out.push_str("# EOF\n");
+        out
+    }
+}
+
+fn count(family: &Family<Kind, Counter>, kind: &'static str) {
+    family.get_or_create(&Kind { kind }).inc();
+}
+
+fn counter(out: &mut String, name: &str, help: &str, value: f64) {
+    let _ = write!(
+        out,
+        "# HELP {name} {help}.\n# TYPE {name} counter\n{name}_total {value}\n"
+    );
+}
+
+fn gauge(out: &mut String, name: &str, help: &str, value: f64) {
+    let _ = write!(
+        out,
+        "# HELP {name} {help}.\n# TYPE {name} gauge\n{name} {value}\n"
+    );
+}
+
+const fn topic_kind(topic: &Topic) -> &'static str {
+    match topic {
+        Topic::CommandSwarm | Topic::CommandRobot(_) | Topic::CommandExperiment => "command",
+        Topic::Response(_) => "response",
+        Topic::ResponseSwarm => "response_swarm",
+        Topic::Status(_) => "status",
+        Topic::Heartbeat(_) => "heartbeat",
+        Topic::Telemetry(_) => "telemetry",
+        Topic::Vision(_) => "vision",
+        Topic::Image(_) => "image",
+        Topic::Logs(_) => "logs",
+        Topic::Parameters(_) => "parameters",
+        Topic::Cell { .. } => "cell",
+        Topic::Pose(_) => "pose",
+        Topic::Time => "time",
+        Topic::Ota(_) => "ota",
+        Topic::SimulatorCommand | Topic::SimulatorExperiment => "simulator",
+    }
+}

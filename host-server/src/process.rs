@@ -1,0 +1,80 @@
+//! What this process costs, from `/proc`. Other systems have no such files and report nothing.
+
+/// CPU time and memory of this process.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Usage {
+    /// User and system time of all threads, in seconds.
+    pub(crate) cpu_seconds: f64,
+    /// Resident memory, in bytes.
+    pub(crate) resident_bytes: u64,
+    /// Threads.
+    pub(crate) threads: u64,
+}
+
+/// Ticks per second of `/proc/self/stat`. The kernel scales them to 100 for programs on every
+/// architecture we run on (`USER_HZ`, see proc(5)).
+const TICKS_PER_SECOND: f64 = 100.0;
+
+/// Reads the current usage.
+pub(crate) fn usage() -> Option<Usage> {
+    parse(
+        &std::fs::read_to_string("/proc/self/stat").ok()?,
+        &std::fs::read_to_string("/proc/self/status").ok()?,
+    )
+}
+
+fn parse(stat: &str, status: &str) -> Option<Usage> {
+    // The name in parentheses may hold spaces; fields are counted from behind it. Field 3 is the
+    // first, so utime (14) and stime (15) are the 12th and 13th.
+    let mut fields = stat.rsplit_once(')')?.1.split_ascii_whitespace();
+    let user: u64 = fields.nth(11)?.parse().ok()?;
+    let system: u64 = fields.next()?.parse().ok()?;
+    let line = |name: &str| -> Option<u64> {
+        status
+            .lines()
+            .find_map(|line| line.strip_prefix(name))?
+            .split_ascii_whitespace()
+            .next()?
+            .parse()
+            .ok()
+    };
+    Some(Usage {
+        cpu_seconds: (user + system) as f64 / TICKS_PER_SECOND,
+        resident_bytes: line("VmRSS:")? * 1024,
+        threads: line("Threads:")?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_with_spaces_and_parentheses_do_not_shift_the_fields() {
+        let stat =
+            "42 (a ) name) S 1 42 42 0 -1 4194304 100 0 0 0 250 50 0 0 20 0 8 0 100 1000 200";
+        let status = "Name:\ta\nVmRSS:\t    2048 kB\nThreads:\t8\n";
+        assert_eq!(
+            parse(stat, status),
+            Some(Usage {
+                cpu_seconds: 3.0,
+                resident_bytes: 2 * 1024 * 1024,
+                threads: 8
+            })
+        );
+    }
+
+    #[test]
+    fn nonsense_is_no_usage() {
+        assert_eq!(parse("", ""), None);
+        assert_eq!(parse("1 (x) S", "VmRSS: 1 kB"), None);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn this_process_uses_memory() {
+        let usage = usage().expect("/proc");
+        assert!(usage.resident_bytes > 1024 * 1024, "{usage:?}");
+        assert!(usage.threads >= 1);
+    }
+}

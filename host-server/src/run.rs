@@ -1,0 +1,170 @@
+//! A run of the program, from settings to the end of the process.
+
+use std::io::{IsTerminal as _, Write as _};
+use std::time::Duration;
+
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tracing_subscriber::EnvFilter;
+
+use crate::config::{Broker, LogFormat, Role, Settings};
+use crate::server::{Server, StartError};
+
+/// Stopping takes at most this long; whatever still hangs then is left to the operating system.
+const LAST_CALL: Duration = Duration::from_secs(20);
+
+/// Why a run ended otherwise than by being told to.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum RunError {
+    /// The log filter is not one.
+    Log(String),
+    /// The operating system does not give what every program needs.
+    System(std::io::Error),
+    /// The server did not start.
+    Start(StartError),
+    /// Stopping took too long.
+    Hung,
+}
+
+impl std::fmt::Display for RunError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Log(text) => write!(f, "the log filter cannot be used: {text}"),
+            Self::System(error) => write!(f, "cannot start: {error}"),
+            Self::Start(error) => error.fmt(f),
+            Self::Hung => f.write_str("stopping took too long; gave up"),
+        }
+    }
+}
+
+impl std::error::Error for RunError {}
+
+/// Starts what `settings` ask for and runs it until Ctrl-C or SIGTERM. A second one ends the process
+/// at once.
+///
+/// # Errors
+/// [`RunError`] when it does not start, or does not stop.
+pub fn run(settings: &Settings) -> Result<(), RunError> {
+    log_to_stderr(settings)?;
+    raise_file_limit();
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .thread_name("server")
+        .enable_all()
+        .build()
+        .map_err(RunError::System)?;
+    let result = runtime.block_on(until_told(settings));
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    result
+}
+
+async fn until_told(settings: &Settings) -> Result<(), RunError> {
+    let mut signals = Signals::new().map_err(RunError::System)?;
+    let server = tokio::select! {
+        started = Server::start(settings) => started.map_err(RunError::Start)?,
+        name = signals.next() => {
+            tracing::info!(signal = name, "told to stop while starting");
+            return Ok(());
+        }
+    };
+    greet(settings, &server);
+    let name = signals.next().await;
+    tracing::info!(signal = name, "stopping; once more ends at once");
+    tokio::select! {
+        stopped = tokio::time::timeout(LAST_CALL, server.stop()) => {
+            stopped.map_err(|_| RunError::Hung)?;
+        }
+        name = signals.next() => {
+            tracing::warn!(signal = name, "ending at once");
+            std::process::exit(130);
+        }
+    }
+    tracing::info!("stopped");
+    Ok(())
+}
+
+struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+}
+
+impl Signals {
+    fn new() -> std::io::Result<Self> {
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+        })
+    }
+
+    async fn next(&mut self) -> &'static str {
+        tokio::select! {
+            _ = self.interrupt.recv() => "SIGINT",
+            _ = self.terminate.recv() => "SIGTERM",
+        }
+    }
+}
+
+fn log_to_stderr(settings: &Settings) -> Result<(), RunError> {
+    let filter = EnvFilter::try_new(&settings.log)
+        .map_err(|error| RunError::Log(format!("`{}`: {error}", settings.log)))?;
+    let log = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr);
+    let result = match settings.log_format {
+        LogFormat::Text => log.with_ansi(std::io::stderr().is_terminal()).try_init(),
+        LogFormat::Json => log.json().flatten_event(true).try_init(),
+    };
+    result.map_err(|error| RunError::Log(error.to_string()))
+}
+
+/// Every robot in this process takes two files, one for each end of its connection.
+fn raise_file_limit() {
+    match rlimit::increase_nofile_limit(u64::MAX) {
+        Ok(limit) => tracing::debug!(limit, "open files"),
+        Err(error) => tracing::warn!(%error, "cannot raise the limit of open files"),
+    }
+}
+
+/// Says where everything is.
+fn greet(settings: &Settings, server: &Server) {
+    // A closed pipe is no reason to stop.
+    let _ = write!(std::io::stdout(), "{}", greeting(settings, server));
+    for (what, address) in settings.exposed() {
+        tracing::warn!(
+            %address,
+            "{what}: reachable from other machines, and there is no authentication yet: anybody \
+             who reaches it can steer the robots"
+        );
+    }
+}
+
+fn greeting(settings: &Settings, server: &Server) -> String {
+    let http = server.http();
+    // A page must be opened at an address, even when we listen at all of them.
+    let page = if http.ip().is_unspecified() {
+        format!("http://localhost:{}", http.port())
+    } else {
+        format!("http://{http}")
+    };
+    let whose = match settings.broker {
+        Broker::Embedded(_) => "embedded",
+        Broker::Outside(_) => "outside",
+    };
+    let robots = match settings.role {
+        Role::Up => format!("  robots        {} simulated\n", settings.robots),
+        Role::Serve | Role::Sim => String::new(),
+    };
+    let access = if settings.exposed().is_empty() {
+        "Only this machine can connect. There are no accounts yet: whoever connects can steer.\n"
+    } else {
+        "OTHER MACHINES CAN CONNECT, and there are no accounts yet: whoever connects can steer.\n"
+    };
+    format!(
+        "Terracrawler is running.\n  \
+           control room  {page}/\n  \
+           API           {page}/api/v1/openapi.json\n  \
+           MQTT broker   {} ({whose}), fleet `{}`\n\
+         {robots}{access}Ctrl-C stops the robots and ends the program.\n",
+        server.mqtt(),
+        settings.fleet
+    )
+}

@@ -1,0 +1,95 @@
+//! Why the server does not start.
+
+use std::fmt;
+use std::io;
+use std::net::SocketAddr;
+
+use crate::data::DataError;
+
+/// Why the server does not start, in one line each.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum StartError {
+    /// The data directory cannot be used.
+    Data(DataError),
+    /// An address cannot be listened at.
+    Bind {
+        /// Whose address.
+        what: &'static str,
+        /// The option that sets it.
+        option: &'static str,
+        /// The address.
+        address: SocketAddr,
+        /// What the operating system said.
+        cause: io::Error,
+    },
+    /// The broker does not answer, or not as a broker does.
+    BrokerUnreachable {
+        /// Its address.
+        broker: String,
+        /// What came instead.
+        reason: String,
+    },
+    /// The simulated robots cannot be started.
+    Simulation(String),
+    /// Something that cannot happen did.
+    Internal(&'static str),
+}
+
+impl StartError {
+    pub(super) const fn http(address: SocketAddr, cause: io::Error) -> Self {
+        Self::Bind {
+            what: "API and control room",
+            option: "--http",
+            address,
+            cause,
+        }
+    }
+
+    pub(super) const fn mqtt(address: SocketAddr, cause: io::Error) -> Self {
+        Self::Bind {
+            what: "the embedded broker",
+            option: "--mqtt",
+            address,
+            cause,
+        }
+    }
+}
+
+impl From<DataError> for StartError {
+    fn from(error: DataError) -> Self {
+        Self::Data(error)
+    }
+}
+
+impl fmt::Display for StartError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Data(error) => error.fmt(f),
+            Self::Bind {
+                what,
+                option,
+                address,
+                cause,
+            } if cause.kind() == io::ErrorKind::AddrInUse => write!(
+                f,
+                "{address} is in use by another program; {what} can listen elsewhere with {option}"
+            ),
+            Self::Bind {
+                what,
+                option,
+                address,
+                cause,
+            } => write!(f, "{what} cannot listen at {address} ({option}): {cause}"),
+            Self::BrokerUnreachable { broker, reason } => {
+                write!(f, "the broker at {broker} cannot be used: {reason}")
+            }
+            Self::Simulation(reason) => {
+                write!(f, "the simulated robots cannot be started: {reason}")
+            }
+            Self::Internal(what) => write!(f, "internal error: {what}"),
+        }
+    }
+}
+
+impl std::error::Error for StartError {}
