@@ -133,7 +133,7 @@ export const text = {
     fit: 'Show everything',
     zoomIn: 'Zoom in',
     zoomOut: 'Zoom out',
-    cones: 'Sensor cones',
+    conesShort: 'Cones',
     conesAll: 'Cones: all',
     conesSelected: 'Cones: selected',
     conesNone: 'Cones: none',

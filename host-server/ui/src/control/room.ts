@@ -255,6 +255,7 @@ export class Room {
       case 'poses':
         this.keepTime(this.fleet.timeOf(frame))
         this.fleet.applyPoses(frame, this.serverNow())
+        if (frame.full) void this.fetchBatteries()
         this.onPoses()
         break
       case 'event':

@@ -48,8 +48,9 @@ export class EmergencyStop {
   trigger(): void {
     this.press += 1
     this.delay = FIRST_RETRY_MS
-    this.set('sending', null)
+    // On its way before anything else happens.
     this.deliver(this.press)
+    this.set('sending', null)
   }
 
   /** Someone else stopped the fleet: show it, so that it can be re-armed here. */
