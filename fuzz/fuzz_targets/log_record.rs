@@ -1,0 +1,4 @@
+//! Fuzzes `log_record`; see `targets.rs`.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| crawler_fuzz::run("log_record", data));

@@ -1,0 +1,4 @@
+//! Fuzzes `pose_fix`; see `targets.rs`.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| crawler_fuzz::run("pose_fix", data));

@@ -1,0 +1,4 @@
+//! Fuzzes `swarm_response`; see `targets.rs`.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| crawler_fuzz::run("swarm_response", data));

@@ -1,0 +1,17 @@
+//! The bodies of the fuzz targets, by name.
+
+mod targets;
+
+pub use targets::{TARGETS, Target};
+
+/// Runs the target of this name.
+///
+/// # Panics
+/// When the target finds a fault, and when there is no target of this name.
+pub fn run(target: &str, data: &[u8]) {
+    let (_, body) = TARGETS
+        .iter()
+        .find(|(name, _)| *name == target)
+        .expect("a target of this name");
+    body(data);
+}

@@ -1,0 +1,137 @@
+//! What each fuzz target does with its bytes. The fuzzer and the replay of its corpus in the tests of
+//! `crawler-protocol` include this file, so both run the same code.
+//!
+//! A target proves more than the absence of a panic: what was read survives being written and read
+//! again, and what is called malformed is malformed to an independent parser too.
+
+use crawler_protocol::{
+    Action, CellDigest, Command, DecodeError, Detections, EncodeError, Fleet, Heartbeat, LogRecord,
+    MAX_DEPTH, MAX_MESSAGE, ParametersMessage, PoseFix, Reason, Response, StatusMessage,
+    SwarmResponse, Telemetry, TimeMessage, Topic,
+};
+
+/// The body of a target. Panics when it finds a fault.
+pub type Target = fn(&[u8]);
+
+/// Name and body of every target.
+pub const TARGETS: [(&str, Target); 14] = [
+    ("command", command),
+    ("command_request", command_request),
+    ("topic", topic),
+    ("response", response),
+    ("swarm_response", swarm_response),
+    ("status", status),
+    ("heartbeat", heartbeat),
+    ("telemetry", telemetry),
+    ("detections", detections),
+    ("log_record", log_record),
+    ("parameters", parameters),
+    ("cell_digest", cell_digest),
+    ("pose_fix", pose_fix),
+    ("time", time),
+];
+
+/// Compares our verdict on the syntax with that of another parser.
+fn check_syntax(data: &[u8], reason: Option<Reason>) {
+    if data.len() > MAX_MESSAGE {
+        assert_eq!(reason, Some(Reason::TooLarge));
+        return;
+    }
+    let theirs = core::str::from_utf8(data)
+        .is_ok_and(|text| serde_json::from_str::<serde::de::IgnoredAny>(text).is_ok());
+    if reason == Some(Reason::Malformed) {
+        // Two things are malformed to us alone: more levels than any message has, and half a
+        // surrogate pair, which the other parser does not look at.
+        let levels = data
+            .iter()
+            .filter(|byte| matches!(byte, b'{' | b'['))
+            .count();
+        let escape = data.windows(2).any(|pair| pair == b"\\u");
+        assert!(!theirs || levels > usize::from(MAX_DEPTH) || escape);
+    } else {
+        assert!(theirs, "accepted what is not JSON");
+    }
+}
+
+fn command(data: &[u8]) {
+    let result = Command::parse(data);
+    check_syntax(data, result.as_ref().err().map(|error| error.reason));
+    if let Ok(read) = result {
+        let mut buf = [0; MAX_MESSAGE];
+        match read.to_json(&mut buf) {
+            Ok(length) => assert_eq!(Command::parse(&buf[..length]), Ok(read)),
+            // Numbers may have come in a shorter spelling than ours.
+            Err(error) => assert_eq!(error, EncodeError::TooLarge),
+        }
+    }
+}
+
+fn command_request(data: &[u8]) {
+    let result = Action::parse(data);
+    check_syntax(data, result.as_ref().err().copied());
+    if let Ok(read) = result {
+        let mut buf = [0; MAX_MESSAGE];
+        match read.to_json(&mut buf) {
+            Ok(length) => assert_eq!(Action::parse(&buf[..length]), Ok(read)),
+            Err(error) => assert_eq!(error, EncodeError::TooLarge),
+        }
+    }
+}
+
+fn topic(data: &[u8]) {
+    let fleet = Fleet::default();
+    if let Ok(text) = core::str::from_utf8(data)
+        && let Ok(topic) = Topic::parse(&fleet, text)
+    {
+        assert_eq!(topic.render(&fleet).as_str(), text);
+    }
+}
+
+macro_rules! message {
+    ($($name:ident: $message:ty, same = $same:expr;)+) => {
+        $(fn $name(data: &[u8]) {
+            let result = <$message>::from_json(data);
+            check_syntax(data, result.as_ref().err().map(|error| error.reason()));
+            let Ok(read) = result else {
+                return;
+            };
+            let (mut first, mut second) = ([0; MAX_MESSAGE], [0; MAX_MESSAGE]);
+            let length = match read.to_json(&mut first) {
+                Ok(length) => length,
+                Err(error) => return assert_eq!(error, EncodeError::TooLarge),
+            };
+            let again: Result<$message, DecodeError> = <$message>::from_json(&first[..length]);
+            let again = again.expect("what we write, we read");
+            assert_eq!(again.to_json(&mut second), Ok(length));
+            assert_eq!(first, second);
+            let same: fn(&$message, &$message) -> bool = $same;
+            assert!(same(&read, &again), "{read:?} became {again:?}");
+        })+
+    };
+}
+
+message! {
+    response: Response, same = PartialEq::eq;
+    swarm_response: SwarmResponse, same = PartialEq::eq;
+    status: StatusMessage, same = PartialEq::eq;
+    heartbeat: Heartbeat, same = PartialEq::eq;
+    telemetry: Telemetry, same = PartialEq::eq;
+    detections: Detections, same = PartialEq::eq;
+    pose_fix: PoseFix, same = PartialEq::eq;
+    time: TimeMessage, same = PartialEq::eq;
+    // Control characters leave as spaces.
+    log_record: LogRecord, same = |read, again| {
+        read.seq == again.seq && read.text.chars().count() == again.text.chars().count()
+    };
+    // Details may be left out, values not.
+    parameters: ParametersMessage, same = |read, again| {
+        read.values.len() == again.values.len()
+            && read.values.iter().zip(&again.values).all(|(one, two)| {
+                one.name == two.name && one.value == two.value
+            })
+    };
+    // The last robots may be left out, and the count tells.
+    cell_digest: CellDigest, same = |read, again| {
+        read.count == again.count && read.robots.starts_with(&again.robots)
+    };
+}
