@@ -9,6 +9,7 @@
 mod arena;
 mod battery;
 mod bodies;
+mod error;
 mod geometry;
 mod grid;
 mod hash;
@@ -26,6 +27,7 @@ use std::rc::Rc;
 use crawler_hal::{Clock, Millivolts, ResetCause};
 
 pub use arena::{ARENA_SIDE_M, Arena, ArenaError, MAX_OBSTACLES, Obstacle};
+pub use error::{PlacementError, WorldError};
 pub use geometry::Pose;
 pub use parameters::{
     Chassis, Gauge, Pack, ParameterError, Parameters, Ranger, Spread, Surroundings, Wiring,
@@ -66,63 +68,6 @@ impl RobotIndex {
         self.0
     }
 }
-
-/// Why a world cannot be made.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub enum WorldError {
-    /// The arena is not sound.
-    Arena(ArenaError),
-    /// A parameter is out of range.
-    Parameter(ParameterError),
-}
-
-impl core::fmt::Display for WorldError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Arena(error) => write!(f, "arena: {error}"),
-            Self::Parameter(error) => write!(f, "parameters: {error}"),
-        }
-    }
-}
-
-impl core::error::Error for WorldError {}
-
-impl From<ArenaError> for WorldError {
-    fn from(error: ArenaError) -> Self {
-        Self::Arena(error)
-    }
-}
-
-impl From<ParameterError> for WorldError {
-    fn from(error: ParameterError) -> Self {
-        Self::Parameter(error)
-    }
-}
-
-/// Why a robot cannot be placed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum PlacementError {
-    /// A coordinate is not a finite number.
-    NotFinite,
-    /// A wall, an obstacle or another robot is there.
-    Occupied,
-    /// The world holds [`MAX_ROBOTS`] already.
-    Full,
-}
-
-impl core::fmt::Display for PlacementError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::NotFinite => "the pose is not finite",
-            Self::Occupied => "the place is occupied",
-            Self::Full => "the world is full",
-        })
-    }
-}
-
-impl core::error::Error for PlacementError {}
 
 /// The truth about a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -33,7 +33,7 @@ pub struct Chassis {
     pub track_m: f32,
     /// Rim speed for each volt at the motor beyond `running_v`, metres per second.
     ///
-    /// 200 rpm · π · 0.065 m / 60 s / (6 V − 0.5 V) = 0.124 m/s per volt.
+    /// 200 rpm · π · 0.065 m / 60 s / (6 V − 0.7 V) = 0.128 m/s per volt.
     pub speed_per_volt: f32,
     /// Volts that friction costs while the wheel turns.
     pub running_v: f32,
@@ -57,9 +57,9 @@ impl Default for Chassis {
         Self {
             radius_m: 0.085,
             track_m: 0.14,
-            speed_per_volt: 0.124,
-            running_v: 0.5,
-            breakaway_v: 1.0,
+            speed_per_volt: 0.128,
+            running_v: 0.7,
+            breakaway_v: 0.9,
             driven_tau_s: 0.09,
             brake_tau_s: 0.04,
             coast_tau_s: 0.18,
@@ -73,6 +73,19 @@ impl Chassis {
     /// Rim speed in metres per second at full duty when the pack delivers `supply_v`.
     pub fn speed_at(&self, supply_v: f32) -> f32 {
         (supply_v - self.bridge_drop_v - self.running_v).max(0.0) * self.speed_per_volt
+    }
+
+    /// Share of the duty that friction takes when the pack delivers `supply_v`, 0 to 1.
+    ///
+    /// A turning wheel settles at [`Self::speed_at`] · (duty − dead band) / (1 − dead band). A
+    /// standing one starts a little later, at `breakaway_v`.
+    pub fn dead_band(&self, supply_v: f32) -> f32 {
+        let motor_v = supply_v - self.bridge_drop_v;
+        if motor_v > self.running_v {
+            self.running_v / motor_v
+        } else {
+            1.0
+        }
     }
 }
 

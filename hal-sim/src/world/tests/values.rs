@@ -138,6 +138,38 @@ fn the_hash_covers_every_part_of_the_state() {
 }
 
 #[test]
+fn the_hash_covers_every_number_of_a_body() {
+    let mut bench = Bench::plain();
+    bench.add(0.5, 0.5, 0.5);
+    let still = bench.world.hash();
+    type Change = (&'static str, fn(&mut bodies::Bodies));
+    let changes: [Change; 15] = [
+        ("x", |b| b.at[0].x += 1e-6),
+        ("y", |b| b.at[0].y += 1e-6),
+        ("theta", |b| b.theta[0] += 1e-6),
+        ("left", |b| b.left[0] += 1e-6),
+        ("right", |b| b.right[0] += 1e-6),
+        ("duty", |b| b.inputs[0].left.duty ^= 1),
+        ("in1", |b| b.inputs[0].right.in1 ^= true),
+        ("in2", |b| b.inputs[0].right.in2 ^= true),
+        ("lamp", |b| b.inputs[0].lamp ^= true),
+        ("supply", |b| b.supply_v[0] += 1e-5),
+        ("charge", |b| b.charge_as[0] += 1e-6),
+        ("build", |b| b.build[0].track_m += 1e-7),
+        ("contacts", |b| b.contacts[0] += 1),
+        ("hold", |b| b.hold[0] += 1),
+        ("presence", |b| b.presence[0] = Presence::Unpowered),
+    ];
+    for (what, change) in changes {
+        let mut bench = Bench::plain();
+        bench.add(0.5, 0.5, 0.5);
+        assert_eq!(bench.world.hash(), still);
+        change(&mut bench.world.shared.space.borrow_mut().bodies);
+        assert_ne!(bench.world.hash(), still, "{what}");
+    }
+}
+
+#[test]
 fn nothing_unsound_makes_a_world() {
     let clock = SimClock::new();
     let build = |arena: Arena| World::new(arena, 1, &clock).map(|_| ());
