@@ -1,5 +1,7 @@
 //! Ways from a simulated robot to the network.
 
+#[cfg(feature = "live")]
+pub(crate) mod live;
 pub mod lockstep;
 mod none;
 

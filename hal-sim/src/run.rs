@@ -1,6 +1,9 @@
 //! Robots at work: a world, the real robot program in each body, and a way to the network.
 
+pub mod bench;
 mod fingerprint;
+#[cfg(feature = "live")]
+pub mod live;
 mod machine;
 mod simulation;
 

@@ -380,12 +380,34 @@ impl Simulation {
         }
     }
 
+    /// Number of robots that were added and not removed.
+    #[must_use]
+    pub fn present(&self) -> u32 {
+        let observed = self
+            .machines
+            .iter()
+            .filter_map(|m| self.world.observe(m.index));
+        observed.filter(|seen| seen.present).count() as u32
+    }
+
+    /// The next moment at which anything but physics happens.
+    #[must_use]
+    pub fn next_due(&mut self) -> Instant {
+        let due = self.sched.next_due().unwrap_or(Instant::FAR_FUTURE);
+        due.min(self.next_start)
+    }
+
+    /// See [`Scheduler::wake_outer_when_ready`].
+    #[cfg(feature = "live")]
+    pub(crate) fn wake_when_ready(&self, waker: &std::task::Waker) -> bool {
+        self.sched.wake_outer_when_ready(waker)
+    }
+
     /// Polls of tasks so far.
     #[must_use]
     pub fn polls(&self) -> u64 {
         self.sched.polls()
     }
-
 
     /// Cuts or heals the link of a robot in lockstep; does nothing otherwise.
     pub fn cut(&mut self, robot: usize, cut: Cut) {
@@ -495,11 +517,7 @@ impl Simulation {
                 self.start_waiting();
                 continue;
             }
-            let due = self
-                .sched
-                .next_due()
-                .unwrap_or(Instant::FAR_FUTURE)
-                .min(self.next_start);
+            let due = self.next_due();
             if !self.step_physics(due.min(end)) {
                 continue;
             }

@@ -1,0 +1,78 @@
+//! How fast and how large simulations are.
+
+use crawler_hal::{Duration, Instant};
+
+use super::simulation::{Simulation, SimulationError};
+use crate::scenario::Scenario;
+
+/// Control steps a robot takes in a second.
+pub const CONTROL_HZ: u64 = 50;
+
+/// What the host can measure about its own process; handed in, because a simulation asks the
+/// environment nothing.
+pub trait Meter {
+    /// Processor time used by this thread or process so far, seconds.
+    fn cpu_s(&self) -> f64;
+    /// Memory in use, bytes; `None` where it cannot be known.
+    fn memory(&self) -> Option<u64>;
+}
+
+/// One measurement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Figures {
+    /// Robots in the world.
+    pub robots: u32,
+    /// Virtual time measured, seconds.
+    pub virtual_s: f64,
+    /// Processor time it took, seconds.
+    pub cpu_s: f64,
+    /// Robots × control steps for each second of processor time.
+    pub steps_per_cpu_s: f64,
+    /// Bytes for each robot: body, devices, program and link.
+    pub bytes_per_robot: Option<u64>,
+    /// Polls of tasks for each control step.
+    pub polls_per_step: f64,
+    /// Fingerprint of the run.
+    pub history: u64,
+}
+
+/// Runs `scenario` in lockstep, and measures it from `warm_up` on for `span`. The initial command
+/// takes about five virtual seconds to reach everyone.
+///
+/// # Errors
+/// When the scenario cannot be set up.
+pub fn measure(
+    scenario: Scenario,
+    seed: u64,
+    warm_up: Duration,
+    span: Duration,
+    meter: &impl Meter,
+) -> Result<Figures, SimulationError> {
+    let robots = scenario.robots;
+    let before = meter.memory();
+    let mut simulation = Simulation::lockstep(scenario, seed)?;
+    let start = Instant::BOOT + warm_up;
+    simulation.run_until(start);
+    let polls = simulation.polls();
+    let cpu = meter.cpu_s();
+    simulation.run_until(start + span);
+    let cpu_s = meter.cpu_s() - cpu;
+    let virtual_s = span.as_micros() as f64 * 1e-6;
+    let steps = f64::from(robots) * virtual_s * CONTROL_HZ as f64;
+    let bytes = match (before, meter.memory()) {
+        (Some(before), Some(after)) => {
+            Some(after.saturating_sub(before) / u64::from(robots.max(1)))
+        }
+        _ => None,
+    };
+    Ok(Figures {
+        robots,
+        virtual_s,
+        cpu_s,
+        steps_per_cpu_s: steps / cpu_s,
+        bytes_per_robot: bytes,
+        polls_per_step: (simulation.polls() - polls) as f64 / steps,
+        history: simulation.history_hash(),
+    })
+}
