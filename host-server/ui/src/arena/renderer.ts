@@ -47,8 +47,6 @@ export const LONGEST_CONE = 4.5
 export interface View {
   camera: Camera
   size: Size
-  /** Device pixels per CSS pixel. */
-  ratio: number
   /** Server time to draw, Unix milliseconds. */
   time: number
   /** Smallest radius of a robot, CSS pixels. */
@@ -84,18 +82,28 @@ export class Renderer {
   /** Server time that texel times are relative to. */
   private base = 0
 
-  private constructor(private readonly gl: WebGL2RenderingContext) {}
+  private constructor(
+    private readonly gl: WebGL2RenderingContext,
+    /** Drawing is done by the processor: every pixel and every picture costs. */
+    readonly slow: boolean,
+  ) {}
 
   /** Null when the browser has no WebGL2. */
   static create(canvas: HTMLCanvasElement): Renderer | null {
-    const gl = canvas.getContext('webgl2', {
+    const wanted: WebGLContextAttributes = { alpha: false, depth: false, stencil: false }
+    const quick = canvas.getContext('webgl2', {
+      ...wanted,
       antialias: true,
-      alpha: false,
-      depth: false,
-      powerPreference: 'low-power',
-    })
+      failIfMajorPerformanceCaveat: true,
+    }) as WebGL2RenderingContext | null
+    const gl =
+      quick ??
+      (canvas.getContext('webgl2', {
+        ...wanted,
+        antialias: false,
+      }) as WebGL2RenderingContext | null)
     if (gl === null) return null
-    const renderer = new Renderer(gl)
+    const renderer = new Renderer(gl, quick === null)
     renderer.restore()
     return renderer
   }

@@ -46,7 +46,8 @@ const vec2 CORNERS[6] = vec2[6](
   vec2(-1.0, -1.0), vec2(1.0, -1.0), vec2(-1.0, 1.0), vec2(-1.0, 1.0), vec2(1.0, -1.0), vec2(1.0, 1.0));
 void main() {
   Robot r = robot(gl_VertexID / 6);
-  vec2 corner = CORNERS[gl_VertexID % 6] * 2.3;
+  /* Room for the ring around the selected robot; for the others, for the nose. */
+  vec2 corner = CORNERS[gl_VertexID % 6] * (r.selected ? 2.3 : 1.75);
   vAt = corner;
   vAhead = vec2(cos(r.heading), sin(r.heading));
   vWhat = ivec4(r.state, r.presence, r.kind, int(r.selected));
@@ -100,6 +101,7 @@ void main() {
   float hull = min(body(vWhat.z, p), dart(p, 0.7, 1.55, 0.55));
   /* What is physical can be hurt and can hurt: a heavy frame on top of the square. */
   float line = max(vWhat.z == 2 ? 0.4 : 0.18, 1.2 * soft);
+  if (vWhat.w == 0 && hull > line) discard;
   bool gone = vWhat.y == 2;
   vec3 tone = gone ? uGone : uStates[vWhat.x];
   float inside = 1.0 - smoothstep(-soft, soft, hull);

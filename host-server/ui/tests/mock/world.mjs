@@ -4,6 +4,9 @@
 const WANDER_SPEED = 0.25
 const FAILSAFE_MS = 500
 const LOW_BATTERY = 20
+const MOST_OBSTACLES = 24
+/** Robots look ahead every so many steps, in turns: a thousand of them cost too much otherwise. */
+const LOOK_EVERY = 10
 
 /** A small generator of repeatable numbers in [0, 1). */
 function generator(seed) {
@@ -26,7 +29,7 @@ export function createWorld({ robots: count = 50, seed = 1 } = {}) {
     between(-arena.width / 2 + 0.5, arena.width / 2 - 0.5),
     between(-arena.height / 2 + 0.5, arena.height / 2 - 0.5),
   ]
-  for (let i = 0; i < Math.ceil(count / 6); i++) {
+  for (let i = 0; i < Math.min(MOST_OBSTACLES, Math.ceil(count / 6)); i++) {
     const [x, y] = anywhere()
     arena.obstacles.push(
       i % 2 === 0
@@ -35,6 +38,7 @@ export function createWorld({ robots: count = 50, seed = 1 } = {}) {
     )
   }
   const robots = []
+  let steps = 0
   for (let i = 0; i < count; i++) {
     let [x, y] = anywhere()
     while (blocked(x, y)) [x, y] = anywhere()
@@ -81,7 +85,7 @@ export function createWorld({ robots: count = 50, seed = 1 } = {}) {
   }
 
   function look(robot) {
-    for (let r = 0.02; r < 4.5; r += 0.04) {
+    for (let r = 0.02; r < 4.5; r += 0.08) {
       if (blocked(robot.x + r * Math.cos(robot.heading), robot.y + r * Math.sin(robot.heading))) {
         return Math.round(r * 1000) + 20
       }
@@ -110,9 +114,10 @@ export function createWorld({ robots: count = 50, seed = 1 } = {}) {
     robots,
     /** Advances by `dt` seconds. */
     step(dt, now) {
+      steps += 1
       for (const robot of robots) {
         if (robot.presence !== 'online') continue
-        robot.rangeMm = look(robot)
+        if ((steps + robot.index) % LOOK_EVERY === 0) robot.rangeMm = look(robot)
         const [state, v, w] = decide(robot, now)
         robot.state = state
         robot.heading += w * dt

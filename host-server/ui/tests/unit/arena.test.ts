@@ -77,7 +77,7 @@ describe('picking', () => {
     fleet.applyPoses(decoded.frame, 1_000)
     return fleet
   }
-  const view = { camera, size, ratio: 1, time: 2_000, smallest: 8, cones: 'none' as const }
+  const view = { camera, size, time: 2_000, smallest: 8, cones: 'none' as const }
 
   it('takes the nearest robot, and none when all are far', () => {
     const fleet = fleetAt([1, -2], [1.5, -2])
