@@ -305,6 +305,7 @@ impl Space {
 }
 
 /// Something near a place.
+#[derive(Clone, Copy)]
 enum Thing<'a> {
     Solid(&'a Solid),
     Robot(usize),

@@ -127,6 +127,21 @@ fn a_contact_is_counted_once_for_both_and_again_only_after_a_pause() {
 }
 
 #[test]
+fn a_robot_added_at_any_step_is_solid_at_once() {
+    for step in 0..20 {
+        let mut bench = Bench::plain();
+        bench.add(0.0, 0.0, 0.0);
+        bench.drive(0, 255, 255);
+        bench.steps(60 + step);
+        let ahead = bench.see(0).pose.x + 0.172;
+        bench.add(ahead, 0.0, 0.0);
+        bench.steps(5);
+        assert_eq!(bench.see(1).contacts, 1, "added after {step} steps");
+        assert!(ahead - bench.see(0).pose.x >= 0.17 - EPSILON);
+    }
+}
+
+#[test]
 fn a_robot_at_a_wall_slides_along_it_and_does_not_stick() {
     let mut bench = Bench::plain();
     bench.add(4.0, 0.0, 0.5);

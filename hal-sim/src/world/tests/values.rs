@@ -137,12 +137,13 @@ fn the_hash_covers_every_part_of_the_state() {
     changed(&bench, "removal");
 }
 
+type Change = (&'static str, fn(&mut bodies::Bodies));
+
 #[test]
 fn the_hash_covers_every_number_of_a_body() {
     let mut bench = Bench::plain();
     bench.add(0.5, 0.5, 0.5);
     let still = bench.world.hash();
-    type Change = (&'static str, fn(&mut bodies::Bodies));
     let changes: [Change; 15] = [
         ("x", |b| b.at[0].x += 1e-6),
         ("y", |b| b.at[0].y += 1e-6),
