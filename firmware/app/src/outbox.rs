@@ -16,7 +16,8 @@
 //! nobody kept for [`PROMISE_LIFE`] gives way when all are taken.
 //!
 //! # Log records
-//! A ring of [`LOGS`]: the oldest gives way, and the next record sent says how many did.
+//! A ring of [`LOGS`]: the oldest gives way, and a record of the loss says how many did, at most
+//! once in [`LOSS_PERIOD`].
 //!
 //! Telemetry is not queued at all: the link sends the latest snapshot.
 //!
@@ -44,6 +45,8 @@ pub const PROMISES: usize = 8;
 pub const PROMISE_LIFE: Duration = Duration::from_secs(5 * 60);
 /// Log records held.
 pub const LOGS: usize = 8;
+/// Least time between two records that tell of losses.
+pub const LOSS_PERIOD: Duration = Duration::from_secs(1);
 /// Longest text of a log record, in bytes; what is longer is cut.
 pub const LOG_TEXT: usize = 88;
 
@@ -136,6 +139,7 @@ struct Inner {
     log_seq: u64,
     logs_lost: u32,
     answers_lost: u32,
+    loss_told: Option<Instant>,
 }
 
 /// See the [module](self).
@@ -156,6 +160,7 @@ impl<M: RawMutex> Outbox<M> {
                 log_seq: 0,
                 logs_lost: 0,
                 answers_lost: 0,
+                loss_told: None,
             })),
             wake: Signal::new(),
         }
@@ -258,8 +263,8 @@ impl<M: RawMutex> Outbox<M> {
     }
 
     /// Takes the oldest log record. One that tells of losses comes before the others.
-    pub fn next_log(&self, timestamp: u64) -> Option<LogEntry> {
-        self.with(|inner| inner.next_log(timestamp))
+    pub fn next_log(&self, timestamp: u64, now: Instant) -> Option<LogEntry> {
+        self.with(|inner| inner.next_log(timestamp, now))
     }
 
     /// Answers waiting or on their way.
@@ -388,10 +393,13 @@ impl Inner {
         let _ = self.logs.push_back(entry);
     }
 
-    fn next_log(&mut self, timestamp: u64) -> Option<LogEntry> {
-        if self.logs_lost == 0 && self.answers_lost == 0 {
+    fn next_log(&mut self, timestamp: u64, now: Instant) -> Option<LogEntry> {
+        let nothing_lost = self.logs_lost == 0 && self.answers_lost == 0;
+        let just_told = self.loss_told.is_some_and(|told| now - told < LOSS_PERIOD);
+        if nothing_lost || just_told {
             return self.logs.pop_front();
         }
+        self.loss_told = Some(now);
         let mut text = Cut(String::new());
         let _ = write!(
             text,

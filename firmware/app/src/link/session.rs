@@ -209,8 +209,9 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         self.check()?;
         let now = self.clock.now();
         if !self.state.pinged && now - self.state.heard >= PING_AFTER {
+            let deadline = self.write_deadline();
             let work = self.client.ping();
-            with_deadline(self.clock, now + WRITTEN_WITHIN, work)
+            with_deadline(self.clock, deadline, work)
                 .await
                 .map_err(|_| Loss::Stalled)??;
             self.state.pinged = true;
@@ -233,8 +234,9 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         }
         self.send_periodic().await?;
         for _ in 0..LOGS_AT_ONCE {
-            let timestamp = self.robot.unix_ms(self.clock.now()).unwrap_or(0);
-            let Some(entry) = self.robot.outbox.next_log(timestamp) else {
+            let now = self.clock.now();
+            let timestamp = self.robot.unix_ms(now).unwrap_or(0);
+            let Some(entry) = self.robot.outbox.next_log(timestamp, now) else {
                 return Ok(false);
             };
             if let Some(len) = messages::log(self.robot, &entry, self.scratch) {
@@ -282,6 +284,9 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                 self.robot.outbox.delivered(ticket);
                 self.robot.outbox.withheld();
             }
+            let text = format_args!("{parcel:?} does not fit a message");
+            let now = self.clock.now();
+            self.robot.log(Level::Error, "message-too-large", text, now);
             return Ok(());
         };
         self.publish(&topic, len, Some(parcel)).await

@@ -1,0 +1,5 @@
+//! The link against a scripted broker, in virtual time.
+
+mod harness;
+mod loss;
+mod traffic;

@@ -1,0 +1,244 @@
+//! What travels while all is well.
+
+use std::string::ToString;
+use std::vec::Vec;
+
+use crawler_hal::{Clock, Duration};
+use crawler_protocol::{
+    Heartbeat, LogRecord, MAX_PARAMETERS, ParametersMessage, ResponseStatus, StatusMessage,
+    Telemetry,
+};
+
+use super::harness::{EPOCH_MS, command, field, run};
+use crate::link::KEEP_ALIVE;
+use crate::order::Task;
+use crate::parameters::PARAMETER_COUNT;
+use crate::perception::LinkHealth;
+
+#[test]
+fn connect_says_who_comes_and_leaves_a_will() {
+    run(async |broker| {
+        let mut peer = broker.peer().await;
+        let (connect, filters) = peer.accept(false).await;
+        assert_eq!(connect.client_id, "sim-0001");
+        assert_eq!(
+            u64::from(connect.keep_alive_s) * 1_000,
+            KEEP_ALIVE.as_millis()
+        );
+        assert!(connect.clean, "nothing is left over from another boot");
+        assert_eq!(connect.will_topic, "swarm/status/sim-0001");
+        assert_eq!((connect.will_qos, connect.will_retained), (1, true));
+        assert_eq!(field(&connect.will, "online"), "false");
+        assert_eq!(field(&connect.will, "robot"), "sim-0001");
+        // Options: QoS in the lowest bits, 0x20 = no retained messages.
+        let expected = [
+            "swarm/command/robot/sim-0001 0x21",
+            "swarm/command/swarm 0x21",
+            "swarm/command/experiment 0x21",
+            "swarm/time 0x20",
+        ];
+        assert_eq!(filters, expected);
+    });
+}
+
+#[test]
+fn status_and_parameters_are_retained_once_commands_can_arrive() {
+    run(async |broker| {
+        let mut peer = broker.peer().await;
+        assert_eq!(broker.health(), LinkHealth::Absent);
+        peer.accept(false).await;
+        let status = peer.publish("swarm/status/").await;
+        assert_eq!(broker.health(), LinkHealth::Up);
+        assert_eq!(status.topic, "swarm/status/sim-0001");
+        assert_eq!((status.qos, status.retained), (1, true));
+        let status = StatusMessage::from_json(&status.payload).expect("a status");
+        assert!(status.online);
+        let parameters = peer.publish("swarm/parameters/").await;
+        assert_eq!((parameters.qos, parameters.retained), (1, true));
+        let message = ParametersMessage::from_json(&parameters.payload).expect("parameters");
+        assert_eq!(message.values.len(), PARAMETER_COUNT);
+        broker.robot.parameters_changed.signal(());
+        peer.publish("swarm/parameters/").await;
+    });
+}
+
+#[test]
+fn every_parameter_fits_one_message() {
+    const { assert!(PARAMETER_COUNT <= MAX_PARAMETERS) }
+}
+
+#[test]
+fn a_new_boot_record_is_told() {
+    run(async |broker| {
+        let peer = broker.connected().await;
+        let status = peer.publish("swarm/status/").await;
+        assert_eq!(status.json()["boot"]["count"], 0);
+        let mut boot = broker.robot.boot();
+        boot.count = 7;
+        broker.robot.boot.lock(|cell| cell.set(boot));
+        let status = peer.publish("swarm/status/").await;
+        assert_eq!(status.json()["boot"]["count"], 7);
+    });
+}
+
+#[test]
+fn heartbeat_every_second_and_telemetry_five_times() {
+    run(async |broker| {
+        let peer = broker.connected().await;
+        peer.publish("swarm/heartbeat/").await;
+        let all = peer.publishes_for(Duration::from_secs(10)).await;
+        let of = |prefix: &str| -> Vec<_> {
+            all.iter().filter(|p| p.topic.starts_with(prefix)).collect()
+        };
+        let (beats, telemetry) = (of("swarm/heartbeat/"), of("swarm/telemetry/"));
+        assert!((9..=10).contains(&beats.len()), "{} beats", beats.len());
+        assert!((49..=51).contains(&telemetry.len()), "{}", telemetry.len());
+        assert!(
+            beats
+                .iter()
+                .chain(&telemetry)
+                .all(|p| p.qos == 0 && !p.retained)
+        );
+        let beat = Heartbeat::from_json(&beats[0].payload).expect("a heartbeat");
+        assert_eq!(beat.timestamp, EPOCH_MS + beat.uptime_ms);
+        let seqs: Vec<_> = telemetry
+            .iter()
+            .map(|p| Telemetry::from_json(&p.payload).expect("telemetry").seq)
+            .collect();
+        assert!(
+            seqs.windows(2).all(|pair| pair[1] == pair[0] + 1),
+            "{seqs:?}"
+        );
+    });
+}
+
+#[test]
+fn a_command_reaches_control_and_its_answers_come_back_in_order() {
+    run(async |broker| {
+        let mut peer = broker.connected().await;
+        peer.command(
+            17,
+            "move",
+            r#""direction":"forward","speed":80,"duration":2000"#,
+        );
+        broker.sleep(Duration::from_millis(10)).await;
+        let order = broker.robot.orders.try_receive().expect("an order");
+        assert!(matches!(
+            order.task,
+            Task::Move {
+                speed: 80,
+                duration_ms: 2000,
+                ..
+            }
+        ));
+        let sender = order.sender;
+        for status in [ResponseStatus::Accepted, ResponseStatus::Completed] {
+            let now = broker.clock.now();
+            broker
+                .robot
+                .respond(&sender.source, sender.seq, status, None, now);
+        }
+        for expected in ["accepted", "completed"] {
+            let response = peer.publish("swarm/response/robot/sim-0001").await;
+            assert_eq!((response.qos, response.retained), (1, false));
+            assert_eq!(response.json()["seq"], 17);
+            assert_eq!(field(&response.json(), "status"), expected);
+        }
+        broker.sleep(Duration::from_millis(10)).await;
+        assert_eq!(broker.robot.outbox.pending(), 0);
+    });
+}
+
+#[test]
+fn commands_to_the_swarm_count_and_commands_to_others_do_not() {
+    run(async |broker| {
+        let mut peer = broker.connected().await;
+        let now = EPOCH_MS + broker.clock.now().as_millis();
+        let other = "swarm/command/robot/sim-0002";
+        peer.deliver(other, command("scan", "", now, 1).as_bytes());
+        peer.deliver(
+            "swarm/command/swarm",
+            command("scan", "", now, 2).as_bytes(),
+        );
+        peer.deliver(
+            "swarm/command/experiment",
+            command("scan", "", now, 3).as_bytes(),
+        );
+        broker.sleep(Duration::from_millis(10)).await;
+        let seqs: Vec<u64> = core::iter::from_fn(|| broker.robot.orders.try_receive().ok())
+            .map(|order| order.sender.seq)
+            .collect();
+        assert_eq!(seqs, [2, 3]);
+    });
+}
+
+#[test]
+fn a_message_with_every_property_is_read_like_one_without() {
+    run(async |broker| {
+        let mut peer = broker.connected().await;
+        let now = EPOCH_MS + broker.clock.now().as_millis();
+        let mut body = Vec::new();
+        body.extend(b"\x00\x13swarm/command/swarm\x00\x09");
+        // Payload format, expiry, content type, response topic, correlation data, user property.
+        let properties: &[u8] = b"\x01\x01\x02\x00\x00\x00\x3c\x03\x00\x04json\x08\x00\x03a/b\
+            \x09\x00\x02\xff\xfe\x26\x00\x01k\x00\x01v";
+        body.push(properties.len() as u8);
+        body.extend(properties);
+        body.extend(command("stop", "", now, 5).as_bytes());
+        peer.send(&super::harness::packet(0x32, &body));
+        broker.sleep(Duration::from_millis(10)).await;
+        let halt = broker
+            .robot
+            .halt
+            .try_take()
+            .expect("the robot was told to stop");
+        assert_eq!(halt.senders[0].seq, 5);
+        peer.command(6, "identify", "");
+        broker.sleep(Duration::from_millis(10)).await;
+        assert!(broker.robot.orders.try_receive().is_ok());
+    });
+}
+
+#[test]
+fn what_cannot_be_read_is_rejected_and_the_session_goes_on() {
+    run(async |broker| {
+        let mut peer = broker.connected().await;
+        let topic = "swarm/command/swarm";
+        peer.deliver(topic, b"\xff\x00 not json");
+        let long = std::vec![b'x'; 1_100];
+        peer.deliver(topic, &long);
+        let unknown = command("explode", "", EPOCH_MS, 9);
+        peer.deliver(topic, unknown.as_bytes());
+        let all = peer.publishes_for(Duration::from_secs(1)).await;
+        let first = |prefix: &str| all.iter().find(|p| p.topic.starts_with(prefix));
+        let response = first("swarm/response/").expect("an answer").json();
+        assert_eq!(response["seq"], 9);
+        assert_eq!(field(&response, "status"), "rejected");
+        assert_eq!(field(&response, "reason"), "unknown_command");
+        let record = first("swarm/logs/").expect("a log record");
+        let record = LogRecord::from_json(&record.payload).expect("a log record");
+        assert_eq!(record.event.as_str(), "command-refused");
+        assert_eq!(broker.attempts().len(), 1);
+    });
+}
+
+#[test]
+fn a_flood_of_nonsense_starves_neither_heartbeat_nor_stop() {
+    run(async |broker| {
+        let mut peer = broker.connected().await;
+        for seq in 0..2_000 {
+            let nonsense = command("explode", "", EPOCH_MS, seq);
+            peer.deliver("swarm/command/swarm", nonsense.as_bytes());
+        }
+        peer.command(1, "stop", "");
+        let all = peer.publishes_for(Duration::from_secs(3)).await;
+        let count = |prefix: &str| all.iter().filter(|p| p.topic.starts_with(prefix)).count();
+        assert!(broker.robot.halt.try_take().is_some());
+        assert!(count("swarm/heartbeat/") >= 2);
+        let answers = count("swarm/response/");
+        assert!((1..=80).contains(&answers), "{answers} answers");
+        assert!(count("swarm/logs/") <= 20);
+        let text: std::string::String = all.iter().map(|p| p.topic.to_string()).collect();
+        assert!(text.contains("telemetry"));
+    });
+}

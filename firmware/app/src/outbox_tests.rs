@@ -1,0 +1,265 @@
+//! The outbox: what is promised is kept, in order.
+
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use proptest::prelude::*;
+use std::collections::VecDeque;
+use std::vec::Vec;
+
+use super::*;
+
+type Box = Outbox<NoopRawMutex>;
+
+fn ada() -> Source {
+    Source::new("operator:ada").expect("a source")
+}
+
+const NOW: Instant = Instant::from_millis(1_000);
+
+const fn outgoing(seq: u64, status: ResponseStatus) -> Outgoing {
+    Outgoing {
+        seq,
+        status,
+        reason: None,
+        timestamp: 0,
+    }
+}
+
+fn deliver_all(outbox: &Box) -> Vec<(u64, ResponseStatus)> {
+    core::iter::from_fn(|| {
+        let (ticket, answer) = outbox.next_answer()?;
+        outbox.sent(ticket);
+        outbox.delivered(ticket);
+        Some((answer.seq, answer.status))
+    })
+    .collect()
+}
+
+#[test]
+fn an_admitted_command_gets_both_its_answers_out_whatever_else_is_there() {
+    let outbox = Box::new();
+    let mut admitted = Vec::new();
+    for seq in 0..100 {
+        if outbox.admit(&ada(), seq, NOW).is_ok() {
+            admitted.push(seq);
+        }
+    }
+    assert_eq!(admitted.len(), PROMISES);
+    for seq in 1_000..1_100 {
+        outbox.courtesy(outgoing(seq, ResponseStatus::Rejected));
+        outbox.answer(&ada(), outgoing(seq + 1_000, ResponseStatus::Completed));
+    }
+    for seq in &admitted {
+        outbox.answer(&ada(), outgoing(*seq, ResponseStatus::Accepted));
+    }
+    for seq in &admitted {
+        outbox.answer(&ada(), outgoing(*seq, ResponseStatus::Completed));
+    }
+    assert_eq!(outbox.pending(), ANSWERS);
+    let delivered = deliver_all(&outbox);
+    for seq in admitted {
+        for status in [ResponseStatus::Accepted, ResponseStatus::Completed] {
+            assert!(delivered.contains(&(seq, status)), "{seq} {status}");
+        }
+    }
+}
+
+#[test]
+fn a_flood_of_refusals_leaves_room_for_a_stop() {
+    let outbox = Box::new();
+    for seq in 0..1_000 {
+        outbox.courtesy(outgoing(seq, ResponseStatus::Rejected));
+    }
+    assert_eq!(outbox.pending(), COURTESY_LIMIT);
+    outbox.answer(&ada(), outgoing(7_777, ResponseStatus::Completed));
+    assert!(deliver_all(&outbox).contains(&(7_777, ResponseStatus::Completed)));
+    let record = outbox.next_log(0, NOW).expect("the loss is told");
+    assert!(record.text.contains("976 answers"), "{}", record.text);
+}
+
+#[test]
+fn when_even_the_room_for_stops_is_taken_the_newest_stop_is_answered() {
+    let outbox = Box::new();
+    for seq in 0..200 {
+        outbox.answer(&ada(), outgoing(seq, ResponseStatus::Completed));
+    }
+    let delivered = deliver_all(&outbox);
+    assert_eq!(delivered.len(), ANSWERS);
+    assert_eq!(delivered.last(), Some(&(199, ResponseStatus::Completed)));
+    assert!(
+        outbox
+            .next_log(0, NOW)
+            .expect("told")
+            .text
+            .contains("168 answers")
+    );
+}
+
+#[test]
+fn one_answer_repeated_takes_one_place() {
+    let outbox = Box::new();
+    for _ in 0..50 {
+        outbox.courtesy(outgoing(3, ResponseStatus::Stale));
+    }
+    assert_eq!(outbox.pending(), 1);
+}
+
+#[test]
+fn a_promise_nobody_keeps_gives_way_in_the_end() {
+    let outbox = Box::new();
+    for seq in 0..PROMISES as u64 {
+        assert_eq!(outbox.admit(&ada(), seq, NOW), Ok(()));
+    }
+    assert_eq!(outbox.admit(&ada(), 100, NOW + PROMISE_LIFE), Err(NoRoom));
+    let later = NOW + PROMISE_LIFE + Duration::from_millis(1);
+    assert_eq!(outbox.admit(&ada(), 100, later), Ok(()));
+    outbox.dismiss(&ada(), 100);
+    assert_eq!(outbox.admit(&ada(), 101, later), Ok(()));
+}
+
+#[test]
+fn the_log_keeps_the_newest_and_says_how_many_it_lost() {
+    let outbox = Box::new();
+    for number in 0..LOGS + 5 {
+        outbox.log(Level::Info, "tick", format_args!("{number}"), 0);
+    }
+    let lost = outbox.next_log(9, NOW).expect("a record of the loss");
+    assert_eq!((lost.event, lost.timestamp), ("outbox-full", 9));
+    assert!(lost.text.starts_with("5 log records"), "{}", lost.text);
+    let rest: Vec<_> = core::iter::from_fn(|| outbox.next_log(9, NOW)).collect();
+    let texts: Vec<_> = rest.iter().map(|entry| entry.text.as_str()).collect();
+    assert_eq!(texts, ["5", "6", "7", "8", "9", "10", "11", "12"]);
+    assert_eq!(rest[0].seq, 5, "the gap shows in the numbers too");
+}
+
+#[test]
+fn losses_are_told_once_in_a_while_and_not_one_by_one() {
+    let outbox = Box::new();
+    let mut told = 0;
+    for ms in 0..5_000 {
+        outbox.withheld();
+        let now = NOW + Duration::from_millis(ms);
+        told += u32::from(outbox.next_log(0, now).is_some());
+    }
+    assert_eq!(told, 5);
+}
+
+#[test]
+fn long_text_is_cut_between_characters() {
+    let outbox = Box::new();
+    outbox.log(Level::Info, "long", format_args!("x{}", "é".repeat(100)), 0);
+    let entry = outbox.next_log(0, NOW).expect("a record");
+    assert_eq!(entry.text.len(), LOG_TEXT - 1);
+    assert!(entry.text.ends_with('é'));
+}
+
+#[derive(Debug, Clone)]
+enum Step {
+    Admit,
+    /// Answers the n-th open command, finally or not.
+    Answer(usize, bool),
+    Courtesy,
+    Halt,
+    Send,
+    /// The n-th answer on its way is acknowledged.
+    Acknowledge(usize),
+    Reconnect,
+    /// The session was lost too: everything is sent again.
+    Rewind,
+}
+
+fn steps() -> impl Strategy<Value = Vec<Step>> {
+    let step = prop_oneof![
+        4 => Just(Step::Admit),
+        6 => (0_usize..8, any::<bool>()).prop_map(|(n, last)| Step::Answer(n, last)),
+        2 => Just(Step::Courtesy),
+        2 => Just(Step::Halt),
+        4 => Just(Step::Send),
+        3 => (0_usize..8).prop_map(Step::Acknowledge),
+        1 => Just(Step::Reconnect),
+        1 => Just(Step::Rewind),
+    ];
+    proptest::collection::vec(step, 0..300)
+}
+
+proptest! {
+    #[test]
+    fn no_promised_answer_is_lost_and_order_is_kept(steps in steps()) {
+        let outbox = Box::new();
+        let mut seq = 0;
+        // Open commands: number, whether `accepted` was given.
+        let mut open: Vec<(u64, bool)> = Vec::new();
+        // Promised answers in the order they were given, and those that arrived.
+        let mut owed: VecDeque<(u64, ResponseStatus)> = VecDeque::new();
+        let mut on_the_way: Vec<Ticket> = Vec::new();
+        let arrive = |ticket, owed: &mut VecDeque<(u64, ResponseStatus)>| {
+            let answer = outbox.get(ticket).expect("kept until delivered");
+            owed.retain(|promised| *promised != (answer.seq, answer.status));
+            outbox.delivered(ticket);
+        };
+        for step in steps {
+            match step {
+                Step::Admit => {
+                    seq += 1;
+                    if outbox.admit(&ada(), seq, NOW).is_ok() {
+                        open.push((seq, false));
+                    }
+                }
+                Step::Answer(index, last) if index < open.len() => {
+                    let (number, accepted) = open[index];
+                    if last {
+                        open.remove(index);
+                        outbox.answer(&ada(), outgoing(number, ResponseStatus::Completed));
+                        owed.push_back((number, ResponseStatus::Completed));
+                    } else if !accepted {
+                        open[index].1 = true;
+                        outbox.answer(&ada(), outgoing(number, ResponseStatus::Accepted));
+                        owed.push_back((number, ResponseStatus::Accepted));
+                    }
+                }
+                Step::Answer(..) => {}
+                Step::Courtesy => {
+                    seq += 1;
+                    outbox.courtesy(outgoing(seq, ResponseStatus::Stale));
+                }
+                Step::Halt => {
+                    seq += 1;
+                    outbox.answer(&ada(), outgoing(seq, ResponseStatus::Completed));
+                }
+                Step::Send => {
+                    if on_the_way.len() < 8 && let Some((ticket, answer)) = outbox.next_answer() {
+                        // The first of the promised ones that is not on its way.
+                        let waiting = owed.iter().find(|promised| {
+                            !on_the_way.iter().any(|ticket| {
+                                outbox.get(*ticket).map(|a| (a.seq, a.status)) == Some(**promised)
+                            })
+                        });
+                        if owed.contains(&(answer.seq, answer.status)) {
+                            prop_assert_eq!(waiting, Some(&(answer.seq, answer.status)));
+                        }
+                        outbox.sent(ticket);
+                        on_the_way.push(ticket);
+                    }
+                }
+                Step::Acknowledge(index) => {
+                    if index < on_the_way.len() {
+                        arrive(on_the_way.remove(index), &mut owed);
+                    }
+                }
+                Step::Reconnect => {
+                    for ticket in on_the_way.drain(..) {
+                        arrive(ticket, &mut owed);
+                    }
+                }
+                Step::Rewind => {
+                    on_the_way.clear();
+                    outbox.rewind();
+                }
+            }
+            prop_assert!(outbox.pending() <= ANSWERS);
+        }
+        outbox.rewind();
+        let delivered = deliver_all(&outbox);
+        let promised: Vec<_> = delivered.into_iter().filter(|d| owed.contains(d)).collect();
+        prop_assert_eq!(promised, Vec::from(owed));
+    }
+}
