@@ -1,15 +1,23 @@
 //! Fuzzing, bounded in time.
 
+use std::fs;
+
 use crate::run::{self, Failure, Outcome};
 
 /// Seconds per target when none are given.
 const DEFAULT_SECONDS: u32 = 30;
 
+/// Longest input tried: a little beyond the longest message.
+const LONGEST: &str = "-max_len=1100";
+
 /// Runs every target of `fuzz/` for `--seconds N`.
 ///
+/// The crates below `firmware/` forbid unsafe code, so no sanitizer is wanted, and the stable
+/// toolchain is enough. New inputs go to the target directory; one that found something is worth
+/// a place in `fuzz/corpus`, which the normal tests replay.
+///
 /// # Errors
-/// When an argument is unknown, cargo-fuzz or a nightly toolchain is missing, or a target finds
-/// something.
+/// When an argument is unknown, cargo-fuzz cannot be installed, or a target finds something.
 pub(crate) fn all(arguments: &[String]) -> Outcome {
     let seconds = match arguments {
         [] => DEFAULT_SECONDS,
@@ -18,34 +26,35 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
             .map_err(|_| Failure(format!("'{value}' is not a number of seconds")))?,
         _ => return Err(Failure("cargo xtask fuzz [--seconds N]".to_owned())),
     };
-    let nightly = ["+nightly", "--version"];
-    if run::output("cargo", &nightly).is_none() {
-        return Err(Failure(
-            "fuzzing needs a nightly toolchain: rustup toolchain install nightly".to_owned(),
-        ));
-    }
     if run::output("cargo", &["fuzz", "--version"]).is_none() {
+        println!("installing cargo-fuzz");
         run::cargo(&["install", "--quiet", "--locked", "cargo-fuzz"])?;
     }
-    let targets = run::output("cargo", &["+nightly", "fuzz", "list", "--fuzz-dir", "fuzz"])
+    let list = ["fuzz", "list", "--fuzz-dir", "fuzz"];
+    let targets = run::output("cargo", &list)
         .ok_or_else(|| Failure("cargo fuzz finds no targets".to_owned()))?;
+    let limit = format!("-max_total_time={seconds}");
     for target in targets.lines() {
         println!("\n== {target} for {seconds} s");
-        let limit = format!("-max_total_time={seconds}");
-        run::run(
-            &run::root(),
-            "cargo",
-            &[
-                "+nightly",
-                "fuzz",
-                "run",
-                "--fuzz-dir",
-                "fuzz",
-                target,
-                "--",
-                &limit,
-            ],
-        )?;
+        let found = run::target_dir().join("fuzz-corpus").join(target);
+        fs::create_dir_all(&found)
+            .map_err(|error| Failure(format!("cannot make {}: {error}", found.display())))?;
+        let found = found.to_string_lossy();
+        let seeds = format!("fuzz/corpus/{target}");
+        run::cargo(&[
+            "fuzz",
+            "run",
+            "--fuzz-dir",
+            "fuzz",
+            "--sanitizer",
+            "none",
+            target,
+            &found,
+            &seeds,
+            "--",
+            &limit,
+            LONGEST,
+        ])?;
     }
     println!("\n{} passed, 0 failed", targets.lines().count());
     Ok(())
