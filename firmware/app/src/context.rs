@@ -1,0 +1,260 @@
+//! The one value that the activities of a robot share.
+
+use core::cell::{Cell, RefCell};
+
+use crawler_hal::{Instant, ResetCause};
+use crawler_protocol::{Action, BehaviourName, Command, Pose, Reason, RobotState};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::channel::Channel;
+use embassy_sync::signal::Signal;
+
+use crate::config::Config;
+use crate::intake::Intake;
+use crate::order::{Halt, Order, Sender, Task};
+use crate::outbox::Outbox;
+use crate::parameters::Parameters;
+use crate::perception::{Battery, LinkHealth, Reading};
+use crate::state::Fault;
+use crate::timesync::TimeSync;
+
+/// What telemetry and the lamp need to know of control, copied once per period.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Snapshot {
+    /// State as reported.
+    pub state: RobotState,
+    /// Behaviour in force.
+    pub behaviour: BehaviourName,
+    /// Why the robot stands, when its state is `ERROR`.
+    pub fault: Option<Fault>,
+    /// Where odometry thinks the robot is.
+    pub pose: Pose,
+    /// Duty of the left and right wheel, −1 to 1.
+    pub wheels: [f32; 2],
+    /// Newest reading of the ranger.
+    pub reading: Reading,
+    /// Newest word on the battery.
+    pub battery: Battery,
+}
+
+impl Default for Snapshot {
+    fn default() -> Self {
+        Self {
+            state: RobotState::Initializing,
+            behaviour: BehaviourName::Manual,
+            fault: None,
+            pose: Pose::default(),
+            wheels: [0.0; 2],
+            reading: Reading::default(),
+            battery: Battery::default(),
+        }
+    }
+}
+
+/// What is known of this boot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BootRecord {
+    /// Boots so far, this one included. 0 until the flash was read, and for good when it
+    /// cannot be.
+    pub count: u32,
+    /// Why the program started.
+    pub cause: ResetCause,
+}
+
+/// One robot: everything its activities share, and nothing else they could share.
+///
+/// Every field has one writer; readers take copies. Nothing here is held across an await.
+pub struct Robot<M: RawMutex> {
+    pub(crate) config: Config,
+    /// What intake remembers of commands and their answers.
+    pub(crate) intake: Intake<M>,
+    /// Everyone → link: answers and log records.
+    pub(crate) outbox: Outbox<M>,
+    /// Link → everyone: Unix time.
+    pub(crate) time: TimeSync<M>,
+    /// Intake → control.
+    pub(crate) orders: Channel<M, Order, 4>,
+    /// Intake → control, merged rather than queued: never refused.
+    pub(crate) halt: Signal<M, Halt>,
+    /// Intake → store.
+    pub(crate) set_requests: Channel<M, Command, 2>,
+    /// Sense → control.
+    pub(crate) reading: Mutex<M, Cell<Reading>>,
+    /// Power → control, store.
+    pub(crate) battery: Mutex<M, Cell<Battery>>,
+    /// Power → store: the battery was measured.
+    pub(crate) battery_measured: Signal<M, ()>,
+    /// Link → control.
+    pub(crate) link_health: Mutex<M, Cell<LinkHealth>>,
+    /// Control → link, lamp.
+    pub(crate) snapshot: Mutex<M, Cell<Snapshot>>,
+    /// Store → everyone.
+    pub(crate) parameters: Mutex<M, RefCell<Parameters>>,
+    /// Store → link: the retained parameters message is out of date.
+    pub(crate) parameters_changed: Signal<M, ()>,
+    /// Store and control → link.
+    pub(crate) boot: Mutex<M, Cell<BootRecord>>,
+    /// Store → control: the flash has been read, or has been given up.
+    pub(crate) loaded: Mutex<M, Cell<bool>>,
+    /// Control → lamp: the pattern may have changed.
+    pub(crate) lamp_changed: Signal<M, ()>,
+    /// Control → lamp: until when to blink for `identify`.
+    pub(crate) identify_until: Mutex<M, Cell<Instant>>,
+}
+
+impl<M: RawMutex> Robot<M> {
+    /// A robot that has not started yet.
+    pub fn new(config: Config) -> Self {
+        Self {
+            config,
+            intake: Intake::new(),
+            outbox: Outbox::new(),
+            time: TimeSync::new(),
+            orders: Channel::new(),
+            halt: Signal::new(),
+            set_requests: Channel::new(),
+            reading: Mutex::new(Cell::new(Reading::default())),
+            battery: Mutex::new(Cell::new(Battery::default())),
+            battery_measured: Signal::new(),
+            link_health: Mutex::new(Cell::new(LinkHealth::default())),
+            snapshot: Mutex::new(Cell::new(Snapshot::default())),
+            parameters: Mutex::new(RefCell::new(Parameters::default())),
+            parameters_changed: Signal::new(),
+            boot: Mutex::new(Cell::new(BootRecord {
+                count: 0,
+                cause: ResetCause::External,
+            })),
+            loaded: Mutex::new(Cell::new(false)),
+            lamp_changed: Signal::new(),
+            identify_until: Mutex::new(Cell::new(Instant::BOOT)),
+        }
+    }
+
+    /// Identity and shape of the robot.
+    pub const fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What control last reported.
+    pub fn snapshot(&self) -> Snapshot {
+        self.snapshot.lock(Cell::get)
+    }
+
+    /// What is known of this boot.
+    pub fn boot(&self) -> BootRecord {
+        self.boot.lock(Cell::get)
+    }
+
+    pub(crate) fn set_boot_count(&self, count: u32) {
+        self.boot.lock(|cell| {
+            cell.set(BootRecord {
+                count,
+                ..cell.get()
+            });
+        });
+    }
+
+    pub(crate) fn set_reset_cause(&self, cause: ResetCause) {
+        self.boot.lock(|cell| {
+            cell.set(BootRecord {
+                cause,
+                ..cell.get()
+            });
+        });
+    }
+
+    /// Reads the parameters.
+    pub fn with_parameters<T>(&self, read: impl FnOnce(&Parameters) -> T) -> T {
+        self.parameters
+            .lock(|parameters| read(&parameters.borrow()))
+    }
+
+    /// Tells control how the session with the broker is. A loss is acted upon within one
+    /// control period.
+    pub fn set_link_health(&self, health: LinkHealth) {
+        self.link_health.lock(|cell| cell.set(health));
+    }
+
+    /// Hands a valid, fresh and new command to whoever carries it out, who then answers it.
+    ///
+    /// `stop` and `estop` always get through. The second value of the answer names an order
+    /// taken back by them, which the caller answers `failed` with [`Reason::Interrupted`].
+    ///
+    /// # Errors
+    /// The reason to answer `rejected` with; the robot keeps doing what it did.
+    /// [`Reason::Unsupported`] for what this program does not do, [`Reason::Busy`] when too many
+    /// commands wait.
+    pub fn route(
+        &self,
+        command: &Command,
+        now: Instant,
+        mut taken_back: impl FnMut(&Sender),
+    ) -> Result<Routed, Reason> {
+        let sender = Sender {
+            source: command.source.clone(),
+            seq: command.seq,
+        };
+        match &command.action {
+            Action::Stop => Ok(self.request_halt(false, sender, &mut taken_back)),
+            Action::Estop => Ok(self.request_halt(true, sender, &mut taken_back)),
+            Action::Set(_) => match self.set_requests.try_send(command.clone()) {
+                Ok(()) => Ok(Routed::Waiting),
+                Err(_) => Err(Reason::Busy),
+            },
+            action => {
+                let task = Task::from_action(action).ok_or(Reason::Unsupported)?;
+                let order = Order {
+                    task,
+                    sender,
+                    arrived: now,
+                };
+                match self.orders.try_send(order) {
+                    Ok(()) => Ok(Routed::Waiting),
+                    Err(_) => Err(Reason::Busy),
+                }
+            }
+        }
+    }
+
+    /// Takes back what waits and would undo the halt, then asks control to halt.
+    ///
+    /// Control may run between any two lines of this on a board, where it lives in an interrupt:
+    /// it then sees the orders as they arrived, and the halt a moment later.
+    fn request_halt(
+        &self,
+        emergency: bool,
+        sender: Sender,
+        taken_back: &mut impl FnMut(&Sender),
+    ) -> Routed {
+        for _ in 0..self.orders.len() {
+            let Ok(order) = self.orders.try_receive() else {
+                break;
+            };
+            if order.task.yields_to_halt() {
+                taken_back(&order.sender);
+            } else if let Err(full) = self.orders.try_send(order) {
+                // Only when intake were re-entered, which it is not; answered all the same.
+                let embassy_sync::channel::TrySendError::Full(order) = full;
+                taken_back(&order.sender);
+            }
+        }
+        let mut halt = self.halt.try_take().unwrap_or_default();
+        halt.emergency |= emergency;
+        let routed = match halt.senders.push(sender) {
+            Ok(()) => Routed::Waiting,
+            Err(_) => Routed::Unattended,
+        };
+        self.halt.signal(halt);
+        routed
+    }
+}
+
+/// What became of a routed command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Routed {
+    /// Whoever carries it out will answer it.
+    Waiting,
+    /// A halt that is obeyed, but one too many in this control period to be answered from
+    /// there: the caller answers `accepted`.
+    Unattended,
+}

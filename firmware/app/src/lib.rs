@@ -1,0 +1,56 @@
+//! The Terracrawler robot program.
+//!
+//! Written against [`crawler_hal`] alone: it knows no board, no simulator and no server, keeps
+//! no static, allocates nothing, and asks the handed-in clock and random generator for
+//! everything that is not a function of its input. Two robots can live in one process.
+//!
+//! The activities are plain `async fn`s over one shared [`Robot`]; each peripheral has one owner
+//! among them, and each sleeps until its next deadline or signal:
+//!
+//! | activity | owns | period |
+//! |---|---|---|
+//! | [`control()`] | motors, watchdog | 20 ms |
+//! | [`sense()`] | ranger | 60 ms |
+//! | [`power()`] | battery input | 1 s |
+//! | [`lamp()`] | status lamp | edges of its pattern |
+//! | [`store()`] | flash | on demand |
+//! | [`link()`] | network | events |
+#![no_std]
+// Activities are polled by the executor that owns their peripherals; no `Send` bound is wanted.
+#![allow(async_fn_in_trait)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod behaviour;
+mod config;
+mod context;
+pub mod control;
+pub mod controller;
+pub mod intake;
+pub mod lamp;
+pub mod ledger;
+pub mod link;
+pub mod motion;
+pub mod order;
+pub mod outbox;
+pub mod parameters;
+pub mod perception;
+pub mod power;
+#[cfg(test)]
+mod rules;
+pub mod sense;
+pub mod state;
+pub mod store;
+#[cfg(test)]
+mod testing;
+pub mod timesync;
+
+pub use config::{Config, Geometry};
+pub use context::{BootRecord, Robot, Routed, Snapshot};
+pub use control::control;
+pub use lamp::lamp;
+pub use link::link;
+pub use power::power;
+pub use sense::sense;
+pub use store::store;

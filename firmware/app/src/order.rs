@@ -1,0 +1,145 @@
+//! What intake hands to control, once a command has been found valid, fresh and new.
+
+use crawler_hal::Instant;
+use crawler_protocol::{Action, BehaviourSpec, Direction, Source};
+use heapless::Vec;
+
+/// Most halts of one control period that can be answered one by one.
+pub const HALT_ANSWERS: usize = 4;
+
+/// Who gave a command, and under which number: where its answers go.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Sender {
+    /// Who sent the command.
+    pub source: Source,
+    /// Its sequence number.
+    pub seq: u64,
+}
+
+/// The part of a command that control carries out.
+///
+/// `stop` and `estop` travel as [`Halt`], `set` goes to the store, `capture` is refused at the
+/// door: what cannot be carried out here cannot be written here.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Task {
+    /// Open-loop motion in one direction.
+    Move {
+        /// Where to.
+        direction: Direction,
+        /// Share of the permitted speed, 0 to 100.
+        speed: u8,
+        /// How long, in milliseconds; 0 is until told otherwise, under the failsafe.
+        duration_ms: u32,
+    },
+    /// Continuous driving.
+    Drive {
+        /// Forward speed in metres per second.
+        v: f32,
+        /// Turning rate in radians per second, counter-clockwise positive.
+        w: f32,
+    },
+    /// One turn in place, collecting ranges.
+    Scan,
+    /// Wander about, avoiding obstacles.
+    Wander {
+        /// Share of the permitted speed, 0 to 100.
+        speed: u8,
+    },
+    /// Go to a place in the odometry frame.
+    Goto {
+        /// Metres along the axis the robot faced at boot.
+        x: f32,
+        /// Metres to the left of it.
+        y: f32,
+    },
+    /// End any behaviour and wait for manual commands.
+    Manual,
+    /// Release the latch of an emergency stop.
+    Reset,
+    /// Blink.
+    Identify,
+    /// Restart the program.
+    Reboot,
+}
+
+impl Task {
+    /// The task in `action`; `None` where it is not control that carries it out, or nobody can.
+    // Known actions are named one by one although the last arm would catch them too.
+    #[allow(clippy::match_same_arms)]
+    pub const fn from_action(action: &Action) -> Option<Self> {
+        Some(match action {
+            Action::Move {
+                direction,
+                speed,
+                duration_ms,
+            } => Self::Move {
+                direction: *direction,
+                speed: *speed,
+                duration_ms: *duration_ms,
+            },
+            Action::Drive { v, w } => Self::Drive { v: *v, w: *w },
+            Action::Scan => Self::Scan,
+            Action::Goto { x, y } | Action::Behave(BehaviourSpec::Goto { x, y }) => {
+                Self::Goto { x: *x, y: *y }
+            }
+            Action::Behave(BehaviourSpec::Manual) => Self::Manual,
+            Action::Behave(BehaviourSpec::Wander { speed }) => Self::Wander { speed: *speed },
+            Action::Behave(
+                BehaviourSpec::Disperse
+                | BehaviourSpec::Gather
+                | BehaviourSpec::Flock
+                | BehaviourSpec::Formation
+                | BehaviourSpec::Policy,
+            )
+            | Action::Capture
+            | Action::Stop
+            | Action::Estop
+            | Action::Set(_) => return None,
+            Action::Reset => Self::Reset,
+            Action::Identify => Self::Identify,
+            Action::Reboot => Self::Reboot,
+            // An action this program does not know yet is one it cannot do.
+            _ => return None,
+        })
+    }
+
+    /// Whether the task sets the robot in motion.
+    pub const fn is_motion(&self) -> bool {
+        match self {
+            Self::Move { .. }
+            | Self::Drive { .. }
+            | Self::Scan
+            | Self::Wander { .. }
+            | Self::Goto { .. } => true,
+            Self::Manual | Self::Reset | Self::Identify | Self::Reboot => false,
+        }
+    }
+
+    /// Whether a later `stop` or `estop` takes the task back while it still waits.
+    ///
+    /// Motion, because it would undo the halt; `reset`, because it would release an emergency
+    /// stop that came after it.
+    pub const fn yields_to_halt(&self) -> bool {
+        self.is_motion() || matches!(self, Self::Reset)
+    }
+}
+
+/// A task with its sender and the moment it arrived.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Order {
+    /// What to do.
+    pub task: Task,
+    /// Who asked.
+    pub sender: Sender,
+    /// When the command arrived: continuous driving ends 500 ms after this.
+    pub arrived: Instant,
+}
+
+/// A request to stand still. Several that arrive before control looks become one.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Halt {
+    /// Whether one of them was an emergency stop.
+    pub emergency: bool,
+    /// Who is to be told when the robot has stopped.
+    pub senders: Vec<Sender, HALT_ANSWERS>,
+}
