@@ -1,0 +1,278 @@
+//! The control activity: motors and watchdog.
+
+use core::cell::Cell;
+use core::convert::Infallible;
+
+use crawler_drivers::l298n::{Config, Duty, L298n, MotorError};
+use crawler_hal::{Clock, Duration, Instant, MotorPort, System, Ticker};
+use crawler_protocol::Level;
+use embassy_futures::select::{Either, select};
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embedded_hal::digital::OutputPin;
+use embedded_hal::pwm::SetDutyCycle;
+use rand_core::Rng;
+
+use crate::context::{Robot, Snapshot};
+use crate::controller::{Controller, Inputs, Note, Outputs, PERIOD, Tuning};
+use crate::order::Halt;
+use crate::parameters::Parameters;
+use crate::perception::{Charge, LinkHealth};
+use crate::state::{Fault, State};
+
+/// A step that comes later than this after the one before it is not a healthy loop: the watchdog
+/// is not fed for it.
+pub const HEALTHY_WITHIN: Duration = Duration::from_millis(100);
+/// How long `identify` blinks.
+pub const IDENTIFY_FOR: Duration = Duration::from_secs(5);
+/// How long `reboot` waits for its answer to reach the broker.
+pub const REBOOT_PATIENCE: Duration = Duration::from_millis(2_000);
+/// How long it waits in any case, so that the motors have come to rest.
+pub const REBOOT_REST: Duration = Duration::from_millis(500);
+
+/// Runs the control loop: takes a [`Controller::step`] every [`PERIOD`], and at once when a halt
+/// is requested.
+///
+/// Alone owns the motors, and feeds the watchdog, only after a step in time whose duties the
+/// motor driver took. When a wheel can no longer be stopped, restarts the program, which resets
+/// the pins.
+///
+/// # Cancellation Safety
+/// Dropping the activity leaves the motors as they are: coast them first, or reset.
+pub async fn control<M, P, O, S, C, R>(
+    robot: &Robot<M>,
+    left: MotorPort<P, O>,
+    right: MotorPort<P, O>,
+    mut system: S,
+    mut rng: R,
+    clock: C,
+) -> Infallible
+where
+    M: RawMutex,
+    P: SetDutyCycle,
+    O: OutputPin,
+    S: System,
+    C: Clock,
+    R: Rng,
+{
+    robot.set_reset_cause(system.reset_cause());
+    let mut wheels = Wheels::new(L298n::new(left, right, Config::new()));
+    let mut pilot = Pilot::new(robot);
+    let mut last_step = clock.now();
+    let mut ticker = Ticker::every(PERIOD, last_step);
+    loop {
+        let woken_by = match select(robot.halt.wait(), ticker.tick(&clock)).await {
+            Either::First(halt) => Some(halt),
+            Either::Second(_) => None,
+        };
+        let now = clock.now();
+        let outputs = pilot.turn(robot, woken_by, wheels.refused, &mut rng, now);
+        if let Err(error) = wheels.apply(&outputs, pilot.controller(), now) {
+            robot.log(Level::Error, "motor", format_args!("{error}"), now);
+            if let MotorError::Runaway(_) = error {
+                system.reset().await;
+            }
+        }
+        if now - last_step <= HEALTHY_WITHIN && !wheels.refused {
+            system.feed_watchdog();
+        }
+        last_step = now;
+        if pilot.may_reboot(robot, now) {
+            system.reset().await;
+        }
+    }
+}
+
+/// The control loop between two looks at the clock, without the motors: what the activity and the
+/// tests of the safety rules share.
+#[derive(Debug)]
+pub struct Pilot {
+    controller: Controller,
+    /// Of the parameters in `controller`.
+    version: u32,
+    shown: Option<Look>,
+    reboot_asked: Option<Instant>,
+}
+
+impl Pilot {
+    /// A loop that has not taken a turn.
+    pub fn new<M: RawMutex>(robot: &Robot<M>) -> Self {
+        Self {
+            controller: Controller::new(tuning_of(robot)),
+            version: robot.with_parameters(Parameters::version),
+            shown: None,
+            reboot_asked: None,
+        }
+    }
+
+    /// The controller.
+    pub const fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
+    /// Takes one turn: gathers what the other activities left, steps the controller, answers,
+    /// reports and publishes. The caller hands the duties to the motors.
+    ///
+    /// `woken_by` is a halt that did not wait for the period; `None` is a period that has passed.
+    pub fn turn<M: RawMutex, R: Rng>(
+        &mut self,
+        robot: &Robot<M>,
+        woken_by: Option<Halt>,
+        motor_fault: bool,
+        rng: &mut R,
+        now: Instant,
+    ) -> Outputs {
+        let (halt, order) = match woken_by {
+            Some(halt) => (Some(halt), None),
+            // In this order: an order that is there after the halt was taken came after it.
+            None => (robot.halt.try_take(), robot.orders.try_receive().ok()),
+        };
+        let newest = robot.with_parameters(Parameters::version);
+        if newest != self.version {
+            self.version = newest;
+            self.controller.set_tuning(tuning_of(robot));
+        }
+        let battery = robot.battery.lock(Cell::get);
+        let inputs = Inputs {
+            reading: robot.reading.lock(Cell::get),
+            charge: battery.charge,
+            link: robot.link_health.lock(Cell::get),
+            loaded: robot.loaded.lock(Cell::get),
+            motor_fault,
+            halt: halt.as_ref(),
+            order: order.as_ref(),
+        };
+        let outputs = self.controller.step(&inputs, rng, now);
+        let state = self.controller.state();
+        robot.snapshot.lock(|cell| {
+            cell.set(Snapshot {
+                state: state.reported(),
+                behaviour: self.controller.behaviour(),
+                fault: state.fault(),
+                pose: self.controller.pose(),
+                wheels: outputs.duties,
+                reading: inputs.reading,
+                battery,
+            });
+        });
+        if outputs.identify {
+            let until = now + IDENTIFY_FOR;
+            robot.identify_until.lock(|cell| cell.set(until));
+        }
+        let look = Some(Look::new(state, &inputs));
+        if look != self.shown || outputs.identify {
+            self.shown = look;
+            robot.lamp_changed.signal(());
+        }
+        report(robot, &outputs, now);
+        if outputs.reboot {
+            self.reboot_asked.get_or_insert(now);
+        }
+        outputs
+    }
+
+    /// Whether `reboot` was asked for and its time has come: the robot has come to rest, and the
+    /// answers have reached the broker or will not.
+    pub fn may_reboot<M: RawMutex>(&self, robot: &Robot<M>, now: Instant) -> bool {
+        self.reboot_asked.is_some_and(|asked| {
+            let waited = now - asked;
+            waited >= REBOOT_REST && (robot.outbox.pending() == 0 || waited >= REBOOT_PATIENCE)
+        })
+    }
+}
+
+fn tuning_of<M: RawMutex>(robot: &Robot<M>) -> Tuning {
+    robot.with_parameters(|parameters| Tuning::new(parameters, &robot.config.geometry))
+}
+
+/// What the lamp shows of control, to notice a change.
+#[derive(Debug, PartialEq)]
+struct Look {
+    state: core::mem::Discriminant<State>,
+    fault: Option<Fault>,
+    charge: Charge,
+    link: LinkHealth,
+}
+
+impl Look {
+    fn new(state: &State, inputs: &Inputs<'_>) -> Self {
+        Self {
+            state: core::mem::discriminant(state),
+            fault: state.fault(),
+            charge: inputs.charge,
+            link: inputs.link,
+        }
+    }
+}
+
+/// The motor driver, and whether it refused the last duties.
+struct Wheels<P, O> {
+    driver: L298n<P, O>,
+    refused: bool,
+}
+
+impl<P: SetDutyCycle, O: OutputPin> Wheels<P, O> {
+    const fn new(driver: L298n<P, O>) -> Self {
+        Self {
+            driver,
+            refused: false,
+        }
+    }
+
+    /// Hands duties on. Reports a refusal once, and again only after it was gone.
+    fn apply(
+        &mut self,
+        outputs: &Outputs,
+        controller: &Controller,
+        now: Instant,
+    ) -> Result<(), MotorError> {
+        let [left_trim, right_trim] = controller.trims();
+        let config = Config::new().with_trim(left_trim, right_trim);
+        if *self.driver.config() != config {
+            self.driver.set_config(config);
+        }
+        let [left, right] = outputs.duties.map(Duty::new);
+        let result = self.driver.apply(left, right, now);
+        let known = core::mem::replace(&mut self.refused, result.is_err());
+        match result {
+            Err(error @ MotorError::Runaway(_)) => Err(error),
+            Err(error) if !known => Err(error),
+            Ok(_) | Err(_) => Ok(()),
+        }
+    }
+}
+
+fn report<M: RawMutex>(robot: &Robot<M>, outputs: &Outputs, now: Instant) {
+    for answer in &outputs.answers {
+        let sender = &answer.sender;
+        robot.respond(
+            &sender.source,
+            sender.seq,
+            answer.status,
+            answer.reason,
+            now,
+        );
+    }
+    for note in &outputs.notes {
+        match note {
+            Note::Raised(fault) => {
+                robot.log(Level::Error, "fault", format_args!("{}", fault.name()), now);
+            }
+            Note::Cleared(fault) => {
+                let text = format_args!("{} is over", fault.name());
+                robot.log(Level::Info, "fault", text, now);
+            }
+            Note::Ended(reason) => {
+                robot.log(Level::Info, "motion-ended", format_args!("{reason}"), now);
+            }
+            Note::HemmedIn(attempts) => {
+                let text = format_args!("no way out after {attempts} attempts");
+                robot.log(Level::Warn, "hemmed-in", text, now);
+            }
+            Note::Scanned(result) => {
+                for half in result.halves() {
+                    robot.log(Level::Info, "scan", format_args!("{half}"), now);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,419 @@
+//! The control step: everything between what the robot knows and what its wheels get.
+//!
+//! [`Controller::step`] is synchronous and does no I/O; the control activity calls it every
+//! [`PERIOD`], and so do the tests of the safety rules. One call does, in this order: odometry,
+//! faults, failsafes, the end of the errand, halts, one order, a look ahead, wanted motion, ramps.
+//!
+//! # How motion ends
+//! | cause | duties |
+//! |---|---|
+//! | `stop`, `estop`, fault, lost link, no fresh view, blocked way | zero within the same step |
+//! | duration over, failsafe of continuous driving, arrival, `behave manual`, new order | down the ramp |
+//!
+//! # When the link is lost
+//! Manual driving ends at once. So do behaviours by default: a robot nobody can stop should not
+//! drive. Where that is safe, `link_grace_ms` lets a behaviour go on for a while, so that a hiccup
+//! of the network does not scatter an experiment; when it has passed, the behaviour ends. Nothing
+//! resumes by itself when the link is back. A robot that never had a link (a simulation without a
+//! network) has none to lose.
+
+mod ahead;
+mod orders;
+mod tuning;
+
+use crawler_drivers::l298n::Trim;
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::{BehaviourName, Pose, Reason, ResponseStatus};
+use heapless::Vec;
+use rand_core::Rng;
+
+use crate::behaviour::{Progress, Scan, ScanResult};
+use crate::config::Geometry;
+use crate::motion::{Odometry, Ramp, Twist, duty_for, wheel_speeds};
+use crate::order::{HALT_ANSWERS, Halt, Order, Sender};
+use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
+use crate::state::{Errand, Event, Fault, Side, State};
+
+pub use tuning::Tuning;
+
+/// Time between two control steps.
+pub const PERIOD: Duration = Duration::from_millis(20);
+/// Continuous driving ends this long after the last word of whoever drives.
+pub const FAILSAFE: Duration = Duration::from_millis(500);
+/// Longest a bounded `move` may last.
+pub const LONGEST_MOVE: Duration = Duration::from_millis(10_000);
+/// How long the start waits for the flash and the ranger before it goes on without them.
+pub const START_PATIENCE: Duration = Duration::from_millis(2_000);
+/// A scan takes four to nine seconds; one that takes longer is held up.
+pub const SCAN_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Most answers of one step: every halt, the errand that ended, the order, and that order's own
+/// errand if it ends at once.
+const ANSWERS: usize = HALT_ANSWERS + 4;
+/// Most notes of one step.
+const NOTES: usize = 6;
+
+/// What the controller is told at each step.
+#[derive(Debug, Clone, Copy)]
+pub struct Inputs<'a> {
+    /// Newest word of the ranger.
+    pub reading: Reading,
+    /// How much the battery allows.
+    pub charge: Charge,
+    /// Whether the session with the broker holds.
+    pub link: LinkHealth,
+    /// Whether the parameters are loaded, or given up.
+    pub loaded: bool,
+    /// Whether the motor driver refused the last duties.
+    pub motor_fault: bool,
+    /// A halt, when one was requested.
+    pub halt: Option<&'a Halt>,
+    /// The next order, when one waits.
+    pub order: Option<&'a Order>,
+}
+
+/// An answer to a command.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Answer {
+    /// Whose command.
+    pub sender: Sender,
+    /// What it came to.
+    pub status: ResponseStatus,
+    /// Why.
+    pub reason: Option<Reason>,
+}
+
+/// Something worth a log record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Note {
+    /// A fault came up.
+    Raised(Fault),
+    /// A fault is gone.
+    Cleared(Fault),
+    /// Motion ended before its time.
+    Ended(Reason),
+    /// Turning aside has failed this many times in a row.
+    HemmedIn(u8),
+    /// A scan is done.
+    Scanned(ScanResult),
+}
+
+/// What follows from a step.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Outputs {
+    /// Duty of the left and right wheel, −1 to 1, before trim.
+    pub duties: [f32; 2],
+    /// Answers to give.
+    pub answers: Vec<Answer, ANSWERS>,
+    /// Log records to write.
+    pub notes: Vec<Note, NOTES>,
+    /// Whether to blink for whoever looks for the robot.
+    pub identify: bool,
+    /// Whether to restart, once the answers are out.
+    pub reboot: bool,
+}
+
+impl Outputs {
+    fn answer(&mut self, sender: Sender, status: ResponseStatus, reason: Option<Reason>) {
+        let answer = Answer {
+            sender,
+            status,
+            reason,
+        };
+        let room = self.answers.push(answer).is_ok();
+        debug_assert!(room, "ANSWERS counts every answer of a step");
+    }
+
+    fn note(&mut self, note: Note) {
+        // Of more notes in one step than that, the first ones tell the story.
+        let _ = self.notes.push(note);
+    }
+}
+
+/// The controller of one robot: a value, and all of its memory.
+#[derive(Debug, Clone)]
+pub struct Controller {
+    tuning: Tuning,
+    state: State,
+    odometry: Odometry,
+    ramps: [Ramp; 2],
+    last_step: Instant,
+    /// Who waits for the end of the errand or scan.
+    pending: Option<Sender>,
+    scan: Option<Scan>,
+    progress: Progress,
+    link_lost_since: Option<Instant>,
+    /// The last way round an obstacle, and when it was left: turning back and forth in a corner
+    /// leads nowhere.
+    last_escape: Option<(Side, Instant)>,
+    rebooting: bool,
+}
+
+impl Controller {
+    /// A controller at rest, in [`State::Initializing`].
+    pub fn new(tuning: Tuning) -> Self {
+        Self {
+            tuning,
+            state: State::Initializing,
+            odometry: Odometry::default(),
+            ramps: [Ramp::default(); 2],
+            last_step: Instant::BOOT,
+            pending: None,
+            scan: None,
+            progress: Progress::default(),
+            link_lost_since: None,
+            last_escape: None,
+            rebooting: false,
+        }
+    }
+
+    /// Takes other parameters, from the next step on.
+    pub fn set_tuning(&mut self, tuning: Tuning) {
+        self.tuning = tuning;
+    }
+
+    /// Trims of the left and right wheel, for the motor driver.
+    pub fn trims(&self) -> [Trim; 2] {
+        self.tuning.trims
+    }
+
+    /// The state.
+    pub const fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// The behaviour in force.
+    pub fn behaviour(&self) -> BehaviourName {
+        match self.state.errand() {
+            Some(errand) => errand.behaviour(),
+            None => BehaviourName::Manual,
+        }
+    }
+
+    /// Where the robot should be.
+    pub const fn pose(&self) -> Pose {
+        self.odometry.pose()
+    }
+
+    /// The duties in force.
+    pub fn duties(&self) -> [f32; 2] {
+        self.ramps.map(|ramp| ramp.duty())
+    }
+
+    /// Takes one step at `now`.
+    ///
+    /// Steps may come late, or early when a halt does not wait for the next period: duties change
+    /// by no more than the ramp allows for the time since the last step, nor for more than one
+    /// period.
+    pub fn step<R: Rng>(&mut self, inputs: &Inputs<'_>, rng: &mut R, now: Instant) -> Outputs {
+        let mut out = Outputs::default();
+        let elapsed = now - self.last_step;
+        self.last_step = now;
+        let duties = self.duties();
+        self.odometry
+            .advance(duties, elapsed, &self.tuning.geometry);
+
+        self.start(inputs, now);
+        let mut cut = self.check_faults(inputs, &mut out, now);
+        cut |= self.check_link(inputs.link, &mut out, now);
+        self.check_time(&mut out, now);
+        if let Some(halt) = inputs.halt {
+            self.halt(halt, &mut out, now);
+            cut = true;
+        }
+        if let Some(order) = inputs.order {
+            self.take_order(order, inputs, &mut out, now);
+            // A short move may have been over before its turn came.
+            self.check_time(&mut out, now);
+            // `reset` may have uncovered what the emergency stop hid.
+            cut |= self.check_faults(inputs, &mut out, now);
+        }
+        cut |= self.look_ahead(inputs, rng, &mut out, now);
+        let twist = self.wanted(inputs, &mut out, now);
+        cut |= !self.permits_motion(inputs, now);
+        if !cut {
+            self.drive(twist, elapsed, now);
+            cut = !self.permits_duties(inputs, now);
+        }
+        if cut {
+            for ramp in &mut self.ramps {
+                ramp.cut(now);
+            }
+        }
+        out.duties = self.duties();
+        out
+    }
+
+    fn start(&mut self, inputs: &Inputs<'_>, now: Instant) {
+        if self.state == State::Initializing {
+            let heard = inputs.loaded && inputs.reading.health != SensorHealth::Unproven;
+            if heard || now - Instant::BOOT >= START_PATIENCE {
+                self.state = self.state.step(Event::Ready, now);
+            }
+        }
+    }
+
+    /// Raises and clears faults; whether the wheels have to stand because of one.
+    fn check_faults(&mut self, inputs: &Inputs<'_>, out: &mut Outputs, now: Instant) -> bool {
+        let ranger = inputs.reading.health.is_fault();
+        let fault = if inputs.motor_fault {
+            Some(Fault::Motor)
+        } else if inputs.charge == Charge::Critical {
+            Some(Fault::Battery)
+        } else if ranger && self.tuning.avoidance {
+            Some(Fault::Ranger)
+        } else {
+            None
+        };
+        let before = self.state.fault();
+        match fault {
+            Some(fault) if before != Some(fault) => {
+                if before != Some(Fault::EmergencyStop) {
+                    self.finish(Err(reason_of(fault)), out);
+                    out.note(Note::Raised(fault));
+                }
+                self.state = self.state.step(Event::Fault(fault), now);
+            }
+            None if before.is_some_and(|fault| fault != Fault::EmergencyStop) => {
+                self.state = self.state.step(Event::Recovered, now);
+                out.notes.extend(before.map(Note::Cleared));
+            }
+            Some(_) | None => {}
+        }
+        // With avoidance off a bad ranger is no fault of manual driving, but what needs it ends.
+        if ranger && self.needs_view() && self.is_under_way() {
+            self.finish(Err(Reason::NoRange), out);
+            self.state = self.state.step(Event::End, now);
+            return true;
+        }
+        self.state.fault().is_some()
+    }
+
+    /// Whether the wheels have to stand because the link was lost.
+    fn check_link(&mut self, link: LinkHealth, out: &mut Outputs, now: Instant) -> bool {
+        if link != LinkHealth::Lost {
+            self.link_lost_since = None;
+            return false;
+        }
+        let since = *self.link_lost_since.get_or_insert(now);
+        if self.state.errand().is_some_and(|e| e.is_autonomous())
+            && now - since < self.tuning.link_grace
+        {
+            return false;
+        }
+        if self.is_under_way() {
+            self.finish(Err(Reason::LinkLost), out);
+            self.state = self.state.step(Event::End, now);
+        }
+        true
+    }
+
+    /// Ends what has lasted long enough.
+    fn check_time(&mut self, out: &mut Outputs, now: Instant) {
+        let ended = match self.state {
+            State::Moving(errand) | State::Caution(errand) | State::Avoiding(errand, _) => {
+                match errand {
+                    Errand::Manual { until, bounded, .. } if now >= until => Some(if bounded {
+                        Ok(())
+                    } else {
+                        Err(Reason::Timeout)
+                    }),
+                    Errand::Goto { deadline, .. } if now >= deadline => Some(Err(Reason::Timeout)),
+                    Errand::Manual { .. } | Errand::Goto { .. } | Errand::Wander { .. } => None,
+                }
+            }
+            State::Scanning { deadline } if now >= deadline => Some(Err(Reason::Timeout)),
+            State::Scanning { .. } | State::Initializing | State::Idle | State::Error(_) => None,
+        };
+        if let Some(result) = ended {
+            self.finish(result, out);
+            self.state = self.state.step(Event::End, now);
+        }
+    }
+
+    fn halt(&mut self, halt: &Halt, out: &mut Outputs, now: Instant) {
+        if self.is_under_way() {
+            self.finish(Err(Reason::Interrupted), out);
+            self.state = self.state.step(Event::End, now);
+        }
+        if halt.emergency && self.state.fault() != Some(Fault::EmergencyStop) {
+            self.state = self.state.step(Event::Fault(Fault::EmergencyStop), now);
+            out.note(Note::Raised(Fault::EmergencyStop));
+        }
+        for sender in &halt.senders {
+            out.answer(sender.clone(), ResponseStatus::Completed, None);
+        }
+    }
+
+    /// Closes the book of what is under way: answers whoever waits for it, and notes an end
+    /// before its time. The caller moves the state on.
+    fn finish(&mut self, result: Result<(), Reason>, out: &mut Outputs) {
+        if let Err(reason) = result
+            && self.is_under_way()
+        {
+            out.note(Note::Ended(reason));
+        }
+        if let Some(sender) = self.pending.take() {
+            match result {
+                Ok(()) => out.answer(sender, ResponseStatus::Completed, None),
+                Err(reason) => out.answer(sender, ResponseStatus::Failed, Some(reason)),
+            }
+        }
+        self.scan = None;
+        self.progress.reset();
+    }
+
+    /// Whether the robot is about something, moving or not.
+    fn is_under_way(&self) -> bool {
+        match self.state {
+            State::Moving(_) | State::Caution(_) | State::Avoiding(..) | State::Scanning { .. } => {
+                true
+            }
+            State::Initializing | State::Idle | State::Error(_) => false,
+        }
+    }
+
+    /// Whether what is under way, or rolling out, needs a fresh view of the way ahead.
+    fn needs_view(&self) -> bool {
+        self.tuning.avoidance
+            || match self.state {
+                State::Moving(errand) | State::Caution(errand) | State::Avoiding(errand, _) => {
+                    errand.is_autonomous()
+                }
+                State::Scanning { .. } => true,
+                State::Initializing | State::Idle | State::Error(_) => false,
+            }
+    }
+
+    /// Moves the duties towards `twist`.
+    fn drive(&mut self, twist: Twist, elapsed: Duration, now: Instant) {
+        let Tuning {
+            geometry,
+            max_speed,
+            ramp_step,
+            ..
+        } = self.tuning;
+        let share = (elapsed.as_secs_f32() / PERIOD.as_secs_f32()).min(1.0);
+        let speeds = wheel_speeds(twist, &geometry, max_speed);
+        for (ramp, speed) in self.ramps.iter_mut().zip(speeds) {
+            ramp.towards(duty_for(speed, &geometry), ramp_step * share, now);
+        }
+    }
+}
+
+impl Tuning {
+    /// Shape of the drive.
+    pub const fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+}
+
+/// What to answer for `fault`.
+const fn reason_of(fault: Fault) -> Reason {
+    match fault {
+        Fault::EmergencyStop => Reason::Estopped,
+        Fault::Motor => Reason::Fault,
+        Fault::Battery => Reason::LowBattery,
+        Fault::Ranger => Reason::NoRange,
+    }
+}

@@ -1,0 +1,257 @@
+//! What the view ahead means for the state, and what the robot wants to do about it.
+
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::Reason;
+use rand_core::Rng;
+
+use super::{Controller, Inputs, Note, Outputs};
+use crate::behaviour::{escape_twist, goto_twist};
+use crate::motion::Twist;
+use crate::perception::{Charge, Sight};
+use crate::state::{Errand, Event, Side, State};
+
+/// Share of the wanted speed that is left right before the critical distance.
+const SLOWEST: f32 = 0.3;
+/// Share of the wanted speed on a low battery.
+const LOW_BATTERY: f32 = 0.5;
+/// Fastest turn of a scan, in radians per second: at 16 readings a second one every 5°.
+const SCAN_TURN: f32 = 1.5;
+/// Leaving caution takes this much more than the safe distance, in millimetres: more than the
+/// noise of the ranger.
+const SAFE_HYSTERESIS_MM: u16 = 40;
+/// A new obstacle within this time of the last one is taken for the same corner.
+const SAME_CORNER: Duration = Duration::from_millis(2_500);
+/// `goto` drives straight for this long after turning aside, before it heads for its target.
+const DETOUR: Duration = Duration::from_millis(1_200);
+/// Failed attempts at turning aside that are worth a note.
+const HEMMED_IN: u8 = 3;
+
+impl Controller {
+    /// Feeds the view into the state machine; whether the wheels have to stand for it.
+    pub(super) fn look_ahead<R: Rng>(
+        &mut self,
+        inputs: &Inputs<'_>,
+        rng: &mut R,
+        out: &mut Outputs,
+        now: Instant,
+    ) -> bool {
+        let Some(errand) = self.state.errand() else {
+            return false;
+        };
+        let view = inputs.reading.fresh(now);
+        let autonomous = errand.is_autonomous();
+        let event = if !self.needs_view() {
+            if inputs.charge == Charge::Low {
+                Event::Near
+            } else {
+                Event::Free
+            }
+        } else if let Some(sight) = view {
+            self.judge(sight, &errand, inputs, rng, now)
+        } else if autonomous {
+            // It waits for a view; the sense activity decides when the ranger is lost for good.
+            Event::Blind
+        } else {
+            self.finish(Err(Reason::NoRange), out);
+            self.state = self.state.step(Event::End, now);
+            return true;
+        };
+        let blocked = matches!(event, Event::Blocked(_));
+        if blocked && !autonomous {
+            self.finish(Err(Reason::Blocked), out);
+        }
+        let before = self.state;
+        self.state = self.state.step(event, now);
+        match (before, self.state) {
+            (State::Avoiding(_, escape), State::Moving(_) | State::Caution(_)) => {
+                self.last_escape = Some((escape.side, now));
+            }
+            (State::Avoiding(_, old), State::Avoiding(_, new)) if new.attempt > old.attempt => {
+                if new.attempt == HEMMED_IN {
+                    out.note(Note::HemmedIn(new.attempt));
+                }
+            }
+            (
+                State::Initializing
+                | State::Idle
+                | State::Moving(_)
+                | State::Caution(_)
+                | State::Avoiding(..)
+                | State::Scanning { .. }
+                | State::Error(_),
+                _,
+            ) => {}
+        }
+        // Entering avoidance means driving forward too near: no rolling out. Staying in it, or
+        // backing out of a manual block, has its own motion.
+        blocked && !matches!(before, State::Avoiding(..))
+    }
+
+    /// What a fresh view means for `errand`.
+    fn judge<R: Rng>(
+        &mut self,
+        sight: Sight,
+        errand: &Errand,
+        inputs: &Inputs<'_>,
+        rng: &mut R,
+        now: Instant,
+    ) -> Event {
+        let distance = sight.distance_mm();
+        let (critical, safe) = (self.tuning.critical_mm, self.tuning.safe_mm);
+        if let State::Avoiding(_, escape) = self.state {
+            if now >= escape.until {
+                return Event::Stuck(side(rng));
+            }
+            // Clear is halfway to safe, so that the way out is one.
+            if distance < critical.midpoint(safe) {
+                return Event::Blocked(escape.side);
+            }
+        } else if distance < critical {
+            match errand {
+                Errand::Manual { twist, .. } if twist.v <= 0.0 => return Event::Near,
+                Errand::Manual { .. } => return Event::Blocked(Side::Left),
+                Errand::Wander { .. } | Errand::Goto { .. } => {
+                    return Event::Blocked(self.way_round(rng, now));
+                }
+            }
+        } else if errand.is_autonomous() {
+            let forward = self.ramps.iter().all(|ramp| ramp.duty() > 0.0);
+            if !forward {
+                self.progress.reset();
+            } else if self.progress.observe(sight, now) {
+                self.progress.reset();
+                return Event::Stuck(side(rng));
+            }
+        }
+        let hysteresis = match self.state {
+            State::Caution(_) => SAFE_HYSTERESIS_MM,
+            State::Initializing
+            | State::Idle
+            | State::Moving(_)
+            | State::Avoiding(..)
+            | State::Scanning { .. }
+            | State::Error(_) => 0,
+        };
+        if distance < safe.saturating_add(hysteresis) || inputs.charge == Charge::Low {
+            Event::Near
+        } else {
+            Event::Free
+        }
+    }
+
+    fn way_round<R: Rng>(&self, rng: &mut R, now: Instant) -> Side {
+        match self.last_escape {
+            Some((side, at)) if now - at < SAME_CORNER => side,
+            Some(_) | None => side(rng),
+        }
+    }
+
+    /// Wanted motion. Ends what has arrived or is complete.
+    pub(super) fn wanted(&mut self, inputs: &Inputs<'_>, out: &mut Outputs, now: Instant) -> Twist {
+        let twist = match self.state {
+            State::Initializing | State::Idle | State::Error(_) => return Twist::ZERO,
+            State::Moving(errand) | State::Caution(errand) => {
+                let twist = self.errand_twist(&errand, now);
+                let Some(twist) = twist else {
+                    self.finish(Ok(()), out);
+                    self.state = self.state.step(Event::End, now);
+                    return Twist::ZERO;
+                };
+                self.slow_down(twist, inputs, now)
+            }
+            State::Avoiding(_, escape) => {
+                escape_twist(&escape, self.tuning.max_speed, self.tuning.max_turn, now)
+            }
+            State::Scanning { .. } => {
+                let heading = self.pose().theta;
+                let view = inputs.reading.fresh(now);
+                if let Some(result) = self.scan.as_mut().and_then(|s| s.observe(heading, view)) {
+                    self.finish(Ok(()), out);
+                    out.note(Note::Scanned(result));
+                    self.state = self.state.step(Event::End, now);
+                    return Twist::ZERO;
+                }
+                Twist {
+                    v: 0.0,
+                    w: SCAN_TURN.min(self.tuning.max_turn),
+                }
+            }
+        };
+        if inputs.charge == Charge::Low {
+            Twist {
+                v: twist.v * LOW_BATTERY,
+                w: twist.w * LOW_BATTERY,
+            }
+        } else {
+            twist
+        }
+    }
+
+    /// What `errand` wants on a free way; `None` when it has arrived.
+    fn errand_twist(&self, errand: &Errand, now: Instant) -> Option<Twist> {
+        let max_speed = self.tuning.max_speed;
+        match *errand {
+            Errand::Manual { twist, .. } => Some(twist),
+            Errand::Wander { speed } => Some(Twist {
+                v: speed * max_speed,
+                w: 0.0,
+            }),
+            Errand::Goto { x, y, .. } => {
+                let speed = self.tuning.goto_speed * max_speed;
+                let twist = goto_twist(
+                    &self.pose(),
+                    [x, y],
+                    self.tuning.arrive_tolerance,
+                    speed,
+                    self.tuning.max_turn,
+                )?;
+                match self.last_escape {
+                    Some((_, left)) if now - left < DETOUR => Some(Twist { v: speed, w: 0.0 }),
+                    Some(_) | None => Some(twist),
+                }
+            }
+        }
+    }
+
+    /// Forward speed in proportion to the room that is left between the safe distance and the
+    /// critical one.
+    fn slow_down(&self, twist: Twist, inputs: &Inputs<'_>, now: Instant) -> Twist {
+        if twist.v <= 0.0 || !self.needs_view() {
+            return twist;
+        }
+        let distance = inputs.reading.fresh(now).map_or(0, Sight::distance_mm);
+        let room = f32::from(distance.saturating_sub(self.tuning.critical_mm));
+        let full = f32::from(self.tuning.safe_mm - self.tuning.critical_mm);
+        Twist {
+            v: twist.v * (room / full).clamp(SLOWEST, 1.0),
+            ..twist
+        }
+    }
+
+    /// The last gate before the wheels, whatever was decided above: where avoidance counts, no
+    /// motion without a fresh view.
+    pub(super) fn permits_motion(&self, inputs: &Inputs<'_>, now: Instant) -> bool {
+        !self.needs_view() || inputs.reading.fresh(now).is_some()
+    }
+
+    /// The same for what the wheels are about to do: nothing forward into what is too near. Also
+    /// catches a wheel that starts its turn while the other one still rests before reversing.
+    pub(super) fn permits_duties(&self, inputs: &Inputs<'_>, now: Instant) -> bool {
+        /// Rounding of two duties that add up to nothing.
+        const NOTHING: f32 = 1e-6;
+        let [left, right] = self.duties();
+        if !self.needs_view() || left + right <= NOTHING {
+            return true;
+        }
+        let view = inputs.reading.fresh(now);
+        view.is_some_and(|sight| sight.distance_mm() >= self.tuning.critical_mm)
+    }
+}
+
+fn side<R: Rng>(rng: &mut R) -> Side {
+    if rng.next_u32() & 1 == 0 {
+        Side::Left
+    } else {
+        Side::Right
+    }
+}

@@ -1,0 +1,55 @@
+//! Parameters in the form the control step wants them.
+
+use crawler_drivers::l298n::Trim;
+use crawler_hal::Duration;
+
+use crate::config::Geometry;
+use crate::parameters::{Parameter, Parameters};
+
+/// Everything adjustable about the control step, in SI units, computed once per change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tuning {
+    pub(super) geometry: Geometry,
+    /// Metres per second of a wheel.
+    pub(super) max_speed: f32,
+    /// Radians per second.
+    pub(super) max_turn: f32,
+    /// Change of duty per period, 0 to 1.
+    pub(super) ramp_step: f32,
+    pub(super) safe_mm: u16,
+    pub(super) critical_mm: u16,
+    pub(super) avoidance: bool,
+    /// Share of `max_speed`.
+    pub(super) goto_speed: f32,
+    /// Metres.
+    pub(super) arrive_tolerance: f32,
+    pub(super) link_grace: Duration,
+    pub(super) trims: [Trim; 2],
+}
+
+impl Tuning {
+    /// The tuning that `parameters` ask for, on a drive of shape `geometry`.
+    pub fn new(parameters: &Parameters, geometry: &Geometry) -> Self {
+        let number = |parameter| parameters.number(parameter);
+        Self {
+            geometry: *geometry,
+            max_speed: number(Parameter::MaxSpeed).min(geometry.top_speed_mps),
+            max_turn: number(Parameter::MaxTurn),
+            ramp_step: number(Parameter::RampStep) * 0.01,
+            // The table keeps both within u16.
+            safe_mm: number(Parameter::SafeDistance) as u16,
+            critical_mm: number(Parameter::CriticalDistance) as u16,
+            avoidance: parameters.switch(Parameter::Avoidance),
+            goto_speed: number(Parameter::GotoSpeed) * 0.01,
+            arrive_tolerance: number(Parameter::ArriveTolerance),
+            link_grace: Duration::from_millis(number(Parameter::LinkGrace) as u64),
+            trims: [Parameter::TrimLeft, Parameter::TrimRight]
+                .map(|trim| Trim::new(number(trim)).unwrap_or(Trim::NONE)),
+        }
+    }
+
+    /// Largest change of duty within one period.
+    pub const fn ramp_step(&self) -> f32 {
+        self.ramp_step
+    }
+}

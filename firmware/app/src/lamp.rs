@@ -1,0 +1,96 @@
+//! The lamp activity: one pattern per state and fault.
+
+#[cfg(test)]
+mod tests;
+
+use core::cell::Cell;
+use core::convert::Infallible;
+
+use crawler_drivers::lamp::{Lamp, Pattern};
+use crawler_hal::{Clock, Instant};
+use crawler_protocol::{Level, RobotState};
+use embassy_futures::select::select;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embedded_hal::digital::OutputPin;
+
+use crate::context::Robot;
+use crate::perception::{Charge, LinkHealth};
+
+/// Shows the state of the robot. Sleeps until the next edge of the pattern, or until control
+/// says that the pattern may be another.
+///
+/// # Cancellation Safety
+/// Dropping it leaves the lamp as it is.
+pub async fn lamp<M: RawMutex, O: OutputPin, C: Clock>(
+    robot: &Robot<M>,
+    pin: O,
+    clock: C,
+) -> Infallible {
+    let mut lamp = Lamp::new(pin);
+    let mut refused = false;
+    loop {
+        let now = clock.now();
+        let identify_until = robot.identify_until.lock(Cell::get);
+        let snapshot = robot.snapshot();
+        let link = robot.link_health.lock(Cell::get);
+        let pattern = pattern(
+            snapshot.state,
+            snapshot.battery.charge,
+            link,
+            now < identify_until,
+        );
+        let next = match lamp.show(pattern, now) {
+            Ok(next) => {
+                refused = false;
+                next
+            }
+            Err(error) => {
+                if !core::mem::replace(&mut refused, true) {
+                    robot.log(Level::Warn, "lamp", format_args!("{error}"), now);
+                }
+                // Nothing to try until the pattern changes.
+                Instant::FAR_FUTURE
+            }
+        };
+        let next = if now < identify_until {
+            next.min(identify_until)
+        } else {
+            next
+        };
+        select(robot.lamp_changed.wait(), clock.sleep_until(next)).await;
+    }
+}
+
+/// The pattern to show: first what was asked for, then what needs a person, then the state.
+pub fn pattern(state: RobotState, charge: Charge, link: LinkHealth, identify: bool) -> Pattern {
+    if identify {
+        return Pattern::Identify;
+    }
+    match state {
+        RobotState::Error if charge == Charge::Critical => return Pattern::LowBattery,
+        RobotState::Error => return Pattern::Error,
+        RobotState::Updating => return Pattern::Updating,
+        RobotState::Initializing
+        | RobotState::Idle
+        | RobotState::Moving
+        | RobotState::Scanning
+        | RobotState::Caution
+        | RobotState::Avoiding => {}
+    }
+    if charge == Charge::Low {
+        return Pattern::LowBattery;
+    }
+    if link == LinkHealth::Lost {
+        return Pattern::NoLink;
+    }
+    match state {
+        RobotState::Initializing => Pattern::Initializing,
+        RobotState::Idle => Pattern::Idle,
+        RobotState::Moving => Pattern::Moving,
+        RobotState::Scanning => Pattern::Scanning,
+        RobotState::Caution => Pattern::Caution,
+        RobotState::Avoiding => Pattern::Avoiding,
+        RobotState::Updating => Pattern::Updating,
+        RobotState::Error => Pattern::Error,
+    }
+}

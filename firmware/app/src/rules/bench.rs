@@ -1,0 +1,517 @@
+//! A robot on a bench, and an observer with a book of its own.
+
+use std::collections::HashMap;
+use std::format;
+use std::string::String;
+use std::vec;
+use std::vec::Vec;
+
+use crawler_hal::{Duration, Instant, Millimeters};
+use crawler_protocol::{
+    Action, BehaviourSpec, Command, Direction, ParameterValue, ResponseStatus, RobotState,
+};
+use proptest::prelude::*;
+
+use crate::control::Pilot;
+use crate::controller::Outputs;
+use crate::motion::DEAD_TIME;
+use crate::order::Halt;
+use crate::perception::{Battery, Charge, LinkHealth, Reading, SensorHealth, Sight};
+use crate::testing::{TestRng, TestRobot, robot, source};
+
+/// Unix time at boot.
+const BOOTED_MS: u64 = 1_700_000_000_000;
+const PERIOD: Duration = Duration::from_millis(20);
+const EPSILON: f32 = 1e-5;
+
+/// What the ranger does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Sensor {
+    Sees(Sight),
+    Silent,
+    Broken(SensorHealth),
+}
+
+/// How a command's number relates to what its source sent before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Number {
+    Next,
+    Repeated,
+    Older,
+}
+
+/// One thing that happens to the robot.
+#[derive(Debug, Clone)]
+pub(super) enum Happening {
+    /// So many periods pass.
+    Run(u8),
+    /// The loop is starved for so many milliseconds.
+    Starve(u16),
+    Send {
+        action: Action,
+        source: u8,
+        number: Number,
+        /// Milliseconds; negative is from the future.
+        age: i64,
+    },
+    Bytes(Vec<u8>),
+    Sensor(Sensor),
+    Link(LinkHealth),
+    Charge(Charge),
+    Avoidance(bool),
+    MotorFault(bool),
+}
+
+fn action() -> impl Strategy<Value = Action> {
+    let direction = prop_oneof![
+        Just(Direction::Forward),
+        Just(Direction::Backward),
+        Just(Direction::Left),
+        Just(Direction::Right),
+    ];
+    let duration = prop_oneof![Just(0_u32), 1_u32..2_000, 2_000_u32..=10_000];
+    prop_oneof![
+        4 => (direction, 0_u8..=100, duration).prop_map(|(direction, speed, duration_ms)| {
+            Action::Move { direction, speed, duration_ms }
+        }),
+        4 => (-1.0_f32..1.0, -4.0_f32..4.0).prop_map(|(v, w)| Action::Drive { v, w }),
+        2 => Just(Action::Stop),
+        1 => Just(Action::Estop),
+        2 => Just(Action::Reset),
+        1 => Just(Action::Scan),
+        3 => (0_u8..=100).prop_map(|speed| Action::Behave(BehaviourSpec::Wander { speed })),
+        1 => Just(Action::Behave(BehaviourSpec::Manual)),
+        1 => Just(Action::Behave(BehaviourSpec::Flock)),
+        2 => (-2.0_f32..2.0, -2.0_f32..2.0).prop_map(|(x, y)| Action::Goto { x, y }),
+        1 => Just(Action::Identify),
+        1 => Just(Action::Capture),
+    ]
+}
+
+fn sight() -> impl Strategy<Value = Sight> {
+    prop_oneof![
+        4 => (20_u16..4_500).prop_map(|mm| Sight::Range(Millimeters(mm))),
+        3 => Just(Sight::Clear),
+        1 => Just(Sight::Touching),
+    ]
+}
+
+pub(super) fn happening() -> impl Strategy<Value = Happening> {
+    let sensor = prop_oneof![
+        6 => sight().prop_map(Sensor::Sees),
+        1 => Just(Sensor::Silent),
+        1 => prop_oneof![
+            Just(SensorHealth::Dead),
+            Just(SensorHealth::Stuck),
+            Just(SensorHealth::Absurd),
+            Just(SensorHealth::Unproven),
+        ]
+        .prop_map(Sensor::Broken),
+    ];
+    let number = prop_oneof![
+        6 => Just(Number::Next),
+        1 => Just(Number::Repeated),
+        1 => Just(Number::Older),
+    ];
+    let age = prop_oneof![
+        8 => 0_i64..1_500,
+        1 => 2_500_i64..100_000,
+        1 => -1_500_i64..0,
+        1 => -100_000_i64..-2_500,
+    ];
+    prop_oneof![
+        12 => (1_u8..40).prop_map(Happening::Run),
+        2 => (1_u16..3_000).prop_map(Happening::Starve),
+        12 => (action(), 0_u8..3, number, age).prop_map(|(action, source, number, age)| {
+            Happening::Send { action, source, number, age }
+        }),
+        1 => prop::collection::vec(any::<u8>(), 0..64).prop_map(Happening::Bytes),
+        4 => sensor.prop_map(Happening::Sensor),
+        1 => prop_oneof![
+            Just(LinkHealth::Up),
+            Just(LinkHealth::Up),
+            Just(LinkHealth::Lost),
+        ]
+        .prop_map(Happening::Link),
+        1 => prop_oneof![
+            3 => Just(Charge::Good),
+            1 => Just(Charge::Low),
+            1 => Just(Charge::Critical),
+            1 => Just(Charge::Unknown),
+        ]
+        .prop_map(Happening::Charge),
+        1 => any::<bool>().prop_map(Happening::Avoidance),
+        1 => prop::bool::weighted(0.2).prop_map(Happening::MotorFault),
+    ]
+}
+
+/// What the observer expects of a command.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Meaning {
+    /// Moves the robot until then; a lasting one is answered a second time when it ends.
+    Motion {
+        until: Instant,
+        lasting: bool,
+    },
+    /// Ends motion, down the ramp.
+    Rest,
+    Halt,
+    Reset,
+    Other,
+}
+
+impl Meaning {
+    fn of(action: &Action, now: Instant) -> Self {
+        match action {
+            Action::Move { duration_ms: 0, .. } | Action::Drive { .. } => Self::Motion {
+                until: now + Duration::from_millis(500),
+                lasting: false,
+            },
+            Action::Move { duration_ms, .. } => Self::Motion {
+                until: now + Duration::from_millis(u64::from(*duration_ms)),
+                lasting: true,
+            },
+            Action::Goto { .. } | Action::Scan => Self::Motion {
+                until: Instant::FAR_FUTURE,
+                lasting: true,
+            },
+            Action::Behave(BehaviourSpec::Wander { .. }) => Self::Motion {
+                until: Instant::FAR_FUTURE,
+                lasting: false,
+            },
+            Action::Behave(BehaviourSpec::Manual) => Self::Rest,
+            Action::Stop | Action::Estop => Self::Halt,
+            Action::Reset => Self::Reset,
+            _ => Self::Other,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Sent {
+    meaning: Meaning,
+    /// Whether it is of this time.
+    legitimate: bool,
+    /// How often it set the robot in motion.
+    begun: u32,
+    finals: u32,
+}
+
+pub(super) struct Bench {
+    pub(super) robot: TestRobot,
+    pilot: Pilot,
+    rng: TestRng,
+    now: Instant,
+    sensor: Sensor,
+    motor_fault: bool,
+    avoidance: bool,
+    reading: Reading,
+    // The observer's book.
+    before: [f32; 2],
+    last_turn: Instant,
+    direction: [f32; 2],
+    zero_since: [Instant; 2],
+    /// Until when the robot may move; `None` while only a new command may move it.
+    until: Option<Instant>,
+    estopped: bool,
+    halted: bool,
+    highest: HashMap<u8, u64>,
+    sent: HashMap<(String, u64), Sent>,
+}
+
+impl Bench {
+    pub(super) fn new(seed: u64) -> Self {
+        let robot = robot("rules");
+        robot.time.observe(BOOTED_MS, Instant::BOOT);
+        robot.loaded.lock(|cell| cell.set(true));
+        let pilot = Pilot::new(&robot);
+        let mut bench = Self {
+            robot,
+            pilot,
+            rng: TestRng(seed | 1),
+            now: Instant::BOOT,
+            sensor: Sensor::Sees(Sight::Clear),
+            motor_fault: false,
+            avoidance: true,
+            reading: Reading::default(),
+            before: [0.0; 2],
+            last_turn: Instant::BOOT,
+            direction: [0.0; 2],
+            zero_since: [Instant::BOOT; 2],
+            until: None,
+            estopped: false,
+            halted: false,
+            highest: HashMap::new(),
+            sent: HashMap::new(),
+        };
+        bench.happen(&Happening::Run(3)).expect("a quiet start");
+        bench
+    }
+
+    pub(super) fn now(&self) -> Instant {
+        self.now
+    }
+
+    pub(super) fn state(&self) -> RobotState {
+        self.robot.snapshot().state
+    }
+
+    pub(super) fn happen(&mut self, happening: &Happening) -> Result<(), TestCaseError> {
+        match happening {
+            Happening::Run(periods) => {
+                for _ in 0..*periods {
+                    self.turn(PERIOD, None)?;
+                }
+            }
+            Happening::Starve(ms) => {
+                self.turn(Duration::from_millis(u64::from(*ms)), None)?;
+            }
+            Happening::Send {
+                action,
+                source,
+                number,
+                age,
+            } => self.send(action, *source, *number, *age)?,
+            Happening::Bytes(bytes) => self.robot.submit(bytes, self.now),
+            Happening::Sensor(sensor) => self.sensor = *sensor,
+            Happening::Link(link) => self.robot.set_link_health(*link),
+            Happening::Charge(charge) => self.robot.battery.lock(|cell| {
+                cell.set(Battery {
+                    charge: *charge,
+                    ..Battery::default()
+                });
+            }),
+            Happening::Avoidance(on) => self.set_avoidance(*on),
+            Happening::MotorFault(fault) => self.motor_fault = *fault,
+        }
+        Ok(())
+    }
+
+    fn set_avoidance(&mut self, on: bool) {
+        let values = [(
+            "avoidance".try_into().expect("short"),
+            ParameterValue::Bool(on),
+        )];
+        let values = values.into_iter().collect();
+        self.robot.parameters.lock(|cell| {
+            let next = cell.borrow().with(&values).expect("legal");
+            *cell.borrow_mut() = next;
+        });
+        self.avoidance = on;
+    }
+
+    pub(super) fn send(
+        &mut self,
+        action: &Action,
+        from: u8,
+        number: Number,
+        age: i64,
+    ) -> Result<(), TestCaseError> {
+        let halt = matches!(action, Action::Stop | Action::Estop);
+        // Halts come from a source of their own: they are obeyed with any number, and their
+        // answers shall not be taken for those of a motion command with that number.
+        let from = if halt { from + 100 } else { from };
+        let known = self.highest.get(&from).copied();
+        // Of a source never heard before, any number is new.
+        let number = if known.is_none() {
+            Number::Next
+        } else {
+            number
+        };
+        let highest = known.unwrap_or(100);
+        let seq = match number {
+            Number::Next => highest + 1,
+            Number::Repeated => highest,
+            Number::Older => highest - 1,
+        };
+        let name = format!("operator:{from}");
+        self.highest.insert(from, highest.max(seq));
+        let timestamp = (BOOTED_MS + self.now.as_millis()).saturating_add_signed(-age);
+        if number == Number::Next {
+            let sent = Sent {
+                meaning: Meaning::of(action, self.now),
+                legitimate: !action.is_motion() || (-2_000..=2_000).contains(&age),
+                begun: 0,
+                finals: 0,
+            };
+            self.sent.insert((name.clone(), seq), sent);
+        }
+        let command = Command {
+            action: action.clone(),
+            timestamp,
+            seq,
+            source: source(&name),
+        };
+        let mut buffer = [0; 1024];
+        let len = command.to_json(&mut buffer).expect("fits");
+        self.robot.submit(&buffer[..len], self.now);
+        if halt {
+            self.halted = true;
+            self.until = None;
+            self.estopped |= matches!(action, Action::Estop);
+            // A halt wakes the loop: sometimes before, sometimes with the next period.
+            if self.now.as_micros() % 3 == 0 {
+                let halt = self.robot.halt.try_take().expect("halts are never refused");
+                self.turn(Duration::from_millis(3), Some(halt))?;
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn turn(
+        &mut self,
+        after: Duration,
+        woken_by: Option<Halt>,
+    ) -> Result<Outputs, TestCaseError> {
+        self.now += after;
+        match self.sensor {
+            Sensor::Sees(sight) => {
+                self.reading.sight = Some((sight, self.now));
+                self.reading.health = SensorHealth::Good;
+            }
+            Sensor::Silent => {}
+            Sensor::Broken(health) => self.reading.health = health,
+        }
+        self.robot.reading.lock(|cell| cell.set(self.reading));
+        let fault = self.motor_fault;
+        let out = self
+            .pilot
+            .turn(&self.robot, woken_by, fault, &mut self.rng, self.now);
+        self.judge(&out)?;
+        Ok(out)
+    }
+
+    /// One turn without the observer, for measuring.
+    pub(super) fn bare_step(&mut self, now: Instant) {
+        self.reading.sight = Some((Sight::Clear, now));
+        self.robot.reading.lock(|cell| cell.set(self.reading));
+        self.now = now;
+        self.pilot
+            .turn(&self.robot, None, false, &mut self.rng, now);
+    }
+
+    fn judge(&mut self, out: &Outputs) -> Result<(), TestCaseError> {
+        let snapshot = self.robot.snapshot();
+        let ramp = 0.05 * ((self.now - self.last_turn).as_secs_f32() / 0.02).min(1.0);
+        let standing = out.duties == [0.0, 0.0];
+        self.judge_answers(out)?;
+        let expired = self.until.is_none_or(|until| self.now >= until);
+        // 1. A halt stops both wheels within the period, and only a new command moves them.
+        if core::mem::take(&mut self.halted) {
+            prop_assert!(standing, "not halted: {:?}", out.duties);
+        }
+        if self.until.is_none() {
+            prop_assert!(standing, "moves without a command: {:?}", out.duties);
+        }
+        if self.estopped {
+            prop_assert_eq!(snapshot.state, RobotState::Error);
+        }
+        // 2. Range, ramp, and a rest before a reversal.
+        for wheel in 0..2 {
+            let (before, after) = (self.before[wheel], out.duties[wheel]);
+            prop_assert!((-1.0..=1.0).contains(&after), "duty {}", after);
+            prop_assert!(before * after >= 0.0, "jumps from {} to {}", before, after);
+            prop_assert!(
+                after == 0.0 || (after - before).abs() <= ramp + EPSILON,
+                "{} to {} in {:?}",
+                before,
+                after,
+                self.now - self.last_turn
+            );
+            if after == 0.0 && before != 0.0 {
+                self.zero_since[wheel] = self.now;
+            }
+            if after != 0.0 {
+                if after * self.direction[wheel] < 0.0 {
+                    prop_assert!(self.now - self.zero_since[wheel] >= DEAD_TIME);
+                }
+                self.direction[wheel] = after;
+            }
+            // 3. What has expired only slows down, as fast as the ramp goes.
+            if expired {
+                let slower = (before.abs() - ramp).max(0.0) + EPSILON;
+                prop_assert!(
+                    after.abs() <= slower,
+                    "expired, and {} after {}",
+                    after,
+                    before
+                );
+            }
+        }
+        // 3. Nothing moves on a lost link.
+        if self.robot.link_health.lock(core::cell::Cell::get) == LinkHealth::Lost {
+            prop_assert!(standing, "moves on a lost link");
+            self.until = None;
+        }
+        // 4. No motion on an old reading, or one of a broken sensor, where avoidance counts.
+        let autonomous = snapshot.behaviour != crawler_protocol::BehaviourName::Manual
+            || snapshot.state == RobotState::Scanning;
+        if self.avoidance || autonomous {
+            let sight = self.reading.sight.filter(|(_, at)| {
+                self.reading.health == SensorHealth::Good
+                    && self.now - *at <= Duration::from_millis(300)
+            });
+            match sight {
+                None => prop_assert!(standing, "moves blind: {:?}", self.reading),
+                Some((sight, _)) if sight.distance_mm() < 250 => prop_assert!(
+                    out.duties[0] + out.duties[1] <= EPSILON,
+                    "drives into an obstacle: {:?}",
+                    out.duties
+                ),
+                Some(_) => {}
+            }
+        }
+        // 5. An empty battery, and motors that do not obey.
+        let critical = self.robot.battery.lock(core::cell::Cell::get).charge == Charge::Critical;
+        if critical || self.motor_fault {
+            prop_assert!(standing, "moves with a fault");
+            prop_assert_eq!(snapshot.state, RobotState::Error);
+        }
+        if snapshot.state == RobotState::Error {
+            prop_assert!(standing, "moves in ERROR");
+            self.until = None;
+        }
+        prop_assert!(snapshot.pose.x.is_finite() && snapshot.pose.sigma.is_finite());
+        self.before = out.duties;
+        self.last_turn = self.now;
+        Ok(())
+    }
+
+    /// The answers tell which command is in force; the observer checks that it may be.
+    fn judge_answers(&mut self, out: &Outputs) -> Result<(), TestCaseError> {
+        for answer in &out.answers {
+            let name = String::from(answer.sender.source.as_str());
+            let key = (name, answer.sender.seq);
+            let Some(sent) = self.sent.get_mut(&key) else {
+                // A halt with an old number; of anything else this would be a second life.
+                prop_assert!(key.0.starts_with("operator:10"), "from nowhere: {:?}", key);
+                continue;
+            };
+            let completed = answer.status == ResponseStatus::Completed;
+            if sent.meaning != Meaning::Halt {
+                sent.finals += u32::from(answer.status.is_final());
+                prop_assert!(sent.finals <= 1, "two final answers to {:?}", key);
+            }
+            match sent.meaning {
+                Meaning::Motion { until, lasting } => {
+                    if answer.status == ResponseStatus::Accepted || completed && !lasting {
+                        sent.begun += 1;
+                        prop_assert_eq!(sent.begun, 1, "carried out twice: {:?}", key);
+                        prop_assert!(sent.legitimate, "of another time: {:?}", key);
+                        self.until = Some(until);
+                    } else if lasting && sent.begun > 0 {
+                        self.until = Some(self.now);
+                    }
+                }
+                Meaning::Rest if completed => self.until = Some(self.now),
+                Meaning::Reset if completed => self.estopped = false,
+                Meaning::Rest | Meaning::Reset | Meaning::Halt | Meaning::Other => {}
+            }
+        }
+        while let Some((ticket, _)) = self.robot.outbox.next_answer() {
+            self.robot.outbox.sent(ticket);
+            self.robot.outbox.delivered(ticket);
+        }
+        Ok(())
+    }
+}

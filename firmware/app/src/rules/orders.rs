@@ -1,0 +1,110 @@
+//! Every order that control takes gets its answers: `accepted` at most once and first, and
+//! exactly one final one.
+
+use std::collections::HashMap;
+use std::string::String;
+
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::{Direction, ResponseStatus};
+use heapless::Vec;
+use proptest::prelude::*;
+
+use crate::config::Geometry;
+use crate::controller::{Controller, Inputs, Outputs, Tuning};
+use crate::order::{Halt, Order, Sender, Task};
+use crate::parameters::Parameters;
+use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
+use crate::testing::{TestRng, source};
+
+fn task() -> impl Strategy<Value = Task> {
+    prop_oneof![
+        (0_u8..=100, 0_u32..500).prop_map(|(speed, duration_ms)| Task::Move {
+            direction: Direction::Forward,
+            speed,
+            duration_ms,
+        }),
+        Just(Task::Drive { v: 0.2, w: 0.5 }),
+        Just(Task::Drive {
+            v: f32::NAN,
+            w: 0.5
+        }),
+        Just(Task::Scan),
+        Just(Task::Wander { speed: 70 }),
+        Just(Task::Goto { x: 0.1, y: 0.0 }),
+        Just(Task::Goto {
+            x: f32::INFINITY,
+            y: 0.0
+        }),
+        Just(Task::Manual),
+        Just(Task::Reset),
+        Just(Task::Identify),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn every_order_is_finally_answered_once(
+        steps in prop::collection::vec(
+            (
+                prop::option::weighted(0.5, task()),
+                prop::option::weighted(0.05, any::<bool>()),
+                prop::bool::weighted(0.9),
+                prop::bool::weighted(0.9),
+                1_u64..400,
+            ),
+            1..300,
+        ),
+    ) {
+        let tuning = Tuning::new(&Parameters::default(), &Geometry::default());
+        let mut controller = Controller::new(tuning);
+        let mut rng = TestRng(5);
+        let mut now = Instant::BOOT;
+        let mut book: HashMap<(String, u64), std::vec::Vec<ResponseStatus>> = HashMap::new();
+        let mut seq = 0;
+        let mut last = false;
+        let mut feed = |steps: &[(Option<Task>, Option<bool>, bool, bool, u64)]| {
+            for (task, halt, sees, linked, ms) in steps {
+                now += Duration::from_millis(*ms);
+                seq += 1;
+                let sender = |name| Sender { source: source(name), seq };
+                let order = task.map(|task| Order { task, sender: sender("a"), arrived: now });
+                let halt = halt.map(|emergency| Halt {
+                    emergency,
+                    senders: Vec::from_iter([sender("b"), sender("c")]),
+                });
+                for sent in order.iter().map(|o| &o.sender).chain(halt.iter().flat_map(|h| &h.senders)) {
+                    book.insert((sent.source.as_str().into(), sent.seq), std::vec::Vec::new());
+                }
+                let inputs = Inputs {
+                    reading: Reading {
+                        sight: sees.then_some((Sight::Clear, now)),
+                        health: SensorHealth::Good,
+                        temperature: None,
+                    },
+                    charge: Charge::Good,
+                    link: if *linked { LinkHealth::Up } else { LinkHealth::Lost },
+                    loaded: true,
+                    motor_fault: false,
+                    halt: halt.as_ref(),
+                    order: order.as_ref(),
+                };
+                let out: Outputs = controller.step(&inputs, &mut rng, now);
+                for answer in &out.answers {
+                    let key = (answer.sender.source.as_str().into(), answer.sender.seq);
+                    book.get_mut(&key).expect("was sent").push(answer.status);
+                }
+            }
+            last = true;
+        };
+        feed(&steps);
+        // A halt ends whatever is still open.
+        feed(&[(None, Some(false), true, true, 20)]);
+        prop_assert!(last);
+        for (key, answers) in book {
+            let finals = answers.iter().filter(|status| status.is_final()).count();
+            prop_assert_eq!(finals, 1, "{:?}: {:?}", key, answers);
+            prop_assert!(answers.len() <= 2, "{:?}: {:?}", key, answers);
+            prop_assert!(answers.last().is_some_and(|status| status.is_final()));
+        }
+    }
+}

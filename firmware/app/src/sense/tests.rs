@@ -1,0 +1,162 @@
+//! The judgement of the ranger.
+
+use crawler_drivers::us100::{LinkError, RangeError};
+use crawler_hal::{Duration, Instant, Millimeters};
+use proptest::prelude::*;
+
+use super::{PERIOD, RangeFilter};
+use crate::perception::{Reading, SensorHealth, Sight};
+
+type Measured = Result<Millimeters, RangeError>;
+
+const SILENT: Measured = Err(RangeError::Link(LinkError::Timeout));
+const NO_ECHO: Measured = Err(RangeError::NoEcho(Millimeters(9_999)));
+
+struct Bench {
+    filter: RangeFilter,
+    now: Instant,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self {
+            filter: RangeFilter::new(Instant::BOOT),
+            now: Instant::BOOT,
+        }
+    }
+
+    fn feed(&mut self, measured: Measured, moving: bool, times: usize) -> Reading {
+        for _ in 0..times {
+            self.now += PERIOD;
+            self.filter.observe(measured, moving, self.now);
+        }
+        self.filter.reading()
+    }
+
+    fn feed_all(&mut self, ranges: impl IntoIterator<Item = u16>, moving: bool) -> Reading {
+        for mm in ranges {
+            self.feed(Ok(Millimeters(mm)), moving, 1);
+        }
+        self.filter.reading()
+    }
+}
+
+#[test]
+fn a_sensor_proves_itself_before_it_is_believed() {
+    let mut bench = Bench::new();
+    assert_eq!(
+        bench.feed_all([800, 801], false).health,
+        SensorHealth::Unproven
+    );
+    let reading = bench.feed_all([802], false);
+    assert_eq!(reading.health, SensorHealth::Good);
+    assert_eq!(
+        reading.fresh(bench.now),
+        Some(Sight::Range(Millimeters(801)))
+    );
+}
+
+#[test]
+fn one_outlier_is_not_seen_and_a_real_obstacle_is() {
+    let mut bench = Bench::new();
+    bench.feed_all([800; 4], false);
+    let reading = bench.feed_all([100], false);
+    assert_eq!(reading.range_mm(bench.now), Some(800));
+    let reading = bench.feed_all([100], false);
+    assert_eq!(reading.range_mm(bench.now), Some(100), "two of three");
+}
+
+#[test]
+fn nothing_in_reach_is_clear_and_touching_is_near() {
+    let mut bench = Bench::new();
+    let reading = bench.feed(NO_ECHO, true, 200);
+    assert_eq!(
+        reading.fresh(bench.now),
+        Some(Sight::Clear),
+        "in the open for long"
+    );
+    assert_eq!(reading.range_mm(bench.now), None);
+    let touching = Err(RangeError::TooNear(Millimeters(12)));
+    let reading = bench.feed(touching, true, 3);
+    assert_eq!(reading.fresh(bench.now), Some(Sight::Touching));
+}
+
+#[test]
+fn silence_makes_it_stale_then_dead_and_replies_bring_it_back() {
+    let mut bench = Bench::new();
+    bench.feed_all([800; 4], false);
+    let reading = bench.feed(SILENT, false, 4);
+    assert_eq!(reading.health, SensorHealth::Good, "not dead yet");
+    assert_eq!(reading.fresh(bench.now), None, "but too old to move on");
+    let reading = bench.feed(SILENT, false, 9);
+    assert_eq!(reading.health, SensorHealth::Dead);
+    // What it saw before the gap is forgotten: two old values must not outvote a new one.
+    let reading = bench.feed_all([300], false);
+    assert_eq!(reading.health, SensorHealth::Dead);
+    let reading = bench.feed_all([300, 300], false);
+    assert_eq!(reading.health, SensorHealth::Good);
+    assert_eq!(reading.range_mm(bench.now), Some(300));
+}
+
+#[test]
+fn a_sensor_that_never_answers_is_dead() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.feed(SILENT, false, 13).health, SensorHealth::Dead);
+}
+
+#[test]
+fn the_same_number_is_stuck_only_while_the_robot_moves() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.feed_all([777; 500], false).health, SensorHealth::Good);
+    assert_eq!(bench.feed_all([777; 55], true).health, SensorHealth::Stuck);
+    let reading = bench.feed_all([778, 779, 780], true);
+    assert_eq!(reading.health, SensorHealth::Good, "it moves again");
+}
+
+#[test]
+fn jumping_about_is_absurd_and_a_corner_is_not() {
+    let mut bench = Bench::new();
+    let corner = [500, 502, 3_000, 3_004, 3_001, 900, 902, 904, 903, 905];
+    assert_eq!(bench.feed_all(corner, true).health, SensorHealth::Good);
+    let wild = [4_000, 100, 3_900, 150, 4_100, 80];
+    let reading = bench.feed_all(wild, true);
+    assert_eq!(reading.health, SensorHealth::Absurd);
+    assert_eq!(reading.fresh(bench.now), None);
+    let reading = bench.feed_all([800; 12], false);
+    assert_eq!(reading.health, SensorHealth::Good);
+}
+
+proptest! {
+    /// Whatever the sensor says, what may be acted upon was said by a sensor in good health, and
+    /// recently.
+    #[test]
+    fn nothing_is_fresh_that_is_old_or_doubted(
+        replies in prop::collection::vec(
+            (
+                prop_oneof![
+                    (20_u16..=4_500).prop_map(|mm| Ok(Millimeters(mm))),
+                    Just(SILENT),
+                    Just(NO_ECHO),
+                ],
+                any::<bool>(),
+                1_u64..500,
+            ),
+            1..200,
+        ),
+    ) {
+        let mut filter = RangeFilter::new(Instant::BOOT);
+        let mut now = Instant::BOOT;
+        let mut heard = now;
+        for (measured, moving, ms) in replies {
+            now += Duration::from_millis(ms);
+            let reading = filter.observe(measured, moving, now);
+            if measured != SILENT {
+                heard = now;
+            }
+            if reading.fresh(now).is_some() {
+                prop_assert!(now - heard <= Duration::from_millis(300));
+                prop_assert_eq!(reading.health, SensorHealth::Good);
+            }
+        }
+    }
+}

@@ -1,0 +1,267 @@
+//! The store activity: parameters and the count of boots, in flash.
+//!
+//! Two items in a map of `sequential-storage`: all persistent parameters as one, so that a power
+//! cut leaves either the old set or the new one, and the count of boots. A corrupt flash is
+//! erased once and starts anew; one that refuses costs persistence, never the boot.
+
+mod guard;
+#[cfg(test)]
+mod tests;
+
+use core::convert::Infallible;
+
+use crawler_hal::{Clock, Duration, Elapsed, with_deadline};
+use crawler_protocol::{Action, Command, Level, Reason, ResponseStatus};
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embedded_storage_async::nor_flash::NorFlash;
+use sequential_storage::Error;
+use sequential_storage::cache::{Cache, Uncached};
+use sequential_storage::map::{MapConfig, MapStorage};
+
+use crate::context::Robot;
+use crate::parameters::{ENCODED_MAX, Parameters};
+
+use guard::{GuardError, Guarded};
+
+/// Key of the parameters.
+const PARAMETERS: u8 = 1;
+/// Key of the count of boots.
+const BOOTS: u8 = 2;
+/// Longest item with its key, rounded up to any word of flash.
+const BUFFER: usize = (ENCODED_MAX + 1).next_multiple_of(32);
+/// How long the start waits for the first word on the battery before it touches the flash.
+const BATTERY_PATIENCE: Duration = Duration::from_millis(300);
+/// Erasing a page takes up to 400 ms on a worn NOR flash, and one write may need to move a page.
+const FLASH_PATIENCE: Duration = Duration::from_millis(1_500);
+
+/// Loads parameters and the count of boots, then persists what `set` commands ask for.
+///
+/// # Cancellation Safety
+/// As safe as a power cut, which the flash format survives at any byte.
+pub async fn store<M: RawMutex, F: NorFlash, C: Clock>(
+    robot: &Robot<M>,
+    flash: F,
+    clock: C,
+) -> Infallible {
+    // The guard has to know the voltage before anything is repaired or written.
+    let patience = clock.now() + BATTERY_PATIENCE;
+    let _: Result<(), Elapsed> =
+        with_deadline(&clock, patience, robot.battery_measured.wait()).await;
+    let mut shelf = Shelf::new(Guarded::new(flash, robot));
+    load(robot, &mut shelf, &clock).await;
+    loop {
+        let command = robot.set_requests.receive().await;
+        let (status, reason) = match set(robot, &mut shelf, &clock, &command).await {
+            Ok(()) => (ResponseStatus::Completed, None),
+            Err(Refusal::Invalid(reason)) => (ResponseStatus::Rejected, Some(reason)),
+            Err(Refusal::NotStored(reason)) => (ResponseStatus::Failed, Some(reason)),
+        };
+        let now = clock.now();
+        robot.respond(&command.source, command.seq, status, reason, now);
+    }
+}
+
+/// Why a `set` did not take place. Nothing has changed then.
+enum Refusal {
+    /// The values are not acceptable.
+    Invalid(Reason),
+    /// The flash did not take them.
+    NotStored(Reason),
+}
+
+async fn set<M: RawMutex, F: NorFlash, C: Clock>(
+    robot: &Robot<M>,
+    shelf: &mut Shelf<'_, M, F>,
+    clock: &C,
+    command: &Command,
+) -> Result<(), Refusal> {
+    let Action::Set(values) = &command.action else {
+        return Err(Refusal::Invalid(Reason::Unsupported));
+    };
+    let (next, differs) = robot
+        .with_parameters(|present| {
+            present
+                .with(values)
+                .map(|next| (next.clone(), next.differs_in_flash(present)))
+        })
+        .map_err(Refusal::Invalid)?;
+    if differs {
+        let mut buffer = [0; ENCODED_MAX];
+        let item = next.encode(&mut buffer);
+        let deadline = clock.now() + FLASH_PATIENCE;
+        let stored = with_deadline(clock, deadline, shelf.put(PARAMETERS, item)).await;
+        if let Err(error) = stored.unwrap_or(Err(ShelfError::Refused)) {
+            robot.log(
+                Level::Error,
+                "flash",
+                format_args!("{}", error.name()),
+                clock.now(),
+            );
+            return Err(Refusal::NotStored(match error {
+                ShelfError::LowVoltage => Reason::LowBattery,
+                ShelfError::Refused | ShelfError::Corrupt | ShelfError::Unfit => {
+                    Reason::StorageFailed
+                }
+            }));
+        }
+    }
+    robot
+        .parameters
+        .lock(|cell| cell.borrow_mut().replace_with(next));
+    robot.parameters_changed.signal(());
+    Ok(())
+}
+
+async fn load<M: RawMutex, F: NorFlash, C: Clock>(
+    robot: &Robot<M>,
+    shelf: &mut Shelf<'_, M, F>,
+    clock: &C,
+) {
+    let mut buffer = [0; BUFFER];
+    let deadline = clock.now() + FLASH_PATIENCE;
+    match with_deadline(clock, deadline, shelf.get(PARAMETERS, &mut buffer)).await {
+        Ok(Ok(Some(item))) => {
+            let (loaded, dropped) = Parameters::decode(item);
+            if dropped > 0 {
+                let text = format_args!("{dropped} stored parameters are not usable");
+                robot.log(Level::Warn, "flash", text, clock.now());
+            }
+            robot
+                .parameters
+                .lock(|cell| cell.borrow_mut().replace_with(loaded));
+        }
+        Ok(Ok(None)) => {}
+        Ok(Err(error)) => {
+            let text = format_args!("{}: parameters are at their defaults", error.name());
+            robot.log(Level::Error, "flash", text, clock.now());
+        }
+        Err(Elapsed) => {
+            let text = format_args!("no answer: parameters are at their defaults");
+            robot.log(Level::Error, "flash", text, clock.now());
+        }
+    }
+    // The robot need not wait for the count.
+    robot.loaded.lock(|cell| cell.set(true));
+    robot.parameters_changed.signal(());
+
+    let deadline = clock.now() + FLASH_PATIENCE;
+    let counted = with_deadline(clock, deadline, count_boot(shelf)).await;
+    match counted.unwrap_or(Err(ShelfError::Refused)) {
+        Ok(count) => robot.set_boot_count(count),
+        Err(error) => {
+            let text = format_args!("{}: this boot is not counted", error.name());
+            robot.log(Level::Error, "flash", text, clock.now());
+        }
+    }
+}
+
+async fn count_boot<M: RawMutex, F: NorFlash>(
+    shelf: &mut Shelf<'_, M, F>,
+) -> Result<u32, ShelfError> {
+    let mut buffer = [0; BUFFER];
+    let before = match shelf.get(BOOTS, &mut buffer).await? {
+        Some(item) => item.try_into().map_or(0, u32::from_le_bytes),
+        None => 0,
+    };
+    let count = before.saturating_add(1);
+    shelf.put(BOOTS, &count.to_le_bytes()).await?;
+    Ok(count)
+}
+
+/// Why the flash did not serve. Each variant calls for a different next step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ShelfError {
+    /// Not writing now, so as not to be cut off in the middle: charge the battery.
+    LowVoltage,
+    /// The flash does not do what it is told: it is worn or broken.
+    Refused,
+    /// Content that makes no sense, although it was erased: as above.
+    Corrupt,
+    /// The region is too small, or its pages have an unusable shape: configuration of the board.
+    Unfit,
+}
+
+impl ShelfError {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::LowVoltage => "voltage too low to write",
+            Self::Refused => "flash refused",
+            Self::Corrupt => "flash is corrupt",
+            Self::Unfit => "flash region is unfit",
+        }
+    }
+}
+
+type Map<'a, M, F> = MapStorage<u8, Guarded<'a, M, F>, Cache<Uncached, Uncached, Uncached, u8>>;
+
+/// The map in flash; `None` where the region has no usable shape.
+struct Shelf<'a, M: RawMutex, F: NorFlash> {
+    map: Option<Map<'a, M, F>>,
+}
+
+impl<'a, M: RawMutex, F: NorFlash> Shelf<'a, M, F> {
+    fn new(flash: Guarded<'a, M, F>) -> Self {
+        let end = embedded_storage_async::nor_flash::ReadNorFlash::capacity(&flash);
+        let config = u32::try_from(end)
+            .ok()
+            .and_then(|end| MapConfig::try_new(0..end).ok());
+        Self {
+            map: config.map(|config| MapStorage::new(flash, config, Cache::new_uncached())),
+        }
+    }
+
+    /// Reads an item. Corrupt content is erased, once: it is lost in any case, and the next boot
+    /// shall not meet it again.
+    async fn get<'b>(
+        &mut self,
+        key: u8,
+        buffer: &'b mut [u8; BUFFER],
+    ) -> Result<Option<&'b [u8]>, ShelfError> {
+        let map = self.map.as_mut().ok_or(ShelfError::Unfit)?;
+        let mut scratch = [0; BUFFER];
+        match map.fetch_item::<&[u8]>(&mut scratch, &key).await {
+            Ok(Some(item)) => {
+                let (copy, _) = buffer
+                    .split_at_mut_checked(item.len())
+                    .ok_or(ShelfError::Corrupt)?;
+                copy.copy_from_slice(item);
+                Ok(Some(copy))
+            }
+            Ok(None) => Ok(None),
+            Err(error) => {
+                let error = classify(&error);
+                if error == ShelfError::Corrupt {
+                    map.erase_all().await.map_err(|error| classify(&error))?;
+                    return Ok(None);
+                }
+                Err(error)
+            }
+        }
+    }
+
+    async fn put(&mut self, key: u8, item: &[u8]) -> Result<(), ShelfError> {
+        let map = self.map.as_mut().ok_or(ShelfError::Unfit)?;
+        let mut buffer = [0; BUFFER];
+        match map.store_item(&mut buffer, &key, &item).await {
+            Ok(()) => Ok(()),
+            Err(error) => Err(classify(&error)),
+        }
+    }
+}
+
+fn classify<E>(error: &Error<GuardError<E>>) -> ShelfError {
+    match error {
+        Error::Storage {
+            value: GuardError::LowVoltage,
+            ..
+        } => ShelfError::LowVoltage,
+        Error::Storage {
+            value: GuardError::Flash(_),
+            ..
+        } => ShelfError::Refused,
+        Error::FullStorage | Error::ItemTooBig | Error::BufferTooSmall(_) | Error::BufferTooBig => {
+            ShelfError::Unfit
+        }
+        _ => ShelfError::Corrupt,
+    }
+}
