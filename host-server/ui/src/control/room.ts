@@ -103,6 +103,7 @@ export class Room {
 
   private dirty = true
   private logKey = 0
+  private unlogged: LogEntry[] = []
   /** Server clock minus page clock: the smallest seen, so network delay drops out. */
   private clockOffset: number | null = null
   private allErrorSince: number | null = null
@@ -231,12 +232,21 @@ export class Room {
   }
 
   clearLog(): void {
+    this.unlogged = []
     this.log.value = []
   }
 
+  /** Entries wait for the next refresh: a thousand robots may report at once. */
   private append(entry: Omit<LogEntry, 'key'>): void {
     this.logKey += 1
-    this.log.value = [{ ...entry, key: this.logKey }, ...this.log.value].slice(0, MOST_LOG_ENTRIES)
+    this.unlogged.push({ ...entry, key: this.logKey })
+    if (this.unlogged.length > MOST_LOG_ENTRIES) this.unlogged.shift()
+  }
+
+  private showLog(): void {
+    if (this.unlogged.length === 0) return
+    this.log.value = [...this.unlogged.reverse(), ...this.log.value].slice(0, MOST_LOG_ENTRIES)
+    this.unlogged = []
   }
 
   private receive(frame: Frame): void {
@@ -309,6 +319,7 @@ export class Room {
       this.driver.setBlocked(this.blocked.value)
     }
     this.watchForStop(now)
+    this.showLog()
   }
 
   /** A stop pressed elsewhere shows as every reachable robot reporting ERROR. */

@@ -205,7 +205,7 @@ describe('driving with the keyboard', () => {
     const { room } = setUp({ status: 'rejected', reason: 'no_clock', completed: 0, expected: 1 })
     room.select('sim-0')
     key('keydown', 'ArrowUp')
-    await vi.advanceTimersByTimeAsync(700)
+    await vi.advanceTimersByTimeAsync(900)
     expect(room.driveError.value).toContain('its clock is not set yet')
     expect(room.log.value[0]).toMatchObject({ level: 'warn', robot: 'sim-0' })
   })
@@ -227,9 +227,14 @@ describe('a stop pressed elsewhere', () => {
 })
 
 describe('the log', () => {
-  it('is bounded', () => {
+  it('is bounded, newest first', async () => {
     const { room } = setUp()
-    for (let i = 0; i < MOST_LOG_ENTRIES + 50; i++) room.note('info', null, String(i))
+    for (let i = 0; i < MOST_LOG_ENTRIES + 40; i++) room.note('info', null, String(i))
+    await vi.advanceTimersByTimeAsync(200)
+    for (let i = MOST_LOG_ENTRIES + 40; i < MOST_LOG_ENTRIES + 50; i++) {
+      room.note('info', null, String(i))
+    }
+    await vi.advanceTimersByTimeAsync(200)
     expect(room.log.value).toHaveLength(MOST_LOG_ENTRIES)
     expect(room.log.value[0]?.text).toBe(String(MOST_LOG_ENTRIES + 49))
   })
