@@ -239,11 +239,16 @@ impl<'a, M: RawMutex, F: NorFlash> Shelf<'a, M, F> {
         }
     }
 
+    /// Writes an item and reads it back: a flash whose cells have gone bad takes a write and
+    /// keeps something else.
     async fn put(&mut self, key: u8, item: &[u8]) -> Result<(), ShelfError> {
         let map = self.map.as_mut().ok_or(ShelfError::Unfit)?;
         let mut buffer = [0; BUFFER];
-        match map.store_item(&mut buffer, &key, &item).await {
-            Ok(()) => Ok(()),
+        let stored = map.store_item(&mut buffer, &key, &item).await;
+        stored.map_err(|error| classify(&error))?;
+        match map.fetch_item::<&[u8]>(&mut buffer, &key).await {
+            Ok(Some(kept)) if kept == item => Ok(()),
+            Ok(_) => Err(ShelfError::Corrupt),
             Err(error) => Err(classify(&error)),
         }
     }

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use super::store;
 use crate::parameters::Parameter;
 use crate::perception::Battery;
-use crate::testing::flash::TestFlash;
+use crate::testing::flash::{PAGE, TestFlash};
 use crate::testing::{Executor, TestRobot, robot, source};
 
 /// Boots a robot on `flash`, lets it load, hands it over, and lets it run on.
@@ -196,6 +196,28 @@ proptest! {
                     loaded
                 })
             });
+        }
+    }
+
+    /// Any content whatsoever: it boots, and the flash is usable afterwards or says that it is not.
+    #[test]
+    fn any_content_boots(seed in any::<u64>(), spoiled in 1_usize..200) {
+        use rand_core::TryRng as _;
+        let flash = TestFlash::new(2);
+        boot(&flash, |_, send| send(&set("max_speed", 0.3)));
+        let mut rng = crate::testing::TestRng(seed | 1);
+        for _ in 0..spoiled {
+            let Ok(random) = rng.try_next_u64();
+            let at = random as usize % (2 * PAGE);
+            flash.0.borrow_mut().bytes[at] = (random >> 40) as u8;
+        }
+        flash.0.borrow_mut().spoiled = true;
+        let works = boot(&flash, |robot, send| {
+            send(&set("max_speed", 0.4));
+            answer(robot).0 == ResponseStatus::Completed
+        });
+        if works {
+            boot(&flash, |robot, _| assert!((max_speed(robot) - 0.4).abs() < 1e-6));
         }
     }
 }

@@ -100,12 +100,14 @@ impl Motor {
     }
 }
 
-/// A US-100 on a UART: answers 30 ms after it was asked.
+/// A US-100 on a UART: answers 30 ms after it was asked. Like that of the real one, its last digit
+/// is never at rest.
 #[derive(Clone)]
 pub(crate) struct Ranger {
     clock: TestClock,
     pub(crate) range_mm: Rc<Cell<u16>>,
     pub(crate) silent: Rc<Cell<bool>>,
+    odd: Rc<Cell<bool>>,
     replies: Rc<RefCell<VecDeque<(Instant, u8)>>>,
 }
 
@@ -115,6 +117,7 @@ impl Ranger {
             clock,
             range_mm: Rc::new(Cell::new(range_mm)),
             silent: Rc::default(),
+            odd: Rc::default(),
             replies: Rc::default(),
         }
     }
@@ -131,7 +134,11 @@ impl Write for Ranger {
             let mut replies = self.replies.borrow_mut();
             for byte in bytes {
                 match byte {
-                    0x55 => replies.extend(self.range_mm.get().to_be_bytes().map(|b| (due, b))),
+                    0x55 => {
+                        let odd = u16::from(self.odd.replace(!self.odd.get()));
+                        let range = self.range_mm.get() + odd;
+                        replies.extend(range.to_be_bytes().map(|byte| (due, byte)));
+                    }
                     0x50 => replies.push_back((due, 21 + 45)),
                     other => panic!("the sensor knows no request {other:#x}"),
                 }
