@@ -118,6 +118,12 @@ function withRoom(list) {
 }
 
 async function operate(page) {
+  let poseFrames = 0
+  page.on('websocket', (socket) => {
+    socket.on('framereceived', ({ payload }) => {
+      if (typeof payload !== 'string' && payload[0] === 2) poseFrames += 1
+    })
+  })
   const requests = []
   page.on('request', (request) => {
     if (request.method() === 'POST') requests.push(`${request.url()} ${request.postData()}`)
@@ -209,6 +215,17 @@ async function operate(page) {
     return `${after.length} robots, farthest ${(worst.metres * 1_000).toFixed(1)} mm`
   })
   await picture(page, 'stopped')
+
+  await check('nothing is drawn while nothing changes', async () => {
+    const pictures = async () => Number(await page.getByTestId('arena').getAttribute('data-drawn'))
+    await pause(400)
+    const [frames, before] = [poseFrames, await pictures()]
+    await pause(1_200)
+    const [news, drawn] = [poseFrames - frames, (await pictures()) - before]
+    // Sensors are noisy: robots at rest may still report, and then there is something to draw.
+    expect(news > 0 || drawn === 0, `${drawn} pictures without any news`)
+    return `${drawn} pictures, ${news} reports`
+  })
 
   let chosen = ''
   await check('while stopped, driving is refused with a reason', async () => {
