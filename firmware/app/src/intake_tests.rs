@@ -214,13 +214,11 @@ fn a_robot_whose_answers_do_not_get_out_refuses_new_commands_and_obeys_stop() {
         // Refusals are answered at a limited rate.
         let now = at(seq * 1_000);
         robot.submit(identify.as_bytes(), now);
-        match order(&robot) {
-            Some(_) => robot.respond(&ada, seq, ResponseStatus::Completed, None, now),
-            None => {
-                refused = Some(seq);
-                break;
-            }
+        if order(&robot).is_none() {
+            refused = Some(seq);
+            break;
         }
+        robot.respond(&ada, seq, ResponseStatus::Completed, None, now);
     }
     let refused = refused.expect("at some point there is no room");
     assert_eq!(robot.outbox.pending() as u64, refused);

@@ -7,8 +7,12 @@ use rand_core::Rng;
 pub const SHORTEST: Duration = Duration::from_millis(500);
 /// Longest wait while the broker cannot be reached.
 pub const LONGEST: Duration = Duration::from_secs(30);
-/// A session that lasted this long was stable: the next wait is short again.
-pub const STABLE_AFTER: Duration = Duration::from_secs(10);
+/// A session that lasted this long was stable: the next wait is short again. Longer than
+/// [`LONGEST`], so that two robots with one id do not each find the other's absence stable.
+pub const STABLE_AFTER: Duration = Duration::from_secs(60);
+/// Sessions in a row that opened at the first attempt and were soon closed by the broker, after
+/// which a second robot with this id is suspected. Not every broker says so.
+pub const SUSPICIOUS: u8 = 3;
 /// First wait after another robot with this robot's id has taken the session over.
 pub const TAKEN_OVER: Duration = Duration::from_secs(60);
 /// Longest wait while that keeps happening.
@@ -21,6 +25,8 @@ pub const TAKEN_OVER_LONGEST: Duration = Duration::from_secs(600);
 pub(super) struct Backoff {
     span: Duration,
     taken_over: Duration,
+    /// Sessions that were soon closed, in a row.
+    closed: u8,
 }
 
 impl Backoff {
@@ -28,12 +34,37 @@ impl Backoff {
         Self {
             span: SHORTEST,
             taken_over: TAKEN_OVER,
+            closed: 0,
         }
     }
 
-    /// The wait after an attempt that failed, or a session that broke off after `lasted`.
+    /// The wait after an attempt that failed, or a session that was lost after `lasted`.
     pub(super) fn after_loss(&mut self, lasted: Duration, rng: &mut impl Rng) -> Duration {
         self.taken_over = TAKEN_OVER;
+        self.closed = 0;
+        self.doubled(lasted, rng)
+    }
+
+    /// The wait after the broker closed a session that had lasted for `lasted`.
+    pub(super) fn after_close(&mut self, lasted: Duration, rng: &mut impl Rng) -> Duration {
+        self.taken_over = TAKEN_OVER;
+        self.closed = if lasted < STABLE_AFTER {
+            self.closed.saturating_add(1)
+        } else {
+            0
+        };
+        if self.suspects_double() {
+            return jittered(TAKEN_OVER, rng);
+        }
+        self.doubled(lasted, rng)
+    }
+
+    /// Whether it looks as if another robot had this robot's id.
+    pub(super) const fn suspects_double(&self) -> bool {
+        self.closed >= SUSPICIOUS
+    }
+
+    fn doubled(&mut self, lasted: Duration, rng: &mut impl Rng) -> Duration {
         if lasted >= STABLE_AFTER {
             self.span = SHORTEST;
         }
@@ -45,6 +76,7 @@ impl Backoff {
     /// The wait after the broker refused the session for a reason that time alone seldom mends.
     pub(super) fn after_refusal(&mut self, rng: &mut impl Rng) -> Duration {
         self.taken_over = TAKEN_OVER;
+        self.closed = 0;
         self.span = LONGEST;
         jittered(LONGEST, rng)
     }
@@ -53,6 +85,7 @@ impl Backoff {
     /// one id would throw each other out for ever.
     pub(super) fn after_takeover(&mut self, rng: &mut impl Rng) -> Duration {
         self.span = SHORTEST;
+        self.closed = 0;
         let wait = jittered(self.taken_over, rng);
         self.taken_over = (self.taken_over * 2).min(TAKEN_OVER_LONGEST);
         wait
@@ -112,6 +145,28 @@ mod tests {
         let high = Backoff::new().after_loss(Duration::ZERO, &mut Fixed(u32::MAX));
         assert_eq!(low.as_micros() * 2, SHORTEST.as_micros());
         assert!(high > low && high <= SHORTEST);
+    }
+
+    #[test]
+    fn sessions_closed_soon_again_and_again_make_a_second_robot_suspected() {
+        let mut backoff = Backoff::new();
+        let mut rng = Fixed(0);
+        let soon = Duration::from_secs(5);
+        for _ in 1..SUSPICIOUS {
+            assert!(backoff.after_close(soon, &mut rng) < Duration::from_secs(2));
+            assert!(!backoff.suspects_double());
+        }
+        let wait = backoff.after_close(soon, &mut rng);
+        assert!(backoff.suspects_double());
+        assert_eq!(wait.as_micros() * 2, TAKEN_OVER.as_micros());
+        // A broker that could not be reached in between was restarted, not shared.
+        backoff.after_loss(Duration::ZERO, &mut rng);
+        assert!(!backoff.suspects_double());
+        backoff.after_close(soon, &mut rng);
+        backoff.after_close(soon, &mut rng);
+        backoff.after_close(STABLE_AFTER, &mut rng);
+        backoff.after_close(soon, &mut rng);
+        assert!(!backoff.suspects_double());
     }
 
     #[test]

@@ -35,6 +35,7 @@ mod flow;
 mod letter;
 mod loss;
 mod messages;
+mod outgoing;
 mod session;
 
 #[cfg(test)]
@@ -56,7 +57,7 @@ use crate::context::Robot;
 use crate::perception::LinkHealth;
 
 use backoff::Backoff;
-pub use backoff::{LONGEST, SHORTEST, STABLE_AFTER, TAKEN_OVER, TAKEN_OVER_LONGEST};
+pub use backoff::{LONGEST, SHORTEST, STABLE_AFTER, SUSPICIOUS, TAKEN_OVER, TAKEN_OVER_LONGEST};
 use buffered::Buffered;
 use flow::Flow;
 use letter::{Letter, MAX_PACKET, Mailbox};
@@ -114,27 +115,29 @@ pub async fn link<M: RawMutex, N: Network, R: Rng, C: Clock>(
         attempts = attempts.saturating_add(1);
         let (loss, up_since) = attempt(robot, &mut network, &clock, &mut kept).await;
         let now = clock.now();
+        let lasted = up_since.map_or(Duration::ZERO, |since| now - since);
         let wait = match loss {
             Loss::TakenOver => {
                 // The session is another's now.
                 kept.flow.session = None;
                 backoff.after_takeover(&mut rng)
             }
+            Loss::Broken if up_since.is_some() => backoff.after_close(lasted, &mut rng),
             _ if loss.is_refusal() => backoff.after_refusal(&mut rng),
-            _ => backoff.after_loss(
-                up_since.map_or(Duration::ZERO, |since| now - since),
-                &mut rng,
-            ),
+            _ => backoff.after_loss(lasted, &mut rng),
         };
-        let wait_ms = wait.as_millis();
+        let double = if backoff.suspects_double() {
+            ", perhaps by another robot with this id"
+        } else {
+            ""
+        };
+        let text = format_args!("{loss}{double}; next attempt in {} ms", wait.as_millis());
         if up_since.is_some() {
             robot.set_link_health(LinkHealth::Lost);
             attempts = 0;
-            let text = format_args!("{loss}; next attempt in {wait_ms} ms");
             robot.log(Level::Warn, "link-lost", text, now);
         } else if attempts == 1 || loss.is_refusal() {
             // The others of one outage would say the same.
-            let text = format_args!("{loss}; next attempt in {wait_ms} ms");
             robot.log(Level::Warn, "link-failed", text, now);
         }
         clock.sleep(wait).await;

@@ -7,7 +7,6 @@ use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 use std::collections::VecDeque;
 use std::rc::Rc;
-use std::string::{String, ToString};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::Wake;
@@ -15,10 +14,11 @@ use std::vec::Vec;
 
 use crawler_hal::{Clock, Duration, Instant, LinkMonitor, LinkState, NetError, Network};
 use crawler_protocol::{Fleet, Kind, RobotId};
-use embassy_futures::select::{Either, Either3, select, select3};
+use embassy_futures::select::{Either3, select3};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
+use super::peer::Peer;
 use crate::perception::LinkHealth;
 use crate::{Config, Geometry, Robot};
 
@@ -94,20 +94,20 @@ fn block_on<F: Future>(clock: &TestClock, future: F) -> F::Output {
 
 /// One TCP connection, seen from both ends.
 #[derive(Default)]
-struct Pipe {
-    to_robot: VecDeque<u8>,
-    to_broker: VecDeque<u8>,
+pub(super) struct Pipe {
+    pub(super) to_robot: VecDeque<u8>,
+    pub(super) to_broker: VecDeque<u8>,
     /// The broker's end is closed.
-    closed: bool,
+    pub(super) closed: bool,
     /// The robot's end was dropped.
-    dropped: bool,
+    pub(super) dropped: bool,
     /// The broker takes no bytes.
-    stalled: bool,
-    wakers: Vec<Waker>,
+    pub(super) stalled: bool,
+    pub(super) wakers: Vec<Waker>,
 }
 
 impl Pipe {
-    fn changed(&mut self) {
+    pub(super) fn changed(&mut self) {
         self.wakers.drain(..).for_each(Waker::wake);
     }
 }
@@ -226,338 +226,6 @@ impl Network for TestNetwork {
     }
 }
 
-/// One MQTT packet from the robot.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Packet {
-    pub(super) first: u8,
-    pub(super) body: Vec<u8>,
-}
-
-impl Packet {
-    pub(super) const fn kind(&self) -> u8 {
-        self.first >> 4
-    }
-}
-
-/// A PUBLISH packet from the robot, taken apart.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Publish {
-    pub(super) topic: String,
-    pub(super) qos: u8,
-    pub(super) again: bool,
-    pub(super) retained: bool,
-    pub(super) id: Option<u16>,
-    pub(super) payload: Vec<u8>,
-}
-
-impl Publish {
-    pub(super) fn json(&self) -> serde_json::Value {
-        serde_json::from_slice(&self.payload).expect("the robot sends JSON")
-    }
-}
-
-/// What the robot asked for at CONNECT.
-#[derive(Debug, Clone)]
-pub(super) struct Connect {
-    pub(super) clean: bool,
-    pub(super) keep_alive_s: u16,
-    pub(super) client_id: String,
-    pub(super) will_qos: u8,
-    pub(super) will_retained: bool,
-    pub(super) will_topic: String,
-    pub(super) will: serde_json::Value,
-}
-
-/// Takes fields off the front of a packet.
-pub(super) struct Cursor<'a>(pub(super) &'a [u8]);
-
-impl<'a> Cursor<'a> {
-    pub(super) fn take(&mut self, count: usize) -> &'a [u8] {
-        let (front, rest) = self.0.split_at(count);
-        self.0 = rest;
-        front
-    }
-
-    pub(super) fn byte(&mut self) -> u8 {
-        self.take(1)[0]
-    }
-
-    pub(super) fn short(&mut self) -> u16 {
-        u16::from_be_bytes([self.byte(), self.byte()])
-    }
-
-    pub(super) fn bytes(&mut self) -> &'a [u8] {
-        let len = self.short();
-        self.take(usize::from(len))
-    }
-
-    pub(super) fn text(&mut self) -> String {
-        String::from_utf8(self.bytes().to_vec()).expect("UTF-8")
-    }
-
-    pub(super) fn length(&mut self) -> usize {
-        let mut value = 0;
-        for shift in [0, 7, 14, 21] {
-            let byte = self.byte();
-            value |= usize::from(byte & 0x7f) << shift;
-            if byte < 0x80 {
-                return value;
-            }
-        }
-        panic!("a length of more than four bytes");
-    }
-
-    pub(super) fn skip_properties(&mut self) {
-        let len = self.length();
-        self.take(len);
-    }
-}
-
-/// Writes one packet with a length of any size.
-pub(super) fn packet(first: u8, body: &[u8]) -> Vec<u8> {
-    let mut out = std::vec![first];
-    let mut rest = body.len();
-    loop {
-        let byte = (rest & 0x7f) as u8;
-        rest >>= 7;
-        out.push(if rest > 0 { byte | 0x80 } else { byte });
-        if rest == 0 {
-            break;
-        }
-    }
-    out.extend(body);
-    out
-}
-
-/// The broker's end of one connection.
-pub(super) struct Peer {
-    pipe: Rc<RefCell<Pipe>>,
-    clock: TestClock,
-    next_id: u16,
-    /// Whether QoS 1 messages of the robot are acknowledged.
-    pub(super) acknowledging: bool,
-    /// Whether pings are answered.
-    pub(super) answering_pings: bool,
-}
-
-impl Peer {
-    pub(super) fn send(&self, bytes: &[u8]) {
-        let mut pipe = self.pipe.borrow_mut();
-        pipe.to_robot.extend(bytes);
-        pipe.changed();
-    }
-
-    pub(super) fn close(&self) {
-        let mut pipe = self.pipe.borrow_mut();
-        pipe.closed = true;
-        pipe.changed();
-    }
-
-    pub(super) fn stall(&self) {
-        self.pipe.borrow_mut().stalled = true;
-    }
-
-    /// Returns when the robot has dropped the connection.
-    pub(super) async fn dropped(&self) {
-        poll_fn(|context| {
-            let mut pipe = self.pipe.borrow_mut();
-            if pipe.dropped {
-                return Poll::Ready(());
-            }
-            pipe.wakers.push(context.waker().clone());
-            Poll::Pending
-        })
-        .await;
-    }
-
-    /// The next packet; `None` when the robot has dropped the connection.
-    pub(super) async fn packet(&self) -> Option<Packet> {
-        poll_fn(|context| {
-            let mut pipe = self.pipe.borrow_mut();
-            let bytes: Vec<u8> = pipe.to_broker.iter().copied().collect();
-            if let Some((used, packet)) = split_packet(&bytes) {
-                pipe.to_broker.drain(..used);
-                return Poll::Ready(Some(packet));
-            }
-            if pipe.dropped {
-                return Poll::Ready(None);
-            }
-            pipe.wakers.push(context.waker().clone());
-            Poll::Pending
-        })
-        .await
-    }
-
-    pub(super) async fn connect(&self) -> Connect {
-        let packet = self.packet().await.expect("CONNECT");
-        assert_eq!(packet.kind(), 1);
-        let mut body = Cursor(&packet.body);
-        assert_eq!((body.text().as_str(), body.byte()), ("MQTT", 5));
-        let flags = body.byte();
-        assert_eq!(flags & 0b1100_0100, 0b0000_0100, "a will and no password");
-        let keep_alive_s = body.short();
-        body.skip_properties();
-        let client_id = body.text();
-        body.skip_properties();
-        Connect {
-            clean: flags & 2 != 0,
-            keep_alive_s,
-            client_id,
-            will_qos: flags >> 3 & 3,
-            will_retained: flags & 0b10_0000 != 0,
-            will_topic: body.text(),
-            will: serde_json::from_slice(body.bytes()).expect("JSON"),
-        }
-    }
-
-    /// Answers CONNECT and the four SUBSCRIBEs. The robot is connected then.
-    pub(super) async fn accept(&mut self, session_present: bool) -> (Connect, Vec<String>) {
-        let connect = self.connect().await;
-        self.send(&[0x20, 3, u8::from(session_present), 0, 0]);
-        let mut filters = Vec::new();
-        while filters.len() < 4 {
-            let packet = self.packet().await.expect("SUBSCRIBE");
-            if packet.kind() == 8 {
-                filters.push(self.grant(&packet));
-            } else {
-                self.serve(&packet);
-            }
-        }
-        (connect, filters)
-    }
-
-    /// Confirms a subscription; the filter and its options, as text.
-    pub(super) fn grant(&self, packet: &Packet) -> String {
-        let mut body = Cursor(&packet.body);
-        let id = body.short().to_be_bytes();
-        body.skip_properties();
-        let filter = body.text();
-        let options = body.byte();
-        assert!(body.0.is_empty(), "one filter in one SUBSCRIBE");
-        self.send(&[0x90, 4, id[0], id[1], 0, options & 3]);
-        std::format!("{filter} {options:#04x}")
-    }
-
-    /// Acknowledges and answers what a broker would.
-    fn serve(&self, packet: &Packet) -> Option<Publish> {
-        match packet.kind() {
-            3 => {
-                let publish = split_publish(packet);
-                if let (Some(id), true) = (publish.id, self.acknowledging) {
-                    self.acknowledge(id);
-                }
-                Some(publish)
-            }
-            12 => {
-                if self.answering_pings {
-                    self.send(&[0xd0, 0]);
-                }
-                None
-            }
-            4 => None,
-            other => panic!("packet of type {other} from the robot"),
-        }
-    }
-
-    pub(super) fn acknowledge(&self, id: u16) {
-        let [high, low] = id.to_be_bytes();
-        self.send(&[0x40, 2, high, low]);
-    }
-
-    /// The next message of the robot whose topic begins with `prefix`.
-    pub(super) async fn publish(&self, prefix: &str) -> Publish {
-        loop {
-            let packet = self.packet().await.expect("the connection stays open");
-            match self.serve(&packet) {
-                Some(publish) if publish.topic.starts_with(prefix) => return publish,
-                Some(_) | None => {}
-            }
-        }
-    }
-
-    /// All messages until `span` has passed, or the robot has dropped the connection.
-    pub(super) async fn publishes_for(&self, span: Duration) -> Vec<Publish> {
-        let mut all = Vec::new();
-        let end = self.clock.now() + span;
-        loop {
-            match select(self.packet(), self.clock.sleep_until(end)).await {
-                Either::First(Some(packet)) => all.extend(self.serve(&packet)),
-                Either::First(None) | Either::Second(()) => return all,
-            }
-        }
-    }
-
-    /// Sends a message at QoS 1.
-    pub(super) fn deliver(&mut self, topic: &str, payload: &[u8]) {
-        self.next_id += 1;
-        let mut body = Vec::new();
-        body.extend((topic.len() as u16).to_be_bytes());
-        body.extend(topic.as_bytes());
-        body.extend(self.next_id.to_be_bytes());
-        body.push(0);
-        body.extend(payload);
-        self.send(&packet(0x32, &body));
-    }
-
-    /// Tells the time.
-    pub(super) fn deliver_time(&mut self) {
-        let now = EPOCH_MS + self.clock.now().as_millis();
-        self.deliver(
-            "swarm/time",
-            std::format!("{{\"timestamp\":{now}}}").as_bytes(),
-        );
-    }
-
-    /// Sends a command of `operator:ada` that was given now.
-    pub(super) fn command(&mut self, seq: u64, name: &str, parameters: &str) {
-        let now = EPOCH_MS + self.clock.now().as_millis();
-        let text = command(name, parameters, now, seq);
-        self.deliver("swarm/command/robot/sim-0001", text.as_bytes());
-    }
-}
-
-/// A command as JSON.
-pub(super) fn command(name: &str, parameters: &str, timestamp: u64, seq: u64) -> String {
-    std::format!(
-        "{{\"command\":\"{name}\",\"parameters\":{{{parameters}}},\"timestamp\":{timestamp},\
-         \"seq\":{seq},\"source\":\"operator:ada\"}}"
-    )
-}
-
-fn split_packet(bytes: &[u8]) -> Option<(usize, Packet)> {
-    let mut len = 0;
-    for (index, byte) in bytes.iter().enumerate().skip(1).take(4) {
-        len |= usize::from(byte & 0x7f) << (7 * (index - 1));
-        if *byte < 0x80 {
-            let body = bytes.get(index + 1..index + 1 + len)?.to_vec();
-            return Some((
-                index + 1 + len,
-                Packet {
-                    first: bytes[0],
-                    body,
-                },
-            ));
-        }
-    }
-    None
-}
-
-pub(super) fn split_publish(packet: &Packet) -> Publish {
-    let mut body = Cursor(&packet.body);
-    let topic = body.text();
-    let qos = packet.first >> 1 & 3;
-    let id = (qos > 0).then(|| body.short());
-    body.skip_properties();
-    Publish {
-        topic,
-        qos,
-        again: packet.first & 8 != 0,
-        retained: packet.first & 1 != 0,
-        id,
-        payload: body.0.to_vec(),
-    }
-}
-
 /// The broker's side of a test.
 #[derive(Clone)]
 pub(super) struct Broker {
@@ -581,13 +249,7 @@ impl Broker {
             Poll::Pending
         })
         .await;
-        Peer {
-            pipe,
-            clock: self.clock.clone(),
-            next_id: 0,
-            acknowledging: true,
-            answering_pings: true,
-        }
+        Peer::new(pipe, self.clock.clone())
     }
 
     /// Waits for the robot, accepts it, and tells it the time.
@@ -682,13 +344,5 @@ pub(super) fn run<F: Future>(script: impl FnOnce(Broker) -> F) -> F::Output {
         Either3::First(never) => match never {},
         Either3::Second(output) => output,
         Either3::Third(()) => panic!("the script waits for what does not happen"),
-    }
-}
-
-/// `value` of an object, as text.
-pub(super) fn field(json: &serde_json::Value, name: &str) -> String {
-    match &json[name] {
-        serde_json::Value::String(text) => text.clone(),
-        other => other.to_string(),
     }
 }

@@ -6,10 +6,12 @@ use crawler_hal::{Clock, Duration, Instant};
 use crawler_protocol::{ResponseStatus, Source};
 use proptest::prelude::*;
 
-use super::harness::{Broker, Packet, Peer, command, field, packet, run};
+use super::harness::{Broker, run};
+use super::peer::Peer;
+use super::wire::{Publish, command, field, packet, split_publish};
 use crate::link::{
     ACKNOWLEDGED_WITHIN, KEEP_ALIVE, LONGEST, LOST_AFTER, OPENED_WITHIN, PING_AFTER, SHORTEST,
-    TAKEN_OVER,
+    STABLE_AFTER, SUSPICIOUS, TAKEN_OVER,
 };
 use crate::perception::LinkHealth;
 
@@ -137,13 +139,13 @@ async fn unacknowledged_answer(broker: &Broker, session_present: bool) -> (u16, 
     let connect = peer.connect().await;
     assert!(!connect.clean, "the session is to be continued");
     peer.send(&[0x20, 3, u8::from(session_present), 0, 0]);
-    let mut seen: Vec<super::harness::Publish> = Vec::new();
+    let mut seen: Vec<Publish> = Vec::new();
     while seen.len() < 2 {
         let packet = peer.packet().await.expect("open");
         if packet.kind() == 8 {
             peer.grant(&packet);
         } else if packet.kind() == 3 {
-            let publish = republished(&packet);
+            let publish = split_publish(&packet);
             if publish.topic.starts_with("swarm/response/") {
                 seen.push(publish);
             }
@@ -162,10 +164,6 @@ async fn unacknowledged_answer(broker: &Broker, session_present: bool) -> (u16, 
         seen[0].id.expect("QoS 1"),
         seen[0].again,
     )
-}
-
-fn republished(packet: &Packet) -> super::harness::Publish {
-    super::harness::split_publish(packet)
 }
 
 #[test]
@@ -253,7 +251,7 @@ fn attempts_become_rarer_and_short_again_after_a_stable_session() {
         assert!((10..40).contains(&attempts.len()), "{}", attempts.len());
         broker.refuse_connections(false);
         let peer = broker.connected().await;
-        peer.publishes_for(SECOND * 20).await;
+        peer.publishes_for(STABLE_AFTER + SECOND).await;
         peer.close();
         let closed = broker.clock.now();
         broker.peer().await;
@@ -315,6 +313,29 @@ fn a_second_robot_with_the_same_id_does_not_start_a_war() {
         let record = peer.publish("swarm/logs/").await.json();
         assert_eq!(field(&record, "event"), "link-lost");
         assert!(field(&record, "text").contains("another robot with this id"));
+    });
+}
+
+#[test]
+fn a_second_robot_with_the_same_id_is_suspected_even_when_the_broker_does_not_say_so() {
+    run(async |broker| {
+        for _ in 0..SUSPICIOUS {
+            let peer = broker.connected().await;
+            peer.publish("swarm/status/").await;
+            broker.sleep(SECOND * 2).await;
+            peer.close();
+        }
+        let closed = broker.clock.now();
+        let mut peer = broker.peer().await;
+        let waited = broker.clock.now() - closed;
+        assert!(waited * 2 >= TAKEN_OVER, "{waited:?}");
+        peer.accept(false).await;
+        let records = peer.publishes_for(SECOND).await;
+        let told = records
+            .iter()
+            .filter(|p| p.topic.starts_with("swarm/logs/"))
+            .any(|p| field(&p.json(), "text").contains("another robot with this id"));
+        assert!(told, "{records:?}");
     });
 }
 

@@ -2,4 +2,6 @@
 
 mod harness;
 mod loss;
+mod peer;
 mod traffic;
+mod wire;

@@ -1,0 +1,264 @@
+//! What one connection sends, and when.
+
+use crawler_hal::{Clock, Duration, Instant, LinkMonitor, LinkState, with_deadline};
+use crawler_protocol::{Level, Qos, Topic};
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embedded_io_async::{Read, Write};
+use rust_mqtt::Bytes;
+use rust_mqtt::client::options::{
+    PublicationOptions, RetainHandling, SubscriptionOptions, TopicReference,
+};
+use rust_mqtt::types::{MqttString, TopicFilter, TopicName};
+
+use super::flow::{InFlight, Parcel, SEND_WINDOW};
+use super::loss::Loss;
+use super::session::Connection;
+use super::{HEARTBEAT_PERIOD, LOST_AFTER, PING_AFTER, WRITTEN_WITHIN, messages};
+use crate::context::Robot;
+use crate::parameters::Parameter;
+
+/// Log records sent before looking at the stream again.
+const LOGS_AT_ONCE: usize = 2;
+
+impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, M, C, L, S> {
+    /// Sends once more, under its old number, what the broker has not acknowledged.
+    pub(super) async fn retransmit(&mut self) -> Result<(), Loss> {
+        for index in 0..self.flow.in_flight.len() {
+            let flight = self.flow.in_flight[index];
+            let composed = self.compose(flight.parcel);
+            let Some((topic, len)) = composed else {
+                // A number that stays open for ever would block a place: begin a new session.
+                self.flow.abandon();
+                return Err(Loss::Unsupported);
+            };
+            let topic = topic.render(&self.robot.config().fleet);
+            let options = publication(&topic, Qos::AtLeastOnce, flight.parcel.retained())?;
+            let deadline = self.write_deadline();
+            let message = Bytes::Borrowed(&self.scratch[..len]);
+            let work = self.client.republish(flight.id, &options, message);
+            match with_deadline(self.clock, deadline, work).await {
+                Ok(Ok(())) => self.flow.in_flight[index].sent = self.clock.now(),
+                Ok(Err(error)) => {
+                    if error.is_recoverable() {
+                        self.flow.abandon();
+                    }
+                    return Err(error.into());
+                }
+                Err(_) => return Err(Loss::Stalled),
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) async fn subscribe(&mut self) -> Result<(), Loss> {
+        let config = self.robot.config();
+        let topics = [
+            Topic::CommandRobot(config.id.clone()),
+            Topic::CommandSwarm,
+            Topic::CommandExperiment,
+            Topic::Time,
+        ];
+        for topic in &topics {
+            let filter = topic.render(&config.fleet);
+            let filter = MqttString::from_str(&filter)
+                .ok()
+                .and_then(TopicFilter::new)
+                .ok_or(Loss::Unsupported)?;
+            // A retained command would be given again at every connection, a retained time is
+            // an old one.
+            let mut options = SubscriptionOptions::new().retain_handling(RetainHandling::NeverSend);
+            if topic.qos() == Qos::AtLeastOnce {
+                options = options.at_least_once();
+            }
+            let deadline = self.write_deadline();
+            let work = self.client.subscribe(filter, &options);
+            let id = with_deadline(self.clock, deadline, work)
+                .await
+                .map_err(|_| Loss::Stalled)??;
+            // As many places as topics.
+            let _ = self.state.unconfirmed.push(id);
+        }
+        Ok(())
+    }
+
+    /// Sends whatever is due. `true` when there is more that could be sent at once.
+    pub(super) async fn send_due(&mut self) -> Result<bool, Loss> {
+        self.check()?;
+        let now = self.clock.now();
+        if !self.state.pinged && now - self.state.heard >= PING_AFTER {
+            let deadline = self.write_deadline();
+            let work = self.client.ping();
+            with_deadline(self.clock, deadline, work)
+                .await
+                .map_err(|_| Loss::Stalled)??;
+            self.state.pinged = true;
+        }
+        while self.has_window()
+            && let Some((ticket, _)) = self.robot.outbox.next_answer()
+        {
+            self.send(Parcel::Answer(ticket)).await?;
+        }
+        if self.state.up_since.is_some() {
+            let boot = self.robot.boot();
+            if self.state.told != Some(boot) && self.is_free_for(Parcel::Status) {
+                self.send(Parcel::Status).await?;
+                self.state.told = Some(boot);
+            }
+            if self.state.parameters_due && self.is_free_for(Parcel::Parameters) {
+                self.state.parameters_due = false;
+                self.send(Parcel::Parameters).await?;
+            }
+        }
+        self.send_periodic().await?;
+        for _ in 0..LOGS_AT_ONCE {
+            let now = self.clock.now();
+            let timestamp = self.robot.unix_ms(now).unwrap_or(0);
+            let Some(entry) = self.robot.outbox.next_log(timestamp, now) else {
+                return Ok(false);
+            };
+            if let Some(len) = messages::log(self.robot, &entry, self.scratch) {
+                let topic = Topic::Logs(self.robot.config().id.clone());
+                self.publish(&topic, len, None).await?;
+            }
+        }
+        Ok(true)
+    }
+
+    async fn send_periodic(&mut self) -> Result<(), Loss> {
+        let robot = self.robot;
+        let now = self.clock.now();
+        if now >= self.state.next_heartbeat {
+            self.state.next_heartbeat = following(self.state.next_heartbeat, HEARTBEAT_PERIOD, now);
+            let seq = self.counters.heartbeats;
+            self.counters.heartbeats += 1;
+            if let Some(len) = messages::heartbeat(robot, seq, now, self.scratch) {
+                let topic = Topic::Heartbeat(robot.config().id.clone());
+                self.publish(&topic, len, None).await?;
+            }
+        }
+        let now = self.clock.now();
+        if now >= self.state.next_telemetry {
+            let period = telemetry_period(robot);
+            self.state.next_telemetry = following(self.state.next_telemetry, period, now);
+            let rssi_dbm = match self.monitor.state() {
+                LinkState::Up { rssi_dbm, .. } => rssi_dbm,
+                LinkState::Down => None,
+            };
+            let seq = self.counters.telemetry;
+            self.counters.telemetry += 1;
+            if let Some(len) = messages::telemetry(robot, seq, rssi_dbm, now, self.scratch) {
+                let topic = Topic::Telemetry(robot.config().id.clone());
+                self.publish(&topic, len, None).await?;
+            }
+        }
+        Ok(())
+    }
+
+    async fn send(&mut self, parcel: Parcel) -> Result<(), Loss> {
+        let Some((topic, len)) = self.compose(parcel) else {
+            // Nothing here can make it fit later either.
+            if let Parcel::Answer(ticket) = parcel {
+                self.robot.outbox.delivered(ticket);
+                self.robot.outbox.withheld();
+            }
+            let text = format_args!("{parcel:?} does not fit a message");
+            let now = self.clock.now();
+            self.robot.log(Level::Error, "message-too-large", text, now);
+            return Ok(());
+        };
+        self.publish(&topic, len, Some(parcel)).await
+    }
+
+    /// Writes a message to `scratch`; its topic and length.
+    fn compose(&mut self, parcel: Parcel) -> Option<(Topic, usize)> {
+        let robot = self.robot;
+        let id = robot.config().id.clone();
+        Some(match parcel {
+            Parcel::Status => {
+                let len = messages::status(robot, true, robot.boot(), self.scratch)?;
+                (Topic::Status(id), len)
+            }
+            Parcel::Parameters => {
+                let len = messages::parameters(robot, self.scratch)?;
+                (Topic::Parameters(id), len)
+            }
+            Parcel::Answer(ticket) => {
+                let answer = robot.outbox.get(ticket)?;
+                let len = messages::response(robot, answer, self.scratch)?;
+                (Topic::Response(id), len)
+            }
+        })
+    }
+
+    /// Publishes the first `len` bytes of `scratch`. Not to be dropped half-way.
+    async fn publish(
+        &mut self,
+        topic: &Topic,
+        len: usize,
+        parcel: Option<Parcel>,
+    ) -> Result<(), Loss> {
+        let name = topic.render(&self.robot.config().fleet);
+        let options = publication(&name, topic.qos(), topic.retained())?;
+        self.flow.sending = parcel;
+        let deadline = self.write_deadline();
+        let message = Bytes::Borrowed(&self.scratch[..len]);
+        let work = self.client.publish(&options, message);
+        let id = with_deadline(self.clock, deadline, work)
+            .await
+            .map_err(|_| Loss::Stalled)??;
+        self.flow.sending = None;
+        if let (Some(id), Some(parcel)) = (id, parcel) {
+            let sent = self.clock.now();
+            // There is a place: `has_window` said so.
+            let _ = self.flow.in_flight.push(InFlight { id, parcel, sent });
+            if let Parcel::Answer(ticket) = parcel {
+                self.robot.outbox.sent(ticket);
+            }
+        }
+        Ok(())
+    }
+
+    /// No transfer may take longer, so that no stalled stream delays the verdict on a silent
+    /// broker by more than [`WRITTEN_WITHIN`].
+    pub(super) fn write_deadline(&self) -> Instant {
+        let now = self.clock.now();
+        (now + WRITTEN_WITHIN)
+            .min((self.state.heard + LOST_AFTER).max(now + Duration::from_secs(1)))
+    }
+
+    fn has_window(&self) -> bool {
+        let granted = usize::from(self.client.server_config().receive_maximum.get());
+        self.flow.in_flight.len() < granted.min(SEND_WINDOW)
+    }
+
+    fn is_free_for(&self, parcel: Parcel) -> bool {
+        self.has_window() && !self.flow.is_in_flight(parcel)
+    }
+}
+
+/// The beat after `due`: on time while we keep up, and skipping what was missed when we do not.
+fn following(due: Instant, period: Duration, now: Instant) -> Instant {
+    let next = due + period;
+    if next > now { next } else { now + period }
+}
+
+fn telemetry_period<M: RawMutex>(robot: &Robot<M>) -> Duration {
+    let hz = robot.with_parameters(|parameters| parameters.number(Parameter::TelemetryRate));
+    // The table keeps the rate within its range; the bounds here are only for the division.
+    Duration::from_micros((1e6 / hz.clamp(0.1, 100.0)) as u64)
+}
+
+fn publication(topic: &str, qos: Qos, retained: bool) -> Result<PublicationOptions<'_>, Loss> {
+    let name = MqttString::from_str(topic)
+        .ok()
+        .and_then(TopicName::new)
+        .ok_or(Loss::Unsupported)?;
+    let mut options = PublicationOptions::new(TopicReference::Name(name));
+    if qos == Qos::AtLeastOnce {
+        options = options.at_least_once();
+    }
+    if retained {
+        options = options.retain();
+    }
+    Ok(options)
+}
