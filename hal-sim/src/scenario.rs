@@ -324,14 +324,12 @@ impl Scenario {
     }
 
     fn sides(&self) -> (f32, f32) {
-        match (self.arena.width, self.arena.height) {
-            (Some(width), Some(height)) => (width, height),
-            _ => {
-                let area = self.arena.area_per_robot * self.robots.max(1) as f32;
-                let side = area.sqrt().max(self.arena.least_side);
-                (side, side)
-            }
+        if let (Some(width), Some(height)) = (self.arena.width, self.arena.height) {
+            return (width, height);
         }
+        let area = self.arena.area_per_robot * self.robots.max(1) as f32;
+        let side = area.sqrt().max(self.arena.least_side);
+        (side, side)
     }
 
     /// The arena of a run, with the obstacles that `seed` puts into it.

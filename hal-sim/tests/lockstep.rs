@@ -1,28 +1,335 @@
-//! The real robot program, in lockstep.
+//! The real robot program, end to end, in virtual time.
 
-use crawler_hal::Instant;
+mod common;
+
+use common::{Answers, collect, duty, forward, lockstep, settle, wander};
+use crawler_app::parameters::Parameter;
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::{
+    Action, ParameterValue, ParameterValues, ResponseStatus, StatusMessage, Topic,
+};
+use crawler_sim::faults::Fault;
+use crawler_sim::net::lockstep::Cut;
 use crawler_sim::run::Simulation;
-use crawler_sim::scenario::Scenario;
+
+fn ms(value: u64) -> Instant {
+    Instant::from_millis(value)
+}
 
 #[test]
-fn smoke() {
-    let scenario = Scenario::built_in("arena").unwrap().with_robots(5);
-    let mut sim = Simulation::lockstep(scenario, 1).unwrap();
-    sim.air().unwrap().record(10_000);
-    for s in 1..=40 {
-        sim.run_until(Instant::from_millis(s * 500));
-        let o = sim.observe(0).unwrap();
-        let snap = sim.robot(0).unwrap().snapshot();
-        println!(
-            "{s} {:?} {:?} {:?} pose {:?} contacts {} duty {:?} bat {:?} odo {:?} polls {}",
-            snap.state, snap.behaviour, snap.fault, o.pose, o.contacts, o.duty, o.battery, snap.pose, sim.polls()
-        );
+fn fifty_robots_wander_for_a_minute_without_passing_through_anything() {
+    let robots = 50;
+    let mut simulation = lockstep("arena", robots, 7);
+    settle(&mut simulation);
+    let arena = simulation.world().arena();
+    let radius = simulation.scenario().parameters.chassis.radius_m;
+    let mut travelled = vec![0.0_f32; robots as usize];
+    let mut last: Vec<_> = (0..robots as usize)
+        .map(|robot| simulation.observe(robot).unwrap().pose)
+        .collect();
+    for tenth in 1..=600 {
+        simulation.run_until(ms(5_500 + tenth * 100));
+        let poses: Vec<_> = (0..robots as usize)
+            .map(|robot| simulation.observe(robot).unwrap().pose)
+            .collect();
+        for (robot, pose) in poses.iter().enumerate() {
+            let clear = arena.clearance(pose.x, pose.y);
+            assert!(
+                clear >= radius - 0.001,
+                "robot {robot} is {clear} m from a wall"
+            );
+            for (other, there) in poses.iter().enumerate().skip(robot + 1) {
+                let gap = (pose.x - there.x).hypot(pose.y - there.y) - 2.0 * radius;
+                assert!(gap >= -0.001, "{robot} and {other} overlap by {gap} m");
+            }
+            travelled[robot] += (pose.x - last[robot].x).hypot(pose.y - last[robot].y);
+        }
+        last = poses;
     }
-    let air = sim.air().unwrap();
-    println!("{:?} {:?}", air.statistics(), air.take_faults());
-    for p in air.take_record() {
-        if p.client.as_ref() == "sim-0001" && !p.topic.contains("telemetry") && !p.topic.contains("heartbeat") {
-            println!("{:?} {} {}", p.at, p.topic, String::from_utf8_lossy(&p.payload));
+    let contacts: u32 = (0..robots as usize)
+        .map(|robot| simulation.observe(robot).unwrap().contacts)
+        .sum();
+    let least = travelled.iter().copied().fold(f32::MAX, f32::min);
+    println!("{contacts} contacts, least way {least} m");
+    // The beam is narrow, so robots brush each other and slanted walls now and then: less than
+    // twice a minute each.
+    assert!(contacts < 2 * robots, "{contacts} contacts");
+    assert!(least > 1.0, "one robot went only {least} m");
+    assert_eq!(simulation.air().unwrap().take_faults(), []);
+    assert_eq!(simulation.air().unwrap().connected(), robots as usize);
+    for robot in 0..robots as usize {
+        assert_eq!(simulation.boots(robot), 1);
+        let seen = simulation.observe(robot).unwrap();
+        assert_eq!((seen.starvations, seen.flash_violations), (0, 0));
+    }
+}
+
+#[test]
+fn stop_ends_all_duty_within_one_control_period_of_its_receipt() {
+    let mut simulation = lockstep("arena", 10, 3);
+    settle(&mut simulation);
+    simulation.run_for(Duration::from_millis(4_007));
+    let driving = |simulation: &Simulation| {
+        (0..10)
+            .filter(|&robot| duty(simulation, robot) != [0, 0])
+            .count()
+    };
+    assert!(driving(&simulation) >= 8, "most should be under way by now");
+    simulation.submit_all(Action::Stop);
+    // Latency and jitter of the link take at most 5 ms.
+    simulation.run_for(Duration::from_millis(5 + 20));
+    assert_eq!(driving(&simulation), 0);
+    let now = simulation.now();
+    for step in 1..=500 {
+        simulation.run_until(now + Duration::from_millis(step * 10));
+        assert_eq!(driving(&simulation), 0, "moved again after stop");
+    }
+    let mut answers = Answers::new();
+    collect(&simulation, &mut answers);
+    let completed = answers
+        .values()
+        .filter(|statuses| **statuses == [ResponseStatus::Completed]);
+    // One for the scenario's command, one for the stop.
+    assert_eq!(completed.count(), 20);
+}
+
+#[test]
+fn a_lost_link_ends_driving() {
+    for (cut, within_ms) in [(Cut::Radio, 260), (Cut::Silent, 8_300)] {
+        let mut simulation = lockstep("empty", 1, 5);
+        settle(&mut simulation);
+        // Turning in place needs no room and is not held up by what is ahead.
+        simulation.submit(
+            0,
+            Action::Move {
+                direction: crawler_protocol::Direction::Left,
+                speed: 40,
+                duration_ms: 10_000,
+            },
+        );
+        simulation.run_for(Duration::from_millis(400));
+        assert_ne!(duty(&simulation, 0), [0, 0]);
+        simulation.cut(0, cut);
+        simulation.run_for(Duration::from_millis(within_ms));
+        assert_eq!(duty(&simulation, 0), [0, 0], "{cut:?}");
+    }
+}
+
+#[test]
+fn continuous_driving_ends_when_its_controller_falls_silent() {
+    let mut simulation = lockstep("empty", 1, 5);
+    settle(&mut simulation);
+    let drive = Action::Drive { v: 0.0, w: 1.5 };
+    for _ in 0..10 {
+        simulation.submit(0, drive.clone());
+        simulation.run_for(Duration::from_millis(150));
+        assert_ne!(duty(&simulation, 0), [0, 0]);
+    }
+    // The link is cut and the robot does not know it.
+    simulation.cut(0, Cut::Silent);
+    simulation.submit(0, drive);
+    simulation.run_for(Duration::from_millis(500));
+    assert_eq!(duty(&simulation, 0), [0, 0]);
+}
+
+#[test]
+fn every_answer_arrives_exactly_once_across_a_partition() {
+    for seed in 0..6 {
+        let robots = 8_usize;
+        let mut simulation = lockstep("empty", robots as u32, seed);
+        settle(&mut simulation);
+        let mut answers = Answers::new();
+        let mut given = Vec::new();
+        for round in 0..4 {
+            let turn = Action::Move {
+                direction: crawler_protocol::Direction::Left,
+                speed: 30,
+                duration_ms: 600,
+            };
+            given.push(simulation.submit_all(turn));
+            // Cut at another moment of the command's life in each round: before it arrives, on
+            // the way of its first answer, and later.
+            simulation.run_for(Duration::from_millis([1, 4, 24, 606][round]));
+            let cut = if seed % 2 == 0 {
+                Cut::Silent
+            } else {
+                Cut::Radio
+            };
+            for robot in 0..robots {
+                simulation.cut(robot, cut);
+            }
+            // Long enough for both ends to give the connection up, shorter than the session.
+            simulation.run_for(Duration::from_secs(14));
+            for robot in 0..robots {
+                simulation.cut(robot, Cut::None);
+            }
+            simulation.run_for(Duration::from_secs(20));
+            collect(&simulation, &mut answers);
+        }
+        for robot in 0..robots {
+            let id = simulation.id(robot).unwrap().as_str().to_owned();
+            for (round, &seq) in given.iter().enumerate() {
+                let mut statuses = answers.get(&(id.clone(), seq)).cloned().unwrap_or_default();
+                if round < 2 {
+                    // The acknowledgement of the command itself was lost, so the broker sent the
+                    // command again, and a repeated command is answered from memory.
+                    statuses.dedup();
+                }
+                let whole = match statuses.as_slice() {
+                    [ResponseStatus::Accepted, last] => last.is_final(),
+                    [only] => only.is_final(),
+                    _ => false,
+                };
+                assert!(whole, "seed {seed}, {id}, command {seq}: {statuses:?}");
+            }
         }
     }
+}
+
+#[test]
+fn without_a_ranger_nobody_wanders() {
+    let mut simulation = lockstep("empty", 1, 2);
+    let index = simulation.index(0).unwrap();
+    simulation
+        .world_mut()
+        .inject(index, Fault::RangerDead)
+        .unwrap();
+    settle(&mut simulation);
+    simulation.submit(0, wander());
+    simulation.submit(0, forward(50, 2_000));
+    for _ in 0..300 {
+        simulation.run_for(Duration::from_millis(10));
+        assert_eq!(duty(&simulation, 0), [0, 0]);
+    }
+    // It dies under way: the last reading is good for 300 ms.
+    simulation.world_mut().heal(index);
+    simulation.run_for(Duration::from_secs(3));
+    simulation.submit(0, wander());
+    simulation.run_for(Duration::from_secs(1));
+    assert_ne!(duty(&simulation, 0), [0, 0]);
+    simulation
+        .world_mut()
+        .inject(index, Fault::RangerDead)
+        .unwrap();
+    simulation.run_for(Duration::from_millis(700));
+    for _ in 0..300 {
+        simulation.run_for(Duration::from_millis(10));
+        assert_eq!(duty(&simulation, 0), [0, 0]);
+    }
+}
+
+#[test]
+fn parameters_and_pose_survive_a_reboot_and_the_boot_is_counted() {
+    let mut simulation = lockstep("empty", 1, 2);
+    settle(&mut simulation);
+    let mut values = ParameterValues::new();
+    let name = heapless::String::try_from("safe_distance_mm").unwrap();
+    values.push((name, ParameterValue::Number(725.0))).unwrap();
+    simulation.submit(0, Action::Set(values));
+    simulation.run_for(Duration::from_secs(1));
+    let before = simulation.observe(0).unwrap().pose;
+    simulation.submit(0, Action::Reboot);
+    simulation.run_for(Duration::from_secs(8));
+    assert_eq!(simulation.boots(0), 2);
+    let robot = simulation.robot(0).unwrap();
+    assert_eq!(robot.boot().count, 2);
+    assert_eq!(robot.boot().cause, crawler_hal::ResetCause::Software);
+    let kept = robot.with_parameters(|p| p.number(Parameter::SafeDistance));
+    assert_eq!(kept, 725.0);
+    assert_eq!(simulation.observe(0).unwrap().pose, before);
+    let statuses: Vec<_> = simulation
+        .air()
+        .unwrap()
+        .take_record()
+        .into_iter()
+        .filter(|p| {
+            matches!(
+                Topic::parse(simulation.fleet(), &p.topic),
+                Ok(Topic::Status(_))
+            )
+        })
+        .map(|p| StatusMessage::from_json(&p.payload).unwrap())
+        .collect();
+    // Up, the will of the connection that the reset tore, up again.
+    let told: Vec<_> = statuses.iter().map(|s| (s.online, s.boot.count)).collect();
+    assert_eq!(told.first(), Some(&(true, 1)));
+    assert!(told.contains(&(false, 1)));
+    assert_eq!(told.last(), Some(&(true, 2)));
+}
+
+#[test]
+fn duty_changes_only_at_control_steps_twenty_milliseconds_apart() {
+    let mut simulation = lockstep("arena", 3, 9);
+    settle(&mut simulation);
+    let mut last: Vec<_> = (0..3).map(|robot| duty(&simulation, robot)).collect();
+    let mut changes = 0;
+    for at in 5_501..15_000_u64 {
+        simulation.run_until(ms(at));
+        for (robot, last) in last.iter_mut().enumerate() {
+            let duty = duty(&simulation, robot);
+            if duty != *last {
+                changes += 1;
+                assert_eq!(at % 20, 0, "a change at {at} ms");
+                *last = duty;
+            }
+        }
+    }
+    assert!(changes > 100, "only {changes} changes");
+}
+
+#[test]
+fn physics_runs_in_whole_steps_up_to_the_present() {
+    let mut simulation = lockstep("arena", 2, 9);
+    for at in [0, 3, 9, 10, 11, 29, 30, 1_234] {
+        simulation.run_until(ms(at));
+        assert_eq!(simulation.world().steps(), at / 10, "at {at} ms");
+        assert_eq!(simulation.now(), ms(at));
+    }
+}
+
+#[test]
+fn two_robots_of_one_process_differ() {
+    let mut simulation = lockstep("arena", 2, 1);
+    simulation.run_until(ms(20_000));
+    let (first, second) = (
+        simulation.observe(0).unwrap(),
+        simulation.observe(1).unwrap(),
+    );
+    assert_ne!(first.pose, second.pose);
+    assert_ne!(first.battery, second.battery);
+    assert_ne!(simulation.id(0), simulation.id(1));
+    assert_eq!(simulation.id(0).unwrap().as_str(), "sim-0001");
+}
+
+#[test]
+fn a_removed_robot_is_gone_and_the_others_go_on() {
+    let mut simulation = lockstep("arena", 3, 4);
+    settle(&mut simulation);
+    simulation.remove(1);
+    simulation.run_for(Duration::from_secs(5));
+    assert_eq!(simulation.present(), 2);
+    assert!(!simulation.observe(1).unwrap().present);
+    assert_eq!(simulation.air().unwrap().connected(), 2);
+    let added = simulation.spawn().unwrap();
+    simulation.run_for(Duration::from_secs(6));
+    assert_eq!(simulation.id(added).unwrap().as_str(), "sim-0004");
+    assert_eq!(simulation.air().unwrap().connected(), 3);
+}
+
+#[test]
+fn without_a_network_halts_and_settings_still_work() {
+    let mut simulation = Simulation::without_network(common::scenario("empty", 1), 1).unwrap();
+    simulation.run_until(ms(1_000));
+    let mut values = ParameterValues::new();
+    let name = heapless::String::try_from("safe_distance_mm").unwrap();
+    values.push((name, ParameterValue::Number(725.0))).unwrap();
+    simulation.submit(0, Action::Set(values));
+    simulation.submit(0, Action::Estop);
+    simulation.run_for(Duration::from_secs(1));
+    let robot = simulation.robot(0).unwrap();
+    assert_eq!(
+        robot.with_parameters(|p| p.number(Parameter::SafeDistance)),
+        725.0
+    );
+    assert_eq!(robot.snapshot().state, crawler_protocol::RobotState::Error);
 }

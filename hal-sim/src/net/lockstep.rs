@@ -27,7 +27,7 @@ use rand_pcg::Pcg32;
 use serde::{Deserialize, Serialize};
 
 pub use packet::PacketError;
-pub use peer::{PeerFault, PeerStatistics, Published};
+pub use peer::{Origin, PeerFault, PeerStatistics, Published};
 
 use crate::sched::SimClock;
 use packet::Publication;

@@ -4,7 +4,7 @@ use std::fmt;
 use std::rc::Rc;
 
 use crawler_app::{Config, Geometry};
-use crawler_hal::{Duration, Instant};
+use crawler_hal::{Clock, Duration, Instant};
 use crawler_protocol::{Action, Command, Fleet, Kind, MAX_MESSAGE, RobotId, Source, Topic};
 
 use super::fingerprint::Fingerprint;
@@ -449,7 +449,6 @@ impl Simulation {
                 air.publish(&topic.render(&self.fleet), payload, true, false);
             }
             (_, Some(program)) => {
-                use crawler_hal::Clock as _;
                 machine.robot.submit(payload, program.clock.now());
             }
             (_, None) => {}
@@ -491,7 +490,6 @@ impl Simulation {
         if matches!(self.way, Way::Lockstep(_)) {
             return self.unix_ms();
         }
-        use crawler_hal::Clock as _;
         self.machines
             .iter()
             .find_map(|machine| {
@@ -550,7 +548,6 @@ impl Simulation {
 
     /// Gives the initial command to robots that can take it by now.
     fn start_waiting(&mut self) {
-        use crawler_hal::Clock as _;
         let Some(action) = self.action.clone() else {
             self.next_start = Instant::FAR_FUTURE;
             return;

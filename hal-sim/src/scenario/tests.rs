@@ -1,1 +1,111 @@
+use super::*;
 
+fn error(text: &str) -> String {
+    Scenario::parse(text).unwrap_err().to_string()
+}
+
+#[test]
+fn built_in_scenarios_are_sound_and_named_like_their_files() {
+    for name in Scenario::names() {
+        let scenario = Scenario::built_in(name).unwrap();
+        assert_eq!(scenario.name, name);
+        scenario.arena(1).unwrap();
+    }
+    let unknown = Scenario::built_in("maze").unwrap_err().to_string();
+    assert_eq!(
+        unknown,
+        "no scenario is called \"maze\"; there are arena, corridor, empty"
+    );
+}
+
+#[test]
+fn the_default_arena_grows_with_the_robots_and_is_drawn_from_the_seed() {
+    let scenario = Scenario::built_in("arena").unwrap();
+    let small = scenario.clone().with_robots(1).arena(1).unwrap();
+    assert_eq!((small.width, small.height), (3.0, 3.0));
+    let scenario = scenario.with_robots(200);
+    let arena = scenario.arena(1).unwrap();
+    assert_eq!((arena.width, arena.height), (20.0, 20.0));
+    assert_eq!(arena.obstacles.len(), 40);
+    assert_eq!(arena, scenario.arena(1).unwrap());
+    assert_ne!(arena, scenario.arena(2).unwrap());
+}
+
+#[test]
+fn scattered_obstacles_leave_room_between_them() {
+    let scenario = Scenario::built_in("arena").unwrap().with_robots(500);
+    let arena = scenario.arena(9).unwrap();
+    for (index, obstacle) in arena.obstacles.iter().enumerate() {
+        let (x, y, reach) = match *obstacle {
+            Obstacle::Circle { x, y, r } => (x, y, r),
+            Obstacle::Box { x, y, w, h, .. } => (x, y, (w * w + h * h).sqrt() * 0.5),
+        };
+        let mut others = arena.clone();
+        others.obstacles.remove(index);
+        assert!(others.clearance(x, y) >= reach + scenario.arena.scatter.clearance - 1e-3);
+    }
+}
+
+#[test]
+fn mistakes_are_told_by_name() {
+    assert!(error("robots = 3").contains("missing field `name`"));
+    assert!(error("name = \"a\"\nspeed = 3").contains("unknown field `speed`"));
+    assert!(error("name = \"a\"\n[arena]\ncolour = 1").contains("unknown field `colour`"));
+    assert!(error("name = \"a\"\n[spawn]\nclearance = \"x\"").contains("invalid type"));
+    assert_eq!(error("name = \"\""), "name must have 1 to 64 bytes");
+    assert_eq!(
+        error("name = \"a\"\nrobots = 70000"),
+        "robots must be at most 65535, not 70000"
+    );
+    assert_eq!(
+        error("name = \"a\"\n[arena]\nwidth = 3.0"),
+        "arena.width and arena.height must both be there, or neither"
+    );
+    assert_eq!(
+        error("name = \"a\"\n[arena]\nwidth = 3.0\nheight = nan"),
+        "arena.height must be 0.5 to 500, not NaN"
+    );
+    assert_eq!(
+        error("name = \"a\"\n[arena.scatter]\nradius = [0.3, 0.1]"),
+        "arena.scatter.radius must be 0.01 to 0.1, not 0.3"
+    );
+    assert_eq!(
+        error("name = \"a\"\n[link]\nloss = 2.0"),
+        "link loss must be 0 to 0.9"
+    );
+    assert_eq!(
+        error("name = \"a\"\n[command]\ncommand = \"dance\""),
+        "command: unknown_command"
+    );
+    assert_eq!(
+        error(
+            "name = \"a\"\n[command]\ncommand = \"behave\"\nparameters = { behaviour = \"wander\", speed = 101 }"
+        ),
+        "command: out_of_range"
+    );
+    assert!(
+        error("name = \"a\"\nrobots = 60000\n[arena]\narea_per_robot = 100.0")
+            .contains("arena.area_per_robot")
+    );
+}
+
+#[test]
+fn too_little_room_is_said_instead_of_searched_for_ever() {
+    let mut scenario = Scenario::built_in("arena").unwrap();
+    scenario.arena.scatter.per_square_metre = 4.0;
+    let told = scenario.arena(1).unwrap_err().to_string();
+    assert!(told.starts_with("no room for obstacle"), "{told}");
+
+    let crowded = Scenario::built_in("empty").unwrap().with_robots(2_000);
+    let told = crate::run::Simulation::lockstep(crowded, 1).unwrap_err();
+    assert!(told.to_string().starts_with("no room for robot"), "{told}");
+}
+
+#[test]
+fn a_scenario_reads_as_it_was_written() {
+    for name in Scenario::names() {
+        let scenario = Scenario::built_in(name).unwrap();
+        let text = serde_json::to_string(&scenario).unwrap();
+        assert_eq!(serde_json::from_str::<Scenario>(&text).unwrap(), scenario);
+    }
+}

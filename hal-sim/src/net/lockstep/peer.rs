@@ -42,10 +42,19 @@ pub struct Published {
     pub at_least_once: bool,
     /// To be kept for later subscribers.
     pub retain: bool,
-    /// The last will of a client that was lost.
-    pub will: bool,
-    /// Sent again by the client, and the first copy had arrived.
-    pub duplicate: bool,
+    /// Where it comes from.
+    pub origin: Origin,
+}
+
+/// Where a published message comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// The client sent it.
+    Client,
+    /// The client sent it again, and the first copy had arrived.
+    Repeated,
+    /// It is the last will of a client that was lost.
+    Will,
 }
 
 /// Why a connection was closed by the broker.
@@ -278,7 +287,12 @@ impl Peer {
                 let from = self.client_of(known.session);
                 let repeated = message.at_least_once
                     && self.is_repeated(known.session, id, duplicate, &message);
-                self.published(&from, &message, (false, repeated), now, out);
+                let origin = if repeated {
+                    Origin::Repeated
+                } else {
+                    Origin::Client
+                };
+                self.published(&from, &message, origin, now, out);
                 if message.at_least_once {
                     packet::write_pub_ack(out.to(connection), id);
                 }
@@ -520,12 +534,12 @@ impl Peer {
         removed
     }
 
-    /// A message from a client. `(will, repeated)` says what is special about it.
+    /// A message from a client.
     fn published(
         &mut self,
         from: &Rc<str>,
         message: &Publication<'_>,
-        (will, repeated): (bool, bool),
+        origin: Origin,
         now: u64,
         out: &mut Output,
     ) {
@@ -542,8 +556,7 @@ impl Peer {
                 payload: message.payload.to_owned(),
                 at_least_once: message.at_least_once,
                 retain: message.retain,
-                will,
-                duplicate: repeated,
+                origin,
             });
         } else {
             self.statistics.unrecorded += 1;
@@ -663,7 +676,7 @@ impl Peer {
             self.published(
                 &from,
                 &will.publication(true, will.retain),
-                (true, false),
+                Origin::Will,
                 now,
                 out,
             );

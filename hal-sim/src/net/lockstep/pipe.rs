@@ -56,12 +56,11 @@ impl Pipe {
                 break;
             };
             let part = (*len).min(buf.len() - taken);
-            for (to, from) in buf[taken..taken + part]
-                .iter_mut()
-                .zip(self.bytes.drain(..part))
-            {
-                *to = from;
-            }
+            let (front, back) = self.bytes.as_slices();
+            let first = part.min(front.len());
+            buf[taken..taken + first].copy_from_slice(&front[..first]);
+            buf[taken + first..taken + part].copy_from_slice(&back[..part - first]);
+            self.bytes.drain(..part);
             taken += part;
             *len -= part;
             if *len == 0 {
@@ -85,7 +84,11 @@ impl Pipe {
             self.segments.pop_front();
         }
         if len > 0 {
-            out.extend(self.bytes.drain(..len));
+            let (front, back) = self.bytes.as_slices();
+            let part = len.min(front.len());
+            out.extend_from_slice(&front[..part]);
+            out.extend_from_slice(&back[..len - part]);
+            self.bytes.drain(..len);
             wake(&mut self.writer);
         }
     }

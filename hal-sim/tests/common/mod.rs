@@ -1,0 +1,62 @@
+//! What the tests of simulations share.
+
+// Each test binary uses its own part of it.
+#![allow(dead_code)]
+
+use std::collections::BTreeMap;
+
+use crawler_protocol::{Action, BehaviourSpec, Direction, Response, ResponseStatus, Topic};
+use crawler_sim::net::lockstep::Origin;
+use crawler_sim::run::Simulation;
+use crawler_sim::scenario::Scenario;
+
+pub(crate) fn scenario(name: &str, robots: u32) -> Scenario {
+    Scenario::built_in(name).unwrap().with_robots(robots)
+}
+
+pub(crate) fn lockstep(name: &str, robots: u32, seed: u64) -> Simulation {
+    let simulation = Simulation::lockstep(scenario(name, robots), seed).unwrap();
+    simulation.air().unwrap().record(200_000);
+    simulation
+}
+
+pub(crate) fn forward(speed: u8, duration_ms: u32) -> Action {
+    Action::Move {
+        direction: Direction::Forward,
+        speed,
+        duration_ms,
+    }
+}
+
+pub(crate) fn wander() -> Action {
+    Action::Behave(BehaviourSpec::Wander { speed: 60 })
+}
+
+/// Lets the robots boot, connect and learn the time.
+pub(crate) fn settle(simulation: &mut Simulation) {
+    simulation.run_until(crawler_hal::Instant::from_millis(5_500));
+}
+
+/// Answers to a command of each robot so far, without repetitions on the wire.
+pub(crate) type Answers = BTreeMap<(String, u64), Vec<ResponseStatus>>;
+
+/// Adds the answers recorded since the last call.
+pub(crate) fn collect(simulation: &Simulation, answers: &mut Answers) {
+    let air = simulation.air().unwrap();
+    for published in air.take_record() {
+        let topic = Topic::parse(simulation.fleet(), &published.topic).unwrap();
+        if let Topic::Response(robot) = topic
+            && published.origin != Origin::Repeated
+        {
+            let response = Response::from_json(&published.payload).unwrap();
+            assert_eq!(response.robot, robot);
+            let key = (robot.as_str().to_owned(), response.seq);
+            answers.entry(key).or_default().push(response.status);
+        }
+    }
+    assert_eq!(air.statistics().unrecorded, 0);
+}
+
+pub(crate) fn duty(simulation: &Simulation, robot: usize) -> [i16; 2] {
+    simulation.observe(robot).unwrap().duty
+}

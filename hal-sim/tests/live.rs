@@ -1,0 +1,143 @@
+//! Robots on real sockets in real time, against a broker of a few lines.
+#![cfg(feature = "live")]
+
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
+
+use crawler_protocol::Fleet;
+use crawler_sim::run::live::{LiveConfig, LiveError, start};
+use crawler_sim::scenario::Scenario;
+
+/// First byte and body of a packet from a robot.
+type Packet = (u8, Vec<u8>);
+
+fn packet(stream: &mut TcpStream) -> Option<Packet> {
+    let mut byte = [0];
+    stream.read_exact(&mut byte).ok()?;
+    let first = byte[0];
+    let mut len = 0;
+    for place in 0..4 {
+        stream.read_exact(&mut byte).ok()?;
+        len |= usize::from(byte[0] & 0x7F) << (7 * place);
+        if byte[0] & 0x80 == 0 {
+            break;
+        }
+    }
+    let mut body = vec![0; len];
+    stream.read_exact(&mut body).ok()?;
+    Some((first, body))
+}
+
+/// Answers as a broker does, tells the time, and passes on what it hears.
+fn serve(mut stream: TcpStream, heard: &Sender<Packet>) {
+    while let Some((first, body)) = packet(&mut stream) {
+        let answer: Vec<u8> = match first >> 4 {
+            1 => vec![0x20, 3, 0, 0, 0],
+            // Granted, for one filter at a time.
+            8 => vec![0x90, 4, body[0], body[1], 0, 1],
+            3 if first & 0x06 != 0 => {
+                let topic = usize::from(u16::from_be_bytes([body[0], body[1]]));
+                vec![0x40, 2, body[2 + topic], body[3 + topic]]
+            }
+            12 => vec![0xD0, 0],
+            _ => Vec::new(),
+        };
+        if stream.write_all(&answer).is_err() || heard.send((first, body)).is_err() {
+            return;
+        }
+    }
+}
+
+fn broker() -> (u16, Receiver<Packet>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let (to, heard) = channel();
+    std::thread::spawn(move || {
+        for stream in listener.incoming().flatten() {
+            let to = to.clone();
+            std::thread::spawn(move || serve(stream, &to));
+        }
+    });
+    (port, heard)
+}
+
+fn config(port: u16, robots: u32) -> LiveConfig {
+    LiveConfig {
+        fleet: Fleet::default(),
+        broker_host: "127.0.0.1".to_owned(),
+        broker_port: port,
+        scenario: Scenario::built_in("arena").unwrap().with_robots(robots),
+        seed: 1,
+    }
+}
+
+#[test]
+fn robots_connect_report_and_say_goodbye() {
+    let (port, heard) = broker();
+    let handle = start(config(port, 5)).unwrap();
+    assert_eq!(handle.arena().width, 10.0_f32.sqrt());
+    let begun = Instant::now();
+    while handle.metrics().connected < 5 {
+        assert!(
+            begun.elapsed() < Duration::from_secs(20),
+            "{:?}",
+            handle.metrics()
+        );
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(2_500));
+    let metrics = handle.metrics();
+    assert!(metrics.running);
+    assert_eq!(metrics.robots, 5);
+    assert!(metrics.steps > 100, "{metrics:?}");
+    let report = handle.stop(Duration::from_secs(5)).unwrap();
+    assert_eq!(
+        (report.robots, report.standing, report.connected),
+        (5, 5, 5)
+    );
+    assert!(!handle.metrics().running);
+    assert!(matches!(
+        handle.stop(Duration::ZERO),
+        Err(LiveError::Crashed)
+    ));
+    let mut kinds = [0; 16];
+    while let Ok((first, body)) = heard.recv_timeout(Duration::from_millis(500)) {
+        kinds[usize::from(first >> 4)] += 1;
+        if first >> 4 == 14 {
+            // With the will, and the session ends.
+            assert_eq!(body, [0x04, 5, 0x11, 0, 0, 0, 0]);
+        }
+    }
+    assert_eq!(kinds[1], 5, "one CONNECT each");
+    assert_eq!(kinds[14], 5, "one DISCONNECT each");
+    assert!(kinds[3] > 50, "telemetry of five robots for two seconds");
+}
+
+#[test]
+fn an_absent_broker_is_no_error_and_stopping_is_still_bounded() {
+    // Bound and dropped: nobody listens there.
+    let port = TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port();
+    let handle = start(config(port, 3)).unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(handle.metrics().connected, 0);
+    let begun = Instant::now();
+    let report = handle.stop(Duration::from_secs(5)).unwrap();
+    assert_eq!((report.standing, report.connected), (3, 0));
+    assert!(begun.elapsed() < Duration::from_secs(5));
+}
+
+#[test]
+fn mistakes_are_told_at_the_start() {
+    let mut wrong = config(1883, 1);
+    wrong.broker_host = "no such host".to_owned();
+    assert!(matches!(start(wrong), Err(LiveError::Host(..))));
+    let mut wrong = config(1883, 1);
+    wrong.scenario = Scenario::built_in("empty").unwrap().with_robots(5_000);
+    assert!(matches!(start(wrong), Err(LiveError::Simulation(_))));
+}
