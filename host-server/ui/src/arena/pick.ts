@@ -44,15 +44,26 @@ export function smallestRadius(count: number, area: Bounds, camera: Camera): num
   return Math.min(COMFORTABLE, Math.max(SMALLEST, spacing * 0.28))
 }
 
-/** The rectangle all placed robots are in, with half a metre around; null without any. */
+/** The rectangle all placed robots are in; null without any. */
 export function boundsOf(robots: Iterable<Robot>): Bounds | null {
   const bounds = { minX: Infinity, minY: Infinity, maxX: -Infinity, maxY: -Infinity }
   for (const robot of robots) {
     if (!robot.placed) continue
-    bounds.minX = Math.min(bounds.minX, robot.x - 0.5)
-    bounds.minY = Math.min(bounds.minY, robot.y - 0.5)
-    bounds.maxX = Math.max(bounds.maxX, robot.x + 0.5)
-    bounds.maxY = Math.max(bounds.maxY, robot.y + 0.5)
+    bounds.minX = Math.min(bounds.minX, robot.x)
+    bounds.minY = Math.min(bounds.minY, robot.y)
+    bounds.maxX = Math.max(bounds.maxX, robot.x)
+    bounds.maxY = Math.max(bounds.maxY, robot.y)
   }
   return Number.isFinite(bounds.minX) ? bounds : null
+}
+
+/** The rectangle around both. */
+export function union(a: Bounds, b: Bounds | null): Bounds {
+  if (b === null) return a
+  return {
+    minX: Math.min(a.minX, b.minX),
+    minY: Math.min(a.minY, b.minY),
+    maxX: Math.max(a.maxX, b.maxX),
+    maxY: Math.max(a.maxY, b.maxY),
+  }
 }

@@ -90,20 +90,15 @@ export class Renderer {
 
   /** Null when the browser has no WebGL2. */
   static create(canvas: HTMLCanvasElement): Renderer | null {
-    const wanted: WebGLContextAttributes = { alpha: false, depth: false, stencil: false }
-    const quick = canvas.getContext('webgl2', {
-      ...wanted,
-      antialias: true,
-      failIfMajorPerformanceCaveat: true,
-    }) as WebGL2RenderingContext | null
-    const gl =
-      quick ??
-      (canvas.getContext('webgl2', {
-        ...wanted,
-        antialias: false,
-      }) as WebGL2RenderingContext | null)
+    const slow = drawsOnProcessor()
+    const gl = canvas.getContext('webgl2', {
+      alpha: false,
+      antialias: !slow,
+      depth: false,
+      stencil: false,
+    })
     if (gl === null) return null
-    const renderer = new Renderer(gl, quick === null)
+    const renderer = new Renderer(gl, slow)
     renderer.restore()
     return renderer
   }
@@ -263,6 +258,16 @@ export class Renderer {
     gl.bindBuffer(gl.ARRAY_BUFFER, resources.lines)
     gl.bufferData(gl.ARRAY_BUFFER, scene.lines, gl.STATIC_DRAW)
   }
+}
+
+/** Whether WebGL runs without a graphics card, by the name of what draws. */
+function drawsOnProcessor(): boolean {
+  const gl = document.createElement('canvas').getContext('webgl2')
+  if (gl === null) return false
+  const names = gl.getExtension('WEBGL_debug_renderer_info')
+  const name: unknown = gl.getParameter(names?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER)
+  gl.getExtension('WEBGL_lose_context')?.loseContext()
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(String(name))
 }
 
 /** Radius at which a robot is drawn, metres. */

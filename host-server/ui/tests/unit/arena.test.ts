@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest'
 import type { Camera } from '../../src/arena/camera'
 import { fit, panBy, scaleBar, toScreen, toWorld, zoomAt } from '../../src/arena/camera'
-import { nearest, smallestRadius } from '../../src/arena/pick'
+import { boundsOf, nearest, smallestRadius, union } from '../../src/arena/pick'
 import { buildScene } from '../../src/arena/scene'
 import { Fleet } from '../../src/fleet/fleet'
 import { decodeFrame } from '../../src/feed/decode'
@@ -84,6 +84,16 @@ describe('picking', () => {
     expect(nearest(fleet.all(), view, 402, 301, 10)?.id).toBe('r0')
     expect(nearest(fleet.all(), view, 420, 300, 10)?.id).toBe('r1')
     expect(nearest(fleet.all(), view, 100, 100, 10)).toBeNull()
+  })
+
+  it('bounds the robots, and what is beyond the walls', () => {
+    const robots = boundsOf(fleetAt([1, -2], [3, -2]).all())
+    expect(robots?.minX).toBeCloseTo(1, 3)
+    expect(robots?.maxX).toBeCloseTo(3, 3)
+    const walls = { minX: -2, minY: -2, maxX: 2, maxY: 2 }
+    expect(union(walls, robots).maxX).toBeCloseTo(3, 3)
+    expect(union(walls, null)).toEqual(walls)
+    expect(boundsOf(new Fleet().all())).toBeNull()
   })
 
   it('draws robots smaller where there are too many', () => {
