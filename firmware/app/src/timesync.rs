@@ -15,7 +15,7 @@
 //! young, that is before as many messages have agreed with it, is a *greater* bound adopted at
 //! once however far off: then the first message was simply late.
 //!
-//! State: 64 bytes.
+//! State: 80 bytes.
 
 use core::cell::Cell;
 

@@ -26,7 +26,7 @@ use crate::perception::LinkHealth;
 pub(super) type Mqtt<'c, S> = Client<
     'c,
     'c,
-    Buffered<S>,
+    &'c mut Buffered<S>,
     Mailbox<'c>,
     SUBSCRIPTIONS,
     RECEIVE_WINDOW,
