@@ -212,17 +212,46 @@ fn the_watchdog_is_fed_by_a_healthy_loop_alone() {
     executor.run_for(Duration::from_secs(1));
     assert!((49..=51).contains(&(feeds(&body) - before)));
 
-    // A motor output that refuses while moving.
+    // A step that comes too late is no sign of health; the next one is.
+    let before = feeds(&body);
+    executor.starve(Duration::from_millis(150));
+    assert_eq!(feeds(&body), before);
+    executor.run_for(Duration::from_millis(20));
+    assert_eq!(feeds(&body), before + 1);
+
+    // An enable output that refuses: the wheel is stopped by its direction inputs.
     let wander = Action::Behave(BehaviourSpec::Wander { speed: 80 });
     body.send(&robot, &executor, wander);
     executor.run_for(Duration::from_millis(300));
-    body.left.in1.refuses.set(true);
-    body.left.in2.refuses.set(true);
     body.left.enable.refuses.set(true);
+    executor.run_for(Duration::from_millis(60));
     let before = feeds(&body);
+    executor.run_for(Duration::from_secs(1));
+    assert_eq!(feeds(&body), before, "not fed");
+    assert_eq!(robot.snapshot().state, RobotState::Error);
+    assert_eq!(body.duties(), [0.0, 0.0]);
+    body.left.enable.refuses.set(false);
+    executor.run_for(Duration::from_millis(100));
+    assert!(feeds(&body) > before);
+    assert_eq!(robot.snapshot().state, RobotState::Idle);
+    assert_eq!(body.chip.resets.get(), 0);
+}
+
+#[test]
+fn a_wheel_that_cannot_be_stopped_resets_the_pins() {
+    let robot = robot("whole");
+    let mut executor = Executor::default();
+    let mut body = Body::start(&robot, &mut executor);
+    let wander = Action::Behave(BehaviourSpec::Wander { speed: 80 });
+    body.send(&robot, &executor, wander);
+    executor.run_for(Duration::from_millis(300));
+    for line in [&body.left.enable, &body.left.in1, &body.left.in2] {
+        line.refuses.set(true);
+    }
+    let before = body.chip.feeds.get();
     executor.run_for(Duration::from_millis(200));
-    assert!(feeds(&body) <= before + 1, "not fed");
-    assert_eq!(body.chip.resets.get(), 1, "a wheel that cannot be stopped");
+    assert!(body.chip.feeds.get() <= before + 1, "not fed");
+    assert_eq!(body.chip.resets.get(), 1);
 }
 
 #[test]

@@ -346,6 +346,10 @@ impl Bench {
         let len = command.to_json(&mut buffer).expect("fits");
         self.robot.submit(&buffer[..len], self.now);
         if halt {
+            // What still waits is taken back: it must neither move the robot nor release it.
+            for sent in self.sent.values_mut() {
+                sent.legitimate &= sent.begun > 0 || sent.finals > 0;
+            }
             self.halted = true;
             self.until = None;
             self.estopped |= matches!(action, Action::Estop);
@@ -504,7 +508,10 @@ impl Bench {
                     }
                 }
                 Meaning::Rest if completed => self.until = Some(self.now),
-                Meaning::Reset if completed => self.estopped = false,
+                Meaning::Reset if completed => {
+                    prop_assert!(sent.legitimate, "released by a reset before the stop");
+                    self.estopped = false;
+                }
                 Meaning::Rest | Meaning::Reset | Meaning::Halt | Meaning::Other => {}
             }
         }

@@ -160,6 +160,12 @@ impl<'a> Executor<'a> {
         self.clock.advance_to(end);
     }
 
+    /// Lets time pass without polling anyone, then polls.
+    pub(crate) fn starve(&mut self, span: Duration) {
+        self.clock.advance_to(self.clock.now() + span);
+        self.run_woken();
+    }
+
     /// Runs until nothing is woken at the present moment.
     pub(crate) fn run_woken(&mut self) {
         let mut rounds = 0;
