@@ -95,6 +95,7 @@ export const text = {
       still === all
         ? `All ${String(all)} reachable robots stand.`
         : `${String(still)} of ${String(all)} reachable robots stand.`,
+    unseen: 'Whether robots stand cannot be seen: there is no live picture.',
     confirmed: (completed: number, expected: number) =>
       completed === expected
         ? `All ${String(expected)} confirmed.`
@@ -139,6 +140,7 @@ export const text = {
     conesNone: 'Cones: none',
     follow: 'Follow',
     followHint: 'Keep the selected robot in the middle',
+    old: (seconds: number) => `As seen ${duration(seconds)} ago: `,
     noWebgl:
       'This browser cannot draw the arena (no WebGL2). The list and all controls work without it.',
     lost: 'The graphics card dropped the picture; it will be back in a moment.',
