@@ -26,6 +26,9 @@ pub const ENV_PREFIX: &str = "TERRACRAWLER_";
 /// How many simulated robots one process may be asked for.
 pub const MAX_SIMULATED: u32 = 10_000;
 
+/// And how many there are when nobody says.
+pub const DEFAULT_ROBOTS: u32 = 50;
+
 /// Which parts of the program run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
@@ -59,8 +62,8 @@ pub struct Settings {
     pub http: SocketAddr,
     /// Where the server keeps what must survive a restart.
     pub data: PathBuf,
-    /// Number of simulated robots.
-    pub robots: u32,
+    /// Number of simulated robots; `None` leaves it to the scenario.
+    pub robots: Option<u32>,
     /// Name or file of the scenario the simulated robots live in.
     pub scenario: Option<String>,
     /// Seed of the simulated world.
@@ -176,8 +179,14 @@ impl Settings {
                 Broker::Embedded(listen.unwrap_or_else(|| loopback(1883)))
             }
         };
-        let robots = merged.robots.unwrap_or(50);
-        if role != Role::Serve && !(1..=MAX_SIMULATED).contains(&robots) {
+        // A scenario that somebody chose knows how many robots it is for.
+        let robots = merged
+            .robots
+            .or_else(|| merged.scenario.is_none().then_some(DEFAULT_ROBOTS));
+        if let Some(robots) = robots
+            && role != Role::Serve
+            && !(1..=MAX_SIMULATED).contains(&robots)
+        {
             return Err(ConfigError::Value {
                 origin: "robots".into(),
                 text: format!("{robots} is outside 1 to {MAX_SIMULATED}"),

@@ -7,7 +7,7 @@ mod encode;
 #[cfg(test)]
 mod tests;
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
@@ -33,8 +33,8 @@ const EVENTS_AT_START: usize = 50;
 /// The feed.
 pub(crate) struct Feed {
     fleet: Fleet,
-    /// The simulated arena; `null` for robots out in the world.
-    arena: Value,
+    /// The simulated arena; not set for robots out in the world.
+    arena: OnceLock<Value>,
     sender: broadcast::Sender<Bytes>,
     state: Mutex<State>,
 }
@@ -57,13 +57,19 @@ pub(crate) struct Numbers {
 }
 
 impl Feed {
-    pub(crate) fn new(fleet: Fleet, arena: Value) -> Self {
+    pub(crate) fn new(fleet: Fleet) -> Self {
         Self {
             fleet,
-            arena,
+            arena: OnceLock::new(),
             sender: broadcast::Sender::new(RING),
             state: Mutex::default(),
         }
+    }
+
+    /// Makes the simulated arena known to readers. Only the first call counts.
+    pub(crate) fn set_arena(&self, arena: Value) {
+        // The arena of a running world does not change.
+        let _ = self.arena.set(arena);
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -77,7 +83,11 @@ impl Feed {
         let receiver = self.sender.subscribe();
         let fleet = fleet.lock();
         let mut frames = vec![
-            encode::hello(&self.fleet, clock::unix_ms(), &self.arena),
+            encode::hello(
+                &self.fleet,
+                clock::unix_ms(),
+                self.arena.get().unwrap_or(&Value::Null),
+            ),
             encode::roster(fleet.robots(), &[]),
         ];
         let samples: Vec<_> = fleet

@@ -11,7 +11,7 @@ mod schema;
 mod serve;
 
 use std::net::SocketAddr;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -27,7 +27,8 @@ use crate::bus::Bus;
 use crate::commands::CommandCenter;
 use crate::feed::Feed;
 use crate::fleet::SharedFleet;
-use crate::metrics::{Metrics, Simulated};
+use crate::metrics::Metrics;
+use crate::simulation::Simulation;
 
 pub(crate) use live::MAX_READERS;
 pub(crate) use serve::serve;
@@ -44,20 +45,12 @@ pub(crate) struct App {
     pub(crate) feed: Feed,
     /// Counts of the embedded broker, when it is ours.
     pub(crate) guard: Option<Arc<GuardCounters>>,
-    /// How the simulation in this process is doing, when there is one.
-    pub(crate) simulation: Option<Box<dyn Fn() -> SimulationState + Send + Sync>>,
+    /// The simulation in this process, once there is one.
+    pub(crate) simulation: OnceLock<Arc<Simulation>>,
     /// Readers the live feed still has room for.
     pub(crate) readers: Arc<Semaphore>,
     /// Ends the live feed's connections.
     pub(crate) stop: CancellationToken,
-}
-
-/// What the simulation tells about itself.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct SimulationState {
-    pub(crate) numbers: Simulated,
-    /// Whether it is running at all.
-    pub(crate) running: bool,
 }
 
 #[derive(OpenApi)]

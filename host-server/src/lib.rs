@@ -18,6 +18,7 @@ mod fleet;
 mod http;
 mod metrics;
 mod process;
+mod simulation;
 
 pub use data::DataError;
 

@@ -35,6 +35,8 @@ pub(crate) struct Simulated {
     pub(crate) steps: u64,
     /// Robots in the world.
     pub(crate) robots: u64,
+    /// Robots whose connection to the broker is up.
+    pub(crate) connected: u64,
 }
 
 /// A label with one of a few values known beforehand.
@@ -295,6 +297,12 @@ impl Metrics {
                 "terracrawler_simulation_robots",
                 "Robots in the simulated world",
                 simulation.robots as f64,
+            );
+            gauge(
+                &mut out,
+                "terracrawler_simulation_connected",
+                "Robots of the simulated world that are connected to the broker",
+                simulation.connected as f64,
             );
             counter(
                 &mut out,

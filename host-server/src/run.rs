@@ -7,7 +7,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
 use crate::config::{Broker, LogFormat, Role, Settings};
-use crate::server::{Server, StartError};
+use crate::server::{Robots, Server, StartError};
 
 /// Stopping takes at most this long; whatever still hangs then is left to the operating system.
 const LAST_CALL: Duration = Duration::from_secs(20);
@@ -57,20 +57,42 @@ pub fn run(settings: &Settings) -> Result<(), RunError> {
     result
 }
 
+/// What runs: with a server or without.
+enum Running {
+    Server(Box<Server>),
+    Robots(Robots),
+}
+
+impl Running {
+    async fn start(settings: &Settings) -> Result<Self, StartError> {
+        Ok(match settings.role {
+            Role::Up | Role::Serve => Self::Server(Box::new(Server::start(settings).await?)),
+            Role::Sim => Self::Robots(Robots::start(settings).await?),
+        })
+    }
+
+    async fn stop(self) {
+        match self {
+            Self::Server(server) => server.stop().await,
+            Self::Robots(robots) => robots.stop().await,
+        }
+    }
+}
+
 async fn until_told(settings: &Settings) -> Result<(), RunError> {
     let mut signals = Signals::new().map_err(RunError::System)?;
-    let server = tokio::select! {
-        started = Server::start(settings) => started.map_err(RunError::Start)?,
+    let running = tokio::select! {
+        started = Running::start(settings) => started.map_err(RunError::Start)?,
         name = signals.next() => {
             tracing::info!(signal = name, "told to stop while starting");
             return Ok(());
         }
     };
-    greet(settings, &server);
+    greet(settings, &running);
     let name = signals.next().await;
     tracing::info!(signal = name, "stopping; once more ends at once");
     tokio::select! {
-        stopped = tokio::time::timeout(LAST_CALL, server.stop()) => {
+        stopped = tokio::time::timeout(LAST_CALL, running.stop()) => {
             stopped.map_err(|_| RunError::Hung)?;
         }
         name = signals.next() => {
@@ -125,9 +147,18 @@ fn raise_file_limit() {
 }
 
 /// Says where everything is.
-fn greet(settings: &Settings, server: &Server) {
+fn greet(settings: &Settings, running: &Running) {
     // A closed pipe is no reason to stop.
-    let _ = write!(std::io::stdout(), "{}", greeting(settings, server));
+    let text = match running {
+        Running::Server(server) => greeting(settings, server),
+        Running::Robots(robots) => format!(
+            "{} simulated robots of fleet `{}` are on their way to {}.\nCtrl-C stops and ends them.\n",
+            robots.count(),
+            settings.fleet,
+            robots.broker()
+        ),
+    };
+    let _ = write!(std::io::stdout(), "{text}");
     for (what, address) in settings.exposed() {
         tracing::warn!(
             %address,
@@ -150,7 +181,7 @@ fn greeting(settings: &Settings, server: &Server) -> String {
         Broker::Outside(_) => "outside",
     };
     let robots = match settings.role {
-        Role::Up => format!("  robots        {} simulated\n", settings.robots),
+        Role::Up => format!("  robots        {} simulated\n", server.simulated()),
         Role::Serve | Role::Sim => String::new(),
     };
     let access = if settings.exposed().is_empty() {

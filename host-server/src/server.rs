@@ -1,10 +1,11 @@
 //! The server as a whole: started from settings, stopped in order.
 
 mod ingest;
+mod robots;
 mod start_error;
 
 use std::net::SocketAddr;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use crawler_protocol::{MAX_MESSAGE, Source, TimeMessage, Topic};
@@ -17,13 +18,15 @@ use crate::broker::EmbeddedBroker;
 use crate::bus::{self, Bus, Target};
 use crate::clock;
 use crate::commands::{CommandCenter, Outlet, Sequence};
-use crate::config::{Broker, BrokerUrl, Settings};
+use crate::config::{Broker, BrokerUrl, Role, Settings};
 use crate::data::DataDir;
 use crate::feed::{self, Feed, Numbers};
 use crate::fleet::SharedFleet;
 use crate::http::{self, App};
 use crate::metrics::Metrics;
+use crate::simulation::Simulation;
 
+pub use robots::Robots;
 pub use start_error::StartError;
 
 const TIME_EVERY: Duration = Duration::from_secs(5);
@@ -77,9 +80,9 @@ impl Server {
             commands: CommandCenter::new(outlet, Arc::clone(&metrics), source, sequence),
             bus: Arc::clone(&bus),
             metrics,
-            feed: Feed::new(settings.fleet.clone(), serde_json::Value::Null),
+            feed: Feed::new(settings.fleet.clone()),
             guard: broker.as_ref().map(EmbeddedBroker::counters),
-            simulation: None,
+            simulation: OnceLock::new(),
             readers: Arc::new(Semaphore::new(http::MAX_READERS)),
             stop: CancellationToken::new(),
         });
@@ -94,6 +97,19 @@ impl Server {
             stop_bus.clone(),
         ));
         let heart_task = tokio::spawn(heart(Arc::clone(&app), stop_bus.clone()));
+        if settings.role == Role::Up {
+            // The connection is served already, so the robots' first words find a listener.
+            match Simulation::start(settings, &mqtt).await {
+                Ok(simulation) => {
+                    app.feed.set_arena(simulation.arena());
+                    let _ = app.simulation.set(Arc::new(simulation));
+                }
+                Err(reason) => {
+                    stop_bus.cancel();
+                    return Err(StartError::Simulation(reason));
+                }
+            }
+        }
         let http_task = tokio::spawn(http::serve(
             listener,
             http::router(Arc::clone(&app), http),
@@ -118,6 +134,15 @@ impl Server {
         self.http
     }
 
+    /// How many robots are simulated in this process.
+    #[must_use]
+    pub fn simulated(&self) -> u64 {
+        self.app
+            .simulation
+            .get()
+            .map_or(0, |world| world.numbers().robots)
+    }
+
     /// Where the fleet's broker is.
     #[must_use]
     pub const fn mqtt(&self) -> &BrokerUrl {
@@ -127,6 +152,9 @@ impl Server {
     /// Stops in order: robots of this process, readers and requests, connection to the broker,
     /// broker. Takes at most a few times five seconds.
     pub async fn stop(self) {
+        if let Some(simulation) = self.app.simulation.get() {
+            simulation.stop().await;
+        }
         self.app.stop.cancel();
         self.stop_http.cancel();
         finish("the API", self.http_task).await;
@@ -179,18 +207,20 @@ async fn open_broker(
             };
             Ok((Some(broker), target, url))
         }
-        Broker::Outside(url) => {
-            let mut id = [0_u8; 8];
-            getrandom::fill(&mut id).map_err(|_| StartError::Internal("randomness"))?;
-            let target = Target {
-                host: bracketed(&url.host),
-                port: url.port,
-                client_id: format!("server-{:016x}", u64::from_le_bytes(id)),
-                credentials: url.credentials.clone(),
-            };
-            Ok((None, target, url.clone()))
-        }
+        Broker::Outside(url) => Ok((None, outside(url)?, url.clone())),
     }
+}
+
+/// A session of our own with an outside broker.
+fn outside(url: &BrokerUrl) -> Result<Target, StartError> {
+    let mut id = [0_u8; 8];
+    getrandom::fill(&mut id).map_err(|_| StartError::Internal("no randomness"))?;
+    Ok(Target {
+        host: bracketed(&url.host),
+        port: url.port,
+        client_id: format!("server-{}", crate::hex(&id)),
+        credentials: url.credentials.clone(),
+    })
 }
 
 /// The client joins host and port with a colon, so an IPv6 address needs its brackets.
@@ -218,8 +248,8 @@ async fn heart(app: Arc<App>, stop: CancellationToken) {
             commands: app.commands.totals(),
             real_time_factor: app
                 .simulation
-                .as_ref()
-                .map(|state| state().numbers.real_time_factor),
+                .get()
+                .map(|world| world.numbers().real_time_factor),
         });
         for command in app.commands.sweep(now) {
             ingest::tell(&app, &command);

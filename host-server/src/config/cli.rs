@@ -94,7 +94,7 @@ pub struct ServerOptions {
 /// Options of the simulated robots.
 #[derive(Debug, Args)]
 pub struct RobotOptions {
-    /// How many [default: 50]
+    /// How many [default: those of the scenario, or 50]
     #[arg(long, value_name = "N")]
     pub robots: Option<u32>,
     /// Name or TOML file of the scenario they live in

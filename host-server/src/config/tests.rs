@@ -37,7 +37,7 @@ impl Drop for TomlFile {
 #[test]
 fn defaults_stay_on_this_machine() {
     let settings = resolve(&["up"], &[]).expect("defaults");
-    assert_eq!(settings.robots, 50);
+    assert_eq!(settings.robots, Some(50));
     assert_eq!(settings.fleet.as_str(), "swarm");
     assert_eq!(settings.http.to_string(), "127.0.0.1:8080");
     assert_eq!(
@@ -60,7 +60,7 @@ fn command_line_over_environment_over_file() {
         ("UNRELATED", "x"),
     ];
     let settings = resolve(&["up", "--robots", "3"], &environment).expect("settings");
-    assert_eq!(settings.robots, 3, "command line");
+    assert_eq!(settings.robots, Some(3), "command line");
     assert_eq!(settings.seed, 22, "environment");
     assert_eq!(settings.fleet.as_str(), "file", "file");
     assert_eq!(settings.log, "warn", "file");
@@ -177,6 +177,16 @@ fn one_broker_at_a_time_and_the_stronger_source_decides() {
 
     let file = TomlFile::new("both", "mqtt = \"127.0.0.1:7\"\nbroker = \"mqtt://h\"\n");
     resolve(&["up", "--config", file.path()], &[]).expect_err("both in one file");
+}
+
+#[test]
+fn a_chosen_scenario_knows_its_robots() {
+    let robots = |arguments: &[&str]| resolve(arguments, &[]).expect("settings").robots;
+    assert_eq!(robots(&["up", "--scenario", "x.toml"]), None);
+    assert_eq!(
+        robots(&["up", "--scenario", "x.toml", "--robots", "9"]),
+        Some(9)
+    );
 }
 
 #[test]

@@ -71,10 +71,8 @@ fn close(a: f32, b: f32, tolerance: f32) {
 fn a_new_reader_gets_everything_there_is() {
     let now = Instant::now();
     let fleet = SharedFleet::new(Fleet::default());
-    let feed = Feed::new(
-        Fleet::default(),
-        json!({"width": 4.0, "height": 3.0, "obstacles": []}),
-    );
+    let feed = Feed::new(Fleet::default());
+    feed.set_arena(json!({"width": 4.0, "height": 3.0, "obstacles": []}));
     hear(&fleet, "swarm/status/a", &status("a"), now);
     hear(
         &fleet,
@@ -127,7 +125,7 @@ fn positions_survive_any_distance() {
             now,
         );
     }
-    let (frames, _) = Feed::new(Fleet::default(), Value::Null).connect(&fleet);
+    let (frames, _) = Feed::new(Fleet::default()).connect(&fleet);
     let rows = poses(&frames[2]);
     for (row, expected) in rows.iter().zip([-900_000.0, 0.0, 900_000.0]) {
         // 1,800 km in 65,535 steps.
@@ -139,7 +137,7 @@ fn positions_survive_any_distance() {
 fn only_changes_follow() {
     let start = Instant::now();
     let fleet = SharedFleet::new(Fleet::default());
-    let feed = Feed::new(Fleet::default(), Value::Null);
+    let feed = Feed::new(Fleet::default());
     for robot in ["a", "b"] {
         hear(
             &fleet,
@@ -202,7 +200,7 @@ fn only_changes_follow() {
 fn metrics_come_once_a_second() {
     let start = Instant::now();
     let fleet = SharedFleet::new(Fleet::default());
-    let feed = Feed::new(Fleet::default(), Value::Null);
+    let feed = Feed::new(Fleet::default());
     hear(
         &fleet,
         "swarm/telemetry/a",
@@ -240,7 +238,7 @@ fn metrics_come_once_a_second() {
 fn a_burst_of_events_is_cut_short() {
     let start = Instant::now();
     let fleet = SharedFleet::new(Fleet::default());
-    let feed = Feed::new(Fleet::default(), Value::Null);
+    let feed = Feed::new(Fleet::default());
     let (_, mut receiver) = feed.connect(&fleet);
     for number in 0..2_000 {
         let record = format!(

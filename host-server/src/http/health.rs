@@ -36,7 +36,7 @@ struct Readiness {
 /// is running. 503 otherwise, with what is missing.
 async fn ready(State(app): State<Arc<App>>) -> Response {
     let broker = app.bus.is_up();
-    let simulation = app.simulation.as_ref().map(|state| state().running);
+    let simulation = app.simulation.get().map(|world| world.is_running());
     let ready = broker && simulation != Some(false);
     let body = Json(Readiness {
         ready,
@@ -59,7 +59,7 @@ async fn metrics(State(app): State<Arc<App>>) -> Response {
         stale: presences.stale,
         offline: presences.offline,
         open_commands: app.commands.totals().open,
-        simulation: app.simulation.as_ref().map(|state| state().numbers),
+        simulation: app.simulation.get().map(|world| world.numbers()),
     };
     let text = app.metrics.encode(&observed, app.guard.as_deref());
     (
