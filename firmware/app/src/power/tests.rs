@@ -8,13 +8,13 @@ use super::Monitor;
 use crate::parameters::Parameters;
 use crate::perception::{Battery, Charge};
 
-fn pin(pack_mv: u16) -> Option<Millivolts> {
-    Some(Config::STANDARD.divider.pin(Millivolts(pack_mv)))
+fn pin(pack_mv: u16) -> Millivolts {
+    Config::STANDARD.divider.pin(Millivolts(pack_mv))
 }
 
 fn settle(monitor: &mut Monitor, pack_mv: u16) -> Battery {
     for _ in 0..100 {
-        monitor.observe(pin(pack_mv));
+        monitor.observe(Some(pin(pack_mv)));
     }
     monitor.battery()
 }
@@ -49,7 +49,7 @@ fn limits_follow_the_parameters() {
 fn the_flash_minds_one_dip() {
     let mut monitor = Monitor::new(&Parameters::default());
     assert!(!settle(&mut monitor, 7_800).brown_out);
-    let dip = monitor.observe(pin(5_800));
+    let dip = monitor.observe(Some(pin(5_800)));
     assert!(dip.brown_out, "although the mean is {:?}", dip.voltage);
     assert_eq!(dip.charge, Charge::Good);
     assert!(!settle(&mut monitor, 7_800).brown_out);

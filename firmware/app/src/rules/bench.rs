@@ -42,6 +42,8 @@ pub(super) enum Number {
 
 /// One thing that happens to the robot.
 #[derive(Debug, Clone)]
+// A few hundred of them live in one test case.
+#[allow(clippy::large_enum_variant)]
 pub(super) enum Happening {
     /// So many periods pass.
     Run(u8),
@@ -197,6 +199,8 @@ struct Sent {
     finals: u32,
 }
 
+// Each is one thing the observer knows.
+#[allow(clippy::struct_excessive_bools)]
 pub(super) struct Bench {
     pub(super) robot: TestRobot,
     pilot: Pilot,
@@ -354,7 +358,7 @@ impl Bench {
             self.until = None;
             self.estopped |= matches!(action, Action::Estop);
             // A halt wakes the loop: sometimes before, sometimes with the next period.
-            if self.now.as_micros() % 3 == 0 {
+            if self.now.as_micros().is_multiple_of(3) {
                 let halt = self.robot.halt.try_take().expect("halts are never refused");
                 self.turn(Duration::from_millis(3), Some(halt))?;
             }

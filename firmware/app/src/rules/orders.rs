@@ -16,6 +16,9 @@ use crate::parameters::Parameters;
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
 use crate::testing::{TestRng, source};
 
+/// Order, halt, whether it sees, whether it is linked, milliseconds.
+type Step = (Option<Task>, Option<bool>, bool, bool, u64);
+
 fn task() -> impl Strategy<Value = Task> {
     prop_oneof![
         (0_u8..=100, 0_u32..500).prop_map(|(speed, duration_ms)| Task::Move {
@@ -62,7 +65,7 @@ proptest! {
         let mut book: HashMap<(String, u64), std::vec::Vec<ResponseStatus>> = HashMap::new();
         let mut seq = 0;
         let mut last = false;
-        let mut feed = |steps: &[(Option<Task>, Option<bool>, bool, bool, u64)]| {
+        let mut feed = |steps: &[Step]| {
             for (task, halt, sees, linked, ms) in steps {
                 now += Duration::from_millis(*ms);
                 seq += 1;
