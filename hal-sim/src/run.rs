@@ -1,12 +1,14 @@
 //! Robots at work: a world, the real robot program in each body, and a way to the network.
 
 pub mod bench;
+mod error;
 mod fingerprint;
 #[cfg(feature = "live")]
 pub mod live;
 mod machine;
 mod simulation;
 
+pub use error::SimulationError;
 pub use fingerprint::Fingerprint;
 pub use machine::SimRobot;
-pub use simulation::{EPOCH_MS, Simulation, SimulationError};
+pub use simulation::{EPOCH_MS, Simulation};

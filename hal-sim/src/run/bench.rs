@@ -2,7 +2,8 @@
 
 use crawler_hal::{Duration, Instant};
 
-use super::simulation::{Simulation, SimulationError};
+use super::error::SimulationError;
+use super::simulation::Simulation;
 use crate::scenario::Scenario;
 
 /// Control steps a robot takes in a second.

@@ -20,7 +20,8 @@ use crawler_protocol::{Action, Fleet};
 use tokio::sync::Notify;
 use tokio::time::Instant as RealInstant;
 
-use super::simulation::{Simulation, SimulationError, Way};
+use super::error::SimulationError;
+use super::simulation::{Simulation, Way};
 use crate::net::live::Gateway;
 use crate::scenario::Scenario;
 use crate::sched::SimClock;
@@ -30,6 +31,8 @@ use crate::world::Arena;
 pub const MAX_BATCH: Duration = Duration::from_millis(100);
 /// Least real time from one turn of the world to the next. A control period has ten of them.
 const TURN: StdDuration = StdDuration::from_millis(2);
+/// Longest rest: physics goes on when no program does anything.
+const LONGEST_REST: StdDuration = StdDuration::from_millis(50);
 /// How often metrics are measured.
 const WINDOW: StdDuration = StdDuration::from_secs(1);
 /// Descriptors that everything but the robots may need.
@@ -107,7 +110,7 @@ pub struct LiveMetrics {
     pub running: bool,
     /// Virtual time passed for each second of real time; 1 when the machine keeps up.
     pub real_time_factor: f64,
-    /// Furthest that virtual time was behind in the last second, seconds.
+    /// Longest that anything ran after it was due in the last second, seconds.
     pub lateness_s: f64,
     /// Virtual time given up so far, seconds.
     pub lost_s: f64,
@@ -356,8 +359,9 @@ impl Driver<'_> {
     fn turn(&mut self) {
         let real_us = self.started.elapsed().as_micros() as u64;
         let mut target = real_us - self.lost_us;
+        let due_us = self.simulation.next_due().as_micros();
+        self.worst_us = self.worst_us.max(target.saturating_sub(due_us));
         let behind = target.saturating_sub(self.simulation.now().as_micros());
-        self.worst_us = self.worst_us.max(behind);
         if behind > MAX_BATCH.as_micros() {
             let given_up = behind - MAX_BATCH.as_micros();
             self.lost_us += given_up;
@@ -393,11 +397,12 @@ impl Driver<'_> {
     /// Lets sockets be served, and sleeps until something is due.
     async fn rest(&mut self) {
         tokio::time::sleep(TURN).await;
+        let latest = RealInstant::now() + LONGEST_REST;
         let due_us = self.simulation.next_due().as_micros();
         let due = due_us
             .checked_add(self.lost_us)
             .and_then(|us| self.started.checked_add(StdDuration::from_micros(us)))
-            .unwrap_or_else(|| RealInstant::now() + WINDOW);
+            .map_or(latest, |due| due.min(latest));
         let mut asleep = pin!(tokio::time::sleep_until(due));
         let mut asked = pin!(self.board.wake.notified());
         let simulation = &self.simulation;

@@ -7,15 +7,14 @@ use crawler_app::{Config, Geometry};
 use crawler_hal::{Clock, Duration, Instant};
 use crawler_protocol::{Action, Command, Fleet, Kind, MAX_MESSAGE, RobotId, Source, Topic};
 
+use super::error::SimulationError;
 use super::fingerprint::Fingerprint;
 use super::machine::{self, Program, SimRobot};
 use crate::net::NoNetwork;
 use crate::net::lockstep::{Air, Cut};
-use crate::scenario::{Scenario, ScenarioError, Spawner};
+use crate::scenario::{Scenario, Spawner};
 use crate::sched::{Scheduler, SimClock};
-use crate::world::{
-    BodyEvent, Observation, PHYSICS_STEP, PlacementError, Pose, RobotIndex, World, WorldError,
-};
+use crate::world::{BodyEvent, Observation, PHYSICS_STEP, Pose, RobotIndex, World};
 
 /// Unix time at the beginning of every simulated world: 2026-01-01, in milliseconds.
 pub const EPOCH_MS: u64 = 1_767_225_600_000;
@@ -29,56 +28,6 @@ const TIME_PERIOD: Duration = Duration::from_secs(5);
 const SOURCE: &str = "simulator";
 /// Voltage for which odometry is calibrated: a 2S pack in the middle of its charge.
 const NOMINAL_V: f32 = 7.4;
-
-/// Why a simulation cannot be set up.
-#[derive(Debug)]
-#[non_exhaustive]
-pub enum SimulationError {
-    /// The scenario cannot be used.
-    Scenario(ScenarioError),
-    /// The world cannot be built.
-    World(WorldError),
-    /// A robot found no place: its number, of how many.
-    NoRoom(u32, u32),
-    /// A robot cannot be put there.
-    Placement(PlacementError),
-}
-
-impl fmt::Display for SimulationError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Scenario(error) => write!(f, "scenario: {error}"),
-            Self::World(error) => write!(f, "world: {error}"),
-            Self::NoRoom(number, all) => {
-                write!(
-                    f,
-                    "no room for robot {number} of {all}: make the arena larger"
-                )
-            }
-            Self::Placement(error) => write!(f, "placing a robot: {error}"),
-        }
-    }
-}
-
-impl std::error::Error for SimulationError {}
-
-impl From<ScenarioError> for SimulationError {
-    fn from(error: ScenarioError) -> Self {
-        Self::Scenario(error)
-    }
-}
-
-impl From<WorldError> for SimulationError {
-    fn from(error: WorldError) -> Self {
-        Self::World(error)
-    }
-}
-
-impl From<PlacementError> for SimulationError {
-    fn from(error: PlacementError) -> Self {
-        Self::Placement(error)
-    }
-}
 
 /// How robots reach their broker.
 pub(crate) enum Way {

@@ -1,6 +1,7 @@
 use std::cell::RefCell;
 
-use crawler_hal::with_deadline;
+use crawler_hal::{LinkMonitor, LinkState, Network, with_deadline};
+use embedded_io_async::{Read, Write};
 
 use super::*;
 use crate::sched::Scheduler;

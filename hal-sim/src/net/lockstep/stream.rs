@@ -1,0 +1,216 @@
+//! A robot's end of the network: its interface, and the stream it opens.
+
+use std::future::poll_fn;
+use std::net::{IpAddr, Ipv4Addr};
+use std::task::Poll;
+
+use crawler_hal::{Clock, Duration, Instant, LinkMonitor, LinkState, NetError, Network};
+use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+
+use super::pipe::HELD;
+use super::{Air, Cut, Event, SEND_BUFFER};
+
+/// A robot's way to the broker of its simulation, whatever host it asks for.
+#[derive(Debug)]
+pub struct LockstepNetwork {
+    air: Air,
+    link: usize,
+}
+
+impl LockstepNetwork {
+    pub(super) const fn new(air: Air, link: usize) -> Self {
+        Self { air, link }
+    }
+
+    /// Number of the link, for [`Air::cut`] and [`Air::rejoin`].
+    #[must_use]
+    pub const fn link(&self) -> usize {
+        self.link
+    }
+
+    async fn healed(&self, unless: impl Fn(Cut) -> bool) {
+        poll_fn(|cx| {
+            let link = &mut self.air.state.borrow_mut().links[self.link];
+            if unless(link.cut) {
+                return Poll::Ready(());
+            }
+            link.waiting = Some(cx.waker().clone());
+            Poll::Pending
+        })
+        .await;
+    }
+}
+
+impl Network for LockstepNetwork {
+    type Stream<'a> = LockstepStream;
+    type Monitor = LockstepMonitor;
+
+    fn monitor(&self) -> LockstepMonitor {
+        LockstepMonitor {
+            air: self.air.clone(),
+            link: self.link,
+        }
+    }
+
+    async fn join(&mut self) -> Result<(), NetError> {
+        self.healed(|cut| cut != Cut::Radio).await;
+        Ok(())
+    }
+
+    /// Takes one and a half round trips, like a TCP handshake and its last acknowledgement. Waits
+    /// while the link is cut.
+    async fn connect(&mut self, _host: &str, _port: u16) -> Result<LockstepStream, NetError> {
+        for _ in 0..2 {
+            self.healed(|cut| cut == Cut::None).await;
+            let delay = self.air.state.borrow_mut().delay(self.link);
+            self.air.clock.sleep(Duration::from_micros(delay)).await;
+        }
+        let index = {
+            let now = self.air.now();
+            self.air.state.borrow_mut().open(self.link, now)
+        };
+        Ok(LockstepStream {
+            air: self.air.clone(),
+            index,
+        })
+    }
+}
+
+/// Tells whether the radio of a robot has its access point.
+#[derive(Debug, Clone)]
+pub struct LockstepMonitor {
+    air: Air,
+    link: usize,
+}
+
+impl LinkMonitor for LockstepMonitor {
+    fn state(&self) -> LinkState {
+        let state = self.air.state.borrow();
+        if state.links[self.link].cut == Cut::Radio {
+            return LinkState::Down;
+        }
+        let host = self.link as u32 + 1;
+        LinkState::Up {
+            address: IpAddr::V4(Ipv4Addr::from_bits(0x0A00_0000 | (host & 0x00FF_FFFF))),
+            rssi_dbm: Some(state.model.rssi_dbm),
+        }
+    }
+}
+
+/// One connection of a robot. Dropping it ends the connection.
+#[derive(Debug)]
+pub struct LockstepStream {
+    air: Air,
+    index: usize,
+}
+
+/// The broker closed the connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ConnectionReset;
+
+impl std::fmt::Display for ConnectionReset {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("the broker closed the connection")
+    }
+}
+
+impl std::error::Error for ConnectionReset {}
+
+impl embedded_io_async::Error for ConnectionReset {
+    fn kind(&self) -> ErrorKind {
+        ErrorKind::ConnectionReset
+    }
+}
+
+impl ErrorType for LockstepStream {
+    type Error = ConnectionReset;
+}
+
+/// What a look at the pipe told a reader.
+enum Progress {
+    Done(usize),
+    Until(u64),
+}
+
+impl Read for LockstepStream {
+    /// # Cancellation Safety
+    /// A dropped call takes no byte.
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, ConnectionReset> {
+        if buf.is_empty() {
+            return Ok(0);
+        }
+        loop {
+            let progress = poll_fn(|cx| {
+                let now = self.air.now();
+                let mut state = self.air.state.borrow_mut();
+                let Some(Some(connection)) = state.connections.get_mut(self.index) else {
+                    return Poll::Ready(Progress::Done(0));
+                };
+                let taken = connection.down.read(now, buf);
+                if taken > 0 {
+                    return Poll::Ready(Progress::Done(taken));
+                }
+                match connection.down.next_arrival() {
+                    Some(HELD) => {}
+                    Some(at) => return Poll::Ready(Progress::Until(at)),
+                    None if connection.down.ended => return Poll::Ready(Progress::Done(0)),
+                    None => {}
+                }
+                connection.down.reader = Some(cx.waker().clone());
+                Poll::Pending
+            })
+            .await;
+            match progress {
+                Progress::Done(taken) => return Ok(taken),
+                Progress::Until(at) => self.air.clock.sleep_until(Instant::from_micros(at)).await,
+            }
+        }
+    }
+}
+
+impl Write for LockstepStream {
+    /// # Cancellation Safety
+    /// A dropped call has written nothing.
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, ConnectionReset> {
+        if buf.is_empty() {
+            return Ok(0);
+        }
+        poll_fn(|cx| {
+            let now = self.air.now();
+            let state = &mut *self.air.state.borrow_mut();
+            let Some(Some(connection)) = state.connections.get_mut(self.index) else {
+                return Poll::Ready(Err(ConnectionReset));
+            };
+            if connection.closed {
+                return Poll::Ready(Err(ConnectionReset));
+            }
+            let room = SEND_BUFFER.saturating_sub(connection.up.len());
+            if room == 0 {
+                connection.up.writer = Some(cx.waker().clone());
+                return Poll::Pending;
+            }
+            let link = connection.link;
+            let len = room.min(buf.len());
+            let arrival = state.arrival(link, now);
+            if let Some(Some(connection)) = state.connections.get_mut(self.index) {
+                let arrival = connection.up.write(&buf[..len], arrival);
+                if arrival != HELD {
+                    state.schedule(arrival, Event::Arrival(self.index));
+                }
+            }
+            Poll::Ready(Ok(len))
+        })
+        .await
+    }
+
+    async fn flush(&mut self) -> Result<(), ConnectionReset> {
+        Ok(())
+    }
+}
+
+impl Drop for LockstepStream {
+    fn drop(&mut self) {
+        let now = self.air.now();
+        self.air.state.borrow_mut().abandon(self.index, now);
+    }
+}

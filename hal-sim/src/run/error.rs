@@ -1,0 +1,56 @@
+//! Why simulations cannot be set up.
+
+use std::fmt;
+
+use crate::scenario::ScenarioError;
+use crate::world::{PlacementError, WorldError};
+
+/// Why a simulation cannot be set up.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum SimulationError {
+    /// The scenario cannot be used.
+    Scenario(ScenarioError),
+    /// The world cannot be built.
+    World(WorldError),
+    /// A robot found no place: its number, of how many.
+    NoRoom(u32, u32),
+    /// A robot cannot be put there.
+    Placement(PlacementError),
+}
+
+impl fmt::Display for SimulationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Scenario(error) => write!(f, "scenario: {error}"),
+            Self::World(error) => write!(f, "world: {error}"),
+            Self::NoRoom(number, all) => {
+                write!(
+                    f,
+                    "no room for robot {number} of {all}: make the arena larger"
+                )
+            }
+            Self::Placement(error) => write!(f, "placing a robot: {error}"),
+        }
+    }
+}
+
+impl std::error::Error for SimulationError {}
+
+impl From<ScenarioError> for SimulationError {
+    fn from(error: ScenarioError) -> Self {
+        Self::Scenario(error)
+    }
+}
+
+impl From<WorldError> for SimulationError {
+    fn from(error: WorldError) -> Self {
+        Self::World(error)
+    }
+}
+
+impl From<PlacementError> for SimulationError {
+    fn from(error: PlacementError) -> Self {
+        Self::Placement(error)
+    }
+}
