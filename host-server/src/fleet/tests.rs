@@ -3,8 +3,6 @@ use std::time::{Duration, Instant};
 use super::presence::{OFFLINE_AFTER, STALE_AFTER};
 use super::*;
 
-const MS: Duration = Duration::from_millis(1);
-
 fn fleet() -> FleetState {
     FleetState::new(Fleet::default())
 }
@@ -49,15 +47,15 @@ fn silence_makes_stale_then_offline() {
         .expect("heartbeat");
     for (after, presence) in [
         (Duration::ZERO, Presence::Online),
-        (STALE_AFTER - MS, Presence::Online),
+        (Duration::from_millis(2_999), Presence::Online),
         (STALE_AFTER, Presence::Stale),
-        (OFFLINE_AFTER - MS, Presence::Stale),
+        (Duration::from_millis(14_999), Presence::Stale),
         (OFFLINE_AFTER, Presence::Offline),
     ] {
         fleet.sweep(start + after);
         assert_eq!(fleet.presence("a"), presence, "after {after:?}");
     }
-    let later = start + Duration::from_secs(60);
+    let later = start + Duration::from_mins(1);
     fleet
         .hear("swarm/telemetry/a", &telemetry("a", 0.0), later)
         .expect("telemetry");

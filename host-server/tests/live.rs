@@ -1,0 +1,164 @@
+//! The live feed over a real WebSocket.
+
+mod support;
+
+use std::time::Duration;
+
+use futures_util::{SinkExt as _, StreamExt as _};
+use serde_json::Value;
+use support::{Fixture, telemetry};
+use tokio::net::TcpStream;
+use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
+use tokio_tungstenite::tungstenite::{Error, Message};
+use tokio_tungstenite::{WebSocketStream, client_async};
+
+type Socket = WebSocketStream<TcpStream>;
+
+async fn connect(fixture: &Fixture, origin: Option<&str>) -> Result<Socket, Error> {
+    let address = fixture.server.http();
+    let mut request = format!("ws://{address}/api/v1/live")
+        .into_client_request()
+        .expect("request");
+    if let Some(origin) = origin {
+        let headers = request.headers_mut();
+        headers.insert("origin", origin.parse().expect("origin"));
+    }
+    let stream = TcpStream::connect(address).await.expect("connect");
+    client_async(request, stream)
+        .await
+        .map(|(socket, _)| socket)
+}
+
+/// The next frame of a kind.
+async fn next(socket: &mut Socket, kind: u8) -> Vec<u8> {
+    let next = async {
+        loop {
+            let message = socket.next().await.expect("open").expect("a message");
+            if let Message::Binary(frame) = message
+                && frame.first() == Some(&kind)
+            {
+                return frame.to_vec();
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(5), next)
+        .await
+        .unwrap_or_else(|_| panic!("no frame of kind {kind}"))
+}
+
+fn json(frame: &[u8]) -> Value {
+    serde_json::from_slice(&frame[1..]).expect("JSON")
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_snapshot_comes_first_and_then_what_changes() {
+    let fixture = Fixture::start().await;
+    let robot = fixture.robot("a").await;
+    robot.introduce().await;
+    fixture.wait_presence("a", "online").await;
+
+    let own = format!("http://{}", fixture.server.http());
+    let mut socket = connect(&fixture, Some(&own)).await.expect("our own page");
+    let hello = json(&next(&mut socket, 0).await);
+    assert_eq!(
+        (&hello["protocol"], &hello["fleet"]),
+        (&1.into(), &"swarm".into())
+    );
+    assert_eq!(hello["arena"], Value::Null);
+    let roster = json(&next(&mut socket, 1).await);
+    assert_eq!(roster["robots"][0]["id"], "a");
+    assert_eq!(roster["robots"][0]["kind"], "emulated");
+    let poses = next(&mut socket, 2).await;
+    assert_eq!(poses[1], 1, "full");
+    assert_eq!(poses.len(), 20 + 12);
+
+    let moved = telemetry("a", 2).replace("1.5", "2.5");
+    robot.publish("swarm/telemetry/a", moved).await;
+    let poses = loop {
+        let poses = next(&mut socket, 2).await;
+        if poses[1] == 0 {
+            break poses;
+        }
+    };
+    let x0 = f32::from_le_bytes(poses[8..12].try_into().expect("four bytes"));
+    assert!((x0 - 2.5).abs() < 0.001, "{x0}");
+    let metrics = json(&next(&mut socket, 4).await);
+    assert_eq!(metrics["robots"]["online"], 1);
+
+    robot.vanish().await;
+    let event = loop {
+        let event = json(&next(&mut socket, 3).await);
+        if event["text"] == "offline" {
+            break event;
+        }
+    };
+    assert_eq!(
+        (&event["robot"], &event["level"]),
+        (&"a".into(), &"warn".into())
+    );
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn pages_of_others_get_nothing() {
+    let fixture = Fixture::start().await;
+    match connect(&fixture, Some("https://evil.example")).await {
+        Err(Error::Http(response)) => assert_eq!(response.status(), 403),
+        other => panic!("{other:?}"),
+    }
+    fixture.stop().await;
+}
+
+/// The code and reason with which the server closes.
+async fn closed(socket: &mut Socket) -> (u16, String) {
+    let end = async {
+        loop {
+            match socket.next().await {
+                Some(Ok(Message::Close(Some(close)))) => {
+                    return (close.code.into(), close.reason.to_string());
+                }
+                Some(Ok(_)) => {}
+                other => panic!("{other:?}"),
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(5), end)
+        .await
+        .expect("closed")
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn whoever_speaks_is_told_off() {
+    let fixture = Fixture::start().await;
+    let mut socket = connect(&fixture, None).await.expect("connected");
+    socket.send(Message::text("stop")).await.expect("sent");
+    let (code, reason) = closed(&mut socket).await;
+    assert_eq!(code, 1003);
+    assert!(reason.contains("takes no messages"), "{reason}");
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn readers_are_told_when_the_server_stops() {
+    let fixture = Fixture::start().await;
+    let mut socket = connect(&fixture, None).await.expect("connected");
+    next(&mut socket, 0).await;
+    let (_, (code, reason)) = tokio::join!(fixture.stop(), closed(&mut socket));
+    assert_eq!((code, reason.as_str()), (1001, "the server stops"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_number_of_readers_is_bounded() {
+    let fixture = Fixture::start().await;
+    let mut sockets = Vec::new();
+    for _ in 0..64 {
+        sockets.push(connect(&fixture, None).await.expect("room"));
+    }
+    match connect(&fixture, None).await {
+        Err(Error::Http(response)) => assert_eq!(response.status(), 503),
+        other => panic!("{other:?}"),
+    }
+    drop(sockets);
+    support::eventually("room again", async || connect(&fixture, None).await.is_ok()).await;
+    fixture.stop().await;
+}

@@ -1,0 +1,334 @@
+//! A server on ports of its own, an HTTP client, and a robot made of an MQTT client alone.
+// Every test file uses another part of this, and none of it is anybody else's.
+#![allow(dead_code, unreachable_pub)]
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use crawler_protocol::{Command, Reason, Response, ResponseStatus, RobotId};
+use crawler_server::config::{Layer, Role, Settings};
+use crawler_server::server::Server;
+use http_body_util::{BodyExt as _, Full};
+use hyper::body::Bytes;
+use hyper::{HeaderMap, Method, Request, StatusCode};
+use hyper_util::rt::TokioIo;
+use rumqttc::v5::mqttbytes::QoS;
+use rumqttc::v5::mqttbytes::v5::{LastWill, Packet, Publish};
+use rumqttc::v5::{AsyncClient, Event, EventLoop, MqttOptions};
+use serde_json::Value;
+use tokio::sync::mpsc;
+
+/// A directory that goes away with the value.
+pub struct Scratch(pub PathBuf);
+
+impl Scratch {
+    pub fn new() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let name = format!("crawler-server-{}-{number}", std::process::id());
+        Self(std::env::temp_dir().join(name))
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+pub struct Fixture {
+    pub server: Server,
+    pub settings: Settings,
+    _scratch: Scratch,
+}
+
+/// Options of a server that gets in nobody's way.
+pub fn settings(scratch: &Scratch, change: impl FnOnce(&mut Layer)) -> Settings {
+    let any = Some("127.0.0.1:0".parse().expect("address"));
+    let mut layer = Layer {
+        http: any,
+        mqtt: any,
+        data: Some(scratch.0.clone()),
+        ..Layer::default()
+    };
+    change(&mut layer);
+    Settings::from_layers(Role::Serve, &[layer]).expect("settings")
+}
+
+impl Fixture {
+    pub async fn start() -> Self {
+        Self::start_with(|_| {}).await
+    }
+
+    pub async fn start_with(change: impl FnOnce(&mut Layer)) -> Self {
+        let scratch = Scratch::new();
+        let settings = settings(&scratch, change);
+        let server = Server::start(&settings).await.expect("the server starts");
+        Self {
+            server,
+            settings,
+            _scratch: scratch,
+        }
+    }
+
+    pub async fn stop(self) {
+        let stopped = tokio::time::timeout(Duration::from_secs(15), self.server.stop());
+        stopped.await.expect("the server stops in time");
+    }
+
+    pub async fn get(&self, path: &str) -> Answer {
+        self.call(Method::GET, path, &[], "").await
+    }
+
+    pub async fn post(&self, path: &str, body: &str) -> Answer {
+        let json = [("content-type", "application/json")];
+        self.call(Method::POST, path, &json, body).await
+    }
+
+    pub async fn call(
+        &self,
+        method: Method,
+        path: &str,
+        headers: &[(&str, &str)],
+        body: &str,
+    ) -> Answer {
+        let address = self.server.http();
+        let stream = tokio::net::TcpStream::connect(address)
+            .await
+            .expect("connect");
+        let (mut sender, connection) = hyper::client::conn::http1::handshake(TokioIo::new(stream))
+            .await
+            .expect("handshake");
+        tokio::spawn(connection);
+        let mut request = Request::builder().method(method).uri(path);
+        if !headers.iter().any(|(name, _)| *name == "host") {
+            request = request.header("host", address.to_string());
+        }
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        let request = request
+            .body(Full::new(Bytes::copy_from_slice(body.as_bytes())))
+            .expect("request");
+        let response = sender.send_request(request).await.expect("an answer");
+        let (parts, body) = response.into_parts();
+        Answer {
+            status: parts.status,
+            headers: parts.headers,
+            body: body.collect().await.expect("a body").to_bytes(),
+        }
+    }
+
+    pub async fn robot(&self, id: &str) -> FakeRobot {
+        FakeRobot::connect(self.server.mqtt().port, id, id).await
+    }
+
+    /// Waits for a robot's presence.
+    pub async fn wait_presence(&self, id: &str, presence: &str) {
+        eventually(presence, async || {
+            self.get(&format!("/api/v1/robots/{id}")).await.json()["presence"] == presence
+        })
+        .await;
+    }
+}
+
+pub struct Answer {
+    pub status: StatusCode,
+    pub headers: HeaderMap,
+    pub body: Bytes,
+}
+
+impl Answer {
+    pub fn text(&self) -> &str {
+        std::str::from_utf8(&self.body).expect("UTF-8")
+    }
+
+    pub fn json(&self) -> Value {
+        serde_json::from_slice(&self.body)
+            .unwrap_or_else(|error| panic!("{error}: {}", self.text()))
+    }
+
+    pub fn header(&self, name: &str) -> &str {
+        self.headers
+            .get(name)
+            .map_or("", |value| value.to_str().expect("ASCII"))
+    }
+
+    /// Checks that this is a problem document with this status and code.
+    #[track_caller]
+    pub fn is_problem(&self, status: u16, code: &str) {
+        assert_eq!(self.status.as_u16(), status, "{}", self.text());
+        assert_eq!(self.header("content-type"), "application/problem+json");
+        let problem = self.json();
+        assert_eq!(problem["status"], status);
+        assert_eq!(problem["code"], code, "{problem}");
+        assert_eq!(problem["type"], "about:blank");
+        assert!(
+            problem["title"].is_string() && problem["detail"].is_string(),
+            "{problem}"
+        );
+    }
+}
+
+/// Tries until it holds, for ten seconds.
+pub async fn eventually(what: &str, mut holds: impl AsyncFnMut() -> bool) {
+    let end = Instant::now() + Duration::from_secs(10);
+    while !holds().await {
+        assert!(Instant::now() < end, "not within 10 s: {what}");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+}
+
+pub fn status(robot: &str, online: bool) -> String {
+    format!(
+        r#"{{"robot":"{robot}","online":{online},"kind":"emulated","firmware":"0.1.0","board":"fake","capabilities":["drive","range"],"boot":{{"count":3,"cause":"power-on"}},"protocol":1}}"#
+    )
+}
+
+pub fn heartbeat(robot: &str, uptime_ms: u64) -> String {
+    format!(r#"{{"robot":"{robot}","seq":1,"timestamp":5,"uptime_ms":{uptime_ms},"state":"IDLE"}}"#)
+}
+
+pub fn telemetry(robot: &str, seq: u64) -> String {
+    format!(
+        r#"{{"robot":"{robot}","seq":{seq},"timestamp":6,"state":"MOVING","behaviour":"wander","pose":{{"x":1.5,"y":-0.25,"theta":0.5,"sigma":0.1}},"range_mm":812,"temperature_c":22.5,"wheels":{{"left":0.5,"right":0.5}},"battery":{{"mv":7610,"percent":71}},"rssi_dbm":-61}}"#
+    )
+}
+
+/// A robot made of an MQTT client alone.
+pub struct FakeRobot {
+    pub id: String,
+    pub client: AsyncClient,
+    /// What arrived on the topics it listens to.
+    pub inbox: mpsc::Receiver<Publish>,
+    task: tokio::task::JoinHandle<()>,
+}
+
+impl FakeRobot {
+    /// Connects as `client_id` and listens for commands to robot `id`.
+    pub async fn connect(port: u16, client_id: &str, id: &str) -> Self {
+        let mut options = MqttOptions::new(client_id, "127.0.0.1", port);
+        options.set_keep_alive(Duration::from_secs(5));
+        options.set_last_will(LastWill::new(
+            format!("swarm/status/{id}"),
+            status(id, false),
+            QoS::AtLeastOnce,
+            true,
+            None,
+        ));
+        let (client, mut events) = AsyncClient::new(options, 4_096);
+        for topic in [
+            "command/swarm",
+            &format!("command/robot/{id}"),
+            "response/swarm",
+            "time",
+        ] {
+            client
+                .subscribe(format!("swarm/{topic}"), QoS::AtLeastOnce)
+                .await
+                .expect("subscribe");
+        }
+        let mut acknowledged = 0;
+        while acknowledged < 4 {
+            if let Event::Incoming(Packet::SubAck(_)) = events.poll().await.expect("a broker") {
+                acknowledged += 1;
+            }
+        }
+        let (sender, inbox) = mpsc::channel(4_096);
+        let task = tokio::spawn(pump(events, sender));
+        Self {
+            id: id.to_owned(),
+            client,
+            inbox,
+            task,
+        }
+    }
+
+    pub async fn publish(&self, topic: &str, payload: impl Into<Vec<u8>>) {
+        self.send(topic, QoS::AtLeastOnce, false, payload.into())
+            .await;
+    }
+
+    pub async fn send(&self, topic: &str, qos: QoS, retain: bool, payload: Vec<u8>) {
+        self.client
+            .publish(topic, qos, retain, payload)
+            .await
+            .expect("publish");
+    }
+
+    /// Says everything a robot says of itself.
+    pub async fn introduce(&self) {
+        let id = &self.id;
+        self.send(
+            &format!("swarm/status/{id}"),
+            QoS::AtLeastOnce,
+            true,
+            status(id, true).into(),
+        )
+        .await;
+        self.publish(&format!("swarm/heartbeat/{id}"), heartbeat(id, 1))
+            .await;
+        self.publish(&format!("swarm/telemetry/{id}"), telemetry(id, 1))
+            .await;
+    }
+
+    /// The next message on a topic with this ending, within five seconds.
+    pub async fn next(&mut self, ending: &str) -> Publish {
+        let next = async {
+            loop {
+                let publish = self.inbox.recv().await.expect("connected");
+                if publish.topic.ends_with(ending.as_bytes()) {
+                    return publish;
+                }
+            }
+        };
+        tokio::time::timeout(Duration::from_secs(5), next)
+            .await
+            .unwrap_or_else(|_| panic!("no message on …{ending}"))
+    }
+
+    pub async fn next_command(&mut self) -> Command {
+        let next = async {
+            loop {
+                let publish = self.inbox.recv().await.expect("connected");
+                if publish.topic.starts_with(b"swarm/command/") {
+                    return Command::parse(&publish.payload).expect("a valid command");
+                }
+            }
+        };
+        tokio::time::timeout(Duration::from_secs(5), next)
+            .await
+            .expect("a command")
+    }
+
+    pub async fn answer(&self, seq: u64, status: ResponseStatus, reason: Option<Reason>) {
+        let response = Response {
+            robot: RobotId::new(&self.id).expect("id"),
+            seq,
+            status,
+            reason,
+            timestamp: 7,
+        };
+        let mut buffer = [0; 1024];
+        let length = response.to_json(&mut buffer).expect("response");
+        let topic = format!("swarm/response/robot/{}", self.id);
+        self.publish(&topic, &buffer[..length]).await;
+    }
+
+    /// Cuts the connection without a word, so that the will is published.
+    pub async fn vanish(self) {
+        self.task.abort();
+        let _ = self.task.await;
+    }
+}
+
+async fn pump(mut events: EventLoop, sender: mpsc::Sender<Publish>) {
+    while let Ok(event) = events.poll().await {
+        if let Event::Incoming(Packet::Publish(publish)) = event
+            && sender.send(publish).await.is_err()
+        {
+            return;
+        }
+    }
+}
