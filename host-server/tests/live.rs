@@ -143,7 +143,7 @@ async fn readers_are_told_when_the_server_stops() {
     let fixture = Fixture::start().await;
     let mut socket = connect(&fixture, None).await.expect("connected");
     next(&mut socket, 0).await;
-    let (_, (code, reason)) = tokio::join!(fixture.stop(), closed(&mut socket));
+    let ((), (code, reason)) = tokio::join!(fixture.stop(), closed(&mut socket));
     assert_eq!((code, reason.as_str()), (1001, "the server stops"));
 }
 

@@ -292,7 +292,7 @@ pub(crate) struct CommandView {
     pub(crate) reason: Option<&'static str>,
     /// Robots by outcome.
     pub(crate) counts: Counts,
-    /// Every robot's outcome.
+    /// Every robot's outcome; left out of the answer that a command to the swarm was sent.
     pub(crate) outcomes: Vec<OutcomeView>,
 }
 

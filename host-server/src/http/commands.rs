@@ -17,7 +17,8 @@ use crate::commands::{CommandView, SendError, Target};
 use crate::fleet::Presence;
 
 /// A command on its way: the same document as `GET /api/v1/commands/{id}`, whose address is in
-/// `Location`.
+/// `Location`. A command to the swarm leaves out the outcomes of single robots: there are none yet,
+/// and a large fleet would make a megabyte of it.
 pub(super) struct Accepted(CommandView);
 
 impl utoipa::PartialSchema for Accepted {
@@ -43,11 +44,15 @@ impl ToSchema for Accepted {
 
 impl IntoResponse for Accepted {
     fn into_response(self) -> Response {
-        let location = format!("/api/v1/commands/{}", self.0.id);
+        let Self(mut view) = self;
+        if view.robot.is_none() {
+            view.outcomes.clear();
+        }
+        let location = format!("/api/v1/commands/{}", view.id);
         (
             StatusCode::ACCEPTED,
             [(header::LOCATION, location)],
-            Json(self.0),
+            Json(view),
         )
             .into_response()
     }
