@@ -123,7 +123,12 @@ fn unknown_names_are_said() {
     let text = complaint(&["up", "--config", file], 2);
     assert!(text.contains("line 1") && text.contains("robot"), "{text}");
 
-    let text = complaint(&[&["up", "--scenario", "nowhere"], &ANY[..]].concat(), 1);
+    let scratch = Scratch::new();
+    let data = ["--data", scratch.0.to_str().expect("UTF-8")];
+    let text = complaint(
+        &[&["up", "--scenario", "nowhere"], &data[..], &ANY[..]].concat(),
+        1,
+    );
     assert!(text.contains("nowhere"), "{text}");
 }
 
