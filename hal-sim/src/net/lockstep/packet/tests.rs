@@ -1,3 +1,4 @@
+use super::write::write_varint;
 use super::*;
 use proptest::prelude::*;
 
