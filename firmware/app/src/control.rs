@@ -255,7 +255,12 @@ fn report<M: RawMutex>(robot: &Robot<M>, outputs: &Outputs, now: Instant) {
     for note in &outputs.notes {
         match note {
             Note::Raised(fault) => {
-                robot.log(Level::Error, "fault", format_args!("{}", fault.name()), now);
+                // Someone wanted the emergency stop; it is nothing to mend.
+                let level = match fault {
+                    Fault::EmergencyStop => Level::Warn,
+                    Fault::Battery | Fault::Motor | Fault::Ranger => Level::Error,
+                };
+                robot.log(level, "fault", format_args!("{}", fault.name()), now);
             }
             Note::Cleared(fault) => {
                 let text = format_args!("{} is over", fault.name());
