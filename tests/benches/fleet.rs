@@ -87,6 +87,10 @@ impl Operator {
     fn connect(port: u16) -> Self {
         let mut options = MqttOptions::new("bench", "127.0.0.1", port);
         options.set_keep_alive(Duration::from_secs(30));
+        // Nagle's algorithm waits up to 40 ms for the other side's delayed acknowledgement.
+        let mut network = rumqttc::NetworkOptions::new();
+        network.set_tcp_nodelay(true);
+        options.set_network_options(network);
         let (client, connection) = Client::new(options, 4096);
         let mut operator = Self {
             client,
