@@ -10,19 +10,21 @@
 
 use std::pin::{Pin, pin};
 use std::rc::Rc;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
 
 use crawler_hal::Instant;
 
 mod clock;
+mod ready;
 #[cfg(test)]
 mod tests;
 mod timers;
 
 pub use clock::SimClock;
 use clock::{NEVER, Polled};
+use ready::{Ready, TaskWaker};
 use timers::{Entry, TimerQueue};
 
 /// Stale entries the timer queue may hold before it is rebuilt, beyond one for each task.
@@ -47,59 +49,6 @@ impl std::fmt::Display for Stalled {
 }
 
 impl std::error::Error for Stalled {}
-
-#[derive(Debug, Default)]
-struct ReadyList {
-    tasks: Vec<u32>,
-    /// Woken when a task becomes ready while the scheduler rests inside another executor.
-    outer: Option<Waker>,
-}
-
-/// Tasks that were woken. The one part other threads may touch.
-#[derive(Debug, Default)]
-struct Ready {
-    list: Mutex<ReadyList>,
-    /// Spares the lock when there is nothing to take.
-    any: AtomicBool,
-}
-
-impl Ready {
-    fn lock(&self) -> MutexGuard<'_, ReadyList> {
-        // Nothing can panic while the lock is held, so a poisoned list is still whole.
-        self.list.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn push(&self, task: u32) {
-        let outer = {
-            let mut list = self.lock();
-            list.tasks.push(task);
-            self.any.store(true, Ordering::Release);
-            list.outer.take()
-        };
-        if let Some(outer) = outer {
-            outer.wake();
-        }
-    }
-}
-
-#[derive(Debug)]
-struct TaskWaker {
-    task: u32,
-    queued: AtomicBool,
-    ready: Arc<Ready>,
-}
-
-impl Wake for TaskWaker {
-    fn wake(self: Arc<Self>) {
-        self.wake_by_ref();
-    }
-
-    fn wake_by_ref(self: &Arc<Self>) {
-        if !self.queued.swap(true, Ordering::AcqRel) {
-            self.ready.push(self.task);
-        }
-    }
-}
 
 struct Task {
     future: Pin<Box<dyn Future<Output = ()>>>,

@@ -6,6 +6,8 @@ use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::channel::Channel;
 
+use std::sync::Mutex;
+
 use super::*;
 
 fn ms(value: u64) -> Instant {
