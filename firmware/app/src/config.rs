@@ -1,5 +1,6 @@
 //! What a robot is told about itself before it starts.
 
+use crawler_hal::Millivolts;
 use crawler_protocol::{Fleet, Kind, RobotId};
 use heapless::String;
 
@@ -35,8 +36,38 @@ pub struct Geometry {
     pub top_speed_mps: f32,
     /// Time constant of the first-order lag from duty to speed, in seconds.
     pub time_constant_s: f32,
-    /// Duty below which a motor does not turn, 0 to 1.
+    /// Duty that friction takes, 0 to 1: a wheel at less than that does not turn.
     pub stiction_duty: f32,
+    /// Voltage of the pack for which speed and duty above hold, in volts.
+    pub nominal_v: f32,
+    /// Volts that the motor driver keeps for itself.
+    pub bridge_drop_v: f32,
+}
+
+impl Geometry {
+    /// The same drive when the pack delivers `voltage`.
+    ///
+    /// Friction costs a voltage that does not depend on that of the pack; the rest of what
+    /// reaches a motor is speed. A reading beyond half and one and a half of the nominal voltage
+    /// is not of this pack: it is taken for the nearest of the two.
+    #[must_use]
+    pub fn at(&self, voltage: Millivolts) -> Self {
+        let nominal = self.nominal_v - self.bridge_drop_v;
+        let friction = self.stiction_duty * nominal;
+        let supply =
+            (f32::from(voltage.0) * 1e-3).clamp(0.5 * self.nominal_v, 1.5 * self.nominal_v);
+        let motor = supply - self.bridge_drop_v;
+        let share = (motor - friction) / (nominal - friction);
+        // A drive whose numbers are nonsense is not made worse.
+        if !(share.is_finite() && share > 0.0 && motor > friction) {
+            return *self;
+        }
+        Self {
+            top_speed_mps: self.top_speed_mps * share,
+            stiction_duty: friction / motor,
+            ..*self
+        }
+    }
 }
 
 impl Default for Geometry {
@@ -48,6 +79,8 @@ impl Default for Geometry {
             top_speed_mps: 0.6,
             time_constant_s: 0.12,
             stiction_duty: 0.12,
+            nominal_v: 7.4,
+            bridge_drop_v: 1.4,
         }
     }
 }

@@ -17,6 +17,7 @@ use crate::parameters::Parameters;
 use crate::perception::{Battery, LinkHealth, Reading};
 use crate::state::Fault;
 use crate::timesync::TimeSync;
+use crate::tracking::Tracking;
 
 /// What telemetry and the lamp need to know of control, copied once per period.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,7 +28,7 @@ pub struct Snapshot {
     pub behaviour: BehaviourName,
     /// Why the robot stands, when its state is `ERROR`.
     pub fault: Option<Fault>,
-    /// Where odometry thinks the robot is.
+    /// Where odometry and outside references put the robot.
     pub pose: Pose,
     /// Duty of the left and right wheel, −1 to 1.
     pub wheels: [f32; 2],
@@ -86,6 +87,8 @@ pub struct Robot<M: RawMutex> {
     pub(crate) battery_measured: Signal<M, ()>,
     /// Link → control.
     pub(crate) link_health: Mutex<M, Cell<LinkHealth>>,
+    /// Link → control: the newest outside position reference.
+    pub(crate) tracking: Tracking<M>,
     /// Control → link, lamp.
     pub(crate) snapshot: Mutex<M, Cell<Snapshot>>,
     /// Store → everyone.
@@ -117,6 +120,7 @@ impl<M: RawMutex> Robot<M> {
             battery: Mutex::new(Cell::new(Battery::default())),
             battery_measured: Signal::new(),
             link_health: Mutex::new(Cell::new(LinkHealth::default())),
+            tracking: Tracking::new(),
             snapshot: Mutex::new(Cell::new(Snapshot::default())),
             parameters: Mutex::new(RefCell::new(Parameters::default())),
             parameters_changed: Signal::new(),

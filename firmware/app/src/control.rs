@@ -135,6 +135,8 @@ impl Pilot {
         let inputs = Inputs {
             reading: robot.reading.lock(Cell::get),
             charge: battery.charge,
+            voltage: battery.voltage,
+            fix: robot.tracking.take(),
             link: robot.link_health.lock(Cell::get),
             loaded: robot.loaded.lock(Cell::get),
             motor_fault,
@@ -272,6 +274,10 @@ fn report<M: RawMutex>(robot: &Robot<M>, outputs: &Outputs, now: Instant) {
             Note::HemmedIn(attempts) => {
                 let text = format_args!("no way out after {attempts} attempts");
                 robot.log(Level::Warn, "hemmed-in", text, now);
+            }
+            Note::Relocated(pose) => {
+                let text = format_args!("{:.2} {:.2}, heading {:.2}", pose.x, pose.y, pose.theta);
+                robot.log(Level::Info, "relocated", text, now);
             }
             Note::Scanned(result) => {
                 for half in result.halves() {

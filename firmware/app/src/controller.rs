@@ -1,8 +1,8 @@
 //! The control step: everything between what the robot knows and what its wheels get.
 //!
 //! [`Controller::step`] is synchronous and does no I/O; the control activity calls it every
-//! [`PERIOD`], and so do the tests of the safety rules. One call does, in this order: odometry,
-//! faults, failsafes, the end of the errand, halts, one order, a look ahead, wanted motion, ramps.
+//! [`PERIOD`], and so do the tests of the safety rules. One call does, in this order: odometry and
+//! its correction, faults, failsafes, the end of the errand, halts, one order, a look ahead, wanted motion, ramps.
 //!
 //! # How motion ends
 //! | cause | duties |
@@ -22,17 +22,18 @@ mod orders;
 mod tuning;
 
 use crawler_drivers::l298n::Trim;
-use crawler_hal::{Duration, Instant};
+use crawler_hal::{Duration, Instant, Millivolts};
 use crawler_protocol::{BehaviourName, Pose, Reason, ResponseStatus};
 use heapless::Vec;
 use rand_core::Rng;
 
 use crate::behaviour::{Progress, Scan, ScanResult};
 use crate::config::Geometry;
-use crate::motion::{Odometry, Ramp, Twist, duty_for, wheel_speeds};
+use crate::motion::{Correction, Odometry, Ramp, Twist, duty_for, wheel_speeds};
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
 use crate::state::{Errand, Event, Fault, Side, State};
+use crate::tracking::{Fix, TOLD_EVERY};
 
 pub use tuning::Tuning;
 
@@ -60,6 +61,10 @@ pub struct Inputs<'a> {
     pub reading: Reading,
     /// How much the battery allows.
     pub charge: Charge,
+    /// What the battery delivers, when it is known: wheels turn faster for it.
+    pub voltage: Option<Millivolts>,
+    /// An outside position reference that has not been taken in yet.
+    pub fix: Option<Fix>,
     /// Whether the session with the broker holds.
     pub link: LinkHealth,
     /// Whether the parameters are loaded, or given up.
@@ -84,7 +89,7 @@ pub struct Answer {
 }
 
 /// Something worth a log record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Note {
     /// A fault came up.
     Raised(Fault),
@@ -94,6 +99,8 @@ pub enum Note {
     Ended(Reason),
     /// Turning aside has failed this many times in a row.
     HemmedIn(u8),
+    /// An outside position reference was adopted: the estimate has jumped.
+    Relocated(Pose),
     /// A scan is done.
     Scanned(ScanResult),
 }
@@ -147,6 +154,8 @@ pub struct Controller {
     /// leads nowhere.
     last_escape: Option<(Side, Instant)>,
     rebooting: bool,
+    /// When a jump of the estimate was noted last.
+    told_jump: Option<Instant>,
 }
 
 impl Controller {
@@ -164,6 +173,7 @@ impl Controller {
             link_lost_since: None,
             last_escape: None,
             rebooting: false,
+            told_jump: None,
         }
     }
 
@@ -210,8 +220,12 @@ impl Controller {
         let elapsed = now - self.last_step;
         self.last_step = now;
         let duties = self.duties();
+        self.tuning.set_voltage(inputs.voltage);
         self.odometry
             .advance(duties, elapsed, &self.tuning.geometry);
+        if let Some(fix) = inputs.fix {
+            self.correct(fix, &mut out, now);
+        }
 
         self.start(inputs, now);
         let mut cut = self.check_faults(inputs, &mut out, now);
@@ -242,6 +256,21 @@ impl Controller {
         }
         out.duties = self.duties();
         out
+    }
+
+    /// Improves the estimate, and touches nothing else.
+    fn correct(&mut self, fix: Fix, out: &mut Outputs, now: Instant) {
+        let age = now - fix.seen;
+        match self.odometry.correct(fix.pose, age, &self.tuning.geometry) {
+            Correction::Adopted if self.told_jump.is_none_or(|at| now - at >= TOLD_EVERY) => {
+                self.told_jump = Some(now);
+                out.note(Note::Relocated(self.pose()));
+            }
+            Correction::Adopted
+            | Correction::Weighed
+            | Correction::Doubted
+            | Correction::Refused => {}
+        }
     }
 
     fn start(&mut self, inputs: &Inputs<'_>, now: Instant) {
@@ -276,7 +305,9 @@ impl Controller {
             }
             None if before.is_some_and(|fault| fault != Fault::EmergencyStop) => {
                 self.state = self.state.step(Event::Recovered, now);
-                out.notes.extend(before.map(Note::Cleared));
+                if let Some(before) = before {
+                    out.note(Note::Cleared(before));
+                }
             }
             Some(_) | None => {}
         }

@@ -45,6 +45,7 @@ pub mod store;
 #[cfg(test)]
 mod testing;
 pub mod timesync;
+pub mod tracking;
 
 pub use config::{Config, Geometry};
 pub use context::{BootRecord, Robot, Routed, Snapshot};

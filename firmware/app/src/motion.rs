@@ -1,5 +1,7 @@
 //! From wanted motion to duty, and from duty to where the robot should be by now.
 
+#[cfg(test)]
+mod correction_tests;
 mod odometry;
 mod ramp;
 #[cfg(test)]
@@ -7,8 +9,8 @@ mod tests;
 
 use crate::config::Geometry;
 
-pub use odometry::Odometry;
 pub(crate) use odometry::wrap;
+pub use odometry::{Correction, Odometry};
 pub use ramp::{DEAD_TIME, Ramp};
 
 /// Motion of the whole robot.

@@ -238,7 +238,11 @@ impl Simulation {
                 wheel_base_m: chassis.track_m,
                 top_speed_mps: chassis.speed_at(NOMINAL_V),
                 time_constant_s: chassis.driven_tau_s,
-                stiction_duty: chassis.breakaway_v / (NOMINAL_V - chassis.bridge_drop_v),
+                // What a turning wheel settles by. A standing one starts a little later; that is
+                // over within a step or two of the ramp.
+                stiction_duty: chassis.dead_band(NOMINAL_V),
+                nominal_v: NOMINAL_V,
+                bridge_drop_v: chassis.bridge_drop_v,
             },
         }
     }

@@ -1,7 +1,7 @@
 //! Parameters in the form the control step wants them.
 
 use crawler_drivers::l298n::Trim;
-use crawler_hal::Duration;
+use crawler_hal::{Duration, Millivolts};
 
 use crate::config::Geometry;
 use crate::parameters::{Parameter, Parameters};
@@ -9,7 +9,11 @@ use crate::parameters::{Parameter, Parameters};
 /// Everything adjustable about the control step, in SI units, computed once per change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tuning {
+    /// Shape of the drive at nominal voltage.
+    nominal: Geometry,
+    /// The same at the voltage there is.
     pub(super) geometry: Geometry,
+    voltage: Option<Millivolts>,
     /// Metres per second of a wheel.
     pub(super) max_speed: f32,
     /// Radians per second.
@@ -32,7 +36,9 @@ impl Tuning {
     pub fn new(parameters: &Parameters, geometry: &Geometry) -> Self {
         let number = |parameter| parameters.number(parameter);
         Self {
+            nominal: *geometry,
             geometry: *geometry,
+            voltage: None,
             max_speed: number(Parameter::MaxSpeed).min(geometry.top_speed_mps),
             max_turn: number(Parameter::MaxTurn),
             ramp_step: number(Parameter::RampStep) * 0.01,
@@ -45,6 +51,14 @@ impl Tuning {
             link_grace: Duration::from_millis(number(Parameter::LinkGrace) as u64),
             trims: [Parameter::TrimLeft, Parameter::TrimRight]
                 .map(|trim| Trim::new(number(trim)).unwrap_or(Trim::NONE)),
+        }
+    }
+
+    /// Reckons with this voltage from now on; with the nominal one while it is not known.
+    pub(super) fn set_voltage(&mut self, voltage: Option<Millivolts>) {
+        if voltage != self.voltage {
+            self.voltage = voltage;
+            self.geometry = voltage.map_or(self.nominal, |at| self.nominal.at(at));
         }
     }
 

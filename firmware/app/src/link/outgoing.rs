@@ -57,6 +57,7 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             Topic::CommandSwarm,
             Topic::CommandExperiment,
             Topic::Time,
+            Topic::Pose(config.id.clone()),
         ];
         for topic in &topics {
             let filter = topic.render(&config.fleet);
@@ -64,8 +65,8 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                 .ok()
                 .and_then(TopicFilter::new)
                 .ok_or(Loss::Unsupported)?;
-            // A retained command would be given again at every connection, a retained time is
-            // an old one.
+            // A retained command would be given again at every connection; a retained time or
+            // fix is an old one.
             let mut options = SubscriptionOptions::new().retain_handling(RetainHandling::NeverSend);
             if topic.qos() == Qos::AtLeastOnce {
                 options = options.at_least_once();

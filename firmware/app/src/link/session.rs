@@ -192,6 +192,10 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                     robot.time.observe(message.timestamp, now);
                 }
             }
+            Some(Topic::Pose(id)) if id == config.id => {
+                // Refusals are counted and logged there.
+                let _ = robot.observe_fix(letter.payload(), now);
+            }
             // Not what we subscribed to.
             Some(_) | None => {}
         }

@@ -1,4 +1,9 @@
-//! Dead reckoning from the duties, since the wheels have no encoders.
+//! Dead reckoning from the duties, since the wheels have no encoders, and its correction by
+//! outside position references.
+//!
+//! The estimate is a position with one sigma for both axes and a heading with a sigma of its own;
+//! what they have to do with each other is left out, but a vague heading makes the position vaguer
+//! with every metre driven. A fix is weighed by the variances, each part on its own.
 
 use core::f32::consts::PI;
 
@@ -13,34 +18,95 @@ use crate::config::Geometry;
 const SIGMA_PER_M: f32 = 0.10;
 /// Growth of sigma per radian turned: small wheels slip when turning in place.
 const SIGMA_PER_RAD: f32 = 0.02;
+/// Growth of the heading's sigma per metre driven: motors of one type differ by a few hundredths,
+/// and 3 % between two wheels 0.15 m apart are 0.2 radians in a metre.
+const TURN_SIGMA_PER_M: f32 = 0.2;
+/// Growth of the heading's sigma per radian turned.
+const TURN_SIGMA_PER_RAD: f32 = 0.1;
 /// Beyond this the pose says nothing anyway, and the number stays readable.
 const SIGMA_MAX: f32 = 1_000.0;
+/// A heading that may be anything: the deviation of a uniform distribution over the circle.
+const TURN_SIGMA_MAX: f32 = 1.813_8;
 /// Slower than this a wheel stands, in metres per second.
 const STANDING: f32 = 1e-4;
+
+/// A fix is taken for at least this uncertain, in metres: no camera is better.
+const FIX_SIGMA_LEAST: f32 = 0.001;
+/// A fix does not say how sure its heading is. A mark of 0.3 m between the points that are
+/// located turns by about √2 × sigma ÷ 0.3 m.
+const FIX_TURN_PER_M: f32 = 5.0;
+/// The heading of a fix is taken for at least this uncertain, in radians.
+const FIX_TURN_LEAST: f32 = 0.01;
+/// Errors of successive fixes are not independent: however many there are, together they are at
+/// most so much better than one.
+const BEST_SHARE: f32 = 0.5;
+/// A fix that is off by more than so many sigmas is doubted. By chance one in three thousand is
+/// (two axes, normally distributed).
+const GATE: f32 = 4.0;
+/// So many doubted fixes in a row that agree with each other are right, and odometry is not.
+const CONVINCING: u8 = 3;
+/// How far doubted fixes may be from each other to agree, beyond their sigma and the way between
+/// them, in metres and radians.
+const AGREEMENT: [f32; 2] = [0.1, 0.3];
+
+/// What a fix came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Correction {
+    /// It moved the estimate, by its weight.
+    Weighed,
+    /// It is the estimate now: the first one, or one that others like it had announced.
+    Adopted,
+    /// It is too far from the estimate to be believed alone.
+    Doubted,
+    /// It is no pose.
+    Refused,
+}
+
+/// Fixes that odometry contradicts, moved along with it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Doubt {
+    pose: Pose,
+    count: u8,
+}
 
 /// Where the robot should be, by the first-order model of its motors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Odometry {
     pose: Pose,
+    /// One standard deviation of the heading, in radians.
+    turn_sigma: f32,
     speeds: [f32; 2],
     /// `1 − exp(−dt/τ)` for the last `dt`: the period hardly ever changes.
     lag: (Duration, f32),
+    /// Metres driven and radians turned since the last fix that was believed; `None` before the
+    /// first one. A robot held up by a wall is off by just that.
+    since_fix: Option<[f32; 2]>,
+    doubt: Option<Doubt>,
 }
 
 impl Default for Odometry {
     fn default() -> Self {
         Self {
             pose: Pose::default(),
+            turn_sigma: 0.0,
             speeds: [0.0; 2],
             lag: (Duration::ZERO, 0.0),
+            since_fix: None,
+            doubt: None,
         }
     }
 }
 
 impl Odometry {
-    /// Where the robot should be.
+    /// Where the robot should be: in the frame of the fixes, and before the first of them in one
+    /// that begins where the robot booted.
     pub const fn pose(&self) -> Pose {
         self.pose
+    }
+
+    /// One standard deviation of the heading, in radians.
+    pub const fn turn_sigma(&self) -> f32 {
+        self.turn_sigma
     }
 
     /// Lets `dt` pass with `duties` on the wheels.
@@ -69,28 +135,141 @@ impl Odometry {
         self.travel((left + right) * 0.5, (right - left) / geometry.wheel_base_m);
     }
 
-    fn travel(&mut self, forward: f32, turn: f32) {
-        let heading = self.pose.theta + turn * 0.5;
-        let pose = Pose {
-            x: self.pose.x + forward * libm::cosf(heading),
-            y: self.pose.y + forward * libm::sinf(heading),
-            theta: wrap(self.pose.theta + turn),
-            sigma: (self.pose.sigma
-                + SIGMA_PER_M * libm::fabsf(forward)
-                + SIGMA_PER_RAD * libm::fabsf(turn))
-            .min(SIGMA_MAX),
+    /// Takes in a fix that was seen `age` ago.
+    ///
+    /// It is moved on by the present speeds for that long: what remains of the delay is at most
+    /// `age` times the change of speed within it. Then
+    ///
+    /// * the first fix is adopted, because until then the frame is arbitrary;
+    /// * one within four sigmas of the estimate and its own, and the way driven since the last
+    ///   one, moves position and heading by the ratio of variances, and sigma shrinks;
+    /// * one beyond that is doubted and changes nothing. The third in a row that agrees with the
+    ///   others is adopted: someone has carried the robot.
+    ///
+    /// Sigma grows only where a fix is adopted.
+    pub fn correct(&mut self, fix: Pose, age: Duration, geometry: &Geometry) -> Correction {
+        let finite = [fix.x, fix.y, fix.theta, fix.sigma]
+            .iter()
+            .all(|v| v.is_finite());
+        if !finite || fix.sigma < 0.0 {
+            return Correction::Refused;
+        }
+        let seconds = age.as_secs_f32();
+        let [left, right] = self.speeds.map(|speed| speed * seconds);
+        let turn = (right - left) / geometry.wheel_base_m;
+        let fix = Pose {
+            theta: wrap(fix.theta),
+            sigma: fix.sigma.clamp(FIX_SIGMA_LEAST, SIGMA_MAX),
+            ..fix
         };
-        if pose.x.is_finite() && pose.y.is_finite() && pose.theta.is_finite() {
-            self.pose = pose;
+        let fix = moved(fix, (left + right) * 0.5, turn);
+        let fix_turn = (fix.sigma * FIX_TURN_PER_M).clamp(FIX_TURN_LEAST, TURN_SIGMA_MAX);
+        let Some([driven, turned]) = self.since_fix else {
+            return self.adopt(fix, fix_turn);
+        };
+        let off = offset(fix, self.pose);
+        let within = off[0] <= GATE * libm::hypotf(self.pose.sigma, fix.sigma) + driven
+            && off[1] <= GATE * libm::hypotf(self.turn_sigma, fix_turn) + turned;
+        if within {
+            self.weigh(fix, fix_turn);
+            return Correction::Weighed;
+        }
+        let agrees = |doubt: &Doubt| {
+            let [way, turn] = offset(fix, doubt.pose);
+            way <= AGREEMENT[0] + 2.0 * GATE * fix.sigma + driven
+                && turn <= AGREEMENT[1] + 2.0 * GATE * fix_turn + turned
+        };
+        let count = match self.doubt.filter(agrees) {
+            Some(doubt) => doubt.count.saturating_add(1),
+            None => 1,
+        };
+        if count >= CONVINCING {
+            return self.adopt(fix, fix_turn);
+        }
+        self.doubt = Some(Doubt { pose: fix, count });
+        Correction::Doubted
+    }
+
+    fn adopt(&mut self, fix: Pose, fix_turn: f32) -> Correction {
+        self.pose = fix;
+        self.turn_sigma = fix_turn;
+        self.since_fix = Some([0.0; 2]);
+        self.doubt = None;
+        Correction::Adopted
+    }
+
+    fn weigh(&mut self, fix: Pose, fix_turn: f32) {
+        let pose = self.pose;
+        let (gain, sigma) = fuse(pose.sigma, fix.sigma);
+        let (turn_gain, turn_sigma) = fuse(self.turn_sigma, fix_turn);
+        self.pose = Pose {
+            x: pose.x + gain * (fix.x - pose.x),
+            y: pose.y + gain * (fix.y - pose.y),
+            theta: wrap(pose.theta + turn_gain * wrap(fix.theta - pose.theta)),
+            sigma,
+        };
+        self.turn_sigma = turn_sigma;
+        self.since_fix = Some([0.0; 2]);
+        self.doubt = None;
+    }
+
+    fn travel(&mut self, forward: f32, turn: f32) {
+        let pose = moved(self.pose, forward, turn);
+        if !(pose.x.is_finite() && pose.y.is_finite() && pose.theta.is_finite()) {
+            return;
+        }
+        let (way, angle) = (libm::fabsf(forward), libm::fabsf(turn));
+        // A heading that is off by more than a radian says nothing of the direction.
+        let per_m = SIGMA_PER_M + self.turn_sigma.min(1.0);
+        self.pose = Pose {
+            sigma: (pose.sigma + per_m * way + SIGMA_PER_RAD * angle).min(SIGMA_MAX),
+            ..pose
+        };
+        self.turn_sigma = (self.turn_sigma + TURN_SIGMA_PER_M * way + TURN_SIGMA_PER_RAD * angle)
+            .min(TURN_SIGMA_MAX);
+        if let Some([driven, turned]) = &mut self.since_fix {
+            *driven = (*driven + way).min(SIGMA_MAX);
+            *turned = (*turned + angle).min(PI);
+        }
+        if let Some(doubt) = &mut self.doubt {
+            doubt.pose = moved(doubt.pose, forward, turn);
         }
     }
 }
 
-/// The same angle within −π to π.
-pub(crate) fn wrap(angle: f32) -> f32 {
-    if (-PI..=PI).contains(&angle) {
-        angle
-    } else {
-        libm::remainderf(angle, 2.0 * PI)
+/// `pose` after an arc of `forward` metres that turns by `turn` radians.
+fn moved(pose: Pose, forward: f32, turn: f32) -> Pose {
+    let heading = pose.theta + turn * 0.5;
+    Pose {
+        x: pose.x + forward * libm::cosf(heading),
+        y: pose.y + forward * libm::sinf(heading),
+        theta: wrap(pose.theta + turn),
+        ..pose
     }
+}
+
+/// Distance and angle between two poses.
+fn offset(a: Pose, b: Pose) -> [f32; 2] {
+    [
+        libm::hypotf(a.x - b.x, a.y - b.y),
+        libm::fabsf(wrap(a.theta - b.theta)),
+    ]
+}
+
+/// Weight of a measurement of deviation `measured` against an estimate of deviation `estimated`,
+/// and the deviation of the result.
+fn fuse(estimated: f32, measured: f32) -> (f32, f32) {
+    let (p, r) = (estimated * estimated, measured * measured);
+    let gain = p / (p + r);
+    let best = estimated.min(measured * BEST_SHARE);
+    (gain, libm::sqrtf(gain * r).clamp(best, estimated))
+}
+
+/// The same angle, above −π and up to π.
+pub(crate) fn wrap(angle: f32) -> f32 {
+    if angle > -PI && angle <= PI {
+        return angle;
+    }
+    let angle = libm::remainderf(angle, 2.0 * PI);
+    if angle <= -PI { PI } else { angle }
 }

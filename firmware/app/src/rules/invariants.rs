@@ -5,10 +5,11 @@ use std::time::Instant as WallClock;
 use std::vec::Vec;
 
 use crawler_hal::{Duration, Instant, Millimeters};
-use crawler_protocol::{Action, BehaviourSpec, Direction, RobotState};
+use crawler_protocol::{Action, BehaviourSpec, Direction, Pose, RobotState};
 use proptest::prelude::*;
 
-use super::bench::{Bench, Happening, Number, Sensor, happening};
+use super::bench::Bench;
+use super::happening::{Happening, Number, Sensor, happening};
 use crate::perception::{LinkHealth, Sight};
 
 const CASES: u32 = 300;
@@ -141,6 +142,27 @@ proptest! {
         prop_assert!(bench.robot.snapshot().wheels[1] > 0.0, "300 ms old is not older");
         bench.happen(&Happening::Run(1))?;
         prop_assert_eq!(bench.robot.snapshot().wheels, [0.0, 0.0]);
+    }
+
+    /// Outside references move the estimate alone: a robot at rest rests on, and is found there.
+    #[test]
+    fn fixes_move_no_wheel(
+        seed in any::<u64>(),
+        fixes in prop::collection::vec((-5.0_f32..5.0, -5.0_f32..5.0, -3.0_f32..3.0), 1..30),
+    ) {
+        let mut bench = Bench::new(seed);
+        for (x, y, theta) in fixes {
+            let pose = Pose { x, y, theta, sigma: 0.01 };
+            // The first of the frame is adopted, then three that agree.
+            for _ in 0..3 {
+                bench.happen(&Happening::Fix { pose, age: 0 })?;
+                let out = bench.turn(Duration::from_millis(20), None)?;
+                prop_assert_eq!(out.duties, [0.0, 0.0]);
+            }
+            prop_assert_eq!(bench.state(), RobotState::Idle);
+            let there = bench.robot.snapshot().pose;
+            prop_assert!((there.x - x).hypot(there.y - y) < 0.1, "{:?}, not {} {}", there, x, y);
+        }
     }
 
     /// Rule 6: no bytes make intake or control panic.

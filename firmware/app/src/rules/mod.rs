@@ -3,5 +3,6 @@
 
 mod activities;
 mod bench;
+mod happening;
 mod invariants;
 mod orders;

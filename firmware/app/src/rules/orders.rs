@@ -79,6 +79,8 @@ proptest! {
                     book.insert((sent.source.as_str().into(), sent.seq), std::vec::Vec::new());
                 }
                 let inputs = Inputs {
+                    voltage: None,
+                    fix: None,
                     reading: Reading {
                         sight: sees.then_some((Sight::Clear, now)),
                         health: SensorHealth::Good,

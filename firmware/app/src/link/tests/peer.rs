@@ -104,12 +104,12 @@ impl Peer {
         }
     }
 
-    /// Answers CONNECT and the four SUBSCRIBEs. The robot is connected then.
+    /// Answers CONNECT and the five SUBSCRIBEs. The robot is connected then.
     pub(super) async fn accept(&mut self, session_present: bool) -> (Connect, Vec<String>) {
         let connect = self.connect().await;
         self.send(&[0x20, 3, u8::from(session_present), 0, 0]);
         let mut filters = Vec::new();
-        while filters.len() < 4 {
+        while filters.len() < 5 {
             let packet = self.packet().await.expect("SUBSCRIBE");
             if packet.kind() == 8 {
                 filters.push(self.grant(&packet));

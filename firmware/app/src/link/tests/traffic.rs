@@ -36,6 +36,7 @@ fn connect_says_who_comes_and_leaves_a_will() {
             "swarm/command/swarm 0x21",
             "swarm/command/experiment 0x21",
             "swarm/time 0x20",
+            "swarm/pose/sim-0001 0x20",
         ];
         assert_eq!(filters, expected);
     });
@@ -109,6 +110,34 @@ fn heartbeat_every_second_and_telemetry_five_times() {
             seqs.windows(2).all(|pair| pair[1] == pair[0] + 1),
             "{seqs:?}"
         );
+    });
+}
+
+#[test]
+fn an_outside_reference_reaches_control() {
+    run(async |broker| {
+        let mut peer = broker.connected().await;
+        peer.deliver_time();
+        broker.sleep(Duration::from_millis(100)).await;
+        let fix = |id: &str, age: u64| {
+            let seen = EPOCH_MS + broker.clock.now().as_millis() - age;
+            std::format!(
+                r#"{{"robot":"{id}","timestamp":{seen},"pose":{{"x":1.5,"y":-2.5,"theta":0.5,"sigma":0.02}}}}"#
+            )
+        };
+        // On a topic of another robot, about another robot, too old.
+        peer.deliver("swarm/pose/sim-0002", fix("sim-0002", 0).as_bytes());
+        peer.deliver("swarm/pose/sim-0001", fix("sim-0002", 0).as_bytes());
+        peer.deliver("swarm/pose/sim-0001", fix("sim-0001", 1_500).as_bytes());
+        broker.sleep(Duration::from_millis(10)).await;
+        assert_eq!(broker.robot.tracking.take(), None);
+        assert_eq!(broker.robot.refused_fixes(), 2);
+        peer.deliver("swarm/pose/sim-0001", fix("sim-0001", 50).as_bytes());
+        broker.sleep(Duration::from_millis(10)).await;
+        let fix = broker.robot.tracking.take().expect("a fix");
+        assert_eq!((fix.pose.x, fix.pose.y), (1.5, -2.5));
+        let age = broker.clock.now() - fix.seen;
+        assert!((50..=70).contains(&age.as_millis()), "{age:?}");
     });
 }
 

@@ -1,0 +1,144 @@
+//! What may happen to the robot on the bench, and random sequences of it.
+
+use std::vec;
+use std::vec::Vec;
+
+use crawler_hal::Millimeters;
+use crawler_protocol::{Action, BehaviourSpec, Direction, Pose};
+use proptest::prelude::*;
+
+use crate::perception::{Charge, LinkHealth, SensorHealth, Sight};
+
+/// What the ranger does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Sensor {
+    Sees(Sight),
+    Silent,
+    Broken(SensorHealth),
+}
+
+/// How a command's number relates to what its source sent before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Number {
+    Next,
+    Repeated,
+    Older,
+}
+
+/// One thing that happens to the robot.
+#[derive(Debug, Clone)]
+// A few hundred of them live in one test case.
+#[allow(clippy::large_enum_variant)]
+pub(super) enum Happening {
+    /// So many periods pass.
+    Run(u8),
+    /// The loop is starved for so many milliseconds.
+    Starve(u16),
+    Send {
+        action: Action,
+        source: u8,
+        number: Number,
+        /// Milliseconds; negative is from the future.
+        age: i64,
+    },
+    Bytes(Vec<u8>),
+    Sensor(Sensor),
+    Link(LinkHealth),
+    Charge(Charge),
+    Avoidance(bool),
+    MotorFault(bool),
+    /// An outside reference puts the robot there, so many milliseconds ago.
+    Fix {
+        pose: Pose,
+        age: i64,
+    },
+}
+
+fn action() -> impl Strategy<Value = Action> {
+    let direction = prop_oneof![
+        Just(Direction::Forward),
+        Just(Direction::Backward),
+        Just(Direction::Left),
+        Just(Direction::Right),
+    ];
+    let duration = prop_oneof![Just(0_u32), 1_u32..2_000, 2_000_u32..=10_000];
+    prop_oneof![
+        4 => (direction, 0_u8..=100, duration).prop_map(|(direction, speed, duration_ms)| {
+            Action::Move { direction, speed, duration_ms }
+        }),
+        4 => (-1.0_f32..1.0, -4.0_f32..4.0).prop_map(|(v, w)| Action::Drive { v, w }),
+        2 => Just(Action::Stop),
+        1 => Just(Action::Estop),
+        2 => Just(Action::Reset),
+        1 => Just(Action::Scan),
+        3 => (0_u8..=100).prop_map(|speed| Action::Behave(BehaviourSpec::Wander { speed })),
+        1 => Just(Action::Behave(BehaviourSpec::Manual)),
+        1 => Just(Action::Behave(BehaviourSpec::Flock)),
+        2 => (-2.0_f32..2.0, -2.0_f32..2.0).prop_map(|(x, y)| Action::Goto { x, y }),
+        1 => Just(Action::Identify),
+        1 => Just(Action::Capture),
+    ]
+}
+
+fn sight() -> impl Strategy<Value = Sight> {
+    prop_oneof![
+        4 => (20_u16..4_500).prop_map(|mm| Sight::Range(Millimeters(mm))),
+        3 => Just(Sight::Clear),
+        1 => Just(Sight::Touching),
+    ]
+}
+
+pub(super) fn happening() -> impl Strategy<Value = Happening> {
+    let sensor = prop_oneof![
+        6 => sight().prop_map(Sensor::Sees),
+        1 => Just(Sensor::Silent),
+        1 => prop_oneof![
+            Just(SensorHealth::Dead),
+            Just(SensorHealth::Stuck),
+            Just(SensorHealth::Absurd),
+            Just(SensorHealth::Unproven),
+        ]
+        .prop_map(Sensor::Broken),
+    ];
+    let number = prop_oneof![
+        6 => Just(Number::Next),
+        1 => Just(Number::Repeated),
+        1 => Just(Number::Older),
+    ];
+    let age = prop_oneof![
+        8 => 0_i64..1_500,
+        1 => 2_500_i64..100_000,
+        1 => -1_500_i64..0,
+        1 => -100_000_i64..-2_500,
+    ];
+    let coordinate = || prop_oneof![4 => -3.0_f32..3.0, 1 => -2_000.0_f32..2_000.0];
+    let sigma = prop_oneof![8 => 0.0_f32..0.1, 1 => -1.0_f32..20.0];
+    let pose = (coordinate(), coordinate(), -7.0_f32..7.0, sigma)
+        .prop_map(|(x, y, theta, sigma)| Pose { x, y, theta, sigma });
+    let fix = (pose, -1_000_i64..1_500).prop_map(|(pose, age)| Happening::Fix { pose, age });
+    prop_oneof![
+        4 => fix,
+        12 => (1_u8..40).prop_map(Happening::Run),
+        2 => (1_u16..3_000).prop_map(Happening::Starve),
+        12 => (action(), 0_u8..3, number, age).prop_map(|(action, source, number, age)| {
+            Happening::Send { action, source, number, age }
+        }),
+        1 => prop::collection::vec(any::<u8>(), 0..64).prop_map(Happening::Bytes),
+        4 => sensor.prop_map(Happening::Sensor),
+        1 => prop_oneof![
+            Just(LinkHealth::Up),
+            Just(LinkHealth::Up),
+            Just(LinkHealth::Lost),
+        ]
+        .prop_map(Happening::Link),
+        1 => prop_oneof![
+            3 => Just(Charge::Good),
+            1 => Just(Charge::Low),
+            1 => Just(Charge::Critical),
+            1 => Just(Charge::Unknown),
+        ]
+        .prop_map(Happening::Charge),
+        1 => any::<bool>().prop_map(Happening::Avoidance),
+        1 => prop::bool::weighted(0.2).prop_map(Happening::MotorFault),
+    ]
+}
