@@ -3,7 +3,7 @@ import App from './App.vue'
 import { createApi } from './api'
 import { ROOM, Room } from './control/room'
 import { feedUrl } from './feed/connection'
-import './styles.css'
+import './styles/index.css'
 import { applyTheme } from './theme'
 
 declare global {

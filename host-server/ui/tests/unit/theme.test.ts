@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest'
-import css from '../../src/styles.css?raw'
+import css from '../../src/styles/theme.css?raw'
 import { parseColour } from '../../src/theme'
 
 function properties(block: string): Map<string, string> {
