@@ -85,8 +85,7 @@ impl BodyParts {
             in1: SimPin::new(wire.clone(), Line::In1(side)),
             in2: SimPin::new(wire.clone(), Line::In2(side)),
         };
-        let space = ports.shared.space.borrow();
-        let ranger = match space.parameters.ranger.wiring {
+        let ranger = match ports.wiring {
             Wiring::Uart => RangerPort::Uart(SimUart::new(wire.clone())),
             Wiring::Pulse => RangerPort::Pulse {
                 trigger: SimTrigger::new(wire.clone()),

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::net::lockstep::LinkModel;
 use crate::world::{ARENA_SIDE_M, Arena, ArenaError, MAX_OBSTACLES, MAX_ROBOTS, Obstacle};
-use crate::world::{Parameters, Pose};
+use crate::world::{Parameters, Pose, Wiring};
 
 /// Draws for one thing before it is given up: a place for it hardly exists then.
 const TRIES: u32 = 2_000;
@@ -47,6 +47,7 @@ pub struct Scenario {
     #[serde(default)]
     pub link: LinkModel,
     /// Physical constants; `parameters.ranger.wiring` says how the rangers are wired.
+    /// Where `spawn.pulse_share` is given, it decides instead.
     #[serde(default)]
     pub parameters: Parameters,
 }
@@ -116,11 +117,19 @@ impl Default for Scatter {
 pub struct Spawn {
     /// Free space between a robot's rim and anything else, metres.
     pub clearance: f32,
+    /// Share of robots whose ranger is wired for trigger and echo, 0 to 1; the others have a
+    /// serial line. They take turns, so that any number of robots has this share as nearly as it
+    /// can. Without it all are wired as `parameters.ranger.wiring` says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pulse_share: Option<f32>,
 }
 
 impl Default for Spawn {
     fn default() -> Self {
-        Self { clearance: 0.1 }
+        Self {
+            clearance: 0.1,
+            pulse_share: None,
+        }
     }
 }
 
@@ -279,6 +288,12 @@ impl Scenario {
             check(key, high, low, 5.0)?;
         }
         check("spawn.clearance", self.spawn.clearance, 0.0, 10.0)?;
+        check(
+            "spawn.pulse_share",
+            self.spawn.pulse_share.unwrap_or(0.0),
+            0.0,
+            1.0,
+        )?;
         self.link
             .validate()
             .map_err(|rule| ScenarioError::Value("link", rule.to_owned()))?;
@@ -391,6 +406,20 @@ impl Scenario {
         }
         arena.validate()?;
         Ok(arena)
+    }
+
+    /// How the ranger of robot number `number` is wired, counting from 0.
+    #[must_use]
+    pub fn wiring(&self, number: usize) -> Wiring {
+        let Some(share) = self.spawn.pulse_share else {
+            return self.parameters.ranger.wiring;
+        };
+        let pulse_among = |robots: usize| libm::round(robots as f64 * f64::from(share));
+        if pulse_among(number + 1) > pulse_among(number) {
+            Wiring::Pulse
+        } else {
+            Wiring::Uart
+        }
     }
 
     /// Draws starting poses. Whoever places a robot there checks that the place is free.

@@ -163,11 +163,24 @@ impl World {
         space.clearance(Vec2::new(x, y), limit.clamp(0.0, 1_000.0))
     }
 
-    /// Puts a robot at `pose` and switches it on.
+    /// Puts a robot at `pose` and switches it on. Its ranger is wired as the parameters say.
     ///
     /// # Errors
     /// See [`PlacementError`]; the world is then unchanged.
     pub fn add_robot(&mut self, pose: Pose) -> Result<(RobotIndex, BodyParts), PlacementError> {
+        self.add_wired(pose, self.parameters().ranger.wiring)
+    }
+
+    /// Puts a robot with this wiring of its ranger at `pose`, whatever the parameters say, and
+    /// switches it on.
+    ///
+    /// # Errors
+    /// See [`PlacementError`]; the world is then unchanged.
+    pub fn add_wired(
+        &mut self,
+        pose: Pose,
+        wiring: Wiring,
+    ) -> Result<(RobotIndex, BodyParts), PlacementError> {
         if !pose.is_finite() {
             return Err(PlacementError::NotFinite);
         }
@@ -185,7 +198,7 @@ impl World {
             let pose = Pose::new(pose.x, pose.y, wrap_any(pose.theta));
             space.bodies.push(pose, &space.parameters, &mut rng);
         }
-        let ports = Rc::new(Ports::new(Rc::clone(&self.shared), index));
+        let ports = Rc::new(Ports::new(Rc::clone(&self.shared), index, wiring));
         let parts = BodyParts::new(&ports);
         self.robots.push(ports);
         Ok((index, parts))
@@ -320,6 +333,11 @@ impl World {
             starvations: ports.watchdog.get().bites,
             flash_violations: ports.chip.borrow().violations(),
         })
+    }
+
+    /// How the ranger of a robot is wired; `None` when it never existed.
+    pub fn wiring(&self, robot: RobotIndex) -> Option<Wiring> {
+        Some(self.robots.get(robot.0 as usize)?.wiring)
     }
 
     /// The true distance in metres from a robot's ranger to the nearest echo within its reach,

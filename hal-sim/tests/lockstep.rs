@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Answers, collect, duty, forward, lockstep, settle, wander};
+use common::{Answers, collect, duty, forward, lockstep, settle, travel, wander};
 use crawler_app::parameters::Parameter;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{
@@ -21,31 +21,7 @@ fn fifty_robots_wander_for_a_minute_without_passing_through_anything() {
     let robots = 50;
     let mut simulation = lockstep("arena", robots, 7);
     settle(&mut simulation);
-    let arena = simulation.world().arena();
-    let radius = simulation.scenario().parameters.chassis.radius_m;
-    let mut travelled = vec![0.0_f32; robots as usize];
-    let mut last: Vec<_> = (0..robots as usize)
-        .map(|robot| simulation.observe(robot).unwrap().pose)
-        .collect();
-    for tenth in 1..=600 {
-        simulation.run_until(ms(5_500 + tenth * 100));
-        let poses: Vec<_> = (0..robots as usize)
-            .map(|robot| simulation.observe(robot).unwrap().pose)
-            .collect();
-        for (robot, pose) in poses.iter().enumerate() {
-            let clear = arena.clearance(pose.x, pose.y);
-            assert!(
-                clear >= radius - 0.001,
-                "robot {robot} is {clear} m from a wall"
-            );
-            for (other, there) in poses.iter().enumerate().skip(robot + 1) {
-                let gap = (pose.x - there.x).hypot(pose.y - there.y) - 2.0 * radius;
-                assert!(gap >= -0.001, "{robot} and {other} overlap by {gap} m");
-            }
-            travelled[robot] += (pose.x - last[robot].x).hypot(pose.y - last[robot].y);
-        }
-        last = poses;
-    }
+    let travelled = travel(&mut simulation, 600);
     let contacts: u32 = (0..robots as usize)
         .map(|robot| simulation.observe(robot).unwrap().contacts)
         .sum();

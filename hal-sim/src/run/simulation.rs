@@ -173,8 +173,9 @@ impl Simulation {
     /// # Errors
     /// [`SimulationError::Placement`] when the place is not free.
     pub fn spawn_at(&mut self, pose: Pose) -> Result<usize, SimulationError> {
-        let (index, parts) = self.world.add_robot(pose)?;
         let number = self.machines.len();
+        let wiring = self.scenario.wiring(number);
+        let (index, parts) = self.world.add_wired(pose, wiring)?;
         let config = self.config(number);
         let robot = machine::context(&config);
         let (program, link) = match &self.way {

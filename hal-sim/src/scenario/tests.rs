@@ -90,6 +90,35 @@ fn mistakes_are_told_by_name() {
 }
 
 #[test]
+fn robots_take_turns_at_the_two_wirings() {
+    let mut scenario = Scenario::built_in("empty").unwrap();
+    let pulse_among = |scenario: &Scenario, robots: usize| {
+        let wired = (0..robots).map(|number| scenario.wiring(number));
+        wired.filter(|&wiring| wiring == Wiring::Pulse).count()
+    };
+    assert_eq!(pulse_among(&scenario, 100), 0);
+    scenario.parameters.ranger.wiring = Wiring::Pulse;
+    assert_eq!(pulse_among(&scenario, 100), 100);
+    for (share, robots, expected) in [
+        (0.0, 100, 0),
+        (1.0, 100, 100),
+        (0.5, 7, 4),
+        (0.25, 20, 5),
+        // No number of 32 bits is 0.7 exactly.
+        (0.7, 10, 7),
+        (0.7, 1_000, 700),
+    ] {
+        scenario.spawn.pulse_share = Some(share);
+        assert_eq!(pulse_among(&scenario, robots), expected, "{share}");
+    }
+    assert_eq!(
+        error("name = \"a\"\n[spawn]\npulse_share = 1.5"),
+        "spawn.pulse_share must be 0 to 1, not 1.5"
+    );
+    assert!(error("name = \"a\"\n[spawn]\npulse_share = nan").contains("not NaN"));
+}
+
+#[test]
 fn too_little_room_is_said_instead_of_searched_for_ever() {
     let mut scenario = Scenario::built_in("arena").unwrap();
     scenario.arena.scatter.per_square_metre = 4.0;

@@ -121,7 +121,7 @@ impl Default for Pack {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ranger {
-    /// The jumper.
+    /// The jumper, of robots that are not given one of their own.
     pub wiring: Wiring,
     /// Distance from the robot's centre to the transducers, metres. Less than the radius, so that
     /// the blind zone lies within the body.

@@ -8,6 +8,7 @@ use rand_pcg::Pcg32;
 
 use super::RobotIndex;
 use super::bodies::{Build, Inputs, Presence};
+use super::parameters::Wiring;
 use super::rng::{Purpose, stream};
 use super::space::Space;
 use crate::devices::{Chip, Sonar};
@@ -47,6 +48,8 @@ pub(crate) struct Watchdog {
 pub(crate) struct Ports {
     pub(crate) shared: Rc<Shared>,
     pub(crate) robot: RobotIndex,
+    /// How its ranger is wired: soldered, so it outlives every boot.
+    pub(crate) wiring: Wiring,
     /// What the body is when nothing is broken.
     pub(crate) sound: Build,
     /// Which boot this is; devices of an earlier one are disconnected.
@@ -63,7 +66,7 @@ pub(crate) struct Ports {
 }
 
 impl Ports {
-    pub(crate) fn new(shared: Rc<Shared>, robot: RobotIndex) -> Self {
+    pub(crate) fn new(shared: Rc<Shared>, robot: RobotIndex, wiring: Wiring) -> Self {
         let seed = shared.seed;
         let rng = |purpose| stream(seed, robot.get(), purpose);
         let (sectors, sound) = {
@@ -90,6 +93,7 @@ impl Ports {
             chip: Rc::new(RefCell::new(Chip::new(sectors, rng(Purpose::Flash)))),
             shared,
             robot,
+            wiring,
         }
     }
 

@@ -60,3 +60,31 @@ pub(crate) fn collect(simulation: &Simulation, answers: &mut Answers) {
 pub(crate) fn duty(simulation: &Simulation, robot: usize) -> [i16; 2] {
     simulation.observe(robot).unwrap().duty
 }
+
+/// Lets tenths of a second pass, in none of which a robot may be where anything else is, and
+/// returns how far each went.
+pub(crate) fn travel(simulation: &mut Simulation, tenths: u32) -> Vec<f32> {
+    let arena = simulation.world().arena();
+    let radius = simulation.scenario().parameters.chassis.radius_m;
+    let poses = |simulation: &Simulation| -> Vec<_> {
+        let seen = (0..simulation.robots()).map(|robot| simulation.observe(robot).unwrap());
+        seen.map(|seen| seen.pose).collect()
+    };
+    let mut last = poses(simulation);
+    let mut travelled = vec![0.0_f32; last.len()];
+    for _ in 0..tenths {
+        simulation.run_for(crawler_hal::Duration::from_millis(100));
+        let now = poses(simulation);
+        for (robot, pose) in now.iter().enumerate() {
+            let clear = arena.clearance(pose.x, pose.y);
+            assert!(clear >= radius - 0.001, "{robot} is {clear} m from a wall");
+            for (other, there) in now.iter().enumerate().skip(robot + 1) {
+                let gap = (pose.x - there.x).hypot(pose.y - there.y) - 2.0 * radius;
+                assert!(gap >= -0.001, "{robot} and {other} overlap by {gap} m");
+            }
+            travelled[robot] += (pose.x - last[robot].x).hypot(pose.y - last[robot].y);
+        }
+        last = now;
+    }
+    travelled
+}
