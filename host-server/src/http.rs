@@ -11,6 +11,7 @@ mod schema;
 mod serve;
 
 use std::net::SocketAddr;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
 use axum::Router;
@@ -47,6 +48,8 @@ pub(crate) struct App {
     pub(crate) guard: Option<Arc<GuardCounters>>,
     /// The simulation in this process, once there is one.
     pub(crate) simulation: OnceLock<Arc<Simulation>>,
+    /// Whether a robot has come online since the time last went out.
+    pub(crate) time_wanted: AtomicBool,
     /// Readers the live feed still has room for.
     pub(crate) readers: Arc<Semaphore>,
     /// Ends the live feed's connections.

@@ -5,6 +5,7 @@ mod robots;
 mod start_error;
 
 use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -30,6 +31,9 @@ pub use robots::Robots;
 pub use start_error::StartError;
 
 const TIME_EVERY: Duration = Duration::from_secs(5);
+/// A robot that has just come online takes no motion command before it knows the time. One message
+/// serves all that come within this time.
+const TIME_AGAIN: Duration = Duration::from_millis(200);
 /// For each part of stopping.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -83,6 +87,7 @@ impl Server {
             feed: Feed::new(settings.fleet.clone()),
             guard: broker.as_ref().map(EmbeddedBroker::counters),
             simulation: OnceLock::new(),
+            time_wanted: AtomicBool::new(false),
             readers: Arc::new(Semaphore::new(http::MAX_READERS)),
             stop: CancellationToken::new(),
         });
@@ -254,12 +259,18 @@ async fn heart(app: Arc<App>, stop: CancellationToken) {
         for command in app.commands.sweep(now) {
             ingest::tell(&app, &command);
         }
-        let due = time_sent.is_none_or(|at| now.saturating_duration_since(at) >= TIME_EVERY);
+        let wait = if app.time_wanted.load(Ordering::Relaxed) {
+            TIME_AGAIN
+        } else {
+            TIME_EVERY
+        };
+        let due = time_sent.is_none_or(|at| now.saturating_duration_since(at) >= wait);
         // After a reconnect the first message goes out with the next tick.
         if !app.bus.is_up() {
             time_sent = None;
         } else if due {
             time_sent = Some(now);
+            app.time_wanted.store(false, Ordering::Relaxed);
             publish_time(&app.bus);
         }
     }

@@ -1,7 +1,10 @@
 //! From the bus to fleet, commands and events.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Instant;
+
+use crawler_protocol::Topic;
 
 use crate::bus::Receiver;
 use crate::commands::{CommandView, OutcomeStatus};
@@ -34,6 +37,10 @@ impl Receiver for Ingest {
         match received {
             Ok((topic, received)) => {
                 self.app.metrics.message_in(&topic);
+                // A robot subscribes before it tells its status, so the time will reach it.
+                if matches!(topic, Topic::Status(_)) && !retained {
+                    self.app.time_wanted.store(true, Ordering::Relaxed);
+                }
                 if let Received::Response(response) = received
                     && let Some(over) = self.app.commands.answer(&response, known, now)
                 {

@@ -1,0 +1,152 @@
+//! What the server says about itself: descriptions, problem documents, health, pages.
+
+mod support;
+
+use hyper::Method;
+use serde_json::json;
+use support::{Fixture, eventually};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn descriptions_fit_what_is_there() {
+    let fixture = Fixture::start().await;
+    let document = fixture.get("/api/v1/openapi.json").await.json();
+    let paths = document["paths"].as_object().expect("paths");
+    let mut calls: Vec<_> = paths
+        .iter()
+        .flat_map(|(path, item)| {
+            let methods = item.as_object().expect("methods").keys();
+            methods.map(move |method| format!("{method} {path}"))
+        })
+        .collect();
+    calls.sort();
+    assert_eq!(
+        calls,
+        [
+            "get /api/v1/commands/{id}",
+            "get /api/v1/live",
+            "get /api/v1/robots",
+            "get /api/v1/robots/{id}",
+            "get /api/v1/robots/{id}/logs",
+            "get /api/v1/robots/{id}/parameters",
+            "get /api/v1/schema/{message}",
+            "post /api/v1/robots/{id}/commands",
+            "post /api/v1/swarm/commands",
+            "put /api/v1/robots/{id}/parameters",
+        ]
+    );
+    // Everything referred to is there.
+    let text = document.to_string();
+    for reference in text.split("\"#/components/schemas/").skip(1) {
+        let name = reference.split('"').next().expect("name");
+        assert!(
+            document["components"]["schemas"][name].is_object(),
+            "{name}"
+        );
+    }
+
+    for message in [
+        "command",
+        "command-request",
+        "telemetry",
+        "status",
+        "response",
+    ] {
+        let schema = fixture.get(&format!("/api/v1/schema/{message}")).await;
+        assert_eq!(schema.status, 200);
+        assert_eq!(schema.header("content-type"), "application/schema+json");
+        assert!(schema.json().is_object());
+    }
+    let unknown = fixture.get("/api/v1/schema/letter").await;
+    unknown.is_problem(404, "unknown_message");
+    assert!(unknown.text().contains("telemetry"), "{}", unknown.text());
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn errors_are_problem_documents_everywhere() {
+    let fixture = Fixture::start().await;
+    for path in [
+        "/nope",
+        "/api/v1/nope",
+        "/api/nope",
+        "/assets/gone-123.js",
+        "/api/v1/robots/a/b/c",
+    ] {
+        fixture.get(path).await.is_problem(404, "not_found");
+    }
+    for path in ["/api/v1/robots", "/healthz", "/"] {
+        let answer = fixture.call(Method::DELETE, path, &[], "").await;
+        answer.is_problem(405, "method_not_allowed");
+    }
+    let answer = fixture
+        .call(Method::DELETE, "/api/v1/robots", &[], "")
+        .await;
+    assert_eq!(answer.header("allow"), "GET,HEAD");
+    fixture
+        .get("/api/v1/live")
+        .await
+        .is_problem(400, "not_a_websocket");
+
+    let foreign = [("host", "evil.example")];
+    fixture
+        .call(Method::GET, "/api/v1/robots", &foreign, "")
+        .await
+        .is_problem(403, "foreign_host");
+    let page = [
+        ("origin", "https://evil.example"),
+        ("content-type", "application/json"),
+    ];
+    fixture
+        .call(
+            Method::POST,
+            "/api/v1/swarm/commands",
+            &page,
+            r#"{"command":"stop"}"#,
+        )
+        .await
+        .is_problem(403, "foreign_origin");
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn health_metrics_and_pages_are_served() {
+    let fixture = Fixture::start().await;
+    assert_eq!(fixture.get("/healthz").await.status, 200);
+    let ready = fixture.get("/readyz").await;
+    assert_eq!(ready.status, 200);
+    assert_eq!(ready.json(), json!({"ready": true, "broker": true}));
+    let metrics = fixture.get("/metrics").await;
+    for name in [
+        "terracrawler_robots{status=\"online\"} 0",
+        "terracrawler_broker_connected 1",
+        "process_cpu_seconds_total ",
+        "process_resident_memory_bytes ",
+        "terracrawler_embedded_broker_oversize_total 0",
+    ] {
+        assert!(
+            metrics.text().contains(name),
+            "{name} in {}",
+            metrics.text()
+        );
+    }
+    assert!(metrics.text().ends_with("# EOF\n"));
+    assert_eq!(metrics.text().matches("# EOF").count(), 1);
+
+    let page = fixture.get("/").await;
+    assert_eq!(page.status, 200);
+    assert!(page.text().contains("Terracrawler"));
+    assert!(
+        page.header("content-security-policy")
+            .contains("default-src 'none'")
+    );
+    assert_eq!(page.header("x-content-type-options"), "nosniff");
+    let tag = page.header("etag").to_owned();
+    if !tag.is_empty() {
+        // The control room is built: a second visit costs nothing.
+        let again = [("if-none-match", tag.as_str())];
+        let again = fixture.call(Method::GET, "/", &again, "").await;
+        assert_eq!(again.status, 304);
+        assert!(again.body.is_empty());
+    }
+    fixture.stop().await;
+}
