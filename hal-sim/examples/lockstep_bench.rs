@@ -6,7 +6,7 @@ use std::error::Error;
 
 use cpu_time::ThreadTime;
 use crawler_hal::Duration;
-use crawler_sim::run::bench::{Meter, measure};
+use crawler_sim::run::bench::{Meter, measure, measure_without_network};
 use crawler_sim::scenario::Scenario;
 
 struct Host(ThreadTime);
@@ -39,25 +39,37 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let host = Host(ThreadTime::now());
     println!(
-        "| robots | robots × control steps per CPU-second | times real time | bytes per robot | polls per step | history |"
+        "| network | robots | moving | robots × control steps per CPU-second | times real time | bytes per robot | polls per step | history |"
     );
-    println!("|---:|---:|---:|---:|---:|---|");
+    println!("|---|---:|---:|---:|---:|---:|---:|---|");
     for robots in sizes {
         let scenario = Scenario::built_in("arena")?.with_robots(robots);
+        let warm_up = Duration::from_secs(8);
         // Long enough to measure well, short enough to wait for.
         let span = Duration::from_secs((200_000 / u64::from(robots.max(1))).clamp(10, 120));
-        let figures = measure(scenario, 1, Duration::from_secs(8), span, &host)?;
-        println!(
-            "| {} | {:.0} | {:.1} | {} | {:.2} | {:016x} |",
-            figures.robots,
-            figures.steps_per_cpu_s,
-            figures.virtual_s / figures.cpu_s,
-            figures
-                .bytes_per_robot
-                .map_or_else(|| "unknown".to_owned(), |bytes| bytes.to_string()),
-            figures.polls_per_step,
-            figures.history,
-        );
+        for (network, figures) in [
+            (
+                "lockstep",
+                measure(scenario.clone(), 1, warm_up, span, &host)?,
+            ),
+            (
+                "none",
+                measure_without_network(scenario, 1, warm_up, span, &host)?,
+            ),
+        ] {
+            println!(
+                "| {network} | {} | {} | {:.0} | {:.1} | {} | {:.2} | {:016x} |",
+                figures.robots,
+                figures.moving,
+                figures.steps_per_cpu_s,
+                figures.virtual_s / figures.cpu_s,
+                figures
+                    .bytes_per_robot
+                    .map_or_else(|| "unknown".to_owned(), |bytes| bytes.to_string()),
+                figures.polls_per_step,
+                figures.history,
+            );
+        }
     }
     Ok(())
 }

@@ -11,6 +11,7 @@ use crawler_protocol::{
 use crawler_sim::faults::Fault;
 use crawler_sim::net::lockstep::Cut;
 use crawler_sim::run::Simulation;
+use crawler_sim::run::bench::{self, Meter};
 
 fn ms(value: u64) -> Instant {
     Instant::from_millis(value)
@@ -290,6 +291,67 @@ fn a_removed_robot_is_gone_and_the_others_go_on() {
     simulation.run_for(Duration::from_secs(6));
     assert_eq!(simulation.id(added).unwrap().as_str(), "sim-0004");
     assert_eq!(simulation.air().unwrap().connected(), 3);
+}
+
+#[test]
+fn without_a_network_robots_wander_and_can_be_commanded() {
+    let mut simulation = Simulation::without_network(common::scenario("arena", 12), 8).unwrap();
+    // Boot, and at most one period until the time is told.
+    simulation.run_until(ms(5_500));
+    for robot in 0..12 {
+        let told = simulation.robot(robot).unwrap().unix_ms(simulation.now());
+        assert_eq!(told, Some(simulation.unix_ms()));
+    }
+    for (robot, travelled) in travel(&mut simulation, 300).iter().enumerate() {
+        assert!(*travelled > 0.5, "{robot} went only {travelled} m");
+    }
+    simulation.submit_all(Action::Stop);
+    simulation.run_for(Duration::from_millis(20));
+    assert!((0..12).all(|robot| duty(&simulation, robot) == [0, 0]));
+    // The clock is set again after a boot.
+    simulation.submit(3, Action::Reboot);
+    simulation.run_for(Duration::from_secs(8));
+    assert_eq!(simulation.boots(3), 2);
+    let turn = Action::Move {
+        direction: crawler_protocol::Direction::Left,
+        speed: 40,
+        duration_ms: 2_000,
+    };
+    simulation.submit(3, turn);
+    simulation.run_for(Duration::from_millis(400));
+    assert_ne!(duty(&simulation, 3), [0, 0]);
+}
+
+#[test]
+fn without_a_network_runs_are_repeatable() {
+    let run = |seed| {
+        let scenario = common::scenario("arena", 5);
+        let mut simulation = Simulation::without_network(scenario, seed).unwrap();
+        simulation.run_until(ms(20_000));
+        simulation.history_hash()
+    };
+    assert_eq!(run(1), run(1));
+    assert_ne!(run(1), run(2));
+}
+
+#[test]
+fn benches_measure_robots_that_move() {
+    struct Still;
+    impl Meter for Still {
+        fn cpu_s(&self) -> f64 {
+            0.0
+        }
+        fn memory(&self) -> Option<u64> {
+            None
+        }
+    }
+    let (warm_up, span) = (Duration::from_secs(8), Duration::from_secs(5));
+    for measure in [bench::measure, bench::measure_without_network] {
+        let scenario = common::scenario("arena", 20);
+        let figures = measure(scenario, 1, warm_up, span, &Still).unwrap();
+        assert_eq!((figures.robots, figures.virtual_s), (20, 5.0));
+        assert!(figures.moving >= 15, "only {} move", figures.moving);
+    }
 }
 
 #[test]

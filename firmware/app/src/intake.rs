@@ -32,6 +32,7 @@ use crate::context::{Robot, Routed};
 use crate::ledger::{Answer, Ledger, Verdict};
 use crate::order::Sender;
 use crate::outbox::Outgoing;
+use crate::timesync::Observation;
 
 /// Age at which a motion command expires.
 pub const EXPIRY: Duration = Duration::from_millis(2_000);
@@ -106,6 +107,14 @@ impl<M: RawMutex> Robot<M> {
         self.intake
             .with(|memory| memory.ledger.answer(source, seq, answer));
         self.outbox.answer(source, self.outgoing(seq, answer, now));
+    }
+
+    /// Tells the robot that Unix time was `unix_ms` milliseconds, or a little more, at `now`.
+    ///
+    /// The link does so with every time message; without a link it is up to whoever runs the
+    /// robot. How much it is believed, see [`timesync`](crate::timesync).
+    pub fn observe_time(&self, unix_ms: u64, now: Instant) -> Observation {
+        self.time.observe(unix_ms, now)
     }
 
     /// Unix time in milliseconds, while the robot's clock is synchronised.

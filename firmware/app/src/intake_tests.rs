@@ -33,7 +33,7 @@ fn unsynchronised() -> TestRobot {
 
 fn robot() -> TestRobot {
     let robot = unsynchronised();
-    robot.time.observe(EPOCH_MS, Instant::BOOT);
+    robot.observe_time(EPOCH_MS, Instant::BOOT);
     robot
 }
 
@@ -129,7 +129,7 @@ fn without_a_clock_nothing_moves_and_everything_else_works() {
     robot.submit(stop.as_bytes(), at(5_000));
     assert!(robot.halt.try_take().is_some());
     // A clock that was not heard for long is no clock.
-    robot.time.observe(EPOCH_MS + 6_000, at(6_000));
+    robot.observe_time(EPOCH_MS + 6_000, at(6_000));
     drive(&robot, 4, 4_000_000, 4_000_000);
     let refused = (4, ResponseStatus::Rejected, Some(Reason::NoClock));
     assert_eq!(answers(&robot), [refused]);
@@ -338,7 +338,7 @@ proptest! {
             let index = history.len() - delivery.back.clamp(1, history.len());
             let (seq, given, kind) = history[index];
             // Time messages arrive too.
-            robot.time.observe(EPOCH_MS + now, at(now));
+            robot.observe_time(EPOCH_MS + now, at(now));
             let (name, parameters) = match kind {
                 0 => ("stop", ""),
                 1 => ("estop", ""),

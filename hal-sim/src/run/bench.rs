@@ -32,6 +32,8 @@ pub struct Figures {
     pub steps_per_cpu_s: f64,
     /// Bytes for each robot: body, devices, program and link.
     pub bytes_per_robot: Option<u64>,
+    /// Robots whose wheels were driven at the end: one that stands costs less.
+    pub moving: u32,
     /// Polls of tasks for each control step.
     pub polls_per_step: f64,
     /// Fingerprint of the run.
@@ -43,16 +45,45 @@ pub struct Figures {
 ///
 /// # Errors
 /// When the scenario cannot be set up.
-pub fn measure(
+pub fn measure<M: Meter>(
     scenario: Scenario,
     seed: u64,
     warm_up: Duration,
     span: Duration,
+    meter: &M,
+) -> Result<Figures, SimulationError> {
+    figures(scenario, warm_up, span, meter, |scenario| {
+        Simulation::lockstep(scenario, seed)
+    })
+}
+
+/// The same for robots without a network: what bodies, devices and programs cost alone. The
+/// initial command reaches everyone once they have booted.
+///
+/// # Errors
+/// When the scenario cannot be set up.
+pub fn measure_without_network<M: Meter>(
+    scenario: Scenario,
+    seed: u64,
+    warm_up: Duration,
+    span: Duration,
+    meter: &M,
+) -> Result<Figures, SimulationError> {
+    figures(scenario, warm_up, span, meter, |scenario| {
+        Simulation::without_network(scenario, seed)
+    })
+}
+
+fn figures(
+    scenario: Scenario,
+    warm_up: Duration,
+    span: Duration,
     meter: &impl Meter,
+    set_up: impl FnOnce(Scenario) -> Result<Simulation, SimulationError>,
 ) -> Result<Figures, SimulationError> {
     let robots = scenario.robots;
     let before = meter.memory();
-    let mut simulation = Simulation::lockstep(scenario, seed)?;
+    let mut simulation = set_up(scenario)?;
     let start = Instant::BOOT + warm_up;
     simulation.run_until(start);
     let polls = simulation.polls();
@@ -67,12 +98,15 @@ pub fn measure(
         }
         _ => None,
     };
+    let seen = (0..simulation.robots()).filter_map(|robot| simulation.observe(robot));
+    let moving = seen.filter(|seen| seen.duty != [0, 0]);
     Ok(Figures {
         robots,
         virtual_s,
         cpu_s,
         steps_per_cpu_s: steps / cpu_s,
         bytes_per_robot: bytes,
+        moving: moving.count() as u32,
         polls_per_step: (simulation.polls() - polls) as f64 / steps,
         history: simulation.history_hash(),
     })

@@ -22,7 +22,8 @@ pub const EPOCH_MS: u64 = 1_767_225_600_000;
 const HISTORY_PERIOD: Duration = Duration::from_millis(500);
 /// How often robots are looked at that have not been given the initial command yet.
 const START_PERIOD: Duration = Duration::from_millis(100);
-/// How often the server of a lockstep world tells the time.
+/// How often robots are told the time: by the server of a lockstep world, or without a network
+/// by the simulation.
 const TIME_PERIOD: Duration = Duration::from_secs(5);
 /// Who gives the commands of a simulation.
 const SOURCE: &str = "simulator";
@@ -68,6 +69,8 @@ pub struct Simulation {
     waiting: Vec<u32>,
     action: Option<Action>,
     next_start: Instant,
+    /// When the robots of a simulation without a network are told the time.
+    next_time: Instant,
     /// When the next physics step ends.
     next_step: Instant,
     next_history: Instant,
@@ -99,8 +102,11 @@ impl Simulation {
         Ok(simulation)
     }
 
-    /// A simulation whose robots never find a network: commands come through
-    /// [`Simulation::submit`].
+    /// A simulation whose robots never find a network. Commands come through
+    /// [`Simulation::submit`] and the simulation sets the robots' clocks, as the server does
+    /// where there is one. Answers find no way out: a robot that keeps
+    /// [`ADMIT_LIMIT`](crawler_app::outbox::ADMIT_LIMIT) of them refuses all but halts with
+    /// `busy`, as a robot does that has lost its link.
     ///
     /// # Errors
     /// See [`SimulationError`].
@@ -120,6 +126,10 @@ impl Simulation {
     ) -> Result<Self, SimulationError> {
         scenario.validate()?;
         let action = scenario.action()?;
+        let next_time = match way {
+            Way::None => Instant::BOOT,
+            _ => Instant::FAR_FUTURE,
+        };
         let arena = scenario.arena(seed)?;
         let spawner = scenario.spawner(&arena, seed);
         let world = World::with_parameters(arena, scenario.parameters, seed, clock)?;
@@ -136,6 +146,7 @@ impl Simulation {
             waiting: Vec::new(),
             action,
             next_start: Instant::FAR_FUTURE,
+            next_time,
             next_step: Instant::BOOT + PHYSICS_STEP,
             next_history: Instant::BOOT + HISTORY_PERIOD,
             history: Fingerprint::new(),
@@ -348,7 +359,7 @@ impl Simulation {
     #[must_use]
     pub fn next_due(&mut self) -> Instant {
         let due = self.sched.next_due().unwrap_or(Instant::FAR_FUTURE);
-        due.min(self.next_start)
+        due.min(self.next_start).min(self.next_time)
     }
 
     /// See [`Scheduler::wake_outer_when_ready`].
@@ -465,6 +476,11 @@ impl Simulation {
             if self.handle_events() {
                 continue;
             }
+            if self.sched.now() >= self.next_time {
+                self.next_time += TIME_PERIOD;
+                self.tell_time();
+                continue;
+            }
             if self.sched.now() >= self.next_start {
                 self.start_waiting();
                 continue;
@@ -524,6 +540,16 @@ impl Simulation {
         } else {
             self.now() + START_PERIOD
         };
+    }
+
+    /// Sets the clocks of robots that no server tells the time.
+    fn tell_time(&self) {
+        for machine in &self.machines {
+            if let Some(program) = &machine.program {
+                let now = program.clock.now();
+                machine.robot.observe_time(self.unix_ms(), now);
+            }
+        }
     }
 
     /// Resets and power cuts. Returns whether there were any.
