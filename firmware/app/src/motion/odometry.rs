@@ -18,11 +18,11 @@ use crate::config::Geometry;
 const SIGMA_PER_M: f32 = 0.10;
 /// Growth of sigma per radian turned: small wheels slip when turning in place.
 const SIGMA_PER_RAD: f32 = 0.02;
-/// Growth of the heading's sigma per metre driven: motors of one type differ by a few hundredths,
-/// and 3 % between two wheels 0.15 m apart are 0.2 radians in a metre.
-const TURN_SIGMA_PER_M: f32 = 0.2;
+/// Growth of the heading's sigma per metre driven: a hundredth between two wheels 0.15 m apart is
+/// 0.07 radians in a metre, and motors of one type differ by a little more.
+const TURN_SIGMA_PER_M: f32 = 0.08;
 /// Growth of the heading's sigma per radian turned.
-const TURN_SIGMA_PER_RAD: f32 = 0.1;
+const TURN_SIGMA_PER_RAD: f32 = 0.04;
 /// Beyond this the pose says nothing anyway, and the number stays readable.
 const SIGMA_MAX: f32 = 1_000.0;
 /// A heading that may be anything: the deviation of a uniform distribution over the circle.
