@@ -4,5 +4,7 @@
 pub(crate) mod live;
 pub mod lockstep;
 mod none;
+#[cfg(feature = "live")]
+pub(crate) mod tracker;
 
 pub use none::{NoMonitor, NoNetwork, NoStream};

@@ -7,8 +7,11 @@ mod fingerprint;
 pub mod live;
 mod machine;
 mod simulation;
+mod tracker;
 
 pub use error::SimulationError;
 pub use fingerprint::Fingerprint;
 pub use machine::SimRobot;
 pub use simulation::{EPOCH_MS, Simulation};
+#[cfg(feature = "live")]
+pub(crate) use tracker::compose as compose_fix;

@@ -3,6 +3,8 @@
 //! A [`Scenario`] is a TOML file. Everything but its name has a default; an unknown key is an
 //! error. What it leaves to chance is drawn from the seed of the run.
 
+mod tracker;
+
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -14,6 +16,8 @@ use serde::{Deserialize, Serialize};
 use crate::net::lockstep::LinkModel;
 use crate::world::{ARENA_SIDE_M, Arena, ArenaError, MAX_OBSTACLES, MAX_ROBOTS, Obstacle};
 use crate::world::{Parameters, Pose, Wiring};
+
+pub use tracker::Tracker;
 
 /// Draws for one thing before it is given up: a place for it hardly exists then.
 const TRIES: u32 = 2_000;
@@ -46,6 +50,9 @@ pub struct Scenario {
     /// Links, in lockstep runs.
     #[serde(default)]
     pub link: LinkModel,
+    /// The camera above the arena.
+    #[serde(default)]
+    pub tracker: Tracker,
     /// Physical constants; `parameters.ranger.wiring` says how the rangers are wired.
     /// Where `spawn.pulse_share` is given, it decides instead.
     #[serde(default)]
@@ -297,6 +304,9 @@ impl Scenario {
         self.link
             .validate()
             .map_err(|rule| ScenarioError::Value("link", rule.to_owned()))?;
+        self.tracker
+            .validate()
+            .map_err(|rule| ScenarioError::Value("tracker", rule.to_owned()))?;
         self.parameters
             .validate()
             .map_err(|error| ScenarioError::Value("parameters", error.to_string()))?;

@@ -6,7 +6,7 @@ use std::net::{TcpListener, TcpStream};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use crawler_protocol::Fleet;
+use crawler_protocol::{Fleet, PoseFix};
 use crawler_sim::run::live::{LiveConfig, LiveError, start};
 use crawler_sim::scenario::Scenario;
 
@@ -30,13 +30,29 @@ fn packet(stream: &mut TcpStream) -> Option<Packet> {
     Some((first, body))
 }
 
+/// A message that says it is one hour after the beginning of 2026.
+fn time() -> Vec<u8> {
+    let (topic, payload) = (b"swarm/time", br#"{"timestamp":1767229200000}"#);
+    let mut message = vec![0x30, (3 + topic.len() + payload.len()) as u8, 0, 10];
+    message.extend(topic);
+    message.push(0);
+    message.extend(payload);
+    message
+}
+
 /// Answers as a broker does, tells the time, and passes on what it hears.
 fn serve(mut stream: TcpStream, heard: &Sender<Packet>) {
     while let Some((first, body)) = packet(&mut stream) {
         let answer: Vec<u8> = match first >> 4 {
             1 => vec![0x20, 3, 0, 0, 0],
             // Granted, for one filter at a time.
-            8 => vec![0x90, 4, body[0], body[1], 0, 1],
+            8 => {
+                let mut answer = vec![0x90, 4, body[0], body[1], 0, 1];
+                if body.windows(10).any(|part| part == b"swarm/time") {
+                    answer.extend(time());
+                }
+                answer
+            }
             3 if first & 0x06 != 0 => {
                 let topic = usize::from(u16::from_be_bytes([body[0], body[1]]));
                 vec![0x40, 2, body[2 + topic], body[3 + topic]]
@@ -103,15 +119,28 @@ fn robots_connect_report_and_say_goodbye() {
         Err(LiveError::Crashed)
     ));
     let mut kinds = [0; 16];
+    let mut fixes = [0; 5];
     while let Ok((first, body)) = heard.recv_timeout(Duration::from_millis(500)) {
         kinds[usize::from(first >> 4)] += 1;
+        if first >> 4 == 3
+            && let Some(rest) = body[2..].strip_prefix(b"swarm/pose/sim-000")
+        {
+            // Topic, no properties, payload.
+            let fix = PoseFix::from_json(&rest[2..]).unwrap();
+            let hour = 1_767_229_200_000;
+            assert!((hour..hour + 60_000).contains(&fix.timestamp), "{fix:?}");
+            assert_eq!(first, 0x30, "QoS 0, not retained");
+            fixes[usize::from(rest[0] - b'1')] += 1;
+        }
         if first >> 4 == 14 {
             // With the will, and the session ends.
             assert_eq!(body, [0x04, 5, 0x11, 0, 0, 0, 0]);
         }
     }
-    assert_eq!(kinds[1], 5, "one CONNECT each");
-    assert_eq!(kinds[14], 5, "one DISCONNECT each");
+    // Five robots and the tracker.
+    assert_eq!(kinds[1], 6, "one CONNECT each");
+    assert_eq!(kinds[14], 6, "one DISCONNECT each");
+    assert!(fixes.iter().all(|n| (3..40).contains(n)), "{fixes:?}");
     assert!(kinds[3] > 50, "telemetry of five robots for two seconds");
 }
 

@@ -10,6 +10,8 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use tokio::net::TcpStream;
 use tokio::sync::Semaphore;
 
+use super::tracker::Outlet;
+
 /// Connections being opened at once. A thousand at a time overrun the backlog of a broker.
 const OPENING: usize = 64;
 
@@ -30,6 +32,7 @@ struct Shared {
     opening: Semaphore,
     connected: Cell<u32>,
     leaving: Cell<bool>,
+    outlet: Rc<Outlet>,
     /// Our own address towards the broker, once known.
     address: RefCell<Option<IpAddr>>,
 }
@@ -42,6 +45,7 @@ impl Gateway {
                 opening: Semaphore::new(OPENING),
                 connected: Cell::new(0),
                 leaving: Cell::new(false),
+                outlet: Rc::default(),
                 address: RefCell::new(None),
             }),
         }
@@ -50,7 +54,21 @@ impl Gateway {
     pub(crate) fn network(&self) -> LiveNetwork {
         LiveNetwork {
             shared: Rc::clone(&self.shared),
+            counted: true,
         }
+    }
+
+    /// The same for what is no robot: it does not count as connected.
+    pub(crate) fn service(&self) -> LiveNetwork {
+        LiveNetwork {
+            counted: false,
+            ..self.network()
+        }
+    }
+
+    /// Where the camera of the world leaves what it sees.
+    pub(crate) fn outlet(&self) -> &Rc<Outlet> {
+        &self.shared.outlet
     }
 
     /// Connections on which the broker has said something.
@@ -68,6 +86,7 @@ impl Gateway {
 #[derive(Debug)]
 pub(crate) struct LiveNetwork {
     shared: Rc<Shared>,
+    counted: bool,
 }
 
 impl Network for LiveNetwork {
@@ -104,6 +123,7 @@ impl Network for LiveNetwork {
                         tcp,
                         shared: Rc::clone(&self.shared),
                         heard: false,
+                        counted: self.counted,
                         boundary: Boundary::default(),
                     });
                 }
@@ -147,6 +167,8 @@ pub(crate) struct LiveStream {
     shared: Rc<Shared>,
     /// The broker has said something.
     heard: bool,
+    /// It is that of a robot.
+    counted: bool,
     boundary: Boundary,
 }
 
@@ -192,7 +214,9 @@ impl Read for LiveStream {
                 Ok(taken) => {
                     if taken > 0 && !self.heard {
                         self.heard = true;
-                        self.shared.connected.set(self.shared.connected.get() + 1);
+                        if self.counted {
+                            self.shared.connected.set(self.shared.connected.get() + 1);
+                        }
                     }
                     return Ok(taken);
                 }
@@ -230,7 +254,7 @@ impl Write for LiveStream {
 
 impl Drop for LiveStream {
     fn drop(&mut self) {
-        if self.heard {
+        if self.heard && self.counted {
             self.shared.connected.set(self.shared.connected.get() - 1);
         }
         if self.shared.leaving.get() && self.heard && self.boundary.is_between() {

@@ -439,6 +439,7 @@ impl Driver<'_> {
         self.gateway.leave();
         // Sockets are closed through the runtime that watches them.
         let _entered = runtime.enter();
+        self.simulation.end_tracking();
         for robot in 0..self.simulation.robots() {
             self.simulation.remove(robot);
         }

@@ -10,6 +10,7 @@ use crawler_protocol::{Action, Command, Fleet, Kind, MAX_MESSAGE, RobotId, Sourc
 use super::error::SimulationError;
 use super::fingerprint::Fingerprint;
 use super::machine::{self, Program, SimRobot};
+use super::tracker::{self, Camera};
 use crate::net::NoNetwork;
 use crate::net::lockstep::{Air, Cut};
 use crate::scenario::{Scenario, Spawner};
@@ -65,6 +66,11 @@ pub struct Simulation {
     way: Way,
     machines: Vec<Machine>,
     spawner: Spawner,
+    /// The camera above the arena.
+    camera: Option<Camera>,
+    /// Its client in a live world.
+    #[cfg(feature = "live")]
+    messenger: Option<crate::sched::TaskId>,
     /// Robots that wait for the initial command.
     waiting: Vec<u32>,
     action: Option<Action>,
@@ -126,14 +132,16 @@ impl Simulation {
     ) -> Result<Self, SimulationError> {
         scenario.validate()?;
         let action = scenario.action()?;
-        let next_time = match way {
-            Way::None => Instant::BOOT,
-            _ => Instant::FAR_FUTURE,
+        let next_time = if matches!(way, Way::None) {
+            Instant::BOOT
+        } else {
+            Instant::FAR_FUTURE
         };
         let arena = scenario.arena(seed)?;
         let spawner = scenario.spawner(&arena, seed);
         let world = World::with_parameters(arena, scenario.parameters, seed, clock)?;
         let robots = scenario.robots;
+        let camera = Camera::new(scenario.tracker, seed).filter(|_| !matches!(way, Way::None));
         let mut simulation = Self {
             scenario,
             seed,
@@ -143,6 +151,9 @@ impl Simulation {
             way,
             machines: Vec::new(),
             spawner,
+            camera,
+            #[cfg(feature = "live")]
+            messenger: None,
             waiting: Vec::new(),
             action,
             next_start: Instant::FAR_FUTURE,
@@ -161,7 +172,30 @@ impl Simulation {
                 other => other?,
             };
         }
+        #[cfg(feature = "live")]
+        simulation.send_messenger(clock);
         Ok(simulation)
+    }
+
+    /// Connects the camera of a live world to the broker.
+    #[cfg(feature = "live")]
+    fn send_messenger(&mut self, clock: &SimClock) {
+        if let (Way::Live(gateway), Some(_)) = (&self.way, &self.camera) {
+            let outlet = Rc::clone(gateway.outlet());
+            let network = gateway.service();
+            let fleet = self.fleet.clone();
+            let client = crate::net::tracker::run(fleet, outlet, network, clock.world());
+            self.messenger = Some(self.sched.spawn(client));
+        }
+    }
+
+    /// Takes the camera down, connection and all.
+    #[cfg(feature = "live")]
+    pub(crate) fn end_tracking(&mut self) {
+        self.camera = None;
+        if let Some(messenger) = self.messenger.take() {
+            self.sched.remove(messenger);
+        }
     }
 
     /// Adds a robot at a free place drawn from the seed, and boots it. Returns its number.
@@ -339,9 +373,10 @@ impl Simulation {
     /// The network of a lockstep simulation.
     #[must_use]
     pub fn air(&self) -> Option<&Air> {
-        match &self.way {
-            Way::Lockstep(air) => Some(air),
-            _ => None,
+        if let Way::Lockstep(air) = &self.way {
+            Some(air)
+        } else {
+            None
         }
     }
 
@@ -509,11 +544,43 @@ impl Simulation {
                 let hash = self.world.hash();
                 self.history.word(hash);
             }
-            if self.handle_events() {
+            // Both have something for programs to do.
+            if self.track() | self.handle_events() {
                 return false;
             }
         }
         true
+    }
+
+    /// Tells the robots whose turn it is where they are. Returns whether there were any.
+    fn track(&mut self) -> bool {
+        let Some(camera) = &mut self.camera else {
+            return false;
+        };
+        let robots = self.machines.len();
+        let due = camera.pass(PHYSICS_STEP, robots);
+        for _ in 0..due {
+            let number = camera.turn(robots);
+            let machine = &self.machines[number];
+            let Some(truth) = self.world.observe(machine.index).filter(|o| o.present) else {
+                continue;
+            };
+            let pose = camera.see(truth.pose);
+            let id = &machine.config.id;
+            match &self.way {
+                Way::None => {}
+                Way::Lockstep(air) => {
+                    let unix = EPOCH_MS + self.sched.now().as_millis();
+                    if let Some(payload) = tracker::compose(id, unix, pose) {
+                        let topic = Topic::Pose(id.clone()).render(&self.fleet);
+                        air.publish(&topic, &payload, false, false);
+                    }
+                }
+                #[cfg(feature = "live")]
+                Way::Live(gateway) => gateway.outlet().push(id, pose, self.sched.now()),
+            }
+        }
+        due > 0
     }
 
     /// Gives the initial command to robots that can take it by now.

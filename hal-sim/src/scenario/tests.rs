@@ -73,6 +73,11 @@ fn mistakes_are_told_by_name() {
         error("name = \"a\"\n[link]\nloss = 2.0"),
         "link loss must be 0 to 0.9"
     );
+    assert!(error("name = \"a\"\n[tracker]\nrate = 2.0").contains("unknown field `rate`"));
+    assert_eq!(
+        error("name = \"a\"\n[tracker]\nrate_hz = 0.0"),
+        "tracker rate_hz must be 0.1 to 50"
+    );
     assert_eq!(
         error("name = \"a\"\n[command]\ncommand = \"dance\""),
         "command: unknown_command"

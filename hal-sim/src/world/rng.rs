@@ -14,6 +14,7 @@ pub(crate) enum Purpose {
     Camera = 5,
     Flash = 6,
     Serial = 7,
+    Tracker = 8,
 }
 
 /// The stream of `purpose` for one robot of the world with this seed.

@@ -1,0 +1,267 @@
+//! The overhead camera of a live world as one more client of the broker.
+//!
+//! It publishes at QoS 0 and listens to the server's time, which fixes carry. The world hands it
+//! what it sees through an [`Outlet`] that never waits: while there is no session, or when the
+//! broker takes less than there is, fixes are dropped, since a later one is better anyway.
+
+use std::cell::{Cell, RefCell, RefMut};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::future::poll_fn;
+use std::num::NonZero;
+use std::rc::Rc;
+use std::task::{Poll, Waker};
+
+use crawler_app::timesync::TimeSync;
+use crawler_hal::{Clock, Duration, Instant, Network, with_deadline};
+use crawler_protocol::{Fleet, Pose, RobotId, TimeMessage, Topic};
+use embassy_futures::select::{Either3, select3};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embedded_io_async::{ErrorType, Read, Write};
+use rust_mqtt::Bytes;
+use rust_mqtt::buffer::BufferProvider;
+use rust_mqtt::client::Client;
+use rust_mqtt::client::event::Event;
+use rust_mqtt::client::options::{
+    ConnectOptions, PublicationOptions, RetainHandling, SubscriptionOptions, TopicReference,
+};
+use rust_mqtt::config::KeepAlive;
+use rust_mqtt::types::{MqttString, TopicFilter, TopicName};
+
+use super::live::LiveNetwork;
+use crate::run::compose_fix;
+use crate::sched::SimClock;
+
+/// Fixes that wait at most: half a second of a world of four thousand robots.
+const WAITING: usize = 4_096;
+/// Longest time for any one thing the broker is waited for.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Period of pings; fixes prove nothing to us, since the broker does not answer them.
+const PING_PERIOD: Duration = Duration::from_secs(3);
+/// Silence after which the session is given up.
+const LOST_AFTER: Duration = Duration::from_secs(8);
+/// Waits between two attempts.
+const SHORTEST: Duration = Duration::from_millis(250);
+const LONGEST: Duration = Duration::from_secs(8);
+/// A session that lasted so long was a good one.
+const STABLE_AFTER: Duration = Duration::from_secs(10);
+/// Largest packet we take: time messages are far below.
+const MAX_PACKET: u32 = 512;
+/// What the client library is shown instead of a received field: text, as topics must be.
+const DASHES: [u8; MAX_PACKET as usize] = [b'-'; MAX_PACKET as usize];
+
+/// A robot as the camera saw it.
+#[derive(Debug)]
+struct Sighting {
+    robot: RobotId,
+    pose: Pose,
+    at: Instant,
+}
+
+/// The hand-over of fixes from the world to the client.
+#[derive(Debug, Default)]
+pub(crate) struct Outlet {
+    queue: RefCell<VecDeque<Sighting>>,
+    open: Cell<bool>,
+    waiting: RefCell<Option<Waker>>,
+}
+
+impl Outlet {
+    /// Takes a sighting, or drops it when there is nowhere to put it.
+    pub(crate) fn push(&self, robot: &RobotId, pose: Pose, at: Instant) {
+        let mut queue = self.queue.borrow_mut();
+        if !self.open.get() || queue.len() >= WAITING {
+            return;
+        }
+        queue.push_back(Sighting {
+            robot: robot.clone(),
+            pose,
+            at,
+        });
+        if let Some(waker) = self.waiting.borrow_mut().take() {
+            waker.wake();
+        }
+    }
+
+    fn set_open(&self, open: bool) {
+        self.open.set(open);
+        self.queue.borrow_mut().clear();
+    }
+
+    /// The next sighting. A dropped call takes none.
+    async fn next(&self) -> Sighting {
+        poll_fn(|cx| {
+            if let Some(sighting) = self.queue.borrow_mut().pop_front() {
+                return Poll::Ready(sighting);
+            }
+            *self.waiting.borrow_mut() = Some(cx.waker().clone());
+            Poll::Pending
+        })
+        .await
+    }
+}
+
+/// The last field received: the payload, of a message. The library wants to lend out the memory of
+/// a field for as long as the connection lives, which without `unsafe` would never be free again;
+/// so it is lent something else of that length.
+struct LastField<'a>(&'a RefCell<Vec<u8>>);
+
+struct Field<'a>(RefMut<'a, Vec<u8>>);
+
+/// The field is too long, or another one is being received.
+#[derive(Debug)]
+struct NoSpace;
+
+impl AsMut<[u8]> for Field<'_> {
+    fn as_mut(&mut self) -> &mut [u8] {
+        &mut self.0
+    }
+}
+
+impl<'a> From<Field<'a>> for Bytes<'a> {
+    fn from(field: Field<'a>) -> Self {
+        Bytes::Borrowed(&DASHES[..field.0.len()])
+    }
+}
+
+impl<'a> BufferProvider<'a> for LastField<'a> {
+    type Buffer = Field<'a>;
+    type ProvisionError = NoSpace;
+
+    fn provide_buffer(&mut self, len: usize) -> Result<Field<'a>, NoSpace> {
+        if len > DASHES.len() {
+            return Err(NoSpace);
+        }
+        let mut field = self.0.try_borrow_mut().map_err(|_| NoSpace)?;
+        field.clear();
+        field.resize(len, 0);
+        Ok(Field(field))
+    }
+}
+
+/// Gathers the pieces of a packet until it is flushed.
+struct Gathered<S> {
+    stream: S,
+    output: Vec<u8>,
+}
+
+impl<S: ErrorType> ErrorType for Gathered<S> {
+    type Error = S::Error;
+}
+
+impl<S: Read> Read for Gathered<S> {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, S::Error> {
+        self.stream.read(buf).await
+    }
+}
+
+impl<S: Write> Write for Gathered<S> {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, S::Error> {
+        self.output.extend_from_slice(buf);
+        Ok(buf.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), S::Error> {
+        let result = self.stream.write_all(&self.output).await;
+        self.output.clear();
+        result?;
+        self.stream.flush().await
+    }
+}
+
+/// Keeps the camera connected. Dropping the future drops the connection.
+pub(crate) async fn run(
+    fleet: Fleet,
+    outlet: Rc<Outlet>,
+    mut network: LiveNetwork,
+    clock: SimClock,
+) {
+    let mut wait = SHORTEST;
+    loop {
+        let began = clock.now();
+        // Whatever ended it, the answer is to try again.
+        let _ = session(&fleet, &outlet, &mut network, &clock).await;
+        outlet.set_open(false);
+        wait = if clock.now() - began >= STABLE_AFTER {
+            SHORTEST
+        } else {
+            (wait * 2).min(LONGEST)
+        };
+        clock.sleep(wait).await;
+    }
+}
+
+/// One connection; `None` when it is lost.
+async fn session(
+    fleet: &Fleet,
+    outlet: &Outlet,
+    network: &mut LiveNetwork,
+    clock: &SimClock,
+) -> Option<Infallible> {
+    let soon = || clock.now() + PATIENCE;
+    let stream = with_deadline(clock, soon(), network.connect("", 0));
+    let mut stream = Gathered {
+        stream: stream.await.ok()?.ok()?,
+        output: Vec::new(),
+    };
+    let last = RefCell::new(Vec::new());
+    let mut buffer = LastField(&last);
+    let mut client: Client<'_, '_, _, _, 1, 1, 1, 0, 0, 0, 0> = Client::new(&mut buffer);
+    let name = format!("tracker-{fleet}");
+    let id = MqttString::from_str(&name).ok()?;
+    let mut options = ConnectOptions::new().clean_start();
+    options = options.keep_alive(KeepAlive::Seconds(NonZero::new(6)?));
+    options = options.maximum_packet_size(NonZero::new(MAX_PACKET)?);
+    let work = client.connect(&mut stream, &options, Some(id));
+    with_deadline(clock, soon(), work).await.ok()?.ok()?;
+    let time_topic = Topic::Time.render(fleet);
+    let filter = TopicFilter::new(MqttString::from_str(&time_topic).ok()?)?;
+    let options = SubscriptionOptions::new().retain_handling(RetainHandling::NeverSend);
+    let work = client.subscribe(filter, &options);
+    with_deadline(clock, soon(), work).await.ok()?.ok()?;
+    let time = TimeSync::<NoopRawMutex>::new();
+    let mut heard = clock.now();
+    let mut next_ping = heard + PING_PERIOD;
+    outlet.set_open(true);
+    loop {
+        let wake = next_ping.min(heard + LOST_AFTER);
+        // Only `poll_header` may be dropped half-way.
+        match select3(client.poll_header(), outlet.next(), clock.sleep_until(wake)).await {
+            Either3::First(header) => {
+                let work = client.poll_body(header.ok()?);
+                let event = with_deadline(clock, soon(), work).await.ok()?.ok()?;
+                heard = clock.now();
+                if let Event::Publish(_) = event
+                    && let Ok(message) = TimeMessage::from_json(&last.borrow())
+                {
+                    time.observe(message.timestamp, heard);
+                }
+            }
+            Either3::Second(seen) => {
+                // Robots take a fix without a date only while they have no clock themselves.
+                let Some(timestamp) = time.unix_ms(seen.at) else {
+                    continue;
+                };
+                let payload = compose_fix(&seen.robot, timestamp, seen.pose)?;
+                let topic = Topic::Pose(seen.robot).render(fleet);
+                let topic = TopicName::new(MqttString::from_str(&topic).ok()?)?;
+                let options = PublicationOptions::new(TopicReference::Name(topic));
+                let work = client.publish(&options, Bytes::Borrowed(&payload));
+                with_deadline(clock, soon(), work).await.ok()?.ok()?;
+            }
+            Either3::Third(()) => {
+                let now = clock.now();
+                if now >= heard + LOST_AFTER {
+                    return None;
+                }
+                if now >= next_ping {
+                    next_ping = now + PING_PERIOD;
+                    with_deadline(clock, soon(), client.ping())
+                        .await
+                        .ok()?
+                        .ok()?;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! The overhead camera at work: whose turn it is, and what it sees.
+
+use crawler_hal::Duration;
+use crawler_protocol::{MAX_MESSAGE, PoseFix, RobotId};
+use rand_pcg::Pcg32;
+
+use crate::scenario::Tracker;
+use crate::world::{Pose, Purpose, normal, stream};
+
+/// Looks at the robots in turn. All of its noise comes from the seed of the world.
+#[derive(Debug)]
+pub(super) struct Camera {
+    model: Tracker,
+    rng: Pcg32,
+    /// Fixes due, in millionths.
+    credit: u64,
+    next: usize,
+}
+
+impl Camera {
+    pub(super) fn new(model: Tracker, seed: u64) -> Option<Self> {
+        model.on.then(|| Self {
+            model,
+            rng: stream(seed, u32::MAX, Purpose::Tracker),
+            credit: 0,
+            next: 0,
+        })
+    }
+
+    /// Lets `span` pass over `robots` robots; returns how many are to be looked at now.
+    pub(super) fn pass(&mut self, span: Duration, robots: usize) -> usize {
+        // In millihertz the rate is a whole number, so that no rounding piles up.
+        let rate_mhz = (self.model.rate_hz * 1e3) as u64;
+        self.credit += span.as_micros() * rate_mhz / 1_000 * robots as u64;
+        let due = self.credit / 1_000_000;
+        self.credit %= 1_000_000;
+        (due as usize).min(robots)
+    }
+
+    /// Whose turn it is.
+    pub(super) fn turn(&mut self, robots: usize) -> usize {
+        let robot = if self.next < robots { self.next } else { 0 };
+        self.next = robot + 1;
+        robot
+    }
+
+    /// What the camera takes `truth` for.
+    pub(super) fn see(&mut self, truth: Pose) -> crawler_protocol::Pose {
+        let Tracker {
+            sigma_m, sigma_rad, ..
+        } = self.model;
+        let mut off = |sigma: f32| sigma * normal(&mut self.rng);
+        let seen = Pose::new(
+            truth.x + off(sigma_m),
+            truth.y + off(sigma_m),
+            truth.theta + off(sigma_rad),
+        );
+        crawler_protocol::Pose {
+            x: seen.x,
+            y: seen.y,
+            theta: libm::remainderf(seen.theta, core::f32::consts::TAU),
+            sigma: sigma_m,
+        }
+    }
+}
+
+/// A fix as bytes; `None` when it cannot be written, which finite numbers always can.
+pub(crate) fn compose(
+    robot: &RobotId,
+    timestamp: u64,
+    pose: crawler_protocol::Pose,
+) -> Option<Vec<u8>> {
+    let fix = PoseFix {
+        robot: robot.clone(),
+        timestamp,
+        pose,
+    };
+    let mut buffer = [0; MAX_MESSAGE];
+    let len = fix.to_json(&mut buffer).ok()?;
+    Some(buffer[..len].to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_robot_has_its_turn_and_nobody_waits_for_a_burst() {
+        let model = Tracker::default();
+        let mut camera = Camera::new(model, 1).unwrap();
+        let mut seen = [0; 30];
+        for _ in 0..1_000 {
+            let due = camera.pass(Duration::from_millis(10), seen.len());
+            assert!(due <= 1, "30 robots twice a second are 0.6 in 10 ms");
+            for _ in 0..due {
+                seen[camera.turn(seen.len())] += 1;
+            }
+        }
+        assert_eq!(seen, [20; 30]);
+        let off = Tracker { on: false, ..model };
+        assert!(Camera::new(off, 1).is_none());
+    }
+}
