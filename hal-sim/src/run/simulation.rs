@@ -558,7 +558,12 @@ impl Simulation {
             return false;
         };
         let robots = self.machines.len();
-        let due = camera.pass(PHYSICS_STEP, robots);
+        let most = match &self.way {
+            Way::None | Way::Lockstep(_) => u64::MAX,
+            #[cfg(feature = "live")]
+            Way::Live(_) => tracker::LIVE_MOST_PER_S,
+        };
+        let due = camera.pass(PHYSICS_STEP, robots, most);
         for _ in 0..due {
             let number = camera.turn(robots);
             let machine = &self.machines[number];

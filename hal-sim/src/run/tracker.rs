@@ -7,6 +7,11 @@ use rand_pcg::Pcg32;
 use crate::scenario::Tracker;
 use crate::world::{Pose, Purpose, normal, stream};
 
+/// Fixes in a second that one client publishes on a real broker at most. The embedded one slows a
+/// client down beyond 500 messages a second; fixes would queue up and all arrive too late.
+#[cfg(any(feature = "live", test))]
+pub(super) const LIVE_MOST_PER_S: u64 = 400;
+
 /// Looks at the robots in turn. All of its noise comes from the seed of the world.
 #[derive(Debug)]
 pub(super) struct Camera {
@@ -27,11 +32,13 @@ impl Camera {
         })
     }
 
-    /// Lets `span` pass over `robots` robots; returns how many are to be looked at now.
-    pub(super) fn pass(&mut self, span: Duration, robots: usize) -> usize {
+    /// Lets `span` pass over `robots` robots; returns how many are to be looked at now, which is
+    /// at most `most_per_s` in a second.
+    pub(super) fn pass(&mut self, span: Duration, robots: usize, most_per_s: u64) -> usize {
         // In millihertz the rate is a whole number, so that no rounding piles up.
         let rate_mhz = (self.model.rate_hz * 1e3) as u64;
-        self.credit += span.as_micros() * rate_mhz / 1_000 * robots as u64;
+        let all_mhz = (rate_mhz * robots as u64).min(most_per_s.saturating_mul(1_000));
+        self.credit += span.as_micros() * all_mhz / 1_000;
         let due = self.credit / 1_000_000;
         self.credit %= 1_000_000;
         (due as usize).min(robots)
@@ -90,13 +97,17 @@ mod tests {
         let mut camera = Camera::new(model, 1).unwrap();
         let mut seen = [0; 30];
         for _ in 0..1_000 {
-            let due = camera.pass(Duration::from_millis(10), seen.len());
+            let due = camera.pass(Duration::from_millis(10), seen.len(), u64::MAX);
             assert!(due <= 1, "30 robots twice a second are 0.6 in 10 ms");
             for _ in 0..due {
                 seen[camera.turn(seen.len())] += 1;
             }
         }
         assert_eq!(seen, [20; 30]);
+        let all: usize = (0..1_000)
+            .map(|_| camera.pass(Duration::from_millis(10), 10_000, LIVE_MOST_PER_S))
+            .sum();
+        assert_eq!(all, 4_000, "ten seconds of them");
         let off = Tracker { on: false, ..model };
         assert!(Camera::new(off, 1).is_none());
     }
