@@ -4,9 +4,10 @@
 //! try to catch up for ever: what lies further behind than [`MAX_BATCH`] is given up, virtual
 //! time falls behind, and [`LiveMetrics::real_time_factor`] says how fast it runs.
 
-use std::fmt;
+mod error;
+mod pacer;
+
 use std::future::poll_fn;
-use std::io;
 use std::net::ToSocketAddrs;
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -20,12 +21,14 @@ use crawler_protocol::{Action, Fleet};
 use tokio::sync::Notify;
 use tokio::time::Instant as RealInstant;
 
-use super::error::SimulationError;
 use super::simulation::{Simulation, Way};
 use crate::net::live::Gateway;
 use crate::scenario::Scenario;
 use crate::sched::SimClock;
 use crate::world::Arena;
+use pacer::Pacer;
+
+pub use error::LiveError;
 
 /// Most virtual time that is run at once, and most that is made up for.
 pub const MAX_BATCH: Duration = Duration::from_millis(100);
@@ -33,8 +36,6 @@ pub const MAX_BATCH: Duration = Duration::from_millis(100);
 const TURN: StdDuration = StdDuration::from_millis(2);
 /// Longest rest: physics goes on when no program does anything.
 const LONGEST_REST: StdDuration = StdDuration::from_millis(50);
-/// How often metrics are measured.
-const WINDOW: StdDuration = StdDuration::from_secs(1);
 /// Descriptors that everything but the robots may need.
 const SPARE_DESCRIPTORS: u64 = 256;
 /// Slower than this counts as standing, metres per second.
@@ -55,51 +56,6 @@ pub struct LiveConfig {
     pub scenario: Scenario,
     /// Seed of everything that is left to chance.
     pub seed: u64,
-}
-
-/// Why a live world cannot start, or did not end as it should.
-#[derive(Debug)]
-#[non_exhaustive]
-pub enum LiveError {
-    /// The simulation cannot be set up.
-    Simulation(SimulationError),
-    /// The broker's host name is too long or does not resolve.
-    Host(String, Option<io::Error>),
-    /// The process may not open as many sockets: how many it may, and needs.
-    Descriptors(u64, u64),
-    /// No thread or no runtime.
-    Runtime(io::Error),
-    /// The world's thread ended by itself: a defect.
-    Crashed,
-    /// The world did not end in time.
-    TimedOut,
-}
-
-impl fmt::Display for LiveError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Simulation(error) => error.fmt(f),
-            Self::Host(host, None) => write!(f, "broker host {host:?} is no host name"),
-            Self::Host(host, Some(error)) => write!(f, "broker host {host:?}: {error}"),
-            Self::Descriptors(have, need) => write!(
-                f,
-                "{need} open files are needed and {have} allowed: raise the limit (ulimit -n)"
-            ),
-            Self::Runtime(error) => write!(f, "starting the world's thread: {error}"),
-            Self::Crashed => f.write_str("the world's thread ended unexpectedly"),
-            Self::TimedOut => f.write_str("the world did not end in time"),
-        }
-    }
-}
-
-impl std::error::Error for LiveError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            Self::Simulation(error) => Some(error),
-            Self::Host(_, Some(error)) | Self::Runtime(error) => Some(error),
-            Self::Host(_, None) | Self::Descriptors(..) | Self::Crashed | Self::TimedOut => None,
-        }
-    }
 }
 
 /// How a live world is doing. Rates are of the last second.
@@ -154,7 +110,14 @@ struct Board {
 pub struct LiveHandle {
     board: Arc<Board>,
     arena: Arena,
-    report: Mutex<Receiver<LiveReport>>,
+    ending: Mutex<Ending>,
+}
+
+/// How the world ends, or ended.
+#[derive(Debug)]
+struct Ending {
+    from: Receiver<LiveReport>,
+    report: Option<LiveReport>,
 }
 
 /// Starts a world in a thread of its own and returns when its robots are in place.
@@ -189,7 +152,10 @@ pub fn start(config: LiveConfig) -> Result<LiveHandle, LiveError> {
     Ok(LiveHandle {
         board,
         arena,
-        report: Mutex::new(report),
+        ending: Mutex::new(Ending {
+            from: report,
+            report: None,
+        }),
     })
 }
 
@@ -217,22 +183,29 @@ impl LiveHandle {
     }
 
     /// Stops every robot, waits up to `patience` for them to stand, says goodbye to the broker
-    /// for each, and ends the world. Blocks: an async caller puts it on a thread that may.
+    /// for each, and ends the world. Blocks: an async caller puts it on a thread that may. Asked
+    /// again, it says the same again.
     ///
     /// # Errors
-    /// [`LiveError::Crashed`] when the world has ended before, [`LiveError::TimedOut`] when it
-    /// does not end within `patience` and two seconds.
+    /// [`LiveError::Crashed`] when the world has ended by itself, [`LiveError::TimedOut`] when it
+    /// does not end within `patience` and two seconds; it may be asked again then.
     pub fn stop(&self, patience: StdDuration) -> Result<LiveReport, LiveError> {
+        let mut ending = self.ending.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(report) = ending.report {
+            return Ok(report);
+        }
         let millis = u64::try_from(patience.as_millis()).unwrap_or(u64::MAX);
         self.board.patience_ms.store(millis, Ordering::Relaxed);
         self.ask_stop();
-        let report = self.report.lock().unwrap_or_else(PoisonError::into_inner);
-        report
+        let report = ending
+            .from
             .recv_timeout(patience.saturating_add(STOP_GRACE))
             .map_err(|error| match error {
                 RecvTimeoutError::Timeout => LiveError::TimedOut,
                 RecvTimeoutError::Disconnected => LiveError::Crashed,
-            })
+            })?;
+        ending.report = Some(report);
+        Ok(report)
     }
 
     fn ask_stop(&self) {
@@ -306,10 +279,7 @@ fn run(
         gateway,
         board,
         started: RealInstant::now(),
-        lost_us: 0,
-        window: RealInstant::now(),
-        window_virtual: Instant::BOOT,
-        worst_us: 0,
+        pacer: Pacer::new(),
     };
     // One future owns all robots: the budget tokio gives to one task would starve them.
     let standing = runtime.block_on(tokio::task::unconstrained(driver.live()));
@@ -323,12 +293,7 @@ struct Driver<'a> {
     gateway: Gateway,
     board: &'a Board,
     started: RealInstant,
-    /// Virtual time given up.
-    lost_us: u64,
-    /// Beginning of the measurement at hand.
-    window: RealInstant,
-    window_virtual: Instant,
-    worst_us: u64,
+    pacer: Pacer,
 }
 
 impl Driver<'_> {
@@ -355,53 +320,40 @@ impl Driver<'_> {
         }
     }
 
-    /// Brings the world up to the present.
-    fn turn(&mut self) {
-        let real_us = self.started.elapsed().as_micros() as u64;
-        let mut target = real_us - self.lost_us;
-        let due_us = self.simulation.next_due().as_micros();
-        self.worst_us = self.worst_us.max(target.saturating_sub(due_us));
-        let behind = target.saturating_sub(self.simulation.now().as_micros());
-        if behind > MAX_BATCH.as_micros() {
-            let given_up = behind - MAX_BATCH.as_micros();
-            self.lost_us += given_up;
-            target -= given_up;
-        }
-        self.simulation.run_until(Instant::from_micros(target));
-        self.measure();
+    /// Real time since the world began.
+    fn real(&self) -> Instant {
+        Instant::from_micros(self.started.elapsed().as_micros() as u64)
     }
 
-    fn measure(&mut self) {
-        let span = self.window.elapsed();
+    /// Brings the world up to the present.
+    fn turn(&mut self) {
+        let due = self.simulation.next_due();
+        let target = self.pacer.target(self.real(), self.simulation.now(), due);
+        self.simulation.run_until(target);
         let board = self.board;
-        board
-            .connected
-            .store(self.gateway.connected(), Ordering::Relaxed);
-        if span < WINDOW {
+        let connected = self.gateway.connected();
+        board.connected.store(connected, Ordering::Relaxed);
+        let Some(pace) = self.pacer.measure(self.real(), self.simulation.now()) else {
             return;
+        };
+        for (cell, value) in [
+            (&board.factor_ppm, (pace.factor * 1e6) as u64),
+            (&board.lateness_us, pace.lateness.as_micros()),
+            (&board.lost_us, pace.lost.as_micros()),
+            (&board.steps, self.simulation.world().steps()),
+        ] {
+            cell.store(value, Ordering::Relaxed);
         }
-        let now = self.simulation.now();
-        let passed = (now - self.window_virtual).as_micros() as f64;
-        let factor_ppm = passed / span.as_secs_f64();
-        board.factor_ppm.store(factor_ppm as u64, Ordering::Relaxed);
-        board.lateness_us.store(self.worst_us, Ordering::Relaxed);
-        board.lost_us.store(self.lost_us, Ordering::Relaxed);
-        board
-            .steps
-            .store(self.simulation.world().steps(), Ordering::Relaxed);
-        self.window += span;
-        self.window_virtual = now;
-        self.worst_us = 0;
     }
 
     /// Lets sockets be served, and sleeps until something is due.
     async fn rest(&mut self) {
         tokio::time::sleep(TURN).await;
         let latest = RealInstant::now() + LONGEST_REST;
-        let due_us = self.simulation.next_due().as_micros();
-        let due = due_us
-            .checked_add(self.lost_us)
-            .and_then(|us| self.started.checked_add(StdDuration::from_micros(us)))
+        let due = self.pacer.real(self.simulation.next_due());
+        let due = self
+            .started
+            .checked_add(StdDuration::from_micros(due.as_micros()))
             .map_or(latest, |due| due.min(latest));
         let mut asleep = pin!(tokio::time::sleep_until(due));
         let mut asked = pin!(self.board.wake.notified());
