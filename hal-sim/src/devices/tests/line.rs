@@ -15,6 +15,18 @@ fn uart(bench: &mut Bench) -> (SimUart, SimClock) {
     }
 }
 
+/// A robot 1 m in front of a post, its ranger wired for pulses.
+fn pins() -> (Bench, SimTrigger, SimEcho, SimClock) {
+    let mut parameters = exact();
+    parameters.ranger.wiring = Wiring::Pulse;
+    let mut bench = Bench::facing(1.0, parameters, 1);
+    let parts = bench.parts();
+    match parts.ranger {
+        RangerPort::Pulse { trigger, echo } => (bench, trigger, echo, parts.clock),
+        RangerPort::Uart(_) => panic!("wired for pulses"),
+    }
+}
+
 /// All that arrives within `ms`.
 async fn gather(uart: &mut SimUart, clock: &SimClock, ms: u64) -> Vec<u8> {
     let until = clock.now() + Duration::from_millis(ms);
@@ -129,18 +141,7 @@ fn a_reset_body_is_disconnected_and_its_line_empty() {
 
 #[test]
 fn a_trigger_too_short_or_too_early_starts_nothing() {
-    let mut parameters = exact();
-    parameters.ranger.wiring = Wiring::Pulse;
-    let mut bench = Bench::facing(1.0, parameters, 1);
-    let parts = bench.parts();
-    let RangerPort::Pulse {
-        mut trigger,
-        mut echo,
-    } = parts.ranger
-    else {
-        panic!("wired for pulses")
-    };
-    let clock = parts.clock;
+    let (mut bench, mut trigger, mut echo, clock) = pins();
     bench.run(async {
         let pulse = async |trigger: &mut SimTrigger, us: u64| {
             trigger.set_high().expect("infallible");
@@ -171,18 +172,7 @@ fn a_trigger_too_short_or_too_early_starts_nothing() {
 
 #[test]
 fn a_waiter_that_came_before_the_trigger_is_woken() {
-    let mut parameters = exact();
-    parameters.ranger.wiring = Wiring::Pulse;
-    let mut bench = Bench::facing(1.0, parameters, 1);
-    let parts = bench.parts();
-    let RangerPort::Pulse {
-        mut trigger,
-        mut echo,
-    } = parts.ranger
-    else {
-        panic!("wired for pulses")
-    };
-    let clock = parts.clock.clone();
+    let (mut bench, mut trigger, mut echo, clock) = pins();
     bench.scheduler.spawn(async move {
         clock.sleep(Duration::from_millis(5)).await;
         trigger.set_high().expect("infallible");
