@@ -4,7 +4,7 @@ mod support;
 
 use hyper::Method;
 use serde_json::json;
-use support::{Fixture, eventually};
+use support::Fixture;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn descriptions_fit_what_is_there() {
