@@ -185,34 +185,54 @@ fn the_scan_finds_what_it_looks_for() {
 
 /// Looks at every source file below `folder`; `bare` also forbids std, alloc and unsafe.
 fn scan(folder: &Path, bare: bool, findings: &mut Vec<String>) {
-    let mut files = 0;
-    for entry in std::fs::read_dir(folder).expect("readable folder") {
-        let path = entry.expect("readable entry").path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if path.is_dir() {
-            // Test modules in files of their own are compiled under cfg(test) alone.
-            if name != "tests" {
-                scan(&path, bare, findings);
+    let mut sources = Vec::new();
+    collect(folder, &mut sources);
+    assert!(!sources.is_empty(), "{} is empty", folder.display());
+    let for_the_host: BTreeSet<String> = sources
+        .iter()
+        .flat_map(|(_, source)| modules_for_the_host(source))
+        .collect();
+    for (path, source) in sources {
+        let relative = path.strip_prefix(folder).expect("below the folder");
+        let mut parts = relative.with_extension("");
+        // `#[path = "x_tests.rs"] mod tests` is how tests beside a long file are named.
+        if parts.to_string_lossy().ends_with("_tests") {
+            parts.set_file_name("tests");
+        }
+        let host = parts
+            .iter()
+            .any(|part| for_the_host.contains(part.to_string_lossy().as_ref()));
+        if !host {
+            for (line, what) in scan_source(&source, bare) {
+                findings.push(format!("{}:{line}: {what}", path.display()));
             }
-            continue;
-        }
-        // `schema` is a feature for the host; no board enables it.
-        let for_the_host = ["tests.rs", "testing.rs", "schema.rs"].contains(&name.as_ref());
-        let is_test = for_the_host || name.ends_with("_tests.rs");
-        if is_test || path.extension().is_none_or(|extension| extension != "rs") {
-            continue;
-        }
-        files += 1;
-        let source = std::fs::read_to_string(&path).expect("readable file");
-        for (line, what) in scan_source(&source, bare) {
-            findings.push(format!("{}:{line}: {what}", path.display()));
         }
     }
-    assert!(
-        files > 0 || !folder.ends_with("src"),
-        "{} is empty",
-        folder.display()
-    );
+}
+
+fn collect(folder: &Path, sources: &mut Vec<(PathBuf, String)>) {
+    for entry in std::fs::read_dir(folder).expect("readable folder") {
+        let path = entry.expect("readable entry").path();
+        if path.is_dir() {
+            collect(&path, sources);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            let source = std::fs::read_to_string(&path).expect("readable file");
+            sources.push((path, source));
+        }
+    }
+}
+
+/// Names of the modules that a file declares for tests or for the host alone.
+fn modules_for_the_host(source: &str) -> Vec<String> {
+    let file = syn::parse_file(source).expect("valid Rust");
+    let declared = file.items.iter().filter_map(|item| match item {
+        syn::Item::Mod(module) if module.content.is_none() => Some(module),
+        _ => None,
+    });
+    declared
+        .filter(|module| only_on_the_host(&module.attrs))
+        .map(|module| module.ident.to_string())
+        .collect()
 }
 
 fn scan_source(source: &str, bare: bool) -> Vec<(usize, String)> {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use crawler_tests::{Terracrawler, publish, subscribe};
+use crawler_tests::{Terracrawler, publish, subscribe, wait_for};
 use serde_json::{Value, json};
 
 const ROBOTS: usize = 5;
@@ -10,6 +10,12 @@ const ROBOTS: usize = 5;
 fn up() -> Terracrawler {
     let server = Terracrawler::start(&["up", "--robots", "5", "--seed", "7"]);
     server.wait_online(ROBOTS, Duration::from_secs(30));
+    // The scenario sets everyone wandering; what follows must not be taken for its answers.
+    wait_for("everyone wanders", Duration::from_secs(20), || {
+        let wandering = |robot: &Value| robot["behaviour"] == "wander";
+        server.online().iter().all(wandering).then_some(())
+    });
+    std::thread::sleep(Duration::from_millis(500));
     server
 }
 
@@ -70,16 +76,17 @@ fn robots_report_themselves_and_obey() {
     let answers = ask(&server, &command("stop", &Value::Null, 10), 1);
     assert_eq!(outcome(&answers[0]), (10, "completed".into(), None));
 
-    let forward = json!({"direction": "forward", "speed": 40, "duration": 500});
-    let answers = ask(&server, &command("move", &forward, 11), 2);
+    // Turning in place is free whatever stands in front.
+    let turn = json!({"direction": "left", "speed": 40, "duration": 500});
+    let answers = ask(&server, &command("move", &turn, 11), 2);
     assert_eq!(outcome(&answers[0]), (11, "accepted".into(), None));
-    assert_eq!(answers[1]["seq"], 11);
+    assert_eq!(outcome(&answers[1]), (11, "completed".into(), None));
 
     // The same again is answered from memory, an older one is stale; neither moves anything.
-    let again = ask(&server, &command("move", &forward, 11), 1);
+    let again = ask(&server, &command("move", &turn, 11), 1);
     assert_eq!(again[0]["seq"], 11);
     assert_eq!(again[0]["status"], answers[1]["status"]);
-    let older = ask(&server, &command("move", &forward, 9), 1);
+    let older = ask(&server, &command("move", &turn, 9), 1);
     assert_eq!(outcome(&older[0]).1, "stale");
     let telemetry = subscribe(server.mqtt(), "swarm/telemetry/sim-0001", 3, 5);
     for (_, payload) in &telemetry {
@@ -122,7 +129,7 @@ fn bad_commands_are_answered_and_nothing_else_suffers() {
     }
 
     // What cannot even be read has no answer, and no effect.
-    for garbage in ["", "{", "[[[[[[[[", "null", "\u{0}"] {
+    for garbage in ["", "{", "[[[[[[[[", "null", "\u{7f}"] {
         publish(server.mqtt(), "swarm/command/swarm", garbage);
         publish(server.mqtt(), "swarm/telemetry/sim-0002", garbage);
         publish(server.mqtt(), "swarm/status/NOT_AN_ID", "{}");
