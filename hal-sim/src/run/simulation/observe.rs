@@ -1,0 +1,143 @@
+//! What there is to see of a simulation.
+
+use std::rc::Rc;
+
+use crawler_hal::Instant;
+use crawler_protocol::{Fleet, RobotId};
+
+use super::{EPOCH_MS, Simulation, Way};
+use crate::net::lockstep::Air;
+use crate::run::machine::SimRobot;
+use crate::scenario::Scenario;
+use crate::world::{Observation, RobotIndex, World};
+
+impl Simulation {
+    /// The scenario.
+    #[must_use]
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// The seed.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The fleet all robots belong to.
+    #[must_use]
+    pub fn fleet(&self) -> &Fleet {
+        &self.fleet
+    }
+
+    /// Time since the beginning of the world.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        self.sched.now()
+    }
+
+    /// Unix time in milliseconds, as a lockstep world's server tells it.
+    #[must_use]
+    pub fn unix_ms(&self) -> u64 {
+        EPOCH_MS + self.now().as_millis()
+    }
+
+    /// Number of robots ever added.
+    #[must_use]
+    pub fn robots(&self) -> usize {
+        self.machines.len()
+    }
+
+    /// A robot's program as it is now; a new one after each boot.
+    #[must_use]
+    pub fn robot(&self, robot: usize) -> Option<&Rc<SimRobot>> {
+        self.machines.get(robot).map(|machine| &machine.robot)
+    }
+
+    /// Name of a robot on the wire.
+    #[must_use]
+    pub fn id(&self, robot: usize) -> Option<&RobotId> {
+        self.machines.get(robot).map(|machine| &machine.config.id)
+    }
+
+    /// How often a robot's program was started.
+    #[must_use]
+    pub fn boots(&self, robot: usize) -> u32 {
+        self.machines.get(robot).map_or(0, |machine| machine.boots)
+    }
+
+    /// The truth about a robot.
+    #[must_use]
+    pub fn observe(&self, robot: usize) -> Option<Observation> {
+        self.world.observe(self.machines.get(robot)?.index)
+    }
+
+    /// The world.
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// The world, to break things in it. Its robots and its time are the simulation's to change.
+    pub fn world_mut(&mut self) -> &mut World {
+        &mut self.world
+    }
+
+    /// Number of a robot in the world.
+    #[must_use]
+    pub fn index(&self, robot: usize) -> Option<RobotIndex> {
+        self.machines.get(robot).map(|machine| machine.index)
+    }
+
+    /// The network of a lockstep simulation.
+    #[must_use]
+    pub fn air(&self) -> Option<&Air> {
+        if let Way::Lockstep(air) = &self.way {
+            Some(air)
+        } else {
+            None
+        }
+    }
+
+    /// Number of robots that were added and not removed.
+    #[must_use]
+    pub fn present(&self) -> u32 {
+        let observed = self
+            .machines
+            .iter()
+            .filter_map(|m| self.world.observe(m.index));
+        observed.filter(|seen| seen.present).count() as u32
+    }
+
+    /// The next moment at which anything but physics happens.
+    #[must_use]
+    pub fn next_due(&mut self) -> Instant {
+        let due = self.sched.next_due().unwrap_or(Instant::FAR_FUTURE);
+        due.min(self.next_start).min(self.next_time)
+    }
+
+    /// See [`Scheduler::wake_outer_when_ready`].
+    #[cfg(feature = "live")]
+    pub(crate) fn wake_when_ready(&self, waker: &std::task::Waker) -> bool {
+        self.sched.wake_outer_when_ready(waker)
+    }
+
+    /// Polls of tasks so far.
+    #[must_use]
+    pub fn polls(&self) -> u64 {
+        self.sched.polls()
+    }
+
+    /// A fingerprint of all that happened so far: the full physical state twice a second, every
+    /// boot, and in lockstep every message that robots published.
+    #[must_use]
+    pub fn history_hash(&self) -> u64 {
+        let mut history = self.history;
+        history.word(self.now().as_micros());
+        history.word(self.world.hash());
+        if let Way::Lockstep(air) = &self.way {
+            history.word(air.fingerprint());
+        }
+        history.value()
+    }
+}

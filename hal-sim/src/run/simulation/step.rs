@@ -1,0 +1,174 @@
+//! Time passes: programs, physics and what comes of them, each in its turn.
+
+use crawler_hal::{Clock, Duration, Instant};
+use crawler_protocol::Topic;
+
+use super::{EPOCH_MS, HISTORY_PERIOD, START_PERIOD, Simulation, TIME_PERIOD, Way};
+use crate::net::NoNetwork;
+use crate::run::{machine, tracker};
+use crate::world::{BodyEvent, PHYSICS_STEP};
+
+impl Simulation {
+    /// Lets `span` pass.
+    pub fn run_for(&mut self, span: Duration) {
+        self.run_until(self.now() + span);
+    }
+
+    /// Lets time pass until `end`.
+    pub fn run_until(&mut self, end: Instant) {
+        loop {
+            self.sched.run();
+            if self.handle_events() {
+                continue;
+            }
+            if self.sched.now() >= self.next_time {
+                self.next_time += TIME_PERIOD;
+                self.tell_time();
+                continue;
+            }
+            if self.sched.now() >= self.next_start {
+                self.start_waiting();
+                continue;
+            }
+            let due = self.next_due();
+            if !self.step_physics(due.min(end)) {
+                continue;
+            }
+            if due > end {
+                self.sched.advance_to(end);
+                return;
+            }
+            self.sched.advance_to(due);
+        }
+    }
+
+    /// Steps physics up to `target`. False when something happened that programs must see first;
+    /// time then stands at the step in which it did.
+    fn step_physics(&mut self, target: Instant) -> bool {
+        while self.next_step <= target {
+            self.sched.advance_to(self.next_step);
+            self.world.step();
+            self.next_step += PHYSICS_STEP;
+            if self.sched.now() >= self.next_history {
+                self.next_history += HISTORY_PERIOD;
+                let hash = self.world.hash();
+                self.history.word(hash);
+            }
+            // Both have something for programs to do.
+            if self.track() | self.handle_events() {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Tells the robots whose turn it is where they are. Returns whether there were any.
+    fn track(&mut self) -> bool {
+        let Some(camera) = &mut self.camera else {
+            return false;
+        };
+        let robots = self.machines.len();
+        let most = match &self.way {
+            Way::None | Way::Lockstep(_) => u64::MAX,
+            #[cfg(feature = "live")]
+            Way::Live(_) => tracker::LIVE_MOST_PER_S,
+        };
+        let due = camera.pass(PHYSICS_STEP, robots, most);
+        for _ in 0..due {
+            let number = camera.turn(robots);
+            let machine = &self.machines[number];
+            let Some(truth) = self.world.observe(machine.index).filter(|o| o.present) else {
+                continue;
+            };
+            let pose = camera.see(truth.pose);
+            let id = &machine.config.id;
+            match &self.way {
+                Way::None => {}
+                Way::Lockstep(air) => {
+                    let unix = EPOCH_MS + self.sched.now().as_millis();
+                    if let Some(payload) = tracker::compose(id, unix, pose) {
+                        let topic = Topic::Pose(id.clone()).render(&self.fleet);
+                        air.publish(&topic, &payload, false, false);
+                    }
+                }
+                #[cfg(feature = "live")]
+                Way::Live(gateway) => gateway.outlet().push(id, pose, self.sched.now()),
+            }
+        }
+        due > 0
+    }
+
+    /// Gives the initial command to robots that can take it by now.
+    fn start_waiting(&mut self) {
+        let Some(action) = self.action.clone() else {
+            self.next_start = Instant::FAR_FUTURE;
+            return;
+        };
+        let waiting = std::mem::take(&mut self.waiting);
+        for number in waiting {
+            let machine = &self.machines[number as usize];
+            let ready = machine.program.as_ref().is_some_and(|program| {
+                let booted = machine.boot_is_over();
+                booted && machine.robot.unix_ms(program.clock.now()).is_some()
+            });
+            if ready {
+                self.submit(number as usize, action.clone());
+            } else {
+                self.waiting.push(number);
+            }
+        }
+        self.next_start = if self.waiting.is_empty() {
+            Instant::FAR_FUTURE
+        } else {
+            self.now() + START_PERIOD
+        };
+    }
+
+    /// Sets the clocks of robots that no server tells the time.
+    fn tell_time(&self) {
+        for machine in &self.machines {
+            if let Some(program) = &machine.program {
+                let now = program.clock.now();
+                machine.robot.observe_time(self.unix_ms(), now);
+            }
+        }
+    }
+
+    /// Resets and power cuts. Returns whether there were any.
+    fn handle_events(&mut self) -> bool {
+        let events = self.world.take_events();
+        for event in &events {
+            let (BodyEvent::PowerLost(index) | BodyEvent::Reset(index, _)) = *event;
+            // Robots are added to both in the same order.
+            let number = index.get() as usize;
+            let Some(machine) = self.machines.get_mut(number) else {
+                continue;
+            };
+            if let Some(program) = machine.program.take() {
+                program.stop(&mut self.sched);
+            }
+            let BodyEvent::Reset(_, cause) = *event else {
+                continue;
+            };
+            let Some(parts) = self.world.boot(index, cause) else {
+                continue;
+            };
+            machine.robot = machine::context(&machine.config);
+            machine.boots += 1;
+            let sched = &mut self.sched;
+            machine.program = Some(match &self.way {
+                Way::None => machine::start(sched, &machine.robot, parts, NoNetwork),
+                Way::Lockstep(air) => {
+                    machine::start(sched, &machine.robot, parts, air.rejoin(machine.link))
+                }
+                #[cfg(feature = "live")]
+                Way::Live(gateway) => {
+                    machine::start(sched, &machine.robot, parts, gateway.network())
+                }
+            });
+            self.history.word(u64::from(index.get()));
+            self.history.word(self.sched.now().as_micros());
+        }
+        !events.is_empty()
+    }
+}
