@@ -1,0 +1,65 @@
+//! How links behave, and what can be wrong with them.
+
+use serde::{Deserialize, Serialize};
+
+/// How a link behaves. All robots of a simulation share one model; their draws differ.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LinkModel {
+    /// Shortest time one way, milliseconds.
+    pub latency_ms: f32,
+    /// Added to it, uniformly from 0 to this, milliseconds.
+    pub jitter_ms: f32,
+    /// Probability that a segment is lost and has to be sent again.
+    pub loss: f32,
+    /// Time until a lost segment is sent again, doubled each time it is lost again, milliseconds.
+    pub retransmit_ms: f32,
+    /// Signal strength that robots report, dBm.
+    pub rssi_dbm: i8,
+}
+
+impl Default for LinkModel {
+    /// A quiet wireless LAN.
+    fn default() -> Self {
+        Self {
+            latency_ms: 2.0,
+            jitter_ms: 3.0,
+            loss: 0.0,
+            retransmit_ms: 200.0,
+            rssi_dbm: -55,
+        }
+    }
+}
+
+impl LinkModel {
+    /// Checks that every number is one a link can have.
+    ///
+    /// # Errors
+    /// The name of the field that is out of range, and its range.
+    pub fn validate(&self) -> Result<(), &'static str> {
+        let within = |value: f32, low: f32, high: f32| (low..=high).contains(&value);
+        if !within(self.latency_ms, 0.1, 10_000.0) {
+            Err("latency_ms must be 0.1 to 10000")
+        } else if !within(self.jitter_ms, 0.0, 10_000.0) {
+            Err("jitter_ms must be 0 to 10000")
+        } else if !within(self.loss, 0.0, 0.9) {
+            Err("loss must be 0 to 0.9")
+        } else if !within(self.retransmit_ms, 1.0, 10_000.0) {
+            Err("retransmit_ms must be 1 to 10000")
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// What is wrong with a link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Cut {
+    /// Nothing.
+    #[default]
+    None,
+    /// Nothing gets through, and nobody is told.
+    Silent,
+    /// The radio has lost its access point, and the robot can know it.
+    Radio,
+}
