@@ -3,10 +3,11 @@
 //! A [`Scenario`] is a TOML file. Everything but its name has a default; an unknown key is an
 //! error. What it leaves to chance is drawn from the seed of the run.
 
+mod error;
+mod spawn;
 mod tracker;
 
 use std::collections::BTreeMap;
-use std::fmt;
 
 use crawler_protocol::{Action, Command};
 use rand_core::Rng;
@@ -15,12 +16,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::net::lockstep::LinkModel;
 use crate::world::{ARENA_SIDE_M, Arena, ArenaError, MAX_OBSTACLES, MAX_ROBOTS, Obstacle};
-use crate::world::{Parameters, Pose, Wiring};
+use crate::world::{Parameters, Wiring};
 
+pub use error::ScenarioError;
+pub use spawn::Spawner;
 pub use tracker::Tracker;
 
-/// Draws for one thing before it is given up: a place for it hardly exists then.
-const TRIES: u32 = 2_000;
+use spawn::{Nearby, TRIES};
 
 /// The scenarios that come with the crate: name and file.
 const BUILT_IN: [(&str, &str); 3] = [
@@ -149,59 +151,6 @@ pub struct Start {
     /// Its parameters.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, serde_json::Value>,
-}
-
-/// Why a scenario cannot be used.
-#[derive(Debug)]
-#[non_exhaustive]
-pub enum ScenarioError {
-    /// The text is not TOML, or has an unknown, missing or wrong key.
-    Text(Box<toml::de::Error>),
-    /// No scenario of that name comes with the program.
-    Unknown(String),
-    /// A value is out of range: which, and what it may be.
-    Value(&'static str, String),
-    /// The command is none: why.
-    Command(String),
-    /// The arena is not sound.
-    Arena(ArenaError),
-    /// No place was found: for what, and in an arena of which size.
-    NoRoom(String),
-}
-
-impl fmt::Display for ScenarioError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Text(error) => write!(f, "not a scenario: {error}"),
-            Self::Unknown(name) => {
-                write!(f, "no scenario is called {name:?}; there are")?;
-                for (index, name) in Scenario::names().enumerate() {
-                    write!(f, "{} {name}", if index == 0 { "" } else { "," })?;
-                }
-                Ok(())
-            }
-            Self::Value(key, rule) => write!(f, "{key} {rule}"),
-            Self::Command(why) => write!(f, "command: {why}"),
-            Self::Arena(error) => write!(f, "arena: {error}"),
-            Self::NoRoom(what) => write!(f, "no room for {what}"),
-        }
-    }
-}
-
-impl std::error::Error for ScenarioError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            Self::Text(error) => Some(error),
-            Self::Arena(error) => Some(error),
-            Self::Unknown(_) | Self::Value(..) | Self::Command(_) | Self::NoRoom(_) => None,
-        }
-    }
-}
-
-impl From<ArenaError> for ScenarioError {
-    fn from(error: ArenaError) -> Self {
-        Self::Arena(error)
-    }
 }
 
 const fn one() -> u32 {
@@ -440,81 +389,6 @@ impl Scenario {
             half_height: arena.height * 0.5,
             rng: Pcg32::new(seed, 0x7370_6177),
         }
-    }
-}
-
-/// A stream of poses, see [`Scenario::spawner`].
-#[derive(Debug, Clone)]
-pub struct Spawner {
-    half_width: f32,
-    half_height: f32,
-    rng: Pcg32,
-}
-
-impl Spawner {
-    /// The first drawn pose that `free` agrees to; `None` when it refuses too many.
-    pub fn find(&mut self, mut free: impl FnMut(Pose) -> bool) -> Option<Pose> {
-        let mut draw = |half: f32| {
-            let unit = (self.rng.next_u32() >> 8) as f32 * (1.0 / 16_777_216.0);
-            (2.0 * unit - 1.0) * half
-        };
-        (0..TRIES).find_map(|_| {
-            let pose = Pose::new(
-                draw(self.half_width),
-                draw(self.half_height),
-                draw(core::f32::consts::PI),
-            );
-            free(pose).then_some(pose)
-        })
-    }
-}
-
-/// Obstacles by square, while an arena is being filled.
-struct Nearby {
-    side: f32,
-    squares: BTreeMap<(i32, i32), Vec<u32>>,
-    /// Obstacles of the scenario itself, of any size: looked at every time.
-    fixed: usize,
-}
-
-impl Nearby {
-    fn new(arena: &Arena, side: f32) -> Self {
-        Self {
-            side: side.max(0.5),
-            squares: BTreeMap::new(),
-            fixed: arena.obstacles.len(),
-        }
-    }
-
-    fn square(&self, x: f32, y: f32) -> (i32, i32) {
-        (
-            libm::floorf(x / self.side) as i32,
-            libm::floorf(y / self.side) as i32,
-        )
-    }
-
-    fn add(&mut self, index: u32, x: f32, y: f32) {
-        let square = self.square(x, y);
-        self.squares.entry(square).or_default().push(index);
-    }
-
-    /// Distance to the nearest wall or obstacle, or something larger than `limit`.
-    fn clearance(&self, arena: &Arena, x: f32, y: f32, limit: f32) -> f32 {
-        // An obstacle's centre is at most one square from any point of it.
-        let reach = (limit / self.side) as i32 + 2;
-        let (column, row) = self.square(x, y);
-        let mut close = Arena::empty(arena.width, arena.height);
-        close.obstacles.extend(&arena.obstacles[..self.fixed]);
-        for (_, square) in self
-            .squares
-            .range((column - reach, i32::MIN)..=(column + reach, i32::MAX))
-            .filter(|((_, r), _)| (row - reach..=row + reach).contains(r))
-        {
-            close
-                .obstacles
-                .extend(square.iter().map(|&index| arena.obstacles[index as usize]));
-        }
-        close.clearance(x, y)
     }
 }
 
