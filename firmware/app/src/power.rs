@@ -84,9 +84,10 @@ impl Monitor {
         }
     }
 
-    /// Takes other limits. The gauge starts afresh: classes of old limits mean nothing now.
+    /// Takes other limits. What was measured stays: a critical pack does not recover because
+    /// somebody sets a parameter.
     pub fn adjust(&mut self, parameters: &Parameters) {
-        self.gauge = Gauge::new(config(parameters));
+        self.gauge.set_thresholds(config(parameters).thresholds);
     }
 
     /// What was found last.

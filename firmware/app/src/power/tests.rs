@@ -46,6 +46,16 @@ fn limits_follow_the_parameters() {
 }
 
 #[test]
+fn setting_parameters_charges_no_battery() {
+    let mut monitor = Monitor::new(&Parameters::default());
+    assert_eq!(settle(&mut monitor, 6_500).charge, Charge::Critical);
+    assert_eq!(settle(&mut monitor, 6_700).charge, Charge::Critical);
+    monitor.adjust(&Parameters::default());
+    assert_eq!(monitor.battery().charge, Charge::Critical);
+    assert_eq!(settle(&mut monitor, 6_700).charge, Charge::Critical);
+}
+
+#[test]
 fn the_flash_minds_one_dip() {
     let mut monitor = Monitor::new(&Parameters::default());
     assert!(!settle(&mut monitor, 7_800).brown_out);
