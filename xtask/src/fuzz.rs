@@ -30,8 +30,9 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
         println!("installing cargo-fuzz");
         run::cargo(&["install", "--quiet", "--locked", "cargo-fuzz"])?;
     }
-    let list = ["fuzz", "list", "--fuzz-dir", "fuzz"];
-    let targets = run::output("cargo", &list)
+    let folder = run::root().join("fuzz");
+    let folder = folder.to_string_lossy();
+    let targets = run::output("cargo", &["fuzz", "list", "--fuzz-dir", &folder])
         .ok_or_else(|| Failure("cargo fuzz finds no targets".to_owned()))?;
     let limit = format!("-max_total_time={seconds}");
     for target in targets.lines() {
@@ -45,7 +46,7 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
             "fuzz",
             "run",
             "--fuzz-dir",
-            "fuzz",
+            &folder,
             "--sanitizer",
             "none",
             target,
