@@ -14,8 +14,8 @@ use crate::wait_for;
 #[derive(Debug)]
 pub struct Mosquitto {
     child: Child,
-    port: u16,
-    folder: TempDir,
+    /// Holds its configuration for as long as it runs.
+    _folder: TempDir,
 }
 
 impl Mosquitto {
@@ -53,18 +53,12 @@ impl Mosquitto {
             .expect("mosquitto is missing: cargo xtask setup");
         let broker = Self {
             child,
-            port,
-            folder,
+            _folder: folder,
         };
         wait_for("mosquitto accepts", Duration::from_secs(10), || {
             TcpStream::connect(("127.0.0.1", port)).ok()
         });
         broker
-    }
-
-    /// Its port.
-    pub fn port(&self) -> u16 {
-        self.port
     }
 
     /// Ends it, as a power cut would. Start another one on the same port to bring it back.
@@ -74,10 +68,6 @@ impl Mosquitto {
     pub fn kill(mut self) {
         self.child.kill().expect("our own process");
         self.child.wait().expect("our own process");
-        drop(std::mem::replace(
-            &mut self.folder,
-            tempfile::tempdir().expect("a folder"),
-        ));
     }
 }
 

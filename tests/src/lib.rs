@@ -8,7 +8,19 @@ pub use brokers::{Mosquitto, publish, subscribe};
 pub use server::Terracrawler;
 
 use std::net::TcpListener;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+
+/// The root of the repository.
+///
+/// # Panics
+/// When this crate lies nowhere.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the tests lie in the repository")
+        .to_owned()
+}
 
 /// A port of loopback that is free right now.
 ///

@@ -1,9 +1,10 @@
 //! Small promises of the house: licences, dependencies with a reason, files that stay readable.
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use cargo_metadata::{Metadata, MetadataCommand};
+use crawler_tests::root;
 
 /// Licences that go with MIT OR Apache-2.0. The same list stands in `deny.toml`.
 const LICENCES: &[&str] = &[
@@ -26,13 +27,6 @@ const LICENCES: &[&str] = &[
 
 /// Longest source file: beyond this, tests or a part of it move to a file of their own.
 const LONGEST: usize = 450;
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .expect("the tests lie in the repository")
-        .to_owned()
-}
 
 fn metadata() -> Metadata {
     MetadataCommand::new()

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use cargo_metadata::{DependencyKind, MetadataCommand};
+use crawler_tests::root;
 use syn::visit::{self, Visit};
 
 /// For each crate, the crates of the workspace that it may depend on.
@@ -39,13 +40,6 @@ const BARE: &[(&str, &str)] = &[
 
 /// Where two robots, or two worlds, must be able to live in one process.
 const WITHOUT_GLOBALS: &[&str] = &["firmware/drivers", "firmware/app", "hal-sim"];
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .expect("the tests lie in the repository")
-        .to_owned()
-}
 
 #[test]
 fn dependencies_point_one_way() {
