@@ -26,7 +26,12 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-app",
         ],
     ),
+    (
+        "crawler-board",
+        &["crawler-hal", "crawler-protocol", "crawler-app"],
+    ),
     ("crawler-server", &["crawler-protocol", "crawler-sim"]),
+    ("crawler-hil", &["crawler-protocol"]),
     ("xtask", &[]),
 ];
 
