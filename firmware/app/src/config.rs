@@ -1,5 +1,7 @@
 //! What a robot is told about itself before it starts.
 
+use core::fmt;
+
 use crawler_hal::Millivolts;
 use crawler_protocol::{Fleet, Kind, RobotId};
 use heapless::String;
@@ -23,6 +25,28 @@ pub struct Config {
     pub firmware: &'static str,
     /// Shape of the drive.
     pub geometry: Geometry,
+    /// What the broker asks for; `None` connects without a name.
+    pub credentials: Option<Credentials>,
+    /// Whether the body has a camera: the status then says so.
+    pub camera: bool,
+}
+
+/// Name and password for the broker.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Credentials {
+    /// User name.
+    pub username: String<32>,
+    /// Password. Goes to the broker and nowhere else: no log record, no message and no `Debug`
+    /// tells it.
+    pub password: String<64>,
+}
+
+impl fmt::Debug for Credentials {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Credentials")
+            .field("username", &self.username)
+            .finish_non_exhaustive()
+    }
 }
 
 /// Shape and motor model of a differential drive.

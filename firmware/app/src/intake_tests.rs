@@ -28,6 +28,8 @@ fn unsynchronised() -> TestRobot {
         board: "sim",
         firmware: "0.1.0",
         geometry: Geometry::default(),
+        credentials: None,
+        camera: false,
     })
 }
 

@@ -39,6 +39,8 @@ pub mod perception;
 pub mod power;
 #[cfg(test)]
 mod rules;
+#[cfg(test)]
+mod send_tests;
 pub mod sense;
 pub mod state;
 pub mod store;
@@ -47,7 +49,7 @@ mod testing;
 pub mod timesync;
 pub mod tracking;
 
-pub use config::{Config, Geometry};
+pub use config::{Config, Credentials, Geometry};
 pub use context::{BootRecord, Robot, Routed, Snapshot};
 pub use control::control;
 pub use lamp::lamp;

@@ -35,6 +35,6 @@ pub use body::{Body, MotorPort, Parts, RangerPort};
 pub use camera::{Camera, FrameFormat, NoCamera, NoCameraError};
 pub use clock::{Clock, Elapsed, Ticker, with_deadline};
 pub use network::{LinkMonitor, LinkState, NetError, Network};
-pub use system::{ResetCause, System};
+pub use system::{PANIC_TEXT, ResetCause, System};
 pub use time::{Duration, Instant};
 pub use units::{Celsius, Millimeters, Millivolts, Percent};

@@ -10,6 +10,10 @@ use embedded_io_async::{Read, Write};
 pub enum NetError {
     /// No access point answered, or it refused us: try again later, or fall back.
     NotJoined,
+    /// The access point refused the password: it has to be set anew.
+    BadCredentials,
+    /// The network was joined, but nobody there hands out addresses.
+    NoAddress,
     /// The host name does not resolve: the configuration may be wrong.
     UnknownHost,
     /// The host refused the connection: the service is not there yet.
@@ -55,7 +59,8 @@ pub trait Network {
     /// Joins the network and gets an address; returns at once when already joined.
     ///
     /// # Errors
-    /// [`NetError::NotJoined`] or [`NetError::TimedOut`]; the caller retries.
+    /// [`NetError::NotJoined`], [`NetError::BadCredentials`], [`NetError::NoAddress`] or
+    /// [`NetError::TimedOut`]; the caller retries.
     ///
     /// # Cancellation Safety
     /// A dropped call may leave the network half joined; the next call starts afresh.

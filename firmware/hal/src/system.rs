@@ -20,10 +20,18 @@ pub enum ResetCause {
     External,
 }
 
+/// Longest text of a panic that a body keeps over a reset, in bytes.
+pub const PANIC_TEXT: usize = 96;
+
 /// Reset and watchdog.
 pub trait System {
     /// Why the program started.
     fn reset_cause(&self) -> ResetCause;
+
+    /// Where and why the program panicked before this start, as `src/file.rs:12: text` of at most
+    /// [`PANIC_TEXT`] bytes, kept over the reset; `None` when it did not, or when nothing was
+    /// kept.
+    fn last_panic(&self) -> Option<&str>;
 
     /// Tells the watchdog that the control loop is healthy.
     fn feed_watchdog(&mut self);

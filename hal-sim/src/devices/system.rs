@@ -30,6 +30,10 @@ impl System for SimSystem {
         self.cause
     }
 
+    fn last_panic(&self) -> Option<&str> {
+        None
+    }
+
     fn feed_watchdog(&mut self) {
         if !self.wire.is_live() {
             return;

@@ -47,9 +47,12 @@ pub(super) fn status<M: RawMutex>(
 ) -> Option<usize> {
     let config = robot.config();
     let mut capabilities = Vec::new();
-    // Two of eight places.
+    // At most three of eight places.
     let _ = capabilities.push(Capability::Drive);
     let _ = capabilities.push(Capability::Range);
+    if config.camera {
+        let _ = capabilities.push(Capability::Camera);
+    }
     StatusMessage {
         robot: config.id.clone(),
         online,

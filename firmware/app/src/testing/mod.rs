@@ -36,6 +36,8 @@ pub(crate) fn robot(id: &str) -> TestRobot {
         board: "test",
         firmware: "0.0.0",
         geometry: Geometry::default(),
+        credentials: None,
+        camera: false,
     })
 }
 

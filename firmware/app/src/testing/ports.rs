@@ -216,6 +216,10 @@ impl System for Chip {
         ResetCause::PowerOn
     }
 
+    fn last_panic(&self) -> Option<&str> {
+        None
+    }
+
     fn feed_watchdog(&mut self) {
         self.feeds.set(self.feeds.get() + 1);
     }

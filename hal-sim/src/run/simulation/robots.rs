@@ -106,6 +106,8 @@ impl Simulation {
                 nominal_v: NOMINAL_V,
                 bridge_drop_v: chassis.bridge_drop_v,
             },
+            credentials: None,
+            camera: false,
         }
     }
 

@@ -322,6 +322,8 @@ pub(super) fn robot() -> Robot<NoopRawMutex> {
         board: "sim",
         firmware: "0.1.0",
         geometry: Geometry::default(),
+        credentials: None,
+        camera: false,
     })
 }
 
