@@ -12,7 +12,7 @@
 //! |---|---|
 //! | [`Clock`] | monotonic time, and sleeping until a moment of it |
 //! | [`Adc`] | one calibrated voltage reading |
-//! | [`Camera`] | one frame into a caller's buffer |
+//! | [`Camera`] | one frame or still into a caller's buffer |
 //! | [`Network`] | joining a network and opening a byte stream |
 //! | [`System`] | reset, reset cause, watchdog |
 //! | [`Body`] | all of them as associated types, handed over once at boot |
@@ -32,7 +32,7 @@ mod units;
 
 pub use adc::Adc;
 pub use body::{Body, MotorPort, Parts, RangerPort};
-pub use camera::{Camera, FrameFormat, NoCamera, NoCameraError};
+pub use camera::{Camera, CameraError, CameraErrorKind, FrameFormat, NoCamera, NoCameraError};
 pub use clock::{Clock, Elapsed, Ticker, with_deadline};
 pub use network::{LinkMonitor, LinkState, NetError, Network};
 pub use system::{PANIC_TEXT, ResetCause, System};
