@@ -1,0 +1,1 @@
+//! Wi-Fi: station, fall-back access point, provisioning.
