@@ -19,7 +19,7 @@ use std::rc::Rc;
 use crawler_hal::{Body, MotorPort, Network, Parts, RangerPort};
 use rand_pcg::Pcg32;
 
-pub use camera::{CAMERA_SIDE, CameraError, SimCamera};
+pub use camera::{CAMERA_SIDE, LensError, STILL_SIZE, SimCamera};
 pub use flash::{Chip, ERASE_BYTES, FlashError, SimFlash, WRITE_BYTES};
 pub use gauge::{GaugeError, SimGauge};
 pub use motor::{DutyError, MAX_DUTY, SimPin, SimPwm};

@@ -44,6 +44,12 @@ pub enum Fault {
         /// Bytes written or erased until then.
         after_bytes: u32,
     },
+    /// No camera answers: its cable is off.
+    CameraAbsent,
+    /// The camera is there and never delivers a picture, nor an error.
+    CameraStalled,
+    /// The camera delivers noise.
+    CameraGarbage,
 }
 
 /// A wheel.
@@ -75,7 +81,12 @@ impl Fault {
     /// [`FaultError`] when one is out of its range.
     pub fn validate(&self) -> Result<(), FaultError> {
         let sound = match *self {
-            Self::RangerDead | Self::RangerStuck { .. } | Self::FlashPowerCut { .. } => true,
+            Self::RangerDead
+            | Self::RangerStuck { .. }
+            | Self::FlashPowerCut { .. }
+            | Self::CameraAbsent
+            | Self::CameraStalled
+            | Self::CameraGarbage => true,
             Self::LineNoise { flips: share }
             | Self::MotorWeak {
                 strength: share, ..
@@ -94,17 +105,27 @@ pub(crate) enum RangerFault {
     Stuck(u16),
 }
 
+/// How the camera is broken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum CameraFault {
+    Absent,
+    Stalled,
+    Garbage,
+}
+
 /// The faults that devices ask for themselves; the others act on the body or the chip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Faults {
     pub(crate) ranger: Option<RangerFault>,
     pub(crate) bit_flips: f32,
+    pub(crate) camera: Option<CameraFault>,
 }
 
 impl Faults {
     pub(crate) const NONE: Self = Self {
         ranger: None,
         bit_flips: 0.0,
+        camera: None,
     };
 }
 
@@ -127,6 +148,9 @@ pub(crate) fn inject(ports: &Ports, fault: Fault) -> Result<(), FaultError> {
         Fault::BatteryAt { charge } => {
             space.bodies.charge_as[i] = f64::from(charge) / space.per_capacity;
         }
+        Fault::CameraAbsent => faults.camera = Some(CameraFault::Absent),
+        Fault::CameraStalled => faults.camera = Some(CameraFault::Stalled),
+        Fault::CameraGarbage => faults.camera = Some(CameraFault::Garbage),
         Fault::FlashPowerCut { after_bytes } => {
             ports
                 .chip

@@ -9,6 +9,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 
+use crate::camera::Captures;
 use crate::config::Config;
 use crate::intake::Intake;
 use crate::order::{Halt, Order, Sender, Task};
@@ -79,6 +80,8 @@ pub struct Robot<M: RawMutex> {
     pub(crate) halt: Signal<M, Halt>,
     /// Intake → store.
     pub(crate) set_requests: Channel<M, Command, 2>,
+    /// Intake → camera.
+    pub(crate) captures: Captures<M>,
     /// Sense → control.
     pub(crate) reading: Mutex<M, Cell<Reading>>,
     /// Power → control, store.
@@ -116,6 +119,7 @@ impl<M: RawMutex> Robot<M> {
             orders: Channel::new(),
             halt: Signal::new(),
             set_requests: Channel::new(),
+            captures: Captures::new(),
             reading: Mutex::new(Cell::new(Reading::default())),
             battery: Mutex::new(Cell::new(Battery::default())),
             battery_measured: Signal::new(),
@@ -205,6 +209,9 @@ impl<M: RawMutex> Robot<M> {
                 Ok(()) => Ok(Routed::Waiting),
                 Err(_) => Err(Reason::Busy),
             },
+            Action::Capture if self.config.camera => {
+                self.captures.request(sender).map(|()| Routed::Waiting)
+            }
             action => {
                 let task = Task::from_action(action).ok_or(Reason::Unsupported)?;
                 let order = Order {

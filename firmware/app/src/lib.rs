@@ -15,6 +15,7 @@
 //! | [`lamp()`] | status lamp | edges of its pattern |
 //! | [`store()`] | flash | on demand |
 //! | [`link()`] | network | events |
+//! | [`camera()`] | camera, where there is one | on demand |
 #![no_std]
 // Activities are polled by the executor that owns their peripherals; no `Send` bound is wanted.
 #![allow(async_fn_in_trait)]
@@ -23,6 +24,7 @@
 extern crate std;
 
 pub mod behaviour;
+pub mod camera;
 mod config;
 mod context;
 pub mod control;
@@ -49,11 +51,12 @@ mod testing;
 pub mod timesync;
 pub mod tracking;
 
+pub use camera::{ImageSlot, camera};
 pub use config::{Config, Credentials, Geometry};
 pub use context::{BootRecord, Robot, Routed, Snapshot};
 pub use control::control;
 pub use lamp::lamp;
-pub use link::link;
+pub use link::{link, link_with_images};
 pub use power::power;
 pub use sense::sense;
 pub use store::store;

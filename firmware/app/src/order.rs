@@ -18,8 +18,7 @@ pub struct Sender {
 
 /// The part of a command that control carries out.
 ///
-/// `stop` and `estop` travel as [`Halt`], `set` goes to the store, `capture` is refused at the
-/// door: what cannot be carried out here cannot be written here.
+/// `stop` and `estop` travel as [`Halt`], `set` goes to the store, `capture` to the camera: what cannot be carried out here cannot be written here.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Task {
     /// Open-loop motion in one direction.

@@ -222,6 +222,11 @@ impl<M: RawMutex> Outbox<M> {
         self.wake.wait().await;
     }
 
+    /// Wakes the link: something beside the outbox waits for it.
+    pub(crate) fn nudge(&self) {
+        self.wake.signal(());
+    }
+
     /// The first answer that is not on its way.
     pub fn next_answer(&self) -> Option<(Ticket, Outgoing)> {
         self.with(|inner| {

@@ -8,7 +8,9 @@
 use core::convert::Infallible;
 use core::future::pending;
 
-use crawler_hal::{Adc, Clock, Instant, Millivolts, MotorPort, RangerPort, ResetCause, System};
+use crawler_hal::{
+    Adc, Clock, Instant, Millivolts, MotorPort, NoCamera, RangerPort, ResetCause, System,
+};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embedded_hal::digital::{ErrorType as PinError, InputPin, OutputPin};
 use embedded_hal::pwm::{ErrorType as PwmError, SetDutyCycle};
@@ -145,10 +147,17 @@ const fn port() -> MotorPort<Part, Part> {
 
 fn is_send<F: Future + Send>(_: impl FnOnce(&'static Context) -> F) {}
 
+type Slot = crate::ImageSlot<CriticalSectionRawMutex, &'static mut [u8]>;
+
+fn slot() -> &'static Slot {
+    unreachable!("nothing here is called")
+}
+
 #[test]
 fn activities_with_send_parts_are_send() {
     is_send(|robot| crate::control(robot, port(), port(), Part, TestRng(1), Part));
     is_send(|robot| crate::sense(robot, RangerPort::<Part, Part, Part>::Uart(Part), Part));
     is_send(|robot| crate::power(robot, Part, Part));
     is_send(|robot| crate::lamp(robot, Part, Part));
+    is_send(|robot| crate::camera(robot, NoCamera, slot(), Part));
 }

@@ -61,5 +61,18 @@ pub use topic::{Qos, Topic, TopicError, TopicFilter, TopicString};
 /// Most bytes of one message; images and firmware excepted.
 pub const MAX_MESSAGE: usize = 1024;
 
+/// Most bytes of one image on `image/{id}`.
+pub const MAX_IMAGE: usize = 60 * 1024;
+
+/// User property of an image: its number, counting those of this boot, in decimal.
+pub const IMAGE_FRAME: &str = "frame";
+
+/// User property of an image: when it was taken, in Unix milliseconds and decimal; 0 while the
+/// robot's clock was not synchronised.
+pub const IMAGE_TIMESTAMP: &str = "timestamp";
+
+/// Content type of an image.
+pub const IMAGE_TYPE: &str = "image/jpeg";
+
 /// Version of this contract, as reported in [`StatusMessage::protocol`].
 pub const PROTOCOL_VERSION: u8 = 1;

@@ -26,6 +26,8 @@ pub(super) enum Parcel {
     Parameters,
     /// An answer in the outbox.
     Answer(Ticket),
+    /// The image that the link holds: one at a time.
+    Image,
 }
 
 impl Parcel {
@@ -33,7 +35,7 @@ impl Parcel {
     pub(super) const fn retained(self) -> bool {
         match self {
             Self::Status | Self::Parameters => true,
-            Self::Answer(_) => false,
+            Self::Answer(_) | Self::Image => false,
         }
     }
 }

@@ -33,6 +33,7 @@
 mod backoff;
 mod buffered;
 mod flow;
+mod images;
 mod letter;
 mod loss;
 mod messages;
@@ -54,6 +55,7 @@ use rust_mqtt::client::options::{ConnectOptions, WillOptions};
 use rust_mqtt::config::{KeepAlive, SessionExpiryInterval};
 use rust_mqtt::types::{MqttBinary, MqttString, TopicName};
 
+use crate::camera::ImageSlot;
 use crate::context::Robot;
 use crate::perception::LinkHealth;
 
@@ -61,6 +63,7 @@ use backoff::Backoff;
 pub use backoff::{LONGEST, SHORTEST, STABLE_AFTER, SUSPICIOUS, TAKEN_OVER, TAKEN_OVER_LONGEST};
 use buffered::Buffered;
 use flow::Flow;
+use images::{FromSlot, Images, NoImages};
 use letter::{Letter, MAX_PACKET, Mailbox};
 use loss::Loss;
 use session::{Connection, Counters, Mqtt, State};
@@ -98,8 +101,33 @@ struct Kept {
 ///
 /// # Cancellation Safety
 /// Dropping the future drops the connection: the broker publishes the last will.
-pub async fn link<M: RawMutex, N: Network, R: Rng, C: Clock>(
+pub fn link<M: RawMutex, N: Network, R: Rng, C: Clock>(
     robot: &Robot<M>,
+    network: N,
+    rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    run(robot, NoImages, network, rng, clock)
+}
+
+/// The same for a body with a camera: delivers the images that [`camera()`](crate::camera())
+/// leaves in `images`.
+///
+/// # Cancellation Safety
+/// As [`link()`]; an image on its way is lost, and its buffer with it.
+pub fn link_with_images<M: RawMutex, B: AsRef<[u8]>, N: Network, R: Rng, C: Clock>(
+    robot: &Robot<M>,
+    images: &ImageSlot<M, B>,
+    network: N,
+    rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    run(robot, FromSlot::new(images), network, rng, clock)
+}
+
+async fn run<M: RawMutex, N: Network, R: Rng, C: Clock>(
+    robot: &Robot<M>,
+    mut images: impl Images,
     mut network: N,
     mut rng: R,
     clock: C,
@@ -114,7 +142,8 @@ pub async fn link<M: RawMutex, N: Network, R: Rng, C: Clock>(
     let mut attempts: u32 = 0;
     loop {
         attempts = attempts.saturating_add(1);
-        let (loss, up_since) = attempt(robot, &mut network, &clock, &mut kept).await;
+        let ended = attempt(robot, &mut network, &clock, &mut kept, &mut images).await;
+        let (loss, up_since) = ended;
         let now = clock.now();
         let lasted = up_since.map_or(Duration::ZERO, |since| now - since);
         let wait = match loss {
@@ -151,6 +180,7 @@ async fn attempt<M: RawMutex, N: Network, C: Clock>(
     network: &mut N,
     clock: &C,
     kept: &mut Kept,
+    images: &mut dyn Images,
 ) -> (Loss, Option<crawler_hal::Instant>) {
     let monitor = network.monitor();
     let stream = match open(robot, network, clock).await {
@@ -182,6 +212,7 @@ async fn attempt<M: RawMutex, N: Network, C: Clock>(
         scratch,
         flow,
         counters,
+        images,
         state: State::new(clock.now()),
     };
     let loss = match connected {

@@ -25,6 +25,11 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
     pub(super) async fn retransmit(&mut self) -> Result<(), Loss> {
         for index in 0..self.flow.in_flight.len() {
             let flight = self.flow.in_flight[index];
+            if flight.parcel == Parcel::Image {
+                self.send_image(Some(flight.id)).await?;
+                self.flow.in_flight[index].sent = self.clock.now();
+                continue;
+            }
             let composed = self.compose(flight.parcel);
             let Some((topic, len)) = composed else {
                 // A number that stays open for ever would block a place: begin a new session.
@@ -109,6 +114,9 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                 self.state.parameters_due = false;
                 self.send(Parcel::Parameters).await?;
             }
+            if self.is_free_for(Parcel::Image) && self.images.waits() {
+                self.send_image(None).await?;
+            }
         }
         self.send_periodic().await?;
         for _ in 0..LOGS_AT_ONCE {
@@ -170,7 +178,7 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         self.publish(&topic, len, Some(parcel)).await
     }
 
-    /// Writes a message to `scratch`; its topic and length.
+    /// Writes a message to `scratch`; its topic and length. Images are not composed.
     fn compose(&mut self, parcel: Parcel) -> Option<(Topic, usize)> {
         let robot = self.robot;
         let id = robot.config().id.clone();
@@ -188,6 +196,7 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                 let len = messages::response(robot, answer, self.scratch)?;
                 (Topic::Response(id), len)
             }
+            Parcel::Image => return None,
         })
     }
 
@@ -249,7 +258,11 @@ fn telemetry_period<M: RawMutex>(robot: &Robot<M>) -> Duration {
     Duration::from_micros((1e6 / hz.clamp(0.1, 100.0)) as u64)
 }
 
-fn publication(topic: &str, qos: Qos, retained: bool) -> Result<PublicationOptions<'_>, Loss> {
+pub(super) fn publication(
+    topic: &str,
+    qos: Qos,
+    retained: bool,
+) -> Result<PublicationOptions<'_>, Loss> {
     let name = MqttString::from_str(topic)
         .ok()
         .and_then(TopicName::new)

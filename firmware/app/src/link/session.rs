@@ -16,13 +16,18 @@ use rust_mqtt::types::PacketIdentifier;
 
 use super::buffered::Buffered;
 use super::flow::{Flow, Parcel, RECEIVE_WINDOW, SEND_WINDOW, SUBSCRIPTIONS};
+use super::images::Images;
 use super::letter::{Letter, Mailbox};
 use super::loss::Loss;
 use super::{ACKNOWLEDGED_WITHIN, LOST_AFTER, PING_AFTER, SUBSCRIBED_WITHIN};
+use crate::camera::Outcome;
 use crate::context::{BootRecord, Robot};
 use crate::perception::LinkHealth;
 
-/// The client library as this link uses it: no topic aliases, no user properties.
+/// User properties of an image.
+const USER_PROPERTIES: usize = 2;
+
+/// The client library as this link uses it: no topic aliases.
 pub(super) type Mqtt<'c, S> = Client<
     'c,
     'c,
@@ -32,7 +37,7 @@ pub(super) type Mqtt<'c, S> = Client<
     RECEIVE_WINDOW,
     SEND_WINDOW,
     0,
-    0,
+    USER_PROPERTIES,
     0,
     0,
 >;
@@ -54,6 +59,7 @@ pub(super) struct Connection<'a, 'c, M: RawMutex, C, L, S: Read + Write> {
     pub(super) scratch: &'a mut [u8; MAX_MESSAGE],
     pub(super) flow: &'a mut Flow,
     pub(super) counters: &'a mut Counters,
+    pub(super) images: &'a mut dyn Images,
     pub(super) state: State,
 }
 
@@ -157,15 +163,11 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                 }
             }
             Event::PublishAcknowledged(ack) => {
-                if let Some(Parcel::Answer(ticket)) = self.flow.settle(ack.packet_identifier) {
-                    self.robot.outbox.delivered(ticket);
-                }
+                self.settle(ack.packet_identifier, Outcome::Delivered);
             }
             Event::PublishRejected(ack) => {
                 // For good: sent again it would be rejected again.
-                if let Some(Parcel::Answer(ticket)) = self.flow.settle(ack.packet_identifier) {
-                    self.robot.outbox.delivered(ticket);
-                }
+                self.settle(ack.packet_identifier, Outcome::Refused);
                 let reason = ack.reason_code.value();
                 let text = format_args!("the broker rejected a message with 0x{reason:02x}");
                 self.robot.log(Level::Error, "publish-rejected", text, now);
@@ -173,6 +175,15 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             _ => {}
         }
         Ok(())
+    }
+
+    /// Nothing more is to be done for the message under this number.
+    fn settle(&mut self, id: PacketIdentifier, outcome: Outcome) {
+        match self.flow.settle(id) {
+            Some(Parcel::Answer(ticket)) => self.robot.outbox.delivered(ticket),
+            Some(Parcel::Image) => self.images.settle(outcome),
+            Some(Parcel::Status | Parcel::Parameters) | None => {}
+        }
     }
 
     fn open_letter(&mut self, now: Instant) {

@@ -27,7 +27,11 @@ use crate::context::Robot;
 pub(crate) type TestRobot = Robot<NoopRawMutex>;
 
 pub(crate) fn robot(id: &str) -> TestRobot {
-    Robot::new(Config {
+    robot_with(id, |_| {})
+}
+
+pub(crate) fn robot_with(id: &str, change: impl FnOnce(&mut Config)) -> TestRobot {
+    let mut config = Config {
         id: RobotId::new(id).expect("legal"),
         fleet: Fleet::default(),
         broker_host: "broker".try_into().expect("short"),
@@ -38,7 +42,9 @@ pub(crate) fn robot(id: &str) -> TestRobot {
         geometry: Geometry::default(),
         credentials: None,
         camera: false,
-    })
+    };
+    change(&mut config);
+    Robot::new(config)
 }
 
 pub(crate) fn source(name: &str) -> Source {

@@ -56,7 +56,7 @@ fn frame(bench: &mut Bench) -> Vec<u8> {
     assert_eq!(parts.camera.size(), (CAMERA_SIDE, CAMERA_SIDE));
     assert_eq!(
         bench.run(parts.camera.capture(&mut frame[1..])),
-        Err(CameraError::Length)
+        Err(LensError::Length)
     );
     bench
         .run(parts.camera.capture(&mut frame))

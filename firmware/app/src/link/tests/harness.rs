@@ -19,6 +19,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use super::peer::Peer;
+use crate::camera::ImageSlot;
 use crate::perception::LinkHealth;
 use crate::{Config, Geometry, Robot};
 
@@ -311,6 +312,9 @@ impl rand_core::TryRng for TestRng {
     }
 }
 
+/// Images on their way to the link.
+pub(super) type Slot = ImageSlot<NoopRawMutex, Vec<u8>>;
+
 /// A robot that no activity but the link runs for.
 pub(super) fn robot() -> Robot<NoopRawMutex> {
     Robot::new(Config {
@@ -329,6 +333,11 @@ pub(super) fn robot() -> Robot<NoopRawMutex> {
 
 /// Runs the link against `script`, until the script is done.
 pub(super) fn run<F: Future>(script: impl FnOnce(Broker) -> F) -> F::Output {
+    run_with(&Slot::new(Vec::new()), script)
+}
+
+/// The same, with images to deliver.
+pub(super) fn run_with<F: Future>(slot: &Slot, script: impl FnOnce(Broker) -> F) -> F::Output {
     let clock = TestClock::default();
     let network = TestNetwork {
         air: Rc::default(),
@@ -340,7 +349,7 @@ pub(super) fn run<F: Future>(script: impl FnOnce(Broker) -> F) -> F::Output {
         robot: Rc::new(robot()),
     };
     let robot = Rc::clone(&broker.robot);
-    let link = super::super::link(&robot, network, TestRng(1), clock.clone());
+    let link = super::super::link_with_images(&robot, slot, network, TestRng(1), clock.clone());
     let limit = clock.sleep(Duration::from_secs(3_600));
     match block_on(&clock, select3(link, script(broker), limit)) {
         Either3::First(never) => match never {},

@@ -1,6 +1,7 @@
 //! The link against a scripted broker, in virtual time.
 
 mod harness;
+mod images;
 mod loss;
 mod peer;
 mod traffic;

@@ -132,8 +132,18 @@ impl Peer {
         std::format!("{filter} {options:#04x}")
     }
 
+    /// Takes one packet; true when it was the last of the five SUBSCRIBEs.
+    pub(super) async fn is_subscribed(&mut self) -> bool {
+        let next = self.packet().await.expect("the connection stays open");
+        if next.kind() == 8 {
+            return self.grant(&next).contains("/pose/");
+        }
+        self.serve(&next);
+        false
+    }
+
     /// Acknowledges and answers what a broker would.
-    fn serve(&self, packet: &Packet) -> Option<Publish> {
+    pub(super) fn serve(&self, packet: &Packet) -> Option<Publish> {
         match packet.kind() {
             3 => {
                 let publish = split_publish(packet);
@@ -183,12 +193,18 @@ impl Peer {
 
     /// Sends a message at QoS 1.
     pub(super) fn deliver(&mut self, topic: &str, payload: &[u8]) {
+        self.deliver_with(topic, &[], payload);
+    }
+
+    /// The same with fewer than 128 bytes of properties.
+    fn deliver_with(&mut self, topic: &str, properties: &[u8], payload: &[u8]) {
         self.next_id += 1;
         let mut body = Vec::new();
         body.extend((topic.len() as u16).to_be_bytes());
         body.extend(topic.as_bytes());
         body.extend(self.next_id.to_be_bytes());
-        body.push(0);
+        body.push(properties.len() as u8);
+        body.extend(properties);
         body.extend(payload);
         self.send(&packet(0x32, &body));
     }
@@ -207,5 +223,12 @@ impl Peer {
         let now = EPOCH_MS + self.clock.now().as_millis();
         let text = command(name, parameters, now, seq);
         self.deliver("swarm/command/robot/sim-0001", text.as_bytes());
+    }
+
+    /// The same without parameters, and with properties of the message.
+    pub(super) fn command_with(&mut self, seq: u64, name: &str, properties: &[u8]) {
+        let now = EPOCH_MS + self.clock.now().as_millis();
+        let text = command(name, "", now, seq);
+        self.deliver_with("swarm/command/robot/sim-0001", properties, text.as_bytes());
     }
 }

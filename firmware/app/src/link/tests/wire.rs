@@ -24,6 +24,8 @@ pub(super) struct Publish {
     pub(super) again: bool,
     pub(super) retained: bool,
     pub(super) id: Option<u16>,
+    /// The property block, without its length.
+    pub(super) properties: Vec<u8>,
     pub(super) payload: Vec<u8>,
 }
 
@@ -84,9 +86,13 @@ impl<'a> Cursor<'a> {
         panic!("a length of more than four bytes");
     }
 
-    pub(super) fn skip_properties(&mut self) {
+    pub(super) fn properties(&mut self) -> &'a [u8] {
         let len = self.length();
-        self.take(len);
+        self.take(len)
+    }
+
+    pub(super) fn skip_properties(&mut self) {
+        self.properties();
     }
 }
 
@@ -137,9 +143,10 @@ pub(super) fn split_publish(packet: &Packet) -> Publish {
     let topic = body.text();
     let qos = packet.first >> 1 & 3;
     let id = (qos > 0).then(|| body.short());
-    body.skip_properties();
+    let properties = body.properties().to_vec();
     Publish {
         topic,
+        properties,
         qos,
         again: packet.first & 8 != 0,
         retained: packet.first & 1 != 0,

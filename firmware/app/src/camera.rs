@@ -1,0 +1,214 @@
+//! Stills on request: the camera activity, and the slot through which a still reaches the link.
+//!
+//! A `capture` is carried out one at a time:
+//!
+//! | step | answer |
+//! |---|---|
+//! | the body has no camera | `rejected`, `unsupported` |
+//! | another capture is not finished | `rejected`, `busy` |
+//! | begun | `accepted` |
+//! | the broker has the image (its PUBACK arrived) | `completed` |
+//! | no picture within [`STILL_WITHIN`], or the sensor stalls | `failed`, `timeout` |
+//! | the JPEG does not fit the buffer, or the broker's largest packet | `failed`, `too_large` |
+//! | no sensor, or what it sent is no JPEG, or the broker refuses the image | `failed`, `fault` |
+//!
+//! A lost link does not end a capture: the bytes are kept, and sent again, until the broker has
+//! acknowledged them. A broken camera costs captures and nothing else: the robot's state and lamp
+//! stay as they are, and a log record `camera` tells of it once, and once more when it works
+//! again. The first still is taken at boot and shown to nobody, so that a dead camera is known
+//! before anyone needs it.
+//!
+//! The buffer is the board's: a body without a camera has none, and runs
+//! [`link()`](crate::link()) instead of [`link_with_images()`](crate::link_with_images()).
+
+mod slot;
+
+#[cfg(test)]
+mod tests;
+
+use core::cell::Cell;
+use core::convert::Infallible;
+
+use crawler_hal::{Camera, CameraError, CameraErrorKind, Clock, Duration, with_deadline};
+use crawler_protocol::{Level, Reason, ResponseStatus};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::channel::Channel;
+
+use crate::context::Robot;
+use crate::order::Sender;
+
+pub use slot::{Image, ImageSlot, Outcome};
+
+/// Longest time for one still. The OV2640 driver needs up to half a second to change its mode and
+/// let exposure settle, and gives up by itself after two.
+pub const STILL_WITHIN: Duration = Duration::from_secs(3);
+
+/// Start of image and the marker after it; end of image (ISO/IEC 10918-1, table B.1).
+const SOI: [u8; 3] = [0xFF, 0xD8, 0xFF];
+const EOI: [u8; 2] = [0xFF, 0xD9];
+
+/// Intake → camera: at most one capture at a time.
+pub(crate) struct Captures<M: RawMutex> {
+    /// From the request to its final answer.
+    open: Mutex<M, Cell<bool>>,
+    requests: Channel<M, Sender, 1>,
+}
+
+impl<M: RawMutex> Captures<M> {
+    pub(crate) const fn new() -> Self {
+        Self {
+            open: Mutex::new(Cell::new(false)),
+            requests: Channel::new(),
+        }
+    }
+
+    /// Asks for a still.
+    ///
+    /// # Errors
+    /// [`Reason::Busy`] while another capture is open.
+    pub(crate) fn request(&self, sender: Sender) -> Result<(), Reason> {
+        if self.open.lock(|open| open.replace(true)) {
+            return Err(Reason::Busy);
+        }
+        // There is room: only an open capture could be in it.
+        self.requests.try_send(sender).map_err(|_| Reason::Busy)
+    }
+
+    fn close(&self) {
+        self.open.lock(|open| open.set(false));
+    }
+}
+
+/// Takes stills on request. Never returns.
+///
+/// # Cancellation Safety
+/// As the camera's own calls; an open capture gets no further answer.
+pub async fn camera<M, K, B, C>(
+    robot: &Robot<M>,
+    mut camera: K,
+    images: &ImageSlot<M, B>,
+    clock: C,
+) -> Infallible
+where
+    M: RawMutex,
+    K: Camera,
+    B: AsRef<[u8]> + AsMut<[u8]>,
+    C: Clock,
+{
+    let mut health = Health::default();
+    let mut frame: u32 = 0;
+    if let Some(mut buffer) = images.lend() {
+        let first = still(&mut camera, buffer.as_mut(), &clock).await;
+        images.give_back(buffer);
+        health.note(robot, first.err(), &clock);
+    }
+    loop {
+        let sender = robot.captures.requests.receive().await;
+        let (source, seq) = (&sender.source, sender.seq);
+        robot.respond(source, seq, ResponseStatus::Accepted, None, clock.now());
+        let outcome = match images.lend() {
+            // Not reached: the slot is free while no capture is open.
+            None => Err(Reason::Busy),
+            Some(mut buffer) => match still(&mut camera, buffer.as_mut(), &clock).await {
+                Ok(len) => {
+                    health.note(robot, None, &clock);
+                    frame = frame.wrapping_add(1);
+                    let timestamp = robot.unix_ms(clock.now()).unwrap_or(0);
+                    images.hand_over(Image::new(buffer, len, frame, timestamp));
+                    robot.outbox.nudge();
+                    match images.settled().await {
+                        Outcome::Delivered => Ok(()),
+                        Outcome::TooLarge => Err(Reason::TooLarge),
+                        Outcome::Refused => Err(Reason::Fault),
+                    }
+                }
+                Err(trouble) => {
+                    images.give_back(buffer);
+                    health.note(robot, Some(trouble), &clock);
+                    Err(trouble.reason())
+                }
+            },
+        };
+        // Closed first: whoever has the answer may ask again.
+        robot.captures.close();
+        let (status, reason) = match outcome {
+            Ok(()) => (ResponseStatus::Completed, None),
+            Err(reason) => (ResponseStatus::Failed, Some(reason)),
+        };
+        robot.respond(source, seq, status, reason, clock.now());
+    }
+}
+
+/// Why there is no still.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trouble {
+    /// The camera gave an error.
+    Camera(CameraErrorKind),
+    /// The camera gave nothing at all.
+    Silent,
+}
+
+impl Trouble {
+    const fn reason(self) -> Reason {
+        match self {
+            Self::Silent | Self::Camera(CameraErrorKind::Stalled) => Reason::Timeout,
+            Self::Camera(CameraErrorKind::TooLarge) => Reason::TooLarge,
+            Self::Camera(_) => Reason::Fault,
+        }
+    }
+
+    /// What a person should know; `None` for what is no fault of the camera.
+    const fn text(self) -> Option<&'static str> {
+        Some(match self {
+            Self::Silent => "the camera does not answer",
+            Self::Camera(CameraErrorKind::Absent) => "no camera sensor found",
+            Self::Camera(CameraErrorKind::Stalled) => "the camera sends no picture",
+            Self::Camera(CameraErrorKind::Garbled) => "the camera sends what is no picture",
+            Self::Camera(CameraErrorKind::TooLarge) => return None,
+            Self::Camera(_) => "the camera fails",
+        })
+    }
+}
+
+/// Length of a still in `jpeg`.
+async fn still<K: Camera, C: Clock>(
+    camera: &mut K,
+    jpeg: &mut [u8],
+    clock: &C,
+) -> Result<usize, Trouble> {
+    let deadline = clock.now() + STILL_WITHIN;
+    let len = with_deadline(clock, deadline, camera.still(jpeg))
+        .await
+        .map_err(|_| Trouble::Silent)?
+        .map_err(|error| Trouble::Camera(error.kind()))?;
+    match jpeg.get(..len) {
+        Some(jpeg) if jpeg.starts_with(&SOI) && jpeg.ends_with(&EOI) => Ok(len),
+        Some(_) | None => Err(Trouble::Camera(CameraErrorKind::Garbled)),
+    }
+}
+
+/// What has been told of the camera.
+#[derive(Debug, Default)]
+struct Health {
+    ill: bool,
+}
+
+impl Health {
+    /// Logs a change for the worse or the better.
+    fn note<M: RawMutex, C: Clock>(
+        &mut self,
+        robot: &Robot<M>,
+        trouble: Option<Trouble>,
+        clock: &C,
+    ) {
+        let text = trouble.and_then(Trouble::text);
+        if text.is_some() == self.ill {
+            return;
+        }
+        self.ill = text.is_some();
+        let level = if self.ill { Level::Warn } else { Level::Info };
+        let text = text.unwrap_or("the camera works again");
+        robot.log(level, "camera", format_args!("{text}"), clock.now());
+    }
+}
