@@ -1,0 +1,63 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+use crawler_hil::BrokerUrl;
+use crawler_protocol::{Fleet, RobotId};
+
+/// The bench of the house: a conformance suite for any robot, and emulated boards.
+#[derive(Debug, Parser)]
+#[command(name = "hil", version)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Run the conformance suite on one robot: put it on blocks first, its wheels will turn
+    Suite(SuiteArguments),
+    /// Run emulated boards under QEMU until Ctrl-C
+    Emulate(EmulateArguments),
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SuiteArguments {
+    /// Id of the robot
+    #[arg(long, value_name = "ID", value_parser = robot)]
+    pub(crate) robot: Option<RobotId>,
+    /// Its broker, `mqtt://[user:password@]host[:port]`
+    #[arg(long, value_name = "URL", default_value = "mqtt://127.0.0.1:1883")]
+    pub(crate) broker: BrokerUrl,
+    /// Root topic of its fleet
+    #[arg(long, value_name = "NAME", default_value = "swarm", value_parser = fleet)]
+    pub(crate) fleet: Fleet,
+    /// Leave out the cases that set wheels in motion
+    #[arg(long)]
+    pub(crate) no_motion: bool,
+    /// Run this case alone; may be given several times
+    #[arg(long = "case", value_name = "NAME")]
+    pub(crate) only: Vec<String>,
+    /// Write the report as JSON
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+    /// List the cases and end
+    #[arg(long)]
+    pub(crate) list: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct EmulateArguments {
+    /// How many
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub(crate) robots: u16,
+}
+
+fn robot(text: &str) -> Result<RobotId, String> {
+    RobotId::new(text).map_err(|error| format!("{error}: a robot id is 1 to 32 of a-z, 0-9 and -"))
+}
+
+fn fleet(text: &str) -> Result<Fleet, String> {
+    Fleet::new(text).map_err(|error| format!("{error}: a fleet is 1 to 32 of a-z, 0-9 and -"))
+}

@@ -1,0 +1,78 @@
+//! Commands that do not set a robot in motion.
+
+use crawler_protocol::{Action, BehaviourSpec, Capability, Reason, ResponseStatus};
+
+use super::super::case::Verdict;
+use super::super::{ANSWER, Bench, Word, is_standing};
+use super::{check, completed, is};
+
+pub(in super::super) async fn identify(bench: &mut Bench) -> Verdict {
+    completed(&bench.ask(Action::Identify).await?)?;
+    bench
+        .stays("it stood before it blinked", 2, is_standing)
+        .await
+}
+
+pub(in super::super) async fn stop_at_rest(bench: &mut Bench) -> Verdict {
+    completed(&bench.ask(Action::Stop).await?)?;
+    bench.stays("it stood", 2, is_standing).await
+}
+
+pub(in super::super) async fn swarm(bench: &mut Bench) -> Verdict {
+    // Blinking disturbs nobody else in the fleet.
+    let seq = bench.send_swarm(Action::Identify)?;
+    completed(&bench.outcome(seq, ANSWER).await?)
+}
+
+pub(in super::super) async fn capture(bench: &mut Bench) -> Verdict {
+    let sees = bench
+        .status()
+        .is_some_and(|status| status.capabilities.contains(&Capability::Camera));
+    let seq = bench.send(Action::Capture)?;
+    if !sees {
+        let answer = bench.outcome(seq, ANSWER).await?;
+        return is(&answer, ResponseStatus::Rejected, Some(Reason::Unsupported));
+    }
+    // Image and answer come in either order.
+    let mut image = None;
+    let mut answer = None;
+    let limit = ANSWER * 2;
+    bench
+        .wait("an image and an answer", limit, |message| {
+            match &message.word {
+                Word::Image(bytes) => image = Some(bytes.clone()),
+                Word::Response(response) if response.seq == seq && response.status.is_final() => {
+                    answer = Some(response.clone());
+                }
+                _ => {}
+            }
+            // A refusal comes without an image.
+            let refused = answer
+                .as_ref()
+                .is_some_and(|answer| answer.status != ResponseStatus::Completed);
+            (refused || (image.is_some() && answer.is_some())).then_some(())
+        })
+        .await?;
+    if let Some(answer) = &answer {
+        completed(answer)?;
+    }
+    let image = image.unwrap_or_default();
+    check(
+        image.starts_with(&[0xff, 0xd8]) && image.ends_with(&[0xff, 0xd9]),
+        || format!("the image ({} bytes) is no JPEG", image.len()),
+    )
+}
+
+pub(in super::super) async fn unsupported(bench: &mut Bench) -> Verdict {
+    for behaviour in [
+        BehaviourSpec::Disperse,
+        BehaviourSpec::Gather,
+        BehaviourSpec::Flock,
+        BehaviourSpec::Formation,
+        BehaviourSpec::Policy,
+    ] {
+        let answer = bench.ask(Action::Behave(behaviour)).await?;
+        is(&answer, ResponseStatus::Rejected, Some(Reason::Unsupported))?;
+    }
+    bench.stays("it stood", 2, is_standing).await
+}
