@@ -1,7 +1,11 @@
 //! Every command of the house: `cargo xtask` lists them.
 
 mod bench;
+mod boards;
+mod cross;
+mod flash;
 mod fuzz;
+mod image;
 mod run;
 mod test;
 mod tools;
@@ -43,6 +47,18 @@ const TASKS: &[Task] = &[
         arguments: "",
         about: "build the control room into host-server/ui/dist",
         run: |_| ui::build(),
+    },
+    Task {
+        name: "image",
+        arguments: "--board NAME...",
+        about: "build a board's program and pack it for flash: virt, esp32s3, esp32c3, esp32c6",
+        run: image::command,
+    },
+    Task {
+        name: "flash",
+        arguments: "--board NAME [--port P]",
+        about: "build, flash with espflash, and show the board's log",
+        run: flash::command,
     },
     Task {
         name: "fuzz",

@@ -4,6 +4,7 @@ use std::env;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 /// One line for the person at the terminal: what failed and what to do about it.
 #[derive(Debug)]
@@ -44,8 +45,12 @@ pub(crate) fn run_with_env<S: AsRef<OsStr>>(
 
 /// Runs cargo at the root of the repository.
 pub(crate) fn cargo(arguments: &[&str]) -> Outcome {
-    let cargo = env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
-    run(&root(), &cargo, arguments)
+    run(&root(), &cargo_program(), arguments)
+}
+
+/// The cargo that runs this program.
+pub(crate) fn cargo_program() -> String {
+    env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned())
 }
 
 /// What `program` prints, or `None` when it cannot be run or fails.
@@ -87,7 +92,32 @@ fn command<S: AsRef<OsStr>>(directory: &Path, program: &str, arguments: &[S]) ->
     command
 }
 
-fn run_command(mut command: Command) -> Outcome {
+/// Runs `command` quietly; whether it succeeded before `limit` was over.
+pub(crate) fn within(mut command: Command, limit: Duration) -> bool {
+    let quiet = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    let Ok(mut child) = quiet.spawn() else {
+        return false;
+    };
+    let began = Instant::now();
+    loop {
+        match child.try_wait() {
+            Ok(Some(status)) => return status.success(),
+            Ok(None) if began.elapsed() < limit => std::thread::sleep(Duration::from_millis(50)),
+            // It may end between the look and the kill; either way it is over.
+            _ => {
+                let _ = child.kill();
+                let _ = child.wait();
+                return false;
+            }
+        }
+    }
+}
+
+/// Runs `command` and shows its output.
+pub(crate) fn run_command(mut command: Command) -> Outcome {
     let shown = format!("{command:?}").replace('"', "");
     let status = command
         .status()
@@ -96,5 +126,28 @@ fn run_command(mut command: Command) -> Outcome {
         Ok(())
     } else {
         Err(Failure(format!("`{shown}` ended with {status}")))
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::process::Command;
+    use std::time::{Duration, Instant};
+
+    use super::within;
+
+    #[test]
+    fn what_hangs_is_ended() {
+        let began = Instant::now();
+        let mut hangs = Command::new("sleep");
+        hangs.arg("60");
+        assert!(!within(hangs, Duration::from_millis(200)));
+        assert!(began.elapsed() < Duration::from_secs(30));
+        assert!(within(Command::new("true"), Duration::from_secs(30)));
+        assert!(!within(Command::new("false"), Duration::from_secs(30)));
+        assert!(!within(
+            Command::new("no-such-program"),
+            Duration::from_secs(1)
+        ));
     }
 }
