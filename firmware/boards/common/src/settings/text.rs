@@ -29,6 +29,8 @@ pub enum Flaw {
     NoUser,
     /// A new name without its password.
     NoPassword,
+    /// A password for a network that is said to be open.
+    Contradiction,
 }
 
 impl fmt::Display for Flaw {
@@ -42,7 +44,8 @@ impl fmt::Display for Flaw {
             Self::Port => "The port must be a number from 1 to 65535.",
             Self::Choice => "Please choose one of the options.",
             Self::NoUser => "A password needs a user name.",
-            Self::NoPassword => "Please enter the password that belongs to this name.",
+            Self::NoPassword => "Please enter the password. A stored one is kept only for the same network, or the same user at the same broker.",
+            Self::Contradiction => "Please either enter a password or tick that there is none.",
         })
     }
 }

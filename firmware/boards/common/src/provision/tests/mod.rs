@@ -1,0 +1,6 @@
+mod connections;
+mod fallback;
+mod harness;
+mod page;
+mod parsers;
+mod requests;
