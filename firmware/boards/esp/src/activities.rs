@@ -1,0 +1,102 @@
+//! The activities of the program, each as a task of an executor.
+//!
+//! Control runs in an interrupt of its own, above everything else; the rest shares the main
+//! thread. On the chip with two cores the camera has the second one (see `vision`).
+
+use crawler_app::Robot;
+use crawler_board::EmbassyClock;
+use embassy_executor::{SendSpawner, SpawnError, Spawner};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use esp_hal::interrupt::Priority;
+use esp_hal::peripherals::FROM_CPU_INTR2;
+use esp_hal::rng::Rng;
+use esp_rtos::embassy::InterruptExecutor;
+use static_cell::StaticCell;
+
+use crate::battery::Battery;
+use crate::flash::Region;
+use crate::lamp::Lamp;
+use crate::motors::Motor;
+use crate::ranger;
+use crate::system::Chip;
+
+/// The context that all activities share, across interrupts and cores.
+pub(crate) type Context = Robot<CriticalSectionRawMutex>;
+
+/// Above the scheduler and the drivers, which have priority 1.
+const CONTROL_PRIORITY: Priority = Priority::Priority3;
+
+/// Starts the executor of control.
+pub(crate) fn control_executor(interrupt: FROM_CPU_INTR2<'static>) -> SendSpawner {
+    static EXECUTOR: StaticCell<InterruptExecutor<2>> = StaticCell::new();
+    EXECUTOR
+        .init(InterruptExecutor::new(interrupt))
+        .start(CONTROL_PRIORITY)
+}
+
+/// What the activities besides control and the link own.
+pub(crate) struct Parts {
+    /// The ranger.
+    pub(crate) ranger: ranger::Port,
+    /// The battery's converter.
+    pub(crate) battery: Battery,
+    /// The lamp.
+    pub(crate) lamp: Lamp,
+    /// Where parameters are kept.
+    pub(crate) parameters: Region,
+}
+
+/// Spawns control.
+///
+/// # Errors
+/// When it runs already.
+pub(crate) fn spawn_control(
+    spawner: SendSpawner,
+    robot: &'static Context,
+    motors: (Motor, Motor),
+    chip: Chip,
+) -> Result<(), SpawnError> {
+    spawner.spawn(control(robot, motors.0, motors.1, chip)?);
+    Ok(())
+}
+
+/// Spawns what shares the main thread, but for the link.
+///
+/// # Errors
+/// When one of them runs already.
+pub(crate) fn spawn(
+    spawner: Spawner,
+    robot: &'static Context,
+    parts: Parts,
+) -> Result<(), SpawnError> {
+    spawner.spawn(sense(robot, parts.ranger)?);
+    spawner.spawn(power(robot, parts.battery)?);
+    spawner.spawn(lamp(robot, parts.lamp)?);
+    spawner.spawn(store(robot, parts.parameters)?);
+    Ok(())
+}
+
+#[embassy_executor::task]
+async fn control(robot: &'static Context, left: Motor, right: Motor, chip: Chip) {
+    match crawler_app::control(robot, left, right, chip, Rng::new(), EmbassyClock).await {}
+}
+
+#[embassy_executor::task]
+async fn sense(robot: &'static Context, ranger: ranger::Port) {
+    match crawler_app::sense(robot, ranger, EmbassyClock).await {}
+}
+
+#[embassy_executor::task]
+async fn power(robot: &'static Context, battery: Battery) {
+    match crawler_app::power(robot, battery, EmbassyClock).await {}
+}
+
+#[embassy_executor::task]
+async fn lamp(robot: &'static Context, lamp: Lamp) {
+    match crawler_app::lamp(robot, lamp, EmbassyClock).await {}
+}
+
+#[embassy_executor::task]
+async fn store(robot: &'static Context, flash: Region) {
+    match crawler_app::store(robot, flash, EmbassyClock).await {}
+}

@@ -1,0 +1,206 @@
+//! Regions of the flash, as the partition table names them.
+//!
+//! The chip runs its program from the same flash. While a sector is erased (45 ms on a new flash,
+//! at most 400 ms on a worn one) nothing else runs, the second core included: the motors keep
+//! their duty for that long, and the watchdogs wait longer.
+
+use core::cell::RefCell;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embedded_storage_async::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+use esp_bootloader_esp_idf::partitions::{PARTITION_TABLE_MAX_LEN, read_partition_table};
+use esp_hal::peripherals::FLASH;
+use esp_storage::{FlashStorage, FlashStorageError};
+use static_cell::StaticCell;
+
+/// Type of a partition that holds data (ESP-IDF programming guide, "Partition Tables").
+const DATA: u8 = 1;
+const SECTOR: u32 = FlashStorage::SECTOR_SIZE;
+
+/// The one flash, behind the one lock. The lock is that of interrupts: on a chip with two cores,
+/// the other one then holds no lock when it is parked for a write.
+type Shared = Mutex<CriticalSectionRawMutex, RefCell<FlashStorage<'static>>>;
+
+/// The regions of the program.
+pub(crate) struct Regions {
+    /// What `set` changed.
+    pub(crate) parameters: Region,
+    /// What a person told the robot.
+    pub(crate) settings: Region,
+}
+
+/// Reads the partition table. What it lacks becomes a region without flash, whose every use is
+/// answered with an error: the robot runs, and forgets.
+pub(crate) fn regions(flash: FLASH<'static>) -> Regions {
+    static SHARED: StaticCell<Shared> = StaticCell::new();
+
+    let storage = FlashStorage::new(flash);
+    #[cfg(feature = "esp32s3")]
+    let storage = storage.multicore_auto_park();
+    let shared: &'static Shared = SHARED.init(Mutex::new(RefCell::new(storage)));
+    Regions {
+        parameters: Region::find(shared, "params"),
+        settings: Region::find(shared, "settings"),
+    }
+}
+
+/// Why the flash did not serve. Each variant calls for a different next step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, defmt::Format)]
+pub(crate) enum RegionError {
+    /// The partition table has no such partition: flash the board with its table.
+    Absent,
+    /// Beyond the region: a mistake of the program.
+    OutOfBounds,
+    /// Not at a word, or for erasing at a sector: a mistake of the program.
+    NotAligned,
+    /// The flash says no.
+    Refused,
+}
+
+impl NorFlashError for RegionError {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::OutOfBounds => NorFlashErrorKind::OutOfBounds,
+            Self::NotAligned => NorFlashErrorKind::NotAligned,
+            Self::Absent | Self::Refused => NorFlashErrorKind::Other,
+        }
+    }
+}
+
+impl From<FlashStorageError> for RegionError {
+    fn from(error: FlashStorageError) -> Self {
+        match error {
+            FlashStorageError::NotAligned => Self::NotAligned,
+            FlashStorageError::OutOfBounds => Self::OutOfBounds,
+            _ => Self::Refused,
+        }
+    }
+}
+
+/// A partition, from address 0 on.
+pub(crate) struct Region {
+    flash: Option<&'static Shared>,
+    start: u32,
+    length: u32,
+}
+
+impl Region {
+    const ABSENT: Self = Self {
+        flash: None,
+        start: 0,
+        length: 0,
+    };
+
+    fn find(shared: &'static Shared, label: &'static str) -> Self {
+        match shared.lock(|flash| place(&mut flash.borrow_mut(), label)) {
+            Ok(Some((start, length))) => Self {
+                flash: Some(shared),
+                start,
+                length,
+            },
+            Ok(None) => {
+                defmt::error!("flash: no partition '{=str}', so nothing is kept", label);
+                Self::ABSENT
+            }
+            Err(error) => {
+                defmt::error!(
+                    "flash: partition table unreadable ({}), so '{=str}' is not kept",
+                    error,
+                    label
+                );
+                Self::ABSENT
+            }
+        }
+    }
+
+    /// Runs `work` on the flash with the address of `offset`, when `length` bytes from there are
+    /// within the region.
+    fn with(
+        &self,
+        offset: u32,
+        length: usize,
+        work: impl FnOnce(&mut FlashStorage<'static>, u32) -> Result<(), FlashStorageError>,
+    ) -> Result<(), RegionError> {
+        let shared = self.flash.ok_or(RegionError::Absent)?;
+        let end = u32::try_from(length)
+            .ok()
+            .and_then(|length| offset.checked_add(length))
+            .filter(|end| *end <= self.length);
+        if end.is_none() {
+            return Err(RegionError::OutOfBounds);
+        }
+        shared
+            .lock(|flash| work(&mut flash.borrow_mut(), self.start + offset))
+            .map_err(RegionError::from)
+    }
+}
+
+/// Finds where the partition `label` lies. `None` when there is none, or none that makes sense.
+fn place(
+    flash: &mut FlashStorage<'static>,
+    label: &str,
+) -> Result<Option<(u32, u32)>, esp_bootloader_esp_idf::partitions::Error> {
+    let mut table = [0; PARTITION_TABLE_MAX_LEN];
+    let table = read_partition_table(flash, &mut table)?;
+    let capacity = flash.capacity() as u64;
+    let place = table
+        .iter()
+        .filter(|entry| entry.raw_type() == DATA && !entry.is_read_only())
+        .find(|entry| {
+            let name = entry.label();
+            let end = name.iter().position(|byte| *byte == 0);
+            &name[..end.unwrap_or(name.len())] == label.as_bytes()
+        })
+        .map(|entry| (entry.offset(), entry.len()))
+        .filter(|(start, length)| {
+            let end = u64::from(*start) + u64::from(*length);
+            start % SECTOR == 0 && length % SECTOR == 0 && *length > 0 && end <= capacity
+        });
+    Ok(place)
+}
+
+impl ErrorType for Region {
+    type Error = RegionError;
+}
+
+impl ReadNorFlash for Region {
+    const READ_SIZE: usize = FlashStorage::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), RegionError> {
+        self.with(offset, bytes.len(), |flash, at| flash.read_nor(at, bytes))
+    }
+
+    fn capacity(&self) -> usize {
+        self.length as usize
+    }
+}
+
+impl NorFlash for Region {
+    const WRITE_SIZE: usize = FlashStorage::WRITE_SIZE;
+    const ERASE_SIZE: usize = FlashStorage::ERASE_SIZE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), RegionError> {
+        let length = to.checked_sub(from).ok_or(RegionError::OutOfBounds)?;
+        if length == 0 {
+            return Ok(());
+        }
+        // One sector at a time: whatever waits runs in between.
+        if from % SECTOR != 0 || length % SECTOR != 0 {
+            return Err(RegionError::NotAligned);
+        }
+        for sector in (from..to).step_by(SECTOR as usize) {
+            self.with(sector, SECTOR as usize, |flash, at| {
+                flash.erase(at, at + SECTOR)
+            })?;
+            embassy_futures::yield_now().await;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), RegionError> {
+        self.with(offset, bytes.len(), |flash, at| flash.write_nor(at, bytes))
+    }
+}
