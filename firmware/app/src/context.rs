@@ -2,12 +2,13 @@
 
 use core::cell::{Cell, RefCell};
 
-use crawler_hal::{Instant, ResetCause};
-use crawler_protocol::{Action, BehaviourName, Command, Pose, Reason, RobotState};
+use crawler_hal::{Instant, PANIC_TEXT, ResetCause};
+use crawler_protocol::{Action, BehaviourName, Command, Level, Pose, Reason, RobotState};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
+use heapless::String;
 
 use crate::camera::Captures;
 use crate::config::Config;
@@ -19,6 +20,7 @@ use crate::perception::{Battery, LinkHealth, Reading};
 use crate::state::Fault;
 use crate::timesync::TimeSync;
 use crate::tracking::Tracking;
+use crate::trouble::{LinkTrouble, PANIC};
 
 /// What telemetry and the lamp need to know of control, copied once per period.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,6 +63,19 @@ pub struct BootRecord {
     pub count: u32,
     /// Why the program started.
     pub cause: ResetCause,
+    /// Whether the body kept where and why the program panicked before.
+    pub panicked: bool,
+}
+
+/// As much of `text` as fits, cut at a character boundary.
+pub(crate) fn cut<const N: usize>(text: &str) -> String<N> {
+    let mut out = String::new();
+    for character in text.chars() {
+        if out.push(character).is_err() {
+            break;
+        }
+    }
+    out
 }
 
 /// One robot: everything its activities share, and nothing else they could share.
@@ -90,6 +105,8 @@ pub struct Robot<M: RawMutex> {
     pub(crate) battery_measured: Signal<M, ()>,
     /// Link → control.
     pub(crate) link_health: Mutex<M, Cell<LinkHealth>>,
+    /// Link → lamp: what keeps the robot from its broker.
+    pub(crate) link_trouble: Mutex<M, Cell<Option<LinkTrouble>>>,
     /// Link → control: the newest outside position reference.
     pub(crate) tracking: Tracking<M>,
     /// Control → link, lamp.
@@ -100,9 +117,11 @@ pub struct Robot<M: RawMutex> {
     pub(crate) parameters_changed: Signal<M, ()>,
     /// Store and control → link.
     pub(crate) boot: Mutex<M, Cell<BootRecord>>,
+    /// Control → link: how the program panicked before this start, or nothing.
+    pub(crate) panic: Mutex<M, RefCell<String<PANIC_TEXT>>>,
     /// Store → control: the flash has been read, or has been given up.
     pub(crate) loaded: Mutex<M, Cell<bool>>,
-    /// Control → lamp: the pattern may have changed.
+    /// Control and link → lamp: the pattern may have changed.
     pub(crate) lamp_changed: Signal<M, ()>,
     /// Control → lamp: until when to blink for `identify`.
     pub(crate) identify_until: Mutex<M, Cell<Instant>>,
@@ -124,6 +143,7 @@ impl<M: RawMutex> Robot<M> {
             battery: Mutex::new(Cell::new(Battery::default())),
             battery_measured: Signal::new(),
             link_health: Mutex::new(Cell::new(LinkHealth::default())),
+            link_trouble: Mutex::new(Cell::new(None)),
             tracking: Tracking::new(),
             snapshot: Mutex::new(Cell::new(Snapshot::default())),
             parameters: Mutex::new(RefCell::new(Parameters::default())),
@@ -131,7 +151,9 @@ impl<M: RawMutex> Robot<M> {
             boot: Mutex::new(Cell::new(BootRecord {
                 count: 0,
                 cause: ResetCause::External,
+                panicked: false,
             })),
+            panic: Mutex::new(RefCell::new(String::new())),
             loaded: Mutex::new(Cell::new(false)),
             lamp_changed: Signal::new(),
             identify_until: Mutex::new(Cell::new(Instant::BOOT)),
@@ -162,10 +184,25 @@ impl<M: RawMutex> Robot<M> {
         });
     }
 
-    pub(crate) fn set_reset_cause(&self, cause: ResetCause) {
+    /// Where and why the program panicked before this start, when the body has kept it.
+    pub fn last_panic(&self) -> Option<String<PANIC_TEXT>> {
+        self.panic.lock(|text| {
+            let text = text.borrow();
+            (!text.is_empty()).then(|| text.clone())
+        })
+    }
+
+    pub(crate) fn set_boot_cause(&self, cause: ResetCause, panic: Option<&str>, now: Instant) {
+        let text = panic.map(cut::<PANIC_TEXT>).unwrap_or_default();
+        let panicked = !text.is_empty();
+        if panicked {
+            self.log(Level::Error, PANIC, format_args!("{text}"), now);
+            self.panic.lock(|cell| cell.replace(text));
+        }
         self.boot.lock(|cell| {
             cell.set(BootRecord {
                 cause,
+                panicked,
                 ..cell.get()
             });
         });
@@ -181,6 +218,17 @@ impl<M: RawMutex> Robot<M> {
     /// control period.
     pub fn set_link_health(&self, health: LinkHealth) {
         self.link_health.lock(|cell| cell.set(health));
+    }
+
+    /// What keeps the robot from its broker, as far as the link knows.
+    pub fn link_trouble(&self) -> Option<LinkTrouble> {
+        self.link_trouble.lock(Cell::get)
+    }
+
+    pub(crate) fn set_link_trouble(&self, trouble: Option<LinkTrouble>) {
+        if self.link_trouble.lock(|cell| cell.replace(trouble)) != trouble {
+            self.lamp_changed.signal(());
+        }
     }
 
     /// Hands a valid, fresh and new command to whoever carries it out, who then answers it.

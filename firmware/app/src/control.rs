@@ -54,7 +54,7 @@ where
     C: Clock,
     R: Rng,
 {
-    robot.set_reset_cause(system.reset_cause());
+    robot.set_boot_cause(system.reset_cause(), system.last_panic(), clock.now());
     let mut wheels = Wheels::new(L298n::new(left, right, Config::new()));
     let mut pilot = Pilot::new(robot);
     let mut last_step = clock.now();

@@ -15,6 +15,8 @@ use embedded_hal::digital::OutputPin;
 
 use crate::context::Robot;
 use crate::perception::{Charge, LinkHealth};
+use crate::state::Fault;
+use crate::trouble::LinkTrouble;
 
 /// Shows the state of the robot. Sleeps until the next edge of the pattern, or until control
 /// says that the pattern may be another.
@@ -33,12 +35,14 @@ pub async fn lamp<M: RawMutex, O: OutputPin, C: Clock>(
         let identify_until = robot.identify_until.lock(Cell::get);
         let snapshot = robot.snapshot();
         let link = robot.link_health.lock(Cell::get);
-        let pattern = pattern(
-            snapshot.state,
-            snapshot.battery.charge,
+        let pattern = pattern(&View {
+            state: snapshot.state,
+            fault: snapshot.fault,
+            charge: snapshot.battery.charge,
             link,
-            now < identify_until,
-        );
+            trouble: robot.link_trouble(),
+            identify: now < identify_until,
+        });
         let next = match lamp.show(pattern, now) {
             Ok(next) => {
                 refused = false;
@@ -61,14 +65,31 @@ pub async fn lamp<M: RawMutex, O: OutputPin, C: Clock>(
     }
 }
 
+/// What the lamp can tell of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct View {
+    /// State as reported.
+    pub state: RobotState,
+    /// Why the robot stands, when its state is `ERROR`.
+    pub fault: Option<Fault>,
+    /// How much is left in the battery.
+    pub charge: Charge,
+    /// How the session with the broker is.
+    pub link: LinkHealth,
+    /// What keeps the robot from its broker.
+    pub trouble: Option<LinkTrouble>,
+    /// Whether someone asked which robot this is.
+    pub identify: bool,
+}
+
 /// The pattern to show: first what was asked for, then what needs a person, then the state.
-pub fn pattern(state: RobotState, charge: Charge, link: LinkHealth, identify: bool) -> Pattern {
-    if identify {
+pub fn pattern(view: &View) -> Pattern {
+    if view.identify {
         return Pattern::Identify;
     }
-    match state {
-        RobotState::Error if charge == Charge::Critical => return Pattern::LowBattery,
-        RobotState::Error => return Pattern::Error,
+    match view.state {
+        RobotState::Error if view.charge == Charge::Critical => return Pattern::LowBattery,
+        RobotState::Error => return view.fault.map_or(Pattern::Error, Fault::pattern),
         RobotState::Updating => return Pattern::Updating,
         RobotState::Initializing
         | RobotState::Idle
@@ -77,13 +98,15 @@ pub fn pattern(state: RobotState, charge: Charge, link: LinkHealth, identify: bo
         | RobotState::Caution
         | RobotState::Avoiding => {}
     }
-    if charge == Charge::Low {
+    if view.charge == Charge::Low {
         return Pattern::LowBattery;
     }
-    if link == LinkHealth::Lost {
-        return Pattern::NoLink;
+    match (view.link, view.trouble) {
+        (LinkHealth::Absent | LinkHealth::Lost, Some(trouble)) => return trouble.pattern(),
+        (LinkHealth::Lost, None) => return Pattern::NoLink,
+        (LinkHealth::Absent, None) | (LinkHealth::Up, _) => {}
     }
-    match state {
+    match view.state {
         RobotState::Initializing => Pattern::Initializing,
         RobotState::Idle => Pattern::Idle,
         RobotState::Moving => Pattern::Moving,

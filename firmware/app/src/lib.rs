@@ -50,6 +50,7 @@ pub mod store;
 mod testing;
 pub mod timesync;
 pub mod tracking;
+pub mod trouble;
 
 pub use camera::{ImageSlot, camera};
 pub use config::{Config, Credentials, Geometry};

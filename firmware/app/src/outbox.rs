@@ -16,22 +16,34 @@
 //! nobody kept for [`PROMISE_LIFE`] gives way when all are taken.
 //!
 //! # Log records
-//! A ring of [`LOGS`]: the oldest gives way, and a record of the loss says how many did, at most
-//! once in [`LOSS_PERIOD`].
+//! [`LOGS`] places, and messages at QoS 0. Still no fault that lasts is lost:
+//!
+//! - When all places are taken the oldest record gives way, but not the newest of a kept event
+//!   ([`KEPT_EVENTS`](crate::trouble::KEPT_EVENTS)). There are more places than such events, so
+//!   one can always give way: what happens often does not displace what happened once.
+//! - A record of a kept event stays here until the broker has answered something that was sent
+//!   after it: the stream keeps its order, so the record arrived as well. When the connection
+//!   breaks before, it is sent again on the next one, under the same number.
+//!
+//! A record of the loss says how many gave way, at most once in [`LOSS_PERIOD`].
 //!
 //! Telemetry is not queued at all: the link sends the latest snapshot.
 //!
-//! State: about 2.5 KB (32 answers of 40 bytes, 8 records of 130).
+//! State: about 3.8 KB (32 answers of 40 bytes, 16 records of 140).
+
+mod logs;
 
 use core::cell::RefCell;
-use core::fmt::Write as _;
 
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Level, Reason, ResponseStatus, Source};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::signal::Signal;
-use heapless::{Deque, String, Vec};
+use heapless::Vec;
+
+use logs::Logs;
+pub use logs::{LOG_TEXT, LOGS, LOSS_PERIOD, LogEntry};
 
 /// Places for answers.
 pub const ANSWERS: usize = 32;
@@ -43,13 +55,6 @@ pub const COURTESY_LIMIT: usize = 24;
 pub const PROMISES: usize = 8;
 /// Age at which a promise gives way to a new one when all are taken.
 pub const PROMISE_LIFE: Duration = Duration::from_secs(5 * 60);
-/// Log records held.
-pub const LOGS: usize = 8;
-/// Least time between two records that tell of losses.
-pub const LOSS_PERIOD: Duration = Duration::from_secs(1);
-/// Longest text of a log record, in bytes; what is longer is cut.
-pub const LOG_TEXT: usize = 88;
-
 /// Answers promised to each admitted command.
 const PER_COMMAND: u8 = 2;
 
@@ -68,21 +73,6 @@ pub struct Outgoing {
     pub reason: Option<Reason>,
     /// Unix ms when it was given, 0 when unknown.
     pub timestamp: u64,
-}
-
-/// A log record, as it will be sent.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LogEntry {
-    /// Counts all records since boot, lost ones included.
-    pub seq: u64,
-    /// Unix ms when it was written, 0 when unknown.
-    pub timestamp: u64,
-    /// How bad it is.
-    pub level: Level,
-    /// Stable name of what happened.
-    pub event: &'static str,
-    /// In words.
-    pub text: String<LOG_TEXT>,
 }
 
 /// No place is free for the answers of one more command.
@@ -135,11 +125,8 @@ struct Inner {
     answers: Vec<Entry, ANSWERS>,
     promises: Vec<Promise, PROMISES>,
     next_ticket: u32,
-    logs: Deque<LogEntry, LOGS>,
-    log_seq: u64,
-    logs_lost: u32,
+    logs: Logs,
     answers_lost: u32,
-    loss_told: Option<Instant>,
 }
 
 /// See the [module](self).
@@ -156,11 +143,8 @@ impl<M: RawMutex> Outbox<M> {
                 answers: Vec::new(),
                 promises: Vec::new(),
                 next_ticket: 0,
-                logs: Deque::new(),
-                log_seq: 0,
-                logs_lost: 0,
+                logs: Logs::new(),
                 answers_lost: 0,
-                loss_told: None,
             })),
             wake: Signal::new(),
         }
@@ -210,7 +194,7 @@ impl<M: RawMutex> Outbox<M> {
         text: core::fmt::Arguments<'_>,
         timestamp: u64,
     ) {
-        self.with(|inner| inner.log(level, event, text, timestamp));
+        self.with(|inner| inner.logs.write(level, event, text, timestamp));
         self.wake.signal(());
     }
 
@@ -267,9 +251,34 @@ impl<M: RawMutex> Outbox<M> {
         self.wake.signal(());
     }
 
-    /// Takes the oldest log record. One that tells of losses comes before the others.
+    /// The oldest log record not sent yet, which the caller sends. One that tells of losses
+    /// comes before the others.
     pub fn next_log(&self, timestamp: u64, now: Instant) -> Option<LogEntry> {
-        self.with(|inner| inner.next_log(timestamp, now))
+        self.with(|inner| {
+            let answers_lost = &mut inner.answers_lost;
+            inner.logs.next(answers_lost, timestamp, now)
+        })
+    }
+
+    /// Whether records of kept events were sent since the broker was last asked for an answer.
+    pub fn logs_unproven(&self) -> bool {
+        self.with(|inner| inner.logs.are_unproven())
+    }
+
+    /// Notes that something is on its way to the broker, after all records sent so far, whose
+    /// answer will prove that they arrived.
+    pub fn logs_asked(&self) {
+        self.with(|inner| inner.logs.asked());
+    }
+
+    /// Notes that this answer came.
+    pub fn logs_proven(&self) {
+        self.with(|inner| inner.logs.proven());
+    }
+
+    /// Notes that no answer will come any more: what is not proven is sent again.
+    pub fn rewind_logs(&self) {
+        self.with(|inner| inner.logs.rewind());
     }
 
     /// Answers waiting or on their way.
@@ -370,72 +379,6 @@ impl Inner {
             // Not reached: every caller has made sure of a place. Counted all the same.
             self.answers_lost = self.answers_lost.saturating_add(1);
         }
-    }
-
-    fn log(
-        &mut self,
-        level: Level,
-        event: &'static str,
-        text: core::fmt::Arguments<'_>,
-        timestamp: u64,
-    ) {
-        let mut cut = Cut(String::new());
-        // `Cut` never fails.
-        let _ = cut.write_fmt(text);
-        if self.logs.is_full() {
-            self.logs.pop_front();
-            self.logs_lost = self.logs_lost.saturating_add(1);
-        }
-        let entry = LogEntry {
-            seq: self.log_seq,
-            timestamp,
-            level,
-            event,
-            text: cut.0,
-        };
-        self.log_seq += 1;
-        // There is room: made above.
-        let _ = self.logs.push_back(entry);
-    }
-
-    fn next_log(&mut self, timestamp: u64, now: Instant) -> Option<LogEntry> {
-        let nothing_lost = self.logs_lost == 0 && self.answers_lost == 0;
-        let just_told = self.loss_told.is_some_and(|told| now - told < LOSS_PERIOD);
-        if nothing_lost || just_told {
-            return self.logs.pop_front();
-        }
-        self.loss_told = Some(now);
-        let mut text = Cut(String::new());
-        let _ = write!(
-            text,
-            "{} log records and {} answers were not sent",
-            self.logs_lost, self.answers_lost
-        );
-        self.logs_lost = 0;
-        self.answers_lost = 0;
-        let seq = self.log_seq;
-        self.log_seq += 1;
-        Some(LogEntry {
-            seq,
-            timestamp,
-            level: Level::Warn,
-            event: "outbox-full",
-            text: text.0,
-        })
-    }
-}
-
-/// Takes as much text as fits and drops the rest, at a character boundary.
-struct Cut(String<LOG_TEXT>);
-
-impl core::fmt::Write for Cut {
-    fn write_str(&mut self, text: &str) -> core::fmt::Result {
-        for character in text.chars() {
-            if self.0.push(character).is_err() {
-                break;
-            }
-        }
-        Ok(())
     }
 }
 

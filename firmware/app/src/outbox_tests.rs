@@ -2,10 +2,12 @@
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use proptest::prelude::*;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
+use std::string::ToString;
 use std::vec::Vec;
 
 use super::*;
+use crate::trouble::KEPT_EVENTS;
 
 type Box = Outbox<NoopRawMutex>;
 
@@ -127,7 +129,8 @@ fn the_log_keeps_the_newest_and_says_how_many_it_lost() {
     assert!(lost.text.starts_with("5 log records"), "{}", lost.text);
     let rest: Vec<_> = core::iter::from_fn(|| outbox.next_log(9, NOW)).collect();
     let texts: Vec<_> = rest.iter().map(|entry| entry.text.as_str()).collect();
-    assert_eq!(texts, ["5", "6", "7", "8", "9", "10", "11", "12"]);
+    let expected: Vec<_> = (5..LOGS + 5).map(|number| number.to_string()).collect();
+    assert_eq!(texts, expected);
     assert_eq!(rest[0].seq, 5, "the gap shows in the numbers too");
 }
 
@@ -150,6 +153,126 @@ fn long_text_is_cut_between_characters() {
     let entry = outbox.next_log(0, NOW).expect("a record");
     assert_eq!(entry.text.len(), LOG_TEXT - 1);
     assert!(entry.text.ends_with('é'));
+}
+
+#[test]
+fn what_happens_often_does_not_displace_what_happened_once() {
+    let outbox = Box::new();
+    outbox.log(Level::Error, "panic", format_args!("src/x.rs:12: no"), 0);
+    for number in 0..1_000 {
+        outbox.log(Level::Warn, "link-failed", format_args!("{number}"), 0);
+        outbox.log(Level::Info, "motion-ended", format_args!("{number}"), 0);
+    }
+    let records: Vec<_> = core::iter::from_fn(|| outbox.next_log(0, NOW)).collect();
+    let has = |event, text| {
+        let mut records = records.iter();
+        records.any(|r| r.event == event && r.text.as_str() == text)
+    };
+    assert!(has("panic", "src/x.rs:12: no"), "{records:?}");
+    assert!(has("link-failed", "999"), "{records:?}");
+}
+
+#[test]
+fn a_fault_is_sent_again_until_something_proves_that_it_arrived() {
+    let outbox = Box::new();
+    let sent = || -> Vec<_> {
+        core::iter::from_fn(|| outbox.next_log(0, NOW))
+            .map(|record| record.event)
+            .collect()
+    };
+    outbox.log(Level::Info, "scan", format_args!(""), 0);
+    outbox.log(Level::Error, "ranger", format_args!("dead"), 0);
+    assert_eq!(sent(), ["scan", "ranger"]);
+    assert!(outbox.logs_unproven() && sent().is_empty());
+    outbox.rewind_logs();
+    assert_eq!(sent(), ["ranger"], "the other was sent and that is all");
+    outbox.logs_asked();
+    assert!(!outbox.logs_unproven());
+    // Written after the question, so not proven by its answer.
+    outbox.log(Level::Error, "flash", format_args!("refused"), 0);
+    assert_eq!(sent(), ["flash"]);
+    outbox.logs_proven();
+    outbox.rewind_logs();
+    assert_eq!(sent(), ["flash"]);
+    outbox.logs_asked();
+    outbox.logs_proven();
+    outbox.rewind_logs();
+    assert_eq!(sent(), [""; 0]);
+}
+
+#[derive(Debug, Clone, Copy)]
+enum LogStep {
+    /// Something that is kept, by its place in the list.
+    Fault(usize),
+    Ordinary,
+    Send,
+    Ask,
+    Answered,
+    Reconnect,
+}
+
+fn log_steps() -> impl Strategy<Value = Vec<LogStep>> {
+    let step = prop_oneof![
+        6 => (0..KEPT_EVENTS.len()).prop_map(LogStep::Fault),
+        6 => Just(LogStep::Ordinary),
+        4 => Just(LogStep::Send),
+        2 => Just(LogStep::Ask),
+        2 => Just(LogStep::Answered),
+        1 => Just(LogStep::Reconnect),
+    ];
+    proptest::collection::vec(step, 0..400)
+}
+
+proptest! {
+    /// A broker that takes records in only while it answers, against every order of events.
+    #[test]
+    fn the_newest_word_on_every_fault_arrives(steps in log_steps()) {
+        let outbox = Box::new();
+        let mut newest: BTreeMap<&str, u64> = BTreeMap::new();
+        // Sent on this connection; those of them that an answer under way proves.
+        let mut sent: Vec<(&str, u64)> = Vec::new();
+        let mut asked = None;
+        let mut arrived: Vec<(&str, u64)> = Vec::new();
+        for (number, step) in steps.into_iter().enumerate() {
+            let number = number as u64;
+            match step {
+                LogStep::Fault(index) => {
+                    let event = KEPT_EVENTS[index];
+                    outbox.log(Level::Error, event, format_args!("{number}"), number);
+                    newest.insert(event, number);
+                }
+                LogStep::Ordinary => outbox.log(Level::Info, "tick", format_args!(""), number),
+                LogStep::Send => {
+                    sent.extend(outbox.next_log(0, NOW).map(|r| (r.event, r.timestamp)));
+                }
+                LogStep::Ask if asked.is_none() => {
+                    outbox.logs_asked();
+                    asked = Some(sent.len());
+                }
+                LogStep::Answered => {
+                    if let Some(count) = asked.take() {
+                        outbox.logs_proven();
+                        arrived.extend(sent.drain(..count));
+                    }
+                }
+                LogStep::Reconnect => {
+                    // Nothing of what was not answered arrived.
+                    sent.clear();
+                    asked = None;
+                    outbox.rewind_logs();
+                }
+                LogStep::Ask => {}
+            }
+        }
+        outbox.rewind_logs();
+        for now in 0..4 {
+            let now = NOW + LOSS_PERIOD * now;
+            arrived.extend(core::iter::from_fn(|| outbox.next_log(0, now)).map(|r| (r.event, r.timestamp)));
+        }
+        for (event, number) in newest {
+            prop_assert!(arrived.contains(&(event, number)), "{event} of step {number} is lost");
+        }
+    }
 }
 
 #[derive(Debug, Clone)]

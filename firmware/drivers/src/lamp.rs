@@ -31,6 +31,18 @@ pub enum Pattern {
     LowBattery,
     /// No connection to the broker.
     NoLink,
+    /// Standing, because the ranger is not to be trusted.
+    RangerFault,
+    /// Standing, because an output to the motors does not do what it is told.
+    MotorFault,
+    /// No network is joined.
+    NoNetwork,
+    /// The network refuses the password.
+    NetworkPassword,
+    /// The network hands out no address.
+    NoAddress,
+    /// The broker refuses name and password.
+    BrokerRefuses,
 }
 
 /// Longest repetition of any pattern: whoever looks this long has seen all of it.
@@ -38,7 +50,7 @@ pub const LONGEST_PERIOD: Duration = Duration::from_millis(3_000);
 
 impl Pattern {
     /// Every pattern.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 17] = [
         Self::Initializing,
         Self::Idle,
         Self::Moving,
@@ -50,13 +62,25 @@ impl Pattern {
         Self::Identify,
         Self::LowBattery,
         Self::NoLink,
+        Self::RangerFault,
+        Self::MotorFault,
+        Self::NoNetwork,
+        Self::NetworkPassword,
+        Self::NoAddress,
+        Self::BrokerRefuses,
     ];
 
     /// The pattern as durations in milliseconds: lit, dark, lit, dark…, then again from the start.
     ///
     /// Their number is even and none is zero. Calm states are slow and mostly dark, to spare the
-    /// battery; what needs a person is quick, or counted: two flashes are a low battery, three are
-    /// a lost link.
+    /// battery; what needs a person is quick, or counted:
+    ///
+    /// - two flashes are a low battery, three are a lost link;
+    /// - three flashes, then long ones, are a robot that stands: one long for the emergency stop,
+    ///   two for the ranger, three for the motors;
+    /// - one long flash, then short ones, count how far the way to the broker goes: one for no
+    ///   network, two for a refused network password, three for no address, four for a broker
+    ///   that refuses name and password.
     #[must_use]
     pub const fn table_ms(self) -> &'static [u16] {
         match self {
@@ -71,6 +95,12 @@ impl Pattern {
             Self::Identify => &[60, 60],
             Self::LowBattery => &[100, 200, 100, 1_600],
             Self::NoLink => &[100, 200, 100, 200, 100, 1_300],
+            Self::RangerFault => &[100, 100, 100, 100, 100, 100, 500, 200, 500, 300],
+            Self::MotorFault => &[100, 100, 100, 100, 100, 100, 500, 200, 500, 200, 500, 300],
+            Self::NoNetwork => &[600, 250, 100, 1_550],
+            Self::NetworkPassword => &[600, 250, 100, 250, 100, 1_200],
+            Self::NoAddress => &[600, 250, 100, 250, 100, 250, 100, 850],
+            Self::BrokerRefuses => &[600, 250, 100, 250, 100, 250, 100, 250, 100, 900],
         }
     }
 

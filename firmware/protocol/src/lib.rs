@@ -49,9 +49,9 @@ pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, Source};
 pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
     Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
-    Heartbeat, Kind, Level, LogRecord, MAX_DETECTIONS, MAX_NEIGHBOURS, MAX_PARAMETERS, Neighbour,
-    Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, Reports, Response, RobotState,
-    StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
+    Heartbeat, Kind, Level, LogRecord, MAX_DETECTIONS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS,
+    Neighbour, Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, Reports, Response,
+    RobotState, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
 };
 pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]

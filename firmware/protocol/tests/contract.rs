@@ -4,10 +4,11 @@ use std::collections::BTreeSet;
 
 use crawler_protocol::{
     Action, Battery, BehaviourName, Boot, BootCause, Capability, Command, DecodeError, Direction,
-    EncodeError, Kind, Level, MAX_MESSAGE, Outcomes, PROTOCOL_VERSION, Pose, PoseFix, Reason,
-    Response, ResponseStatus, RobotId, RobotState, Source, StatusMessage, Telemetry, TimeMessage,
-    Wheels,
+    EncodeError, Kind, Level, MAX_MESSAGE, MAX_PANIC, Outcomes, PROTOCOL_VERSION, Pose, PoseFix,
+    Reason, Response, ResponseStatus, RobotId, RobotState, Source, StatusMessage, Telemetry,
+    TimeMessage, Wheels,
 };
+use proptest::prelude::*;
 
 const COMMAND: &str = r#"{"command": "move", "parameters": {"direction": "forward", "speed": 80, "duration": 2000}, "timestamp": 1648372964000, "seq": 17, "source": "operator:ada"}"#;
 const RESPONSE: &str = r#"{"robot": "sim-0001", "seq": 17, "status": "completed", "reason": null, "timestamp": 1648372966004}"#;
@@ -99,6 +100,7 @@ fn the_examples_of_the_contract_are_read_and_written() {
         boot: Boot {
             count: 3,
             cause: BootCause::PowerOn,
+            panic: None,
         },
         protocol: PROTOCOL_VERSION,
     };
@@ -108,6 +110,50 @@ fn the_examples_of_the_contract_are_read_and_written() {
     );
     let length = status.to_json(&mut buf).unwrap();
     same(&buf[..length], STATUS);
+
+    let mut panicked = status;
+    panicked.boot.cause = BootCause::Panic;
+    panicked.boot.panic = Some("src/wheel.rs:12: a \"wheel\"\nfell off".try_into().unwrap());
+    let length = panicked.to_json(&mut buf).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&buf[..length]).unwrap();
+    assert_eq!(
+        json["boot"],
+        serde_json::json!({
+            "count": 3, "cause": "panic", "panic": "src/wheel.rs:12: a \"wheel\" fell off"
+        })
+    );
+    let read = StatusMessage::from_json(&buf[..length]).unwrap();
+    assert_eq!(read.boot.panic.as_deref(), json["boot"]["panic"].as_str());
+}
+
+/// A status whose `boot` has this `panic`.
+fn status_with(panic: &str) -> Vec<u8> {
+    let mut json: serde_json::Value = serde_json::from_str(STATUS).unwrap();
+    json["boot"]["panic"] = panic.into();
+    json.to_string().into_bytes()
+}
+
+proptest! {
+    #[test]
+    fn any_text_of_a_panic_survives_and_a_longer_one_is_refused(
+        text in prop_oneof![r"\PC{0,48}", ".{0,96}", "[\"\\\\\u{1}é]{0,96}"],
+    ) {
+        let read = StatusMessage::from_json(&status_with(&text));
+        if text.len() > MAX_PANIC {
+            prop_assert!(read.is_err());
+        } else {
+            let read = read.unwrap();
+            prop_assert_eq!(read.boot.panic.as_deref(), Some(text.as_str()));
+            let mut buf = [0; MAX_MESSAGE];
+            let length = read.to_json(&mut buf).unwrap();
+            let again = StatusMessage::from_json(&buf[..length]).unwrap();
+            let one_line: String = text
+                .chars()
+                .map(|c| if c.is_control() { ' ' } else { c })
+                .collect();
+            prop_assert_eq!(again.boot.panic.as_deref(), Some(one_line.as_str()));
+        }
+    }
 }
 
 /// The names of an enum, as serde writes them, are those it says it has, and all different.

@@ -2,10 +2,10 @@
 
 use crawler_protocol::{
     Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
-    Heartbeat, Kind, Level, LogRecord, MAX_DETECTIONS, MAX_MESSAGE, MAX_NEIGHBOURS, MAX_PARAMETERS,
-    Neighbour, Outcomes, ParameterReport, ParameterValue, ParametersMessage, Pose, PoseFix, Reason,
-    Response, ResponseStatus, RobotId, RobotState, Source, StatusMessage, SwarmResponse, Telemetry,
-    TimeMessage, Wheels,
+    Heartbeat, Kind, Level, LogRecord, MAX_DETECTIONS, MAX_MESSAGE, MAX_NEIGHBOURS, MAX_PANIC,
+    MAX_PARAMETERS, Neighbour, Outcomes, ParameterReport, ParameterValue, ParametersMessage, Pose,
+    PoseFix, Reason, Response, ResponseStatus, RobotId, RobotState, Source, StatusMessage,
+    SwarmResponse, Telemetry, TimeMessage, Wheels,
 };
 
 fn robot() -> RobotId {
@@ -73,6 +73,8 @@ fn the_longest_message_of_every_kind_fits() {
         boot: Boot {
             count: u32::MAX,
             cause: BootCause::BrownOut,
+            // Takes twice its length; what would take six times leaves as a space.
+            panic: Some("\"".repeat(MAX_PANIC).as_str().try_into().unwrap()),
         },
         protocol: u8::MAX,
     };

@@ -86,7 +86,7 @@ impl From<&Robot> for RobotView {
             firmware: status.map(|status| status.firmware.as_str().to_owned()),
             board: status.map(|status| status.board.as_str().to_owned()),
             capabilities: status.map_or_else(Vec::new, |status| status.capabilities.to_vec()),
-            boot: status.map(|status| status.boot),
+            boot: status.map(|status| status.boot.clone()),
             protocol: status.map(|status| status.protocol),
             state: robot.state().map(crawler_protocol::RobotState::name),
             behaviour: telemetry.map(|telemetry| telemetry.behaviour.name()),

@@ -6,51 +6,100 @@ use crawler_drivers::lamp::Pattern;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::RobotState;
 
-use super::{lamp, pattern};
+use super::{View, lamp, pattern};
 use crate::perception::{Charge, LinkHealth};
+use crate::state::Fault;
 use crate::testing::ports::Line;
 use crate::testing::{Executor, robot};
+use crate::trouble::LinkTrouble;
+
+const SOUND: View = View {
+    state: RobotState::Moving,
+    fault: None,
+    charge: Charge::Good,
+    link: LinkHealth::Up,
+    trouble: None,
+    identify: false,
+};
 
 #[test]
 fn every_state_has_a_pattern_of_its_own() {
     let patterns: HashSet<Pattern> = RobotState::ALL
         .iter()
-        .map(|state| pattern(*state, Charge::Good, LinkHealth::Up, false))
+        .map(|&state| pattern(&View { state, ..SOUND }))
         .collect();
     assert_eq!(patterns.len(), RobotState::ALL.len());
 }
 
 #[test]
+fn every_fault_and_every_trouble_has_a_pattern_of_its_own() {
+    let standing = [
+        Fault::EmergencyStop,
+        Fault::Motor,
+        Fault::Battery,
+        Fault::Ranger,
+    ]
+    .map(|fault| {
+        pattern(&View {
+            state: RobotState::Error,
+            fault: Some(fault),
+            ..SOUND
+        })
+    });
+    let cut_off = LinkTrouble::ALL.map(|trouble| {
+        pattern(&View {
+            link: LinkHealth::Absent,
+            trouble: Some(trouble),
+            ..SOUND
+        })
+    });
+    let all: HashSet<Pattern> = standing.into_iter().chain(cut_off).collect();
+    assert_eq!(all.len(), standing.len() + cut_off.len());
+}
+
+#[test]
 fn what_needs_a_person_comes_first() {
-    let moving = RobotState::Moving;
+    let lost = View {
+        link: LinkHealth::Lost,
+        ..SOUND
+    };
+    let low = View {
+        charge: Charge::Low,
+        ..lost
+    };
+    let error = View {
+        state: RobotState::Error,
+        ..low
+    };
+    let trouble = Some(LinkTrouble::NoAddress);
+    let identify = true;
     let cases = [
+        (View { identify, ..error }, Pattern::Identify),
+        (error, Pattern::Error),
         (
-            pattern(moving, Charge::Low, LinkHealth::Lost, true),
-            Pattern::Identify,
-        ),
-        (
-            pattern(RobotState::Error, Charge::Low, LinkHealth::Lost, false),
-            Pattern::Error,
-        ),
-        (
-            pattern(RobotState::Error, Charge::Critical, LinkHealth::Up, false),
+            View {
+                charge: Charge::Critical,
+                fault: Some(Fault::EmergencyStop),
+                ..error
+            },
             Pattern::LowBattery,
         ),
+        (View { trouble, ..low }, Pattern::LowBattery),
+        (lost, Pattern::NoLink),
+        (View { trouble, ..lost }, Pattern::NoAddress),
+        // An old trouble of a session that is up is none.
+        (View { trouble, ..SOUND }, Pattern::Moving),
         (
-            pattern(moving, Charge::Low, LinkHealth::Lost, false),
-            Pattern::LowBattery,
-        ),
-        (
-            pattern(moving, Charge::Good, LinkHealth::Lost, false),
-            Pattern::NoLink,
-        ),
-        (
-            pattern(moving, Charge::Unknown, LinkHealth::Absent, false),
+            View {
+                link: LinkHealth::Absent,
+                charge: Charge::Unknown,
+                ..SOUND
+            },
             Pattern::Moving,
         ),
     ];
-    for (shown, wanted) in cases {
-        assert_eq!(shown, wanted);
+    for (view, wanted) in cases {
+        assert_eq!(pattern(&view), wanted, "{view:?}");
     }
 }
 

@@ -6,12 +6,16 @@ use crawler_hal::{Elapsed, NetError};
 use rust_mqtt::client::MqttError;
 use rust_mqtt::types::ReasonCode;
 
+use crate::trouble::LinkTrouble;
+
 /// Why a session ended, or did not begin. Each variant is a different thing to look at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Loss {
     /// The network could not be joined or the broker not be reached.
     Unreachable(NetError),
-    /// Joining or connecting took too long.
+    /// Joining the network took too long.
+    Unjoined,
+    /// Connecting to the broker took too long.
     Unanswered,
     /// The network went away beneath the session.
     NetworkDown,
@@ -29,6 +33,8 @@ pub(super) enum Loss {
     NotSubscribed,
     /// Another client with this robot's id connected.
     TakenOver,
+    /// The broker refused name and password, or their absence, with this reason.
+    Credentials(ReasonCode),
     /// The broker said no, or good-bye, with this reason.
     Dismissed(ReasonCode),
     /// The broker does not support what this program needs.
@@ -43,13 +49,11 @@ impl Loss {
                 reason,
                 ReasonCode::UnsupportedProtocolVersion
                     | ReasonCode::ClientIdentifierNotValid
-                    | ReasonCode::BadUserNameOrPassword
-                    | ReasonCode::NotAuthorized
                     | ReasonCode::Banned
-                    | ReasonCode::BadAuthenticationMethod
             ),
-            Self::NotSubscribed | Self::Unsupported => true,
+            Self::Credentials(_) | Self::NotSubscribed | Self::Unsupported => true,
             Self::Unreachable(_)
+            | Self::Unjoined
             | Self::Unanswered
             | Self::NetworkDown
             | Self::Broken
@@ -60,12 +64,40 @@ impl Loss {
             | Self::TakenOver => false,
         }
     }
+
+    /// What is to be looked at, in as far as it can be told apart from here.
+    pub(super) const fn trouble(self) -> LinkTrouble {
+        match self {
+            Self::Unreachable(NetError::BadCredentials) => LinkTrouble::Password,
+            Self::Unreachable(NetError::NoAddress) => LinkTrouble::NoAddress,
+            Self::Unreachable(NetError::NotJoined) | Self::Unjoined | Self::NetworkDown => {
+                LinkTrouble::NoNetwork
+            }
+            Self::Credentials(_) => LinkTrouble::Credentials,
+            Self::Unreachable(_)
+            | Self::Unanswered
+            | Self::Broken
+            | Self::Silent
+            | Self::Stalled
+            | Self::Unacknowledged
+            | Self::Protocol
+            | Self::NotSubscribed
+            | Self::TakenOver
+            | Self::Dismissed(_)
+            | Self::Unsupported => LinkTrouble::NoBroker,
+        }
+    }
 }
 
 impl fmt::Display for Loss {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Unreachable(NetError::NotJoined) => f.write_str("no network"),
+            Self::Unreachable(NetError::BadCredentials) => {
+                f.write_str("the network refuses the password")
+            }
+            Self::Unreachable(NetError::NoAddress) => f.write_str("the network gives no address"),
+            Self::Unjoined => f.write_str("the network does not answer"),
             Self::Unreachable(NetError::UnknownHost) => f.write_str("unknown broker host"),
             Self::Unreachable(NetError::Refused) => f.write_str("broker refuses connections"),
             Self::Unreachable(NetError::NoResources) => f.write_str("no room for a stream"),
@@ -78,6 +110,11 @@ impl fmt::Display for Loss {
             Self::Protocol => f.write_str("broker violates the protocol"),
             Self::NotSubscribed => f.write_str("subscription refused"),
             Self::TakenOver => f.write_str("another robot with this id connected"),
+            Self::Credentials(reason) => write!(
+                f,
+                "broker refuses name and password (0x{:02x})",
+                reason.value()
+            ),
             Self::Dismissed(reason) => write!(f, "broker said 0x{:02x}", reason.value()),
             Self::Unsupported => f.write_str("broker lacks a feature"),
         }
@@ -96,6 +133,17 @@ impl From<Elapsed> for Loss {
     }
 }
 
+/// Why a broker refuses who we say we are: MQTT 5, section 2.4. Mosquitto answers a wrong
+/// password with 0x87.
+const fn is_about_credentials(reason: ReasonCode) -> bool {
+    matches!(
+        reason,
+        ReasonCode::BadUserNameOrPassword
+            | ReasonCode::NotAuthorized
+            | ReasonCode::BadAuthenticationMethod
+    )
+}
+
 impl<const PROPERTIES: usize> From<MqttError<'_, PROPERTIES>> for Loss {
     fn from(error: MqttError<'_, PROPERTIES>) -> Self {
         match error {
@@ -103,6 +151,9 @@ impl<const PROPERTIES: usize> From<MqttError<'_, PROPERTIES>> for Loss {
                 reason: ReasonCode::SessionTakenOver,
                 ..
             } => Self::TakenOver,
+            MqttError::Disconnect { reason, .. } if is_about_credentials(reason) => {
+                Self::Credentials(reason)
+            }
             MqttError::Disconnect { reason, .. } => Self::Dismissed(reason),
             MqttError::Network(_) | MqttError::RecoveryRequired => Self::Broken,
             // `Alloc`: a field longer than any packet we agreed to.

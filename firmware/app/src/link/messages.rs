@@ -9,22 +9,11 @@ use crawler_protocol::{
     ParameterValue, ParametersMessage, Reports, Response, StatusMessage, Telemetry, Wheels,
 };
 use embassy_sync::blocking_mutex::raw::RawMutex;
-use heapless::{String, Vec};
+use heapless::Vec;
 
-use crate::context::{BootRecord, Robot};
+use crate::context::{BootRecord, Robot, cut};
 use crate::outbox::{LogEntry, Outgoing};
 use crate::parameters::Domain;
-
-/// As much of `text` as fits, cut at a character boundary.
-fn cut<const N: usize>(text: &str) -> String<N> {
-    let mut out = String::new();
-    for character in text.chars() {
-        if out.push(character).is_err() {
-            break;
-        }
-    }
-    out
-}
 
 const fn cause(cause: ResetCause) -> BootCause {
     match cause {
@@ -63,6 +52,7 @@ pub(super) fn status<M: RawMutex>(
         boot: Boot {
             count: boot.count,
             cause: cause(boot.cause),
+            panic: robot.last_panic(),
         },
         protocol: PROTOCOL_VERSION,
     }

@@ -11,6 +11,9 @@
 //! | silence of the broker | ping after [`PING_AFTER`], lost after [`LOST_AFTER`] | link lost |
 //! | PUBACK | [`ACKNOWLEDGED_WITHIN`] | link lost: MQTT allows to send again only on a new connection |
 //!
+//! Whatever keeps the robot from its broker has a name ([`LinkTrouble`](crate::trouble::LinkTrouble)), a log record that waits
+//! until there is a session again, and a pattern of the lamp.
+//!
 //! Link lost means that control knows it at once ([`LinkHealth::Lost`]). From the last byte of
 //! the broker that takes at most [`LOST_AFTER`] and a write of up to a second, which together
 //! stay below one and a half times [`KEEP_ALIVE`].
@@ -53,11 +56,12 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use rand_core::Rng;
 use rust_mqtt::client::options::{ConnectOptions, WillOptions};
 use rust_mqtt::config::{KeepAlive, SessionExpiryInterval};
-use rust_mqtt::types::{MqttBinary, MqttString, TopicName};
+use rust_mqtt::types::{MqttBinary, MqttString, ReasonCode, TopicName};
 
 use crate::camera::ImageSlot;
 use crate::context::Robot;
 use crate::perception::LinkHealth;
+use crate::trouble::LINK_LOST;
 
 use backoff::Backoff;
 pub use backoff::{LONGEST, SHORTEST, STABLE_AFTER, SUSPICIOUS, TAKEN_OVER, TAKEN_OVER_LONGEST};
@@ -139,9 +143,8 @@ async fn run<M: RawMutex, N: Network, R: Rng, C: Clock>(
         counters: Counters::default(),
     };
     let mut backoff = Backoff::new();
-    let mut attempts: u32 = 0;
+    let mut told = None;
     loop {
-        attempts = attempts.saturating_add(1);
         let ended = attempt(robot, &mut network, &clock, &mut kept, &mut images).await;
         let (loss, up_since) = ended;
         let now = clock.now();
@@ -162,14 +165,18 @@ async fn run<M: RawMutex, N: Network, R: Rng, C: Clock>(
             ""
         };
         let text = format_args!("{loss}{double}; next attempt in {} ms", wait.as_millis());
+        let trouble = loss.trouble();
         if up_since.is_some() {
             robot.set_link_health(LinkHealth::Lost);
-            attempts = 0;
-            robot.log(Level::Warn, "link-lost", text, now);
-        } else if attempts == 1 || loss.is_refusal() {
+            told = None;
+            robot.log(Level::Warn, LINK_LOST, text, now);
+        } else if told != Some(trouble) || loss.is_refusal() {
             // The others of one outage would say the same.
-            robot.log(Level::Warn, "link-failed", text, now);
+            told = Some(trouble);
+            robot.log(Level::Warn, trouble.event(), text, now);
         }
+        robot.set_link_trouble(Some(trouble));
+        robot.outbox.rewind_logs();
         clock.sleep(wait).await;
     }
 }
@@ -229,7 +236,9 @@ async fn open<'n, M: RawMutex, N: Network, C: Clock>(
     network: &'n mut N,
     clock: &C,
 ) -> Result<N::Stream<'n>, Loss> {
-    with_deadline(clock, clock.now() + JOINED_WITHIN, network.join()).await??;
+    with_deadline(clock, clock.now() + JOINED_WITHIN, network.join())
+        .await
+        .map_err(|_| Loss::Unjoined)??;
     let config = robot.config();
     let work = network.connect(&config.broker_host, config.broker_port);
     Ok(with_deadline(clock, clock.now() + OPENED_WITHIN, work).await??)
@@ -275,6 +284,14 @@ where
     }
     if clean {
         options = options.clean_start();
+    }
+    if let Some(credentials) = &config.credentials {
+        // Text that MQTT cannot carry is one that no broker accepts.
+        let unusable = Loss::Credentials(ReasonCode::BadUserNameOrPassword);
+        let username = MqttString::from_str(&credentials.username).map_err(|_| unusable)?;
+        let password =
+            MqttBinary::from_slice(credentials.password.as_bytes()).map_err(|_| unusable)?;
+        options = options.user_name(username).password(password);
     }
     let id = MqttString::from_str(config.id.as_str()).map_err(|_| Loss::Unsupported)?;
     let work = client.connect(stream, &options, Some(id));

@@ -92,11 +92,7 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         self.check()?;
         let now = self.clock.now();
         if !self.state.pinged && now - self.state.heard >= PING_AFTER {
-            let deadline = self.write_deadline();
-            let work = self.client.ping();
-            with_deadline(self.clock, deadline, work)
-                .await
-                .map_err(|_| Loss::Stalled)??;
+            self.ping().await?;
             self.state.pinged = true;
         }
         while self.has_window()
@@ -123,6 +119,10 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             let now = self.clock.now();
             let timestamp = self.robot.unix_ms(now).unwrap_or(0);
             let Some(entry) = self.robot.outbox.next_log(timestamp, now) else {
+                // One question at a time, or an answer would not tell which it answers.
+                if self.state.pings == 0 && self.robot.outbox.logs_unproven() {
+                    self.ping().await?;
+                }
                 return Ok(false);
             };
             if let Some(len) = messages::log(self.robot, &entry, self.scratch) {
@@ -131,6 +131,20 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             }
         }
         Ok(true)
+    }
+
+    /// Asks the broker for an answer, which proves that what was sent before has arrived.
+    async fn ping(&mut self) -> Result<(), Loss> {
+        if self.state.pings == 0 {
+            self.robot.outbox.logs_asked();
+        }
+        self.state.pings = self.state.pings.saturating_add(1);
+        let deadline = self.write_deadline();
+        let work = self.client.ping();
+        with_deadline(self.clock, deadline, work)
+            .await
+            .map_err(|_| Loss::Stalled)??;
+        Ok(())
     }
 
     async fn send_periodic(&mut self) -> Result<(), Loss> {

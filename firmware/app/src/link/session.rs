@@ -69,6 +69,8 @@ pub(super) struct State {
     /// Last packet from the broker.
     pub(super) heard: Instant,
     pub(super) pinged: bool,
+    /// Pings not answered yet.
+    pub(super) pings: u8,
     pub(super) unconfirmed: Vec<PacketIdentifier, SUBSCRIPTIONS>,
     /// When the last subscription was confirmed: since then commands arrive.
     pub(super) up_since: Option<Instant>,
@@ -85,6 +87,7 @@ impl State {
             opened: now,
             heard: now,
             pinged: false,
+            pings: 0,
             unconfirmed: Vec::new(),
             up_since: None,
             told: None,
@@ -160,7 +163,12 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                 if self.state.unconfirmed.is_empty() && self.state.up_since.is_none() {
                     self.state.up_since = Some(now);
                     self.robot.set_link_health(LinkHealth::Up);
+                    self.robot.set_link_trouble(None);
                 }
+            }
+            Event::Pingresp => {
+                self.state.pings = self.state.pings.saturating_sub(1);
+                self.robot.outbox.logs_proven();
             }
             Event::PublishAcknowledged(ack) => {
                 self.settle(ack.packet_identifier, Outcome::Delivered);
@@ -200,7 +208,7 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             }
             Some(Topic::Time) => {
                 if let Ok(message) = TimeMessage::from_json(letter.payload()) {
-                    robot.time.observe(message.timestamp, now);
+                    robot.observe_time(message.timestamp, now);
                 }
             }
             Some(Topic::Pose(id)) if id == config.id => {

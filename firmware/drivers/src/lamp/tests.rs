@@ -37,6 +37,39 @@ fn tables_keep_their_rules() {
     }
 }
 
+/// Flashes of one period, in order: long or short.
+fn flashes(pattern: Pattern) -> Vec<bool> {
+    let lit = pattern.table_ms().iter().step_by(2);
+    lit.map(|&ms| ms >= 400).collect()
+}
+
+#[test]
+fn what_needs_a_person_is_told_apart_by_counting() {
+    let counted = [
+        Pattern::LowBattery,
+        Pattern::NoLink,
+        Pattern::Error,
+        Pattern::RangerFault,
+        Pattern::MotorFault,
+        Pattern::NoNetwork,
+        Pattern::NetworkPassword,
+        Pattern::NoAddress,
+        Pattern::BrokerRefuses,
+    ];
+    for pattern in counted {
+        let table = pattern.table_ms();
+        let pause = table.last().copied().unwrap();
+        let inside = table.iter().skip(1).step_by(2).rev().skip(1).max().unwrap();
+        assert!(pause > *inside, "{pattern:?}: no telling where it begins");
+        for other in counted {
+            assert!(
+                pattern == other || flashes(pattern) != flashes(other),
+                "{pattern:?} counts like {other:?}"
+            );
+        }
+    }
+}
+
 #[test]
 fn all_lists_every_pattern() {
     // A new pattern does not compile until it is counted here, and then fails until it is listed.
@@ -52,9 +85,18 @@ fn all_lists_every_pattern() {
         Pattern::Identify => 8,
         Pattern::LowBattery => 9,
         Pattern::NoLink => 10,
+        Pattern::RangerFault => 11,
+        Pattern::MotorFault => 12,
+        Pattern::NoNetwork => 13,
+        Pattern::NetworkPassword => 14,
+        Pattern::NoAddress => 15,
+        Pattern::BrokerRefuses => 16,
     };
     let listed: Vec<usize> = Pattern::ALL.into_iter().map(index).collect();
-    assert_eq!(listed, (0..=index(Pattern::NoLink)).collect::<Vec<_>>());
+    assert_eq!(
+        listed,
+        (0..=index(Pattern::BrokerRefuses)).collect::<Vec<_>>()
+    );
 }
 
 #[test]

@@ -54,7 +54,7 @@ pub struct LogRecord {
 }
 wire!(LogRecord);
 
-fn one_line<const N: usize, S: Serializer>(
+pub(super) fn one_line<const N: usize, S: Serializer>(
     text: &String<N>,
     serializer: S,
 ) -> Result<S::Ok, S::Error> {

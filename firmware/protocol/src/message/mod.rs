@@ -18,7 +18,7 @@ pub use parameters::{MAX_PARAMETERS, ParameterReport, ParametersMessage, Reports
 pub use pose::{Pose, PoseFix};
 pub use response::{Outcomes, Response, SwarmResponse};
 pub use state::{BehaviourName, BootCause, Capability, Kind, RobotState};
-pub use status::{Boot, StatusMessage};
+pub use status::{Boot, MAX_PANIC, StatusMessage};
 pub use telemetry::{Battery, Heartbeat, Telemetry, Wheels};
 pub use time::TimeMessage;
 

@@ -1,13 +1,13 @@
 //! Who a robot is, and whether it is there.
 
 use heapless::{String, Vec};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::{BootCause, Capability, Kind, wire};
 use crate::RobotId;
 
 /// Which start of the program this is, and why it started.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Boot {
@@ -15,6 +15,31 @@ pub struct Boot {
     pub count: u32,
     /// Why the program started.
     pub cause: BootCause,
+    /// Where and why the program panicked before it, when that was kept: `src/file.rs:12: text`.
+    /// Control characters leave as spaces, which also bounds the message.
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        serialize_with = "one_line"
+    )]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "Option<std::string::String>", length(max = 96))
+    )]
+    pub panic: Option<String<MAX_PANIC>>,
+}
+
+/// Longest text of a panic, in bytes.
+pub const MAX_PANIC: usize = 96;
+
+fn one_line<S: Serializer>(
+    text: &Option<String<MAX_PANIC>>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    match text {
+        Some(text) => super::log::one_line(text, serializer),
+        None => serializer.serialize_none(),
+    }
 }
 
 /// Retained description of a robot. The last will says `"online": false`.

@@ -188,10 +188,12 @@ pub(crate) fn status() -> impl Strategy<Value = StatusMessage> {
     (
         (robot(), any::<bool>(), select(Kind::ALL), text(), text()),
         vec(select(Capability::ALL), 0..=8),
-        (any::<u32>(), select(BootCause::ALL), any::<u8>()),
+        (any::<u32>(), select(BootCause::ALL), option::of(text())),
+        any::<u8>(),
     )
         .prop_map(
-            |((robot, online, kind, firmware, board), capabilities, (count, cause, protocol))| {
+            |((robot, online, kind, firmware, board), capabilities, boot, protocol)| {
+                let (count, cause, panic) = boot;
                 StatusMessage {
                     robot,
                     online,
@@ -199,7 +201,11 @@ pub(crate) fn status() -> impl Strategy<Value = StatusMessage> {
                     firmware,
                     board,
                     capabilities: heapless::Vec::from_slice(&capabilities).unwrap(),
-                    boot: Boot { count, cause },
+                    boot: Boot {
+                        count,
+                        cause,
+                        panic,
+                    },
                     protocol,
                 }
             },

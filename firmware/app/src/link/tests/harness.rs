@@ -176,6 +176,8 @@ struct Air {
     attempts: Vec<Instant>,
     refusing: bool,
     down: bool,
+    /// Why joining fails; [`NetError::TimedOut`] stands for one that never answers.
+    unjoinable: Option<NetError>,
     wakers: Vec<Waker>,
 }
 
@@ -210,7 +212,12 @@ impl Network for TestNetwork {
         if self.air.borrow().down {
             return Err(NetError::NotJoined);
         }
-        Ok(())
+        let unjoinable = self.air.borrow().unjoinable;
+        match unjoinable {
+            None => Ok(()),
+            Some(NetError::TimedOut) => core::future::pending().await,
+            Some(error) => Err(error),
+        }
     }
 
     async fn connect(&mut self, host: &str, port: u16) -> Result<Stream, NetError> {
@@ -265,6 +272,10 @@ impl Broker {
         self.network.air.borrow_mut().refusing = refusing;
     }
 
+    pub(super) fn fail_joining(&self, why: Option<NetError>) {
+        self.network.air.borrow_mut().unjoinable = why;
+    }
+
     pub(super) fn take_network_down(&self, down: bool) {
         self.network.air.borrow_mut().down = down;
     }
@@ -277,6 +288,10 @@ impl Broker {
     /// When the robot tried to connect.
     pub(super) fn attempts(&self) -> Vec<Instant> {
         self.network.air.borrow().attempts.clone()
+    }
+
+    pub(super) fn now(&self) -> Instant {
+        self.clock.now()
     }
 
     pub(super) async fn sleep(&self, span: Duration) {
@@ -317,7 +332,11 @@ pub(super) type Slot = ImageSlot<NoopRawMutex, Vec<u8>>;
 
 /// A robot that no activity but the link runs for.
 pub(super) fn robot() -> Robot<NoopRawMutex> {
-    Robot::new(Config {
+    Robot::new(config())
+}
+
+pub(super) fn config() -> Config {
+    Config {
         id: RobotId::new("sim-0001").expect("an id"),
         fleet: Fleet::new("swarm").expect("a fleet"),
         broker_host: heapless::String::try_from("broker").expect("a host"),
@@ -328,16 +347,32 @@ pub(super) fn robot() -> Robot<NoopRawMutex> {
         geometry: Geometry::default(),
         credentials: None,
         camera: false,
-    })
+    }
 }
 
 /// Runs the link against `script`, until the script is done.
 pub(super) fn run<F: Future>(script: impl FnOnce(Broker) -> F) -> F::Output {
-    run_with(&Slot::new(Vec::new()), script)
+    run_as(robot(), script)
+}
+
+/// The same, for a robot of another sort.
+pub(super) fn run_as<F: Future>(
+    robot: Robot<NoopRawMutex>,
+    script: impl FnOnce(Broker) -> F,
+) -> F::Output {
+    run_robot(robot, &Slot::new(Vec::new()), script)
 }
 
 /// The same, with images to deliver.
 pub(super) fn run_with<F: Future>(slot: &Slot, script: impl FnOnce(Broker) -> F) -> F::Output {
+    run_robot(robot(), slot, script)
+}
+
+fn run_robot<F: Future>(
+    robot: Robot<NoopRawMutex>,
+    slot: &Slot,
+    script: impl FnOnce(Broker) -> F,
+) -> F::Output {
     let clock = TestClock::default();
     let network = TestNetwork {
         air: Rc::default(),
@@ -346,7 +381,7 @@ pub(super) fn run_with<F: Future>(slot: &Slot, script: impl FnOnce(Broker) -> F)
     let broker = Broker {
         network: network.clone(),
         clock: clock.clone(),
-        robot: Rc::new(robot()),
+        robot: Rc::new(robot),
     };
     let robot = Rc::clone(&broker.robot);
     let link = super::super::link_with_images(&robot, slot, network, TestRng(1), clock.clone());

@@ -5,4 +5,5 @@ mod images;
 mod loss;
 mod peer;
 mod traffic;
+mod trouble;
 mod wire;

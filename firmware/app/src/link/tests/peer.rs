@@ -88,19 +88,26 @@ impl Peer {
         let mut body = Cursor(&packet.body);
         assert_eq!((body.text().as_str(), body.byte()), ("MQTT", 5));
         let flags = body.byte();
-        assert_eq!(flags & 0b1100_0100, 0b0000_0100, "a will and no password");
+        assert_eq!(flags & 0b0000_0100, 0b0000_0100, "a will");
         let keep_alive_s = body.short();
         body.skip_properties();
         let client_id = body.text();
         body.skip_properties();
+        let will_topic = body.text();
+        let will = serde_json::from_slice(body.bytes()).expect("JSON");
+        let username = (flags & 0b1000_0000 != 0).then(|| body.text());
+        let password = (flags & 0b0100_0000 != 0).then(|| body.bytes().to_vec());
+        assert!(body.0.is_empty(), "nothing after the password");
         Connect {
             clean: flags & 2 != 0,
             keep_alive_s,
             client_id,
             will_qos: flags >> 3 & 3,
             will_retained: flags & 0b10_0000 != 0,
-            will_topic: body.text(),
-            will: serde_json::from_slice(body.bytes()).expect("JSON"),
+            will_topic,
+            will,
+            username,
+            password,
         }
     }
 

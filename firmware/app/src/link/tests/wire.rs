@@ -45,6 +45,8 @@ pub(super) struct Connect {
     pub(super) will_retained: bool,
     pub(super) will_topic: String,
     pub(super) will: serde_json::Value,
+    pub(super) username: Option<String>,
+    pub(super) password: Option<Vec<u8>>,
 }
 
 /// Takes fields off the front of a packet.
