@@ -1,0 +1,22 @@
+//! The machine `virt` of QEMU (RISC-V, 32 bits), as a board.
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`machine`] | addresses, power off, reset, what the command line said |
+//! | [`log`] | defmt records over the serial line |
+//! | [`time`] | time driver over the machine timer, and the watchdog it carries |
+//! | [`executor`] | two executors: tasks, and control above them in the software interrupt |
+//! | [`ethernet`] | the network card |
+//! | [`flash`] | the parallel flash with the parameters |
+//! | [`system`] | reset, its cause, the last panic |
+//! | [`stack`] | how much stack was ever used |
+#![no_std]
+
+pub mod ethernet;
+pub mod executor;
+pub mod flash;
+pub mod log;
+pub mod machine;
+pub mod stack;
+pub mod system;
+pub mod time;
