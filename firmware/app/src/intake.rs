@@ -23,7 +23,7 @@
 use core::cell::RefCell;
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Action, Command, Level, MAX_MESSAGE, Reason, ResponseStatus, Source};
+use crawler_protocol::{Action, Command, Level, Reason, ResponseStatus, Source};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
@@ -85,9 +85,6 @@ impl<M: RawMutex> Robot<M> {
     ///
     /// Whatever the bytes are: they are acted upon, answered, or counted. Synchronous and bounded.
     pub fn submit(&self, payload: &[u8], now: Instant) {
-        if payload.len() > MAX_MESSAGE {
-            return self.refuse_unreadable(Reason::TooLarge, None, now);
-        }
         match Command::parse(payload) {
             Ok(command) => self.take(&command, now),
             Err(error) => self.refuse_unreadable(error.reason, error.seq, now),

@@ -1,6 +1,6 @@
 //! The door: nothing old, repeated or overtaken gets through, except a halt, which always does.
 
-use crawler_protocol::{Fleet, Kind, RobotId};
+use crawler_protocol::{Fleet, Kind, MAX_MESSAGE, RobotId};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use proptest::prelude::*;
 use std::collections::BTreeMap;
@@ -282,12 +282,15 @@ fn refusals_are_rationed_and_the_ration_comes_back() {
 }
 
 #[test]
-fn oversized_messages_are_refused_unread() {
+fn oversized_messages_are_refused_by_name() {
     let robot = robot();
     let mut text = json("stop", "", 1, 1, "a");
     text.extend(core::iter::repeat_n(' ', MAX_MESSAGE));
     robot.submit(text.as_bytes(), at(0));
     assert!(robot.halt.try_take().is_none());
+    let (_, answer) = robot.outbox.next_answer().expect("an answer");
+    assert_eq!((answer.seq, answer.status), (1, ResponseStatus::Rejected));
+    assert_eq!(answer.reason, Some(Reason::TooLarge));
     let record = robot.outbox.next_log(0, at(1_000)).expect("a log record");
     assert!(record.text.contains("too_large"), "{}", record.text);
 }
