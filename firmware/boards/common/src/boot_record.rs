@@ -229,7 +229,11 @@ mod tests {
         let record = BootRecord::panic("src/lib.rs", 3, &"why", None);
         for at in 0..WORDS {
             for bit in 0..32 {
-                assert_eq!(spoilt(record, at, bit).checked(), None, "word {at} bit {bit}");
+                assert_eq!(
+                    spoilt(record, at, bit).checked(),
+                    None,
+                    "word {at} bit {bit}"
+                );
             }
         }
     }

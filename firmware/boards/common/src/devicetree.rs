@@ -112,9 +112,25 @@ mod tests {
         };
         push(&[BEGIN_NODE, 0]);
         push(&[BEGIN_NODE, u32::from_be_bytes(*b"soc\0")]);
-        push(&[BEGIN_NODE, u32::from_be_bytes(*b"chos"), u32::from_be_bytes(*b"en\0\0")]);
-        push(&[PROPERTY, 4, 0, u32::from_be_bytes(*b"no!\0"), END_NODE, END_NODE]);
-        push(&[NOTHING, BEGIN_NODE, u32::from_be_bytes(*b"chos"), u32::from_be_bytes(*b"en\0\0")]);
+        push(&[
+            BEGIN_NODE,
+            u32::from_be_bytes(*b"chos"),
+            u32::from_be_bytes(*b"en\0\0"),
+        ]);
+        push(&[
+            PROPERTY,
+            4,
+            0,
+            u32::from_be_bytes(*b"no!\0"),
+            END_NODE,
+            END_NODE,
+        ]);
+        push(&[
+            NOTHING,
+            BEGIN_NODE,
+            u32::from_be_bytes(*b"chos"),
+            u32::from_be_bytes(*b"en\0\0"),
+        ]);
         push(&[PROPERTY, arguments.len() as u32, 0]);
         structure.extend(arguments);
         structure.resize(structure.len().next_multiple_of(4), 0);
@@ -124,7 +140,18 @@ mod tests {
         let names = b"bootargs\0";
         let total = HEADER + structure.len() + names.len();
         let mut tree = Vec::new();
-        for word in [MAGIC as usize, total, HEADER, HEADER + structure.len(), 0, 17, 16, 0, 0, 0] {
+        for word in [
+            MAGIC as usize,
+            total,
+            HEADER,
+            HEADER + structure.len(),
+            0,
+            17,
+            16,
+            0,
+            0,
+            0,
+        ] {
             tree.extend((word as u32).to_be_bytes());
         }
         tree.extend(structure);
@@ -137,7 +164,10 @@ mod tests {
         let tree = tree(b"id=a broker=b\0");
         assert_eq!(chosen(&tree, "bootargs"), Ok(Some(&b"id=a broker=b\0"[..])));
         assert_eq!(chosen(&tree, "rng-seed"), Ok(None));
-        assert_eq!(length(*tree.first_chunk().expect("long enough")), Ok(tree.len()));
+        assert_eq!(
+            length(*tree.first_chunk().expect("long enough")),
+            Ok(tree.len())
+        );
     }
 
     #[test]

@@ -87,12 +87,7 @@ impl<M: core::fmt::Debug> core::fmt::Debug for StackNetwork<'_, M> {
 impl<'d, M: Medium> StackNetwork<'d, M> {
     /// A network over `stack`, whose runner the board polls. The buffers are those of its one
     /// connection.
-    pub fn new(
-        stack: Stack<'d>,
-        medium: M,
-        receive: &'d mut [u8],
-        transmit: &'d mut [u8],
-    ) -> Self {
+    pub fn new(stack: Stack<'d>, medium: M, receive: &'d mut [u8], transmit: &'d mut [u8]) -> Self {
         Self {
             stack,
             medium,

@@ -191,7 +191,10 @@ impl Ethernet {
     fn lend(&self, buffer: &'static mut Buffer) {
         // SAFETY: the buffer rests in its slot until the device has returned it.
         let token = unsafe { self.card.borrow_mut().receive_begin(buffer) };
-        match token.ok().and_then(|token| self.receive.get(token as usize)) {
+        match token
+            .ok()
+            .and_then(|token| self.receive.get(token as usize))
+        {
             Some(slot) => slot.set(Some(buffer)),
             None => self.break_down("the receive ring takes no buffer"),
         }
@@ -249,7 +252,10 @@ impl Ethernet {
     fn send(&self, buffer: &'static mut Buffer, len: usize) {
         // SAFETY: the buffer rests in its slot until the device has returned it.
         let token = unsafe { self.card.borrow_mut().transmit_begin(&buffer[..len]) };
-        match token.ok().and_then(|token| self.transmit.get(token as usize)) {
+        match token
+            .ok()
+            .and_then(|token| self.transmit.get(token as usize))
+        {
             Some(slot) => slot.set(Some(buffer)),
             None => self.break_down("the transmit ring takes no buffer"),
         }

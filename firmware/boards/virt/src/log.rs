@@ -58,6 +58,17 @@ fn send(bytes: &[u8]) {
     }
 }
 
+/// Plain text on the same line, for programs that log nothing.
+#[derive(Debug)]
+pub struct Text;
+
+impl core::fmt::Write for Text {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        send(text.as_bytes());
+        Ok(())
+    }
+}
+
 // SAFETY: `acquire` masks interrupts until `release`, so there is one context at a time.
 unsafe impl defmt::Logger for Logger {
     fn acquire() {

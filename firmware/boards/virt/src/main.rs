@@ -76,7 +76,9 @@ fn main(_hart: usize, tree: usize) -> ! {
         defmt::error!("network card: {}", error);
         machine::exit(ExitCode::NoNetworkCard)
     });
-    let entropy = description.ok().and_then(|description| description.entropy());
+    let entropy = description
+        .ok()
+        .and_then(|description| description.entropy());
     // Without the host's randomness robots still differ from each other and from boot to boot.
     let entropy = entropy.unwrap_or_else(|| seed(arguments.id.as_str()) ^ time::raw_ticks());
     start(&arguments, system, ethernet, entropy)
@@ -98,8 +100,13 @@ fn start(arguments: &Arguments, system: VirtSystem, ethernet: Ethernet, entropy:
         camera: false,
     }));
     let line_fault = match faults {
-        Faults { uart_stuck: true, .. } => LineFault::Stuck,
-        Faults { ranger_absent: true, .. } => LineFault::Absent,
+        Faults {
+            uart_stuck: true, ..
+        } => LineFault::Stuck,
+        Faults {
+            ranger_absent: true,
+            ..
+        } => LineFault::Absent,
         _ => LineFault::None,
     };
     let body: &'static Body = BODY.init(Bench::new(arguments.id.as_str(), line_fault));
@@ -228,11 +235,15 @@ async fn report(robot: &'static Context, body: &'static Body) -> ! {
 #[embassy_executor::task]
 async fn strike(faults: Faults) {
     match faults {
-        Faults { panic_s: Some(s), .. } => {
+        Faults {
+            panic_s: Some(s), ..
+        } => {
             Timer::after(Duration::from_secs(s.into())).await;
             panic!("as asked for by fault=panic@{s}");
         }
-        Faults { hang_s: Some(s), .. } => {
+        Faults {
+            hang_s: Some(s), ..
+        } => {
             Timer::after(Duration::from_secs(s.into())).await;
             defmt::warn!("hanging from now on, as asked for");
             executor::hang_control();

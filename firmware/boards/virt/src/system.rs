@@ -6,13 +6,16 @@
 
 use core::cell::Cell;
 use core::convert::Infallible;
+use core::fmt::Write;
 use core::panic::PanicInfo;
 
 use crawler_board::boot_record::{BootRecord, End};
 use crawler_hal::{ResetCause, System};
 use critical_section::Mutex;
 
-use crate::{machine, time};
+use crate::log::Text;
+use crate::machine::{self, ExitCode};
+use crate::time;
 
 unsafe extern "C" {
     /// Start of the memory that is kept, from `memory.x`.
@@ -21,6 +24,7 @@ unsafe extern "C" {
 
 /// What this program found when it started.
 static FOUND: Mutex<Cell<Option<BootRecord>>> = Mutex::new(Cell::new(None));
+static END_ON_PANIC: Mutex<Cell<bool>> = Mutex::new(Cell::new(false));
 /// Panics in a row after which the next one waits before it resets.
 const PANICS_IN_A_ROW: u32 = 3;
 /// How long it waits, in microseconds: a program that panics as it starts would keep a core busy.
@@ -46,6 +50,11 @@ pub fn init() {
 
 fn found() -> Option<BootRecord> {
     critical_section::with(|cs| FOUND.borrow(cs).get())
+}
+
+/// From now on a panic ends the emulator, for programs that nobody restarts.
+pub fn end_on_panic() {
+    critical_section::with(|cs| END_ON_PANIC.borrow(cs).set(true));
 }
 
 /// The watchdog was not fed.
@@ -105,6 +114,12 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     let record = BootRecord::panic(file, line, &info.message(), found().as_ref());
     leave(record);
     defmt::error!("panic at {}", record.panic_text().unwrap_or_default());
+    if critical_section::with(|cs| END_ON_PANIC.borrow(cs).get()) {
+        // Plain text, for whoever expects nothing else; there is nowhere to tell of a failure.
+        let text = record.panic_text().unwrap_or_default();
+        let _ = writeln!(Text, "failed: panic at {text}");
+        machine::exit(ExitCode::Measurement);
+    }
     if record.repeated() >= PANICS_IN_A_ROW {
         let until = time::now_us() + REST_US;
         while time::now_us() < until {}

@@ -157,11 +157,17 @@ fn mistakes_of_the_caller_reach_no_chip() {
         assert_eq!(flash.write(4, &[0; 3]).await, Err(CfiError::Misaligned));
         assert_eq!(flash.write(end, &[0; 4]).await, Err(CfiError::OutOfBounds));
         assert_eq!(flash.erase(4, ERASE_BLOCK).await, Err(CfiError::Misaligned));
-        assert_eq!(flash.erase(ERASE_BLOCK, 0).await, Err(CfiError::OutOfBounds));
+        assert_eq!(
+            flash.erase(ERASE_BLOCK, 0).await,
+            Err(CfiError::OutOfBounds)
+        );
         assert_eq!(flash.erase(0, 2 * end).await, Err(CfiError::OutOfBounds));
         let mut byte = [0];
         assert_eq!(flash.read(end, &mut byte).await, Err(CfiError::OutOfBounds));
-        assert_eq!(flash.read(u32::MAX, &mut byte).await, Err(CfiError::OutOfBounds));
+        assert_eq!(
+            flash.read(u32::MAX, &mut byte).await,
+            Err(CfiError::OutOfBounds)
+        );
     });
 }
 
@@ -170,7 +176,11 @@ fn chips_that_fail_say_how() {
     for (wrong, probed, written) in [
         (Wrong::Identity, Err(CfiError::Absent), Ok(())),
         (Wrong::BlockSize, Err(CfiError::Geometry), Ok(())),
-        (Wrong::OneRefuses, Ok(()), Err(CfiError::Refused(0x0090_0080))),
+        (
+            Wrong::OneRefuses,
+            Ok(()),
+            Err(CfiError::Refused(0x0090_0080)),
+        ),
         (Wrong::NeverReady, Ok(()), Err(CfiError::Stuck)),
         (Wrong::BadCell, Ok(()), Err(CfiError::Differs)),
     ] {

@@ -42,7 +42,10 @@ fn it_drives_as_fast_as_its_geometry_says() {
     let pack = crawler_hal::Millivolts(body.truth().pack_mv);
     let expected = GEOMETRY.at(pack).top_speed_mps;
     for speed in speeds {
-        assert!((speed / expected - 1.0).abs() < 0.08, "{speed} of {expected}");
+        assert!(
+            (speed / expected - 1.0).abs() < 0.08,
+            "{speed} of {expected}"
+        );
     }
 }
 
@@ -57,7 +60,10 @@ fn the_pack_sags_under_load_and_the_gauge_sees_it() {
     assert!(rest - loaded > 50, "{rest} then {loaded}");
     let told = block_on(body.gauge().read()).expect("always");
     let pack = f32::from(told.0) * 147.0 / 47.0;
-    assert!((pack - f32::from(loaded)).abs() < 60.0, "{pack} for {loaded}");
+    assert!(
+        (pack - f32::from(loaded)).abs() < 60.0,
+        "{pack} for {loaded}"
+    );
 }
 
 #[test]

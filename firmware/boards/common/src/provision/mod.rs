@@ -16,6 +16,7 @@
 //! here is refused because the page is served by address alone. Passwords are written, never
 //! shown.
 
+pub mod access_point;
 mod check;
 pub mod fallback;
 mod form;

@@ -92,6 +92,11 @@ impl<F: NorFlash> Vault<F> {
         self.flash
     }
 
+    /// Lends the flash, for a vault that lives for a while only.
+    pub const fn flash(&mut self) -> &mut F {
+        &mut self.flash
+    }
+
     fn fits(&self) -> bool {
         let divides = |word: usize| word > 0 && RECORD.is_multiple_of(word);
         divides(F::READ_SIZE)

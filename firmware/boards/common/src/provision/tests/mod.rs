@@ -1,3 +1,4 @@
+mod access_point;
 mod connections;
 mod fallback;
 mod harness;

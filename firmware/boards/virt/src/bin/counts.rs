@@ -1,0 +1,425 @@
+//! Counts instructions of what the robot program does again and again.
+//!
+//! Polls the real activities with a clock that is moved by hand, interrupts off, and reads the
+//! counter of retired instructions around each poll. Under `-icount shift=0` the figures are exact
+//! and the same in every run. Prints lines `count NAME INSTRUCTIONS` as plain text on the serial
+//! line and ends with code 0; with any other when something did not come to its end.
+#![no_std]
+#![no_main]
+
+use core::cell::{Cell, UnsafeCell};
+use core::convert::Infallible;
+use core::fmt::Write;
+use core::pin::{Pin, pin};
+use core::task::{Context, Poll, Waker};
+
+use crawler_app::perception::LinkHealth;
+use crawler_app::{Config, Robot};
+use crawler_board::model::{Bench, GEOMETRY, Line, LineFault, ModelEcho, Side};
+use crawler_hal::{Clock, Instant, MotorPort, RangerPort, ResetCause, System};
+use crawler_protocol::{
+    Action, Battery, BehaviourSpec, Command, Direction, Fleet, Kind, RobotId, RobotState, Source,
+    Telemetry, Wheels,
+};
+use crawler_virt::machine::{self, ExitCode};
+use crawler_virt::{log, system, time};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use rand_pcg::Pcg32;
+use riscv::register::minstret;
+
+/// Never: a time that no clock reaches.
+const NEVER: u64 = u64::MAX;
+
+/// A clock moved by hand, which notes when its activity wants to be polled next.
+#[derive(Clone)]
+struct HandClock<'a> {
+    now_us: &'a Cell<u64>,
+    wake_us: &'a Cell<u64>,
+}
+
+impl Clock for HandClock<'_> {
+    fn now(&self) -> Instant {
+        Instant::from_micros(self.now_us.get())
+    }
+
+    async fn sleep_until(&self, at: Instant) {
+        core::future::poll_fn(|_| {
+            if self.now() >= at {
+                return Poll::Ready(());
+            }
+            self.wake_us.set(self.wake_us.get().min(at.as_micros()));
+            Poll::Pending
+        })
+        .await;
+    }
+}
+
+/// A microcontroller that cannot be reset.
+struct NoSystem;
+
+impl System for NoSystem {
+    fn reset_cause(&self) -> ResetCause {
+        ResetCause::PowerOn
+    }
+
+    fn last_panic(&self) -> Option<&str> {
+        None
+    }
+
+    fn feed_watchdog(&mut self) {}
+
+    async fn reset(&mut self) -> Infallible {
+        fail("the program asked for a reset")
+    }
+}
+
+const FLASH_BYTES: usize = 8_192;
+
+/// Flash in RAM, so that the store activity finds its parameters.
+struct RamFlash<'a>(&'a mut [u8; FLASH_BYTES]);
+
+impl ErrorType for RamFlash<'_> {
+    type Error = NorFlashErrorKind;
+}
+
+impl RamFlash<'_> {
+    fn part(&mut self, at: u32, len: usize) -> Result<&mut [u8], NorFlashErrorKind> {
+        let start = at as usize;
+        self.0
+            .get_mut(start..start + len)
+            .ok_or(NorFlashErrorKind::OutOfBounds)
+    }
+}
+
+impl ReadNorFlash for RamFlash<'_> {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, at: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        bytes.copy_from_slice(self.part(at, bytes.len())?);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        FLASH_BYTES
+    }
+}
+
+impl NorFlash for RamFlash<'_> {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = 4_096;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.part(from, (to - from) as usize)?.fill(0xFF);
+        Ok(())
+    }
+
+    async fn write(&mut self, at: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        self.part(at, bytes.len())?.copy_from_slice(bytes);
+        Ok(())
+    }
+}
+
+/// Instructions that `work` retires.
+#[inline(never)]
+fn count<T>(work: impl FnOnce() -> T) -> (u64, T) {
+    let before = minstret::read64();
+    let done = work();
+    let after = minstret::read64();
+    (after - before, done)
+}
+
+fn fail(why: &str) -> ! {
+    // The line is plain text here; a failure to write has nowhere to go.
+    let _ = writeln!(log::Text, "failed: {why}");
+    machine::exit(ExitCode::Measurement)
+}
+
+fn tell(name: &str, instructions: u64) {
+    let _ = writeln!(log::Text, "count {name} {instructions}");
+}
+
+type Activity<'a> = Pin<&'a mut dyn Future<Output = Infallible>>;
+
+/// One activity under measurement.
+struct Subject<'a> {
+    activity: Activity<'a>,
+    wake_us: &'a Cell<u64>,
+    overhead: u64,
+}
+
+impl Subject<'_> {
+    /// Polls once; instructions it took.
+    fn poll(&mut self) -> u64 {
+        self.wake_us.set(NEVER);
+        let activity = &mut self.activity;
+        let (instructions, polled) = count(|| {
+            let mut context = Context::from_waker(Waker::noop());
+            activity.as_mut().poll(&mut context)
+        });
+        match polled {
+            Poll::Pending => instructions - self.overhead,
+            Poll::Ready(never) => match never {},
+        }
+    }
+}
+
+/// Indices of the subjects.
+const CONTROL: usize = 0;
+const SENSE: usize = 1;
+const POWER: usize = 2;
+const STORE: usize = 3;
+const LAMP: usize = 4;
+
+/// Readings of sense whose middle is told.
+const READINGS: usize = 25;
+
+/// Everything that is measured.
+struct Rig<'a, 'b> {
+    now_us: &'a Cell<u64>,
+    body: &'b Bench<CriticalSectionRawMutex>,
+    subjects: [Subject<'a>; 5],
+    /// Most instructions of one poll, by subject, since last asked.
+    most: [u64; 5],
+    /// Sense: instructions from the moment its request is out, and those of past readings.
+    reading: u64,
+    readings: [u64; READINGS],
+    taken: usize,
+}
+
+impl Rig<'_, '_> {
+    /// Lets `ms` of time pass, polling whoever is due.
+    fn run(&mut self, ms: u64) {
+        let end = self.now_us.get() + ms * 1_000;
+        loop {
+            let due = (0..self.subjects.len())
+                .min_by_key(|i| self.subjects[*i].wake_us.get())
+                .unwrap_or(0);
+            let at = self.subjects[due].wake_us.get();
+            if at > end {
+                break;
+            }
+            self.now_us.set(self.now_us.get().max(at));
+            self.body.advance(Instant::from_micros(self.now_us.get()));
+            self.step(due);
+        }
+        self.now_us.set(end);
+    }
+
+    fn step(&mut self, which: usize) {
+        let instructions = self.subjects[which].poll();
+        self.most[which] = self.most[which].max(instructions);
+        if which == SENSE {
+            let wait_us = self.subjects[SENSE].wake_us.get() - self.now_us.get();
+            let period_us = crawler_app::sense::PERIOD.as_micros();
+            if self.now_us.get().is_multiple_of(period_us) {
+                // The start of a period: the request, with what the model makes of it.
+                self.reading = 0;
+            } else {
+                self.reading += instructions;
+                // A wait of more than half a period is the one for the next.
+                if wait_us > period_us / 4 && self.taken < READINGS && self.published() {
+                    self.readings[self.taken] = self.reading;
+                    self.taken += 1;
+                }
+            }
+        }
+    }
+
+    /// The next poll of sense is at the start of a period.
+    fn published(&self) -> bool {
+        let period_us = crawler_app::sense::PERIOD.as_micros();
+        self.subjects[SENSE].wake_us.get().is_multiple_of(period_us)
+    }
+
+    /// Most instructions of one poll of `which` in the next `ms`.
+    fn most_of(&mut self, which: usize, ms: u64) -> u64 {
+        self.most = [0; 5];
+        self.run(ms);
+        self.most[which]
+    }
+}
+
+struct Memory(UnsafeCell<[u8; FLASH_BYTES]>);
+
+// SAFETY: used by `main` alone, which runs once.
+unsafe impl Sync for Memory {}
+
+static FLASH: Memory = Memory(UnsafeCell::new([0xFF; FLASH_BYTES]));
+
+#[riscv_rt::entry]
+fn main(_hart: usize, _tree: usize) -> ! {
+    log::init();
+    time::init();
+    system::end_on_panic();
+    let now_us = Cell::new(0);
+    let wakes = [const { Cell::new(0) }; 5];
+    let clock = |which: usize| HandClock {
+        now_us: &now_us,
+        wake_us: &wakes[which],
+    };
+    let robot = Robot::<CriticalSectionRawMutex>::new(config());
+    let body = Bench::<CriticalSectionRawMutex>::new("counts", LineFault::None);
+    let port = |side| MotorPort {
+        enable: body.pwm(side),
+        in1: body.pin(Line::In1(side)),
+        in2: body.pin(Line::In2(side)),
+    };
+    // SAFETY: nobody else uses it, and this runs once.
+    let memory = unsafe { &mut *FLASH.0.get() };
+    let (left, right) = (port(Side::Left), port(Side::Right));
+    let rng = Pcg32::new(1, 2);
+    let ranger: RangerPort<_, ModelEcho, ModelEcho> = RangerPort::Uart(body.uart(clock(SENSE)));
+    let (overhead, ()) = count(|| ());
+
+    let control = pin!(crawler_app::control(
+        &robot,
+        left,
+        right,
+        NoSystem,
+        rng,
+        clock(CONTROL)
+    ));
+    let sense = pin!(crawler_app::sense(&robot, ranger, clock(SENSE)));
+    let power = pin!(crawler_app::power(&robot, body.gauge(), clock(POWER)));
+    let store = pin!(crawler_app::store(&robot, RamFlash(memory), clock(STORE)));
+    let lamp = pin!(crawler_app::lamp(&robot, body.pin(Line::Lamp), clock(LAMP)));
+    let activities: [Activity<'_>; 5] = [control, sense, power, store, lamp];
+    let mut number = 0;
+    let subjects = activities.map(|activity| {
+        number += 1;
+        Subject {
+            activity,
+            wake_us: &wakes[number - 1],
+            overhead,
+        }
+    });
+    let mut rig = Rig {
+        now_us: &now_us,
+        body: &body,
+        subjects,
+        most: [0; 5],
+        reading: 0,
+        readings: [0; READINGS],
+        taken: 0,
+    };
+    measure(&robot, &mut rig);
+    let _ = writeln!(log::Text, "done");
+    machine::exit(ExitCode::Done)
+}
+
+fn config() -> Config {
+    let name = |text| RobotId::new(text).unwrap_or_else(|_| fail("id"));
+    Config {
+        id: name("counts"),
+        fleet: Fleet::new("swarm").unwrap_or_else(|_| fail("fleet")),
+        broker_host: heapless::String::new(),
+        broker_port: 1_883,
+        kind: Kind::Emulated,
+        board: "virt",
+        firmware: env!("CARGO_PKG_VERSION"),
+        geometry: GEOMETRY,
+        credentials: None,
+        camera: false,
+    }
+}
+
+fn measure(robot: &Robot<CriticalSectionRawMutex>, rig: &mut Rig<'_, '_>) {
+    let mut seq = 0;
+    let mut order = |rig: &Rig<'_, '_>, action| {
+        seq += 1;
+        let command = Command {
+            action,
+            timestamp: 0,
+            seq,
+            source: Source::new("counts").unwrap_or_else(|_| fail("source")),
+        };
+        let now = Instant::from_micros(rig.now_us.get());
+        if robot.route(&command, now, |_| ()).is_err() {
+            fail("a command was not taken");
+        }
+    };
+    let expect = |state: RobotState, what: &str| {
+        if robot.snapshot().state != state {
+            fail(what);
+        }
+    };
+    // The start: parameters are read, the ranger is believed, the battery is known.
+    robot.set_link_health(LinkHealth::Up);
+    rig.run(2_000);
+    expect(RobotState::Idle, "the robot did not get ready");
+    tell("control_idle", rig.most_of(CONTROL, 1_000));
+
+    order(
+        rig,
+        Action::Move {
+            direction: Direction::Left,
+            speed: 60,
+            duration_ms: 3_000,
+        },
+    );
+    rig.run(100);
+    tell("control_driving", rig.most_of(CONTROL, 1_000));
+    expect(RobotState::Moving, "the robot did not move");
+    rig.run(3_000);
+
+    order(rig, Action::Behave(BehaviourSpec::Wander { speed: 60 }));
+    rig.run(100);
+    let mut met_a_wall = false;
+    let mut most = 0;
+    for _ in 0..60 {
+        most = most.max(rig.most_of(CONTROL, 500));
+        let state = robot.snapshot().state;
+        met_a_wall |= matches!(state, RobotState::Caution | RobotState::Avoiding);
+    }
+    if !met_a_wall {
+        fail("the robot wandered for half a minute without meeting a wall");
+    }
+    tell("control_wandering", most);
+    order(rig, Action::Stop);
+    rig.run(1_000);
+
+    rig.taken = 0;
+    rig.run(READINGS as u64 * 200);
+    if rig.taken < READINGS {
+        fail("sense did not publish its readings");
+    }
+    rig.readings.sort_unstable();
+    tell("sense_reading", rig.readings[READINGS / 2]);
+    tell("power_measurement", rig.most_of(POWER, 3_000));
+    messages(robot);
+}
+
+/// What the link does for one message, without the way to the broker.
+fn messages(robot: &Robot<CriticalSectionRawMutex>) {
+    let snapshot = robot.snapshot();
+    let [left, right] = snapshot.wheels;
+    let telemetry = Telemetry {
+        robot: robot.config().id.clone(),
+        seq: 901,
+        timestamp: 1_648_372_966_004,
+        state: snapshot.state,
+        behaviour: snapshot.behaviour,
+        pose: snapshot.pose,
+        range_mm: Some(812),
+        temperature_c: Some(22.5),
+        wheels: Wheels { left, right },
+        battery: Battery {
+            mv: 7_610,
+            percent: 71,
+        },
+        rssi_dbm: Some(-61),
+    };
+    let mut buffer = [0; crawler_protocol::MAX_MESSAGE];
+    let (instructions, encoded) = count(|| telemetry.to_json(&mut buffer));
+    if encoded.is_err() {
+        fail("telemetry does not fit");
+    }
+    tell("telemetry_encode", instructions);
+    let payload = br#"{"command": "move", "parameters": {"direction": "forward", "speed": 80, "duration": 2000}, "timestamp": 1648372964000, "seq": 17, "source": "operator:ada"}"#;
+    let (instructions, parsed) = count(|| Command::parse(payload));
+    if parsed.is_err() {
+        fail("the command does not parse");
+    }
+    tell("command_parse", instructions);
+}
