@@ -195,9 +195,7 @@ impl Compiler {
             }
             Self::Source(source) => Command::new(&source.cargo),
         };
-        for variable in HOST_ONLY {
-            command.env_remove(variable);
-        }
+        forget_host(&mut command);
         command
             .current_dir(board.folder())
             .stdin(std::process::Stdio::null())
@@ -244,6 +242,13 @@ impl Source {
         if self.rustc.is_absolute() {
             command.env("RUSTDOC", self.rustc.with_file_name("rustdoc"));
         }
+    }
+}
+
+/// Removes from the environment of `command` what belongs to the compiler of the host.
+pub(crate) fn forget_host(command: &mut Command) {
+    for variable in HOST_ONLY {
+        command.env_remove(variable);
     }
 }
 

@@ -2,11 +2,16 @@
 
 mod bench;
 mod boards;
+mod check_s3;
+mod counts;
 mod cross;
+mod files;
 mod flash;
 mod fuzz;
+mod hil;
 mod image;
 mod run;
+mod size;
 mod test;
 mod tools;
 mod ui;
@@ -59,6 +64,36 @@ const TASKS: &[Task] = &[
         arguments: "--board NAME [--port P]",
         about: "build, flash with espflash, and show the board's log",
         run: flash::command,
+    },
+    Task {
+        name: "check-s3",
+        arguments: "",
+        about: "type-check the ESP32-S3 board, also without Espressif's compiler",
+        run: check_s3::command,
+    },
+    Task {
+        name: "size",
+        arguments: "[--board NAME]...",
+        about: "flash, RAM and stack of the images, against firmware/boards/budgets.toml",
+        run: size::command,
+    },
+    Task {
+        name: "counts",
+        arguments: "[--update]",
+        about: "instructions of the robot program in QEMU, against docs/counts.md",
+        run: counts::command,
+    },
+    Task {
+        name: "emulate",
+        arguments: "[OPTIONS]",
+        about: "run robots in QEMU until Ctrl-C (`cargo xtask emulate --help`)",
+        run: hil::emulate,
+    },
+    Task {
+        name: "hil",
+        arguments: "--robot ID [OPTIONS]",
+        about: "the suite that every robot must pass, on any robot and broker",
+        run: hil::suite,
     },
     Task {
         name: "fuzz",

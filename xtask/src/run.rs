@@ -55,11 +55,14 @@ pub(crate) fn cargo_program() -> String {
 
 /// What `program` prints, or `None` when it cannot be run or fails.
 pub(crate) fn output(program: &str, arguments: &[&str]) -> Option<String> {
-    let output = Command::new(program)
-        .args(arguments)
-        .stdin(Stdio::null())
-        .output()
-        .ok()?;
+    let mut command = Command::new(program);
+    command.args(arguments);
+    output_of(command)
+}
+
+/// What `command` prints, or `None` when it cannot be run or fails.
+pub(crate) fn output_of(mut command: Command) -> Option<String> {
+    let output = command.stdin(Stdio::null()).output().ok()?;
     output
         .status
         .success()

@@ -37,7 +37,14 @@ pub(crate) const MOSQUITTO_PUB: Tool = Tool {
     purpose: "testing the embedded broker",
 };
 
-const ALL: [&Tool; 4] = [&NPM, &CHROMIUM, &MOSQUITTO, &MOSQUITTO_PUB];
+/// The machine that the emulated robot runs on.
+pub(crate) const QEMU: Tool = Tool {
+    program: "qemu-system-riscv32",
+    package: "qemu-system-misc",
+    purpose: "running the emulated robot",
+};
+
+const ALL: [&Tool; 5] = [&NPM, &CHROMIUM, &MOSQUITTO, &MOSQUITTO_PUB, &QEMU];
 
 impl Tool {
     /// Whether the program is on the search path. Debian puts servers where a user's path does

@@ -1,0 +1,45 @@
+//! What images take, held against `firmware/boards/budgets.toml`.
+
+use crate::boards::{self, Board, C3, C6, VIRT};
+use crate::image;
+use crate::run::Outcome;
+
+/// `cargo xtask size [--board NAME]…`: builds the boards named, or those that every machine can
+/// build, and prints what they take.
+///
+/// # Errors
+/// When a build fails, or an image is past its budget.
+pub(crate) fn command(arguments: &[String]) -> Outcome {
+    let mut boards = image::requested(arguments)?;
+    if boards.is_empty() {
+        boards = vec![&VIRT, &C3, &C6];
+    }
+    let mut words = vec![
+        "size".to_owned(),
+        "--budgets".to_owned(),
+        text(&boards::folder().join("budgets.toml")),
+    ];
+    for board in boards {
+        image::image(board)?;
+        weigh(board, &mut words);
+    }
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    image::crawler_image(&words)
+}
+
+fn weigh(board: &Board, words: &mut Vec<String>) {
+    words.extend(["--image".to_owned(), board.name.to_owned()]);
+    words.push(text(&board.elf(board.binary)));
+    if let Some(flash) = &board.flash {
+        words.extend([
+            "--slot".to_owned(),
+            text(&board.update_image()),
+            text(&image::table(flash)),
+            flash.size.to_owned(),
+        ]);
+    }
+}
+
+fn text(path: &std::path::Path) -> String {
+    path.to_string_lossy().into_owned()
+}
