@@ -131,6 +131,9 @@ pub struct Spawn {
     /// can. Without it all are wired as `parameters.ranger.wiring` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pulse_share: Option<f32>,
+    /// Share of robots that have a camera, 0 to 1; they take turns too. A camera costs 16 KB of
+    /// memory, and time only when it takes a picture.
+    pub camera_share: f32,
 }
 
 impl Default for Spawn {
@@ -138,6 +141,7 @@ impl Default for Spawn {
         Self {
             clearance: 0.1,
             pulse_share: None,
+            camera_share: 0.0,
         }
     }
 }
@@ -250,6 +254,7 @@ impl Scenario {
             0.0,
             1.0,
         )?;
+        check("spawn.camera_share", self.spawn.camera_share, 0.0, 1.0)?;
         self.link
             .validate()
             .map_err(|rule| ScenarioError::Value("link", rule.to_owned()))?;
@@ -373,12 +378,17 @@ impl Scenario {
         let Some(share) = self.spawn.pulse_share else {
             return self.parameters.ranger.wiring;
         };
-        let pulse_among = |robots: usize| libm::round(robots as f64 * f64::from(share));
-        if pulse_among(number + 1) > pulse_among(number) {
+        if has_turn(number, share) {
             Wiring::Pulse
         } else {
             Wiring::Uart
         }
+    }
+
+    /// Whether robot number `number` has a camera, counting from 0.
+    #[must_use]
+    pub fn has_camera(&self, number: usize) -> bool {
+        has_turn(number, self.spawn.camera_share)
     }
 
     /// Draws starting poses. Whoever places a robot there checks that the place is free.
@@ -390,6 +400,12 @@ impl Scenario {
             rng: Pcg32::new(seed, 0x7370_6177),
         }
     }
+}
+
+/// Whether number `number` is one of a share of all, when they take turns.
+fn has_turn(number: usize, share: f32) -> bool {
+    let among = |robots: usize| libm::round(robots as f64 * f64::from(share));
+    among(number + 1) > among(number)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //! | [`battery`] | gauge for a pack of two lithium-ion cells behind a divider |
 //! | [`lamp`] | status lamp patterns |
 //! | [`median`] | median filter for ranges |
+//! | [`ov2640`] | camera sensor: registers, and pictures out of its byte stream |
 //!
 //! Constructors do no I/O, so an absent part cannot stop the boot; every wait has a deadline; time
 //! is an argument. Simulator and boards run the same drivers.
@@ -20,6 +21,7 @@ pub mod battery;
 pub mod l298n;
 pub mod lamp;
 pub mod median;
+pub mod ov2640;
 pub mod us100;
 
 #[cfg(test)]

@@ -121,6 +121,7 @@ fn robots_take_turns_at_the_two_wirings() {
         "spawn.pulse_share must be 0 to 1, not 1.5"
     );
     assert!(error("name = \"a\"\n[spawn]\npulse_share = nan").contains("not NaN"));
+    assert!(error("name = \"a\"\n[spawn]\ncamera_share = -0.1").contains("spawn.camera_share"));
 }
 
 #[test]

@@ -74,6 +74,55 @@ fn changed(frame: &[u8], empty: &[u8], column: usize) -> usize {
 }
 
 #[test]
+fn a_still_is_a_jpeg_of_what_stands_before_the_camera() {
+    let look = |obstacles: Vec<Obstacle>| {
+        let arena = Arena {
+            width: 8.0,
+            height: 8.0,
+            obstacles,
+        };
+        let mut bench = Bench::new(arena, exact(), 1, Pose::default());
+        let mut parts = bench.parts();
+        let mut buffer = vec![0; 16 * 1024];
+        let len = bench
+            .run(parts.camera.still(&mut buffer))
+            .expect("a whole still");
+        let least = len - 1;
+        assert_eq!(
+            bench.run(parts.camera.still(&mut buffer[..least / 2])),
+            Err(LensError::TooLarge)
+        );
+        let mut decoder = jpeg_decoder::Decoder::new(&buffer[..len]);
+        let pixels = decoder.decode().expect("a JPEG");
+        let info = decoder.info().expect("a header");
+        assert_eq!((info.width, info.height), STILL_SIZE);
+        assert_eq!(info.pixel_format, jpeg_decoder::PixelFormat::L8);
+        pixels
+    };
+    let empty = look(Vec::new());
+    let post = look(vec![Obstacle::Circle {
+        x: 0.7,
+        y: 0.2,
+        r: 0.1,
+    }]);
+    let width = usize::from(STILL_SIZE.0);
+    let columns: Vec<usize> = (0..width)
+        .filter(|column| {
+            let rows = 0..usize::from(STILL_SIZE.1);
+            let differ = |row: &usize| {
+                let at = row * width + column;
+                empty[at].abs_diff(post[at]) > 25
+            };
+            rows.filter(differ).count() > 40
+        })
+        .collect();
+    // It stands 0.2 m to the left at 0.7 m: 79 pixels left of the middle, half as much wide.
+    let seen = (columns.first().copied(), columns.last().copied());
+    assert!(columns.len() > 50, "{seen:?}");
+    assert!(columns.iter().all(|c| (20..140).contains(c)), "{seen:?}");
+}
+
+#[test]
 fn the_camera_shows_what_stands_before_it_where_it_stands() {
     let look = |obstacles: Vec<Obstacle>| {
         let arena = Arena {

@@ -107,7 +107,7 @@ impl Simulation {
                 bridge_drop_v: chassis.bridge_drop_v,
             },
             credentials: None,
-            camera: false,
+            camera: self.scenario.has_camera(number),
         }
     }
 
