@@ -17,9 +17,9 @@ pub(crate) struct Cli {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Run the conformance suite on one robot: put it on blocks first, its wheels will turn
-    Suite(SuiteArguments),
+    Suite(Box<SuiteArguments>),
     /// Run emulated boards under QEMU until Ctrl-C
-    Emulate(EmulateArguments),
+    Emulate(Box<EmulateArguments>),
 }
 
 #[derive(Debug, Args)]
@@ -49,9 +49,24 @@ pub(crate) struct SuiteArguments {
 
 #[derive(Debug, Args)]
 pub(crate) struct EmulateArguments {
-    /// How many
+    /// How many: virt-01, virt-02, …
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub(crate) robots: u16,
+    /// Their broker, `mqtt://[user:password@]host[:port]`
+    #[arg(long, value_name = "URL", default_value = "mqtt://127.0.0.1:1883")]
+    pub(crate) broker: BrokerUrl,
+    /// Root topic of their fleet
+    #[arg(long, value_name = "NAME", default_value = "swarm", value_parser = fleet)]
+    pub(crate) fleet: Fleet,
+    /// Directory of their flash, so that parameters and boot counts outlive the emulators
+    #[arg(long, value_name = "DIR")]
+    pub(crate) flash: Option<PathBuf>,
+    /// The program, an ELF file [default: that of the environment variable `CRAWLER_VIRT_ELF`, or what `cargo xtask image --board virt` built]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) image: Option<PathBuf>,
+    /// Another boot argument for each of them, like `fault=ranger-absent`; may be given several times
+    #[arg(long = "boot", value_name = "KEY=VALUE")]
+    pub(crate) boot: Vec<String>,
 }
 
 fn robot(text: &str) -> Result<RobotId, String> {

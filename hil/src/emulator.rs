@@ -1,1 +1,459 @@
-//! The emulated board as a device on the bench.
+//! The emulated board as a device on the bench: QEMU with a robot's image, a serial line, a
+//! network cable that can be pulled, and flash in a file.
+//!
+//! The image resets the machine in place, so that a reboot of the program is none of the emulator;
+//! [`Emulator::power_cycle`] is what cuts its power. Each emulator is a process of its own, ended by
+//! its own id when the value is dropped, also while a test panics.
+
+mod qmp;
+mod serial;
+
+use std::ffi::OsString;
+use std::fmt;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use crawler_protocol::{Fleet, RobotId};
+use tempfile::TempDir;
+
+use crate::BrokerUrl;
+use qmp::Qmp;
+use serial::Log;
+
+pub use serial::Line;
+
+/// Where the image of the emulated board lies below a target directory.
+pub const IMAGE: &str = "boards/virt/riscv32imac-unknown-none-elf/release/crawler-virt";
+/// Names another image.
+pub const IMAGE_VARIABLE: &str = "CRAWLER_VIRT_ELF";
+/// The emulator.
+pub const QEMU: &str = "qemu-system-riscv32";
+
+/// Size of one bank of the machine's parallel flash.
+const FLASH_BYTES: u64 = 32 * 1024 * 1024;
+/// This machine, as an emulated one sees it.
+const HOST: &str = "10.0.2.2";
+/// For the emulator to offer its control socket.
+const STARTS: Duration = Duration::from_secs(20);
+
+/// What to emulate.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The program, an ELF file.
+    pub image: PathBuf,
+    /// Id of the robot.
+    pub robot: RobotId,
+    /// Its fleet.
+    pub fleet: Fleet,
+    /// Its broker, as this machine knows it.
+    pub broker: BrokerUrl,
+    /// Further boot arguments, like `fault=ranger-absent`.
+    pub arguments: Vec<String>,
+    /// The file that is its flash, made when it is not there; none is one that ends with the
+    /// emulator.
+    pub flash: Option<PathBuf>,
+}
+
+impl Options {
+    /// A robot without faults and with fresh flash.
+    pub fn new(image: PathBuf, robot: RobotId, broker: BrokerUrl) -> Self {
+        Self {
+            image,
+            robot,
+            fleet: Fleet::default(),
+            broker,
+            arguments: Vec::new(),
+            flash: None,
+        }
+    }
+
+    /// The boot arguments in one line.
+    ///
+    /// # Errors
+    /// [`EmulatorError::Argument`] for one that would fall apart at a blank.
+    fn line(&self) -> Result<String, EmulatorError> {
+        let host = match self.broker.host.as_str() {
+            // Its own loopback is not ours.
+            "127.0.0.1" | "localhost" | "[::1]" => HOST,
+            host => host,
+        };
+        let mut words = vec![
+            format!("id={}", self.robot),
+            format!("fleet={}", self.fleet),
+            format!("broker={host}:{}", self.broker.port),
+        ];
+        if let Some((user, password)) = &self.broker.credentials {
+            words.push(format!("user={user}"));
+            words.push(format!("password={password}"));
+        }
+        words.extend(self.arguments.iter().cloned());
+        let falls_apart = |word: &&String| word.contains(char::is_whitespace);
+        match words.iter().find(falls_apart) {
+            // Whatever stands before the sign is no secret.
+            Some(word) => Err(EmulatorError::Argument(
+                word.split('=').next().unwrap_or_default().to_owned(),
+            )),
+            None => Ok(words.join(" ")),
+        }
+    }
+}
+
+/// Why an emulator does not start, or does not do what it is told.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum EmulatorError {
+    /// QEMU is not installed.
+    NoQemu,
+    /// There is no image at this place.
+    NoImage(PathBuf),
+    /// The file is not an image: place, and why.
+    NotAnImage(PathBuf, String),
+    /// A boot argument contains blanks.
+    Argument(String),
+    /// The flash file, or the folder for the control socket.
+    File(PathBuf, std::io::Error),
+    /// QEMU could not be started.
+    Start(std::io::Error),
+    /// QEMU has ended: how, and what it said.
+    Ended(ExitStatus, String),
+    /// The control socket.
+    Control(String),
+}
+
+impl fmt::Display for EmulatorError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoQemu => write!(f, "{QEMU} is missing: apt-get install qemu-system-misc"),
+            Self::NoImage(path) => write!(
+                f,
+                "the image {} is missing: cargo xtask image --board virt",
+                path.display()
+            ),
+            Self::NotAnImage(path, text) => {
+                write!(f, "{} is not an image: {text}", path.display())
+            }
+            Self::Argument(key) => write!(f, "the boot argument {key} must not contain blanks"),
+            Self::File(path, error) => write!(f, "{}: {error}", path.display()),
+            Self::Start(error) => write!(f, "{QEMU} cannot be started: {error}"),
+            Self::Ended(status, said) => {
+                write!(f, "the emulator has ended with {status}")?;
+                let meaning = match status.code() {
+                    Some(2) => "the image does not understand its boot arguments",
+                    Some(3) => "the image finds no network card",
+                    _ => "",
+                };
+                for text in [meaning, said.trim()] {
+                    if !text.is_empty() {
+                        write!(f, ": {text}")?;
+                    }
+                }
+                Ok(())
+            }
+            Self::Control(text) => write!(f, "the emulator's control socket: {text}"),
+        }
+    }
+}
+
+impl std::error::Error for EmulatorError {}
+
+/// Where the image should be: at `CRAWLER_VIRT_ELF`, else below the target directory that the
+/// running program was built in.
+///
+/// # Errors
+/// [`EmulatorError::NoImage`] when it is not there.
+pub fn image() -> Result<PathBuf, EmulatorError> {
+    if let Some(named) = std::env::var_os(IMAGE_VARIABLE) {
+        let named = PathBuf::from(named);
+        return if named.is_file() {
+            Ok(named)
+        } else {
+            Err(EmulatorError::NoImage(named))
+        };
+    }
+    let program = std::env::current_exe().unwrap_or_default();
+    let found = program
+        .ancestors()
+        .map(|folder| folder.join(IMAGE))
+        .find(|path| path.is_file());
+    found.ok_or_else(|| EmulatorError::NoImage(Path::new("target").join(IMAGE)))
+}
+
+/// A board under emulation.
+pub struct Emulator {
+    options: Options,
+    /// The parts of one power-on.
+    machine: Option<Machine>,
+    log: Arc<Log>,
+    /// Control socket, and flash that nobody named.
+    folder: TempDir,
+    flash: PathBuf,
+    starts: u32,
+}
+
+struct Machine {
+    child: Child,
+    control: Qmp,
+    reader: std::thread::JoinHandle<()>,
+    said: PathBuf,
+}
+
+impl Emulator {
+    /// Switches a board on.
+    ///
+    /// # Errors
+    /// [`EmulatorError`] says in one line what is missing.
+    pub fn start(options: Options) -> Result<Self, EmulatorError> {
+        let folder = tempfile::Builder::new()
+            .prefix("hil-")
+            .tempdir()
+            .map_err(|error| EmulatorError::File(std::env::temp_dir(), error))?;
+        let flash = match &options.flash {
+            Some(flash) => flash.clone(),
+            None => folder.path().join("flash"),
+        };
+        let log = Arc::new(Log::read_by(&options.image)?);
+        let mut emulator = Self {
+            options,
+            machine: None,
+            log,
+            folder,
+            flash,
+            starts: 0,
+        };
+        emulator.power_on()?;
+        Ok(emulator)
+    }
+
+    fn power_on(&mut self) -> Result<(), EmulatorError> {
+        self.prepare_flash()?;
+        self.starts += 1;
+        let path = |name: &str| self.folder.path().join(format!("{name}-{}", self.starts));
+        let (socket, said) = (path("control"), path("said"));
+        let stderr =
+            File::create(&said).map_err(|error| EmulatorError::File(said.clone(), error))?;
+        // The image is the machine's firmware: QEMU 7.2 loads no kernel when the second flash bank
+        // is there, but takes boot arguments only along with one, which nobody looks at.
+        let kernel = path("kernel");
+        std::fs::write(&kernel, "none\n")
+            .map_err(|error| EmulatorError::File(kernel.clone(), error))?;
+        let mut child = Command::new(QEMU)
+            .args(["-M", "virt", "-smp", "1", "-m", "32M"])
+            .arg("-bios")
+            .arg(&self.options.image)
+            .arg("-kernel")
+            .arg(&kernel)
+            .arg("-append")
+            .arg(self.options.line()?)
+            .args(["-display", "none", "-monitor", "none"])
+            .args(["-chardev", "stdio,id=uart,signal=off"])
+            .args(["-serial", "chardev:uart"])
+            .args(["-netdev", "user,id=n0"])
+            .args(["-device", "virtio-net-device,netdev=n0"])
+            .arg("-drive")
+            .arg(option("if=pflash,unit=1,format=raw,file=", &self.flash, ""))
+            .arg("-qmp")
+            .arg(option("unix:", &socket, ",server=on,wait=off"))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(stderr)
+            .spawn()
+            .map_err(|error| match error.kind() {
+                std::io::ErrorKind::NotFound => EmulatorError::NoQemu,
+                _ => EmulatorError::Start(error),
+            })?;
+        let serial = child.stdout.take();
+        let log = Arc::clone(&self.log);
+        let reader = std::thread::spawn(move || {
+            if let Some(serial) = serial {
+                log.read(serial);
+            }
+        });
+        let control = match reach(&socket, &mut child, &said) {
+            Ok(control) => control,
+            Err(error) => {
+                end(&mut child);
+                let _ = reader.join();
+                return Err(error);
+            }
+        };
+        self.machine = Some(Machine {
+            child,
+            control,
+            reader,
+            said,
+        });
+        Ok(())
+    }
+
+    fn prepare_flash(&self) -> Result<(), EmulatorError> {
+        let prepare = || {
+            let file = File::options()
+                .create(true)
+                .truncate(false)
+                .write(true)
+                .open(&self.flash)?;
+            // Sparse: what is never written takes no room.
+            if file.metadata()?.len() == FLASH_BYTES {
+                Ok(())
+            } else {
+                file.set_len(FLASH_BYTES)
+            }
+        };
+        prepare().map_err(|error| EmulatorError::File(self.flash.clone(), error))
+    }
+
+    /// Id of the robot.
+    pub const fn robot(&self) -> &RobotId {
+        &self.options.robot
+    }
+
+    /// Id of the process, while it runs.
+    pub fn process(&self) -> Option<u32> {
+        self.machine.as_ref().map(|machine| machine.child.id())
+    }
+
+    /// Checks that the emulator runs.
+    ///
+    /// # Errors
+    /// [`EmulatorError::Ended`] when it does not.
+    pub fn check(&mut self) -> Result<(), EmulatorError> {
+        match &mut self.machine {
+            Some(machine) => match machine.child.try_wait() {
+                Ok(Some(status)) => Err(ended(status, &machine.said)),
+                Ok(None) | Err(_) => Ok(()),
+            },
+            None => Err(EmulatorError::Control("it is switched off".into())),
+        }
+    }
+
+    fn control(
+        &mut self,
+        command: &str,
+        arguments: &serde_json::Value,
+    ) -> Result<(), EmulatorError> {
+        self.check()?;
+        match &mut self.machine {
+            Some(machine) => machine.control.execute(command, arguments),
+            None => Ok(()),
+        }
+    }
+
+    /// Pulls the network cable (`false`) or plugs it in again (`true`).
+    ///
+    /// # Errors
+    /// [`EmulatorError`] when the emulator does not do so.
+    pub fn set_link(&mut self, up: bool) -> Result<(), EmulatorError> {
+        self.control("set_link", &serde_json::json!({"name": "n0", "up": up}))
+    }
+
+    /// Presses the reset button.
+    ///
+    /// # Errors
+    /// [`EmulatorError`] when the emulator does not do so.
+    pub fn reset(&mut self) -> Result<(), EmulatorError> {
+        self.control("system_reset", &serde_json::json!({}))
+    }
+
+    /// Stops the machine's clock (`true`), or lets it go on: a robot that neither moves nor
+    /// answers, with its connection as it was.
+    ///
+    /// # Errors
+    /// [`EmulatorError`] when the emulator does not do so.
+    pub fn freeze(&mut self, frozen: bool) -> Result<(), EmulatorError> {
+        let command = if frozen { "stop" } else { "cont" };
+        self.control(command, &serde_json::json!({}))
+    }
+
+    /// Cuts the power and switches it on again. RAM is lost, flash is not.
+    ///
+    /// # Errors
+    /// [`EmulatorError`] when it does not start again.
+    pub fn power_cycle(&mut self) -> Result<(), EmulatorError> {
+        self.power_off();
+        self.power_on()
+    }
+
+    /// Cuts the power.
+    pub fn power_off(&mut self) {
+        if let Some(mut machine) = self.machine.take() {
+            end(&mut machine.child);
+            // Its pipe is closed now.
+            let _ = machine.reader.join();
+        }
+    }
+
+    /// Everything the board logged so far, as far as it is remembered.
+    pub fn lines(&self) -> Vec<Line> {
+        self.log.lines()
+    }
+
+    /// How many lines the board has logged.
+    pub fn logged(&self) -> u64 {
+        self.log.count()
+    }
+
+    /// The lines that came after the first `count`; waits for one until `until`.
+    pub fn lines_after(&self, count: u64, until: Instant) -> Vec<Line> {
+        self.log.after(count, until)
+    }
+
+    /// Waits until the board has logged a line with `text` in it; also finds an earlier one.
+    pub fn wait_line(&self, text: &str, limit: Duration) -> Option<Line> {
+        let until = Instant::now() + limit;
+        let mut seen = 0;
+        loop {
+            let lines = self.log.after(seen, until);
+            if let Some(line) = lines.iter().find(|line| line.text.contains(text)) {
+                return Some(line.clone());
+            }
+            if lines.is_empty() {
+                return None;
+            }
+            seen += lines.len() as u64;
+        }
+    }
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        self.power_off();
+    }
+}
+
+/// Ends a process of ours.
+fn end(child: &mut Child) {
+    // Already ended is fine.
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+/// An option of QEMU with a path in it: a comma there is written twice.
+fn option(before: &str, path: &Path, after: &str) -> OsString {
+    let path = path.to_string_lossy().replace(',', ",,");
+    format!("{before}{path}{after}").into()
+}
+
+fn ended(status: ExitStatus, said: &Path) -> EmulatorError {
+    EmulatorError::Ended(status, std::fs::read_to_string(said).unwrap_or_default())
+}
+
+/// Waits for the control socket.
+fn reach(socket: &Path, child: &mut Child, said: &Path) -> Result<Qmp, EmulatorError> {
+    let began = Instant::now();
+    loop {
+        if let Ok(Some(status)) = child.try_wait() {
+            return Err(ended(status, said));
+        }
+        match Qmp::connect(socket) {
+            Ok(control) => return Ok(control),
+            Err(error) if began.elapsed() > STARTS => return Err(error),
+            Err(_) => std::thread::sleep(Duration::from_millis(20)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

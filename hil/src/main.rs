@@ -1,11 +1,12 @@
 //! The bench's commands: `hil suite` and `hil emulate`.
 
 mod cli;
+mod emulate;
 
 use std::process::ExitCode;
 
 use clap::Parser;
-use cli::{Cli, Command, EmulateArguments, SuiteArguments};
+use cli::{Cli, Command, SuiteArguments};
 use crawler_hil::suite::{self, Bench, BenchError, CASES, Options, Target};
 use crawler_protocol::Action;
 
@@ -25,8 +26,8 @@ fn main() -> ExitCode {
     };
     runtime.block_on(async {
         match cli.command {
-            Command::Suite(arguments) => suite(arguments).await,
-            Command::Emulate(arguments) => emulate(arguments).await,
+            Command::Suite(arguments) => Box::pin(suite(*arguments)).await,
+            Command::Emulate(arguments) => emulate::emulate(&arguments).await,
         }
     })
 }
@@ -89,16 +90,11 @@ async fn interrupted(target: Target) -> ExitCode {
     };
     match stopped.await {
         Ok(()) => eprintln!(
-            "hil: interrupted; the robot is told to stop, its parameters are as the last case left them"
+            "hil: interrupted; the robot is told to stop, parameters are as the last case left them"
         ),
         Err(error) => {
-            eprintln!("hil: interrupted, and the robot could not be told to stop: {error}")
+            eprintln!("hil: interrupted, and the robot could not be told to stop: {error}");
         }
     }
     ExitCode::from(INTERRUPTED)
-}
-
-async fn emulate(arguments: EmulateArguments) -> ExitCode {
-    let _ = arguments;
-    cannot(&"no")
 }

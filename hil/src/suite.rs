@@ -234,15 +234,20 @@ impl Bench {
         }
     }
 
-    /// Stops the robot, and releases an emergency stop of ours.
+    /// Brings the robot to rest, and releases an emergency stop of ours.
     async fn calm(&mut self) -> Result<(), Failure> {
         let telemetry = self.telemetry(ANSWER).await?;
         if telemetry.state == RobotState::Error {
             self.ask(Action::Reset).await?;
         }
-        if telemetry.state != RobotState::Idle || !is_standing(&telemetry) {
-            self.ask(Action::Stop).await?;
+        if telemetry.state == RobotState::Idle && is_standing(&telemetry) {
+            let rests =
+                |t: &crawler_protocol::Telemetry| t.state == RobotState::Idle && is_standing(t);
+            if self.stays("it stood", 1, rests).await.is_ok() {
+                return Ok(());
+            }
         }
+        self.ask(Action::Stop).await?;
         self.rests(REST).await
     }
 
