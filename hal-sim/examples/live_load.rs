@@ -18,6 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         fleet: crawler_protocol::Fleet::default(),
         broker_host: host.clone(),
         broker_port: port.parse()?,
+        credentials: None,
         scenario: Scenario::built_in("arena")?.with_robots(robots.parse()?),
         seed: 1,
     })?;

@@ -21,6 +21,9 @@ pub enum Fault {
         /// Share of bits that flip, 0 to 1.
         flips: f32,
     },
+    /// The controller's end of the ranger's serial line hangs: it takes no more bytes than its
+    /// FIFO holds, and gives none.
+    LineStuck,
     /// A motor gives less speed than it should.
     MotorWeak {
         /// Which one.
@@ -43,6 +46,11 @@ pub enum Fault {
     FlashPowerCut {
         /// Bytes written or erased until then.
         after_bytes: u32,
+    },
+    /// The flash is full of noise, as one that was never erased or has decayed.
+    FlashNoise {
+        /// Names the noise.
+        seed: u32,
     },
     /// No camera answers: its cable is off.
     CameraAbsent,
@@ -84,6 +92,8 @@ impl Fault {
             Self::RangerDead
             | Self::RangerStuck { .. }
             | Self::FlashPowerCut { .. }
+            | Self::FlashNoise { .. }
+            | Self::LineStuck
             | Self::CameraAbsent
             | Self::CameraStalled
             | Self::CameraGarbage => true,
@@ -118,6 +128,7 @@ pub(crate) enum CameraFault {
 pub(crate) struct Faults {
     pub(crate) ranger: Option<RangerFault>,
     pub(crate) bit_flips: f32,
+    pub(crate) line_stuck: bool,
     pub(crate) camera: Option<CameraFault>,
 }
 
@@ -125,6 +136,7 @@ impl Faults {
     pub(crate) const NONE: Self = Self {
         ranger: None,
         bit_flips: 0.0,
+        line_stuck: false,
         camera: None,
     };
 }
@@ -138,6 +150,8 @@ pub(crate) fn inject(ports: &Ports, fault: Fault) -> Result<(), FaultError> {
         Fault::RangerDead => faults.ranger = Some(RangerFault::Dead),
         Fault::RangerStuck { mm } => faults.ranger = Some(RangerFault::Stuck(mm)),
         Fault::LineNoise { flips } => faults.bit_flips = flips,
+        Fault::LineStuck => faults.line_stuck = true,
+        Fault::FlashNoise { seed } => ports.chip.borrow_mut().fill_with_noise(u64::from(seed)),
         Fault::MotorWeak { wheel, strength } => match wheel {
             Wheel::Left => space.bodies.build[i].left = ports.sound.left * strength,
             Wheel::Right => space.bodies.build[i].right = ports.sound.right * strength,
@@ -165,6 +179,7 @@ pub(crate) fn inject(ports: &Ports, fault: Fault) -> Result<(), FaultError> {
 /// Mends everything but the charge that is gone.
 pub(crate) fn heal(ports: &Ports) {
     ports.faults.set(Faults::NONE);
+    ports.sonar.borrow_mut().hanging = 0;
     ports.shared.space.borrow_mut().bodies.build[ports.index()] = ports.sound;
     ports.chip.borrow_mut().keep_power();
 }

@@ -9,9 +9,10 @@ mod machine;
 mod simulation;
 mod tracker;
 
+pub use crawler_app::Credentials;
 pub use error::SimulationError;
 pub use fingerprint::Fingerprint;
 pub use machine::SimRobot;
-pub use simulation::{EPOCH_MS, Simulation};
+pub use simulation::{EPOCH_MS, Simulation, credentials};
 #[cfg(feature = "live")]
 pub(crate) use tracker::compose as compose_fix;

@@ -301,6 +301,15 @@ impl World {
         }
     }
 
+    /// Makes the program of a robot panic with `text`, as a board's handler notes it, and resets
+    /// it. Does nothing when there is no such robot.
+    pub fn crash(&mut self, robot: RobotIndex, text: &str) {
+        if let Some(ports) = self.robots.get(robot.0 as usize) {
+            ports.panic.replace(Some(text.to_owned()));
+            ports.ask_reset(ResetCause::Panic);
+        }
+    }
+
     /// Mends all that was broken about a robot by [`World::inject`].
     pub fn heal(&mut self, robot: RobotIndex) {
         if let Some(ports) = self.robots.get(robot.0 as usize) {

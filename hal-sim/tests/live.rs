@@ -84,6 +84,7 @@ fn config(port: u16, robots: u32) -> LiveConfig {
         fleet: Fleet::default(),
         broker_host: "127.0.0.1".to_owned(),
         broker_port: port,
+        credentials: None,
         scenario: Scenario::built_in("arena").unwrap().with_robots(robots),
         seed: 1,
     }

@@ -23,11 +23,13 @@ impl Simulation {
     /// # Errors
     /// One line saying what is wrong with the scenario or the system.
     pub(crate) async fn start(settings: &Settings, broker: &BrokerUrl) -> Result<Self, String> {
-        if broker.credentials.is_some() {
-            return Err(
-                "simulated robots cannot log in to a broker with user name and password yet".into(),
-            );
-        }
+        let credentials = match &broker.credentials {
+            Some((name, password)) => {
+                let usable = crawler_sim::run::credentials(name, password);
+                Some(usable.map_err(|error| format!("simulated robots take {error}"))?)
+            }
+            None => None,
+        };
         let mut scenario = scenario(settings.scenario.as_deref())?;
         if let Some(robots) = settings.robots {
             scenario = scenario.with_robots(robots);
@@ -36,6 +38,7 @@ impl Simulation {
             fleet: settings.fleet.clone(),
             broker_host: broker.host.clone(),
             broker_port: broker.port,
+            credentials,
             scenario,
             seed: settings.seed,
         };

@@ -33,6 +33,7 @@ use crate::ledger::{Answer, Ledger, Verdict};
 use crate::order::Sender;
 use crate::outbox::Outgoing;
 use crate::timesync::Observation;
+use crate::trouble::TIME;
 
 /// Age at which a motion command expires.
 pub const EXPIRY: Duration = Duration::from_millis(2_000);
@@ -110,8 +111,28 @@ impl<M: RawMutex> Robot<M> {
     ///
     /// The link does so with every time message; without a link it is up to whoever runs the
     /// robot. How much it is believed, see [`timesync`](crate::timesync).
+    ///
+    /// A jump of that time is logged: when it is first doubted, and when it is believed.
     pub fn observe_time(&self, unix_ms: u64, now: Instant) -> Observation {
-        self.time.observe(unix_ms, now)
+        let before = self.unix_ms(now);
+        let observation = self.time.observe(unix_ms, now);
+        let off = |time: u64| time as i64 - before.unwrap_or(time) as i64;
+        match observation {
+            Observation::Adopted | Observation::Confirmed => {}
+            Observation::Stepped => {
+                let by = off(self.unix_ms(now).unwrap_or(unix_ms));
+                let text = format_args!("the server's clock was set: moved by {by} ms");
+                self.log(Level::Warn, TIME, text, now);
+            }
+            Observation::Doubted | Observation::Implausible => {
+                if self.time.may_warn(now) {
+                    let by = off(unix_ms);
+                    let text = format_args!("not believed yet: {unix_ms}, {by} ms off");
+                    self.log(Level::Warn, TIME, text, now);
+                }
+            }
+        }
+        observation
     }
 
     /// Unix time in milliseconds, while the robot's clock is synchronised.

@@ -119,7 +119,12 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
 ) {
     let mut buffer = [0; BUFFER];
     let deadline = clock.now() + FLASH_PATIENCE;
-    match with_deadline(clock, deadline, shelf.get(PARAMETERS, &mut buffer)).await {
+    let found = with_deadline(clock, deadline, shelf.get(PARAMETERS, &mut buffer)).await;
+    if core::mem::take(&mut shelf.erased) {
+        let text = format_args!("made no sense and was erased: parameters are at their defaults");
+        robot.log(Level::Warn, "flash", text, clock.now());
+    }
+    match found {
         Ok(Ok(Some(item))) => {
             let (loaded, dropped) = Parameters::decode(item);
             if dropped > 0 {
@@ -197,6 +202,8 @@ type Map<'a, M, F> = MapStorage<u8, Guarded<'a, M, F>, Cache<Uncached, Uncached,
 /// The map in flash; `None` where the region has no usable shape.
 struct Shelf<'a, M: RawMutex, F: NorFlash> {
     map: Option<Map<'a, M, F>>,
+    /// Corrupt content was erased, and nobody was told yet.
+    erased: bool,
 }
 
 impl<'a, M: RawMutex, F: NorFlash> Shelf<'a, M, F> {
@@ -207,6 +214,7 @@ impl<'a, M: RawMutex, F: NorFlash> Shelf<'a, M, F> {
             .and_then(|end| MapConfig::try_new(0..end).ok());
         Self {
             map: config.map(|config| MapStorage::new(flash, config, Cache::new_uncached())),
+            erased: false,
         }
     }
 
@@ -232,6 +240,7 @@ impl<'a, M: RawMutex, F: NorFlash> Shelf<'a, M, F> {
                 let error = classify(&error);
                 if error == ShelfError::Corrupt {
                     map.erase_all().await.map_err(|error| classify(&error))?;
+                    self.erased = true;
                     return Ok(None);
                 }
                 Err(error)

@@ -15,7 +15,7 @@
 //! young, that is before as many messages have agreed with it, is a *greater* bound adopted at
 //! once however far off: then the first message was simply late.
 //!
-//! State: 80 bytes.
+//! State: 96 bytes.
 
 use core::cell::Cell;
 
@@ -35,6 +35,8 @@ pub const STEP: Duration = Duration::from_millis(1_000);
 pub const STEP_CONFIRMATIONS: u8 = 3;
 /// Least time between two messages that confirm a step.
 pub const STEP_SPACING: Duration = Duration::from_secs(2);
+/// Least time between two log records of a time that is not believed.
+pub const WARN_PERIOD: Duration = Duration::from_secs(60);
 /// How well the messages that confirm a step must agree.
 const STEP_AGREEMENT_US: u64 = 250_000;
 /// 2020-01-01 and 2200-01-01 in Unix milliseconds: what lies outside is not a date but a fault.
@@ -83,6 +85,8 @@ struct State {
     heard: Instant,
     /// Messages that made or agreed with the held bound, up to [`STEP_CONFIRMATIONS`].
     agreed: u8,
+    /// When someone was last told of a time that is not believed.
+    warned: Option<Instant>,
 }
 
 /// What became of a time message.
@@ -114,6 +118,7 @@ impl<M: RawMutex> TimeSync<M> {
                 step: None,
                 heard: Instant::BOOT,
                 agreed: 0,
+                warned: None,
             })),
         }
     }
@@ -128,6 +133,19 @@ impl<M: RawMutex> TimeSync<M> {
             let observation = state.observe(Bound::of(server_ms, now), now);
             cell.set(state);
             observation
+        })
+    }
+
+    /// Whether to tell of a time that is not believed: once in [`WARN_PERIOD`].
+    pub fn may_warn(&self, now: Instant) -> bool {
+        self.state.lock(|cell| {
+            let mut state = cell.get();
+            let due = state.warned.is_none_or(|told| now - told >= WARN_PERIOD);
+            if due {
+                state.warned = Some(now);
+                cell.set(state);
+            }
+            due
         })
     }
 

@@ -121,6 +121,15 @@ impl Chip {
         self.budget = Some(bytes);
     }
 
+    /// Replaces all that is in it by noise drawn from `seed`.
+    pub fn fill_with_noise(&mut self, seed: u64) {
+        let mut rng = stream(seed, 1, Purpose::Flash);
+        for sector in &mut self.sectors {
+            sector.written.resize(ERASE_BYTES, BLANK);
+            rng.fill_bytes(&mut sector.written);
+        }
+    }
+
     /// Takes a planned cut back. Power that is gone stays gone.
     pub fn keep_power(&mut self) {
         self.budget = None;

@@ -33,6 +33,8 @@ pub(crate) struct Sonar {
     pub(crate) inbox: VecDeque<(Instant, u8)>,
     /// When the controller's last byte has left its transmitter.
     pub(crate) sent_until: Instant,
+    /// Bytes in a transmitter that hangs.
+    pub(crate) hanging: usize,
     /// Since when the trigger pin is high.
     pub(crate) trigger_since: Option<Instant>,
     /// When the echo pin rises and falls, while that lies ahead or goes on.
@@ -60,6 +62,7 @@ impl Sonar {
             busy_until: Instant::BOOT,
             inbox: VecDeque::new(),
             sent_until: Instant::BOOT,
+            hanging: 0,
             trigger_since: None,
             pulse: None,
             waiting: None,
@@ -71,6 +74,7 @@ impl Sonar {
     pub(crate) fn restart(&mut self) {
         self.inbox.clear();
         self.sent_until = Instant::BOOT;
+        self.hanging = 0;
         self.trigger_since = None;
         self.waiting = None;
     }
@@ -148,6 +152,7 @@ impl Sonar {
         word(self.line_rng.clone().next_u64());
         word(self.busy_until.as_micros());
         word(self.sent_until.as_micros());
+        word(self.hanging as u64);
         word(u64::from(self.overlaps));
         for &(at, byte) in &self.inbox {
             word(at.as_micros() << 8 | u64::from(byte));

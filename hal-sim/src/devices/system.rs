@@ -14,12 +14,14 @@ use crate::world::Wire;
 pub struct SimSystem {
     wire: Wire,
     cause: ResetCause,
+    panic: Option<String>,
 }
 
 impl SimSystem {
     pub(crate) fn new(wire: Wire) -> Self {
         Self {
             cause: wire.ports.cause.get(),
+            panic: wire.ports.panic.take(),
             wire,
         }
     }
@@ -31,7 +33,7 @@ impl System for SimSystem {
     }
 
     fn last_panic(&self) -> Option<&str> {
-        None
+        self.panic.as_deref()
     }
 
     fn feed_watchdog(&mut self) {

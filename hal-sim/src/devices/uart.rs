@@ -57,6 +57,20 @@ impl SimUart {
         }
     }
 
+    /// A FIFO that nothing leaves.
+    async fn fill_hanging(&self, buf: &[u8]) -> Result<usize, UartError> {
+        let taken = {
+            let mut sonar = self.wire.ports.sonar.borrow_mut();
+            let taken = buf.len().min(FIFO_BYTES - sonar.hanging);
+            sonar.hanging += taken;
+            taken
+        };
+        if taken == 0 {
+            return pending().await;
+        }
+        Ok(taken)
+    }
+
     /// The sensor receives one byte at `at`.
     fn deliver(&self, byte: u8, at: Instant) {
         let ports = &self.wire.ports;
@@ -107,8 +121,9 @@ impl Read for SimUart {
         if buf.is_empty() {
             return Ok(0);
         }
+        let stuck = self.wire.ports.faults.get().line_stuck;
         let next = self.wire.ports.sonar.borrow().inbox.front().copied();
-        let Some((arrival, _)) = next else {
+        let Some((arrival, _)) = next.filter(|_| !stuck) else {
             return pending().await;
         };
         self.wire.clock().sleep_until(arrival).await;
@@ -140,6 +155,9 @@ impl Write for SimUart {
         }
         let clock = self.wire.clock();
         let full = BYTE_TIME * (FIFO_BYTES as u32);
+        if self.wire.ports.faults.get().line_stuck {
+            return self.fill_hanging(buf).await;
+        }
         let sent_until = self.wire.ports.sonar.borrow().sent_until;
         if sent_until - clock.now() >= full {
             // Until one byte has left.
@@ -170,6 +188,9 @@ impl Write for SimUart {
     /// A dropped call has no effect.
     async fn flush(&mut self) -> Result<(), UartError> {
         self.check()?;
+        if self.wire.ports.faults.get().line_stuck {
+            return pending().await;
+        }
         let sent_until = self.wire.ports.sonar.borrow().sent_until;
         self.wire.clock().sleep_until(sent_until).await;
         self.check()

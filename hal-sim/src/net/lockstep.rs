@@ -28,7 +28,10 @@ use rand_pcg::Pcg32;
 pub use model::{Cut, LinkModel};
 pub use packet::PacketError;
 pub use peer::{Origin, PeerFault, PeerStatistics, Published};
-pub use stream::{ConnectionReset, LockstepMonitor, LockstepNetwork, LockstepStream};
+pub use stream::{
+    ConnectionReset, LockstepMonitor, LockstepNetwork, LockstepStream, NO_ADDRESS_AFTER,
+    PASSWORD_REFUSED_AFTER,
+};
 
 use crate::sched::SimClock;
 use packet::Publication;
@@ -161,6 +164,13 @@ impl Air {
         }
     }
 
+    /// Lets only clients in that give this name and password; `None` lets everyone in. Sessions
+    /// that are open stay.
+    pub fn require_credentials(&self, credentials: Option<(&str, &str)>) {
+        let credentials = credentials.map(|(name, word)| (name.to_owned(), word.to_owned()));
+        self.state.borrow_mut().peer.require(credentials);
+    }
+
     /// Cuts or heals a link. Unknown links are ignored.
     pub fn cut(&self, link: usize, cut: Cut) {
         let now = self.now();
@@ -169,6 +179,9 @@ impl Air {
             return;
         };
         let before = std::mem::replace(&mut known.cut, cut);
+        if let Some(waker) = known.waiting.take() {
+            waker.wake();
+        }
         if before == Cut::None && cut != Cut::None {
             for connection in state.connections.iter_mut().flatten() {
                 if connection.link == link {
@@ -178,9 +191,6 @@ impl Air {
                 }
             }
         } else if before != Cut::None && cut == Cut::None {
-            if let Some(waker) = known.waiting.take() {
-                waker.wake();
-            }
             let arrival = now + state.delay(link);
             for index in 0..state.connections.len() {
                 let Some(connection) = &mut state.connections[index] else {

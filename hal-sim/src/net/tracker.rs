@@ -12,6 +12,7 @@ use std::num::NonZero;
 use std::rc::Rc;
 use std::task::{Poll, Waker};
 
+use crawler_app::Credentials;
 use crawler_app::timesync::TimeSync;
 use crawler_hal::{Clock, Duration, Instant, Network, with_deadline};
 use crawler_protocol::{Fleet, Pose, RobotId, TimeMessage, Topic};
@@ -26,7 +27,7 @@ use rust_mqtt::client::options::{
     ConnectOptions, PublicationOptions, RetainHandling, SubscriptionOptions, TopicReference,
 };
 use rust_mqtt::config::KeepAlive;
-use rust_mqtt::types::{MqttString, TopicFilter, TopicName};
+use rust_mqtt::types::{MqttBinary, MqttString, TopicFilter, TopicName};
 
 use super::live::LiveNetwork;
 use crate::run::compose_fix;
@@ -172,6 +173,7 @@ impl<S: Write> Write for Gathered<S> {
 /// Keeps the camera connected. Dropping the future drops the connection.
 pub(crate) async fn run(
     fleet: Fleet,
+    credentials: Option<Credentials>,
     outlet: Rc<Outlet>,
     mut network: LiveNetwork,
     clock: SimClock,
@@ -180,7 +182,7 @@ pub(crate) async fn run(
     loop {
         let began = clock.now();
         // Whatever ended it, the answer is to try again.
-        let _ = session(&fleet, &outlet, &mut network, &clock).await;
+        let _ = session(&fleet, credentials.as_ref(), &outlet, &mut network, &clock).await;
         outlet.set_open(false);
         wait = if clock.now() - began >= STABLE_AFTER {
             SHORTEST
@@ -194,6 +196,7 @@ pub(crate) async fn run(
 /// One connection; `None` when it is lost.
 async fn session(
     fleet: &Fleet,
+    credentials: Option<&Credentials>,
     outlet: &Outlet,
     network: &mut LiveNetwork,
     clock: &SimClock,
@@ -212,6 +215,12 @@ async fn session(
     let mut options = ConnectOptions::new().clean_start();
     options = options.keep_alive(KeepAlive::Seconds(NonZero::new(6)?));
     options = options.maximum_packet_size(NonZero::new(MAX_PACKET)?);
+    if let Some(credentials) = credentials {
+        let password = MqttBinary::from_slice(credentials.password.as_bytes()).ok()?;
+        options = options
+            .user_name(MqttString::from_str(&credentials.username).ok()?)
+            .password(password);
+    }
     let work = client.connect(&mut stream, &options, Some(id));
     with_deadline(clock, soon(), work).await.ok()?.ok()?;
     let time_topic = Topic::Time.render(fleet);

@@ -17,6 +17,8 @@ pub enum SimulationError {
     NoRoom(u32, u32),
     /// A robot cannot be put there.
     Placement(PlacementError),
+    /// A name or password for the broker is too long.
+    Credentials,
 }
 
 impl fmt::Display for SimulationError {
@@ -31,6 +33,7 @@ impl fmt::Display for SimulationError {
                 )
             }
             Self::Placement(error) => write!(f, "placing a robot: {error}"),
+            Self::Credentials => f.write_str("at most 32 bytes of name and 64 of password"),
         }
     }
 }

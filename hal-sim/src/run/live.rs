@@ -16,12 +16,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::task::Poll;
 use std::time::Duration as StdDuration;
 
+use crawler_app::Credentials;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Action, Fleet};
 use tokio::sync::Notify;
 use tokio::time::Instant as RealInstant;
 
-use super::simulation::{Simulation, Way};
+use super::simulation::{BrokerAddress, Simulation, Way};
 use crate::net::live::Gateway;
 use crate::scenario::Scenario;
 use crate::sched::SimClock;
@@ -52,6 +53,8 @@ pub struct LiveConfig {
     pub broker_host: String,
     /// TCP port of the broker.
     pub broker_port: u16,
+    /// What the broker asks for; see [`credentials`](super::credentials).
+    pub credentials: Option<Credentials>,
     /// Scenario; its number of robots counts.
     pub scenario: Scenario,
     /// Seed of everything that is left to chance.
@@ -145,7 +148,12 @@ pub fn start(config: LiveConfig) -> Result<LiveHandle, LiveError> {
         .name("world".into())
         .spawn({
             let board = Arc::clone(&board);
-            move || run(config, (host, broker), &board, &ready_to, &report_to)
+            let address = BrokerAddress {
+                host,
+                port: config.broker_port,
+                credentials: config.credentials.clone(),
+            };
+            move || run(config, (address, broker), &board, &ready_to, &report_to)
         })
         .map_err(LiveError::Runtime)?;
     let arena = ready.recv().map_err(|_| LiveError::Crashed)??;
@@ -230,11 +238,11 @@ impl Drop for Running<'_> {
     }
 }
 
-type Broker = (heapless::String<64>, Vec<std::net::SocketAddr>);
+type Broker = (BrokerAddress, Vec<std::net::SocketAddr>);
 
 fn run(
     config: LiveConfig,
-    (host, addresses): Broker,
+    (broker, addresses): Broker,
     board: &Board,
     ready: &SyncSender<Result<Arena, LiveError>>,
     report: &SyncSender<LiveReport>,
@@ -259,7 +267,7 @@ fn run(
         &clock,
         config.fleet,
         Way::Live(gateway.clone()),
-        (host, config.broker_port),
+        broker,
     );
     let simulation = match simulation {
         Ok(simulation) => simulation,

@@ -8,7 +8,7 @@ mod step;
 use std::fmt;
 use std::rc::Rc;
 
-use crawler_app::Config;
+use crawler_app::{Config, Credentials};
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Action, Fleet, Topic};
 
@@ -83,7 +83,29 @@ pub struct Simulation {
     history: Fingerprint,
     seq: u64,
     /// Whom robots are to connect to.
-    broker: (heapless::String<64>, u16),
+    broker: BrokerAddress,
+}
+
+/// Name and password for a broker, as robots hold them.
+///
+/// # Errors
+/// [`SimulationError::Credentials`] when the name is longer than 32 bytes or the password longer
+/// than 64.
+pub fn credentials(name: &str, password: &str) -> Result<Credentials, SimulationError> {
+    Ok(Credentials {
+        username: name.try_into().map_err(|_| SimulationError::Credentials)?,
+        password: password
+            .try_into()
+            .map_err(|_| SimulationError::Credentials)?,
+    })
+}
+
+/// Where a broker is, and what it wants to know of its clients.
+#[derive(Debug, Default)]
+pub(crate) struct BrokerAddress {
+    pub(crate) host: heapless::String<64>,
+    pub(crate) port: u16,
+    pub(crate) credentials: Option<Credentials>,
 }
 
 impl Simulation {
@@ -102,7 +124,7 @@ impl Simulation {
             &clock,
             fleet,
             Way::Lockstep(air.clone()),
-            (heapless::String::new(), 1883),
+            BrokerAddress::default(),
         )?;
         simulation.sched.spawn(air.run());
         Ok(simulation)
@@ -117,7 +139,7 @@ impl Simulation {
     /// # Errors
     /// See [`SimulationError`].
     pub fn without_network(scenario: Scenario, seed: u64) -> Result<Self, SimulationError> {
-        let nowhere = (heapless::String::new(), 1883);
+        let nowhere = BrokerAddress::default();
         let clock = SimClock::new();
         Self::with(scenario, seed, &clock, Fleet::default(), Way::None, nowhere)
     }
@@ -128,7 +150,7 @@ impl Simulation {
         clock: &SimClock,
         fleet: Fleet,
         way: Way,
-        broker: (heapless::String<64>, u16),
+        broker: BrokerAddress,
     ) -> Result<Self, SimulationError> {
         scenario.validate()?;
         let action = scenario.action()?;
@@ -184,7 +206,9 @@ impl Simulation {
             let outlet = Rc::clone(gateway.outlet());
             let network = gateway.service();
             let fleet = self.fleet.clone();
-            let client = crate::net::tracker::run(fleet, outlet, network, clock.world());
+            let credentials = self.broker.credentials.clone();
+            let client =
+                crate::net::tracker::run(fleet, credentials, outlet, network, clock.world());
             self.messenger = Some(self.sched.spawn(client));
         }
     }

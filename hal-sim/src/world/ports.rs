@@ -59,6 +59,8 @@ pub(crate) struct Ports {
     pub(crate) cause: Cell<ResetCause>,
     pub(crate) watchdog: Cell<Watchdog>,
     pub(crate) faults: Cell<Faults>,
+    /// What the program said when it panicked last, until the next boot has taken it.
+    pub(crate) panic: RefCell<Option<String>>,
     pub(crate) sonar: RefCell<Sonar>,
     pub(crate) gauge_rng: RefCell<Pcg32>,
     pub(crate) camera_rng: RefCell<Pcg32>,
@@ -87,6 +89,7 @@ impl Ports {
                 longest_us: 0,
             }),
             faults: Cell::new(Faults::NONE),
+            panic: RefCell::new(None),
             sonar: RefCell::new(Sonar::new(rng(Purpose::Ranger), rng(Purpose::Serial))),
             gauge_rng: RefCell::new(rng(Purpose::Battery)),
             camera_rng: RefCell::new(rng(Purpose::Camera)),

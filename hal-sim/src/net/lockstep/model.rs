@@ -62,4 +62,18 @@ pub enum Cut {
     Silent,
     /// The radio has lost its access point, and the robot can know it.
     Radio,
+    /// The access point refuses the robot's password.
+    Password,
+    /// The access point has the robot, and nobody gives it an address.
+    NoAddress,
+}
+
+impl Cut {
+    /// Whether the robot can know that it is cut off.
+    pub(super) const fn is_known(self) -> bool {
+        match self {
+            Self::None | Self::Silent => false,
+            Self::Radio | Self::Password | Self::NoAddress => true,
+        }
+    }
 }

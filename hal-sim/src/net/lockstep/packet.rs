@@ -77,6 +77,8 @@ pub(super) struct Connect<'a> {
     pub(super) receive_maximum: u16,
     pub(super) maximum_packet: u32,
     pub(super) will: Option<Publication<'a>>,
+    pub(super) username: Option<&'a str>,
+    pub(super) password: Option<&'a [u8]>,
 }
 
 /// A packet from a client.

@@ -30,6 +30,7 @@ const MAX_FAULTS: usize = 1_000;
 /// Reason codes of MQTT 5, section 2.4.
 const KEEP_ALIVE_TIMEOUT: u8 = 0x8D;
 const DISCONNECT_WITH_WILL: u8 = 0x04;
+const NOT_AUTHORIZED: u8 = 0x87;
 
 /// What a connection is to the broker.
 #[derive(Debug)]
@@ -69,6 +70,8 @@ pub(super) struct Peer {
     /// Sessions with any filter that has wildcards.
     wild: Vec<usize>,
     retained: BTreeMap<String, Rc<Message>>,
+    /// Name and password that every client must give.
+    credentials: Option<(String, String)>,
     record: VecDeque<Published>,
     record_limit: usize,
     faults: Vec<(Rc<str>, PeerFault)>,
@@ -84,12 +87,23 @@ impl Peer {
             exact: BTreeMap::new(),
             wild: Vec::new(),
             retained: BTreeMap::new(),
+            credentials: None,
             record: VecDeque::new(),
             record_limit: 0,
             faults: Vec::new(),
             statistics: PeerStatistics::default(),
             fingerprint: Fingerprint::new(),
         }
+    }
+
+    pub(super) fn require(&mut self, credentials: Option<(String, String)>) {
+        self.credentials = credentials;
+    }
+
+    fn admits(&self, connect: &packet::Connect<'_>) -> bool {
+        self.credentials.as_ref().is_none_or(|(name, word)| {
+            connect.username == Some(name) && connect.password == Some(word.as_bytes())
+        })
     }
 
     pub(super) fn record(&mut self, limit: usize) {
@@ -149,6 +163,10 @@ impl Peer {
             let Packet::Connect(connect) = packet else {
                 return Err(PeerFault::Order);
             };
+            if !self.admits(&connect) {
+                packet::write_conn_ack(out.to(connection), false, NOT_AUTHORIZED);
+                return Err(PeerFault::NotAuthorized);
+            }
             *client = Some(self.connect(connection, &connect, now, out));
             return Ok(());
         };

@@ -10,6 +10,11 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use super::pipe::HELD;
 use super::{Air, Cut, Event, SEND_BUFFER};
 
+/// What four failed handshakes take.
+pub const PASSWORD_REFUSED_AFTER: Duration = Duration::from_millis(1_500);
+/// Four DHCP discoveries at 1, 2, 4 and 3 seconds, unanswered.
+pub const NO_ADDRESS_AFTER: Duration = Duration::from_secs(10);
+
 /// A robot's way to the broker of its simulation, whatever host it asks for.
 #[derive(Debug)]
 pub struct LockstepNetwork {
@@ -52,9 +57,18 @@ impl Network for LockstepNetwork {
         }
     }
 
+    /// Waits for an access point as long as there is none; a refusal takes
+    /// [`PASSWORD_REFUSED_AFTER`], silence instead of an address [`NO_ADDRESS_AFTER`].
     async fn join(&mut self) -> Result<(), NetError> {
         self.healed(|cut| cut != Cut::Radio).await;
-        Ok(())
+        let cut = self.air.state.borrow().links[self.link].cut;
+        let (after, error) = match cut {
+            Cut::None | Cut::Silent | Cut::Radio => return Ok(()),
+            Cut::Password => (PASSWORD_REFUSED_AFTER, NetError::BadCredentials),
+            Cut::NoAddress => (NO_ADDRESS_AFTER, NetError::NoAddress),
+        };
+        self.air.clock.sleep(after).await;
+        Err(error)
     }
 
     /// Takes one and a half round trips, like a TCP handshake and its last acknowledgement. Waits
@@ -86,7 +100,7 @@ pub struct LockstepMonitor {
 impl LinkMonitor for LockstepMonitor {
     fn state(&self) -> LinkState {
         let state = self.air.state.borrow();
-        if state.links[self.link].cut == Cut::Radio {
+        if state.links[self.link].cut.is_known() {
             return LinkState::Down;
         }
         let host = self.link as u32 + 1;

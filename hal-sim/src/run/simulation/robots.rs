@@ -91,8 +91,8 @@ impl Simulation {
             // Letters, digits and a hyphen: always a valid id.
             id: RobotId::new(&name).unwrap_or_else(|_| unreachable!("{name} is a valid id")),
             fleet: self.fleet.clone(),
-            broker_host: self.broker.0.clone(),
-            broker_port: self.broker.1,
+            broker_host: self.broker.host.clone(),
+            broker_port: self.broker.port,
             kind: Kind::Simulated,
             board: "sim",
             firmware: env!("CARGO_PKG_VERSION"),
@@ -106,9 +106,23 @@ impl Simulation {
                 nominal_v: NOMINAL_V,
                 bridge_drop_v: chassis.bridge_drop_v,
             },
-            credentials: None,
+            credentials: self.broker.credentials.clone(),
             camera: self.scenario.has_camera(number),
         }
+    }
+
+    /// Gives all robots, also those to come, a name and a password for their broker. A robot
+    /// takes them up at its next boot.
+    ///
+    /// # Errors
+    /// [`SimulationError::Credentials`] when one of the two is too long.
+    pub fn set_credentials(&mut self, name: &str, password: &str) -> Result<(), SimulationError> {
+        let credentials = Some(super::credentials(name, password)?);
+        for machine in &mut self.machines {
+            machine.config.credentials.clone_from(&credentials);
+        }
+        self.broker.credentials = credentials;
+        Ok(())
     }
 
     /// Cuts or heals the link of a robot in lockstep; does nothing otherwise.

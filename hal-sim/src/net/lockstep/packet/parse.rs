@@ -124,12 +124,8 @@ fn connect<'a>(r: &mut Reader<'a>) -> Result<Connect<'a>, PacketError> {
             retain: flags & 0x20 != 0,
         })
     };
-    if flags & 0x80 != 0 {
-        r.text()?;
-    }
-    if flags & 0x40 != 0 {
-        r.binary()?;
-    }
+    let username = (flags & 0x80 != 0).then(|| r.text()).transpose()?;
+    let password = (flags & 0x40 != 0).then(|| r.binary()).transpose()?;
     require(flags & 0x01 == 0)?;
     if properties.receive_maximum == Some(0) || properties.maximum_packet == Some(0) {
         return Err(PacketError::Malformed);
@@ -142,6 +138,8 @@ fn connect<'a>(r: &mut Reader<'a>) -> Result<Connect<'a>, PacketError> {
         receive_maximum: properties.receive_maximum.unwrap_or(u16::MAX),
         maximum_packet: properties.maximum_packet.unwrap_or(u32::MAX),
         will,
+        username,
+        password,
     })
 }
 

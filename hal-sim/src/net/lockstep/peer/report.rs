@@ -45,6 +45,8 @@ pub enum PeerFault {
     Packet(PacketError),
     /// The first packet was not CONNECT, or a later one was.
     Order,
+    /// The client gave the wrong name or password, or none.
+    NotAuthorized,
     /// Silence for one and a half times the keep-alive.
     KeepAlive,
     /// The same client connected again.
@@ -60,6 +62,7 @@ impl std::fmt::Display for PeerFault {
         match self {
             Self::Packet(error) => write!(f, "{error}"),
             Self::Order => f.write_str("CONNECT must come first and once"),
+            Self::NotAuthorized => f.write_str("wrong name or password"),
             Self::KeepAlive => f.write_str("silent for one and a half times the keep-alive"),
             Self::TakenOver => f.write_str("taken over by a new connection"),
             Self::TooSlow => f.write_str("the client reads too slowly"),
