@@ -19,17 +19,45 @@ pub struct Mosquitto {
 }
 
 impl Mosquitto {
-    /// Starts a broker on `port` and waits until it accepts connections.
+    /// Starts a broker on `port` for everybody and waits until it accepts connections.
     ///
     /// # Panics
     /// When mosquitto is not installed or does not come up within 10 s.
     pub fn start(port: u16) -> Self {
         let folder = tempfile::tempdir().expect("a folder for its configuration");
+        Self::start_with(port, folder, &["allow_anonymous true"])
+    }
+
+    /// Starts a broker on `port` that lets nobody in but `user` with `password`.
+    ///
+    /// # Panics
+    /// As [`Mosquitto::start`].
+    pub fn start_guarded(port: u16, user: &str, password: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a folder for its configuration");
+        let file = folder.path().join("passwords");
+        let made = Command::new("mosquitto_passwd")
+            .args(["-b", "-c"])
+            .arg(&file)
+            .args([user, password])
+            .status()
+            .expect("mosquitto_passwd is missing: cargo xtask setup");
+        assert!(made.success(), "mosquitto_passwd: {made}");
+        // As root the broker becomes a user of its own before it reads the file.
+        let open = Command::new("chmod")
+            .args(["a+rX"])
+            .args([folder.path(), &file])
+            .status();
+        assert!(open.expect("chmod").success());
+        let named = format!("password_file {}", file.display());
+        Self::start_with(port, folder, &["allow_anonymous false", &named])
+    }
+
+    fn start_with(port: u16, folder: TempDir, access: &[&str]) -> Self {
         let configuration = folder.path().join("mosquitto.conf");
         let mut text = String::new();
         for line in [
             &format!("listener {port} 127.0.0.1"),
-            "allow_anonymous true",
+            &access.join("\n"),
             "persistence false",
             // Its defaults drop messages of a busy fleet.
             "max_queued_messages 100000",
@@ -102,9 +130,24 @@ pub fn publish(port: u16, topic: &str, payload: &str) {
 /// # Panics
 /// When the tool is missing.
 pub fn subscribe(port: u16, filter: &str, count: usize, seconds: u32) -> Vec<(String, String)> {
+    subscribe_with(port, &[], filter, count, seconds)
+}
+
+/// The same with further `arguments`, such as `-u` and `-P`.
+///
+/// # Panics
+/// When the tool is missing.
+pub fn subscribe_with(
+    port: u16,
+    arguments: &[&str],
+    filter: &str,
+    count: usize,
+    seconds: u32,
+) -> Vec<(String, String)> {
     let output = Command::new("mosquitto_sub")
         .args(["-V", "mqttv5", "-h", "127.0.0.1", "-p", &port.to_string()])
         .args(["-q", "1", "-t", filter, "-F", "%t %p"])
+        .args(arguments)
         .args(["-C", &count.to_string(), "-W", &seconds.to_string()])
         .output()
         .expect("mosquitto_sub is missing: cargo xtask setup");

@@ -4,8 +4,8 @@
 mod brokers;
 mod server;
 
-pub use brokers::{Mosquitto, publish, subscribe};
-pub use server::Terracrawler;
+pub use brokers::{Mosquitto, publish, subscribe, subscribe_with};
+pub use server::{Simulated, Terracrawler};
 
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};

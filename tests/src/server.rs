@@ -164,6 +164,46 @@ impl Terracrawler {
     }
 }
 
+/// A running `terracrawler sim`: simulated robots without a server.
+#[derive(Debug)]
+pub struct Simulated {
+    child: Child,
+    folder: TempDir,
+}
+
+impl Simulated {
+    /// Starts robots on the broker at `port` of loopback. `arguments` follow the subcommand.
+    ///
+    /// # Panics
+    /// When the program cannot be started.
+    pub fn start(port: u16, arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().expect("a folder for its log");
+        let log = std::fs::File::create(folder.path().join("log")).expect("a log file");
+        let child = Command::new(binary())
+            .arg("sim")
+            .args(["--broker", &format!("mqtt://127.0.0.1:{port}")])
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(log.try_clone().expect("a log file"))
+            .stderr(log)
+            .spawn()
+            .expect("terracrawler starts");
+        Self { child, folder }
+    }
+}
+
+impl Drop for Simulated {
+    fn drop(&mut self) {
+        // Already ended is fine.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        if std::thread::panicking() {
+            let log = std::fs::read_to_string(self.folder.path().join("log"));
+            eprintln!("--- log of the robots ---\n{}", log.unwrap_or_default());
+        }
+    }
+}
+
 impl Drop for Terracrawler {
     fn drop(&mut self) {
         // Already ended is fine.

@@ -1,0 +1,398 @@
+//! Robots on the emulated board, against the real server: the program as it is flashed, over a
+//! real network, with a cable that can be pulled.
+//!
+//! An emulated robot sleeps most of the time, so tests run side by side, as many as there are cores.
+
+#[path = "emulated/board.rs"]
+mod board;
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use board::{Board, listen, suite_on};
+use crawler_hil::BrokerUrl;
+use crawler_hil::suite::{ANSWER, BenchError, REST, Word, is_standing};
+use crawler_protocol::{
+    Action, BehaviourName, BootCause, Direction, Reason, Response, ResponseStatus, RobotState,
+};
+use crawler_tests::{Mosquitto, Terracrawler, free_port, wait_for};
+use serde_json::{Value, json};
+
+/// To boot, get an address, and be seen by the server.
+const JOINS: Duration = Duration::from_secs(40);
+
+fn serve() -> Terracrawler {
+    Terracrawler::start(&["serve"])
+}
+
+fn robot(server: &Terracrawler, id: &str) -> Value {
+    server.get(&format!("/api/v1/robots/{id}")).1
+}
+
+/// Sends a command over HTTP and waits for what it comes to.
+fn command(server: &Terracrawler, path: &str, body: &Value) -> Value {
+    let (status, accepted) = server.post(path, body);
+    assert_eq!(status, 202, "{body}: {accepted}");
+    let path = format!(
+        "/api/v1/commands/{}",
+        accepted["id"].as_str().expect("an id")
+    );
+    wait_for(
+        "every robot's final answer",
+        Duration::from_secs(30),
+        || {
+            let counts = server.get(&path).1["counts"].clone();
+            let open = |name| counts[name].as_u64().unwrap_or_default();
+            (open("pending") + open("accepted") == 0).then_some(counts)
+        },
+    )
+}
+
+fn one(outcome: &str) -> impl Fn(&Value) -> bool {
+    move |counts| counts[outcome] == 1
+}
+
+#[test]
+fn one_robot_joins_obeys_and_passes_the_suite() {
+    let server = serve();
+    let board = Board::start("virt-01", server.mqtt(), &[]);
+    server.wait_online(1, JOINS);
+    let seen = robot(&server, "virt-01");
+    assert_eq!(
+        (&seen["kind"], &seen["board"]),
+        (&json!("emulated"), &json!("virt"))
+    );
+    assert_eq!(seen["boot"], json!({"count": 1, "cause": "power-on"}));
+
+    let orders = "/api/v1/robots/virt-01/commands";
+    let turn = json!({"command": "move",
+        "parameters": {"direction": "left", "speed": 40, "duration": 500}});
+    let counts = command(&server, orders, &turn);
+    assert!(one("completed")(&counts), "{counts}");
+    let fly = json!({"command": "capture"});
+    let counts = command(&server, orders, &fly);
+    assert!(one("rejected")(&counts), "{counts}");
+
+    let wander = json!({"command": "behave", "parameters": {"behaviour": "wander"}});
+    let counts = command(&server, orders, &wander);
+    assert!(one("completed")(&counts), "{counts}");
+    let mut poses = Vec::new();
+    wait_for("it wanders somewhere", Duration::from_secs(20), || {
+        let seen = robot(&server, "virt-01");
+        assert_eq!(seen["behaviour"], "wander");
+        poses.push([seen["pose"]["x"].as_f64()?, seen["pose"]["y"].as_f64()?]);
+        let far = |pose: &[f64; 2]| (pose[0] - poses[0][0]).hypot(pose[1] - poses[0][1]) > 0.3;
+        poses.iter().any(far).then_some(())
+    });
+    // The rest is said by the suite, which the simulated robots pass too.
+    suite_on("virt-01", server.mqtt(), &[], &["no-clock"]);
+    assert!(
+        board
+            .wait_line("reset, as asked for", Duration::ZERO)
+            .is_some()
+    );
+}
+
+#[test]
+fn four_robots_join_pass_and_stop_together() {
+    let server = serve();
+    let names = ["virt-01", "virt-02", "virt-03", "virt-04"];
+    let _boards = names.map(|name| Board::start(name, server.mqtt(), &[]));
+    server.wait_online(4, JOINS);
+    for name in names {
+        assert_eq!(robot(&server, name)["kind"], "emulated");
+    }
+    let cases = [
+        "status",
+        "heartbeat",
+        "identify",
+        "unknown-command",
+        "flood",
+        "set",
+        "turn",
+        "stop",
+        "estop",
+        "drive-failsafe",
+        "contract",
+    ];
+    std::thread::scope(|scope| {
+        for name in names {
+            let mqtt = server.mqtt();
+            scope.spawn(move || suite_on(name, mqtt, &cases, &[]));
+        }
+    });
+    let everyone = "/api/v1/swarm/commands";
+    let wander = json!({"command": "behave", "parameters": {"behaviour": "wander"}});
+    assert_eq!(command(&server, everyone, &wander)["completed"], 4);
+    wait_for("all four drive", Duration::from_secs(20), || {
+        let standing = json!({"left": 0.0, "right": 0.0});
+        let drives = |robot: &Value| robot["behaviour"] == "wander" && robot["wheels"] != standing;
+        (server.online().iter().filter(|robot| drives(robot)).count() == 4).then_some(())
+    });
+    assert_eq!(
+        command(&server, everyone, &json!({"command": "stop"}))["completed"],
+        4
+    );
+    wait_for("all four stand", Duration::from_secs(5), || {
+        let standing = |robot: &&Value| robot["state"] == "IDLE";
+        (server.online().iter().filter(standing).count() == 4).then_some(())
+    });
+}
+
+/// Commands sent while the cable is pulled, and answers given meanwhile, arrive; nothing twice
+/// that differs, nothing that was never asked for.
+#[test]
+fn a_lost_link_loses_no_command_and_no_answer() {
+    let server = serve();
+    let mut board = Board::start("virt-01", server.mqtt(), &[]);
+    server.wait_online(1, JOINS);
+    let mut answers: BTreeMap<u64, Vec<Response>> = BTreeMap::new();
+    let mut expected: BTreeMap<u64, (ResponseStatus, Option<Reason>)> = BTreeMap::new();
+    listen("virt-01", server.mqtt(), async |bench| {
+        bench.meet().await.expect("a robot");
+        bench
+            .wait("the clock", ANSWER, |message| match &message.word {
+                Word::Heartbeat(beat) => (beat.timestamp > 0).then_some(()),
+                _ => None,
+            })
+            .await?;
+        // Under way when the link goes: its end is answered with nobody to hear it.
+        let turn = Action::Move {
+            direction: Direction::Left,
+            speed: 40,
+            duration_ms: 10_000,
+        };
+        let under_way = bench.send(turn.clone())?;
+        bench
+            .until("it turns", ANSWER, |telemetry| !is_standing(telemetry))
+            .await?;
+        let uptime = bench
+            .wait("a heartbeat", ANSWER, |message| match &message.word {
+                Word::Heartbeat(beat) => Some(beat.uptime_ms),
+                _ => None,
+            })
+            .await?;
+
+        board.set_link(false).expect("the cable is pulled");
+        let pulled = Instant::now();
+        expected.insert(
+            bench.send(Action::Identify)?,
+            (ResponseStatus::Completed, None),
+        );
+        let late = bench.send(turn)?;
+        expected.insert(late, (ResponseStatus::Expired, None));
+        expected.insert(bench.send(Action::Stop)?, (ResponseStatus::Completed, None));
+        bench
+            .wait(
+                "the last will",
+                Duration::from_secs(40),
+                |message| match &message.word {
+                    Word::Status(status) => (!status.online).then_some(()),
+                    _ => None,
+                },
+            )
+            .await?;
+        let seen = robot(&server, "virt-01");
+        assert_eq!(seen["presence"], "offline", "{seen}");
+        // Also what comes after everybody knows, within the minute that the session is kept.
+        expected.insert(
+            bench.send(Action::Identify)?,
+            (ResponseStatus::Completed, None),
+        );
+        while pulled.elapsed() < Duration::from_secs(12) {
+            bench.listen(Duration::from_millis(500)).await?;
+        }
+        board.set_link(true).expect("the cable is plugged in");
+        let beat = bench
+            .wait(
+                "the robot is back",
+                Duration::from_secs(45),
+                |message| match &message.word {
+                    Word::Heartbeat(beat) => Some(beat.clone()),
+                    _ => None,
+                },
+            )
+            .await?;
+        assert!(beat.uptime_ms > uptime, "it went on meanwhile");
+        for seq in expected.keys().copied().chain([under_way]) {
+            answers
+                .entry(seq)
+                .or_default()
+                .push(bench.outcome(seq, ANSWER).await?);
+        }
+        // The late move moved nothing.
+        bench.rests(REST).await?;
+        let heard = bench.listen(Duration::from_secs(2)).await?;
+        for message in heard {
+            if let Word::Response(response) = message.word {
+                answers.entry(response.seq).or_default().push(response);
+            }
+        }
+        // Its own end, or the end of the link, whichever came first.
+        let end = &answers[&under_way][0];
+        let ended = (end.status, end.reason);
+        assert!(
+            ended == (ResponseStatus::Completed, None)
+                || ended == (ResponseStatus::Failed, Some(Reason::LinkLost)),
+            "{end:?}"
+        );
+        expected.insert(under_way, ended);
+        Ok(())
+    });
+    for (seq, given) in &answers {
+        let (status, reason) = expected.get(seq).unwrap_or_else(|| {
+            panic!("an answer to {seq}, which nobody asked: {given:?}");
+        });
+        for answer in given {
+            assert_eq!(
+                (answer.status, answer.reason),
+                (*status, *reason),
+                "{given:?}"
+            );
+        }
+    }
+    assert_eq!(answers.len(), expected.len());
+    let seen = robot(&server, "virt-01");
+    assert_eq!(
+        (&seen["presence"], &seen["boot"]["count"]),
+        (&json!("online"), &json!(1))
+    );
+}
+
+#[test]
+fn a_power_cut_keeps_parameters_and_counts_the_boot() {
+    let server = serve();
+    let mut board = Board::start("virt-01", server.mqtt(), &[]);
+    server.wait_online(1, JOINS);
+    let set = json!({"command": "set", "parameters": {"name": "kept", "max_speed": 0.25}});
+    let counts = command(&server, "/api/v1/robots/virt-01/commands", &set);
+    assert!(one("completed")(&counts), "{counts}");
+
+    let boots = |count: u32, cause: &str| {
+        let expected = json!({"count": count, "cause": cause});
+        wait_for(&format!("boot {count} by {cause}"), JOINS, || {
+            let seen = robot(&server, "virt-01");
+            (seen["presence"] == "online" && seen["boot"] == expected).then_some(())
+        });
+        let (_, parameters) = server.get("/api/v1/robots/virt-01/parameters");
+        let parameters = parameters["parameters"].as_array().expect("a list").clone();
+        let value = |name: &str| {
+            let found = parameters.iter().find(|report| report["name"] == name);
+            found.expect(name)["value"].clone()
+        };
+        assert_eq!(
+            (value("name"), value("max_speed")),
+            (json!("kept"), json!(0.25))
+        );
+    };
+    board.power_cycle().expect("it starts again");
+    boots(2, "power-on");
+    board.reset().expect("it is reset");
+    boots(3, "external");
+    let reboot = json!({"command": "reboot"});
+    let counts = command(&server, "/api/v1/robots/virt-01/commands", &reboot);
+    assert!(one("completed")(&counts), "{counts}");
+    boots(4, "software");
+}
+
+/// What each fault of the body leads to, as the robot tells it.
+#[test]
+fn faults_lead_to_the_stated_state_and_record() {
+    let server = serve();
+    let start = |id: &str, fault: &str| Board::start(id, server.mqtt(), &[fault]);
+    let boards = [
+        start("absent", "fault=ranger-absent"),
+        start("stuck", "fault=uart-stuck"),
+        start("noise", "fault=flash-noise"),
+        start("refuses", "fault=flash-refuses"),
+        start("panics", "fault=panic@3"),
+        start("hangs", "fault=hang@3"),
+    ];
+    server.wait_online(boards.len(), JOINS);
+    for id in ["absent", "stuck"] {
+        wait_for(
+            &format!("{id} is in ERROR"),
+            Duration::from_secs(15),
+            || {
+                let seen = robot(&server, id);
+                (seen["state"] == "ERROR" && seen["range_mm"].is_null()).then_some(())
+            },
+        );
+        let orders = format!("/api/v1/robots/{id}/commands");
+        let go = json!({"command": "behave", "parameters": {"behaviour": "wander"}});
+        let counts = command(&server, &orders, &go);
+        assert!(one("rejected")(&counts), "{id}: {counts}");
+        logs(&server, id, "fault");
+    }
+    // Noise in flash is no robot's end: parameters at their defaults, and a boot that counts.
+    logs(&server, "noise", "flash");
+    let seen = robot(&server, "noise");
+    assert_eq!(
+        (&seen["state"], &seen["boot"]["count"]),
+        (&json!("IDLE"), &json!(1))
+    );
+
+    logs(&server, "refuses", "flash");
+    let set = json!({"command": "set", "parameters": {"name": "lost"}});
+    let counts = command(&server, "/api/v1/robots/refuses/commands", &set);
+    assert!(counts["rejected"] == 1 || counts["failed"] == 1, "{counts}");
+    assert_eq!(robot(&server, "refuses")["boot"]["count"], 0);
+
+    wait_for("the panic is reported", JOINS, || {
+        let boot = robot(&server, "panics")["boot"].clone();
+        let text = boot["panic"].as_str().unwrap_or_default().to_owned();
+        (boot["cause"] == "panic" && text.contains("as asked for")).then_some(())
+    });
+    wait_for("the watchdog's bite is reported", JOINS, || {
+        let boot = robot(&server, "hangs")["boot"].clone();
+        (boot["cause"] == "watchdog" && boot["count"] == 2).then_some(())
+    });
+}
+
+/// Waits until the robot has logged `event`.
+fn logs(server: &Terracrawler, id: &str, event: &str) {
+    wait_for(
+        &format!("{id} logs {event}"),
+        Duration::from_secs(15),
+        || {
+            let (_, body) = server.get(&format!("/api/v1/robots/{id}/logs"));
+            body.to_string()
+                .contains(&format!(r#""event":"{event}""#))
+                .then_some(())
+        },
+    );
+}
+
+#[test]
+fn a_broker_that_refuses_credentials_is_said_and_the_right_ones_work() {
+    let port = free_port();
+    let _broker = Mosquitto::start_guarded(port, "robots", "right");
+    let url = |password: &str| -> BrokerUrl {
+        let url = format!("mqtt://robots:{password}@127.0.0.1:{port}");
+        url.parse().expect("an address")
+    };
+    let wrong = Board::start_at("wrong", url("false"), &[]);
+    let _right = Board::start_at("right", url("right"), &[]);
+    let refused = wrong.wait_line("broker-credentials", JOINS);
+    assert!(refused.is_some(), "the refusal is logged");
+    board::listen_at("right", url("right"), async |bench| {
+        bench
+            .wait("it joins", JOINS, |message| match &message.word {
+                Word::Status(status) => (status.online).then_some(status.boot.cause),
+                _ => None,
+            })
+            .await
+            .map(|cause| assert_eq!(cause, BootCause::PowerOn))?;
+        let told = bench.until("telemetry", ANSWER, |_| true).await?;
+        assert_ne!(told.state, RobotState::Error);
+        assert_eq!(told.behaviour, BehaviourName::Manual);
+        Ok(())
+    });
+    // The suite says in one line that the other one is not there.
+    board::listen_at("wrong", url("right"), async |bench| {
+        let error = bench.meet().await.expect_err("it never got in");
+        assert!(matches!(error, BenchError::Unknown(..)), "{error}");
+        Ok(())
+    });
+    board::refused_at(url("false"));
+}
