@@ -3,7 +3,7 @@
 //! The device reads and writes the buffers it was lent; a buffer is either in the hands of the
 //! device or in its [`Cell`], never both.
 
-use core::cell::{Cell, RefCell};
+use core::cell::{Cell, RefCell, UnsafeCell};
 use core::ptr::NonNull;
 use core::sync::atomic::{AtomicUsize, Ordering, fence};
 use core::task::Context;
@@ -57,13 +57,17 @@ pub enum EthernetError {
     NotStarted,
 }
 
+/// Not in a cell with a flag, which would take a page of its own.
 #[repr(C, align(4096))]
-struct Pages([u8; DMA_PAGES * PAGE_SIZE]);
+struct Pages(UnsafeCell<[u8; DMA_PAGES * PAGE_SIZE]>);
 
-static PAGES: ConstStaticCell<Pages> = ConstStaticCell::new(Pages([0; DMA_PAGES * PAGE_SIZE]));
-/// The part of [`PAGES`] not handed out yet: its address, and pages.
-static LEFT: critical_section::Mutex<Cell<(usize, usize)>> =
-    critical_section::Mutex::new(Cell::new((0, 0)));
+// SAFETY: each page is handed out once, by the count in `LEFT`.
+unsafe impl Sync for Pages {}
+
+static PAGES: Pages = Pages(UnsafeCell::new([0; DMA_PAGES * PAGE_SIZE]));
+/// Pages not handed out yet, the last ones.
+static LEFT: critical_section::Mutex<Cell<usize>> =
+    critical_section::Mutex::new(Cell::new(DMA_PAGES));
 
 /// Memory for the device: physical addresses are ours.
 struct Dma;
@@ -72,18 +76,15 @@ struct Dma;
 // translation between addresses.
 unsafe impl Hal for Dma {
     fn dma_alloc(pages: usize, _direction: BufferDirection) -> (PhysAddr, NonNull<u8>) {
-        if let Some(all) = PAGES.try_take() {
-            let start = all.0.as_mut_ptr().expose_provenance();
-            critical_section::with(|cs| LEFT.borrow(cs).set((start, DMA_PAGES)));
-        }
+        let start = PAGES.0.get().cast::<u8>();
         critical_section::with(|cs| {
             let cell = LEFT.borrow(cs);
-            let (start, left) = cell.get();
-            let place = core::ptr::with_exposed_provenance_mut(start);
-            match (left.checked_sub(pages), NonNull::new(place)) {
+            let used = DMA_PAGES - cell.get();
+            let place = NonNull::new(start.wrapping_add(used * PAGE_SIZE));
+            match (cell.get().checked_sub(pages), place) {
                 (Some(rest), Some(place)) => {
-                    cell.set((start + pages * PAGE_SIZE, rest));
-                    (start as PhysAddr, place)
+                    cell.set(rest);
+                    (place.as_ptr().expose_provenance() as PhysAddr, place)
                 }
                 // Address 0 says that there is none.
                 _ => (0, NonNull::dangling()),

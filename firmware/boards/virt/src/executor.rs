@@ -65,14 +65,35 @@ fn machine_soft() {
     }
 }
 
-/// Runs the executor of tasks, with what `init` spawns. Enables interrupts.
+/// Makes the executor of tasks. They run once [`run_tasks`] is called.
 ///
 /// # Panics
 /// When called twice.
-pub fn run_tasks(init: impl FnOnce(Spawner)) -> ! {
+pub fn prepare_tasks() -> Tasks {
     let executor = TASK_EXECUTOR.init(Executor::new(core::ptr::without_provenance_mut(TASKS)));
-    let executor: &'static Executor = executor;
-    init(executor.spawner());
+    Tasks(executor)
+}
+
+/// The executor of tasks.
+#[derive(Clone, Copy)]
+pub struct Tasks(&'static Executor);
+
+impl core::fmt::Debug for Tasks {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("Tasks")
+    }
+}
+
+impl Tasks {
+    /// Spawns tasks.
+    pub fn spawner(self) -> Spawner {
+        self.0.spawner()
+    }
+}
+
+/// Enables interrupts and runs the tasks, for good.
+pub fn run_tasks(tasks: Tasks) -> ! {
+    let Tasks(executor) = tasks;
     // SAFETY: handlers of all three are there; nobody is in a critical section.
     unsafe {
         mie::set_mtimer();

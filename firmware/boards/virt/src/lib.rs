@@ -8,6 +8,7 @@
 //! | [`executor`] | two executors: tasks, and control above them in the software interrupt |
 //! | [`ethernet`] | the network card |
 //! | [`flash`] | the parallel flash with the parameters |
+//! | [`provision`] | the page for a person, in place of the command line |
 //! | [`system`] | reset, its cause, the last panic |
 //! | [`stack`] | how much stack was ever used |
 #![no_std]
@@ -17,6 +18,7 @@ pub mod executor;
 pub mod flash;
 pub mod log;
 pub mod machine;
+pub mod provision;
 pub mod stack;
 pub mod system;
 pub mod time;

@@ -13,7 +13,8 @@ use crawler_virt::ethernet::Ethernet;
 use crawler_virt::flash::ParameterFlash;
 use crawler_virt::machine::{self, Description, ExitCode};
 use crawler_virt::system::VirtSystem;
-use crawler_virt::{executor, log, stack, system, time};
+use crawler_virt::{executor, log, provision, stack, system, time};
+use embassy_executor::Spawner;
 use embassy_net::{DhcpConfig, Runner, StackResources};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::{Duration, Ticker, Timer};
@@ -23,22 +24,20 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 type Context = Robot<CriticalSectionRawMutex>;
 type Body = Bench<CriticalSectionRawMutex>;
-type Port = MotorPort<
-    crawler_board::model::ModelPwm<'static, CriticalSectionRawMutex>,
-    crawler_board::model::ModelPin<'static, CriticalSectionRawMutex>,
->;
 type Network = StackNetwork<'static, Cable>;
 
 /// Bytes under way in each direction of the one connection.
 const SOCKET_BUFFER: usize = 2_048;
 /// Period of the report on the stack.
 const REPORT_EVERY: Duration = Duration::from_secs(60);
+/// Each task is spawned once.
+const FIRST: &str = "the first of its kind";
 /// Period of the model's steps.
 const MODEL_EVERY: Duration = Duration::from_millis(10);
 
 static ROBOT: StaticCell<Context> = StaticCell::new();
 static BODY: StaticCell<Body> = StaticCell::new();
-static RESOURCES: StaticCell<StackResources<3>> = StaticCell::new();
+static RESOURCES: ConstStaticCell<StackResources<3>> = ConstStaticCell::new(StackResources::new());
 static RECEIVE: ConstStaticCell<[u8; SOCKET_BUFFER]> = ConstStaticCell::new([0; SOCKET_BUFFER]);
 static TRANSMIT: ConstStaticCell<[u8; SOCKET_BUFFER]> = ConstStaticCell::new([0; SOCKET_BUFFER]);
 
@@ -49,16 +48,35 @@ fn main(_hart: usize, tree: usize) -> ! {
     time::init();
     system::init();
     // SAFETY: what the firmware handed over; the tree lies above all our memory.
-    let description = unsafe { Description::at(tree) };
-    let line = description.and_then(|description| description.arguments());
-    let line = line.unwrap_or_else(|error| {
+    let description = unsafe { Description::at(tree) }.unwrap_or_else(|error| {
         defmt::error!("the command line cannot be told: {}", error);
         machine::exit(ExitCode::Arguments)
     });
-    let arguments = Arguments::parse(line).unwrap_or_else(|error| {
-        defmt::error!("boot arguments: {}", defmt::Display2Format(&error));
+    // What the start takes of the stack is free again when the tasks run.
+    let tasks = executor::prepare_tasks();
+    let mut arguments = read_arguments(description);
+    if arguments.provision && !provision::adopt(&mut arguments) {
+        set_up(&arguments, description, tasks.spawner());
+    } else {
+        start(&arguments, description, tasks.spawner());
+    }
+    executor::run_tasks(tasks)
+}
+
+#[inline(never)]
+fn read_arguments(description: Description) -> Arguments {
+    let line = description.arguments().unwrap_or_else(|error| {
+        defmt::error!("the command line cannot be told: {}", error);
         machine::exit(ExitCode::Arguments)
     });
+    Arguments::parse(line).unwrap_or_else(|error| {
+        defmt::error!("boot arguments: {}", defmt::Display2Format(&error));
+        machine::exit(ExitCode::Arguments)
+    })
+}
+
+#[inline(never)]
+fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     let system = VirtSystem::new();
     let cause = system.reset_cause();
     defmt::info!(
@@ -72,34 +90,65 @@ fn main(_hart: usize, tree: usize) -> ! {
     if let Some(text) = system.last_panic() {
         defmt::warn!("the program before panicked at {}", text);
     }
-    let ethernet = Ethernet::find().unwrap_or_else(|error| {
-        defmt::error!("network card: {}", error);
-        machine::exit(ExitCode::NoNetworkCard)
-    });
-    let entropy = description
-        .ok()
-        .and_then(|description| description.entropy());
     // Without the host's randomness robots still differ from each other and from boot to boot.
-    let entropy = entropy.unwrap_or_else(|| seed(arguments.id.as_str()) ^ time::raw_ticks());
-    start(&arguments, system, ethernet, entropy)
+    let entropy = description
+        .entropy()
+        .unwrap_or_else(|| seed(arguments.id.as_str()) ^ time::raw_ticks());
+    let mut rng = Pcg32::new(entropy, 0x7669_7274);
+    let robot = make_context(arguments);
+    let body = make_body(arguments);
+    // Two activities want randomness; neither may depend on how much the other draws.
+    let link_rng = Pcg32::new(rng.next_u64(), 0x6C69_6E6B);
+    let noise_rng = Pcg32::new(rng.next_u64(), 1);
+    let (network, runner) = make_network(rng.next_u64());
+    // SAFETY: the only one.
+    let flash = unsafe { ParameterFlash::new(arguments.faults.flash_refuses) };
+    let noise = arguments.faults.flash_noise.then_some(noise_rng);
+
+    spawner.spawn(model(body).expect(FIRST));
+    spawner.spawn(sense(robot, body).expect(FIRST));
+    spawner.spawn(power(robot, body).expect(FIRST));
+    spawner.spawn(lamp(robot, body).expect(FIRST));
+    spawner.spawn(store(robot, flash, noise).expect(FIRST));
+    spawner.spawn(net(runner).expect(FIRST));
+    spawner.spawn(link(robot, network, link_rng).expect(FIRST));
+    spawner.spawn(report(robot, body).expect(FIRST));
+    // Faults of the first start alone: after the reset they lead to, the robot is to go on.
+    if cause == ResetCause::PowerOn {
+        spawner.spawn(strike(arguments.faults).expect(FIRST));
+    }
+    let above = executor::start_control();
+    above.spawn(control(robot, body, system, rng).expect(FIRST));
 }
 
-fn start(arguments: &Arguments, system: VirtSystem, ethernet: Ethernet, entropy: u64) -> ! {
-    let faults = arguments.faults;
-    let mut rng = Pcg32::new(entropy, 0x7669_7274);
-    let robot: &'static Context = ROBOT.init(Robot::new(Config {
-        id: arguments.id.clone(),
-        fleet: arguments.fleet.clone(),
-        broker_host: arguments.broker_host.clone(),
-        broker_port: arguments.broker_port,
-        kind: Kind::Emulated,
-        board: "virt",
-        firmware: env!("CARGO_PKG_VERSION"),
-        geometry: GEOMETRY,
-        credentials: arguments.credentials.clone(),
-        camera: false,
-    }));
-    let line_fault = match faults {
+/// Serves the page in place of the robot.
+#[inline(never)]
+fn set_up(arguments: &Arguments, description: Description, spawner: Spawner) {
+    let entropy = description.entropy().unwrap_or_else(time::raw_ticks);
+    provision::spawn(arguments, find_ethernet(), entropy, spawner).expect(FIRST);
+}
+
+#[inline(never)]
+fn make_context(arguments: &Arguments) -> &'static Context {
+    ROBOT.init_with(|| {
+        Robot::new(Config {
+            id: arguments.id.clone(),
+            fleet: arguments.fleet.clone(),
+            broker_host: arguments.broker_host.clone(),
+            broker_port: arguments.broker_port,
+            kind: Kind::Emulated,
+            board: "virt",
+            firmware: env!("CARGO_PKG_VERSION"),
+            geometry: GEOMETRY,
+            credentials: arguments.credentials.clone(),
+            camera: false,
+        })
+    })
+}
+
+#[inline(never)]
+fn make_body(arguments: &Arguments) -> &'static Body {
+    let fault = match arguments.faults {
         Faults {
             uart_stuck: true, ..
         } => LineFault::Stuck,
@@ -109,50 +158,38 @@ fn start(arguments: &Arguments, system: VirtSystem, ethernet: Ethernet, entropy:
         } => LineFault::Absent,
         _ => LineFault::None,
     };
-    let body: &'static Body = BODY.init(Bench::new(arguments.id.as_str(), line_fault));
-    let config = embassy_net::Config::dhcpv4(DhcpConfig::default());
-    let resources = RESOURCES.init(StackResources::new());
-    let (stack, runner) = embassy_net::new(ethernet, config, resources, rng.next_u64());
-    let network = StackNetwork::new(stack, Cable, RECEIVE.take(), TRANSMIT.take());
-    // Two activities want randomness; neither may depend on how much the other draws.
-    let link_rng = Pcg32::new(rng.next_u64(), 0x6C69_6E6B);
-    // SAFETY: the only one.
-    let flash = unsafe { ParameterFlash::new(faults.flash_refuses) };
-    let noise = faults.flash_noise.then(|| Pcg32::new(rng.next_u64(), 1));
-    let after_power_on = system.reset_cause() == ResetCause::PowerOn;
-    let port = |side| MotorPort {
-        enable: body.pwm(side),
-        in1: body.pin(Line::In1(side)),
-        in2: body.pin(Line::In2(side)),
-    };
+    BODY.init_with(|| Bench::new(arguments.id.as_str(), fault))
+}
 
-    let above = executor::start_control();
-    let (left, right) = (port(Side::Left), port(Side::Right));
-    above.spawn(control(robot, left, right, system, rng).expect("the first"));
-    executor::run_tasks(|spawner| {
-        spawner.spawn(model(body).expect("the first"));
-        spawner.spawn(sense(robot, body).expect("the first"));
-        spawner.spawn(power(robot, body).expect("the first"));
-        spawner.spawn(lamp(robot, body).expect("the first"));
-        spawner.spawn(store(robot, flash, noise).expect("the first"));
-        spawner.spawn(net(runner).expect("the first"));
-        spawner.spawn(link(robot, network, link_rng).expect("the first"));
-        spawner.spawn(report(robot, body).expect("the first"));
-        // A fault of the first start alone: after the reset it leads to, the robot is to go on.
-        if after_power_on {
-            spawner.spawn(strike(faults).expect("the first"));
-        }
+#[inline(never)]
+fn make_network(seed: u64) -> (Network, Runner<'static, Ethernet>) {
+    let ethernet = find_ethernet();
+    let config = embassy_net::Config::dhcpv4(DhcpConfig::default());
+    let (stack, runner) = embassy_net::new(ethernet, config, RESOURCES.take(), seed);
+    let network = StackNetwork::new(stack, Cable, RECEIVE.take(), TRANSMIT.take());
+    (network, runner)
+}
+
+fn find_ethernet() -> Ethernet {
+    Ethernet::find().unwrap_or_else(|error| {
+        defmt::error!("network card: {}", error);
+        machine::exit(ExitCode::NoNetworkCard)
     })
 }
 
 #[embassy_executor::task]
 async fn control(
     robot: &'static Context,
-    left: Port,
-    right: Port,
+    body: &'static Body,
     system: VirtSystem,
     rng: Pcg32,
 ) -> ! {
+    let port = |side| MotorPort {
+        enable: body.pwm(side),
+        in1: body.pin(Line::In1(side)),
+        in2: body.pin(Line::In2(side)),
+    };
+    let (left, right) = (port(Side::Left), port(Side::Right));
     match crawler_app::control(robot, left, right, system, rng, EmbassyClock).await {}
 }
 

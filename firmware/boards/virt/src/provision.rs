@@ -1,0 +1,142 @@
+//! Set-up by a person, instead of by the command line alone.
+//!
+//! With `provision=1` the board has the page of the other boards: as long as its flash holds no
+//! settings it serves it on port 80, and no robot runs. Settings that are saved there count from
+//! the restart that follows, before those of the command line. They lie in two erase blocks of
+//! the flash, behind the parameters.
+
+use crawler_board::EmbassyClock;
+use crawler_board::arguments::Arguments;
+use crawler_board::cfi::{Bus, CfiFlash, ERASE_BLOCK};
+use crawler_board::provision::{
+    Connection, Features, NoScanner, Portal, Server, Token, serve,
+};
+use crawler_board::settings::{Broker, RangerMode, Settings, Vault};
+use crawler_hal::System;
+use embassy_executor::{SpawnError, Spawner};
+use embassy_net::{DhcpConfig, Runner, Stack, StackResources};
+use embassy_time::{Duration, Timer};
+use rand_core::Rng;
+use rand_pcg::Pcg32;
+use static_cell::{ConstStaticCell, StaticCell};
+
+use crate::ethernet::Ethernet;
+use crate::flash::BLOCKS;
+use crate::machine::FLASH;
+use crate::system::VirtSystem;
+
+/// Connections served at a time.
+const CONNECTIONS: usize = 2;
+const PORT: u16 = 80;
+/// How long the word of success has to reach the browser before the machine restarts.
+const FAREWELL: Duration = Duration::from_millis(1_000);
+/// Where the settings begin in the bank.
+const START: usize = BLOCKS as usize * ERASE_BLOCK as usize;
+/// One for each of the two records.
+const SETTINGS_BLOCKS: u16 = 2;
+
+/// The part of the bank that holds settings.
+struct Bank;
+
+impl Bus for Bank {
+    fn read(&self, offset: u32) -> u32 {
+        let place = (FLASH + START + offset as usize) as *const u32;
+        // SAFETY: within the bank, as the driver checks bounds; reading it has no side effect.
+        unsafe { place.read_volatile() }
+    }
+
+    fn write(&mut self, offset: u32, word: u32) {
+        let place = (FLASH + START + offset as usize) as *mut u32;
+        // SAFETY: within the bank; nobody else uses the flash when settings are read or saved: the
+        // one is before the robot starts, the other instead of it.
+        unsafe { place.write_volatile(word) };
+    }
+}
+
+type SettingsFlash = CfiFlash<Bank, EmbassyClock>;
+
+const fn vault() -> Vault<SettingsFlash> {
+    Vault::new(CfiFlash::new(Bank, EmbassyClock, SETTINGS_BLOCKS))
+}
+
+/// Puts the settings that a person has saved in place of those in `arguments`. Whether there are
+/// any.
+pub fn adopt(arguments: &mut Arguments) -> bool {
+    let kept = embassy_futures::block_on(vault().load()).unwrap_or_else(|error| {
+        defmt::error!("settings: {}", defmt::Display2Format(&error));
+        crawler_board::settings::Kept::default()
+    });
+    let Some(settings) = kept.settings else {
+        return false;
+    };
+    arguments.id = settings.id;
+    arguments.fleet = settings.fleet;
+    arguments.broker_host = settings.broker.host;
+    arguments.broker_port = settings.broker.port;
+    arguments.credentials = settings.credentials;
+    true
+}
+
+/// Spawns the page in place of the robot.
+///
+/// # Errors
+/// When it was spawned before.
+pub fn spawn(
+    arguments: &Arguments,
+    ethernet: Ethernet,
+    entropy: u64,
+    spawner: Spawner,
+) -> Result<(), SpawnError> {
+    static RESOURCES: StaticCell<StackResources<{ CONNECTIONS + 1 }>> = StaticCell::new();
+
+    let mut rng = Pcg32::new(entropy, 0x7061_6765);
+    let config = embassy_net::Config::dhcpv4(DhcpConfig::default());
+    let resources = RESOURCES.init(StackResources::new());
+    let (stack, runner) = embassy_net::new(ethernet, config, resources, rng.next_u64());
+    let portal = Portal {
+        features: Features {
+            wifi: false,
+            scan: false,
+            ranger: false,
+        },
+        token: Token::draw(&mut rng),
+        captive: None,
+        suggestion: Settings {
+            wifi: None,
+            // Not shown.
+            broker: Broker {
+                host: arguments.broker_host.clone(),
+                port: arguments.broker_port,
+            },
+            fleet: arguments.fleet.clone(),
+            id: arguments.id.clone(),
+            credentials: None,
+            ranger: RangerMode::Uart,
+        },
+    };
+    spawner.spawn(net(runner)?);
+    spawner.spawn(page(stack, portal)?);
+    Ok(())
+}
+
+#[embassy_executor::task]
+async fn net(mut runner: Runner<'static, Ethernet>) -> ! {
+    runner.run().await
+}
+
+#[embassy_executor::task]
+async fn page(stack: Stack<'static>, portal: Portal) {
+    static MEMORY: ConstStaticCell<[Connection; CONNECTIONS]> =
+        ConstStaticCell::new([const { Connection::new() }; CONNECTIONS]);
+
+    stack.wait_config_up().await;
+    defmt::info!("provisioning: page on port {=u16}", PORT);
+    let server = Server::new(portal, vault(), NoScanner, EmbassyClock);
+    let settings = serve(stack, PORT, &server, MEMORY.take()).await;
+    defmt::info!(
+        "provisioning: saved for robot {=str}, restarting",
+        settings.id.as_str()
+    );
+    Timer::after(FAREWELL).await;
+    match VirtSystem::new().reset().await {}
+}
