@@ -44,6 +44,13 @@ pub(crate) const VIRT: Board = Board {
     std: "core",
     flash: None,
 };
+/// The robot program without any board, which is weighed and never run.
+pub(crate) const PROGRAM: Board = Board {
+    name: "program",
+    workspace: "footprint",
+    binary: "crawler-footprint",
+    ..VIRT
+};
 /// XIAO ESP32-C3.
 pub(crate) const C3: Board = Board {
     name: "esp32c3",
@@ -70,8 +77,16 @@ pub(crate) const S3: Board = Board {
     ..C3
 };
 
-/// Every board.
+/// Every board that can be asked for.
 pub(crate) const ALL: [&Board; 4] = [&VIRT, &C3, &C6, &S3];
+
+/// Workspaces below `firmware/boards`.
+pub(crate) const WORKSPACES: [&str; 4] = ["esp", "footprint", "image", "virt"];
+
+/// The manifest of one of them, from the root of the repository.
+pub(crate) fn manifest(workspace: &str) -> String {
+    format!("firmware/boards/{workspace}/Cargo.toml")
+}
 
 /// Where the workspaces of the boards lie.
 pub(crate) fn folder() -> PathBuf {

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::boards::{self, S3};
-use crate::cross::{self, Compiler, Source};
+use crate::cross::{self, Source};
 use crate::files;
 use crate::run::{self, Failure, Outcome};
 
@@ -32,17 +32,11 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
     if !arguments.is_empty() {
         return Err(Failure("cargo xtask check-s3".to_owned()));
     }
-    if let Ok(compiler @ Compiler::Espressif(_)) = cross::compiler(&S3) {
-        return run::run_command(compiler.cargo(&S3, "check"));
-    }
-    let source = cross::source().ok_or_else(|| {
-        Failure(
-            "the S3 board is checked by Espressif's compiler (`cargo install espup --locked && \
-             espup install`), or by any with the sources of std: `rustup component add rust-src`, \
-             or on Debian `cargo xtask setup` as root"
-                .to_owned(),
-        )
-    })?;
+    let source = match (cross::compiler(&S3), cross::source()) {
+        (Ok(compiler), _) => return run::run_command(compiler.cargo(&S3, "check")),
+        (Err(_), Some(source)) => source,
+        (Err(missing), None) => return Err(missing),
+    };
     let scratch = run::target_dir().join("check-s3");
     let patches = prepare(&scratch, &source)?;
     let board = copy_board(&scratch)?;

@@ -72,8 +72,9 @@ pub(crate) fn compiler(board: &Board) -> Outcome<Compiler> {
     if board.triple.starts_with("xtensa") {
         return espressif().map(Compiler::Espressif).ok_or_else(|| {
             Failure(format!(
-                "{} needs Espressif's compiler: `cargo install espup --locked && espup install` \
-                 (`cargo xtask check-s3` type-checks without it)",
+                "{} needs Espressif's compiler: `cargo install espup --locked && espup install`. \
+                 `cargo xtask check-s3` needs only the sources of std: `rustup component add \
+                 rust-src`, or on Debian `cargo xtask setup` as root",
                 board.name
             ))
         });
@@ -183,8 +184,7 @@ fn linker() -> Option<PathBuf> {
 }
 
 impl Compiler {
-    /// A cargo command in the workspace of `board`, without arguments for rustc's target when it
-    /// is already part of the board's own configuration.
+    /// A cargo command in the workspace of `board`, for its chip and its features.
     pub(crate) fn cargo(&self, board: &Board, subcommand: &str) -> Command {
         let mut command = match self {
             Self::Stock => Command::new("cargo"),

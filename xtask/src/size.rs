@@ -1,6 +1,6 @@
 //! What images take, held against `firmware/boards/budgets.toml`.
 
-use crate::boards::{self, Board, C3, C6, VIRT};
+use crate::boards::{self, Board, C3, C6, PROGRAM, VIRT};
 use crate::image;
 use crate::run::Outcome;
 
@@ -12,7 +12,7 @@ use crate::run::Outcome;
 pub(crate) fn command(arguments: &[String]) -> Outcome {
     let mut boards = image::requested(arguments)?;
     if boards.is_empty() {
-        boards = vec![&VIRT, &C3, &C6];
+        boards = vec![&PROGRAM, &VIRT, &C3, &C6];
     }
     let mut words = vec![
         "size".to_owned(),

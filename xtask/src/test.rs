@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
+use crate::boards::{self, C3, C6, PROGRAM, VIRT};
 use crate::run::{self, Failure, Outcome};
-use crate::{tools, ui};
+use crate::{check_s3, counts, cross, image, size, tools, ui};
 
 /// What is done, and what does it.
 type Step = (&'static str, fn() -> Outcome);
@@ -13,11 +14,13 @@ type Step = (&'static str, fn() -> Outcome);
 /// # Errors
 /// Names the steps that failed.
 pub(crate) fn all() -> Outcome {
-    let steps: [Step; 8] = [
+    let steps: [Step; 12] = [
         ("tools", tools::setup),
-        ("format", || run::cargo(&["fmt", "--all", "--check"])),
+        ("format", format),
         ("control room", || ui::check().and_then(|()| ui::build())),
         ("clippy", clippy),
+        // The tests start it in QEMU.
+        ("emulated board", || image::image(&VIRT)),
         // Builds the server too, which the end-to-end tests start.
         ("tests", || {
             run::cargo(&[
@@ -28,7 +31,11 @@ pub(crate) fn all() -> Outcome {
                 "--no-fail-fast",
             ])
         }),
-        ("bare target", bare_target),
+        ("instruction counts", || counts::command(&[])),
+        // Builds the images of the boards.
+        ("sizes", || size::command(&[])),
+        ("clippy of boards", clippy_of_boards),
+        ("check of the S3 board", || check_s3::command(&[])),
         ("documentation", documentation),
         ("advisories", advisories),
     ];
@@ -71,23 +78,44 @@ fn clippy() -> Outcome {
     ])
 }
 
-/// Compiles the robot program for a microcontroller that has neither std nor an allocator, where
-/// the toolchain has that target.
-fn bare_target() -> Outcome {
-    const TARGET: &str = "riscv32imac-unknown-none-elf";
-    let libraries = run::output("rustc", &["--print", "target-libdir", "--target", TARGET]);
-    if !libraries.is_some_and(|folder| std::path::Path::new(&folder).is_dir()) {
-        println!("skipped: rustup target add {TARGET}");
-        return Ok(());
+/// The host's workspace, and those of the boards.
+fn format() -> Outcome {
+    run::cargo(&["fmt", "--all", "--check"])?;
+    for name in boards::WORKSPACES {
+        let manifest = boards::manifest(name);
+        run::cargo(&["fmt", "--manifest-path", &manifest, "--check"])?;
     }
-    run::cargo(&[
-        "check",
+    Ok(())
+}
+
+/// What is built for the host there is also tested; the others by their compiler alone, since
+/// the two RISC-V chips differ in little more than their names.
+fn clippy_of_boards() -> Outcome {
+    for board in [&PROGRAM, &VIRT, &C3, &C6] {
+        let mut command = cross::compiler(board)?.cargo(board, "clippy");
+        command.args(["--", "--deny", "warnings"]);
+        run::run_command(command)?;
+    }
+    let manifest = boards::manifest("image");
+    let target = run::target_dir().join("boards/image");
+    let target = target.to_string_lossy();
+    let place = [
         "--locked",
-        "--package",
-        "crawler-app",
-        "--target",
-        TARGET,
-    ])
+        "--quiet",
+        "--manifest-path",
+        &manifest,
+        "--target-dir",
+        &target,
+    ];
+    run::cargo(&[&["test"], &place[..]].concat())?;
+    run::cargo(
+        &[
+            &["clippy"],
+            &place[..],
+            &["--all-targets", "--", "--deny", "warnings"],
+        ]
+        .concat(),
+    )
 }
 
 /// Broken links in the documentation are errors.
@@ -107,5 +135,17 @@ fn advisories() -> Outcome {
         println!("skipped: cargo-deny is not installed (cargo install cargo-deny --locked)");
         return Ok(());
     }
-    run::cargo(&["deny", "--all-features", "check"])
+    run::cargo(&["deny", "--all-features", "check"])?;
+    for name in boards::WORKSPACES {
+        let manifest = boards::manifest(name);
+        run::cargo(&[
+            "deny",
+            "--manifest-path",
+            &manifest,
+            "check",
+            "--config",
+            "deny.toml",
+        ])?;
+    }
+    Ok(())
 }

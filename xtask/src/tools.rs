@@ -1,5 +1,7 @@
 //! Tools that are not Rust crates: what they are for, whether they are here, how to get them.
 
+use crate::boards::{C6, S3};
+use crate::cross;
 use crate::run::{self, Failure, Outcome};
 
 /// A program the house uses but does not build.
@@ -44,6 +46,16 @@ pub(crate) const QEMU: Tool = Tool {
     purpose: "running the emulated robot",
 };
 
+/// Debian's newest compiler, with sources of std and a linker for RISC-V: builds the boards where
+/// rustup has no targets, and checks the S3 board where Espressif's compiler is not installed.
+const COMPILER: [&str; 5] = [
+    "rustc-web",
+    "cargo-web",
+    "rust-web-src",
+    "rust-web-clippy",
+    "lld-22",
+];
+
 const ALL: [&Tool; 5] = [&NPM, &CHROMIUM, &MOSQUITTO, &MOSQUITTO_PUB, &QEMU];
 
 impl Tool {
@@ -80,10 +92,17 @@ impl Tool {
 /// Installs what is missing where that is allowed: as root, with apt.
 ///
 /// # Errors
-/// Names every tool that is still missing.
+/// Names everything that is still missing.
 pub(crate) fn setup() -> Outcome {
-    let missing: Vec<&Tool> = ALL.into_iter().filter(|tool| !tool.present()).collect();
-    if missing.is_empty() {
+    let mut packages: Vec<&str> = ALL
+        .into_iter()
+        .filter(|tool| !tool.present())
+        .map(|tool| tool.package)
+        .collect();
+    if !compilers_missing().is_empty() {
+        packages.extend(COMPILER);
+    }
+    if packages.is_empty() {
         return Ok(());
     }
     let may_install = run::output("id", &["-u"]).as_deref() == Some("0")
@@ -91,7 +110,6 @@ pub(crate) fn setup() -> Outcome {
     if may_install {
         let root = run::root();
         let quiet = [("DEBIAN_FRONTEND", "noninteractive")];
-        let packages = missing.iter().map(|tool| tool.package);
         run::run(&root, "apt-get", &["update", "-qq"])?;
         let install: Vec<&str> = ["install", "-y", "-qq", "--no-install-recommends"]
             .into_iter()
@@ -103,10 +121,25 @@ pub(crate) fn setup() -> Outcome {
         .into_iter()
         .filter(|tool| !tool.present())
         .map(Tool::missing)
+        .chain(compilers_missing())
         .collect();
     if still.is_empty() {
         Ok(())
     } else {
         Err(Failure(still.join("\n")))
     }
+}
+
+/// What cannot be compiled or checked here, with the way to get it.
+fn compilers_missing() -> Vec<String> {
+    let riscv = cross::compiler(&C6).map(|_| ());
+    let xtensa = match cross::source() {
+        Some(_) => Ok(()),
+        None => cross::compiler(&S3).map(|_| ()),
+    };
+    [riscv, xtensa]
+        .into_iter()
+        .filter_map(Result::err)
+        .map(|Failure(reason)| reason)
+        .collect()
 }
