@@ -77,8 +77,12 @@ extern "C" fn start() -> ! {
         credentials: None,
         camera: false,
     };
-    // SAFETY: written once, here, before anything refers to it.
-    let robot: &'static Shared = unsafe { (*(&raw mut ROBOT)).write(Robot::new(config)) };
+    let place = (&raw mut ROBOT).cast::<Shared>();
+    // SAFETY: written once, here, before anything refers to it, and never again.
+    let robot: &'static Shared = unsafe {
+        place.write(Robot::new(config));
+        &*place
+    };
     run(program(robot))
 }
 

@@ -79,15 +79,14 @@ fn check(text: &str, flash: FlashSize) -> Result<Table, String> {
     Ok(Table { slot: first.size() })
 }
 
-/// Reads `4mb` or `8mb`.
+/// Reads `4mb` or `8mb`, as the command line of espflash does.
 ///
 /// # Errors
-/// On any other size.
+/// On any size that no board of this project has.
 pub(crate) fn flash_size(text: &str) -> Outcome<FlashSize> {
-    match text {
-        "4mb" => Ok(FlashSize::_4Mb),
-        "8mb" => Ok(FlashSize::_8Mb),
-        other => Err(Failure(format!("'{other}' is no flash size: 4mb, 8mb"))),
+    match text.parse() {
+        Ok(size @ (FlashSize::_4Mb | FlashSize::_8Mb)) => Ok(size),
+        _ => Err(Failure(format!("'{text}' is no flash size: 4mb, 8mb"))),
     }
 }
 
@@ -95,7 +94,7 @@ pub(crate) fn flash_size(text: &str) -> Outcome<FlashSize> {
 mod tests {
     use espflash::flasher::FlashSize;
 
-    use super::check;
+    use super::{check, flash_size};
 
     const SMALL: &str = include_str!("../../partitions.csv");
     const LARGE: &str = include_str!("../../partitions-8mb.csv");
@@ -170,6 +169,15 @@ mod tests {
             "x,data,ota,0xfffff000,0xffffffff\n",
         ] {
             assert!(check(text, FlashSize::_4Mb).is_err(), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn sizes_are_those_of_the_boards() {
+        assert_eq!(flash_size("4mb").expect("4 MB"), FlashSize::_4Mb);
+        assert_eq!(flash_size("8mb").expect("8 MB"), FlashSize::_8Mb);
+        for wrong in ["", "4", "16mb", "_4mb"] {
+            assert!(flash_size(wrong).is_err(), "{wrong}");
         }
     }
 }
