@@ -21,6 +21,9 @@ use serde_json::{Value, json};
 /// To boot, get an address, and be seen by the server.
 const JOINS: Duration = Duration::from_secs(40);
 
+/// Bytes of stack that the program may use.
+const STACK: u64 = 8 * 1024;
+
 fn serve() -> Terracrawler {
     Terracrawler::start(&["serve"])
 }
@@ -91,6 +94,28 @@ fn one_robot_joins_obeys_and_passes_the_suite() {
             .wait_line("reset, as asked for", Duration::ZERO)
             .is_some()
     );
+    let used = stack_used(&board);
+    assert!(used <= STACK, "{used} bytes of stack, at most {STACK}");
+    // `cargo xtask size` shows it.
+    let note = crawler_hil::emulator::image().expect("it ran");
+    std::fs::write(note.with_extension("stack"), used.to_string()).expect("a note beside it");
+}
+
+/// The most stack ever used, interrupts included, as the board reports it once a minute.
+fn stack_used(board: &Board) -> u64 {
+    let mut seen = board.logged();
+    let until = Instant::now() + Duration::from_secs(90);
+    while Instant::now() < until {
+        let lines = board.lines_after(seen, until);
+        seen += lines.len() as u64;
+        let report = lines
+            .iter()
+            .find_map(|line| line.text.strip_prefix("stack: ")?.split(' ').next());
+        if let Some(bytes) = report {
+            return bytes.parse().expect("a number of bytes");
+        }
+    }
+    panic!("the board reports no stack")
 }
 
 #[test]

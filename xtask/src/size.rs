@@ -1,5 +1,7 @@
 //! What images take, held against `firmware/boards/budgets.toml`.
 
+use std::fs;
+
 use crate::boards::{self, Board, C3, C6, PROGRAM, VIRT};
 use crate::image;
 use crate::run::Outcome;
@@ -30,6 +32,9 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
 fn weigh(board: &Board, words: &mut Vec<String>) {
     words.extend(["--image".to_owned(), board.name.to_owned()]);
     words.push(text(&board.elf(board.binary)));
+    if let Some(bytes) = stack_used(&board.elf(board.binary)) {
+        words.extend(["--stack".to_owned(), bytes]);
+    }
     if let Some(flash) = &board.flash {
         words.extend([
             "--slot".to_owned(),
@@ -38,6 +43,16 @@ fn weigh(board: &Board, words: &mut Vec<String>) {
             flash.size.to_owned(),
         ]);
     }
+}
+
+/// The deepest stack of the program, where a test that ran just this one left a note beside it.
+fn stack_used(elf: &std::path::Path) -> Option<String> {
+    let note = elf.with_extension("stack");
+    let when = |path: &std::path::Path| fs::metadata(path).and_then(|file| file.modified()).ok();
+    if when(&note)? < when(elf)? {
+        return None;
+    }
+    fs::read_to_string(&note).ok()
 }
 
 fn text(path: &std::path::Path) -> String {
