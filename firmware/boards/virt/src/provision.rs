@@ -8,9 +8,7 @@
 use crawler_board::EmbassyClock;
 use crawler_board::arguments::Arguments;
 use crawler_board::cfi::{Bus, CfiFlash, ERASE_BLOCK};
-use crawler_board::provision::{
-    Connection, Features, NoScanner, Portal, Server, Token, serve,
-};
+use crawler_board::provision::{Connection, Features, NoScanner, Portal, Server, Token, serve};
 use crawler_board::settings::{Broker, RangerMode, Settings, Vault};
 use crawler_hal::System;
 use embassy_executor::{SpawnError, Spawner};
@@ -87,7 +85,8 @@ pub fn spawn(
     entropy: u64,
     spawner: Spawner,
 ) -> Result<(), SpawnError> {
-    static RESOURCES: StaticCell<StackResources<{ CONNECTIONS + 1 }>> = StaticCell::new();
+    // The stack's own two are DHCP and DNS.
+    static RESOURCES: StaticCell<StackResources<{ CONNECTIONS + 2 }>> = StaticCell::new();
 
     let mut rng = Pcg32::new(entropy, 0x7061_6765);
     let config = embassy_net::Config::dhcpv4(DhcpConfig::default());
@@ -124,6 +123,8 @@ async fn net(mut runner: Runner<'static, Ethernet>) -> ! {
     runner.run().await
 }
 
+// The future lies in the static memory of its task, and no robot runs beside it.
+#[allow(clippy::large_futures)]
 #[embassy_executor::task]
 async fn page(stack: Stack<'static>, portal: Portal) {
     static MEMORY: ConstStaticCell<[Connection; CONNECTIONS]> =
