@@ -9,14 +9,15 @@ use embassy_executor::{SendSpawner, SpawnError, Spawner};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use esp_hal::interrupt::Priority;
 use esp_hal::peripherals::FROM_CPU_INTR2;
-use esp_hal::rng::Rng;
 use esp_rtos::embassy::InterruptExecutor;
+use rand_pcg::Pcg32;
 use static_cell::StaticCell;
 
 use crate::battery::Battery;
 use crate::flash::Region;
 use crate::lamp::Lamp;
 use crate::motors::Motor;
+use crate::own_stack::OnOwnStack;
 use crate::ranger;
 use crate::system::Chip;
 
@@ -55,8 +56,9 @@ pub(crate) fn spawn_control(
     robot: &'static Context,
     motors: (Motor, Motor),
     chip: Chip,
+    rng: Pcg32,
 ) -> Result<(), SpawnError> {
-    spawner.spawn(control(robot, motors.0, motors.1, chip)?);
+    spawner.spawn(control(robot, motors.0, motors.1, chip, rng)?);
     Ok(())
 }
 
@@ -77,8 +79,9 @@ pub(crate) fn spawn(
 }
 
 #[embassy_executor::task]
-async fn control(robot: &'static Context, left: Motor, right: Motor, chip: Chip) {
-    match crawler_app::control(robot, left, right, chip, Rng::new(), EmbassyClock).await {}
+async fn control(robot: &'static Context, left: Motor, right: Motor, chip: Chip, rng: Pcg32) {
+    let control = crawler_app::control(robot, left, right, chip, rng, EmbassyClock);
+    match OnOwnStack::new(control).await {}
 }
 
 #[embassy_executor::task]

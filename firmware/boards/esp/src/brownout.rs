@@ -41,5 +41,8 @@ pub(crate) fn guard() {
                 .set_bit()
                 .bod_mode0_reset_ena()
                 .set_bit()
+                // Switches the detector on; the interrupt itself stays masked.
+                .bod_mode0_intr_ena()
+                .set_bit()
         });
 }

@@ -20,6 +20,7 @@ mod identity;
 mod kept;
 mod lamp;
 mod motors;
+mod own_stack;
 mod panic;
 mod randomness;
 mod ranger;
@@ -67,7 +68,7 @@ async fn main(spawner: Spawner) {
         start
     );
 
-    let seed = randomness::seed(chip.rng.reborrow(), chip.adc.reborrow());
+    let rng = randomness::control(chip.rng.reborrow(), chip.adc.reborrow());
     let regions = flash::regions(chip.flash);
     let mut vault = Vault::new(regions.settings);
     let kept = vault.load().await.unwrap_or_else(|error| {
@@ -93,7 +94,7 @@ async fn main(spawner: Spawner) {
     let control = activities::control_executor(chip.control);
     let watched = system::Chip::watched(start, chip.watchdog, chip.rtc);
     expect(
-        activities::spawn_control(control, robot, motors, watched),
+        activities::spawn_control(control, robot, motors, watched, rng),
         "control",
     );
     let mode = settings.map_or(RangerMode::default(), |settings| settings.ranger);

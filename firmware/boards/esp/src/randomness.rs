@@ -1,17 +1,26 @@
-//! Randomness from the chip.
+//! Randomness before the radio runs.
 
 use esp_hal::peripherals::{ADC1, RNG};
-use esp_hal::rng::{Trng, TrngSource};
+use esp_hal::rng::{Rng, Trng, TrngSource};
+use rand_pcg::Pcg32;
 
-/// Draws a seed for whatever must differ from boot to boot before the radio runs.
+/// Sequence of the generator of control.
+const CONTROL: u64 = 0x6374_726C;
+
+/// A generator for the turns of behaviours, which differ from robot to robot and from boot to
+/// boot.
 ///
-/// The generator of the chip is as good as its noise: the radio while it runs, the converter while
-/// nobody else uses it. So the converter is borrowed, and given back.
-pub(crate) fn seed(rng: RNG<'_>, adc: ADC1<'_>) -> u64 {
+/// The chip's own generator is as good as its noise: that of the radio while it runs, or that of
+/// the converter while nobody else uses it. So the converter is borrowed for a seed, and given
+/// back. The link, which starts after the radio, reads the chip's generator.
+pub(crate) fn control(rng: RNG<'_>, adc: ADC1<'_>) -> Pcg32 {
     let source = TrngSource::new(rng, adc);
-    let seed = Trng::try_new().map_or(0, |trng| {
-        u64::from(trng.random()) << 32 | u64::from(trng.random())
-    });
+    let draw = || match Trng::try_new() {
+        Ok(noise) => noise.random(),
+        // Not while the source is there.
+        Err(_) => Rng::new().random(),
+    };
+    let seed = u64::from(draw()) << 32 | u64::from(draw());
     drop(source);
-    seed
+    Pcg32::new(seed, CONTROL)
 }

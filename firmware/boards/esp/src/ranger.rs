@@ -5,7 +5,7 @@ use crawler_hal::RangerPort;
 use esp_hal::Async;
 use esp_hal::gpio::{AnyPin, Input, InputConfig, Level, Output, OutputConfig, Pull};
 use esp_hal::peripherals::UART1;
-use esp_hal::uart::{Config, ConfigError, DataBits, Parity, StopBits, Uart};
+use esp_hal::uart::{Config, ConfigError, DataBits, Parity, RxConfig, StopBits, Uart};
 
 /// The ranger as it is wired.
 pub(crate) type Port = RangerPort<Uart<'static, Async>, Output<'static>, Input<'static>>;
@@ -27,7 +27,9 @@ pub(crate) fn port(
                 .with_baudrate(9_600)
                 .with_data_bits(DataBits::_8)
                 .with_parity(Parity::None)
-                .with_stop_bits(StopBits::_1);
+                .with_stop_bits(StopBits::_1)
+                // A reply has two bytes: each wakes the task, rather than a silence after them.
+                .with_rx(RxConfig::default().with_fifo_full_threshold(1));
             let uart = Uart::new(uart, config)?.with_tx(trigger).with_rx(echo);
             Ok(RangerPort::Uart(uart.into_async()))
         }
