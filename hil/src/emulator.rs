@@ -55,6 +55,8 @@ pub struct Options {
     /// The file that is its flash, made when it is not there; none is one that ends with the
     /// emulator.
     pub flash: Option<PathBuf>,
+    /// Ports of this machine's loopback that lead to ports of the robot: ours, its.
+    pub forwards: Vec<(u16, u16)>,
 }
 
 impl Options {
@@ -67,7 +69,19 @@ impl Options {
             broker,
             arguments: Vec::new(),
             flash: None,
+            forwards: Vec::new(),
         }
+    }
+
+    /// The network card's other end, as QEMU is told.
+    fn network(&self) -> String {
+        let forwards = self.forwards.iter().map(|(ours, theirs)| {
+            // Loopback alone: nobody else on the network of this machine.
+            format!(",hostfwd=tcp:127.0.0.1:{ours}-:{theirs}")
+        });
+        std::iter::once("user,id=n0".to_owned())
+            .chain(forwards)
+            .collect()
     }
 
     /// The boot arguments in one line.
@@ -250,7 +264,7 @@ impl Emulator {
             .args(["-display", "none", "-monitor", "none"])
             .args(["-chardev", "stdio,id=uart,signal=off"])
             .args(["-serial", "chardev:uart"])
-            .args(["-netdev", "user,id=n0"])
+            .args(["-netdev", &self.options.network()])
             .args(["-device", "virtio-net-device,netdev=n0"])
             .arg("-drive")
             .arg(option("if=pflash,unit=1,format=raw,file=", &self.flash, ""))
