@@ -221,6 +221,18 @@ impl Compiler {
         command
     }
 
+    /// Whether its lints are installed as well.
+    pub(crate) fn has_clippy(&self) -> bool {
+        match self {
+            Self::Stock => run::output("cargo", &["clippy", "--version"]),
+            Self::Espressif(_) => run::output("rustup", &["run", "esp", "cargo-clippy", "-V"]),
+            Self::Source(source) => {
+                run::output(&source.cargo.to_string_lossy(), &["clippy", "--version"])
+            }
+        }
+        .is_some()
+    }
+
     /// What builds, for the person who reads the numbers.
     pub(crate) fn version(&self) -> String {
         let version = match self {

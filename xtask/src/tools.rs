@@ -132,7 +132,16 @@ pub(crate) fn setup() -> Outcome {
 
 /// What cannot be compiled or checked here, with the way to get it.
 fn compilers_missing() -> Vec<String> {
-    let riscv = cross::compiler(&C6).map(|_| ());
+    let riscv = cross::compiler(&C6).and_then(|compiler| {
+        if compiler.has_clippy() {
+            return Ok(());
+        }
+        Err(Failure(
+            "the boards' compiler has no clippy: `rustup component add clippy`, or on Debian \
+             `cargo xtask setup` as root"
+                .to_owned(),
+        ))
+    });
     let xtensa = match cross::source() {
         Some(_) => Ok(()),
         None => cross::compiler(&S3).map(|_| ()),
