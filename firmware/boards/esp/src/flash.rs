@@ -157,7 +157,10 @@ fn place(
         .map(|entry| (entry.offset(), entry.len()))
         .filter(|(start, length)| {
             let end = u64::from(*start) + u64::from(*length);
-            start % SECTOR == 0 && length % SECTOR == 0 && *length > 0 && end <= capacity
+            start.is_multiple_of(SECTOR)
+                && length.is_multiple_of(SECTOR)
+                && *length > 0
+                && end <= capacity
         });
     Ok(place)
 }
@@ -188,7 +191,7 @@ impl NorFlash for Region {
             return Ok(());
         }
         // One sector at a time: whatever waits runs in between.
-        if from % SECTOR != 0 || length % SECTOR != 0 {
+        if !from.is_multiple_of(SECTOR) || !length.is_multiple_of(SECTOR) {
             return Err(RegionError::NotAligned);
         }
         for sector in (from..to).step_by(SECTOR as usize) {

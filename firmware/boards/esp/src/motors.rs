@@ -4,7 +4,7 @@ use core::convert::Infallible;
 
 use crawler_hal::MotorPort;
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
-use esp_hal::gpio::{DriveMode, Level, Output, OutputConfig};
+use esp_hal::gpio::{AnyPin, DriveMode, Level, Output, OutputConfig, OutputPin};
 use esp_hal::ledc::channel::{self, Channel, ChannelHW, ChannelIFace};
 use esp_hal::ledc::timer::{self, LSClockSource, Timer, TimerIFace};
 use esp_hal::ledc::{LSGlobalClkSource, Ledc, LowSpeed};
@@ -59,22 +59,26 @@ pub(crate) type Motor = MotorPort<Pwm, Output<'static>>;
 
 /// Makes every pin of the motor driver an output that is low. Comes first of all in `main`.
 pub(crate) fn stand(pins: &mut RobotPins) {
-    let low = |pin| drop(Output::new(pin, Level::Low, OutputConfig::default()));
     // Enables first: with them low the directions do not matter.
-    low(esp_hal::gpio::AnyPin::from(pins.left_enable.reborrow()));
-    low(pins.right_enable.reborrow().into());
-    low(pins.left_in1.reborrow().into());
-    low(pins.left_in2.reborrow().into());
-    low(pins.right_in1.reborrow().into());
-    low(pins.right_in2.reborrow().into());
+    low(pins.left_enable.reborrow());
+    low(pins.right_enable.reborrow());
+    low(pins.left_in1.reborrow());
+    low(pins.left_in2.reborrow());
+    low(pins.right_in1.reborrow());
+    low(pins.right_in2.reborrow());
+}
+
+/// Makes a pin a low output, which it stays when its driver goes.
+fn low<'a>(pin: impl OutputPin + 'a) {
+    let _driver = Output::new(pin, Level::Low, OutputConfig::default());
 }
 
 /// Pins of the motor driver, for [`ports`].
 pub(crate) struct MotorPins {
     /// ENA, IN1, IN2.
-    pub(crate) left: [esp_hal::gpio::AnyPin<'static>; 3],
+    pub(crate) left: [AnyPin<'static>; 3],
     /// ENB, IN3, IN4.
-    pub(crate) right: [esp_hal::gpio::AnyPin<'static>; 3],
+    pub(crate) right: [AnyPin<'static>; 3],
 }
 
 /// Sets the LEDC up and hands both motors over, standing.
@@ -95,7 +99,7 @@ pub(crate) fn ports(ledc: LEDC<'static>, pins: MotorPins) -> Result<(Motor, Moto
         })
         .map_err(|_| PwmError::Timer)?;
     let timer: &'static Timer<'static, LowSpeed> = TIMER.init(timer);
-    let motor = |number, [enable, in1, in2]: [esp_hal::gpio::AnyPin<'static>; 3]| {
+    let motor = |number, [enable, in1, in2]: [AnyPin<'static>; 3]| {
         let in1 = Output::new(in1, Level::Low, OutputConfig::default());
         let in2 = Output::new(in2, Level::Low, OutputConfig::default());
         let mut channel = ledc.channel(number, enable);
