@@ -1,5 +1,6 @@
 //! The bodies of the fuzz targets, by name.
 
+mod board;
 mod targets;
 
 pub use targets::{TARGETS, Target};
@@ -11,6 +12,7 @@ pub use targets::{TARGETS, Target};
 pub fn run(target: &str, data: &[u8]) {
     let (_, body) = TARGETS
         .iter()
+        .chain(&board::TARGETS)
         .find(|(name, _)| *name == target)
         .expect("a target of this name");
     body(data);

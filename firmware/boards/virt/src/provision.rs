@@ -24,7 +24,7 @@ use crate::machine::FLASH;
 use crate::system::VirtSystem;
 
 /// Connections served at a time.
-const CONNECTIONS: usize = 2;
+const CONNECTIONS: usize = 3;
 const PORT: u16 = 80;
 /// How long the word of success has to reach the browser before the machine restarts.
 const FAREWELL: Duration = Duration::from_millis(1_000);

@@ -1,0 +1,4 @@
+//! Fuzzes `provision_datagram`; see `board.rs`.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| crawler_fuzz::run("provision_datagram", data));
