@@ -193,6 +193,8 @@ impl Compiler {
                 command.args(["run", "esp", "cargo"]);
                 command
             }
+            // cargo would take the first clippy on the search path, which may be another compiler's.
+            Self::Source(source) if subcommand == "clippy" => Command::new(source.clippy()),
             Self::Source(source) => Command::new(&source.cargo),
         };
         forget_host(&mut command);
@@ -226,9 +228,7 @@ impl Compiler {
         match self {
             Self::Stock => run::output("cargo", &["clippy", "--version"]),
             Self::Espressif(_) => run::output("rustup", &["run", "esp", "cargo-clippy", "-V"]),
-            Self::Source(source) => {
-                run::output(&source.cargo.to_string_lossy(), &["clippy", "--version"])
-            }
+            Self::Source(source) => run::output(&source.clippy().to_string_lossy(), &["--version"]),
         }
         .is_some()
     }
@@ -245,6 +245,11 @@ impl Compiler {
 }
 
 impl Source {
+    /// The clippy that came with this compiler.
+    fn clippy(&self) -> PathBuf {
+        self.cargo.with_file_name("cargo-clippy")
+    }
+
     /// Lets `command` use this compiler, and its unstable options.
     pub(crate) fn prepare(&self, command: &mut Command) {
         command
