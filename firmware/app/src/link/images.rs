@@ -5,6 +5,7 @@
 //! not even a command to this robot: at most [`WRITTEN_WITHIN`](super::WRITTEN_WITHIN).
 
 use core::fmt::Write as _;
+use core::pin::pin;
 
 use crawler_hal::{Clock, LinkMonitor, with_deadline};
 use crawler_protocol::{IMAGE_FRAME, IMAGE_TIMESTAMP, IMAGE_TYPE, Qos, Topic};
@@ -100,12 +101,12 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         let deadline = self.write_deadline();
         let message = Bytes::Borrowed(jpeg);
         let written = if let Some(id) = again {
-            let work = self.client.republish(id, &options, message);
+            let work = pin!(self.client.republish(id, &options, message));
             let written = with_deadline(self.clock, deadline, work).await;
             written.map(|result| result.map(|()| None))
         } else {
             self.flow.sending = Some(Parcel::Image);
-            let work = self.client.publish(&options, message);
+            let work = pin!(self.client.publish(&options, message));
             with_deadline(self.clock, deadline, work).await
         };
         let sent = self.clock.now();

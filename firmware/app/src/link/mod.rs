@@ -49,6 +49,7 @@ mod tests;
 use core::cell::RefCell;
 use core::convert::Infallible;
 use core::num::NonZero;
+use core::pin::pin;
 
 use crawler_hal::{Clock, Duration, Network, with_deadline};
 use crawler_protocol::{Level, MAX_MESSAGE, Topic};
@@ -93,12 +94,13 @@ pub const SESSION_EXPIRY: Duration = Duration::from_secs(60);
 /// Period of heartbeats.
 pub const HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);
 
-/// Everything that outlives a connection.
-struct Kept {
-    letter: RefCell<Letter>,
-    scratch: [u8; MAX_MESSAGE],
-    flow: Flow,
-    counters: Counters,
+/// Everything that outlives a connection, lent to it. Held together by value it would be built on
+/// the stack before it is moved to where it lives.
+struct Kept<'k> {
+    letter: &'k RefCell<Letter>,
+    scratch: &'k mut [u8; MAX_MESSAGE],
+    flow: &'k mut Flow,
+    counters: &'k mut Counters,
 }
 
 /// Keeps the robot connected. Never returns.
@@ -136,23 +138,27 @@ async fn run<M: RawMutex, N: Network, R: Rng, C: Clock>(
     mut rng: R,
     clock: C,
 ) -> Infallible {
-    let mut kept = Kept {
-        letter: RefCell::new(Letter::new()),
-        scratch: [0; MAX_MESSAGE],
-        flow: Flow::new(),
-        counters: Counters::default(),
-    };
+    let letter = RefCell::new(Letter::new());
+    let mut scratch = [0; MAX_MESSAGE];
+    let mut flow = Flow::new();
+    let mut counters = Counters::default();
     let mut backoff = Backoff::new();
     let mut told = None;
     loop {
-        let ended = attempt(robot, &mut network, &clock, &mut kept, &mut images).await;
+        let kept = Kept {
+            letter: &letter,
+            scratch: &mut scratch,
+            flow: &mut flow,
+            counters: &mut counters,
+        };
+        let ended = attempt(robot, &mut network, &clock, kept, &mut images).await;
         let (loss, up_since) = ended;
         let now = clock.now();
         let lasted = up_since.map_or(Duration::ZERO, |since| now - since);
         let wait = match loss {
             Loss::TakenOver => {
                 // The session is another's now.
-                kept.flow.session = None;
+                flow.session = None;
                 backoff.after_takeover(&mut rng)
             }
             Loss::Broken if up_since.is_some() => backoff.after_close(lasted, &mut rng),
@@ -186,7 +192,7 @@ async fn attempt<M: RawMutex, N: Network, C: Clock>(
     robot: &Robot<M>,
     network: &mut N,
     clock: &C,
-    kept: &mut Kept,
+    kept: Kept<'_>,
     images: &mut dyn Images,
 ) -> (Loss, Option<crawler_hal::Instant>) {
     let monitor = network.monitor();
@@ -294,7 +300,7 @@ where
         options = options.user_name(username).password(password);
     }
     let id = MqttString::from_str(config.id.as_str()).map_err(|_| Loss::Unsupported)?;
-    let work = client.connect(stream, &options, Some(id));
+    let work = pin!(client.connect(stream, &options, Some(id)));
     let connected = with_deadline(clock, clock.now() + OPENED_WITHIN, work).await??;
     Ok(connected.session_present)
 }

@@ -1,5 +1,7 @@
 //! What one connection sends, and when.
 
+use core::pin::pin;
+
 use crawler_hal::{Clock, Duration, Instant, LinkMonitor, LinkState, with_deadline};
 use crawler_protocol::{Level, Qos, Topic};
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -40,8 +42,11 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             let options = publication(&topic, Qos::AtLeastOnce, flight.parcel.retained())?;
             let deadline = self.write_deadline();
             let message = Bytes::Borrowed(&self.scratch[..len]);
-            let work = self.client.republish(flight.id, &options, message);
-            match with_deadline(self.clock, deadline, work).await {
+            let written = {
+                let work = pin!(self.client.republish(flight.id, &options, message));
+                with_deadline(self.clock, deadline, work).await
+            };
+            match written {
                 Ok(Ok(())) => self.flow.in_flight[index].sent = self.clock.now(),
                 Ok(Err(error)) => {
                     if error.is_recoverable() {
@@ -77,10 +82,11 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                 options = options.at_least_once();
             }
             let deadline = self.write_deadline();
-            let work = self.client.subscribe(filter, &options);
-            let id = with_deadline(self.clock, deadline, work)
-                .await
-                .map_err(|_| Loss::Stalled)??;
+            let id = {
+                let work = pin!(self.client.subscribe(filter, &options));
+                let written = with_deadline(self.clock, deadline, work).await;
+                written.map_err(|_| Loss::Stalled)??
+            };
             // As many places as topics.
             let _ = self.state.unconfirmed.push(id);
         }
@@ -140,7 +146,7 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         }
         self.state.pings = self.state.pings.saturating_add(1);
         let deadline = self.write_deadline();
-        let work = self.client.ping();
+        let work = pin!(self.client.ping());
         with_deadline(self.clock, deadline, work)
             .await
             .map_err(|_| Loss::Stalled)??;
@@ -226,10 +232,11 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         self.flow.sending = parcel;
         let deadline = self.write_deadline();
         let message = Bytes::Borrowed(&self.scratch[..len]);
-        let work = self.client.publish(&options, message);
-        let id = with_deadline(self.clock, deadline, work)
-            .await
-            .map_err(|_| Loss::Stalled)??;
+        let id = {
+            let work = pin!(self.client.publish(&options, message));
+            let written = with_deadline(self.clock, deadline, work).await;
+            written.map_err(|_| Loss::Stalled)??
+        };
         self.flow.sending = None;
         if let (Some(id), Some(parcel)) = (id, parcel) {
             let sent = self.clock.now();

@@ -2,6 +2,7 @@
 
 use core::cell::RefCell;
 use core::convert::Infallible;
+use core::pin::pin;
 
 use crawler_hal::{Clock, Instant, LinkMonitor, LinkState, with_deadline};
 use crawler_protocol::{Level, MAX_MESSAGE, TimeMessage, Topic};
@@ -145,10 +146,11 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
     async fn receive(&mut self, header: FixedHeader) -> Result<(), Loss> {
         self.letter.borrow_mut().clear();
         let deadline = self.write_deadline();
-        let work = self.client.poll_body(header);
-        let event = with_deadline(self.clock, deadline, work)
-            .await
-            .map_err(|_| Loss::Stalled)??;
+        let event = {
+            let work = pin!(self.client.poll_body(header));
+            let outcome = with_deadline(self.clock, deadline, work).await;
+            outcome.map_err(|_| Loss::Stalled)??
+        };
         let now = self.clock.now();
         self.state.heard = now;
         self.state.pinged = false;
