@@ -67,6 +67,9 @@ pub struct BootRecord {
     pub panicked: bool,
 }
 
+/// Takes the level, the event and the text of a log record.
+pub type Echo = fn(Level, &str, core::fmt::Arguments<'_>);
+
 /// As much of `text` as fits, cut at a character boundary.
 pub(crate) fn cut<const N: usize>(text: &str) -> String<N> {
     let mut out = String::new();
@@ -83,6 +86,8 @@ pub(crate) fn cut<const N: usize>(text: &str) -> String<N> {
 /// Every field has one writer; readers take copies. Nothing here is held across an await.
 pub struct Robot<M: RawMutex> {
     pub(crate) config: Config,
+    /// Where log records are told as well, at once.
+    pub(crate) echo: Option<Echo>,
     /// What intake remembers of commands and their answers.
     pub(crate) intake: Intake<M>,
     /// Everyone → link: answers and log records.
@@ -132,6 +137,7 @@ impl<M: RawMutex> Robot<M> {
     pub fn new(config: Config) -> Self {
         Self {
             config,
+            echo: None,
             intake: Intake::new(),
             outbox: Outbox::new(),
             time: TimeSync::new(),
@@ -158,6 +164,14 @@ impl<M: RawMutex> Robot<M> {
             lamp_changed: Signal::new(),
             identify_until: Mutex::new(Cell::new(Instant::BOOT)),
         }
+    }
+
+    /// The same robot, telling `echo` of every log record as it is written, link or no link: a
+    /// board's debug line then says what the broker is told. The function must not wait.
+    #[must_use]
+    pub fn with_echo(mut self, echo: Echo) -> Self {
+        self.echo = Some(echo);
+        self
     }
 
     /// Identity and shape of the robot.

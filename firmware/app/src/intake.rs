@@ -86,8 +86,9 @@ impl<M: RawMutex> Robot<M> {
     ///
     /// Whatever the bytes are: they are acted upon, answered, or counted. Synchronous and bounded.
     pub fn submit(&self, payload: &[u8], now: Instant) {
-        match Command::parse(payload) {
-            Ok(command) => self.take(&command, now),
+        // Not moved out of where it was parsed: with its values a command takes a kilobyte.
+        match &Command::parse(payload) {
+            Ok(command) => self.take(command, now),
             Err(error) => self.refuse_unreadable(error.reason, error.seq, now),
         }
     }
@@ -148,6 +149,9 @@ impl<M: RawMutex> Robot<M> {
         text: core::fmt::Arguments<'_>,
         now: Instant,
     ) {
+        if let Some(echo) = self.echo {
+            echo(level, event, text);
+        }
         let timestamp = self.unix_ms(now).unwrap_or(0);
         self.outbox.log(level, event, text, timestamp);
     }

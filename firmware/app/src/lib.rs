@@ -51,10 +51,12 @@ mod testing;
 pub mod timesync;
 pub mod tracking;
 pub mod trouble;
+#[cfg(test)]
+mod trouble_tests;
 
 pub use camera::{ImageSlot, camera};
 pub use config::{Config, Credentials, Geometry};
-pub use context::{BootRecord, Robot, Routed, Snapshot};
+pub use context::{BootRecord, Echo, Robot, Routed, Snapshot};
 pub use control::control;
 pub use lamp::lamp;
 pub use link::{link, link_with_images};

@@ -6,14 +6,14 @@
 use crawler_hal::{Instant, ResetCause};
 use crawler_protocol::{
     Battery, Boot, BootCause, Capability, Heartbeat, LogRecord, PROTOCOL_VERSION, ParameterReport,
-    ParameterValue, ParametersMessage, Reports, Response, StatusMessage, Telemetry, Wheels,
+    ParameterValue, ParametersMessage, Response, StatusMessage, Telemetry, Wheels,
 };
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
 
 use crate::context::{BootRecord, Robot, cut};
 use crate::outbox::{LogEntry, Outgoing};
-use crate::parameters::Domain;
+use crate::parameters::{Domain, Parameters};
 
 const fn cause(cause: ResetCause) -> BootCause {
     match cause {
@@ -148,32 +148,30 @@ pub(super) fn log<M: RawMutex>(
     .ok()
 }
 
+// Inlined, the reports of all passes would lie side by side on the stack of the whole link.
+#[inline(never)]
 pub(super) fn parameters<M: RawMutex>(robot: &Robot<M>, buf: &mut [u8]) -> Option<usize> {
-    let mut values = Reports::new();
-    robot.with_parameters(|parameters| {
-        for (definition, value) in parameters.iter() {
-            let (min, max, default) = match definition.domain {
-                Domain::Number {
-                    min, max, default, ..
-                } => (Some(min), Some(max), Some(ParameterValue::Number(default))),
-                Domain::Switch { default } => (None, None, Some(ParameterValue::Bool(default))),
-                Domain::Text { .. } => (None, None, None),
-            };
-            // A test holds the table to what a message takes.
-            let _ = values.push(ParameterReport {
-                name: cut(definition.name),
-                value,
-                default,
-                min,
-                max,
-                unit: definition.unit.map(cut),
-            });
-        }
-    });
-    ParametersMessage {
-        robot: robot.config().id.clone(),
-        values,
-    }
-    .to_json(buf)
-    .ok()
+    // One at a time: neither the stack nor the lock has to hold them all.
+    let reports = || (0..).map_while(|index| robot.with_parameters(|all| report(all, index)));
+    ParametersMessage::encode(&robot.config().id, reports, buf).ok()
+}
+
+#[inline(never)]
+fn report(parameters: &Parameters, index: usize) -> Option<ParameterReport> {
+    let (definition, value) = parameters.iter().nth(index)?;
+    let (min, max, default) = match definition.domain {
+        Domain::Number {
+            min, max, default, ..
+        } => (Some(min), Some(max), Some(ParameterValue::Number(default))),
+        Domain::Switch { default } => (None, None, Some(ParameterValue::Bool(default))),
+        Domain::Text { .. } => (None, None, None),
+    };
+    Some(ParameterReport {
+        name: cut(definition.name),
+        value,
+        default,
+        min,
+        max,
+        unit: definition.unit.map(cut),
+    })
 }

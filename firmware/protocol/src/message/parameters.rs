@@ -1,6 +1,7 @@
 //! The parameters of a robot: values and what they may be.
 
 use core::fmt;
+use core::marker::PhantomData;
 
 use heapless::{String, Vec};
 use serde::de::{self, MapAccess, Visitor};
@@ -74,10 +75,25 @@ impl ParametersMessage {
     /// [`EncodeError::TooLarge`] when not even the values fit `buf`, or more than one of them is a
     /// long text; [`EncodeError::NotFinite`] when a value is not.
     pub fn to_json(&self, buf: &mut [u8]) -> Result<usize, EncodeError> {
+        Self::encode(&self.robot, || self.values.iter().cloned(), buf)
+    }
+
+    /// The same for a message that is not in one place: `reports` gives its parameters one by
+    /// one, and is asked again each time something has to be left out. All of them at once take
+    /// five kilobytes, which a robot's stack does not have.
+    ///
+    /// # Errors
+    /// As [`Self::to_json`].
+    pub fn encode<I: Iterator<Item = ParameterReport>>(
+        robot: &RobotId,
+        reports: impl Fn() -> I,
+        buf: &mut [u8],
+    ) -> Result<usize, EncodeError> {
         #[derive(Serialize)]
-        struct Fitting<'a> {
+        #[serde(bound = "F: Fn() -> I, I: Iterator<Item = ParameterReport>")]
+        struct Fitting<'a, F, I> {
             robot: &'a RobotId,
-            values: Members<'a>,
+            values: Members<'a, F, I>,
         }
 
         let mut result = Err(EncodeError::TooLarge);
@@ -88,10 +104,11 @@ impl ParametersMessage {
             Detail::Values,
         ] {
             let fitting = Fitting {
-                robot: &self.robot,
+                robot,
                 values: Members {
-                    reports: &self.values,
+                    reports: &reports,
                     detail,
+                    each: PhantomData,
                 },
             };
             result = json::to_slice(&fitting, buf);
@@ -137,26 +154,28 @@ struct Body {
 }
 
 /// The reports as an object.
-struct Members<'a> {
-    reports: &'a [ParameterReport],
+struct Members<'a, F, I> {
+    reports: &'a F,
     detail: Detail,
+    each: PhantomData<I>,
 }
 
-impl Serialize for Members<'_> {
+impl<F, I> Serialize for Members<'_, F, I>
+where
+    F: Fn() -> I,
+    I: Iterator<Item = ParameterReport>,
+{
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let finite = |value: Option<f32>| value.filter(|value| value.is_finite());
-        let mut map = serializer.serialize_map(Some(self.reports.len()))?;
-        for report in self.reports {
+        let mut map = serializer.serialize_map(None)?;
+        for report in (self.reports)() {
             let ranges = self.detail >= Detail::Ranges;
             let body = Body {
-                value: report.value.clone(),
-                default: report
-                    .default
-                    .clone()
-                    .filter(|_| self.detail >= Detail::Defaults),
+                value: report.value,
+                default: report.default.filter(|_| self.detail >= Detail::Defaults),
                 min: finite(report.min).filter(|_| ranges),
                 max: finite(report.max).filter(|_| ranges),
-                unit: report.unit.clone().filter(|_| self.detail >= Detail::Units),
+                unit: report.unit.filter(|_| self.detail >= Detail::Units),
             };
             map.serialize_entry(report.name.as_str(), &body)?;
         }
@@ -165,8 +184,12 @@ impl Serialize for Members<'_> {
 }
 
 fn everything<S: Serializer>(reports: &Reports, serializer: S) -> Result<S::Ok, S::Error> {
-    let detail = Detail::Units;
-    Members { reports, detail }.serialize(serializer)
+    let members = Members {
+        reports: &|| reports.iter().cloned(),
+        detail: Detail::Units,
+        each: PhantomData,
+    };
+    members.serialize(serializer)
 }
 
 fn members<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Reports, D::Error> {

@@ -32,6 +32,8 @@ pub struct Boot {
 /// Longest text of a panic, in bytes.
 pub const MAX_PANIC: usize = 96;
 
+// The form that serde asks for.
+#[allow(clippy::ref_option)]
 fn one_line<S: Serializer>(
     text: &Option<String<MAX_PANIC>>,
     serializer: S,
