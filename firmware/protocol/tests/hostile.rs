@@ -58,6 +58,8 @@ fn every_target_has_a_fuzzer() {
                 .into_owned()
         })
         .collect();
+    // Those of the boards' set-up page are held to their own list by `crawler-board`.
+    fuzzers.retain(|name| !name.starts_with("provision_"));
     fuzzers.sort();
     let mut names: Vec<_> = TARGETS.iter().map(|(name, _)| (*name).to_owned()).collect();
     names.sort();
