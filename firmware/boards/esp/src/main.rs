@@ -107,6 +107,14 @@ async fn main(spawner: Spawner) {
     };
     expect(activities::spawn(spawner, robot, parts), "activities");
     let asked = button::held(pins.button.into()).await;
+    let radio = wifi::Start {
+        wifi: chip.wifi,
+        robot,
+        vault,
+        kept,
+        asked,
+    };
+    wifi::run(spawner, radio).await;
 }
 
 /// Gives the radio its heap: its buffers and the stacks of its tasks. Nothing else allocates.
