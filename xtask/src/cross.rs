@@ -275,3 +275,88 @@ fn path_with(folder: &Path) -> OsString {
     std::env::join_paths(std::iter::once(folder.to_owned()).chain(std::env::split_paths(&old)))
         .unwrap_or(old)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::path::{Path, PathBuf};
+    use std::process::Command;
+
+    use super::{Compiler, Source, path_with};
+    use crate::boards::{C3, VIRT};
+
+    fn source() -> Compiler {
+        Compiler::Source(Source {
+            cargo: "/usr/bin/cargo".into(),
+            rustc: "/usr/bin/rustc".into(),
+            library: "/library".into(),
+            linker: Some("/usr/bin/ld.lld-22".into()),
+        })
+    }
+
+    fn words(command: &Command) -> Vec<String> {
+        command
+            .get_args()
+            .map(|word| word.to_string_lossy().into_owned())
+            .collect()
+    }
+
+    fn variables(command: &Command) -> BTreeMap<String, Option<String>> {
+        let text = |part: &std::ffi::OsStr| part.to_string_lossy().into_owned();
+        command
+            .get_envs()
+            .map(|(name, value)| (text(name), value.map(text)))
+            .collect()
+    }
+
+    #[test]
+    fn another_compiler_is_not_told_what_rustup_chose() {
+        let variables = variables(&source().cargo(&C3, "build"));
+        for gone in ["RUSTUP_TOOLCHAIN", "RUSTFLAGS", "LD_LIBRARY_PATH"] {
+            assert_eq!(variables[gone], None, "{gone}");
+        }
+        for (name, value) in [
+            ("RUSTC", "/usr/bin/rustc"),
+            ("RUSTC_BOOTSTRAP", "1"),
+            (
+                "CARGO_TARGET_RISCV32IMC_UNKNOWN_NONE_ELF_LINKER",
+                "/usr/bin/ld.lld-22",
+            ),
+        ] {
+            assert_eq!(variables[name].as_deref(), Some(value), "{name}");
+        }
+    }
+
+    #[test]
+    fn only_a_compiler_with_sources_builds_std() {
+        let std = |compiler: Compiler, board| {
+            words(&compiler.cargo(board, "build"))
+                .into_iter()
+                .find(|word| word.starts_with("-Zbuild-std"))
+        };
+        assert_eq!(std(Compiler::Stock, &C3), None);
+        assert_eq!(
+            std(source(), &C3).as_deref(),
+            Some("-Zbuild-std=core,alloc")
+        );
+        assert_eq!(std(source(), &VIRT).as_deref(), Some("-Zbuild-std=core"));
+    }
+
+    #[test]
+    fn clippy_is_that_of_the_compiler() {
+        let command = source().cargo(&VIRT, "clippy");
+        assert_eq!(command.get_program(), "/usr/bin/cargo-clippy");
+        assert_eq!(words(&command).first().map(String::as_str), Some("clippy"));
+    }
+
+    #[test]
+    fn a_folder_goes_before_the_search_path() {
+        let path = path_with(Path::new("/first"));
+        let folders: Vec<PathBuf> = std::env::split_paths(&path).collect();
+        assert_eq!(
+            folders.first().map(PathBuf::as_path),
+            Some(Path::new("/first"))
+        );
+        assert!(folders.len() > 1);
+    }
+}
