@@ -44,6 +44,8 @@ pub struct Arguments {
 
 /// What is wrong with a body in software. Everything works by default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+// Each is a switch of its own; any of them go together.
+#[allow(clippy::struct_excessive_bools)]
 pub struct Faults {
     /// `ranger-absent`: nothing answers on the ranger's line.
     pub ranger_absent: bool,

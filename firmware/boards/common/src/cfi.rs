@@ -2,13 +2,14 @@
 //! parameters.
 //!
 //! Two chips of 16 bits side by side make one word of 32; commands and status go to both at once.
-//! Commands and status bits: Intel StrataFlash J3 (28F128J3), tables "Command Bus-Cycle
+//! Commands and status bits: Intel 28F128J3 data sheet, tables "Command Bus-Cycle
 //! Definitions" and "Status Register Definitions"; query: JEDEC JESD68.01.
 //!
 //! Words are written once after each erasure and not again, though the chips would clear further
 //! bits: a program that relied on that would fail on flash with error correction.
 
 use crawler_hal::{Clock, Duration};
+use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
@@ -241,6 +242,7 @@ impl<B: Bus, C: Clock> NorFlash for CfiFlash<B, C> {
         self.check(from, len as usize, ERASE_BLOCK)?;
         for block in (from..to).step_by(ERASE_BLOCK as usize) {
             self.command(block, ERASE, CONFIRM, ERASED_WITHIN).await?;
+            yield_now().await;
         }
         Ok(())
     }
@@ -262,6 +264,8 @@ impl<B: Bus, C: Clock> NorFlash for CfiFlash<B, C> {
             if self.bus.read(at) != word {
                 return Err(CfiError::Differs);
             }
+            // A word takes an emulator milliseconds of its host; others have waited for it.
+            yield_now().await;
         }
         Ok(())
     }

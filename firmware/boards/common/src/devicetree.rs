@@ -29,9 +29,9 @@ pub enum TreeError {
 /// # Errors
 /// [`TreeError::NotATree`] when they are not those of a tree of at most 1 MiB.
 pub fn length(start: [u8; 8]) -> Result<usize, TreeError> {
-    let [a, b, c, d, e, f, g, h] = start;
-    let total = u32::from_be_bytes([e, f, g, h]);
-    if u32::from_be_bytes([a, b, c, d]) != MAGIC || !(HEADER as u32..=LONGEST).contains(&total) {
+    let both = u64::from_be_bytes(start);
+    let (magic, total) = ((both >> 32) as u32, both as u32);
+    if magic != MAGIC || !(HEADER as u32..=LONGEST).contains(&total) {
         return Err(TreeError::NotATree);
     }
     Ok(total as usize)

@@ -5,11 +5,12 @@
 
 use core::cell::{Cell, RefCell, UnsafeCell};
 use core::ptr::NonNull;
-use core::sync::atomic::{AtomicUsize, Ordering, fence};
+use core::sync::atomic::{Ordering, fence};
 use core::task::Context;
 
 use embassy_net_driver::{Capabilities, Driver, HardwareAddress, LinkState, RxToken, TxToken};
 use embassy_sync::waitqueue::AtomicWaker;
+use portable_atomic::AtomicUsize;
 use riscv::interrupt::Interrupt;
 use static_cell::ConstStaticCell;
 use virtio_drivers::device::net::VirtIONetRaw;

@@ -3,11 +3,12 @@
 //! The second one runs in the machine's software interrupt: waking its task raises that
 //! interrupt. While control is polled other interrupts wait, which is a fraction of a millisecond.
 
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::Ordering;
 
 use critical_section::Mutex;
 use embassy_executor::raw::Executor;
 use embassy_executor::{SendSpawner, Spawner};
+use portable_atomic::AtomicBool;
 use riscv::interrupt::Interrupt;
 use riscv::register::mie;
 use static_cell::StaticCell;

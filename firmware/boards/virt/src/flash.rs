@@ -13,7 +13,7 @@ use crate::machine::FLASH;
 /// Erase blocks of the region.
 pub const BLOCKS: u16 = 4;
 /// Bytes of noise at the start and at the end of a block.
-const NOISE: u32 = 1_024;
+const NOISE: u32 = 256;
 /// What a flash reports that refuses on request: writing and erasure failed, in both chips.
 const REFUSAL: u32 = 0x00B0_00B0;
 

@@ -6,7 +6,7 @@ use core::slice;
 
 use crawler_board::devicetree::{self, TreeError};
 
-/// Power off and reset ("SiFive test finisher").
+/// Power off and reset (the "test finisher").
 const FINISHER: *mut u32 = 0x0010_0000 as *mut u32;
 /// Serial line, compatible with the 16550.
 pub(crate) const UART: *mut u8 = 0x1000_0000 as *mut u8;
@@ -98,10 +98,11 @@ impl Description {
     /// `address` must be what the firmware handed over at start, and nothing may have written
     /// there since.
     pub unsafe fn at(address: usize) -> Result<Self, DescriptionError> {
-        let start = address as *const u8;
-        if start.is_null() || !start.cast::<u32>().is_aligned() {
+        // Eight bytes is what the format asks for (section 5.1).
+        if address == 0 || !address.is_multiple_of(8) {
             return Err(DescriptionError::NoTree);
         }
+        let start = address as *const u8;
         // SAFETY: the caller vouches for the address; the firmware leaves at least a header.
         let head = unsafe { start.cast::<[u8; 8]>().read() };
         let len = devicetree::length(head)?;

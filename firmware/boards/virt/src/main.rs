@@ -52,15 +52,21 @@ fn main(_hart: usize, tree: usize) -> ! {
         defmt::error!("the command line cannot be told: {}", error);
         machine::exit(ExitCode::Arguments)
     });
-    // What the start takes of the stack is free again when the tasks run.
     let tasks = executor::prepare_tasks();
+    launch(description, tasks.spawner());
+    executor::run_tasks(tasks)
+}
+
+/// Spawns whatever the boot arguments ask for. What that takes of the stack is free again when
+/// the tasks run.
+#[inline(never)]
+fn launch(description: Description, spawner: Spawner) {
     let mut arguments = read_arguments(description);
     if arguments.provision && !provision::adopt(&mut arguments) {
-        set_up(&arguments, description, tasks.spawner());
+        set_up(&arguments, description, spawner);
     } else {
-        start(&arguments, description, tasks.spawner());
+        start(&arguments, description, spawner);
     }
-    executor::run_tasks(tasks)
 }
 
 #[inline(never)]
