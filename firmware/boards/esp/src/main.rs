@@ -106,6 +106,8 @@ async fn main(spawner: Spawner) {
         parameters: regions.parameters,
     };
     expect(activities::spawn(spawner, robot, parts), "activities");
+    #[cfg(feature = "esp32s3")]
+    camera::start(robot, camera, chip.vision);
     let asked = button::held(pins.button.into()).await;
     let radio = wifi::Start {
         wifi: chip.wifi,
