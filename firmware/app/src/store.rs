@@ -120,10 +120,8 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
     let mut buffer = [0; BUFFER];
     let deadline = clock.now() + FLASH_PATIENCE;
     let found = with_deadline(clock, deadline, shelf.get(PARAMETERS, &mut buffer)).await;
-    if core::mem::take(&mut shelf.erased) {
-        let text = format_args!("made no sense and was erased: parameters are at their defaults");
-        robot.log(Level::Warn, "flash", text, clock.now());
-    }
+    let nothing_to_lose = matches!(found, Ok(Ok(None)));
+    tell_erasure(robot, shelf, clock);
     match found {
         Ok(Ok(Some(item))) => {
             let (loaded, dropped) = Parameters::decode(item);
@@ -151,12 +149,36 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
 
     let deadline = clock.now() + FLASH_PATIENCE;
     let counted = with_deadline(clock, deadline, count_boot(shelf)).await;
-    match counted.unwrap_or(Err(ShelfError::Refused)) {
+    let mut counted = counted.unwrap_or(Err(ShelfError::Refused));
+    // Noise may pass for an empty map, or for a full one, until something is to be written.
+    if nothing_to_lose && matches!(counted, Err(ShelfError::Corrupt | ShelfError::Unfit)) {
+        let deadline = clock.now() + FLASH_PATIENCE;
+        let renewed = with_deadline(clock, deadline, shelf.renew()).await;
+        if let Ok(Ok(())) = renewed {
+            tell_erasure(robot, shelf, clock);
+            let deadline = clock.now() + FLASH_PATIENCE;
+            let again = with_deadline(clock, deadline, count_boot(shelf)).await;
+            counted = again.unwrap_or(Err(ShelfError::Refused));
+        }
+    }
+    match counted {
         Ok(count) => robot.set_boot_count(count),
         Err(error) => {
             let text = format_args!("{}: this boot is not counted", error.name());
             robot.log(Level::Error, "flash", text, clock.now());
         }
+    }
+}
+
+/// Logs an erasure that nobody was told of yet.
+fn tell_erasure<M: RawMutex, F: NorFlash, C: Clock>(
+    robot: &Robot<M>,
+    shelf: &mut Shelf<'_, M, F>,
+    clock: &C,
+) {
+    if core::mem::take(&mut shelf.erased) {
+        let text = format_args!("made no sense and was erased: parameters are at their defaults");
+        robot.log(Level::Warn, "flash", text, clock.now());
     }
 }
 
@@ -239,13 +261,20 @@ impl<'a, M: RawMutex, F: NorFlash> Shelf<'a, M, F> {
             Err(error) => {
                 let error = classify(&error);
                 if error == ShelfError::Corrupt {
-                    map.erase_all().await.map_err(|error| classify(&error))?;
-                    self.erased = true;
+                    self.renew().await?;
                     return Ok(None);
                 }
                 Err(error)
             }
         }
+    }
+
+    /// Erases everything.
+    async fn renew(&mut self) -> Result<(), ShelfError> {
+        let map = self.map.as_mut().ok_or(ShelfError::Unfit)?;
+        map.erase_all().await.map_err(|error| classify(&error))?;
+        self.erased = true;
+        Ok(())
     }
 
     /// Writes an item and reads it back: a flash whose cells have gone bad takes a write and

@@ -104,6 +104,34 @@ fn a_worn_flash_costs_persistence_and_not_the_boot() {
     boot(&flash, |robot, _| assert_eq!(max_speed(robot), 0.5));
 }
 
+/// Noise in part of each page may pass for an empty map, or a full one, until something is written.
+#[test]
+fn noise_at_the_ends_of_pages_costs_the_content_alone() {
+    let mut state = 1_u64;
+    for round in 0..300 {
+        let flash = TestFlash::new(4);
+        for (index, byte) in flash.0.borrow_mut().bytes.iter_mut().enumerate() {
+            let within = index % PAGE;
+            if !(32..PAGE - 32).contains(&within) {
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                *byte = (state >> 56) as u8;
+            }
+        }
+        flash.0.borrow_mut().spoiled = true;
+        boot(&flash, |robot, send| {
+            assert_eq!(robot.boot().count, 1, "round {round}");
+            send(&set("max_speed", 0.3));
+            assert_eq!(answer(robot).0, ResponseStatus::Completed, "round {round}");
+        });
+        boot(&flash, |robot, _| {
+            assert_eq!(robot.boot().count, 2, "round {round}");
+            assert!((max_speed(robot) - 0.3).abs() < 1e-6, "round {round}");
+        });
+    }
+}
+
 #[test]
 fn a_region_without_a_shape_costs_persistence_and_not_the_boot() {
     for pages in [0, 1] {
