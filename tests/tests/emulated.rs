@@ -66,6 +66,7 @@ fn one_robot_joins_obeys_and_passes_the_suite() {
     let server = serve();
     let board = Board::start("virt-01", server.mqtt(), &[]);
     server.wait_online(1, JOINS);
+    knows_the_time(&server, "virt-01");
     let seen = robot(&server, "virt-01");
     assert_eq!(
         (&seen["kind"], &seen["board"]),
@@ -73,7 +74,6 @@ fn one_robot_joins_obeys_and_passes_the_suite() {
     );
     assert_eq!(seen["boot"], json!({"count": 1, "cause": "power-on"}));
 
-    knows_the_time(&server, "virt-01");
     let orders = "/api/v1/robots/virt-01/commands";
     let turn = json!({"command": "move",
         "parameters": {"direction": "left", "speed": 40, "duration": 500}});
@@ -132,6 +132,7 @@ fn four_robots_join_pass_and_stop_together() {
     let _boards = names.map(|name| Board::start(name, server.mqtt(), &[]));
     server.wait_online(4, JOINS);
     for name in names {
+        knows_the_time(&server, name);
         assert_eq!(robot(&server, name)["kind"], "emulated");
     }
     let cases = [

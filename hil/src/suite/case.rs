@@ -117,4 +117,27 @@ mod tests {
             assert!(!again, "{} comes twice", case.name);
         }
     }
+
+    /// The page for people names the same cases.
+    #[test]
+    fn the_page_lists_every_case() {
+        let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/bench.md");
+        let page = std::fs::read_to_string(page).expect("docs/bench.md");
+        let listed: Vec<&str> = page
+            .lines()
+            .filter(|line| line.starts_with("| `"))
+            .collect();
+        let listed: Vec<&str> = listed
+            .into_iter()
+            .filter(|line| !line.starts_with("| `--"))
+            .collect();
+        let expected: Vec<String> = CASES
+            .iter()
+            .map(|case| {
+                let moves = if case.motion { "| yes |" } else { "| |" };
+                format!("| `{}` {moves} {} |", case.name, case.shows)
+            })
+            .collect();
+        assert_eq!(listed, expected);
+    }
 }

@@ -103,11 +103,9 @@ impl Bench {
             let seq = self.send(action.clone())?;
             completed(&self.outcome(seq, ANSWER).await?)?;
             let soon = Instant::now() + WORDS;
-            while let Some(message) = self.next(soon).await? {
-                if let super::super::Word::Telemetry(telemetry) = &message.word {
-                    moved |= is_moving(telemetry);
-                }
-            }
+            while self.next(soon).await?.is_some() {}
+            // Whatever was waited for, telemetry was heard meanwhile.
+            moved |= self.book.telemetry.as_ref().is_some_and(is_moving);
         }
         Ok(moved)
     }
