@@ -39,13 +39,14 @@ const MAX_EARLY: usize = 40_000;
 /// A command that waits longer in a broker is of no use to anybody.
 const MESSAGE_EXPIRY_S: u32 = 60;
 
-const FILTERS: [TopicFilter; 6] = [
+const FILTERS: [TopicFilter; 7] = [
     TopicFilter::Status,
     TopicFilter::Heartbeat,
     TopicFilter::Telemetry,
     TopicFilter::Responses,
     TopicFilter::Parameters,
     TopicFilter::Logs,
+    TopicFilter::Image,
 ];
 
 /// Where the broker is and who we are to it.
@@ -57,10 +58,31 @@ pub(crate) struct Target {
     pub(crate) credentials: Option<(String, String)>,
 }
 
+/// One message from the broker.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Incoming<'a> {
+    pub(crate) topic: &'a [u8],
+    pub(crate) payload: &'a [u8],
+    pub(crate) retained: bool,
+    /// User properties.
+    pub(crate) properties: &'a [(String, String)],
+}
+
+impl Incoming<'_> {
+    /// The value of a user property that is there once.
+    pub(crate) fn property(&self, name: &str) -> Option<&str> {
+        let mut values = self.properties.iter().filter(|(known, _)| known == name);
+        match (values.next(), values.next()) {
+            (Some((_, value)), None) => Some(value),
+            _ => None,
+        }
+    }
+}
+
 /// Who gets what arrives.
 pub(crate) trait Receiver: Send + Sync + 'static {
     /// One message. Called from the task that owns the connection: must not block.
-    fn message(&self, topic: &[u8], payload: &[u8], retained: bool);
+    fn message(&self, message: &Incoming<'_>);
     /// The connection came up (`true`) or was lost.
     fn connection(&self, up: bool, text: &str);
 }
@@ -315,6 +337,12 @@ async fn serve(
 
 fn deliver(receiver: &dyn Receiver, event: &Event) {
     if let Event::Incoming(Packet::Publish(publish)) = event {
-        receiver.message(&publish.topic, &publish.payload, publish.retain);
+        let properties = publish.properties.as_ref();
+        receiver.message(&Incoming {
+            topic: &publish.topic,
+            payload: &publish.payload,
+            retained: publish.retain,
+            properties: properties.map_or(&[], |properties| &properties.user_properties),
+        });
     }
 }

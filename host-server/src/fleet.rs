@@ -2,9 +2,10 @@
 //!
 //! One value behind one lock, changed by messages ([`FleetState::receive`]) and by time passing
 //! ([`FleetState::sweep`]). It holds at most [`MAX_ROBOTS`] robots, a bounded number of log records
-//! and of events, whatever arrives.
+//! and of events, and a bounded weight of images, whatever arrives.
 
 mod events;
+mod images;
 mod ingest;
 mod presence;
 mod robot;
@@ -18,6 +19,7 @@ use std::time::Instant;
 use crawler_protocol::{Fleet, Response, RobotId};
 
 pub(crate) use events::{Event, EventLog, Level};
+pub(crate) use images::Image;
 pub(crate) use presence::Presence;
 pub(crate) use robot::Robot;
 
@@ -54,6 +56,8 @@ pub(crate) struct FleetState {
     removed: Vec<u16>,
     /// Changes of presence between two sweeps, not yet told as events.
     moved: Vec<(RobotId, Presence)>,
+    /// The newest image of each robot that has sent any.
+    images: images::Images,
     rejected: ingest::RejectionLog,
     pub(crate) events: EventLog,
 }
@@ -87,6 +91,7 @@ impl FleetState {
             changed: BTreeSet::new(),
             removed: Vec::new(),
             moved: Vec::new(),
+            images: images::Images::default(),
             rejected: ingest::RejectionLog::default(),
             events: EventLog::default(),
         }
@@ -95,6 +100,11 @@ impl FleetState {
     pub(crate) fn get(&self, id: &RobotId) -> Option<&Robot> {
         let index = *self.indices.get(id)?;
         self.slots.get(usize::from(index))?.as_ref()
+    }
+
+    /// The newest image of a robot.
+    pub(crate) fn image(&self, id: &RobotId) -> Option<&Image> {
+        self.images.get(id)
     }
 
     /// Every robot, by index.
@@ -169,6 +179,7 @@ impl FleetState {
     }
 
     fn remove(&mut self, id: &RobotId) {
+        self.images.remove(id);
         if let Some(index) = self.indices.remove(id) {
             if let Some(slot) = self.slots.get_mut(usize::from(index)) {
                 *slot = None;

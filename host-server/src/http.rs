@@ -4,6 +4,7 @@ mod assets;
 mod commands;
 mod guard;
 mod health;
+mod images;
 mod live;
 mod problem;
 mod robots;
@@ -81,6 +82,7 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr) -> Router {
                 .routes(routes!(robots::list))
                 .routes(routes!(robots::one))
                 .routes(routes!(robots::logs))
+                .routes(routes!(images::newest))
                 .routes(routes!(robots::parameters, robots::set_parameters))
                 .routes(routes!(commands::to_robot))
                 .routes(routes!(commands::to_swarm))

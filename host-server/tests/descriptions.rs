@@ -26,6 +26,7 @@ async fn descriptions_fit_what_is_there() {
             "get /api/v1/live",
             "get /api/v1/robots",
             "get /api/v1/robots/{id}",
+            "get /api/v1/robots/{id}/image",
             "get /api/v1/robots/{id}/logs",
             "get /api/v1/robots/{id}/parameters",
             "get /api/v1/schema/{message}",

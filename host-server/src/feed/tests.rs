@@ -30,7 +30,15 @@ fn telemetry(robot: &str, x: f32, theta: f32) -> String {
 fn hear(fleet: &SharedFleet, topic: &str, payload: &str, now: Instant) {
     fleet
         .lock()
-        .receive(topic.as_bytes(), payload.as_bytes(), false, now)
+        .receive(
+            &crate::bus::Incoming {
+                topic: topic.as_bytes(),
+                payload: payload.as_bytes(),
+                retained: false,
+                properties: &[],
+            },
+            now,
+        )
         .expect("accepted");
 }
 

@@ -4,11 +4,13 @@ use std::fmt;
 use std::time::{Duration, Instant};
 
 use crawler_protocol::{
-    Heartbeat, LogRecord, MAX_MESSAGE, ParametersMessage, Response, RobotId, StatusMessage,
-    Telemetry, Topic, TopicError,
+    Heartbeat, LogRecord, MAX_IMAGE, MAX_MESSAGE, ParametersMessage, Response, RobotId,
+    StatusMessage, Telemetry, Topic, TopicError,
 };
 
+use super::images::Image;
 use super::{FleetState, Level, MAX_ROBOTS, Received};
+use crate::bus::Incoming;
 use crate::clock;
 
 /// Positions beyond this are no positions. A coordinate in `f32` is good to 6 cm there.
@@ -65,7 +67,7 @@ impl fmt::Display for Rejection {
         f.write_str(match self {
             Self::Topic => "a topic outside the contract",
             Self::RobotId => "a topic with something that is no robot id",
-            Self::TooLarge => "larger than 1024 bytes",
+            Self::TooLarge => "larger than a message may be",
             Self::Malformed => "not the message that belongs on its topic",
             Self::Mismatch => "names another robot than its topic",
             Self::Absurd => "a position that cannot be one",
@@ -100,17 +102,18 @@ impl FleetState {
     /// [`Rejection`]; nothing has changed then but the count of rejections.
     pub(crate) fn receive(
         &mut self,
-        topic: &[u8],
-        payload: &[u8],
-        retained: bool,
+        message: &Incoming<'_>,
         now: Instant,
     ) -> Result<(Topic, Received), Rejection> {
-        let result = self.accept(topic, payload, retained, now);
+        let result = self.accept(message, now);
         if let Err(rejection) = result
             && let Some(count) = self.rejected.count(rejection, now)
         {
             // What an attacker writes goes into the log escaped and cut short.
-            let shown: String = String::from_utf8_lossy(topic).chars().take(80).collect();
+            let shown: String = String::from_utf8_lossy(message.topic)
+                .chars()
+                .take(80)
+                .collect();
             tracing::warn!(topic = ?shown, count, "ignored messages: {rejection}");
             let text = match count {
                 1 => format!("ignored a message: {rejection}"),
@@ -123,17 +126,22 @@ impl FleetState {
 
     fn accept(
         &mut self,
-        topic: &[u8],
-        payload: &[u8],
-        retained: bool,
+        incoming: &Incoming<'_>,
         now: Instant,
     ) -> Result<(Topic, Received), Rejection> {
-        let text = std::str::from_utf8(topic).map_err(|_| Rejection::Topic)?;
+        let Incoming {
+            payload, retained, ..
+        } = *incoming;
+        let text = std::str::from_utf8(incoming.topic).map_err(|_| Rejection::Topic)?;
         let topic = Topic::parse(&self.fleet, text).map_err(|error| match error {
             TopicError::Robot => Rejection::RobotId,
             _ => Rejection::Topic,
         })?;
-        if payload.len() > MAX_MESSAGE {
+        let most = match topic {
+            Topic::Image(_) => MAX_IMAGE,
+            _ => MAX_MESSAGE,
+        };
+        if payload.len() > most {
             return Err(Rejection::TooLarge);
         }
         let received = match &topic {
@@ -185,13 +193,18 @@ impl FleetState {
                 same(id, &message.robot)?;
                 Received::Response(message)
             }
+            Topic::Image(id) => {
+                let image = Image::read(incoming, clock::unix_ms()).ok_or(Rejection::Malformed)?;
+                self.entry(id, now).ok_or(Rejection::Full)?;
+                self.images.insert(id.clone(), image);
+                Received::Noted
+            }
             // The server subscribes to none of these; a broker that sends them anyway is wrong.
             Topic::CommandSwarm
             | Topic::CommandRobot(_)
             | Topic::CommandExperiment
             | Topic::ResponseSwarm
             | Topic::Vision(_)
-            | Topic::Image(_)
             | Topic::Cell { .. }
             | Topic::Pose(_)
             | Topic::Time

@@ -2,6 +2,7 @@ use std::time::{Duration, Instant};
 
 use super::presence::{OFFLINE_AFTER, STALE_AFTER};
 use super::*;
+use crate::bus::Incoming;
 
 fn fleet() -> FleetState {
     FleetState::new(Fleet::default())
@@ -27,9 +28,18 @@ fn telemetry(robot: &str, x: f32) -> String {
     )
 }
 
+fn message<'a>(topic: &'a [u8], payload: &'a [u8], retained: bool) -> Incoming<'a> {
+    Incoming {
+        topic,
+        payload,
+        retained,
+        properties: &[],
+    }
+}
+
 impl FleetState {
     fn hear(&mut self, topic: &str, payload: &str, now: Instant) -> Result<(), ingest::Rejection> {
-        self.receive(topic.as_bytes(), payload.as_bytes(), false, now)
+        self.receive(&message(topic.as_bytes(), payload.as_bytes(), false), now)
             .map(|_| ())
     }
 
@@ -87,7 +97,7 @@ fn a_retained_status_does_not_make_a_robot_online() {
     let mut fleet = fleet();
     let status = status("a", true);
     fleet
-        .receive(b"swarm/status/a", status.as_bytes(), true, now)
+        .receive(&message(b"swarm/status/a", status.as_bytes(), true), now)
         .expect("status");
     assert_eq!(fleet.presence("a"), Presence::Stale);
     fleet.sweep(now + OFFLINE_AFTER);
@@ -129,7 +139,7 @@ fn hostile_messages_change_nothing() {
         );
     }
     assert_eq!(
-        fleet.receive(b"swarm/telemetry/\xff", b"{}", false, now),
+        fleet.receive(&message(b"swarm/telemetry/\xff", b"{}", false), now),
         Err(Topic)
     );
     assert_eq!(fleet.robots().count(), 1);

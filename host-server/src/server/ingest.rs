@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use crawler_protocol::Topic;
 
-use crate::bus::Receiver;
+use crate::bus::{Incoming, Receiver};
 use crate::commands::{CommandView, OutcomeStatus};
 use crate::fleet::{Level, Received};
 use crate::http::App;
@@ -23,11 +23,11 @@ impl Ingest {
 }
 
 impl Receiver for Ingest {
-    fn message(&self, topic: &[u8], payload: &[u8], retained: bool) {
+    fn message(&self, message: &Incoming<'_>) {
         let now = Instant::now();
         let (received, known) = {
             let mut fleet = self.app.fleet.lock();
-            let received = fleet.receive(topic, payload, retained, now);
+            let received = fleet.receive(message, now);
             let known = match &received {
                 Ok((_, Received::Response(response))) => fleet.get(&response.robot).is_some(),
                 _ => false,
@@ -38,7 +38,7 @@ impl Receiver for Ingest {
             Ok((topic, received)) => {
                 self.app.metrics.message_in(&topic);
                 // A robot subscribes before it tells its status, so the time will reach it.
-                if matches!(topic, Topic::Status(_)) && !retained {
+                if matches!(topic, Topic::Status(_)) && !message.retained {
                     self.app.time_wanted.store(true, Ordering::Relaxed);
                 }
                 if let Received::Response(response) = received

@@ -72,6 +72,15 @@ impl Fixture {
         }
     }
 
+    /// A fixture around a server that runs already.
+    pub fn of(server: Server, settings: Settings) -> Self {
+        Self {
+            server,
+            settings,
+            _scratch: Scratch::new(),
+        }
+    }
+
     pub async fn stop(self) {
         let stopped = tokio::time::timeout(Duration::from_secs(15), self.server.stop());
         stopped.await.expect("the server stops in time");
