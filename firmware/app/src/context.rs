@@ -166,12 +166,11 @@ impl<M: RawMutex> Robot<M> {
         }
     }
 
-    /// The same robot, telling `echo` of every log record as it is written, link or no link: a
-    /// board's debug line then says what the broker is told. The function must not wait.
-    #[must_use]
-    pub fn with_echo(mut self, echo: Echo) -> Self {
+    /// Has `echo` told of every log record as it is written, link or no link: a board's debug
+    /// line then says what the broker is told. The function must not wait. Set in place, since a
+    /// context is too large to pass through the stack.
+    pub fn set_echo(&mut self, echo: Echo) {
         self.echo = Some(echo);
-        self
     }
 
     /// Identity and shape of the robot.

@@ -108,7 +108,8 @@ fn a_board_can_listen_to_what_is_logged() {
     fn echo(level: Level, event: &str, text: core::fmt::Arguments<'_>) {
         panic!("{} {event} {text}", level.name());
     }
-    let robot = robot("sim-0001").with_echo(echo);
+    let mut robot = robot("sim-0001");
+    robot.set_echo(echo);
     let logging = std::panic::AssertUnwindSafe(|| {
         robot.log(Level::Error, "ranger", format_args!("dead"), Instant::BOOT);
     });
