@@ -52,6 +52,8 @@ async fn the_newest_image_is_served_as_it_came() {
     robot.introduce().await;
     fixture.wait_presence("ada-1", "online").await;
     fixture.get(path).await.is_problem(404, "no_image");
+    let told = fixture.get("/api/v1/robots/ada-1").await.json();
+    assert!(told["image"].is_null(), "{told}");
 
     send(&robot, jpeg(9_000, 1), "1", "1800000000000").await;
     eventually("the first", async || {
@@ -60,6 +62,8 @@ async fn the_newest_image_is_served_as_it_came() {
     .await;
     let first = fixture.get(path).await;
     assert_eq!(first.status, 200);
+    let told = fixture.get("/api/v1/robots/ada-1").await.json();
+    assert!(told["image"].as_u64() > Some(1_767_225_600_000), "{told}");
     assert_eq!(first.body, jpeg(9_000, 1));
     assert_eq!(first.header("content-type"), "image/jpeg");
     assert_eq!(first.header("cache-control"), "no-cache");

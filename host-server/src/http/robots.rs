@@ -16,7 +16,7 @@ use super::commands::{Accepted, send_to_robot};
 use super::guard::JsonBody;
 use super::problem::Problem;
 use crate::clock;
-use crate::fleet::{Presence, Robot};
+use crate::fleet::{FleetState, Presence, Robot};
 
 /// A robot as last known. What it has not told yet is `null`.
 #[derive(Serialize, ToSchema)]
@@ -70,10 +70,12 @@ pub(super) struct RobotView {
     uptime_ms: Option<u64>,
     /// Unix milliseconds of the telemetry shown here, by the robot's clock.
     timestamp: Option<u64>,
+    /// Unix milliseconds at which its newest image arrived; `null` when there is none.
+    image: Option<u64>,
 }
 
-impl From<&Robot> for RobotView {
-    fn from(robot: &Robot) -> Self {
+impl RobotView {
+    fn new(fleet: &FleetState, robot: &Robot) -> Self {
         let status = robot.status.as_ref();
         let telemetry = robot.telemetry.as_ref();
         Self {
@@ -98,6 +100,7 @@ impl From<&Robot> for RobotView {
             rssi_dbm: telemetry.and_then(|telemetry| telemetry.rssi_dbm),
             uptime_ms: robot.heartbeat.as_ref().map(|beat| beat.uptime_ms),
             timestamp: telemetry.map(|telemetry| telemetry.timestamp),
+            image: fleet.image(&robot.id).map(|image| image.received),
         }
     }
 }
@@ -116,7 +119,11 @@ pub(super) struct RobotList {
 #[utoipa::path(get, path = "/robots", tag = "robots",
     responses((status = 200, description = "The fleet", body = RobotList)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Json<RobotList> {
-    let robots = app.fleet.lock().robots().map(RobotView::from).collect();
+    let robots = {
+        let fleet = app.fleet.lock();
+        let views = fleet.robots().map(|robot| RobotView::new(&fleet, robot));
+        views.collect()
+    };
     Json(RobotList {
         time: clock::unix_ms(),
         robots,
@@ -141,7 +148,11 @@ pub(super) async fn one(
     State(app): State<Arc<App>>,
     Path(id): Path<String>,
 ) -> Result<Json<RobotView>, Problem> {
-    with_robot(&app, &id, |robot| RobotView::from(robot)).map(Json)
+    let unknown = || Problem::unknown_robot(&id);
+    let robot = RobotId::new(&id).map_err(|_| unknown())?;
+    let fleet = app.fleet.lock();
+    let robot = fleet.get(&robot).ok_or_else(unknown)?;
+    Ok(Json(RobotView::new(&fleet, robot)))
 }
 
 /// How many records are wanted.

@@ -23,6 +23,10 @@ export interface RobotDetails {
   batteryMillivolts: number | null
   temperature: number | null
   rssi: number | null
+  /** It can take pictures. */
+  camera: boolean
+  /** When its newest picture arrived, in Unix milliseconds. */
+  image: number | null
   /** Two robots seem to use this id. */
   duplicate: boolean
 }
@@ -110,6 +114,11 @@ export function createApi(send: typeof fetch = (...args) => fetch(...args)): Api
   }
 }
 
+/** Address of the newest picture of a robot; another one for each picture. */
+export function imageAddress(id: string, image: number): string {
+  return `${BASE}/robots/${encodeURIComponent(id)}/image?received=${String(image)}`
+}
+
 /** Words of an RFC 9457 problem document, or the bare status without one. */
 export function problemText(payload: unknown, status: number): string {
   const body = fields(payload)
@@ -126,6 +135,8 @@ function details(value: unknown): RobotDetails {
     batteryMillivolts: numeric(battery['mv']),
     temperature: numeric(body['temperature_c']),
     rssi: numeric(body['rssi_dbm']),
+    camera: Array.isArray(body['capabilities']) && body['capabilities'].includes('camera'),
+    image: numeric(body['image']),
     duplicate: body['duplicate'] === true,
   }
 }

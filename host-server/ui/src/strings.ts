@@ -168,6 +168,8 @@ export const text = {
     wander: 'Let it wander',
     reset: 'Reset',
     identify: 'Identify',
+    capture: 'Take a picture',
+    picture: (robot: string, time: string) => `What ${robot} saw, received ${time}`,
     duplicate: 'Two robots seem to use this name.',
   },
 

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest'
-import { ApiError, createApi, problemText } from '../../src/api'
+import { ApiError, createApi, problemText, imageAddress } from '../../src/api'
 
 function answering(status: number, body: unknown) {
   const calls: { url: string; init: RequestInit }[] = []
@@ -50,6 +50,8 @@ describe('what the server tells', () => {
       battery: { mv: 7_610, percent: 71 },
       temperature_c: 22.5,
       rssi_dbm: null,
+      capabilities: ['drive', 'range', 'camera'],
+      image: 1_800_000_000_000,
     }
     expect(await answering(200, robot).api.robot('sim-0001')).toEqual({
       behaviour: 'wander',
@@ -57,8 +59,15 @@ describe('what the server tells', () => {
       batteryMillivolts: 7_610,
       temperature: 22.5,
       rssi: null,
+      camera: true,
+      image: 1_800_000_000_000,
       duplicate: false,
     })
+    expect(await answering(200, {}).api.robot('sim-0001')).toMatchObject({
+      camera: false,
+      image: null,
+    })
+    expect(imageAddress('a/b', 5)).toBe('/api/v1/robots/a%2Fb/image?received=5')
     const { api } = answering(200, { time: 1, robots: [robot, { id: 'sim-0002', battery: null }] })
     expect([...(await api.batteries())]).toEqual([['sim-0001', 71]])
   })
