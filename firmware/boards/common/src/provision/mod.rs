@@ -21,6 +21,7 @@ mod check;
 pub mod fallback;
 mod form;
 mod http;
+mod listen;
 mod page;
 mod portal;
 mod scan;
@@ -31,11 +32,11 @@ mod tests;
 pub use check::Flaws;
 pub use form::{Form, FormError, Value};
 pub use http::{Host, Method, Origin, Path, Request, Status};
+pub use listen::{Connection, serve};
 pub use portal::{Portal, Token};
 pub use scan::{MAX_NETWORKS, Nearby, Networks, NoScanner, ScanFailed, Scanner};
 pub use serve::{
-    ARRIVED_WITHIN, BEGUN_WITHIN, BUFFER, Connection, Outcome, SCANNED_WITHIN, Server,
-    TAKEN_WITHIN, serve,
+    ARRIVED_WITHIN, BEGUN_WITHIN, BUFFER, Outcome, SCANNED_WITHIN, Server, TAKEN_WITHIN,
 };
 
 /// What a board has to be told.

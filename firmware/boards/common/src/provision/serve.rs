@@ -1,12 +1,8 @@
 //! Serving the page: connections one request long, each with a deadline and a fixed buffer.
 
 use core::cell::Cell;
-use core::convert::Infallible;
 
 use crawler_hal::{Clock, Duration, Elapsed, Instant, with_deadline};
-use embassy_futures::select::select_array;
-use embassy_net::Stack;
-use embassy_net::tcp::TcpSocket;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
@@ -36,7 +32,7 @@ pub const SCANNED_WITHIN: Duration = Duration::from_secs(6);
 const SCAN_IS_NEWS: Duration = Duration::from_secs(5);
 /// How long the other end may take to close, so that it reads a refusal before it hears that the
 /// rest of its request is not wanted.
-const CLOSED_WITHIN: Duration = Duration::from_millis(500);
+pub(super) const CLOSED_WITHIN: Duration = Duration::from_millis(500);
 
 /// What became of a connection.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -64,9 +60,9 @@ pub struct Server<F, N, C> {
     portal: Portal,
     vault: Mutex<NoopRawMutex, Vault<F>>,
     scanner: Mutex<NoopRawMutex, (N, Scanned)>,
-    clock: C,
+    pub(super) clock: C,
     used: Cell<Option<Instant>>,
-    saved: Signal<NoopRawMutex, Settings>,
+    pub(super) saved: Signal<NoopRawMutex, Settings>,
 }
 
 impl<F, N, C> core::fmt::Debug for Server<F, N, C> {
@@ -382,90 +378,6 @@ impl<S: Write> Response<'_, S> {
                 }
                 rest = &rest[count.min(rest.len())..];
             }
-        }
-    }
-}
-
-/// Memory of one connection.
-#[derive(Debug)]
-pub struct Connection {
-    receive: [u8; 1_024],
-    transmit: [u8; 1_536],
-    buffer: [u8; BUFFER],
-}
-
-impl Connection {
-    /// Memory of one connection.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self {
-            receive: [0; 1_024],
-            transmit: [0; 1_536],
-            buffer: [0; BUFFER],
-        }
-    }
-}
-
-impl Default for Connection {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-/// Serves the page on `port` until settings are saved, which it returns: the caller then
-/// restarts. Needs one socket of `stack` for each of `connections`.
-///
-/// # Cancellation Safety
-/// Dropping it resets the connections that are open.
-pub async fn serve<F: NorFlash, N: Scanner, C: Clock, const COUNT: usize>(
-    stack: Stack<'_>,
-    port: u16,
-    server: &Server<F, N, C>,
-    connections: &mut [Connection; COUNT],
-) -> Settings {
-    let work = connections
-        .each_mut()
-        .map(|connection| attend(stack, port, server, connection));
-    match embassy_futures::select::select(server.saved.wait(), select_array(work)).await {
-        embassy_futures::select::Either::First(settings) => settings,
-        embassy_futures::select::Either::Second((never, _)) => match never {},
-    }
-}
-
-/// Serves one connection after the other.
-async fn attend<F: NorFlash, N: Scanner, C: Clock>(
-    stack: Stack<'_>,
-    port: u16,
-    server: &Server<F, N, C>,
-    connection: &mut Connection,
-) -> Infallible {
-    let Connection {
-        receive,
-        transmit,
-        buffer,
-    } = connection;
-    let mut socket = TcpSocket::new(stack, receive, transmit);
-    // A peer that vanished: noticed well after every deadline here.
-    socket.set_timeout(Some(embassy_time::Duration::from_secs(20)));
-    loop {
-        if socket.accept(port).await.is_err() {
-            // The socket was not closed: cannot be, and must not spin if it is.
-            server.clock.sleep(CLOSED_WITHIN).await;
-            socket.abort();
-            continue;
-        }
-        let outcome = server.converse(&mut socket, buffer).await;
-        socket.close();
-        let until = server.clock.now() + CLOSED_WITHIN;
-        let rest = async { while matches!(socket.read(buffer).await, Ok(1..)) {} };
-        // Either way it is over.
-        let _ = with_deadline(&server.clock, until, rest).await;
-        socket.abort();
-        // Lets the reset out, when there was anything left to reset.
-        let until = server.clock.now() + CLOSED_WITHIN;
-        let _ = with_deadline(&server.clock, until, socket.flush()).await;
-        if let Outcome::Saved(settings) = outcome {
-            server.saved.signal(settings);
         }
     }
 }
