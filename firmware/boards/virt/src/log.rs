@@ -3,6 +3,7 @@
 use core::cell::UnsafeCell;
 
 use critical_section::RestoreState;
+use crawler_protocol::Level;
 
 use crate::machine::UART;
 
@@ -106,3 +107,14 @@ unsafe impl defmt::Logger for Logger {
 }
 
 defmt::timestamp!("{=u64:us}", crate::time::now_us());
+
+/// A log record of the robot program, as it goes to the broker.
+pub fn echo(level: Level, event: &str, text: core::fmt::Arguments<'_>) {
+    let text = defmt::Display2Format(&text);
+    match level {
+        Level::Error => defmt::error!("{=str}: {}", event, text),
+        Level::Warn => defmt::warn!("{=str}: {}", event, text),
+        Level::Info => defmt::info!("{=str}: {}", event, text),
+        Level::Debug => defmt::debug!("{=str}: {}", event, text),
+    }
+}

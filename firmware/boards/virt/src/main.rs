@@ -137,7 +137,7 @@ fn set_up(arguments: &Arguments, description: Description, spawner: Spawner) {
 #[inline(never)]
 fn make_context(arguments: &Arguments) -> &'static Context {
     ROBOT.init_with(|| {
-        Robot::new(Config {
+        let mut robot = Robot::new(Config {
             id: arguments.id.clone(),
             fleet: arguments.fleet.clone(),
             broker_host: arguments.broker_host.clone(),
@@ -148,7 +148,10 @@ fn make_context(arguments: &Arguments) -> &'static Context {
             geometry: GEOMETRY,
             credentials: arguments.credentials.clone(),
             camera: false,
-        })
+        });
+        // The serial line tells what the broker is told, also while there is none.
+        robot.set_echo(crawler_virt::log::echo);
+        robot
     })
 }
 
