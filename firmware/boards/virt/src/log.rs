@@ -2,8 +2,8 @@
 
 use core::cell::UnsafeCell;
 
-use critical_section::RestoreState;
 use crawler_protocol::Level;
+use critical_section::RestoreState;
 
 use crate::machine::UART;
 
