@@ -19,6 +19,7 @@ mod flash;
 mod identity;
 mod kept;
 mod lamp;
+mod log;
 mod motors;
 mod own_stack;
 mod panic;
@@ -129,7 +130,11 @@ fn give_heap() {
 /// Places the context that all activities share.
 fn context(config: Config) -> &'static Context {
     static ROBOT: StaticCell<Context> = StaticCell::new();
-    ROBOT.init_with(|| Robot::new(config))
+    ROBOT.init_with(|| {
+        let mut robot = Robot::new(config);
+        robot.set_echo(log::echo);
+        robot
+    })
 }
 
 /// What can only fail by a mistake of this crate: it stops the robot, and says so.
