@@ -5,11 +5,11 @@
 //! [`Emulator::power_cycle`] is what cuts its power. Each emulator is a process of its own, ended by
 //! its own id when the value is dropped, also while a test panics.
 
+mod error;
 mod qmp;
 mod serial;
 
 use std::ffi::OsString;
-use std::fmt;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -23,6 +23,7 @@ use crate::BrokerUrl;
 use qmp::Qmp;
 use serial::Log;
 
+pub use error::EmulatorError;
 pub use serial::Line;
 
 /// Where the image of the emulated board lies below a target directory.
@@ -114,64 +115,6 @@ impl Options {
         }
     }
 }
-
-/// Why an emulator does not start, or does not do what it is told.
-#[derive(Debug)]
-#[non_exhaustive]
-pub enum EmulatorError {
-    /// QEMU is not installed.
-    NoQemu,
-    /// There is no image at this place.
-    NoImage(PathBuf),
-    /// The file is not an image: place, and why.
-    NotAnImage(PathBuf, String),
-    /// A boot argument contains blanks.
-    Argument(String),
-    /// The flash file, or the folder for the control socket.
-    File(PathBuf, std::io::Error),
-    /// QEMU could not be started.
-    Start(std::io::Error),
-    /// QEMU has ended: how, and what it said.
-    Ended(ExitStatus, String),
-    /// The control socket.
-    Control(String),
-}
-
-impl fmt::Display for EmulatorError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoQemu => write!(f, "{QEMU} is missing: apt-get install qemu-system-misc"),
-            Self::NoImage(path) => write!(
-                f,
-                "the image {} is missing: cargo xtask image --board virt",
-                path.display()
-            ),
-            Self::NotAnImage(path, text) => {
-                write!(f, "{} is not an image: {text}", path.display())
-            }
-            Self::Argument(key) => write!(f, "the boot argument {key} must not contain blanks"),
-            Self::File(path, error) => write!(f, "{}: {error}", path.display()),
-            Self::Start(error) => write!(f, "{QEMU} cannot be started: {error}"),
-            Self::Ended(status, said) => {
-                write!(f, "the emulator has ended with {status}")?;
-                let meaning = match status.code() {
-                    Some(2) => "the image does not understand its boot arguments",
-                    Some(3) => "the image finds no network card",
-                    _ => "",
-                };
-                for text in [meaning, said.trim()] {
-                    if !text.is_empty() {
-                        write!(f, ": {text}")?;
-                    }
-                }
-                Ok(())
-            }
-            Self::Control(text) => write!(f, "the emulator's control socket: {text}"),
-        }
-    }
-}
-
-impl std::error::Error for EmulatorError {}
 
 /// Where the image should be: at `CRAWLER_VIRT_ELF`, else below the target directory that the
 /// running program was built in.
