@@ -266,10 +266,7 @@ impl<M: RawMutex> Robot<M> {
         match &command.action {
             Action::Stop => Ok(self.request_halt(false, sender, &mut taken_back)),
             Action::Estop => Ok(self.request_halt(true, sender, &mut taken_back)),
-            Action::Set(_) => match self.set_requests.try_send(command.clone()) {
-                Ok(()) => Ok(Routed::Waiting),
-                Err(_) => Err(Reason::Busy),
-            },
+            Action::Set(_) => self.request_set(command),
             Action::Capture if self.config.camera => {
                 self.captures.request(sender).map(|()| Routed::Waiting)
             }
@@ -285,6 +282,15 @@ impl<M: RawMutex> Robot<M> {
                     Err(_) => Err(Reason::Busy),
                 }
             }
+        }
+    }
+
+    /// Out of line: only here a command is copied, and it takes a kilobyte of stack.
+    #[inline(never)]
+    fn request_set(&self, command: &Command) -> Result<Routed, Reason> {
+        match self.set_requests.try_send(command.clone()) {
+            Ok(()) => Ok(Routed::Waiting),
+            Err(_) => Err(Reason::Busy),
         }
     }
 

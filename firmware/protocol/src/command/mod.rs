@@ -276,6 +276,9 @@ impl Command {
     /// # Errors
     /// [`CommandError`] with the first thing wrong, in this order: size and syntax, then the
     /// fields as they stand in the text, then what is missing, then what the parameters mean.
+    // Out of line: the frame in between takes a kilobyte of stack, which is free again when the
+    // command is carried out.
+    #[inline(never)]
     pub fn parse(payload: &[u8]) -> Result<Self, CommandError> {
         let mut frame = frame::read(payload, frame::Expect::Command);
         meaning::command(&mut frame).map_err(|reason| CommandError {
