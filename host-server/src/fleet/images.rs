@@ -48,7 +48,7 @@ impl Image {
 /// See the [module](self).
 #[derive(Debug, Default)]
 pub(super) struct Images {
-    images: HashMap<RobotId, (u64, Image)>,
+    newest: HashMap<RobotId, (u64, Image)>,
     bytes: usize,
     /// Counts images received.
     serial: u64,
@@ -56,16 +56,16 @@ pub(super) struct Images {
 
 impl Images {
     pub(super) fn get(&self, id: &RobotId) -> Option<&Image> {
-        self.images.get(id).map(|(_, image)| image)
+        self.newest.get(id).map(|(_, image)| image)
     }
 
     pub(super) fn insert(&mut self, id: RobotId, image: Image) {
         self.remove(&id);
         self.bytes += image.jpeg.len();
         self.serial += 1;
-        self.images.insert(id, (self.serial, image));
+        self.newest.insert(id, (self.serial, image));
         while self.bytes > MAX_BYTES {
-            let oldest = self.images.iter().min_by_key(|(_, (serial, _))| *serial);
+            let oldest = self.newest.iter().min_by_key(|(_, (serial, _))| *serial);
             let Some(oldest) = oldest.map(|(id, _)| id.clone()) else {
                 return;
             };
@@ -74,7 +74,7 @@ impl Images {
     }
 
     pub(super) fn remove(&mut self, id: &RobotId) {
-        if let Some((_, image)) = self.images.remove(id) {
+        if let Some((_, image)) = self.newest.remove(id) {
             self.bytes -= image.jpeg.len();
         }
     }
@@ -104,11 +104,11 @@ mod tests {
         for _ in 0..10 {
             images.insert(id(0), image(size));
         }
-        assert_eq!((images.images.len(), images.bytes), (1, size));
+        assert_eq!((images.newest.len(), images.bytes), (1, size));
         for number in 1..4 {
             images.insert(id(number), image(size));
         }
-        assert_eq!((images.images.len(), images.bytes), (4, MAX_BYTES));
+        assert_eq!((images.newest.len(), images.bytes), (4, MAX_BYTES));
         // Received again, the first is the newest.
         images.insert(id(0), image(size));
         images.insert(id(4), image(1));
@@ -117,7 +117,7 @@ mod tests {
         for number in 0..5 {
             images.remove(&id(number));
         }
-        assert_eq!((images.images.len(), images.bytes), (0, 0));
+        assert_eq!((images.newest.len(), images.bytes), (0, 0));
     }
 
     #[test]
