@@ -130,12 +130,16 @@ pub fn image() -> Result<PathBuf, EmulatorError> {
             Err(EmulatorError::NoImage(named))
         };
     }
+    built(IMAGE).ok_or_else(|| EmulatorError::NoImage(Path::new("target").join(IMAGE)))
+}
+
+/// A file below the target directory that the running program was built in.
+fn built(file: &str) -> Option<PathBuf> {
     let program = std::env::current_exe().unwrap_or_default();
-    let found = program
+    program
         .ancestors()
-        .map(|folder| folder.join(IMAGE))
-        .find(|path| path.is_file());
-    found.ok_or_else(|| EmulatorError::NoImage(Path::new("target").join(IMAGE)))
+        .map(|folder| folder.join(file))
+        .find(|path| path.is_file())
 }
 
 /// A board under emulation.

@@ -81,7 +81,7 @@ pub(crate) const S3: Board = Board {
 pub(crate) const ALL: [&Board; 4] = [&VIRT, &C3, &C6, &S3];
 
 /// Workspaces below `firmware/boards`.
-pub(crate) const WORKSPACES: [&str; 4] = ["esp", "footprint", "image", "virt"];
+pub(crate) const WORKSPACES: [&str; 5] = ["esp", "footprint", "image", "log", "virt"];
 
 /// The manifest of one of them, from the root of the repository.
 pub(crate) fn manifest(workspace: &str) -> String {

@@ -43,7 +43,7 @@ pub(crate) fn image(board: &Board) -> Outcome {
     match &board.flash {
         None => {
             println!("{}", elf.display());
-            Ok(())
+            tool("log", "build", &[])
         }
         Some(flash) => pack(board, flash, &elf),
     }
@@ -88,20 +88,28 @@ pub(crate) fn table(flash: &Flash) -> PathBuf {
 /// # Errors
 /// When it cannot be built, or fails.
 pub(crate) fn crawler_image(arguments: &[&str]) -> Outcome {
-    let target = run::target_dir().join("boards/image");
+    tool("image", "run", &[&["--"], arguments].concat())
+}
+
+/// Has cargo do `what` with a program for this machine that has a workspace of its own below
+/// `firmware/boards`.
+///
+/// # Errors
+/// When it cannot be built, or fails.
+pub(crate) fn tool(workspace: &str, what: &str, arguments: &[&str]) -> Outcome {
+    let manifest = boards::manifest(workspace);
+    let target = run::target_dir().join("boards").join(workspace);
     let target = target.to_string_lossy();
-    let mut all = vec![
-        "run",
+    let place = [
+        what,
         "--locked",
         "--quiet",
         "--manifest-path",
-        "firmware/boards/image/Cargo.toml",
+        &manifest,
         "--target-dir",
         &target,
-        "--",
     ];
-    all.extend(arguments);
-    run::cargo(&all)
+    run::cargo(&[&place, arguments].concat())
 }
 
 #[cfg(test)]

@@ -96,26 +96,12 @@ fn clippy_of_boards() -> Outcome {
         command.args(["--", "--deny", "warnings"]);
         run::run_command(command)?;
     }
-    let manifest = boards::manifest("image");
-    let target = run::target_dir().join("boards/image");
-    let target = target.to_string_lossy();
-    let place = [
-        "--locked",
-        "--quiet",
-        "--manifest-path",
-        &manifest,
-        "--target-dir",
-        &target,
-    ];
-    run::cargo(&[&["test"], &place[..]].concat())?;
-    run::cargo(
-        &[
-            &["clippy"],
-            &place[..],
-            &["--all-targets", "--", "--deny", "warnings"],
-        ]
-        .concat(),
-    )
+    for workspace in ["image", "log"] {
+        image::tool(workspace, "test", &[])?;
+        let strict = ["--all-targets", "--", "--deny", "warnings"];
+        image::tool(workspace, "clippy", &strict)?;
+    }
+    Ok(())
 }
 
 /// Broken links in the documentation are errors.

@@ -14,6 +14,8 @@ pub enum EmulatorError {
     NoQemu,
     /// There is no image at this place.
     NoImage(PathBuf),
+    /// What reads the log of an image has not been built.
+    NoDecoder,
     /// The file is not an image: place, and why.
     NotAnImage(PathBuf, String),
     /// A boot argument contains blanks.
@@ -36,6 +38,10 @@ impl fmt::Display for EmulatorError {
                 f,
                 "the image {} is missing: cargo xtask image --board virt",
                 path.display()
+            ),
+            Self::NoDecoder => write!(
+                f,
+                "the decoder of the board's log is missing: cargo xtask image --board virt"
             ),
             Self::NotAnImage(path, text) => {
                 write!(f, "{} is not an image: {text}", path.display())

@@ -1,20 +1,27 @@
-//! The serial line: defmt records in, lines of text out.
+//! The serial line: records in, lines of text out.
+//!
+//! The records are decoded by a program of its own, `firmware/boards/log`, whose dependencies do
+//! not go with ours.
 
 use std::collections::VecDeque;
 use std::fmt;
-use std::io::Read;
-use std::path::Path;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use defmt_decoder::{DecodeError, Table};
+use super::{EmulatorError, built};
 
-use super::EmulatorError;
+/// Where the decoder lies below a target directory.
+const DECODER: &str = "boards/log/debug/crawler-log";
+/// How an ELF file begins.
+const ELF: [u8; 4] = *b"\x7FELF";
 
 /// Lines remembered.
 const LINES: usize = 20_000;
-/// Bytes without the end of a record, after which they are given up.
-const LONGEST: usize = 64 * 1024;
+/// Longest line taken from the decoder.
+const LONGEST: u64 = 64 * 1024;
 
 /// One record of a board's log.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -27,6 +34,21 @@ pub struct Line {
     pub text: String,
 }
 
+impl Line {
+    /// Reads a line of the decoder: time, level and text, apart by tabs.
+    fn parse(line: &str) -> Option<Self> {
+        let mut fields = line.strip_suffix('\n')?.splitn(3, '\t');
+        let time = fields.next()?.to_owned();
+        let level = fields.next()?;
+        let known = ["trace", "debug", "info", "warn", "error"];
+        Some(Self {
+            time,
+            level: known.into_iter().find(|name| *name == level).unwrap_or(""),
+            text: fields.next()?.to_owned(),
+        })
+    }
+}
+
 impl fmt::Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:>12} {:<5} {}", self.time, self.level, self.text)
@@ -35,8 +57,9 @@ impl fmt::Display for Line {
 
 /// What a board logged.
 pub(super) struct Log {
-    /// What its records mean.
-    table: Table,
+    /// What tells what its records mean.
+    decoder: PathBuf,
+    image: PathBuf,
     kept: Mutex<Kept>,
     more: Condvar,
 }
@@ -52,15 +75,30 @@ impl Log {
     /// An empty log of the program in `image`.
     pub(super) fn read_by(image: &Path) -> Result<Self, EmulatorError> {
         let path = || image.to_owned();
-        let elf = std::fs::read(image).map_err(|error| match error.kind() {
-            std::io::ErrorKind::NotFound => EmulatorError::NoImage(path()),
-            _ => EmulatorError::File(path(), error),
-        })?;
-        let table = Table::parse(&elf)
-            .map_err(|error| EmulatorError::NotAnImage(path(), format!("{error:#}")))?
-            .ok_or_else(|| EmulatorError::NotAnImage(path(), "it has no log records".into()))?;
+        let mut start = [0; ELF.len()];
+        std::fs::File::open(image)
+            .and_then(|mut file| file.read(&mut start))
+            .map_err(|error| match error.kind() {
+                std::io::ErrorKind::NotFound => EmulatorError::NoImage(path()),
+                _ => EmulatorError::File(path(), error),
+            })?;
+        if start != ELF {
+            return Err(EmulatorError::NotAnImage(path(), "no ELF file".into()));
+        }
+        let decoder = built(DECODER).ok_or(EmulatorError::NoDecoder)?;
+        let check = Command::new(&decoder)
+            .arg("--check")
+            .arg(image)
+            .stdin(Stdio::null())
+            .output()
+            .map_err(|error| EmulatorError::File(decoder.clone(), error))?;
+        if !check.status.success() {
+            let said = String::from_utf8_lossy(&check.stderr).trim().to_owned();
+            return Err(EmulatorError::NotAnImage(path(), said));
+        }
         Ok(Self {
-            table,
+            decoder,
+            image: path(),
             kept: Mutex::default(),
             more: Condvar::new(),
         })
@@ -71,34 +109,38 @@ impl Log {
     }
 
     /// Reads the line to its end.
-    pub(super) fn read(&self, mut serial: impl Read) {
-        let mut decoder = self.table.new_stream_decoder();
-        let mut buffer = [0; 4_096];
-        let mut since = 0;
-        while let Ok(len @ 1..) = serial.read(&mut buffer) {
-            decoder.received(&buffer[..len]);
-            since += len;
-            loop {
-                match decoder.decode() {
-                    Ok(frame) => {
-                        since = 0;
-                        let time = frame.display_timestamp();
-                        self.add(Line {
-                            time: time.map(|time| time.to_string()).unwrap_or_default(),
-                            level: frame.level().map_or("", |level| level.as_str()),
-                            text: frame.display_message().to_string(),
-                        });
-                    }
-                    // A record that a reset cut off; the next one is whole again.
-                    Err(DecodeError::Malformed) => since = 0,
-                    Err(DecodeError::UnexpectedEof) => break,
+    pub(super) fn read(&self, serial: impl Into<Stdio>) {
+        let decoder = Command::new(&self.decoder)
+            .arg(&self.image)
+            .stdin(serial)
+            .stdout(Stdio::piped())
+            .spawn();
+        let mut decoder = match decoder {
+            Ok(decoder) => decoder,
+            Err(error) => return self.complain(&format!("the log cannot be read: {error}")),
+        };
+        if let Some(text) = decoder.stdout.take() {
+            let mut text = BufReader::new(text);
+            let mut raw = Vec::new();
+            while let Ok(1..) = (&mut text).take(LONGEST).read_until(b'\n', &mut raw) {
+                if let Some(line) = Line::parse(&String::from_utf8_lossy(&raw)) {
+                    self.add(line);
                 }
-            }
-            if since > LONGEST {
-                decoder = self.table.new_stream_decoder();
-                since = 0;
+                raw.clear();
             }
         }
+        // It ends with the line it reads; what it came to is told where it began.
+        if let Err(error) = decoder.wait() {
+            self.complain(&format!("the log broke off: {error}"));
+        }
+    }
+
+    fn complain(&self, text: &str) {
+        self.add(Line {
+            time: String::new(),
+            level: "error",
+            text: text.to_owned(),
+        });
     }
 
     fn add(&self, line: Line) {
