@@ -178,7 +178,7 @@ fn a_person_sets_up_a_robot_from_a_browser() {
     board.emulator.power_cycle().expect("power");
     wait_for("it is back with its settings", BOOTS, || {
         let robot = server.get("/api/v1/robots/provisioned-1").1;
-        (robot["boot"]["cause"] == json!("power-on") && robot["online"] == json!(true))
+        (robot["boot"]["cause"] == json!("power-on") && robot["presence"] == json!("online"))
             .then_some(())
     });
 }
