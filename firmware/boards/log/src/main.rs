@@ -103,8 +103,10 @@ mod tests {
     #[test]
     fn a_program_without_a_log_is_told_from_none_at_all() {
         let own = std::env::current_exe().expect("a program");
-        let error = table(&own).err().expect("it logs nothing").to_string();
-        assert_eq!(error, "it has no log records");
+        let Err(error) = table(&own) else {
+            panic!("it logs nothing");
+        };
+        assert_eq!(error.to_string(), "it has no log records");
         let manifest = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
         assert!(table(manifest.as_ref()).is_err());
         assert!(table("/nowhere".as_ref()).is_err());

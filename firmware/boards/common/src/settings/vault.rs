@@ -73,7 +73,7 @@ struct Place {
     content: Result<Kept, DecodeError>,
 }
 
-/// Settings in flash. See the [module](self).
+/// Settings in flash: two records that take turns, each with a checksum.
 ///
 /// Uses the first two erase blocks of the region.
 #[derive(Debug)]
