@@ -18,7 +18,8 @@ pub(crate) fn suite(arguments: &[String]) -> Outcome {
 /// When QEMU or a compiler is missing, or the build fails.
 pub(crate) fn emulate(arguments: &[String]) -> Outcome {
     tools::QEMU.require()?;
-    image::build(&VIRT, VIRT.binary)?;
+    // With the decoder of its log, which the bench calls.
+    image::image(&VIRT)?;
     call("emulate", arguments)
 }
 
