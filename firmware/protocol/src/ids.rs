@@ -44,7 +44,7 @@ const fn is_source_byte(byte: u8) -> bool {
     matches!(byte, b' '..=b'~') && byte != b'"' && byte != b'\\'
 }
 
-fn checked<const N: usize>(text: &str, allowed: fn(u8) -> bool) -> Result<String<N>, IdError> {
+fn checked<const N: usize>(text: &str, allowed: fn(u8) -> bool) -> Result<String<N, u8>, IdError> {
     if text.is_empty() {
         return Err(IdError::Empty);
     }
@@ -61,7 +61,7 @@ macro_rules! name {
     ($(#[$doc:meta])* $name:ident, $max:expr, $allowed:expr, $expecting:literal, $pattern:literal) => {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
-        pub struct $name(String<$max>);
+        pub struct $name(String<$max, u8>);
 
         impl $name {
             /// Checks `text` and takes a copy of it.
@@ -160,6 +160,12 @@ name!(
 name!(
     /// The root topic of a fleet: same alphabet as [`RobotId`]. The default is `swarm`.
     Fleet, MAX_ID, is_id_byte, "a fleet name: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
+);
+name!(
+    /// The name of a snapshot of a simulated world: same alphabet as [`RobotId`], so that it is
+    /// safe as the name of a file.
+    SnapshotName, MAX_ID, is_id_byte,
+    "a name of a snapshot: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
 );
 name!(
     /// Who sent a command, such as `operator:ada`: 1 to 48 characters of printable ASCII

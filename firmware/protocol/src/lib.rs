@@ -16,6 +16,7 @@
 //! | `cell/{x}/{y}` | [`CellDigest`] |
 //! | `pose/{id}` | [`PoseFix`] |
 //! | `time` | [`TimeMessage`] |
+//! | `simulator/command` | [`SimulatorCommand`] |
 //!
 //! Messages are read strictly: an unknown field, a field twice, another type or a value out of range
 //! is an error with its own [`Reason`], and nothing that arrives can panic or take more memory than
@@ -37,6 +38,7 @@ mod number;
 mod reason;
 #[cfg(feature = "schema")]
 mod schema;
+mod simulator;
 mod topic;
 mod words;
 
@@ -45,7 +47,7 @@ pub use command::{
     MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
     ParameterValues,
 };
-pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, Source};
+pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, SnapshotName, Source};
 pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
     Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
@@ -56,6 +58,11 @@ pub use message::{
 pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]
 pub use schema::schemas;
+pub use simulator::{
+    FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS, MAX_NOISE_MM,
+    MAX_PACKETS_PER_S, MAX_SAG_OHM, MAX_STEPS, Place, SPEED_RANGE, SimulatorCommand,
+    SimulatorCommandName, Wheel,
+};
 pub use topic::{Qos, Topic, TopicError, TopicFilter, TopicString};
 
 /// Most bytes of one message; images and firmware excepted.

@@ -9,8 +9,8 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 use crate::{
     Action, BehaviourName, CellDigest, Command, CommandName, Detections, Direction, Heartbeat,
     LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
-    ParametersMessage, PoseFix, Response, Source, StatusMessage, SwarmResponse, Telemetry,
-    TimeMessage,
+    ParametersMessage, PoseFix, Response, SimulatorCommand, Source, StatusMessage, SwarmResponse,
+    Telemetry, TimeMessage,
 };
 
 /// Name and JSON Schema (2020-12) of every message, and of the request for a command.
@@ -30,6 +30,7 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("cell-digest", schema_for!(CellDigest)),
         ("pose-fix", schema_for!(PoseFix)),
         ("time", schema_for!(TimeMessage)),
+        ("simulator-command", schema_for!(SimulatorCommand)),
     ]
     .into()
 }
@@ -193,7 +194,7 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
 }
 
 /// An object of these members: name, schema, and whether it must be there.
-fn object(members: impl IntoIterator<Item = (&'static str, Schema, bool)>) -> Schema {
+pub(crate) fn object(members: impl IntoIterator<Item = (&'static str, Schema, bool)>) -> Schema {
     let mut properties = BTreeMap::new();
     let mut required = Vec::new();
     for (name, schema, must) in members {
@@ -219,7 +220,7 @@ fn whole(most: u64, description: &str) -> Schema {
     })
 }
 
-fn within(most: f32, description: &str) -> Schema {
+pub(crate) fn within(most: f32, description: &str) -> Schema {
     json_schema!({
         "description": description,
         "type": "number",

@@ -85,7 +85,7 @@ pub enum Topic {
     Time,
     /// `ota/{id}`: update offers and progress.
     Ota(RobotId),
-    /// `simulator/command`: scenario control.
+    /// `simulator/command`: a [`SimulatorCommand`](crate::SimulatorCommand).
     SimulatorCommand,
     /// `simulator/experiment`: scenario control of an experiment.
     SimulatorExperiment,
@@ -99,29 +99,40 @@ fn render(fleet: &Fleet, rest: core::fmt::Arguments<'_>) -> TopicString {
     topic
 }
 
+/// The same of levels that are texts already: most topics, at every message.
+fn join(fleet: &Fleet, levels: &[&str]) -> TopicString {
+    let mut topic = TopicString::new();
+    let mut fits = topic.push_str(fleet.as_str()).is_ok();
+    for level in levels {
+        fits = fits && topic.push('/').is_ok() && topic.push_str(level).is_ok();
+    }
+    debug_assert!(fits, "a topic longer than its type");
+    topic
+}
+
 impl Topic {
     /// The topic as it goes on the wire.
     #[must_use]
     pub fn render(&self, fleet: &Fleet) -> TopicString {
         match self {
-            Self::CommandSwarm => render(fleet, format_args!("command/swarm")),
-            Self::CommandRobot(id) => render(fleet, format_args!("command/robot/{id}")),
-            Self::CommandExperiment => render(fleet, format_args!("command/experiment")),
-            Self::Response(id) => render(fleet, format_args!("response/robot/{id}")),
-            Self::ResponseSwarm => render(fleet, format_args!("response/swarm")),
-            Self::Status(id) => render(fleet, format_args!("status/{id}")),
-            Self::Heartbeat(id) => render(fleet, format_args!("heartbeat/{id}")),
-            Self::Telemetry(id) => render(fleet, format_args!("telemetry/{id}")),
-            Self::Vision(id) => render(fleet, format_args!("vision/{id}")),
-            Self::Image(id) => render(fleet, format_args!("image/{id}")),
-            Self::Logs(id) => render(fleet, format_args!("logs/{id}")),
-            Self::Parameters(id) => render(fleet, format_args!("parameters/{id}")),
+            Self::CommandSwarm => join(fleet, &["command", "swarm"]),
+            Self::CommandRobot(id) => join(fleet, &["command", "robot", id.as_str()]),
+            Self::CommandExperiment => join(fleet, &["command", "experiment"]),
+            Self::Response(id) => join(fleet, &["response", "robot", id.as_str()]),
+            Self::ResponseSwarm => join(fleet, &["response", "swarm"]),
+            Self::Status(id) => join(fleet, &["status", id.as_str()]),
+            Self::Heartbeat(id) => join(fleet, &["heartbeat", id.as_str()]),
+            Self::Telemetry(id) => join(fleet, &["telemetry", id.as_str()]),
+            Self::Vision(id) => join(fleet, &["vision", id.as_str()]),
+            Self::Image(id) => join(fleet, &["image", id.as_str()]),
+            Self::Logs(id) => join(fleet, &["logs", id.as_str()]),
+            Self::Parameters(id) => join(fleet, &["parameters", id.as_str()]),
             Self::Cell { x, y } => render(fleet, format_args!("cell/{x}/{y}")),
-            Self::Pose(id) => render(fleet, format_args!("pose/{id}")),
-            Self::Time => render(fleet, format_args!("time")),
-            Self::Ota(id) => render(fleet, format_args!("ota/{id}")),
-            Self::SimulatorCommand => render(fleet, format_args!("simulator/command")),
-            Self::SimulatorExperiment => render(fleet, format_args!("simulator/experiment")),
+            Self::Pose(id) => join(fleet, &["pose", id.as_str()]),
+            Self::Time => join(fleet, &["time"]),
+            Self::Ota(id) => join(fleet, &["ota", id.as_str()]),
+            Self::SimulatorCommand => join(fleet, &["simulator", "command"]),
+            Self::SimulatorExperiment => join(fleet, &["simulator", "experiment"]),
         }
     }
 

@@ -96,7 +96,9 @@ fn the_examples_of_the_contract_are_read_and_written() {
         kind: Kind::Simulated,
         firmware: "0.3.0".try_into().unwrap(),
         board: "sim".try_into().unwrap(),
-        capabilities: Capability::ALL.iter().copied().collect(),
+        capabilities: [Capability::Drive, Capability::Range, Capability::Camera]
+            .into_iter()
+            .collect(),
         boot: Boot {
             count: 3,
             cause: BootCause::PowerOn,
@@ -250,7 +252,11 @@ fn words_on_the_wire_are_stable() {
         |w| w.name(),
         &["simulated", "emulated", "physical"],
     );
-    words(Capability::ALL, |w| w.name(), &["drive", "range", "camera"]);
+    words(
+        Capability::ALL,
+        |w| w.name(),
+        &["drive", "range", "camera", "vision", "faults"],
+    );
     words(
         Direction::ALL,
         |w| w.name(),

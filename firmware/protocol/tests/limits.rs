@@ -140,6 +140,7 @@ fn the_longest_message_of_every_kind_fits() {
         class: quotes(),
         x: LONG,
         y: LONG,
+        bearing: LONG,
         margin: u8::MAX,
     };
     let detections = Detections {
@@ -167,7 +168,7 @@ fn the_longest_message_of_every_kind_fits() {
 
 fn report(at: usize, value: ParameterValue) -> ParameterReport {
     ParameterReport {
-        name: format!("{at:a>24}").as_str().try_into().unwrap(),
+        name: format!("{at:a>20}").as_str().try_into().unwrap(),
         default: Some(value.clone()),
         value,
         min: Some(LONG),

@@ -6,7 +6,7 @@ mod common;
 
 use crawler_protocol::{
     Action, CellDigest, Command, Detections, Heartbeat, LogRecord, MAX_MESSAGE, ParametersMessage,
-    PoseFix, Response, StatusMessage, SwarmResponse, Telemetry, TimeMessage,
+    PoseFix, Response, SimulatorCommand, StatusMessage, SwarmResponse, Telemetry, TimeMessage,
 };
 use proptest::prelude::*;
 
@@ -41,7 +41,7 @@ macro_rules! ordered {
 }
 ordered! {
     Response SwarmResponse StatusMessage Heartbeat Telemetry Detections LogRecord CellDigest PoseFix
-    TimeMessage
+    TimeMessage SimulatorCommand
 }
 
 proptest! {
@@ -116,4 +116,5 @@ round_trips! {
     cell_digest: CellDigest;
     pose_fix: PoseFix;
     time: TimeMessage;
+    simulator_command: SimulatorCommand;
 }

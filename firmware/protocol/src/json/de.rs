@@ -224,9 +224,22 @@ impl<'de> de::Deserializer<'de> for &mut Deserializer<'de> {
         visitor.visit_unit()
     }
 
+    /// An array of the values of its fields is no struct.
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        match self.reader.value()? {
+            Value::Array => Err(DecodeError::WrongType),
+            value => self.visit(value, visitor),
+        }
+    }
+
     forward_to_deserialize_any! {
         bool i128 u128 f64 char str string bytes byte_buf unit unit_struct seq tuple tuple_struct
-        map struct identifier
+        map identifier
     }
 }
 

@@ -281,6 +281,9 @@ impl<'a> Reader<'a> {
         let start = self.at;
         let mut escaped = false;
         loop {
+            let rest = self.text.as_bytes().get(self.at..).ok_or(MALFORMED)?;
+            let special = |byte: &u8| matches!(byte, b'"' | b'\\' | 0..=0x1f);
+            self.at += rest.iter().position(special).ok_or(MALFORMED)?;
             match self.byte().ok_or(MALFORMED)? {
                 b'"' => break,
                 b'\\' => {
@@ -290,8 +293,8 @@ impl<'a> Reader<'a> {
                     unescape(&mut characters).ok_or(MALFORMED)?;
                     self.at = self.text.len() - characters.as_str().len();
                 }
-                0..=0x1f => return Err(MALFORMED),
-                _ => self.at += 1,
+                // A control character.
+                _ => return Err(MALFORMED),
             }
         }
         let raw = self.since(start)?;

@@ -1,5 +1,8 @@
 //! A serde serializer into a slice.
 
+#[cfg(test)]
+mod tests;
+
 use core::fmt::{self, Write as _};
 
 use serde::ser::{self, Serialize};
@@ -29,13 +32,49 @@ impl<'b> Serializer<'b> {
     }
 
     fn push(&mut self, text: &str) -> Result<(), EncodeError> {
-        let end = self.at + text.len();
-        self.buf
-            .get_mut(self.at..end)
-            .ok_or(EncodeError::TooLarge)?
-            .copy_from_slice(text.as_bytes());
-        self.at = end;
+        self.bytes(text.as_bytes())
+    }
+
+    fn bytes(&mut self, bytes: &[u8]) -> Result<(), EncodeError> {
+        self.room(bytes.len())?.copy_from_slice(bytes);
         Ok(())
+    }
+
+    fn byte(&mut self, byte: u8) -> Result<(), EncodeError> {
+        *self.buf.get_mut(self.at).ok_or(EncodeError::TooLarge)? = byte;
+        self.at += 1;
+        Ok(())
+    }
+
+    /// Numbers are most of a message; `core::fmt` would take several times as long for them.
+    fn unsigned(&mut self, value: u64) -> Result<(), EncodeError> {
+        const PART: u64 = 1_000_000_000;
+        let mut digits = [b'0'; 20];
+        let mut at = digits.len();
+        let mut rest = value;
+        loop {
+            // Nine digits at a time: a 32-bit processor divides 64 bits in software.
+            let mut part = (rest % PART) as u32;
+            rest /= PART;
+            let whole = at - 9.min(at);
+            while part > 0 {
+                at -= 1;
+                digits[at] = b'0' + (part % 10) as u8;
+                part /= 10;
+            }
+            if rest == 0 {
+                break;
+            }
+            at = whole;
+        }
+        self.bytes(&digits[at.min(digits.len() - 1)..])
+    }
+
+    fn signed(&mut self, value: i64) -> Result<(), EncodeError> {
+        if value < 0 {
+            self.byte(b'-')?;
+        }
+        self.unsigned(value.unsigned_abs())
     }
 
     fn display(&mut self, value: impl fmt::Display) -> Result<(), EncodeError> {
@@ -43,7 +82,40 @@ impl<'b> Serializer<'b> {
     }
 
     fn string(&mut self, text: &str) -> Result<(), EncodeError> {
-        self.push("\"")?;
+        if is_plain(text) {
+            return self.quoted(text);
+        }
+        self.byte(b'"')?;
+        self.escaped(text)?;
+        self.byte(b'"')
+    }
+
+    /// A text that needs no escapes.
+    fn quoted(&mut self, text: &str) -> Result<(), EncodeError> {
+        let [open, middle @ .., close] = self.room(text.len() + 2)? else {
+            return Err(EncodeError::TooLarge);
+        };
+        (*open, *close) = (b'"', b'"');
+        middle.copy_from_slice(text.as_bytes());
+        Ok(())
+    }
+
+    /// The name of a field, as our types call it, which is a word, and the colon behind it.
+    fn name(&mut self, name: &'static str) -> Result<(), EncodeError> {
+        debug_assert!(is_plain(name), "a name that needs escapes");
+        self.quoted(name)?;
+        self.byte(b':')
+    }
+
+    /// The next `len` bytes, to be written.
+    fn room(&mut self, len: usize) -> Result<&mut [u8], EncodeError> {
+        let end = self.at + len;
+        let room = self.buf.get_mut(self.at..end);
+        self.at = if room.is_some() { end } else { self.at };
+        room.ok_or(EncodeError::TooLarge)
+    }
+
+    fn escaped(&mut self, text: &str) -> Result<(), EncodeError> {
         for character in text.chars() {
             match character {
                 '"' => self.push("\\\"")?,
@@ -57,7 +129,7 @@ impl<'b> Serializer<'b> {
                 other => self.push(other.encode_utf8(&mut [0; 4]))?,
             }
         }
-        self.push("\"")
+        Ok(())
     }
 
     fn open<'a>(
@@ -73,11 +145,17 @@ impl<'b> Serializer<'b> {
         })
     }
 
-    fn variant(&mut self, variant: &str) -> Result<(), EncodeError> {
-        self.push("{")?;
-        self.string(variant)?;
-        self.push(":")
+    fn variant(&mut self, variant: &'static str) -> Result<(), EncodeError> {
+        self.byte(b'{')?;
+        self.name(variant)
     }
+}
+
+/// Whether a text needs no escapes. Looks at all of it, which takes less than to look where to
+/// stop: most texts are short, and plain.
+fn is_plain(text: &str) -> bool {
+    let special = |byte: &u8| matches!(byte, 0..=0x1f | b'"' | b'\\');
+    text.bytes().filter(special).count() == 0
 }
 
 impl fmt::Write for Serializer<'_> {
@@ -98,7 +176,7 @@ impl Compound<'_, '_> {
         if core::mem::replace(&mut self.first, false) {
             Ok(())
         } else {
-            self.serializer.push(",")
+            self.serializer.byte(b',')
         }
     }
 
@@ -107,10 +185,13 @@ impl Compound<'_, '_> {
         value.serialize(&mut *self.serializer)
     }
 
-    fn member<T: Serialize + ?Sized>(&mut self, name: &str, value: &T) -> Result<(), EncodeError> {
+    fn member<T: Serialize + ?Sized>(
+        &mut self,
+        name: &'static str,
+        value: &T,
+    ) -> Result<(), EncodeError> {
         self.comma()?;
-        self.serializer.string(name)?;
-        self.serializer.push(":")?;
+        self.serializer.name(name)?;
         value.serialize(&mut *self.serializer)
     }
 
@@ -120,9 +201,9 @@ impl Compound<'_, '_> {
 }
 
 macro_rules! numbers {
-    ($($function:ident($type:ty))+) => {
+    ($how:ident: $($function:ident($type:ty))+) => {
         $(fn $function(self, value: $type) -> Result<(), EncodeError> {
-            self.display(value)
+            self.$how(value.into())
         })+
     };
 }
@@ -151,8 +232,10 @@ impl<'a, 'b> ser::Serializer for &'a mut Serializer<'b> {
     type SerializeStructVariant = Compound<'a, 'b>;
 
     numbers! {
-        serialize_i8(i8) serialize_i16(i16) serialize_i32(i32) serialize_i64(i64)
-        serialize_u8(u8) serialize_u16(u16) serialize_u32(u32) serialize_u64(u64)
+        signed: serialize_i8(i8) serialize_i16(i16) serialize_i32(i32) serialize_i64(i64)
+    }
+    numbers! {
+        unsigned: serialize_u8(u8) serialize_u16(u16) serialize_u32(u32) serialize_u64(u64)
     }
     floats! { serialize_f32(f32) serialize_f64(f64) }
 
@@ -330,7 +413,7 @@ impl ser::SerializeMap for Compound<'_, '_> {
     }
 
     fn serialize_value<T: Serialize + ?Sized>(&mut self, value: &T) -> Result<(), EncodeError> {
-        self.serializer.push(":")?;
+        self.serializer.byte(b':')?;
         value.serialize(&mut *self.serializer)
     }
 

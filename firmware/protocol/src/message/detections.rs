@@ -17,9 +17,9 @@ pub struct Detection {
     /// Name of the class.
     #[cfg_attr(
         feature = "schema",
-        schemars(with = "std::string::String", length(max = 12))
+        schemars(with = "std::string::String", length(max = 10))
     )]
-    pub class: String<12>,
+    pub class: String<10>,
     /// From the left edge, as a share of the width of the frame.
     #[serde(with = "crate::number")]
     #[cfg_attr(feature = "schema", schemars(with = "f32"))]
@@ -28,6 +28,10 @@ pub struct Detection {
     #[serde(with = "crate::number")]
     #[cfg_attr(feature = "schema", schemars(with = "f32"))]
     pub y: f32,
+    /// From where the robot heads to it, in radians, positive to the left.
+    #[serde(with = "crate::number")]
+    #[cfg_attr(feature = "schema", schemars(with = "f32"))]
+    pub bearing: f32,
     /// How far the class is ahead of the next one, in steps of the detector's output.
     pub margin: u8,
 }

@@ -12,7 +12,7 @@ use crate::{DecodeError, EncodeError, ParameterValue, RobotId, json};
 
 /// Most parameters of one robot. As many fit a message, whatever their names and values, as long
 /// as no more than one of them is a text.
-pub const MAX_PARAMETERS: usize = 15;
+pub const MAX_PARAMETERS: usize = 17;
 
 /// The parameters of one robot.
 pub type Reports = Vec<ParameterReport, MAX_PARAMETERS>;
@@ -21,7 +21,7 @@ pub type Reports = Vec<ParameterReport, MAX_PARAMETERS>;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterReport {
     /// Its name. No name comes twice.
-    pub name: String<24>,
+    pub name: String<20>,
     /// Its value.
     pub value: ParameterValue,
     /// Its value in a robot as it comes; `None` where it was left out for room.
@@ -53,7 +53,7 @@ pub struct ParametersMessage {
         feature = "schema",
         schemars(
             with = "std::collections::BTreeMap<std::string::String, Body>",
-            length(max = 15)
+            length(max = 17)
         )
     )]
     pub values: Reports,
@@ -204,7 +204,7 @@ fn members<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Reports, D::Err
 
         fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Reports, A::Error> {
             let mut reports = Reports::new();
-            while let Some((name, body)) = map.next_entry::<String<24>, Body>()? {
+            while let Some((name, body)) = map.next_entry::<String<20>, Body>()? {
                 if reports.iter().any(|report| report.name == name) {
                     return Err(de::Error::duplicate_field("values"));
                 }

@@ -43,8 +43,12 @@ words! {
         Drive = "drive",
         /// It measures the distance ahead.
         Range = "range",
-        /// It sees.
+        /// It takes pictures.
         Camera = "camera",
+        /// It recognises what they show.
+        Vision = "vision",
+        /// It stands on a bench and takes faults from the network.
+        Faults = "faults",
     }
 }
 

@@ -1,5 +1,7 @@
 //! Any message there can be, and any way to spell it.
 
+mod simulator;
+
 use crawler_protocol::{
     Action, Battery, BehaviourName, BehaviourSpec, Boot, BootCause, Capability, CellDigest,
     Command, CommandName, Detection, Detections, Direction, Heartbeat, Kind, Level, LogRecord,
@@ -13,6 +15,8 @@ use proptest::option;
 use proptest::prelude::*;
 use proptest::sample::select;
 use serde_json::Value;
+
+pub(crate) use simulator::simulator_command;
 
 pub(crate) fn robot() -> impl Strategy<Value = RobotId> {
     "[a-z0-9-]{1,32}".prop_map(|text| RobotId::new(&text).unwrap())
@@ -257,13 +261,15 @@ pub(crate) fn telemetry() -> impl Strategy<Value = Telemetry> {
 }
 
 pub(crate) fn detections() -> impl Strategy<Value = Detections> {
-    let object =
-        (text(), number(), number(), any::<u8>()).prop_map(|(class, x, y, margin)| Detection {
+    let object = (text(), number(), number(), number(), any::<u8>()).prop_map(
+        |(class, x, y, bearing, margin)| Detection {
             class,
             x,
             y,
+            bearing,
             margin,
-        });
+        },
+    );
     (
         robot(),
         any::<u64>(),
@@ -302,7 +308,7 @@ pub(crate) fn log_record() -> impl Strategy<Value = LogRecord> {
 /// Few enough parameters that nothing is left out.
 pub(crate) fn parameters() -> impl Strategy<Value = ParametersMessage> {
     let report = (
-        name::<24>(),
+        name::<20>(),
         value(),
         option::of(value()),
         option::of(number()),

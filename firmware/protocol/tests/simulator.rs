@@ -1,0 +1,184 @@
+//! Commands to a simulated world: what is one, and what is refused and why.
+
+use crawler_protocol::{
+    DecodeError, FaultName, FaultSpec, LinkCut, MAX_MESSAGE, SimulatorCommand, SimulatorCommandName,
+};
+
+fn read(text: &str) -> Result<SimulatorCommand, DecodeError> {
+    SimulatorCommand::from_json(text.as_bytes())
+}
+
+/// One command of every name, as short as it can be.
+const SHORTEST: [&str; 11] = [
+    r#"{"command":"pause"}"#,
+    r#"{"command":"resume"}"#,
+    r#"{"command":"step","steps":1}"#,
+    r#"{"command":"speed","factor":2}"#,
+    r#"{"command":"reset"}"#,
+    r#"{"command":"add"}"#,
+    r#"{"command":"remove","robot":"sim-0001"}"#,
+    r#"{"command":"snapshot","name":"before"}"#,
+    r#"{"command":"restore","name":"before"}"#,
+    r#"{"command":"inject","robot":"sim-0001","fault":{"fault":"ranger-dead"}}"#,
+    r#"{"command":"heal","robot":"sim-0001"}"#,
+];
+
+#[test]
+fn every_name_is_a_command() {
+    for (text, name) in SHORTEST.iter().zip(SimulatorCommandName::ALL) {
+        assert_eq!(
+            read(text).map(|command| command.name()),
+            Ok(*name),
+            "{text}"
+        );
+    }
+    assert_eq!(SHORTEST.len(), SimulatorCommandName::ALL.len());
+}
+
+#[test]
+fn no_field_may_be_missing_null_or_of_another_command() {
+    for text in SHORTEST {
+        let end = text.len() - 1;
+        for field in [
+            r#""steps":1"#,
+            r#""factor":2"#,
+            r#""seed":7"#,
+            r#""pose":{"x":0,"y":0,"theta":0}"#,
+            r#""robot":"sim-0001""#,
+            r#""name":"before""#,
+            r#""fault":{"fault":"ranger-dead"}"#,
+            r#""lasting_ms":1"#,
+        ] {
+            let name = &field[..field.find(':').unwrap()];
+            let more = format!("{},{field}}}", &text[..end]);
+            let optional = matches!(
+                (read(text).unwrap().name(), name),
+                (SimulatorCommandName::Reset, r#""seed""#)
+                    | (SimulatorCommandName::Add, r#""pose""#)
+                    | (SimulatorCommandName::Inject, r#""lasting_ms""#)
+            );
+            let expected = if text.contains(field) {
+                Some(DecodeError::DuplicateField)
+            } else if optional {
+                None
+            } else {
+                let twice = text.matches(&format!("{name}:")).count() > 0;
+                Some(if twice {
+                    DecodeError::DuplicateField
+                } else {
+                    DecodeError::UnknownField
+                })
+            };
+            assert_eq!(read(&more).err(), expected, "{more}");
+            let null = format!("{},{name}:null}}", &text[..end]);
+            assert!(read(&null).is_err(), "{null}");
+        }
+        // Nothing can be left out.
+        if let Some(comma) = text.find(',') {
+            let less = format!("{}}}", &text[..comma]);
+            assert_eq!(read(&less), Err(DecodeError::MissingField), "{less}");
+        }
+    }
+}
+
+#[test]
+fn numbers_out_of_range_and_other_types_are_refused() {
+    use DecodeError::{Malformed, MissingField, OutOfRange, TooLarge, UnknownField, WrongType};
+    for (text, expected) in [
+        ("", Malformed),
+        ("[]", WrongType),
+        (r#"["pause"]"#, WrongType),
+        ("{}", MissingField),
+        (r#"{"command":"dance"}"#, OutOfRange),
+        (r#"{"command":1}"#, WrongType),
+        (r#"{"command":"pause","colour":1}"#, UnknownField),
+        (r#"{"command":"step","steps":0}"#, OutOfRange),
+        (r#"{"command":"step","steps":1000001}"#, OutOfRange),
+        (r#"{"command":"step","steps":1.5}"#, WrongType),
+        (r#"{"command":"speed","factor":0}"#, OutOfRange),
+        (r#"{"command":"speed","factor":-1}"#, OutOfRange),
+        (r#"{"command":"speed","factor":1e9}"#, OutOfRange),
+        (r#"{"command":"speed","factor":1e99}"#, OutOfRange),
+        (r#"{"command":"speed","factor":"2"}"#, WrongType),
+        (r#"{"command":"reset","seed":-1}"#, OutOfRange),
+        (r#"{"command":"add","pose":{"x":1,"y":2}}"#, MissingField),
+        (
+            r#"{"command":"add","pose":{"x":10001,"y":2,"theta":0}}"#,
+            OutOfRange,
+        ),
+        (
+            r#"{"command":"add","pose":{"x":1,"y":2,"theta":8}}"#,
+            OutOfRange,
+        ),
+        (r#"{"command":"remove","robot":"No"}"#, OutOfRange),
+        (r#"{"command":"snapshot","name":"../up"}"#, OutOfRange),
+        (r#"{"command":"snapshot","name":""}"#, OutOfRange),
+    ] {
+        assert_eq!(read(text), Err(expected), "{text}");
+    }
+    let long = " ".repeat(MAX_MESSAGE + 1);
+    assert_eq!(read(&long), Err(TooLarge));
+    for (fault, expected) in [
+        (r#""ranger-dead""#, WrongType),
+        ("{}", MissingField),
+        (r#"{"fault":"rust"}"#, OutOfRange),
+        (r#"{"fault":"ranger-dead","mm":1}"#, UnknownField),
+        (r#"{"fault":"ranger-stuck"}"#, MissingField),
+        (r#"{"fault":"ranger-stuck","mm":65536}"#, OutOfRange),
+        (r#"{"fault":"ranger-stuck","mm":-1}"#, OutOfRange),
+        (r#"{"fault":"ranger-noisy","mm":1001}"#, OutOfRange),
+        (r#"{"fault":"line-noise","flips":1.1}"#, OutOfRange),
+        (r#"{"fault":"line-noise","flips":null}"#, WrongType),
+        (r#"{"fault":"motor-weak","wheel":"left"}"#, MissingField),
+        (
+            r#"{"fault":"motor-weak","wheel":"middle","strength":0.5}"#,
+            OutOfRange,
+        ),
+        (
+            r#"{"fault":"motor-weak","wheel":"left","strength":-0.5}"#,
+            OutOfRange,
+        ),
+        (r#"{"fault":"link-loss","how":"scissors"}"#, OutOfRange),
+        (r#"{"fault":"hostile-packets","per_s":0}"#, OutOfRange),
+        (r#"{"fault":"hostile-packets","per_s":201}"#, OutOfRange),
+        (r#"{"fault":"clock-step","ms":315360000001}"#, OutOfRange),
+        (r#"{"fault":"battery-sag","ohm":1000.5}"#, OutOfRange),
+        (r#"{"fault":"battery-at","charge":2}"#, OutOfRange),
+        (
+            r#"{"fault":"flash-power-cut","after_bytes":4294967296}"#,
+            OutOfRange,
+        ),
+    ] {
+        let text = format!(r#"{{"command":"inject","robot":"sim-0001","fault":{fault}}}"#);
+        assert_eq!(read(&text), Err(expected), "{text}");
+    }
+    for ms in ["0", "86400001"] {
+        let text = format!(
+            r#"{{"command":"inject","robot":"sim-0001","fault":{{"fault":"brown-out"}},"lasting_ms":{ms}}}"#
+        );
+        assert_eq!(read(&text), Err(OutOfRange), "{text}");
+    }
+}
+
+#[test]
+fn a_link_is_lost_by_its_radio_unless_told_otherwise() {
+    for (fault, how) in [
+        (r#"{"fault":"link-loss"}"#, LinkCut::Radio),
+        (
+            r#"{"fault":"link-loss","how":"password"}"#,
+            LinkCut::Password,
+        ),
+    ] {
+        let text = format!(r#"{{"command":"inject","robot":"rover","fault":{fault}}}"#);
+        let Ok(SimulatorCommand::Inject {
+            fault,
+            lasting_ms: None,
+            ..
+        }) = read(&text)
+        else {
+            panic!("{text}");
+        };
+        assert_eq!(fault, FaultSpec::LinkLoss { how });
+        assert_eq!(fault.name(), FaultName::LinkLoss);
+    }
+}
