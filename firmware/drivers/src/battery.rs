@@ -184,6 +184,7 @@ impl Default for Config {
 
 /// What the voltage means. Each variant calls for a different next step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Charge {
     /// Go on.
@@ -201,6 +202,7 @@ pub enum Charge {
 
 /// What the gauge knows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Reading {
     /// Voltage of the pack: smoothed, or what was last read where [`Charge`] is `Absent` or
     /// `Absurd`.
@@ -213,7 +215,10 @@ pub struct Reading {
 
 /// The gauge. Give it one voltage per period (1 s).
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Gauge {
+    // Settings come from whoever restores the gauge.
+    #[cfg_attr(feature = "serde", serde(skip))]
     config: Config,
     filter: Option<Filter>,
     /// Implausible readings in a row.
@@ -336,6 +341,7 @@ pub fn classify(before: Option<Charge>, pack: Millivolts, thresholds: &Threshold
 /// constant is about 8 s, longer than a burst of the motors and shorter than anything a battery
 /// does by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Filter {
     /// Millivolts · 256: the fraction keeps small steps from being rounded away.
     level: u32,

@@ -57,6 +57,7 @@ impl core::error::Error for ConfigError {}
 
 /// How the wheels are driven.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     left: Trim,
     right: Trim,
@@ -193,7 +194,8 @@ pub struct Applied {
 ///
 /// Nothing is known of the pins before the first call, so a wheel starts by standing at zero for
 /// the dead time, as it does after an error.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct L298n<Pwm, Pin> {
     left: Half<Pwm, Pin>,
     right: Half<Pwm, Pin>,
@@ -266,6 +268,11 @@ impl<Pwm: SetDutyCycle, Pin: OutputPin> L298n<Pwm, Pin> {
         left.map_err(|output| self.stop_after(Side::Left, output))?;
         let right = self.right.brake();
         right.map_err(|output| self.stop_after(Side::Right, output))
+    }
+
+    /// The ports on the left and right.
+    pub const fn ports(&self) -> [&MotorPort<Pwm, Pin>; 2] {
+        [self.left.port(), self.right.port()]
     }
 
     /// Gives the ports back, as they are.

@@ -11,11 +11,32 @@ use crawler_hal::Millimeters;
 /// is that of those that have; of an even number, the nearer of the two in the middle, because a
 /// robot that believes an obstacle nearer than it is errs on the safe side.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(bound(
+        serialize = "[Millimeters; N]: serde::Serialize",
+        deserialize = "[Millimeters; N]: serde::Deserialize<'de>"
+    ))
+)]
 pub struct Median<const N: usize> {
     /// A ring: the oldest is overwritten.
     window: [Millimeters; N],
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "place::<_, N>"))]
     next: usize,
+    #[cfg_attr(feature = "serde", serde(deserialize_with = "place::<_, N>"))]
     filled: usize,
+}
+
+/// A count that cannot lead out of a window of `N`, whatever was written.
+#[cfg(feature = "serde")]
+fn place<'de, D: serde::Deserializer<'de>, const N: usize>(from: D) -> Result<usize, D::Error> {
+    let place = <usize as serde::Deserialize>::deserialize(from)?;
+    if place <= N {
+        Ok(place)
+    } else {
+        Err(serde::de::Error::custom("outside of the window"))
+    }
 }
 
 impl<const N: usize> Median<N> {

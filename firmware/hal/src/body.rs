@@ -10,7 +10,8 @@ use rand_core::Rng;
 use crate::{Adc, Camera, Clock, Network, System};
 
 /// One half of an L298N: the enable input on PWM, and two direction inputs.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MotorPort<Pwm, Pin> {
     /// ENA or ENB.
     pub enable: Pwm,

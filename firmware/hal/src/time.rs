@@ -7,6 +7,7 @@ use core::ops::{Add, AddAssign, Mul, Sub};
 
 /// A span of time, never negative, in microseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Duration(u64);
 
 impl Duration {
@@ -15,42 +16,49 @@ impl Duration {
 
     /// A span of `us` microseconds.
     #[must_use]
+    #[inline]
     pub const fn from_micros(us: u64) -> Self {
         Self(us)
     }
 
     /// A span of `ms` milliseconds, saturating.
     #[must_use]
+    #[inline]
     pub const fn from_millis(ms: u64) -> Self {
         Self(ms.saturating_mul(1_000))
     }
 
     /// A span of `s` seconds, saturating.
     #[must_use]
+    #[inline]
     pub const fn from_secs(s: u64) -> Self {
         Self(s.saturating_mul(1_000_000))
     }
 
     /// Whole microseconds.
     #[must_use]
+    #[inline]
     pub const fn as_micros(self) -> u64 {
         self.0
     }
 
     /// Whole milliseconds, rounded down.
     #[must_use]
+    #[inline]
     pub const fn as_millis(self) -> u64 {
         self.0 / 1_000
     }
 
     /// Seconds as a float, for physics and odometry.
     #[must_use]
+    #[inline]
     pub fn as_secs_f32(self) -> f32 {
         self.0 as f32 * 1e-6
     }
 
     /// `self - other`, or zero when `other` is longer.
     #[must_use]
+    #[inline]
     pub const fn saturating_sub(self, other: Self) -> Self {
         Self(self.0.saturating_sub(other.0))
     }
@@ -59,6 +67,7 @@ impl Duration {
 impl Add for Duration {
     type Output = Self;
     /// Saturates.
+    #[inline]
     fn add(self, other: Self) -> Self {
         Self(self.0.saturating_add(other.0))
     }
@@ -67,6 +76,7 @@ impl Add for Duration {
 impl Mul<u32> for Duration {
     type Output = Self;
     /// Saturates.
+    #[inline]
     fn mul(self, factor: u32) -> Self {
         Self(self.0.saturating_mul(u64::from(factor)))
     }
@@ -76,6 +86,7 @@ impl Mul<u32> for Duration {
 ///
 /// Moments of two different bodies have nothing to do with each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Instant(u64);
 
 impl Instant {
@@ -86,30 +97,35 @@ impl Instant {
 
     /// The moment `us` microseconds after boot.
     #[must_use]
+    #[inline]
     pub const fn from_micros(us: u64) -> Self {
         Self(us)
     }
 
     /// The moment `ms` milliseconds after boot, saturating.
     #[must_use]
+    #[inline]
     pub const fn from_millis(ms: u64) -> Self {
         Self(ms.saturating_mul(1_000))
     }
 
     /// Microseconds since boot.
     #[must_use]
+    #[inline]
     pub const fn as_micros(self) -> u64 {
         self.0
     }
 
     /// Milliseconds since boot, rounded down.
     #[must_use]
+    #[inline]
     pub const fn as_millis(self) -> u64 {
         self.0 / 1_000
     }
 
     /// Time from `earlier` to `self`, or zero when `earlier` is later.
     #[must_use]
+    #[inline]
     pub const fn saturating_since(self, earlier: Self) -> Duration {
         Duration(self.0.saturating_sub(earlier.0))
     }
@@ -118,12 +134,14 @@ impl Instant {
 impl Add<Duration> for Instant {
     type Output = Self;
     /// Saturates at [`Instant::FAR_FUTURE`].
+    #[inline]
     fn add(self, span: Duration) -> Self {
         Self(self.0.saturating_add(span.0))
     }
 }
 
 impl AddAssign<Duration> for Instant {
+    #[inline]
     fn add_assign(&mut self, span: Duration) {
         *self = *self + span;
     }
@@ -132,6 +150,7 @@ impl AddAssign<Duration> for Instant {
 impl Sub for Instant {
     type Output = Duration;
     /// Time between two moments; zero when `earlier` is later, as [`Instant::saturating_since`].
+    #[inline]
     fn sub(self, earlier: Self) -> Duration {
         self.saturating_since(earlier)
     }

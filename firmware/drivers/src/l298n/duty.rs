@@ -62,6 +62,7 @@ impl Duty {
 /// The share of its command a wheel gets, to make two unequal motors run equally: the stronger one
 /// is held back, as the weaker one cannot be pushed beyond full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Trim {
     permille: u16,
 }

@@ -7,6 +7,7 @@ use embedded_hal::pwm::SetDutyCycle;
 use super::{Duty, Output, Trim, Wheel};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 enum Direction {
     Forward,
     Reverse,
@@ -14,6 +15,7 @@ enum Direction {
 
 /// What the outputs hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 enum State {
     /// Anything: before the first command, and after an output refused.
     Unknown,
@@ -29,7 +31,8 @@ enum State {
 }
 
 /// One wheel.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Half<Pwm, Pin> {
     port: MotorPort<Pwm, Pin>,
     state: State,
@@ -41,6 +44,10 @@ impl<Pwm: SetDutyCycle, Pin: OutputPin> Half<Pwm, Pin> {
             port,
             state: State::Unknown,
         }
+    }
+
+    pub(super) const fn port(&self) -> &MotorPort<Pwm, Pin> {
+        &self.port
     }
 
     pub(super) fn release(self) -> MotorPort<Pwm, Pin> {

@@ -1,5 +1,7 @@
 //! Trigger and echo.
 
+use core::pin::pin;
+
 use crawler_hal::{Celsius, Clock, Duration, Instant, Millimeters, with_deadline};
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal_async::digital::Wait;
@@ -37,7 +39,8 @@ async fn before<C: Clock, E>(
     level: impl Future<Output = Result<(), E>>,
     late: LinkError,
 ) -> Result<(), LinkError> {
-    with_deadline(clock, deadline, level)
+    // Lent, not moved: whoever awaits a future keeps it a second time.
+    with_deadline(clock, deadline, pin!(level))
         .await
         .map_err(|_| late)?
         .map_err(|_| LinkError::Pin)

@@ -1,5 +1,7 @@
 //! Request and reply over the UART.
 
+use core::pin::pin;
+
 use crawler_hal::{Clock, Instant, with_deadline};
 use embedded_io_async::{Error as _, Read, Write};
 
@@ -26,13 +28,16 @@ pub(super) async fn request<U: Read + Write, C: Clock, const N: usize>(
 ) -> Result<[u8; N], LinkError> {
     let deadline = clock.now() + REPLY_TIMEOUT;
     drain(uart, clock).await?;
-    let exchange = async {
-        send(uart, request.code).await?;
-        receive(uart).await
+    let reply = {
+        // Lent, not moved: whoever awaits a future keeps it a second time.
+        let exchange = pin!(async {
+            send(uart, request.code).await?;
+            receive(uart).await
+        });
+        with_deadline(clock, deadline, exchange)
+            .await
+            .map_err(|_| LinkError::Timeout)??
     };
-    let reply = with_deadline(clock, deadline, exchange)
-        .await
-        .map_err(|_| LinkError::Timeout)??;
     silence(uart, clock).await?;
     Ok(reply)
 }
