@@ -1,5 +1,6 @@
 //! What behaviours want: a twist for every period, and when they are done.
 
+mod detour;
 mod goto;
 mod progress;
 mod scan;
@@ -11,9 +12,10 @@ use crawler_hal::Instant;
 use crate::motion::Twist;
 use crate::state::{Escape, Side};
 
+pub use detour::Detour;
 pub use goto::goto_twist;
 pub use progress::Progress;
-pub use scan::{HalfScan, SECTORS, Scan, ScanResult, Sector};
+pub use scan::{HalfRecognised, HalfScan, SECTORS, Scan, ScanResult, Sector};
 
 /// Rate of turning when turning aside, in radians per second, unless the permitted one is less.
 pub const ESCAPE_TURN: f32 = 2.0;

@@ -6,6 +6,8 @@ use crawler_hal::Millivolts;
 use crawler_protocol::{Fleet, Kind, RobotId};
 use heapless::String;
 
+use crate::vision::Lens;
+
 /// Identity, whereabouts of the broker, and shape of one robot. Fixed from boot to boot.
 #[derive(Debug, Clone)]
 pub struct Config {
@@ -29,6 +31,19 @@ pub struct Config {
     pub credentials: Option<Credentials>,
     /// Whether the body has a camera: the status then says so.
     pub camera: bool,
+    /// How the camera sits, when the program has eyes to look through it (see
+    /// [`camera_with_eyes()`](crate::camera_with_eyes())): the status then says so.
+    pub eyes: Option<Lens>,
+    /// Whether the robot stands on a bench and takes faults from the network. Only a program
+    /// built with the feature `faults` can; a robot at work does not.
+    pub faults: bool,
+}
+
+impl Config {
+    /// Whether faults can be injected into this robot.
+    pub(crate) const fn takes_faults(&self) -> bool {
+        cfg!(feature = "faults") && self.faults
+    }
 }
 
 /// Name and password for the broker.

@@ -3,7 +3,9 @@
 use core::cell::{Cell, RefCell};
 
 use crawler_hal::{Instant, PANIC_TEXT, ResetCause};
-use crawler_protocol::{Action, BehaviourName, Command, Level, Pose, Reason, RobotState};
+use crawler_protocol::{
+    Action, BehaviourName, Command, Level, ParameterValues, Pose, Reason, RobotState,
+};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::channel::Channel;
@@ -12,15 +14,17 @@ use heapless::String;
 
 use crate::camera::Captures;
 use crate::config::Config;
+use crate::injected::Injected;
 use crate::intake::Intake;
-use crate::order::{Halt, Order, Sender, Task};
+use crate::order::{Halts, Order, Sender, SetRequest, Task};
 use crate::outbox::Outbox;
-use crate::parameters::Parameters;
+use crate::parameters::{Changes, Parameters};
 use crate::perception::{Battery, LinkHealth, Reading};
 use crate::state::Fault;
 use crate::timesync::TimeSync;
 use crate::tracking::Tracking;
 use crate::trouble::{LinkTrouble, PANIC};
+use crate::vision::Sights;
 
 /// What telemetry and the lamp need to know of control, copied once per period.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -97,11 +101,13 @@ pub struct Robot<M: RawMutex> {
     /// Intake → control.
     pub(crate) orders: Channel<M, Order, 4>,
     /// Intake → control, merged rather than queued: never refused.
-    pub(crate) halt: Signal<M, Halt>,
+    pub(crate) halt: Halts<M>,
     /// Intake → store.
-    pub(crate) set_requests: Channel<M, Command, 2>,
+    pub(crate) set_requests: Channel<M, SetRequest, 2>,
     /// Intake → camera.
     pub(crate) captures: Captures<M>,
+    /// Control → camera, and camera → control and link.
+    pub(crate) sights: Sights<M>,
     /// Sense → control.
     pub(crate) reading: Mutex<M, Cell<Reading>>,
     /// Power → control, store.
@@ -126,6 +132,8 @@ pub struct Robot<M: RawMutex> {
     pub(crate) panic: Mutex<M, RefCell<String<PANIC_TEXT>>>,
     /// Store → control: the flash has been read, or has been given up.
     pub(crate) loaded: Mutex<M, Cell<bool>>,
+    /// Link → control, sense, link: what is broken on purpose.
+    pub(crate) injected: Injected<M>,
     /// Control and link → lamp: the pattern may have changed.
     pub(crate) lamp_changed: Signal<M, ()>,
     /// Control → lamp: until when to blink for `identify`.
@@ -142,9 +150,10 @@ impl<M: RawMutex> Robot<M> {
             outbox: Outbox::new(),
             time: TimeSync::new(),
             orders: Channel::new(),
-            halt: Signal::new(),
+            halt: Halts::new(),
             set_requests: Channel::new(),
             captures: Captures::new(),
+            sights: Sights::new(),
             reading: Mutex::new(Cell::new(Reading::default())),
             battery: Mutex::new(Cell::new(Battery::default())),
             battery_measured: Signal::new(),
@@ -161,6 +170,7 @@ impl<M: RawMutex> Robot<M> {
             })),
             panic: Mutex::new(RefCell::new(String::new())),
             loaded: Mutex::new(Cell::new(false)),
+            injected: Injected::new(),
             lamp_changed: Signal::new(),
             identify_until: Mutex::new(Cell::new(Instant::BOOT)),
         }
@@ -227,6 +237,24 @@ impl<M: RawMutex> Robot<M> {
             .lock(|parameters| read(&parameters.borrow()))
     }
 
+    /// Whether the flash has been read, or given up.
+    pub fn is_loaded(&self) -> bool {
+        self.loaded.lock(Cell::get)
+    }
+
+    /// Puts `values` over the parameters, and keeps nothing of it in flash: for whoever runs a
+    /// program with others than it has stored.
+    ///
+    /// # Errors
+    /// The reason for which a `set` command would be refused; nothing has changed then.
+    pub fn adjust(&self, values: &ParameterValues) -> Result<(), Reason> {
+        let next = self.with_parameters(|present| present.with(values))?;
+        self.parameters
+            .lock(|cell| cell.borrow_mut().replace_with(next));
+        self.parameters_changed.signal(());
+        Ok(())
+    }
+
     /// Tells control how the session with the broker is. A loss is acted upon within one
     /// control period.
     pub fn set_link_health(&self, health: LinkHealth) {
@@ -266,7 +294,7 @@ impl<M: RawMutex> Robot<M> {
         match &command.action {
             Action::Stop => Ok(self.request_halt(false, sender, &mut taken_back)),
             Action::Estop => Ok(self.request_halt(true, sender, &mut taken_back)),
-            Action::Set(_) => self.request_set(command),
+            Action::Set(values) => self.request_set(values, sender),
             Action::Capture if self.config.camera => {
                 self.captures.request(sender).map(|()| Routed::Waiting)
             }
@@ -285,10 +313,14 @@ impl<M: RawMutex> Robot<M> {
         }
     }
 
-    /// Out of line: only here a command is copied, and it takes a kilobyte of stack.
     #[inline(never)]
-    fn request_set(&self, command: &Command) -> Result<Routed, Reason> {
-        match self.set_requests.try_send(command.clone()) {
+    fn request_set(&self, values: &ParameterValues, sender: Sender) -> Result<Routed, Reason> {
+        let changes = Changes::new(values);
+        let looks = changes.as_ref().is_ok_and(Changes::wants_eyes);
+        if looks && self.config.eyes.is_none() {
+            return Err(Reason::Unsupported);
+        }
+        match self.set_requests.try_send(SetRequest { changes, sender }) {
             Ok(()) => Ok(Routed::Waiting),
             Err(_) => Err(Reason::Busy),
         }
@@ -316,14 +348,11 @@ impl<M: RawMutex> Robot<M> {
                 taken_back(&order.sender);
             }
         }
-        let mut halt = self.halt.try_take().unwrap_or_default();
-        halt.emergency |= emergency;
-        let routed = match halt.senders.push(sender) {
-            Ok(()) => Routed::Waiting,
-            Err(_) => Routed::Unattended,
-        };
-        self.halt.signal(halt);
-        routed
+        if self.halt.request(emergency, sender) {
+            Routed::Waiting
+        } else {
+            Routed::Unattended
+        }
     }
 }
 

@@ -2,8 +2,9 @@
 
 use core::cell::Cell;
 use core::convert::Infallible;
+use core::ops::Deref;
 
-use crawler_drivers::l298n::{Config, Duty, L298n, MotorError};
+use crawler_drivers::l298n::{Config, Duty, L298n, MotorError, Trim};
 use crawler_hal::{Clock, Duration, Instant, MotorPort, System, Ticker};
 use crawler_protocol::Level;
 use embassy_futures::select::{Either, select};
@@ -38,14 +39,14 @@ pub const REBOOT_REST: Duration = Duration::from_millis(500);
 ///
 /// # Cancellation Safety
 /// Dropping the activity leaves the motors as they are: coast them first, or reset.
-pub async fn control<M, P, O, S, C, R>(
-    robot: &Robot<M>,
+pub fn control<M, P, O, S, C, R>(
+    robot: impl Deref<Target = Robot<M>>,
     left: MotorPort<P, O>,
     right: MotorPort<P, O>,
     mut system: S,
     mut rng: R,
     clock: C,
-) -> Infallible
+) -> impl Future<Output = Infallible>
 where
     M: RawMutex,
     P: SetDutyCycle,
@@ -54,32 +55,61 @@ where
     C: Clock,
     R: Rng,
 {
-    robot.set_boot_cause(system.reset_cause(), system.last_panic(), clock.now());
-    let mut wheels = Wheels::new(L298n::new(left, right, Config::new()));
-    let mut pilot = Pilot::new(robot);
-    let mut last_step = clock.now();
-    let mut ticker = Ticker::every(PERIOD, last_step);
-    loop {
-        let woken_by = match select(robot.halt.wait(), ticker.tick(&clock)).await {
-            Either::First(halt) => Some(halt),
-            Either::Second(_) => None,
-        };
-        let now = clock.now();
-        let outputs = pilot.turn(robot, woken_by, wheels.refused, &mut rng, now);
-        if let Err(error) = wheels.apply(&outputs, pilot.controller(), now) {
-            robot.log(Level::Error, "motor", format_args!("{error}"), now);
-            if let MotorError::Runaway(_) = error {
+    let mut wheels = Wheels::new(left, right);
+    async move {
+        let robot = &*robot;
+        robot.set_boot_cause(system.reset_cause(), system.last_panic(), clock.now());
+        let mut pilot = Pilot::new(robot);
+        let mut last_step = clock.now();
+        let mut ticker = Ticker::every(PERIOD, last_step);
+        loop {
+            let woken = select(robot.halt.asked(), ticker.tick(&clock)).await;
+            let halted = matches!(woken, Either::First(()));
+            if halted && !robot.halt.waits() {
+                // Taken already, with the period.
+                continue;
+            }
+            let now = clock.now();
+            let done = turn_wheels(robot, &mut pilot, &mut wheels, halted, &mut rng, now);
+            if let Err(error) = done {
+                robot.log(Level::Error, "motor", format_args!("{error}"), now);
+                if let MotorError::Runaway(_) = error {
+                    system.reset().await;
+                }
+            }
+            if now - last_step <= HEALTHY_WITHIN && !wheels.refused {
+                system.feed_watchdog();
+            }
+            last_step = now;
+            if pilot.may_reboot(robot, now) || robot.injected.restart_is_due(now) {
                 system.reset().await;
             }
         }
-        if now - last_step <= HEALTHY_WITHIN && !wheels.refused {
-            system.feed_watchdog();
-        }
-        last_step = now;
-        if pilot.may_reboot(robot, now) {
-            system.reset().await;
-        }
     }
+}
+
+/// One turn, to the wheels and all. A function of its own: what is large about it lies on the stack
+/// and not in the future, for as long as it takes.
+fn turn_wheels<M: RawMutex, P: SetDutyCycle, O: OutputPin, R: Rng>(
+    robot: &Robot<M>,
+    pilot: &mut Pilot,
+    wheels: &mut Wheels<P, O>,
+    halted: bool,
+    rng: &mut R,
+    now: Instant,
+) -> Result<(), MotorError> {
+    let woken_by = halted.then(|| robot.halt.try_take()).flatten();
+    let mut outputs = Outputs::default();
+    pilot.turn_into(
+        robot,
+        woken_by.as_ref(),
+        wheels.refused,
+        rng,
+        now,
+        &mut outputs,
+    );
+    let duties = robot.injected.weaken(outputs.duties, now);
+    wheels.apply(duties, pilot.controller().trims(), now)
 }
 
 /// The control loop between two looks at the clock, without the motors: what the activity and the
@@ -91,6 +121,8 @@ pub struct Pilot {
     version: u32,
     shown: Option<Look>,
     reboot_asked: Option<Instant>,
+    /// Whether the camera was asked to look.
+    looking: bool,
 }
 
 impl Pilot {
@@ -101,6 +133,7 @@ impl Pilot {
             version: robot.with_parameters(Parameters::version),
             shown: None,
             reboot_asked: None,
+            looking: false,
         }
     }
 
@@ -116,18 +149,40 @@ impl Pilot {
     pub fn turn<M: RawMutex, R: Rng>(
         &mut self,
         robot: &Robot<M>,
-        woken_by: Option<Halt>,
+        woken_by: Option<&Halt>,
         motor_fault: bool,
         rng: &mut R,
         now: Instant,
     ) -> Outputs {
-        let (halt, order) = match woken_by {
-            Some(halt) => (Some(halt), None),
+        let mut outputs = Outputs::default();
+        self.turn_into(robot, woken_by, motor_fault, rng, now, &mut outputs);
+        outputs
+    }
+
+    /// As [`Self::turn`], into `outputs`, which are empty. They are too large to be handed about
+    /// fifty times a second.
+    fn turn_into<M: RawMutex, R: Rng>(
+        &mut self,
+        robot: &Robot<M>,
+        woken_by: Option<&Halt>,
+        motor_fault: bool,
+        rng: &mut R,
+        now: Instant,
+        outputs: &mut Outputs,
+    ) {
+        let (mut taken, mut order) = (None, None);
+        if woken_by.is_none() {
             // In this order: an order that is there after the halt was taken came after it.
-            None => (robot.halt.try_take(), robot.orders.try_receive().ok()),
-        };
+            taken = robot.halt.try_take();
+            if !robot.orders.is_empty() {
+                order = robot.orders.try_receive().ok();
+            }
+        }
+        let has_eyes = robot.config.eyes.is_some();
+        let view = if has_eyes { robot.sights.take() } else { None };
         let newest = robot.with_parameters(Parameters::version);
-        if newest != self.version {
+        let retuned = newest != self.version;
+        if retuned {
             self.version = newest;
             self.controller.set_tuning(tuning_of(robot));
         }
@@ -137,13 +192,14 @@ impl Pilot {
             charge: battery.charge,
             voltage: battery.voltage,
             fix: robot.tracking.take(),
+            view: view.as_ref(),
             link: robot.link_health.lock(Cell::get),
             loaded: robot.loaded.lock(Cell::get),
             motor_fault,
-            halt: halt.as_ref(),
+            halt: woken_by.or(taken.as_ref()),
             order: order.as_ref(),
         };
-        let outputs = self.controller.step(&inputs, rng, now);
+        self.controller.step_into(&inputs, rng, now, outputs);
         let state = self.controller.state();
         robot.snapshot.lock(|cell| {
             cell.set(Snapshot {
@@ -165,11 +221,17 @@ impl Pilot {
             self.shown = look;
             robot.lamp_changed.signal(());
         }
-        report(robot, &outputs, now);
+        if has_eyes {
+            let wanted = self.controller.wants_eyes();
+            if wanted != self.looking || retuned {
+                self.looking = wanted;
+                robot.sights.want(wanted);
+            }
+        }
+        report(robot, outputs, now);
         if outputs.reboot {
             self.reboot_asked.get_or_insert(now);
         }
-        outputs
     }
 
     /// Whether `reboot` was asked for and its time has come: the robot has come to rest, and the
@@ -207,32 +269,42 @@ impl Look {
 }
 
 /// The motor driver, and whether it refused the last duties.
-struct Wheels<P, O> {
+#[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Wheels<P, O> {
     driver: L298n<P, O>,
     refused: bool,
 }
 
 impl<P: SetDutyCycle, O: OutputPin> Wheels<P, O> {
-    const fn new(driver: L298n<P, O>) -> Self {
+    /// Wheels on these ports. Does no I/O.
+    pub const fn new(left: MotorPort<P, O>, right: MotorPort<P, O>) -> Self {
         Self {
-            driver,
+            driver: L298n::new(left, right, Config::new()),
             refused: false,
         }
     }
 
+    /// The motor driver.
+    pub const fn driver(&self) -> &L298n<P, O> {
+        &self.driver
+    }
+
     /// Hands duties on. Reports a refusal once, and again only after it was gone.
-    fn apply(
+    ///
+    /// # Errors
+    /// [`MotorError`] when an output refuses and did not before.
+    pub fn apply(
         &mut self,
-        outputs: &Outputs,
-        controller: &Controller,
+        duties: [f32; 2],
+        [left_trim, right_trim]: [Trim; 2],
         now: Instant,
     ) -> Result<(), MotorError> {
-        let [left_trim, right_trim] = controller.trims();
         let config = Config::new().with_trim(left_trim, right_trim);
         if *self.driver.config() != config {
             self.driver.set_config(config);
         }
-        let [left, right] = outputs.duties.map(Duty::new);
+        let [left, right] = duties.map(Duty::new);
         let result = self.driver.apply(left, right, now);
         let known = core::mem::replace(&mut self.refused, result.is_err());
         match result {
@@ -281,6 +353,9 @@ fn report<M: RawMutex>(robot: &Robot<M>, outputs: &Outputs, now: Instant) {
             }
             Note::Scanned(result) => {
                 for half in result.halves() {
+                    robot.log(Level::Info, "scan", format_args!("{half}"), now);
+                }
+                for half in result.recognised() {
                     robot.log(Level::Info, "scan", format_args!("{half}"), now);
                 }
             }

@@ -27,14 +27,15 @@ use crawler_protocol::{BehaviourName, Pose, Reason, ResponseStatus};
 use heapless::Vec;
 use rand_core::Rng;
 
-use crate::behaviour::{Progress, Scan, ScanResult};
-use crate::config::Geometry;
-use crate::motion::{Correction, Odometry, Ramp, Twist, duty_for, wheel_speeds};
+use crate::behaviour::{Detour, Progress, Scan, ScanResult};
+use crate::motion::{Correction, Odometry, Ramp};
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
 use crate::state::{Errand, Event, Fault, Side, State};
 use crate::tracking::{Fix, TOLD_EVERY};
+use crate::vision::{InTheWay, View};
 
+use orders::reason_of;
 pub use tuning::Tuning;
 
 /// Time between two control steps.
@@ -65,6 +66,8 @@ pub struct Inputs<'a> {
     pub voltage: Option<Millivolts>,
     /// An outside position reference that has not been taken in yet.
     pub fix: Option<Fix>,
+    /// What the camera has shown and has not been taken in yet.
+    pub view: Option<&'a View>,
     /// Whether the session with the broker holds.
     pub link: LinkHealth,
     /// Whether the parameters are loaded, or given up.
@@ -139,7 +142,10 @@ impl Outputs {
 
 /// The controller of one robot: a value, and all of its memory.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Controller {
+    // Of the parameters, which whoever restores a controller sets again.
+    #[cfg_attr(feature = "serde", serde(skip))]
     tuning: Tuning,
     state: State,
     odometry: Odometry,
@@ -153,9 +159,12 @@ pub struct Controller {
     /// The last way round an obstacle, and when it was left: turning back and forth in a corner
     /// leads nowhere.
     last_escape: Option<(Side, Instant)>,
+    detour: Option<Detour>,
     rebooting: bool,
     /// When a jump of the estimate was noted last.
     told_jump: Option<Instant>,
+    /// By the newest view of the camera.
+    in_the_way: Option<InTheWay>,
 }
 
 impl Controller {
@@ -172,8 +181,10 @@ impl Controller {
             progress: Progress::default(),
             link_lost_since: None,
             last_escape: None,
+            detour: None,
             rebooting: false,
             told_jump: None,
+            in_the_way: None,
         }
     }
 
@@ -184,7 +195,7 @@ impl Controller {
 
     /// Trims of the left and right wheel, for the motor driver.
     pub fn trims(&self) -> [Trim; 2] {
-        self.tuning.trims
+        self.tuning.trims()
     }
 
     /// The state.
@@ -217,6 +228,18 @@ impl Controller {
     /// period.
     pub fn step<R: Rng>(&mut self, inputs: &Inputs<'_>, rng: &mut R, now: Instant) -> Outputs {
         let mut out = Outputs::default();
+        self.step_into(inputs, rng, now, &mut out);
+        out
+    }
+
+    /// As [`Self::step`], adding to `out`, which is empty.
+    pub fn step_into<R: Rng>(
+        &mut self,
+        inputs: &Inputs<'_>,
+        rng: &mut R,
+        now: Instant,
+        out: &mut Outputs,
+    ) {
         let elapsed = now - self.last_step;
         self.last_step = now;
         let duties = self.duties();
@@ -224,26 +247,29 @@ impl Controller {
         self.odometry
             .advance(duties, elapsed, &self.tuning.geometry);
         if let Some(fix) = inputs.fix {
-            self.correct(fix, &mut out, now);
+            self.correct(fix, out, now);
+        }
+        if let Some(view) = inputs.view {
+            self.see(view);
         }
 
         self.start(inputs, now);
-        let mut cut = self.check_faults(inputs, &mut out, now);
-        cut |= self.check_link(inputs.link, &mut out, now);
-        self.check_time(&mut out, now);
+        let mut cut = self.check_faults(inputs, out, now);
+        cut |= self.check_link(inputs.link, out, now);
+        self.check_time(out, now);
         if let Some(halt) = inputs.halt {
-            self.halt(halt, &mut out, now);
+            self.halt(halt, out, now);
             cut = true;
         }
         if let Some(order) = inputs.order {
-            self.take_order(order, inputs, &mut out, now);
+            self.take_order(order, inputs, out, now);
             // A short move may have been over before its turn came.
-            self.check_time(&mut out, now);
+            self.check_time(out, now);
             // `reset` may have uncovered what the emergency stop hid.
-            cut |= self.check_faults(inputs, &mut out, now);
+            cut |= self.check_faults(inputs, out, now);
         }
-        cut |= self.look_ahead(inputs, rng, &mut out, now);
-        let twist = self.wanted(inputs, &mut out, now);
+        cut |= self.look_ahead(inputs, rng, out, now);
+        let twist = self.wanted(inputs, out, now);
         cut |= !self.permits_motion(inputs, now);
         if !cut {
             self.drive(twist, elapsed, now);
@@ -255,7 +281,6 @@ impl Controller {
             }
         }
         out.duties = self.duties();
-        out
     }
 
     /// Improves the estimate, and touches nothing else.
@@ -391,6 +416,7 @@ impl Controller {
             }
         }
         self.scan = None;
+        self.detour = None;
         self.progress.reset();
     }
 
@@ -414,37 +440,5 @@ impl Controller {
                 State::Scanning { .. } => true,
                 State::Initializing | State::Idle | State::Error(_) => false,
             }
-    }
-
-    /// Moves the duties towards `twist`.
-    fn drive(&mut self, twist: Twist, elapsed: Duration, now: Instant) {
-        let Tuning {
-            geometry,
-            max_speed,
-            ramp_step,
-            ..
-        } = self.tuning;
-        let share = (elapsed.as_secs_f32() / PERIOD.as_secs_f32()).min(1.0);
-        let speeds = wheel_speeds(twist, &geometry, max_speed);
-        for (ramp, speed) in self.ramps.iter_mut().zip(speeds) {
-            ramp.towards(duty_for(speed, &geometry), ramp_step * share, now);
-        }
-    }
-}
-
-impl Tuning {
-    /// Shape of the drive.
-    pub const fn geometry(&self) -> &Geometry {
-        &self.geometry
-    }
-}
-
-/// What to answer for `fault`.
-const fn reason_of(fault: Fault) -> Reason {
-    match fault {
-        Fault::EmergencyStop => Reason::Estopped,
-        Fault::Motor => Reason::Fault,
-        Fault::Battery => Reason::LowBattery,
-        Fault::Ranger => Reason::NoRange,
     }
 }

@@ -136,6 +136,12 @@ impl<M: RawMutex> Robot<M> {
         observation
     }
 
+    /// Moves the robot's clock by so many milliseconds: a fault, which the server's time messages
+    /// set right. Does nothing to a clock that was never set.
+    pub fn step_clock(&self, ms: i64) {
+        self.time.jump(ms);
+    }
+
     /// Unix time in milliseconds, while the robot's clock is synchronised.
     pub fn unix_ms(&self, now: Instant) -> Option<u64> {
         self.time.unix_ms(now)

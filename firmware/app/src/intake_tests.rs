@@ -30,6 +30,8 @@ fn unsynchronised() -> TestRobot {
         geometry: Geometry::default(),
         credentials: None,
         camera: false,
+        eyes: None,
+        faults: false,
     })
 }
 

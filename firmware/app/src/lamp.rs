@@ -5,6 +5,7 @@ mod tests;
 
 use core::cell::Cell;
 use core::convert::Infallible;
+use core::ops::Deref;
 
 use crawler_drivers::lamp::{Lamp, Pattern};
 use crawler_hal::{Clock, Instant};
@@ -23,45 +24,47 @@ use crate::trouble::LinkTrouble;
 ///
 /// # Cancellation Safety
 /// Dropping it leaves the lamp as it is.
-pub async fn lamp<M: RawMutex, O: OutputPin, C: Clock>(
-    robot: &Robot<M>,
+pub fn lamp<M: RawMutex, O: OutputPin, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
     pin: O,
     clock: C,
-) -> Infallible {
+) -> impl Future<Output = Infallible> {
     let mut lamp = Lamp::new(pin);
-    let mut refused = false;
-    loop {
-        let now = clock.now();
-        let identify_until = robot.identify_until.lock(Cell::get);
-        let snapshot = robot.snapshot();
-        let link = robot.link_health.lock(Cell::get);
-        let pattern = pattern(&View {
-            state: snapshot.state,
-            fault: snapshot.fault,
-            charge: snapshot.battery.charge,
-            link,
-            trouble: robot.link_trouble(),
-            identify: now < identify_until,
-        });
-        let next = match lamp.show(pattern, now) {
-            Ok(next) => {
-                refused = false;
-                next
-            }
-            Err(error) => {
-                if !core::mem::replace(&mut refused, true) {
-                    robot.log(Level::Warn, "lamp", format_args!("{error}"), now);
+    async move {
+        let mut refused = false;
+        loop {
+            let now = clock.now();
+            let identify_until = robot.identify_until.lock(Cell::get);
+            let snapshot = robot.snapshot();
+            let link = robot.link_health.lock(Cell::get);
+            let pattern = pattern(&View {
+                state: snapshot.state,
+                fault: snapshot.fault,
+                charge: snapshot.battery.charge,
+                link,
+                trouble: robot.link_trouble(),
+                identify: now < identify_until,
+            });
+            let next = match lamp.show(pattern, now) {
+                Ok(next) => {
+                    refused = false;
+                    next
                 }
-                // Nothing to try until the pattern changes.
-                Instant::FAR_FUTURE
-            }
-        };
-        let next = if now < identify_until {
-            next.min(identify_until)
-        } else {
-            next
-        };
-        select(robot.lamp_changed.wait(), clock.sleep_until(next)).await;
+                Err(error) => {
+                    if !core::mem::replace(&mut refused, true) {
+                        robot.log(Level::Warn, "lamp", format_args!("{error}"), now);
+                    }
+                    // Nothing to try until the pattern changes.
+                    Instant::FAR_FUTURE
+                }
+            };
+            let next = if now < identify_until {
+                next.min(identify_until)
+            } else {
+                next
+            };
+            select(robot.lamp_changed.wait(), clock.sleep_until(next)).await;
+        }
     }
 }
 

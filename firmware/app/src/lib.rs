@@ -15,7 +15,7 @@
 //! | [`lamp()`] | status lamp | edges of its pattern |
 //! | [`store()`] | flash | on demand |
 //! | [`link()`] | network | events |
-//! | [`camera()`] | camera, where there is one | on demand |
+//! | [`camera()`] | camera, where there is one | on demand; `vision_period_ms` while it looks |
 #![no_std]
 // Activities are polled by the executor that owns their peripherals; no `Send` bound is wanted.
 #![allow(async_fn_in_trait)]
@@ -29,6 +29,8 @@ mod config;
 mod context;
 pub mod control;
 pub mod controller;
+mod hold;
+mod injected;
 pub mod intake;
 pub mod lamp;
 pub mod ledger;
@@ -53,13 +55,15 @@ pub mod tracking;
 pub mod trouble;
 #[cfg(test)]
 mod trouble_tests;
+pub mod vision;
 
-pub use camera::{ImageSlot, camera};
+pub use camera::{ImageSlot, camera, camera_with_eyes};
 pub use config::{Config, Credentials, Geometry};
 pub use context::{BootRecord, Echo, Robot, Routed, Snapshot};
 pub use control::control;
+pub use hold::{Always, Blank, Hold, Inline, Room};
 pub use lamp::lamp;
-pub use link::{link, link_with_images};
+pub use link::{link, link_held, link_with_images, link_with_images_held};
 pub use power::power;
 pub use sense::sense;
-pub use store::store;
+pub use store::{store, store_held};

@@ -15,6 +15,7 @@ pub use ramp::{DEAD_TIME, Ramp};
 
 /// Motion of the whole robot.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Twist {
     /// Forward, in metres per second.
     pub v: f32,

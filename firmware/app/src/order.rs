@@ -1,14 +1,22 @@
 //! What intake hands to control, once a command has been found valid, fresh and new.
 
+use core::cell::RefCell;
+
 use crawler_hal::Instant;
-use crawler_protocol::{Action, BehaviourSpec, Direction, Source};
+use crawler_protocol::{Action, BehaviourSpec, Direction, Reason, Source};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::signal::Signal;
 use heapless::Vec;
+
+use crate::parameters::Changes;
 
 /// Most halts of one control period that can be answered one by one.
 pub const HALT_ANSWERS: usize = 4;
 
 /// Who gave a command, and under which number: where its answers go.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sender {
     /// Who sent the command.
     pub source: Source,
@@ -20,6 +28,7 @@ pub struct Sender {
 ///
 /// `stop` and `estop` travel as [`Halt`], `set` goes to the store, `capture` to the camera: what cannot be carried out here cannot be written here.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Task {
     /// Open-loop motion in one direction.
     Move {
@@ -125,6 +134,7 @@ impl Task {
 
 /// A task with its sender and the moment it arrived.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Order {
     /// What to do.
     pub task: Task,
@@ -134,6 +144,13 @@ pub struct Order {
     pub arrived: Instant,
 }
 
+/// A `set` on its way to the store, and what its values came to when they were looked at.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct SetRequest {
+    pub(crate) changes: Result<Changes, Reason>,
+    pub(crate) sender: Sender,
+}
+
 /// A request to stand still. Several that arrive before control looks become one.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Halt {
@@ -141,4 +158,59 @@ pub struct Halt {
     pub emergency: bool,
     /// Who is to be told when the robot has stopped.
     pub senders: Vec<Sender, HALT_ANSWERS>,
+}
+
+/// Intake → control: the halt that waits, merged rather than queued, and never refused.
+///
+/// A signal with the halt in it would move its quarter of a kilobyte about whenever control looks,
+/// which is fifty times a second, and almost always there is none.
+pub(crate) struct Halts<M: RawMutex> {
+    waiting: Mutex<M, RefCell<Option<Halt>>>,
+    /// Something may wait.
+    asked: Signal<M, ()>,
+}
+
+impl<M: RawMutex> Halts<M> {
+    pub(crate) const fn new() -> Self {
+        Self {
+            waiting: Mutex::new(RefCell::new(None)),
+            asked: Signal::new(),
+        }
+    }
+
+    /// Adds a request to what waits. False when there is no place to remember its sender, who
+    /// is then not answered by control.
+    pub(crate) fn request(&self, emergency: bool, sender: Sender) -> bool {
+        let remembered = self.waiting.lock(|waiting| {
+            let mut waiting = waiting.borrow_mut();
+            let halt = waiting.get_or_insert_default();
+            halt.emergency |= emergency;
+            halt.senders.push(sender).is_ok()
+        });
+        self.asked.signal(());
+        remembered
+    }
+
+    /// Whether there is one to take.
+    pub(crate) fn waits(&self) -> bool {
+        self.waiting.lock(|waiting| waiting.borrow().is_some())
+    }
+
+    /// Takes what waits.
+    pub(crate) fn try_take(&self) -> Option<Halt> {
+        self.waiting.lock(|waiting| {
+            if waiting.borrow().is_none() {
+                return None;
+            }
+            waiting.borrow_mut().take()
+        })
+    }
+
+    /// Returns when something may have been requested since the last return.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) async fn asked(&self) {
+        self.asked.wait().await;
+    }
 }

@@ -16,11 +16,13 @@
 //! nobody kept for [`PROMISE_LIFE`] gives way when all are taken.
 //!
 //! # Log records
-//! [`LOGS`] places, and messages at QoS 0. Still no fault that lasts is lost:
+//! [`LOGS`] places and [`LOG_TEXTS`] bytes for what they say, and messages at QoS 0. Still no fault
+//! that lasts is lost:
 //!
-//! - When all places are taken the oldest record gives way, but not the newest of a kept event
-//!   ([`KEPT_EVENTS`](crate::trouble::KEPT_EVENTS)). There are more places than such events, so
-//!   one can always give way: what happens often does not displace what happened once.
+//! - When all places are taken, or the bytes do not suffice, the oldest record gives way, but not
+//!   the newest of a kept event ([`KEPT_EVENTS`](crate::trouble::KEPT_EVENTS)). There are more
+//!   places than such events, so one can always give way: what happens often does not displace
+//!   what happened once. When only such records are left, a new text is cut to the bytes there are.
 //! - A record of a kept event stays here until the broker has answered something that was sent
 //!   after it: the stream keeps its order, so the record arrived as well. When the connection
 //!   breaks before, it is sent again on the next one, under the same number.
@@ -29,7 +31,7 @@
 //!
 //! Telemetry is not queued at all: the link sends the latest snapshot.
 //!
-//! State: about 3.8 KB (32 answers of 40 bytes, 16 records of 140).
+//! State: about 2.2 KB (32 answers of 24 bytes, 16 records of 32 and their texts).
 
 mod logs;
 
@@ -43,7 +45,7 @@ use embassy_sync::signal::Signal;
 use heapless::Vec;
 
 use logs::Logs;
-pub use logs::{LOG_TEXT, LOGS, LOSS_PERIOD, LogEntry};
+pub use logs::{LOG_TEXT, LOG_TEXTS, LOGS, LOSS_PERIOD, LogEntry};
 
 /// Places for answers.
 pub const ANSWERS: usize = 32;
@@ -86,12 +88,29 @@ enum Kind {
     Halt,
 }
 
+/// An answer and what is known of it. Laid out flat: an [`Outgoing`] in it would bring its padding.
 #[derive(Debug, Clone, Copy)]
 struct Entry {
+    seq: u64,
+    timestamp: u64,
     ticket: Ticket,
+    status: ResponseStatus,
+    reason: Option<Reason>,
     kind: Kind,
     in_flight: bool,
-    answer: Outgoing,
+}
+
+const _: () = assert!(size_of::<Entry>() == 24);
+
+impl Entry {
+    const fn answer(&self) -> Outgoing {
+        Outgoing {
+            seq: self.seq,
+            status: self.status,
+            reason: self.reason,
+            timestamp: self.timestamp,
+        }
+    }
 }
 
 /// Identifies an open command without keeping its source: 64 bits of FNV-1a over it.
@@ -215,7 +234,7 @@ impl<M: RawMutex> Outbox<M> {
     pub fn next_answer(&self) -> Option<(Ticket, Outgoing)> {
         self.with(|inner| {
             let entry = inner.answers.iter().find(|entry| !entry.in_flight)?;
-            Some((entry.ticket, entry.answer))
+            Some((entry.ticket, entry.answer()))
         })
     }
 
@@ -223,7 +242,7 @@ impl<M: RawMutex> Outbox<M> {
     pub fn get(&self, ticket: Ticket) -> Option<Outgoing> {
         self.with(|inner| {
             let entry = inner.answers.iter().find(|entry| entry.ticket == ticket)?;
-            Some(entry.answer)
+            Some(entry.answer())
         })
     }
 
@@ -354,7 +373,7 @@ impl Inner {
     fn courtesy(&mut self, answer: Outgoing) {
         let same = |entry: &Entry| {
             !entry.in_flight
-                && (entry.answer.seq, entry.answer.status, entry.answer.reason)
+                && (entry.seq, entry.status, entry.reason)
                     == (answer.seq, answer.status, answer.reason)
         };
         if self.answers.iter().any(same) {
@@ -369,10 +388,13 @@ impl Inner {
 
     fn push(&mut self, kind: Kind, answer: Outgoing) {
         let entry = Entry {
+            seq: answer.seq,
+            timestamp: answer.timestamp,
             ticket: Ticket(self.next_ticket),
+            status: answer.status,
+            reason: answer.reason,
             kind,
             in_flight: false,
-            answer,
         };
         self.next_ticket = self.next_ticket.wrapping_add(1);
         if self.answers.push(entry).is_err() {

@@ -200,6 +200,50 @@ fn a_fault_is_sent_again_until_something_proves_that_it_arrived() {
     assert_eq!(sent(), [""; 0]);
 }
 
+#[test]
+fn long_texts_displace_chatter_and_cut_nothing_but_themselves() {
+    let outbox = Box::new();
+    let long = std::format!("x{}", "é".repeat(LOG_TEXT / 2 - 1));
+    for _ in 0..LOGS {
+        outbox.log(Level::Info, "tick", format_args!("{long}"), 0);
+    }
+    for (number, event) in (0..).zip(KEPT_EVENTS) {
+        outbox.log(Level::Error, event, format_args!("{long}"), number);
+    }
+    // An old word makes room for the new one.
+    outbox.log(Level::Error, KEPT_EVENTS[0], format_args!("{long}"), 100);
+    let records: Vec<_> = core::iter::from_fn(|| outbox.next_log(0, NOW)).collect();
+    let (loss, records) = records.split_first().expect("records");
+    assert_eq!(loss.event, "outbox-full");
+    let told = std::format!("{} log records and 0 answers were not sent", LOGS + 1);
+    assert_eq!(loss.text, *told);
+    let mut told: Vec<_> = records.iter().map(|record| record.event).collect();
+    told.sort_unstable();
+    let mut kept = KEPT_EVENTS;
+    kept.sort_unstable();
+    assert_eq!(told, kept);
+    let whole = records
+        .iter()
+        .filter(|record| *record.text == *long)
+        .count();
+    assert_eq!(
+        whole,
+        LOG_TEXTS / long.len(),
+        "as many as there is room for"
+    );
+    assert!(
+        records
+            .iter()
+            .all(|record| long.starts_with(record.text.as_str()))
+    );
+    let numbers: Vec<_> = records.iter().map(|record| record.seq).collect();
+    assert!(numbers.is_sorted(), "{numbers:?}");
+    assert_eq!(
+        numbers.last(),
+        Some(&(LOGS + KEPT_EVENTS.len()).try_into().expect("small"))
+    );
+}
+
 #[derive(Debug, Clone, Copy)]
 enum LogStep {
     /// Something that is kept, by its place in the list.

@@ -86,15 +86,23 @@ impl Parameters {
     /// the values do not go together (the critical distance must stay below the safe one, and
     /// the voltages in their order).
     pub fn with(&self, values: &ParameterValues) -> Result<Self, Reason> {
+        self.changed(&Changes::new(values)?)
+    }
+
+    /// A copy with `changes` applied.
+    ///
+    /// # Errors
+    /// [`Reason::OutOfRange`] when the values would not go together.
+    pub(crate) fn changed(&self, changes: &Changes) -> Result<Self, Reason> {
         let mut next = self.clone();
-        let mut seen = [false; PARAMETER_COUNT];
-        for (name, value) in values {
-            let definition = Definition::by_name(name).ok_or(Reason::UnknownParameter)?;
-            let seen = &mut seen[definition.parameter as usize];
-            if core::mem::replace(seen, true) {
-                return Err(Reason::DuplicateField);
+        for definition in TABLE.iter().filter(|d| changes.has(d.parameter)) {
+            match definition.domain {
+                Domain::Number { .. } | Domain::Switch { .. } => {
+                    let number = changes.values.number(definition.parameter);
+                    next.numbers[definition.parameter as usize] = number;
+                }
+                Domain::Text { .. } => next.name.clone_from(&changes.values.name),
             }
-            next.put(definition, value)?;
         }
         next.check_consistent()?;
         next.version = self.version.wrapping_add(1);
@@ -223,6 +231,46 @@ impl Parameters {
     pub(crate) fn replace_with(&mut self, loaded: Self) {
         let version = self.version.wrapping_add(1);
         *self = Self { version, ..loaded };
+    }
+}
+
+/// What a `set` asks for, with names looked up and each value one that its parameter may have: a
+/// tenth of the message's size.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Changes {
+    /// Only those count that are marked.
+    values: Parameters,
+    marked: [bool; PARAMETER_COUNT],
+}
+
+impl Changes {
+    /// What `values` ask for.
+    ///
+    /// # Errors
+    /// As [`Parameters::with`], but for what depends on the values in force.
+    pub(crate) fn new(values: &ParameterValues) -> Result<Self, Reason> {
+        let mut changes = Self {
+            values: Parameters::default(),
+            marked: [false; PARAMETER_COUNT],
+        };
+        for (name, value) in values {
+            let definition = Definition::by_name(name).ok_or(Reason::UnknownParameter)?;
+            let marked = &mut changes.marked[definition.parameter as usize];
+            if core::mem::replace(marked, true) {
+                return Err(Reason::DuplicateField);
+            }
+            changes.values.put(definition, value)?;
+        }
+        Ok(changes)
+    }
+
+    /// Whether they ask to look all the time.
+    pub(crate) fn wants_eyes(&self) -> bool {
+        self.has(Parameter::VisionAlways) && self.values.switch(Parameter::VisionAlways)
+    }
+
+    const fn has(&self, parameter: Parameter) -> bool {
+        self.marked[parameter as usize]
     }
 }
 

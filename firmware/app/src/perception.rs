@@ -7,6 +7,7 @@ pub const STALE_AFTER: Duration = Duration::from_millis(300);
 
 /// What one measurement says of the way ahead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Sight {
     /// Something stands this far ahead.
     Range(Millimeters),
@@ -30,6 +31,7 @@ impl Sight {
 
 /// Whether the ranger can be believed. A bad sensor is a state here, never a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum SensorHealth {
     /// Nothing heard yet since boot.
     #[default]
@@ -67,6 +69,7 @@ impl SensorHealth {
 
 /// The newest filtered reading, and what is thought of the sensor behind it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Reading {
     /// Newest trustworthy view, and when it was taken.
     pub sight: Option<(Sight, Instant)>,
@@ -100,6 +103,7 @@ impl Reading {
 
 /// How much is left in the battery, as far as driving is concerned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Charge {
     /// Not measured yet, or the gauge cannot be read.
     #[default]
@@ -126,6 +130,7 @@ impl Charge {
 
 /// The hand-over from power to control, store and link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Battery {
     /// Smoothed voltage of the pack.
     pub voltage: Option<crawler_hal::Millivolts>,

@@ -4,6 +4,7 @@
 mod tests;
 
 use core::convert::Infallible;
+use core::ops::Deref;
 
 use crawler_drivers::battery::{self, Config, Divider, Gauge, Thresholds};
 use crawler_hal::{Adc, Clock, Duration, Millivolts, Ticker, with_deadline};
@@ -28,47 +29,53 @@ const CONVERSION: Duration = Duration::from_millis(100);
 ///
 /// # Cancellation Safety
 /// Dropping it loses one measurement.
-pub async fn power<M: RawMutex, A: Adc, C: Clock>(
-    robot: &Robot<M>,
+// Not an `async fn`, which would keep its arguments twice: as they came and as they are used.
+#[allow(clippy::manual_async_fn)]
+pub fn power<M: RawMutex, A: Adc, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
     mut adc: A,
     clock: C,
-) -> Infallible {
-    let mut ticker = Ticker::every(PERIOD, clock.now());
-    let mut monitor = robot.with_parameters(Monitor::new);
-    let mut version = robot.with_parameters(Parameters::version);
-    loop {
-        let measured = with_deadline(&clock, clock.now() + CONVERSION, adc.read()).await;
-        let pin = match measured {
-            Ok(Ok(pin)) => Some(pin),
-            Ok(Err(_)) | Err(_) => None,
-        };
-        let newest = robot.with_parameters(Parameters::version);
-        if newest != version {
-            version = newest;
-            robot.with_parameters(|parameters| monitor.adjust(parameters));
-        }
-        let before = monitor.battery();
-        let battery = monitor.observe(pin);
-        robot.battery.lock(|cell| cell.set(battery));
-        robot.battery_measured.signal(());
-        if battery.charge != before.charge {
-            let level = match battery.charge {
-                Charge::Unknown | Charge::Good => Level::Info,
-                Charge::Low => Level::Warn,
-                Charge::Critical => Level::Error,
+) -> impl Future<Output = Infallible> {
+    async move {
+        let mut ticker = Ticker::every(PERIOD, clock.now());
+        let mut monitor = robot.with_parameters(Monitor::new);
+        let mut version = robot.with_parameters(Parameters::version);
+        loop {
+            let measured = with_deadline(&clock, clock.now() + CONVERSION, adc.read()).await;
+            let pin = match measured {
+                Ok(Ok(pin)) => Some(pin),
+                Ok(Err(_)) | Err(_) => None,
             };
-            let mv = battery.voltage.map_or(0, |voltage| voltage.0);
-            let text = format_args!("{} at {mv} mV", battery.charge.name());
-            robot.log(level, "battery", text, clock.now());
+            let newest = robot.with_parameters(Parameters::version);
+            if newest != version {
+                version = newest;
+                robot.with_parameters(|parameters| monitor.adjust(parameters));
+            }
+            let before = monitor.battery();
+            let battery = monitor.observe(pin);
+            robot.battery.lock(|cell| cell.set(battery));
+            robot.battery_measured.signal(());
+            if battery.charge != before.charge {
+                let level = match battery.charge {
+                    Charge::Unknown | Charge::Good => Level::Info,
+                    Charge::Low => Level::Warn,
+                    Charge::Critical => Level::Error,
+                };
+                let mv = battery.voltage.map_or(0, |voltage| voltage.0);
+                let text = format_args!("{} at {mv} mV", battery.charge.name());
+                robot.log(level, "battery", text, clock.now());
+            }
+            ticker.tick(&clock).await;
         }
-        ticker.tick(&clock).await;
     }
 }
 
 /// The gauge with the limits of the parameters. A value, so that it is tested without waiting.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Monitor {
     gauge: Gauge,
+    #[cfg_attr(feature = "serde", serde(skip, default = "standard_divider"))]
     divider: Divider,
     battery: Battery,
 }
@@ -122,6 +129,11 @@ impl Monitor {
         };
         self.battery
     }
+}
+
+#[cfg(feature = "serde")]
+fn standard_divider() -> Divider {
+    Config::STANDARD.divider
 }
 
 fn config(parameters: &Parameters) -> Config {

@@ -5,9 +5,10 @@ mod filter;
 mod tests;
 
 use core::convert::Infallible;
+use core::ops::Deref;
 
-use crawler_drivers::us100::{TemperatureError, Us100};
-use crawler_hal::{Celsius, Clock, Duration, Instant, RangerPort, Ticker};
+use crawler_drivers::us100::{RangeError, TemperatureError, Us100};
+use crawler_hal::{Celsius, Clock, Duration, Instant, Millimeters, RangerPort, Ticker};
 use crawler_protocol::Level;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal::digital::{InputPin, OutputPin};
@@ -15,6 +16,7 @@ use embedded_hal_async::digital::Wait;
 use embedded_io_async::{Read, Write};
 
 use crate::context::Robot;
+use crate::perception::{Reading, SensorHealth};
 
 pub use filter::RangeFilter;
 
@@ -33,11 +35,11 @@ const ROOM: Celsius = Celsius(20);
 ///
 /// # Cancellation Safety
 /// As safe as the driver's: dropping it loses the measurement under way.
-pub async fn sense<M, U, T, E, C>(
-    robot: &Robot<M>,
+pub fn sense<M, U, T, E, C>(
+    robot: impl Deref<Target = Robot<M>>,
     port: RangerPort<U, T, E>,
     clock: C,
-) -> Infallible
+) -> impl Future<Output = Infallible>
 where
     M: RawMutex,
     U: Read + Write,
@@ -46,41 +48,104 @@ where
     C: Clock,
 {
     let mut ranger = Us100::new(port);
-    let mut ticker = Ticker::every(PERIOD, clock.now());
-    let mut filter = RangeFilter::new(clock.now());
-    let mut air = None;
-    let mut thermometer_due = clock.now();
-    loop {
-        let measured = ranger.measure(&clock, air.unwrap_or(ROOM)).await;
-        let now = clock.now();
-        let moving = robot.snapshot().wheels.iter().any(|duty| *duty != 0.0);
-        let before = filter.reading().health;
-        let mut reading = filter.observe(measured, moving, now);
-        reading.temperature = air;
-        robot.reading.lock(|cell| cell.set(reading));
-        if reading.health != before {
-            let level = if reading.health.is_fault() {
-                Level::Error
-            } else {
-                Level::Info
-            };
-            robot.log(
-                level,
-                "ranger",
-                format_args!("{}", reading.health.name()),
-                now,
-            );
-        }
-        // Only behind a good reading: a silent sensor would not tell its temperature either, and
-        // waiting for it would only delay finding the sensor again.
-        if measured.is_ok() && now >= thermometer_due {
-            thermometer_due = now + TEMPERATURE_EVERY;
-            match ranger.temperature(&clock).await {
-                Ok(temperature) => air = Some(temperature),
-                Err(TemperatureError::NotWired) => thermometer_due = Instant::FAR_FUTURE,
-                Err(_) => air = None,
+    async move {
+        let mut ticker = Ticker::every(PERIOD, clock.now());
+        let mut lookout = Lookout::new(clock.now());
+        loop {
+            let measured = ranger.measure(&clock, lookout.air()).await;
+            let now = clock.now();
+            let measured = robot.injected.range(measured, now);
+            let moving = robot.snapshot().wheels.iter().any(|duty| *duty != 0.0);
+            let before = lookout.health();
+            let reading = lookout.observe(measured, moving, now);
+            robot.reading.lock(|cell| cell.set(reading));
+            if reading.health != before {
+                let level = if reading.health.is_fault() {
+                    Level::Error
+                } else {
+                    Level::Info
+                };
+                robot.log(
+                    level,
+                    "ranger",
+                    format_args!("{}", reading.health.name()),
+                    now,
+                );
             }
+            if lookout.wants_temperature(measured, now) {
+                lookout.feel(ranger.temperature(&clock).await);
+            }
+            ticker.tick(&clock).await;
         }
-        ticker.tick(&clock).await;
+    }
+}
+
+/// What the activity keeps between two measurements, without the ranger. A value, so that it runs
+/// without waiting.
+#[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Lookout {
+    filter: RangeFilter,
+    air: Option<Celsius>,
+    thermometer_due: Instant,
+}
+
+impl Lookout {
+    /// A lookout that has seen nothing. The sensor has from `now` on to answer.
+    pub const fn new(now: Instant) -> Self {
+        Self {
+            filter: RangeFilter::new(now),
+            air: None,
+            thermometer_due: now,
+        }
+    }
+
+    /// The temperature of the air, as far as it is known.
+    pub fn air(&self) -> Celsius {
+        self.air.unwrap_or(ROOM)
+    }
+
+    /// What is thought of the sensor.
+    pub const fn health(&self) -> SensorHealth {
+        self.filter.reading().health
+    }
+
+    /// Takes one measurement in; `moving` tells whether the wheels are driven.
+    pub fn observe(
+        &mut self,
+        measured: Result<Millimeters, RangeError>,
+        moving: bool,
+        now: Instant,
+    ) -> Reading {
+        Reading {
+            temperature: self.air,
+            ..self.filter.observe(measured, moving, now)
+        }
+    }
+
+    /// Whether to ask for the temperature behind this measurement. The question then counts as
+    /// asked.
+    ///
+    /// Only behind a good reading: a silent sensor would not tell its temperature either, and
+    /// waiting for it would only delay finding the sensor again.
+    pub fn wants_temperature(
+        &mut self,
+        measured: Result<Millimeters, RangeError>,
+        now: Instant,
+    ) -> bool {
+        let due = measured.is_ok() && now >= self.thermometer_due;
+        if due {
+            self.thermometer_due = now + TEMPERATURE_EVERY;
+        }
+        due
+    }
+
+    /// Takes in what the thermometer said.
+    pub fn feel(&mut self, temperature: Result<Celsius, TemperatureError>) {
+        match temperature {
+            Ok(temperature) => self.air = Some(temperature),
+            Err(TemperatureError::NotWired) => self.thermometer_due = Instant::FAR_FUTURE,
+            Err(_) => self.air = None,
+        }
     }
 }

@@ -12,6 +12,7 @@ use crate::motion::Twist;
 
 /// What a robot in motion is about.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Errand {
     /// `move` and `drive`: a person's hand on the stick.
     Manual {
@@ -59,6 +60,7 @@ impl Errand {
 
 /// Which way to turn aside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Side {
     /// Counter-clockwise.
     Left,
@@ -66,10 +68,22 @@ pub enum Side {
     Right,
 }
 
+impl Side {
+    /// The other one.
+    #[must_use]
+    pub const fn other(self) -> Self {
+        match self {
+            Self::Left => Self::Right,
+            Self::Right => Self::Left,
+        }
+    }
+}
+
 /// How the robot gets out of the way of what is ahead: back for a while, then turn for a while.
 ///
 /// Times, and not angles, because without encoders a time is what the robot can keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Escape {
     /// How many attempts failed before this one.
     pub attempt: u8,
@@ -120,6 +134,7 @@ impl Escape {
 
 /// Why a robot stands and does not take orders to move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Fault {
     /// `estop`. Latched until `reset`.
     EmergencyStop,
@@ -177,6 +192,7 @@ pub enum Event {
 
 /// State of a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum State {
     /// Starting.
     Initializing,

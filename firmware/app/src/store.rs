@@ -9,9 +9,10 @@ mod guard;
 mod tests;
 
 use core::convert::Infallible;
+use core::ops::Deref;
 
 use crawler_hal::{Clock, Duration, Elapsed, with_deadline};
-use crawler_protocol::{Action, Command, Level, Reason, ResponseStatus};
+use crawler_protocol::{Level, Reason, ResponseStatus};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::NorFlash;
 use sequential_storage::Error;
@@ -19,7 +20,9 @@ use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
 use crate::context::Robot;
-use crate::parameters::{ENCODED_MAX, Parameters};
+use crate::hold::{Hold, Inline};
+use crate::order::SetRequest;
+use crate::parameters::{Changes, ENCODED_MAX, Parameters};
 
 use guard::{GuardError, Guarded};
 
@@ -38,26 +41,43 @@ const FLASH_PATIENCE: Duration = Duration::from_millis(1_500);
 ///
 /// # Cancellation Safety
 /// As safe as a power cut, which the flash format survives at any byte.
-pub async fn store<M: RawMutex, F: NorFlash, C: Clock>(
-    robot: &Robot<M>,
+pub fn store<M: RawMutex, F: NorFlash, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
     flash: F,
     clock: C,
-) -> Infallible {
-    // The guard has to know the voltage before anything is repaired or written.
-    let patience = clock.now() + BATTERY_PATIENCE;
-    let _: Result<(), Elapsed> =
-        with_deadline(&clock, patience, robot.battery_measured.wait()).await;
-    let mut shelf = Shelf::new(Guarded::new(flash, robot));
-    load(robot, &mut shelf, &clock).await;
-    loop {
-        let command = robot.set_requests.receive().await;
-        let (status, reason) = match set(robot, &mut shelf, &clock, &command).await {
-            Ok(()) => (ResponseStatus::Completed, None),
-            Err(Refusal::Invalid(reason)) => (ResponseStatus::Rejected, Some(reason)),
-            Err(Refusal::NotStored(reason)) => (ResponseStatus::Failed, Some(reason)),
-        };
-        let now = clock.now();
-        robot.respond(&command.source, command.seq, status, reason, now);
+) -> impl Future<Output = Infallible> {
+    store_held::<Inline, M, F, C>(robot, flash, clock)
+}
+
+/// As [`store()`], with its rare steps kept as `H` keeps them.
+///
+/// # Cancellation Safety
+/// As [`store()`].
+// Not an `async fn`, which would keep its arguments twice: as they came and as they are used.
+#[allow(clippy::manual_async_fn)]
+pub fn store_held<H: Hold, M: RawMutex, F: NorFlash, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
+    flash: F,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    async move {
+        let robot = &*robot;
+        // The guard has to know the voltage before anything is repaired or written.
+        let patience = clock.now() + BATTERY_PATIENCE;
+        let _: Result<(), Elapsed> =
+            with_deadline(&clock, patience, robot.battery_measured.wait()).await;
+        let mut shelf = Shelf::new(Guarded::new(flash, robot));
+        H::hold(load(robot, &mut shelf, &clock)).await;
+        loop {
+            let SetRequest { changes, sender } = robot.set_requests.receive().await;
+            let (status, reason) = match H::hold(set(robot, &mut shelf, &clock, changes)).await {
+                Ok(()) => (ResponseStatus::Completed, None),
+                Err(Refusal::Invalid(reason)) => (ResponseStatus::Rejected, Some(reason)),
+                Err(Refusal::NotStored(reason)) => (ResponseStatus::Failed, Some(reason)),
+            };
+            let now = clock.now();
+            robot.respond(&sender.source, sender.seq, status, reason, now);
+        }
     }
 }
 
@@ -73,15 +93,13 @@ async fn set<M: RawMutex, F: NorFlash, C: Clock>(
     robot: &Robot<M>,
     shelf: &mut Shelf<'_, M, F>,
     clock: &C,
-    command: &Command,
+    changes: Result<Changes, Reason>,
 ) -> Result<(), Refusal> {
-    let Action::Set(values) = &command.action else {
-        return Err(Refusal::Invalid(Reason::Unsupported));
-    };
+    let changes = changes.map_err(Refusal::Invalid)?;
     let (next, differs) = robot
         .with_parameters(|present| {
             present
-                .with(values)
+                .changed(&changes)
                 .map(|next| (next.clone(), next.differs_in_flash(present)))
         })
         .map_err(Refusal::Invalid)?;

@@ -136,6 +136,21 @@ impl<M: RawMutex> TimeSync<M> {
         })
     }
 
+    /// Moves the clock by so many milliseconds, as a fault does; what was heard of another time
+    /// is forgotten. Does nothing before the first message.
+    pub fn jump(&self, ms: i64) {
+        self.state.lock(|cell| {
+            let mut state = cell.get();
+            if let Some(held) = &mut state.held {
+                held.offset_us = held.offset_us.saturating_add(ms.saturating_mul(1_000));
+                state.step = None;
+                // A clock that is off is not young: it is moved back only by messages that agree.
+                state.agreed = STEP_CONFIRMATIONS;
+                cell.set(state);
+            }
+        });
+    }
+
     /// Whether to tell of a time that is not believed: once in [`WARN_PERIOD`].
     pub fn may_warn(&self, now: Instant) -> bool {
         self.state.lock(|cell| {

@@ -12,11 +12,13 @@ const NOISE_MM: u16 = 30;
 
 /// The spread of ranges seen while driving forward.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Progress {
     seen: Option<Seen>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Seen {
     since: Instant,
     nearest: u16,

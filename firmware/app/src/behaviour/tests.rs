@@ -13,6 +13,7 @@ use crate::config::Geometry;
 use crate::motion::{Odometry, duty_for, wheel_speeds};
 use crate::perception::Sight;
 use crate::state::{Escape, Side};
+use crate::vision::Class;
 
 const NOW: Instant = Instant::from_millis(5_000);
 const PERIOD: Duration = Duration::from_millis(20);
@@ -100,6 +101,37 @@ fn a_scan_keeps_the_nearest_and_tells_what_it_did_not_see() {
         format!("cm per 15 deg from 0 deg: 50{}", " ?".repeat(11))
     );
     assert!(first.len() <= 88 && second.starts_with("cm per 15 deg from 180 deg:"));
+}
+
+#[test]
+fn a_scan_tells_the_directions_of_what_was_recognised() {
+    let mut scan = Scan::new(0.0);
+    scan.recognise(0.3, Class::Object);
+    scan.recognise(0.3, Class::Robot);
+    // The direction is a sum of angles.
+    scan.recognise(0.3 + 2.0 * PI, Class::Obstacle);
+    scan.recognise(f32::NAN, Class::Robot);
+    let mut result = None;
+    for index in 1..=100 {
+        result = result.or(scan.observe(wrapped(index as f32 * 0.1), None));
+    }
+    let result = result.expect("once around");
+    let told: std::vec::Vec<_> = result.recognised().map(|half| half.to_string()).collect();
+    let half = format!("seen per 15 deg from 0 deg: r bor{}", " -".repeat(10));
+    assert_eq!(
+        told,
+        [half],
+        "nothing is told of a half turn that showed nothing"
+    );
+    for direction in 0..24 {
+        for class in Class::ALL {
+            scan.recognise(direction as f32 * PI / 12.0 + 0.1, class);
+        }
+    }
+    let result = (0..100).find_map(|index| scan.observe(wrapped(index as f32 * 0.1), None));
+    let result = result.expect("once around");
+    let longest = result.recognised().map(|half| half.to_string().len());
+    assert_eq!(longest.max(), Some(77));
 }
 
 fn wrapped(angle: f32) -> f32 {

@@ -4,11 +4,12 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::Reason;
 use rand_core::Rng;
 
-use super::{Controller, Inputs, Note, Outputs};
-use crate::behaviour::{escape_twist, goto_twist};
+use super::{Controller, Inputs, Note, Outputs, PERIOD};
+use crate::behaviour::{Detour, escape_twist, goto_twist};
 use crate::motion::Twist;
 use crate::perception::{Charge, Sight};
 use crate::state::{Errand, Event, Side, State};
+use crate::vision::View;
 
 /// Share of the wanted speed that is left right before the critical distance.
 const SLOWEST: f32 = 0.3;
@@ -21,8 +22,6 @@ const SCAN_TURN: f32 = 1.5;
 const SAFE_HYSTERESIS_MM: u16 = 40;
 /// A new obstacle within this time of the last one is taken for the same corner.
 const SAME_CORNER: Duration = Duration::from_millis(2_500);
-/// `goto` drives straight for this long after turning aside, before it heads for its target.
-const DETOUR: Duration = Duration::from_millis(1_200);
 /// Failed attempts at turning aside that are worth a note.
 const HEMMED_IN: u8 = 3;
 
@@ -87,6 +86,42 @@ impl Controller {
         blocked && !matches!(before, State::Avoiding(..))
     }
 
+    /// Whether what the robot does needs its camera.
+    pub fn wants_eyes(&self) -> bool {
+        let behaves = match self.state {
+            State::Moving(errand) | State::Caution(errand) | State::Avoiding(errand, _) => {
+                matches!(errand, Errand::Wander { .. })
+            }
+            State::Scanning { .. } => true,
+            State::Initializing | State::Idle | State::Error(_) => false,
+        };
+        behaves || self.tuning.vision_always
+    }
+
+    /// Takes in what the camera has shown.
+    pub(super) fn see(&mut self, view: &View) {
+        self.in_the_way = view.in_the_way;
+        if let Some(scan) = &mut self.scan {
+            for thing in &view.things {
+                scan.recognise(view.heading + thing.bearing, thing.spot.class);
+            }
+        }
+    }
+
+    /// Where to turn for something low in the way of a robot that wanders: to the side where it is
+    /// not, but in one corner always to the same.
+    fn low_way_round(&self, errand: &Errand, now: Instant) -> Option<Side> {
+        let (Errand::Wander { .. }, Some(low)) = (errand, self.in_the_way) else {
+            return None;
+        };
+        let bearing = low.ahead(self.pose().theta, now)?;
+        Some(match self.last_escape {
+            Some((side, at)) if now - at < SAME_CORNER => side,
+            Some(_) | None if bearing > 0.0 => Side::Right,
+            Some(_) | None => Side::Left,
+        })
+    }
+
     /// What a fresh view means for `errand`.
     fn judge<R: Rng>(
         &mut self,
@@ -103,7 +138,8 @@ impl Controller {
                 return Event::Stuck(side(rng));
             }
             // Clear is halfway to safe, so that the way out is one.
-            if distance < critical.midpoint(safe) {
+            let low = self.low_way_round(errand, now).is_some();
+            if low || distance < critical.midpoint(safe) {
                 return Event::Blocked(escape.side);
             }
         } else if distance < critical {
@@ -111,9 +147,11 @@ impl Controller {
                 Errand::Manual { twist, .. } if twist.v <= 0.0 => return Event::Near,
                 Errand::Manual { .. } => return Event::Blocked(Side::Left),
                 Errand::Wander { .. } | Errand::Goto { .. } => {
-                    return Event::Blocked(self.way_round(rng, now));
+                    return Event::Blocked(self.way_round(errand, rng, now));
                 }
             }
+        } else if let Some(side) = self.low_way_round(errand, now) {
+            return Event::Blocked(side);
         } else if errand.is_autonomous() {
             let forward = self.ramps.iter().all(|ramp| ramp.duty() > 0.0);
             if !forward {
@@ -139,7 +177,14 @@ impl Controller {
         }
     }
 
-    fn way_round<R: Rng>(&self, rng: &mut R, now: Instant) -> Side {
+    fn way_round<R: Rng>(&mut self, errand: &Errand, rng: &mut R, now: Instant) -> Side {
+        if let Errand::Goto { x, y, .. } = *errand {
+            let pose = self.pose();
+            let distance = libm::hypotf(x - pose.x, y - pose.y);
+            let detour = Detour::next(self.detour, distance, side(rng));
+            self.detour = Some(detour);
+            return detour.side();
+        }
         match self.last_escape {
             Some((side, at)) if now - at < SAME_CORNER => side,
             Some(_) | None => side(rng),
@@ -206,7 +251,9 @@ impl Controller {
                     self.tuning.max_turn,
                 )?;
                 match self.last_escape {
-                    Some((_, left)) if now - left < DETOUR => Some(Twist { v: speed, w: 0.0 }),
+                    Some((_, left)) if now - left < Detour::straight(self.detour.as_ref()) => {
+                        Some(Twist { v: speed, w: 0.0 })
+                    }
                     Some(_) | None => Some(twist),
                 }
             }
@@ -225,6 +272,15 @@ impl Controller {
         Twist {
             v: twist.v * (room / full).clamp(SLOWEST, 1.0),
             ..twist
+        }
+    }
+
+    /// Moves the duties towards `twist`.
+    pub(super) fn drive(&mut self, twist: Twist, elapsed: Duration, now: Instant) {
+        let share = (elapsed.as_secs_f32() / PERIOD.as_secs_f32()).min(1.0);
+        let step = self.tuning.ramp_step * share;
+        for (ramp, duty) in self.ramps.iter_mut().zip(self.tuning.duties(twist)) {
+            ramp.towards(duty, step, now);
         }
     }
 

@@ -3,7 +3,7 @@
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Direction, Reason, ResponseStatus};
 
-use super::{Controller, FAILSAFE, Inputs, LONGEST_MOVE, Outputs, SCAN_TIMEOUT, reason_of};
+use super::{Controller, FAILSAFE, Inputs, LONGEST_MOVE, Outputs, SCAN_TIMEOUT};
 use crate::behaviour::Scan;
 use crate::motion::Twist;
 use crate::order::{Order, Task};
@@ -193,6 +193,7 @@ impl Controller {
             out.answer(sender, ResponseStatus::Failed, Some(Reason::Interrupted));
         }
         self.scan = None;
+        self.detour = None;
         self.progress.reset();
     }
 
@@ -226,4 +227,14 @@ impl Controller {
 
 const fn is_manual(task: &Task) -> bool {
     matches!(task, Task::Move { .. } | Task::Drive { .. })
+}
+
+/// What to answer for `fault`.
+pub(super) const fn reason_of(fault: Fault) -> Reason {
+    match fault {
+        Fault::EmergencyStop => Reason::Estopped,
+        Fault::Motor => Reason::Fault,
+        Fault::Battery => Reason::LowBattery,
+        Fault::Ranger => Reason::NoRange,
+    }
 }

@@ -4,6 +4,7 @@ use crawler_drivers::l298n::Trim;
 use crawler_hal::{Duration, Millivolts};
 
 use crate::config::Geometry;
+use crate::motion::{Twist, duty_for, wheel_speeds};
 use crate::parameters::{Parameter, Parameters};
 
 /// Everything adjustable about the control step, in SI units, computed once per change.
@@ -28,7 +29,16 @@ pub struct Tuning {
     /// Metres.
     pub(super) arrive_tolerance: f32,
     pub(super) link_grace: Duration,
-    pub(super) trims: [Trim; 2],
+    /// Whether to look through the camera whatever the robot does.
+    pub(super) vision_always: bool,
+    trims: [Trim; 2],
+}
+
+impl Default for Tuning {
+    /// That of a robot whose parameters and shape are the usual ones.
+    fn default() -> Self {
+        Self::new(&Parameters::default(), &Geometry::default())
+    }
 }
 
 impl Tuning {
@@ -49,6 +59,7 @@ impl Tuning {
             goto_speed: number(Parameter::GotoSpeed) * 0.01,
             arrive_tolerance: number(Parameter::ArriveTolerance),
             link_grace: Duration::from_millis(number(Parameter::LinkGrace) as u64),
+            vision_always: parameters.switch(Parameter::VisionAlways),
             trims: [Parameter::TrimLeft, Parameter::TrimRight]
                 .map(|trim| Trim::new(number(trim)).unwrap_or(Trim::NONE)),
         }
@@ -60,6 +71,30 @@ impl Tuning {
             self.voltage = voltage;
             self.geometry = voltage.map_or(self.nominal, |at| self.nominal.at(at));
         }
+    }
+
+    /// The same at this voltage; at the nominal one while it is not known.
+    #[must_use]
+    pub fn at(&self, voltage: Option<Millivolts>) -> Self {
+        let mut tuning = *self;
+        tuning.set_voltage(voltage);
+        tuning
+    }
+
+    /// Duties at which the wheels settle at `twist`, within the permitted speed.
+    pub fn duties(&self, twist: Twist) -> [f32; 2] {
+        wheel_speeds(twist, &self.geometry, self.max_speed)
+            .map(|speed| duty_for(speed, &self.geometry))
+    }
+
+    /// Trims of the left and right wheel, for the motor driver.
+    pub const fn trims(&self) -> [Trim; 2] {
+        self.trims
+    }
+
+    /// Shape of the drive.
+    pub const fn geometry(&self) -> &Geometry {
+        &self.geometry
     }
 
     /// Largest change of duty within one period.

@@ -5,16 +5,19 @@
 
 use embedded_io_async::{ErrorType, Read, Write};
 
+use crate::hold::{Hold, Room};
+
 /// Bytes gathered before they are written: a telemetry message with its topic.
 pub(super) const WRITE_BUFFER: usize = 512;
-/// Bytes read at once: a handful of acknowledgements, or most of a command.
-pub(super) const READ_BUFFER: usize = 256;
+/// Bytes read at once: some acknowledgements, or all of a message but its payload. Longer pieces
+/// are read to where they belong.
+pub(super) const READ_BUFFER: usize = 64;
 
 /// See the [module](self).
-#[derive(Debug)]
-pub(super) struct Buffered<S> {
+pub(super) struct Buffered<S, H: Hold> {
     stream: S,
-    output: [u8; WRITE_BUFFER],
+    /// Entered while something is gathered.
+    output: H::Room<[u8; WRITE_BUFFER]>,
     gathered: usize,
     input: [u8; READ_BUFFER],
     read_from: usize,
@@ -23,11 +26,11 @@ pub(super) struct Buffered<S> {
     ended: bool,
 }
 
-impl<S> Buffered<S> {
+impl<S, H: Hold> Buffered<S, H> {
     pub(super) const fn new(stream: S) -> Self {
         Self {
             stream,
-            output: [0; WRITE_BUFFER],
+            output: Room::EMPTY,
             gathered: 0,
             input: [0; READ_BUFFER],
             read_from: 0,
@@ -37,15 +40,12 @@ impl<S> Buffered<S> {
     }
 }
 
-impl<S: Write> Buffered<S> {
+impl<S: Write, H: Hold> Buffered<S, H> {
     async fn write_out(&mut self) -> Result<(), S::Error> {
         let mut written = 0;
         while written < self.gathered {
-            match self
-                .stream
-                .write(&self.output[written..self.gathered])
-                .await?
-            {
+            let output = self.output.enter();
+            match self.stream.write(&output[written..self.gathered]).await? {
                 0 => {
                     self.ended = true;
                     break;
@@ -54,15 +54,16 @@ impl<S: Write> Buffered<S> {
             }
         }
         self.gathered = 0;
+        self.output.leave();
         Ok(())
     }
 }
 
-impl<S: ErrorType> ErrorType for Buffered<S> {
+impl<S: ErrorType, H: Hold> ErrorType for Buffered<S, H> {
     type Error = S::Error;
 }
 
-impl<S: Write> Write for Buffered<S> {
+impl<S: Write, H: Hold> Write for Buffered<S, H> {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, S::Error> {
         if bytes.len() > WRITE_BUFFER - self.gathered {
             self.write_out().await?;
@@ -73,7 +74,8 @@ impl<S: Write> Write for Buffered<S> {
         if bytes.len() >= WRITE_BUFFER {
             return self.stream.write(bytes).await;
         }
-        self.output[self.gathered..self.gathered + bytes.len()].copy_from_slice(bytes);
+        let output = self.output.enter();
+        output[self.gathered..self.gathered + bytes.len()].copy_from_slice(bytes);
         self.gathered += bytes.len();
         Ok(bytes.len())
     }
@@ -84,7 +86,7 @@ impl<S: Write> Write for Buffered<S> {
     }
 }
 
-impl<S: Read> Read for Buffered<S> {
+impl<S: Read, H: Hold> Read for Buffered<S, H> {
     /// As cancel-safe as the stream beneath: bytes are taken over only after it has returned.
     async fn read(&mut self, bytes: &mut [u8]) -> Result<usize, S::Error> {
         if self.read_from == self.read_to {

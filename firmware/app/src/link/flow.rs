@@ -8,7 +8,7 @@ use rust_mqtt::types::PacketIdentifier;
 use crate::outbox::Ticket;
 
 /// SUBSCRIBE packets that may wait for their acknowledgement at a time.
-pub(super) const SUBSCRIPTIONS: usize = 5;
+pub(super) const SUBSCRIPTIONS: usize = if cfg!(feature = "faults") { 6 } else { 5 };
 /// QoS 1 messages the broker may send before we have acknowledged the first of them.
 pub(super) const RECEIVE_WINDOW: usize = 4;
 /// QoS 1 messages we send before the broker has acknowledged the first of them.

@@ -21,6 +21,7 @@ use super::loss::Loss;
 use super::outgoing::publication;
 use super::session::Connection;
 use crate::camera::{Image, ImageSlot, Outcome};
+use crate::hold::Hold;
 
 /// Where the link gets images from. A trait object, so that only one link is compiled.
 pub(super) trait Images {
@@ -79,7 +80,14 @@ impl<M: RawMutex, B: AsRef<[u8]>> Images for FromSlot<'_, M, B> {
     }
 }
 
-impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, M, C, L, S> {
+impl<H, M, C, L, S> Connection<'_, '_, H, M, C, L, S>
+where
+    H: Hold,
+    M: RawMutex,
+    C: Clock,
+    L: LinkMonitor,
+    S: Read + Write,
+{
     /// Sends the image that is held: for the first time, or again under its old number. Not to
     /// be dropped half-way.
     pub(super) async fn send_image(&mut self, again: Option<PacketIdentifier>) -> Result<(), Loss> {

@@ -9,8 +9,11 @@
 
 use core::cell::{RefCell, RefMut};
 
+use crawler_protocol::MAX_MESSAGE;
 use rust_mqtt::Bytes;
 use rust_mqtt::buffer::BufferProvider;
+
+use crate::hold::{Blank, Hold, Room};
 
 /// Largest packet the broker may send: a message of the contract (1,024 bytes), its topic and
 /// properties, and enough beyond it that a message somewhat too long is refused by name rather
@@ -22,25 +25,42 @@ const MAX_TOPIC: usize = 96;
 
 const DASHES: &[u8; MAX_PACKET] = &[b'-'; MAX_PACKET];
 
-/// The packet being received.
+/// What a letter is written on.
 #[derive(Debug)]
-pub(super) struct Letter {
-    fields: u8,
+pub(super) struct Sheet {
     topic: [u8; MAX_TOPIC],
-    topic_len: usize,
     last: [u8; MAX_PACKET],
+}
+
+impl Blank for Sheet {
+    const BLANK: Self = Self {
+        topic: [0; MAX_TOPIC],
+        last: [0; MAX_PACKET],
+    };
+}
+
+/// The packet being received.
+pub(super) struct Letter<H: Hold> {
+    sheet: H::Room<Sheet>,
+    fields: u8,
+    topic_len: usize,
     last_len: usize,
 }
 
-impl Letter {
+impl<H: Hold> Letter<H> {
     pub(super) const fn new() -> Self {
         Self {
+            sheet: Room::EMPTY,
             fields: 0,
-            topic: [0; MAX_TOPIC],
             topic_len: 0,
-            last: [0; MAX_PACKET],
             last_len: 0,
         }
+    }
+
+    /// Throws it away: nothing in it is wanted any more.
+    pub(super) fn discard(&mut self) {
+        self.clear();
+        self.sheet.leave();
     }
 
     /// Makes ready for the next packet.
@@ -52,17 +72,31 @@ impl Letter {
 
     /// Topic of a PUBLISH packet: its first field. Empty when it is longer than any of ours.
     pub(super) fn topic(&self) -> &[u8] {
-        &self.topic[..self.topic_len]
+        let sheet = self.sheet.get();
+        sheet.map_or(&[], |sheet| &sheet.topic[..self.topic_len])
     }
 
     /// Payload of a PUBLISH packet: its last field.
     pub(super) fn payload(&self) -> &[u8] {
-        &self.last[..self.last_len]
+        self.draft(self.last_len)
+    }
+
+    /// Where the next message is written before it is sent. Nothing is received meanwhile, so
+    /// it is the same memory.
+    pub(super) fn page(&mut self) -> &mut [u8] {
+        self.clear();
+        &mut self.sheet.enter().last[..MAX_MESSAGE]
+    }
+
+    /// The first `len` bytes of the message on the page.
+    pub(super) fn draft(&self, len: usize) -> &[u8] {
+        self.sheet.get().map_or(&[], |sheet| &sheet.last[..len])
     }
 
     fn keep(&mut self, len: usize) {
         if self.fields == 0 && len <= MAX_TOPIC {
-            self.topic[..len].copy_from_slice(&self.last[..len]);
+            let Sheet { topic, last } = self.sheet.enter();
+            topic[..len].copy_from_slice(&last[..len]);
             self.topic_len = len;
         }
         self.fields = self.fields.saturating_add(1);
@@ -75,35 +109,33 @@ impl Letter {
 pub(super) struct NoSpace;
 
 /// Hands the buffer of a [`Letter`] to the client, field by field.
-#[derive(Debug)]
-pub(super) struct Mailbox<'a>(pub(super) &'a RefCell<Letter>);
+pub(super) struct Mailbox<'a, H: Hold>(pub(super) &'a RefCell<Letter<H>>);
 
 /// One field, while it is being received.
-#[derive(Debug)]
-pub(super) struct Field<'a> {
-    letter: RefMut<'a, Letter>,
+pub(super) struct Field<'a, H: Hold> {
+    letter: RefMut<'a, Letter<H>>,
     len: usize,
 }
 
-impl AsMut<[u8]> for Field<'_> {
+impl<H: Hold> AsMut<[u8]> for Field<'_, H> {
     fn as_mut(&mut self) -> &mut [u8] {
-        &mut self.letter.last[..self.len]
+        &mut self.letter.sheet.enter().last[..self.len]
     }
 }
 
-impl<'a> From<Field<'a>> for Bytes<'a> {
-    fn from(mut field: Field<'a>) -> Self {
+impl<'a, H: Hold> From<Field<'a, H>> for Bytes<'a> {
+    fn from(mut field: Field<'a, H>) -> Self {
         let len = field.len;
         field.letter.keep(len);
         Bytes::Borrowed(&DASHES[..len])
     }
 }
 
-impl<'a> BufferProvider<'a> for Mailbox<'a> {
-    type Buffer = Field<'a>;
+impl<'a, H: Hold> BufferProvider<'a> for Mailbox<'a, H> {
+    type Buffer = Field<'a, H>;
     type ProvisionError = NoSpace;
 
-    fn provide_buffer(&mut self, len: usize) -> Result<Field<'a>, NoSpace> {
+    fn provide_buffer(&mut self, len: usize) -> Result<Field<'a, H>, NoSpace> {
         if len > MAX_PACKET {
             return Err(NoSpace);
         }

@@ -3,6 +3,7 @@
 use core::fmt;
 
 use crawler_hal::{Elapsed, NetError};
+use crawler_protocol::LinkCut;
 use rust_mqtt::client::MqttError;
 use rust_mqtt::types::ReasonCode;
 
@@ -42,6 +43,16 @@ pub(super) enum Loss {
 }
 
 impl Loss {
+    /// What is seen of a link that is lost on purpose.
+    pub(super) const fn injected(how: LinkCut) -> Self {
+        match how {
+            LinkCut::Radio => Self::Unreachable(NetError::NotJoined),
+            LinkCut::Password => Self::Unreachable(NetError::BadCredentials),
+            LinkCut::NoAddress => Self::Unreachable(NetError::NoAddress),
+            LinkCut::Silent => Self::Unanswered,
+        }
+    }
+
     /// Whether trying again soon would hardly help.
     pub(super) const fn is_refusal(self) -> bool {
         match self {

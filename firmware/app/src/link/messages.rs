@@ -36,11 +36,17 @@ pub(super) fn status<M: RawMutex>(
 ) -> Option<usize> {
     let config = robot.config();
     let mut capabilities = Vec::new();
-    // At most three of eight places.
+    // At most five of eight places.
     let _ = capabilities.push(Capability::Drive);
     let _ = capabilities.push(Capability::Range);
     if config.camera {
         let _ = capabilities.push(Capability::Camera);
+    }
+    if config.eyes.is_some() {
+        let _ = capabilities.push(Capability::Vision);
+    }
+    if config.takes_faults() {
+        let _ = capabilities.push(Capability::Faults);
     }
     StatusMessage {
         robot: config.id.clone(),
@@ -113,6 +119,18 @@ pub(super) fn telemetry<M: RawMutex>(
     }
     .to_json(buf)
     .ok()
+}
+
+/// `None` also when nothing is left to tell.
+// Inlined, it would lie on the stack of the whole link.
+#[inline(never)]
+pub(super) fn detections<M: RawMutex>(
+    robot: &Robot<M>,
+    seq: u64,
+    now: Instant,
+    buf: &mut [u8],
+) -> Option<usize> {
+    robot.detections(seq, now)?.to_json(buf).ok()
 }
 
 pub(super) fn response<M: RawMutex>(

@@ -28,10 +28,11 @@
 //! Retained commands are not asked for. What a session queued for a robot that was away arrives
 //! late, and meets the clock at intake like anything else; a late `stop` still stops.
 //!
-//! Memory: scratch for one outgoing message 1,024 bytes, the incoming packet 1,390, read and write
-//! buffers 768, session and client a few hundred; with what the compiler keeps of each step the
-//! future of [`link`] measures 6.8 KB on a 64-bit host over a plain socket, unoptimised. Outbox
-//! and intake in the shared context add 2.5 and 0.9 KB.
+//! Memory: the packet that arrives, or the message to be sent, 1,390 bytes, write and read buffers
+//! 576, session and client a few hundred; with what the compiler keeps of each step the future of
+//! [`link`] measures about 6 KB on a 64-bit host over a plain socket, unoptimised. Outbox and
+//! intake in the shared context add 2.2 and 0.8 KB. Kept elsewhere ([`Hold`]), packet, write buffer
+//! and the rarer steps take memory only while they are in use.
 
 mod backoff;
 mod buffered;
@@ -49,6 +50,7 @@ mod tests;
 use core::cell::RefCell;
 use core::convert::Infallible;
 use core::num::NonZero;
+use core::ops::Deref;
 use core::pin::pin;
 
 use crawler_hal::{Clock, Duration, Network, with_deadline};
@@ -61,6 +63,7 @@ use rust_mqtt::types::{MqttBinary, MqttString, ReasonCode, TopicName};
 
 use crate::camera::ImageSlot;
 use crate::context::Robot;
+use crate::hold::{Hold, Inline};
 use crate::perception::LinkHealth;
 use crate::trouble::LINK_LOST;
 
@@ -96,9 +99,8 @@ pub const HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);
 
 /// Everything that outlives a connection, lent to it. Held together by value it would be built on
 /// the stack before it is moved to where it lives.
-struct Kept<'k> {
-    letter: &'k RefCell<Letter>,
-    scratch: &'k mut [u8; MAX_MESSAGE],
+struct Kept<'k, H: Hold> {
+    letter: &'k RefCell<Letter<H>>,
     flow: &'k mut Flow,
     counters: &'k mut Counters,
 }
@@ -108,12 +110,25 @@ struct Kept<'k> {
 /// # Cancellation Safety
 /// Dropping the future drops the connection: the broker publishes the last will.
 pub fn link<M: RawMutex, N: Network, R: Rng, C: Clock>(
-    robot: &Robot<M>,
+    robot: impl Deref<Target = Robot<M>>,
     network: N,
     rng: R,
     clock: C,
 ) -> impl Future<Output = Infallible> {
-    run(robot, NoImages, network, rng, clock)
+    link_held::<Inline, M, N, R, C>(robot, network, rng, clock)
+}
+
+/// As [`link()`], with its rare steps kept as `H` keeps them.
+///
+/// # Cancellation Safety
+/// As [`link()`].
+pub fn link_held<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
+    network: N,
+    rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    run::<H, M, N, R, C>(robot, NoImages, network, rng, clock)
 }
 
 /// The same for a body with a camera: delivers the images that [`camera()`](crate::camera())
@@ -122,81 +137,99 @@ pub fn link<M: RawMutex, N: Network, R: Rng, C: Clock>(
 /// # Cancellation Safety
 /// As [`link()`]; an image on its way is lost, and its buffer with it.
 pub fn link_with_images<M: RawMutex, B: AsRef<[u8]>, N: Network, R: Rng, C: Clock>(
-    robot: &Robot<M>,
+    robot: impl Deref<Target = Robot<M>>,
     images: &ImageSlot<M, B>,
     network: N,
     rng: R,
     clock: C,
 ) -> impl Future<Output = Infallible> {
-    run(robot, FromSlot::new(images), network, rng, clock)
+    link_with_images_held::<Inline, M, B, N, R, C>(robot, images, network, rng, clock)
 }
 
-async fn run<M: RawMutex, N: Network, R: Rng, C: Clock>(
-    robot: &Robot<M>,
+/// As [`link_with_images()`], with its rare steps kept as `H` keeps them.
+///
+/// # Cancellation Safety
+/// As [`link_with_images()`].
+pub fn link_with_images_held<H: Hold, M: RawMutex, B: AsRef<[u8]>, N: Network, R: Rng, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
+    images: &ImageSlot<M, B>,
+    network: N,
+    rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    run::<H, M, N, R, C>(robot, FromSlot::new(images), network, rng, clock)
+}
+
+// Not an `async fn`, which would keep its arguments twice: as they came and as they are used.
+#[allow(clippy::manual_async_fn)]
+fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
     mut images: impl Images,
     mut network: N,
     mut rng: R,
     clock: C,
-) -> Infallible {
-    let letter = RefCell::new(Letter::new());
-    let mut scratch = [0; MAX_MESSAGE];
-    let mut flow = Flow::new();
-    let mut counters = Counters::default();
-    let mut backoff = Backoff::new();
-    let mut told = None;
-    loop {
-        let kept = Kept {
-            letter: &letter,
-            scratch: &mut scratch,
-            flow: &mut flow,
-            counters: &mut counters,
-        };
-        let ended = attempt(robot, &mut network, &clock, kept, &mut images).await;
-        let (loss, up_since) = ended;
-        let now = clock.now();
-        let lasted = up_since.map_or(Duration::ZERO, |since| now - since);
-        let wait = match loss {
-            Loss::TakenOver => {
-                // The session is another's now.
-                flow.session = None;
-                backoff.after_takeover(&mut rng)
+) -> impl Future<Output = Infallible> {
+    async move {
+        let robot = &*robot;
+        let letter = RefCell::new(Letter::<H>::new());
+        let mut flow = Flow::new();
+        let mut counters = Counters::default();
+        let mut backoff = Backoff::new();
+        let mut told = None;
+        loop {
+            let kept = Kept {
+                letter: &letter,
+                flow: &mut flow,
+                counters: &mut counters,
+            };
+            let ended = attempt::<H, M, N, C>(robot, &mut network, &clock, kept, &mut images).await;
+            let (loss, up_since) = ended;
+            let now = clock.now();
+            let lasted = up_since.map_or(Duration::ZERO, |since| now - since);
+            let wait = match loss {
+                Loss::TakenOver => {
+                    // The session is another's now.
+                    flow.session = None;
+                    backoff.after_takeover(&mut rng)
+                }
+                Loss::Broken if up_since.is_some() => backoff.after_close(lasted, &mut rng),
+                _ if loss.is_refusal() => backoff.after_refusal(&mut rng),
+                _ => backoff.after_loss(lasted, &mut rng),
+            };
+            let double = if backoff.suspects_double() {
+                ", perhaps by another robot with this id"
+            } else {
+                ""
+            };
+            let text = format_args!("{loss}{double}; next attempt in {} ms", wait.as_millis());
+            let trouble = loss.trouble();
+            if up_since.is_some() {
+                robot.set_link_health(LinkHealth::Lost);
+                told = None;
+                robot.log(Level::Warn, LINK_LOST, text, now);
+            } else if told != Some(trouble) || loss.is_refusal() {
+                // The others of one outage would say the same.
+                told = Some(trouble);
+                robot.log(Level::Warn, trouble.event(), text, now);
             }
-            Loss::Broken if up_since.is_some() => backoff.after_close(lasted, &mut rng),
-            _ if loss.is_refusal() => backoff.after_refusal(&mut rng),
-            _ => backoff.after_loss(lasted, &mut rng),
-        };
-        let double = if backoff.suspects_double() {
-            ", perhaps by another robot with this id"
-        } else {
-            ""
-        };
-        let text = format_args!("{loss}{double}; next attempt in {} ms", wait.as_millis());
-        let trouble = loss.trouble();
-        if up_since.is_some() {
-            robot.set_link_health(LinkHealth::Lost);
-            told = None;
-            robot.log(Level::Warn, LINK_LOST, text, now);
-        } else if told != Some(trouble) || loss.is_refusal() {
-            // The others of one outage would say the same.
-            told = Some(trouble);
-            robot.log(Level::Warn, trouble.event(), text, now);
+            robot.set_link_trouble(Some(trouble));
+            robot.outbox.rewind_logs();
+            letter.borrow_mut().discard();
+            clock.sleep(wait).await;
         }
-        robot.set_link_trouble(Some(trouble));
-        robot.outbox.rewind_logs();
-        clock.sleep(wait).await;
     }
 }
 
 /// One connection: why it ended, and since when it had been up, if it had.
-async fn attempt<M: RawMutex, N: Network, C: Clock>(
+async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
     robot: &Robot<M>,
     network: &mut N,
     clock: &C,
-    kept: Kept<'_>,
+    kept: Kept<'_, H>,
     images: &mut dyn Images,
 ) -> (Loss, Option<crawler_hal::Instant>) {
     let monitor = network.monitor();
-    let stream = match open(robot, network, clock).await {
+    let stream = match H::hold(open(robot, network, clock)).await {
         Ok(stream) => stream,
         Err(loss) => return (loss, None),
     };
@@ -204,32 +237,32 @@ async fn attempt<M: RawMutex, N: Network, C: Clock>(
     let mut stream = Buffered::new(stream);
     let Kept {
         letter,
-        scratch,
         flow,
         counters,
     } = kept;
     let mut mailbox = Mailbox(letter);
-    let previous = flow.session.take();
-    let clean = previous.is_none();
-    let mut client: Mqtt<'_, _> = match previous {
+    let clean = flow.session.is_none();
+    let mut client: Mqtt<'_, _, H> = match flow.session.take() {
         Some(session) => Mqtt::with_session(session, &mut mailbox),
         None => Mqtt::new(&mut mailbox),
     };
-    let connected = connect(robot, clock, &mut client, &mut stream, clean, scratch).await;
+    let connected = H::hold(connect(robot, clock, &mut client, &mut stream, clean)).await;
     let mut connection = Connection {
         robot,
         clock,
         monitor: &monitor,
         client: &mut client,
         letter,
-        scratch,
         flow,
         counters,
         images,
         state: State::new(clock.now()),
     };
     let loss = match connected {
-        Ok(resumed) => connection.run(resumed).await,
+        Ok(resumed) => match connection.serve(resumed).await {
+            Ok(never) => match never {},
+            Err(loss) => loss,
+        },
         Err(loss) => loss,
     };
     let up_since = connection.state.up_since;
@@ -242,6 +275,9 @@ async fn open<'n, M: RawMutex, N: Network, C: Clock>(
     network: &'n mut N,
     clock: &C,
 ) -> Result<N::Stream<'n>, Loss> {
+    if let Some(how) = robot.injected.link(clock.now()) {
+        return Err(Loss::injected(how));
+    }
     with_deadline(clock, clock.now() + JOINED_WITHIN, network.join())
         .await
         .map_err(|_| Loss::Unjoined)??;
@@ -251,28 +287,30 @@ async fn open<'n, M: RawMutex, N: Network, C: Clock>(
 }
 
 /// Whether the broker continues the session.
-async fn connect<'c, M, C, S>(
+async fn connect<'c, H, M, C, S>(
     robot: &Robot<M>,
     clock: &C,
-    client: &mut Mqtt<'c, S>,
-    stream: &'c mut Buffered<S>,
+    client: &mut Mqtt<'c, S, H>,
+    stream: &'c mut Buffered<S, H>,
     clean: bool,
-    scratch: &mut [u8; MAX_MESSAGE],
 ) -> Result<bool, Loss>
 where
+    H: Hold,
     M: RawMutex,
     C: Clock,
     S: embedded_io_async::Read + embedded_io_async::Write,
 {
     let config = robot.config();
-    let len = messages::status(robot, false, robot.boot(), scratch).ok_or(Loss::Unsupported)?;
+    // Not in the letter: what the broker answers arrives there.
+    let mut will = [0; MAX_MESSAGE];
+    let len = messages::status(robot, false, robot.boot(), &mut will).ok_or(Loss::Unsupported)?;
     let topic = Topic::Status(config.id.clone());
     let will_topic = topic.render(&config.fleet);
     let will_topic = MqttString::from_str(&will_topic)
         .ok()
         .and_then(TopicName::new)
         .ok_or(Loss::Unsupported)?;
-    let message = MqttBinary::from_slice(&scratch[..len]).map_err(|_| Loss::Unsupported)?;
+    let message = MqttBinary::from_slice(&will[..len]).map_err(|_| Loss::Unsupported)?;
     let mut options = ConnectOptions::new()
         .keep_alive(seconds(KEEP_ALIVE).map_or(KeepAlive::Infinite, KeepAlive::Seconds))
         .session_expiry_interval(

@@ -17,13 +17,23 @@ use super::loss::Loss;
 use super::session::Connection;
 use super::{HEARTBEAT_PERIOD, LOST_AFTER, PING_AFTER, WRITTEN_WITHIN, messages};
 use crate::context::Robot;
+use crate::hold::Hold;
 use crate::parameters::Parameter;
 
 /// Log records sent before looking at the stream again.
 const LOGS_AT_ONCE: usize = 2;
 
-impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, M, C, L, S> {
+impl<H, M, C, L, S> Connection<'_, '_, H, M, C, L, S>
+where
+    H: Hold,
+    M: RawMutex,
+    C: Clock,
+    L: LinkMonitor,
+    S: Read + Write,
+{
     /// Sends once more, under its old number, what the broker has not acknowledged.
+    // Nothing is received while something is written, so nothing else wants the letter.
+    #[allow(clippy::await_holding_refcell_ref)]
     pub(super) async fn retransmit(&mut self) -> Result<(), Loss> {
         for index in 0..self.flow.in_flight.len() {
             let flight = self.flow.in_flight[index];
@@ -41,7 +51,8 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             let topic = topic.render(&self.robot.config().fleet);
             let options = publication(&topic, Qos::AtLeastOnce, flight.parcel.retained())?;
             let deadline = self.write_deadline();
-            let message = Bytes::Borrowed(&self.scratch[..len]);
+            let letter = self.letter.borrow();
+            let message = Bytes::Borrowed(letter.draft(len));
             let written = {
                 let work = pin!(self.client.republish(flight.id, &options, message));
                 with_deadline(self.clock, deadline, work).await
@@ -69,7 +80,8 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             Topic::Time,
             Topic::Pose(config.id.clone()),
         ];
-        for topic in &topics {
+        let more = config.takes_faults().then_some(Topic::SimulatorCommand);
+        for topic in topics.iter().chain(&more) {
             let filter = topic.render(&config.fleet);
             let filter = MqttString::from_str(&filter)
                 .ok()
@@ -121,6 +133,9 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             }
         }
         self.send_periodic().await?;
+        if self.state.up_since.is_some() && self.robot.sights.has_news() {
+            self.send_detections().await?;
+        }
         for _ in 0..LOGS_AT_ONCE {
             let now = self.clock.now();
             let timestamp = self.robot.unix_ms(now).unwrap_or(0);
@@ -131,7 +146,8 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                 }
                 return Ok(false);
             };
-            if let Some(len) = messages::log(self.robot, &entry, self.scratch) {
+            let written = self.write(|page| messages::log(self.robot, &entry, page));
+            if let Some(len) = written {
                 let topic = Topic::Logs(self.robot.config().id.clone());
                 self.publish(&topic, len, None).await?;
             }
@@ -160,7 +176,7 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             self.state.next_heartbeat = following(self.state.next_heartbeat, HEARTBEAT_PERIOD, now);
             let seq = self.counters.heartbeats;
             self.counters.heartbeats += 1;
-            if let Some(len) = messages::heartbeat(robot, seq, now, self.scratch) {
+            if let Some(len) = self.write(|page| messages::heartbeat(robot, seq, now, page)) {
                 let topic = Topic::Heartbeat(robot.config().id.clone());
                 self.publish(&topic, len, None).await?;
             }
@@ -175,10 +191,24 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             };
             let seq = self.counters.telemetry;
             self.counters.telemetry += 1;
-            if let Some(len) = messages::telemetry(robot, seq, rssi_dbm, now, self.scratch) {
+            if let Some(len) =
+                self.write(|page| messages::telemetry(robot, seq, rssi_dbm, now, page))
+            {
                 let topic = Topic::Telemetry(robot.config().id.clone());
                 self.publish(&topic, len, None).await?;
             }
+        }
+        Ok(())
+    }
+
+    async fn send_detections(&mut self) -> Result<(), Loss> {
+        let robot = self.robot;
+        let now = self.clock.now();
+        let seq = self.counters.detections;
+        if let Some(len) = self.write(|page| messages::detections(robot, seq, now, page)) {
+            self.counters.detections += 1;
+            let topic = Topic::Vision(robot.config().id.clone());
+            self.publish(&topic, len, None).await?;
         }
         Ok(())
     }
@@ -198,29 +228,36 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         self.publish(&topic, len, Some(parcel)).await
     }
 
-    /// Writes a message to `scratch`; its topic and length. Images are not composed.
+    /// Lets `compose` write a message to the page of the letter; its length.
+    fn write(&self, compose: impl FnOnce(&mut [u8]) -> Option<usize>) -> Option<usize> {
+        compose(self.letter.borrow_mut().page())
+    }
+
+    /// Writes a message to the page of the letter; its topic and length. Images are not composed.
     fn compose(&mut self, parcel: Parcel) -> Option<(Topic, usize)> {
         let robot = self.robot;
         let id = robot.config().id.clone();
         Some(match parcel {
             Parcel::Status => {
-                let len = messages::status(robot, true, robot.boot(), self.scratch)?;
+                let len = self.write(|page| messages::status(robot, true, robot.boot(), page))?;
                 (Topic::Status(id), len)
             }
             Parcel::Parameters => {
-                let len = messages::parameters(robot, self.scratch)?;
+                let len = self.write(|page| messages::parameters(robot, page))?;
                 (Topic::Parameters(id), len)
             }
             Parcel::Answer(ticket) => {
                 let answer = robot.outbox.get(ticket)?;
-                let len = messages::response(robot, answer, self.scratch)?;
+                let len = self.write(|page| messages::response(robot, answer, page))?;
                 (Topic::Response(id), len)
             }
             Parcel::Image => return None,
         })
     }
 
-    /// Publishes the first `len` bytes of `scratch`. Not to be dropped half-way.
+    /// Publishes the first `len` bytes of the page. Not to be dropped half-way.
+    // Nothing is received while something is written, so nothing else wants the letter.
+    #[allow(clippy::await_holding_refcell_ref)]
     async fn publish(
         &mut self,
         topic: &Topic,
@@ -231,7 +268,8 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         let options = publication(&name, topic.qos(), topic.retained())?;
         self.flow.sending = parcel;
         let deadline = self.write_deadline();
-        let message = Bytes::Borrowed(&self.scratch[..len]);
+        let letter = self.letter.borrow();
+        let message = Bytes::Borrowed(letter.draft(len));
         let id = {
             let work = pin!(self.client.publish(&options, message));
             let written = with_deadline(self.clock, deadline, work).await;

@@ -5,7 +5,7 @@ use core::convert::Infallible;
 use core::pin::pin;
 
 use crawler_hal::{Clock, Instant, LinkMonitor, LinkState, with_deadline};
-use crawler_protocol::{Level, MAX_MESSAGE, TimeMessage, Topic};
+use crawler_protocol::{Level, TimeMessage, Topic};
 use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_io_async::{Read, Write};
@@ -23,17 +23,18 @@ use super::loss::Loss;
 use super::{ACKNOWLEDGED_WITHIN, LOST_AFTER, PING_AFTER, SUBSCRIBED_WITHIN};
 use crate::camera::Outcome;
 use crate::context::{BootRecord, Robot};
+use crate::hold::Hold;
 use crate::perception::LinkHealth;
 
 /// User properties of an image.
 const USER_PROPERTIES: usize = 2;
 
 /// The client library as this link uses it: no topic aliases.
-pub(super) type Mqtt<'c, S> = Client<
+pub(super) type Mqtt<'c, S, H> = Client<
     'c,
     'c,
-    &'c mut Buffered<S>,
-    Mailbox<'c>,
+    &'c mut Buffered<S, H>,
+    Mailbox<'c, H>,
     SUBSCRIPTIONS,
     RECEIVE_WINDOW,
     SEND_WINDOW,
@@ -47,17 +48,17 @@ pub(super) type Mqtt<'c, S> = Client<
 #[derive(Debug, Default)]
 pub(super) struct Counters {
     pub(super) heartbeats: u64,
+    pub(super) detections: u64,
     pub(super) telemetry: u64,
 }
 
 /// See the [module](self).
-pub(super) struct Connection<'a, 'c, M: RawMutex, C, L, S: Read + Write> {
+pub(super) struct Connection<'a, 'c, H: Hold, M: RawMutex, C, L, S: Read + Write> {
     pub(super) robot: &'a Robot<M>,
     pub(super) clock: &'a C,
     pub(super) monitor: &'a L,
-    pub(super) client: &'a mut Mqtt<'c, S>,
-    pub(super) letter: &'c RefCell<Letter>,
-    pub(super) scratch: &'a mut [u8; MAX_MESSAGE],
+    pub(super) client: &'a mut Mqtt<'c, S, H>,
+    pub(super) letter: &'c RefCell<Letter<H>>,
     pub(super) flow: &'a mut Flow,
     pub(super) counters: &'a mut Counters,
     pub(super) images: &'a mut dyn Images,
@@ -99,31 +100,32 @@ impl State {
     }
 }
 
-impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, M, C, L, S> {
+impl<H, M, C, L, S> Connection<'_, '_, H, M, C, L, S>
+where
+    H: Hold,
+    M: RawMutex,
+    C: Clock,
+    L: LinkMonitor,
+    S: Read + Write,
+{
     /// Keeps the session until it is lost. `resumed` says whether the broker remembered it.
-    pub(super) async fn run(&mut self, resumed: bool) -> Loss {
-        match self.serve(resumed).await {
-            Ok(never) => match never {},
-            Err(loss) => loss,
-        }
-    }
-
-    async fn serve(&mut self, resumed: bool) -> Result<Infallible, Loss> {
+    pub(super) async fn serve(&mut self, resumed: bool) -> Result<Infallible, Loss> {
         if resumed {
-            self.retransmit().await?;
+            H::hold(self.retransmit()).await?;
         } else {
             self.flow.in_flight.clear();
             self.robot.outbox.rewind();
         }
-        self.subscribe().await?;
+        H::hold(self.subscribe()).await?;
         let robot = self.robot;
         loop {
-            let more = self.send_due().await?;
+            let more = H::hold(self.send_due()).await?;
             let wake = if more {
                 self.clock.now()
             } else {
                 self.next_deadline()
             };
+            self.letter.borrow_mut().discard();
             // Only `poll_header` may be dropped half-way; what follows it runs to its end.
             let event = select4(
                 self.client.poll_header(),
@@ -135,7 +137,7 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
             match event {
                 Either4::First(header) => {
                     let header = header?;
-                    self.receive(header).await?;
+                    H::hold(self.receive(header)).await?;
                 }
                 Either4::Third(()) => self.state.parameters_due = true,
                 Either4::Second(()) | Either4::Fourth(()) => {}
@@ -217,6 +219,8 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
                 // Refusals are counted and logged there.
                 let _ = robot.observe_fix(letter.payload(), now);
             }
+            #[cfg(feature = "faults")]
+            Some(Topic::SimulatorCommand) => robot.obey_simulator(letter.payload(), now),
             // Not what we subscribed to.
             Some(_) | None => {}
         }
@@ -227,6 +231,9 @@ impl<M: RawMutex, C: Clock, L: LinkMonitor, S: Read + Write> Connection<'_, '_, 
         let now = self.clock.now();
         if self.monitor.state() == LinkState::Down {
             return Err(Loss::NetworkDown);
+        }
+        if let Some(how) = self.robot.injected.link(now) {
+            return Err(Loss::injected(how));
         }
         if now >= self.state.heard + LOST_AFTER {
             return Err(Loss::Silent);

@@ -64,6 +64,7 @@ pub enum Correction {
 
 /// Fixes that odometry contradicts, moved along with it.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Doubt {
     pose: Pose,
     count: u8,
@@ -71,6 +72,7 @@ struct Doubt {
 
 /// Where the robot should be, by the first-order model of its motors.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Odometry {
     pose: Pose,
     /// One standard deviation of the heading, in radians.

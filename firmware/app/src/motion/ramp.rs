@@ -8,6 +8,7 @@ pub const DEAD_TIME: Duration = Duration::from_millis(40);
 
 /// Duty of one wheel over time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Ramp {
     duty: f32,
     /// Duty before the last standstill, for its sign.

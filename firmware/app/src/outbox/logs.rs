@@ -10,6 +10,8 @@ use crate::trouble::{KEPT_EVENTS, is_kept};
 
 /// Log records held.
 pub const LOGS: usize = 16;
+/// Bytes for the texts of all log records held.
+pub const LOG_TEXTS: usize = 640;
 /// Least time between two records that tell of losses.
 pub const LOSS_PERIOD: Duration = Duration::from_secs(1);
 /// Longest text of a log record, in bytes; what is longer is cut.
@@ -18,6 +20,10 @@ pub const LOG_TEXT: usize = crawler_hal::PANIC_TEXT;
 // When all places are taken by records of kept events, two of them share an event, and the older
 // one of those can give way.
 const _: () = assert!(KEPT_EVENTS.len() < LOGS);
+// The length of a text is kept in one byte.
+const _: () = assert!(LOG_TEXT <= u8::MAX as usize);
+// A line of text for every kept event; more only if not all of them have something to tell.
+const _: () = assert!(KEPT_EVENTS.len() * 40 <= LOG_TEXTS);
 
 /// A log record, as it will be sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,15 +51,24 @@ enum Passage {
     Asked,
 }
 
-#[derive(Debug)]
+/// A record without its text.
+#[derive(Debug, Clone, Copy)]
 struct Place {
-    entry: LogEntry,
+    timestamp: u64,
+    event: &'static str,
+    /// The lower half of its number.
+    seq: u32,
+    level: Level,
     passage: Passage,
+    /// Length of its text.
+    len: u8,
 }
 
 #[derive(Debug)]
 pub(super) struct Logs {
     places: Vec<Place, LOGS>,
+    /// The texts of all places, one after the other: most are far shorter than the longest.
+    texts: String<LOG_TEXTS, u16>,
     next_seq: u64,
     lost: u32,
     told: Option<Instant>,
@@ -63,6 +78,7 @@ impl Logs {
     pub(super) const fn new() -> Self {
         Self {
             places: Vec::new(),
+            texts: String::new(),
             next_seq: 0,
             lost: 0,
             told: None,
@@ -76,22 +92,31 @@ impl Logs {
         text: core::fmt::Arguments<'_>,
         timestamp: u64,
     ) {
-        let entry = LogEntry {
-            seq: self.number(),
-            timestamp,
-            level,
-            event,
-            text: cut(text),
-        };
+        let text = cut(text);
+        let seq = self.number();
         if self.places.is_full() {
-            let index = self.gives_way();
-            self.places.remove(index);
-            self.lost = self.lost.saturating_add(1);
+            // More places than kept events: there is always one that can give way.
+            let index = self.gives_way(event).unwrap_or(0);
+            self.lose(index);
         }
-        // There is room: made above.
+        while self.room() < text.len()
+            && let Some(index) = self.gives_way(event)
+        {
+            self.lose(index);
+        }
+        let mut len = text.len().min(self.room());
+        while !text.is_char_boundary(len) {
+            len -= 1;
+        }
+        // There is room for both: made above.
+        let _ = self.texts.push_str(&text[..len]);
         let _ = self.places.push(Place {
-            entry,
+            timestamp,
+            event,
+            seq: seq as u32,
+            level,
             passage: Passage::Waiting,
+            len: len as u8,
         });
     }
 
@@ -101,20 +126,54 @@ impl Logs {
         seq
     }
 
+    fn room(&self) -> usize {
+        LOG_TEXTS - self.texts.len()
+    }
+
+    /// Where the text of a place begins and ends.
+    fn span(&self, index: usize) -> core::ops::Range<usize> {
+        let before = self.places.iter().take(index);
+        let start = before.map(|place| usize::from(place.len)).sum();
+        start..start + usize::from(self.places[index].len)
+    }
+
     /// The oldest record that nobody promised to keep; else the oldest that a newer one of its
-    /// event supersedes.
-    fn gives_way(&self) -> usize {
-        let ordinary = |place: &Place| !is_kept(place.entry.event);
-        if let Some(index) = self.places.iter().position(ordinary) {
-            return index;
+    /// event supersedes, one of `event` being about to be written.
+    fn gives_way(&self, event: &str) -> Option<usize> {
+        let ordinary = |place: &Place| !is_kept(place.event);
+        let ordinary = self.places.iter().position(ordinary);
+        ordinary.or_else(|| {
+            (0..self.places.len()).find(|&index| {
+                let old = self.places[index].event;
+                let mut newer = self.places[index + 1..].iter();
+                old == event || newer.any(|place| place.event == old)
+            })
+        })
+    }
+
+    fn lose(&mut self, index: usize) {
+        self.remove(index);
+        self.lost = self.lost.saturating_add(1);
+    }
+
+    fn remove(&mut self, index: usize) {
+        let span = self.span(index);
+        self.texts.drain(span);
+        self.places.remove(index);
+    }
+
+    /// A place as it will be sent.
+    fn entry(&self, index: usize) -> LogEntry {
+        let place = self.places[index];
+        // Fewer records are held than half of its number can tell apart.
+        let age = (self.next_seq as u32).wrapping_sub(place.seq);
+        LogEntry {
+            seq: self.next_seq - u64::from(age),
+            timestamp: place.timestamp,
+            level: place.level,
+            event: place.event,
+            text: shortened(&self.texts[self.span(index)]),
         }
-        let superseded = (0..self.places.len()).find(|&index| {
-            let event = self.places[index].entry.event;
-            let mut newer = self.places[index + 1..].iter();
-            newer.any(|place| place.entry.event == event)
-        });
-        // More places than events: there is one.
-        superseded.unwrap_or(0)
     }
 
     /// The oldest record not sent. One that tells of losses comes before the others.
@@ -142,12 +201,13 @@ impl Logs {
         }
         let waiting = |place: &Place| place.passage == Passage::Waiting;
         let index = self.places.iter().position(waiting)?;
-        if is_kept(self.places[index].entry.event) {
-            let place = &mut self.places[index];
-            place.passage = Passage::Written;
-            return Some(place.entry.clone());
+        let entry = self.entry(index);
+        if is_kept(entry.event) {
+            self.places[index].passage = Passage::Written;
+        } else {
+            self.remove(index);
         }
-        Some(self.places.remove(index).entry)
+        Some(entry)
     }
 
     /// Whether records were written that nothing under way will prove.
@@ -165,7 +225,10 @@ impl Logs {
     }
 
     pub(super) fn proven(&mut self) {
-        self.places.retain(|place| place.passage != Passage::Asked);
+        let asked = |place: &Place| place.passage == Passage::Asked;
+        while let Some(index) = self.places.iter().position(asked) {
+            self.remove(index);
+        }
     }
 
     pub(super) fn rewind(&mut self) {
@@ -173,6 +236,10 @@ impl Logs {
             place.passage = Passage::Waiting;
         }
     }
+}
+
+fn shortened(text: &str) -> String<LOG_TEXT> {
+    cut(format_args!("{text}"))
 }
 
 fn cut(text: core::fmt::Arguments<'_>) -> String<LOG_TEXT> {

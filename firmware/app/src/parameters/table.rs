@@ -33,6 +33,10 @@ pub enum Parameter {
     LowBattery,
     /// Below this voltage it stops.
     CriticalBattery,
+    /// Time between two looks through the camera.
+    VisionPeriod,
+    /// Whether to look although nothing that the robot does needs it.
+    VisionAlways,
 }
 
 /// Number of parameters.
@@ -133,7 +137,7 @@ const fn number(
 
 /// All parameters, in the order of [`Parameter`]. Ranges are written minimum, default, maximum.
 #[rustfmt::skip]
-pub const TABLE: [Definition; 15] = [
+pub const TABLE: [Definition; 17] = [
     Definition {
         parameter: Parameter::Name,
         name: "name",
@@ -168,4 +172,13 @@ pub const TABLE: [Definition; 15] = [
     // at 3.3 V the L298N leaves small motors too little to start.
     number(Parameter::LowBattery, 15, "low_battery_mv", None, [6000.0, 7000.0, 8200.0], true),
     number(Parameter::CriticalBattery, 16, "critical_battery_mv", None, [5500.0, 6600.0, 8000.0], true),
+    number(Parameter::VisionPeriod, 17, "vision_period_ms", None, [100.0, 500.0, 10_000.0], true),
+    Definition {
+        parameter: Parameter::VisionAlways,
+        name: "vision_always",
+        unit: None,
+        domain: Domain::Switch { default: false },
+        persistent: true,
+        key: 18,
+    },
 ];

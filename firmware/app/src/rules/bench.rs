@@ -250,7 +250,7 @@ impl Bench {
             // A halt wakes the loop: sometimes before, sometimes with the next period.
             if self.now.as_micros().is_multiple_of(3) {
                 let halt = self.robot.halt.try_take().expect("halts are never refused");
-                self.turn(Duration::from_millis(3), Some(halt))?;
+                self.turn(Duration::from_millis(3), Some(&halt))?;
             }
         }
         Ok(())
@@ -259,7 +259,7 @@ impl Bench {
     pub(super) fn turn(
         &mut self,
         after: Duration,
-        woken_by: Option<Halt>,
+        woken_by: Option<&Halt>,
     ) -> Result<Outputs, TestCaseError> {
         self.now += after;
         match self.sensor {

@@ -81,6 +81,7 @@ proptest! {
                 let inputs = Inputs {
                     voltage: None,
                     fix: None,
+                    view: None,
                     reading: Reading {
                         sight: sees.then_some((Sight::Clear, now)),
                         health: SensorHealth::Good,

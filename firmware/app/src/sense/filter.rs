@@ -28,6 +28,7 @@ const TOUCHING: Millimeters = Millimeters(0);
 
 /// Median of three, and the judgement of the sensor.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RangeFilter {
     median: Median<3>,
     reading: Reading,

@@ -1,6 +1,6 @@
 //! Parameters and boots through power cuts, wear and nonsense.
 
-use crawler_hal::Duration;
+use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Action, Command, ParameterValue, ParameterValues, Reason, ResponseStatus};
 use proptest::prelude::*;
 
@@ -21,7 +21,7 @@ fn boot<T>(flash: &TestFlash, then: impl FnOnce(&TestRobot, &mut dyn FnMut(&Comm
         "loaded, or given up"
     );
     then(&robot, &mut |command| {
-        assert!(robot.set_requests.try_send(command.clone()).is_ok());
+        assert!(robot.route(command, Instant::BOOT, |_| ()).is_ok());
         executor.run_for(Duration::from_secs(4));
     })
 }
@@ -157,7 +157,11 @@ fn nothing_is_written_while_the_voltage_is_too_low() {
     let mut executor = Executor::default();
     executor.spawn(store(&robot, flash.clone(), executor.clock.clone()));
     executor.run_for(Duration::from_secs(4));
-    assert!(robot.set_requests.try_send(set("max_speed", 0.4)).is_ok());
+    assert!(
+        robot
+            .route(&set("max_speed", 0.4), Instant::BOOT, |_| ())
+            .is_ok()
+    );
     executor.run_for(Duration::from_secs(4));
     assert_eq!(
         answer(&robot),
@@ -166,7 +170,11 @@ fn nothing_is_written_while_the_voltage_is_too_low() {
     assert_eq!(flash.0.borrow().changes, 0);
     // Charged, it is stored.
     robot.battery.lock(|cell| cell.set(Battery::default()));
-    assert!(robot.set_requests.try_send(set("max_speed", 0.4)).is_ok());
+    assert!(
+        robot
+            .route(&set("max_speed", 0.4), Instant::BOOT, |_| ())
+            .is_ok()
+    );
     executor.run_for(Duration::from_secs(4));
     assert_eq!(answer(&robot), (ResponseStatus::Completed, None));
 }

@@ -42,6 +42,8 @@ pub(crate) fn robot_with(id: &str, change: impl FnOnce(&mut Config)) -> TestRobo
         geometry: Geometry::default(),
         credentials: None,
         camera: false,
+        eyes: None,
+        faults: false,
     };
     change(&mut config);
     Robot::new(config)

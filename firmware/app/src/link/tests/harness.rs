@@ -347,6 +347,8 @@ pub(super) fn config() -> Config {
         geometry: Geometry::default(),
         credentials: None,
         camera: false,
+        eyes: None,
+        faults: false,
     }
 }
 
@@ -384,7 +386,7 @@ fn run_robot<F: Future>(
         robot: Rc::new(robot),
     };
     let robot = Rc::clone(&broker.robot);
-    let link = super::super::link_with_images(&robot, slot, network, TestRng(1), clock.clone());
+    let link = super::super::link_with_images(&*robot, slot, network, TestRng(1), clock.clone());
     let limit = clock.sleep(Duration::from_secs(3_600));
     match block_on(&clock, select3(link, script(broker), limit)) {
         Either3::First(never) => match never {},

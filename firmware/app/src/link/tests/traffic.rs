@@ -4,8 +4,8 @@ use std::vec::Vec;
 
 use crawler_hal::{Clock, Duration};
 use crawler_protocol::{
-    Heartbeat, LogRecord, MAX_PARAMETERS, ParametersMessage, ResponseStatus, StatusMessage,
-    Telemetry,
+    Detections, Heartbeat, LogRecord, MAX_PARAMETERS, ParametersMessage, ResponseStatus,
+    StatusMessage, Telemetry,
 };
 
 use super::harness::{EPOCH_MS, run};
@@ -14,6 +14,7 @@ use crate::link::KEEP_ALIVE;
 use crate::order::Task;
 use crate::parameters::PARAMETER_COUNT;
 use crate::perception::LinkHealth;
+use crate::vision::{Class, Lens, Spot, View};
 
 #[test]
 fn connect_says_who_comes_and_leaves_a_will() {
@@ -79,6 +80,49 @@ fn a_new_boot_record_is_told() {
         broker.robot.boot.lock(|cell| cell.set(boot));
         let status = peer.publish("swarm/status/").await;
         assert_eq!(status.json()["boot"]["count"], 7);
+    });
+}
+
+#[test]
+fn what_was_seen_is_told_once_unless_it_is_old() {
+    run(async |broker| {
+        let peer = broker.connected().await;
+        broker.sleep(Duration::from_millis(100)).await;
+        let robot = broker.robot;
+        let spot = Spot {
+            class: Class::Robot,
+            x: 0.25,
+            y: 0.5,
+            margin: 9,
+        };
+        let spots = [spot].into_iter().collect();
+        let view = |frame| {
+            let taken = (frame, broker.clock.now(), 0.0);
+            View::new(&spots, &Lens::default(), 1.0, taken)
+        };
+        for (seq, frame) in [(0, 7), (1, 9)] {
+            let at = EPOCH_MS + broker.clock.now().as_millis();
+            assert!(robot.sights.show(&view(frame), None));
+            robot.outbox.nudge();
+            let message = peer.publish("swarm/vision/").await;
+            assert_eq!(message.topic, "swarm/vision/sim-0001");
+            assert_eq!((message.qos, message.retained), (0, false));
+            let told = Detections::from_json(&message.payload).expect("detections");
+            assert_eq!((told.seq, told.frame, told.timestamp), (seq, frame, at));
+            let [object] = &told.objects[..] else {
+                panic!("{told:?}")
+            };
+            assert_eq!((object.class.as_str(), object.margin), ("robot", 9));
+            assert_eq!((object.x, object.y), (0.25, 0.5));
+            assert!((object.bearing - 0.281).abs() < 1e-3, "{}", object.bearing);
+        }
+        let old = view(10);
+        let all = peer.publishes_for(Duration::from_secs(3)).await;
+        assert!(robot.sights.show(&old, None));
+        robot.outbox.nudge();
+        let later = peer.publishes_for(Duration::from_secs(3)).await;
+        let mut all = all.iter().chain(&later);
+        assert!(!all.any(|p| p.topic.starts_with("swarm/vision/")));
     });
 }
 

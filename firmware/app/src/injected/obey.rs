@@ -1,0 +1,241 @@
+//! A program that takes faults.
+
+use core::cell::Cell;
+
+use crawler_drivers::us100::{FARTHEST, LinkError, NEAREST, RangeError};
+use crawler_hal::{Duration, Instant, Millimeters};
+use crawler_protocol::{FaultSpec, Level, LinkCut, Reason, SimulatorCommand, Wheel};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+
+use crate::context::Robot;
+
+/// Event of the records that tell what became of `inject` and `heal`.
+const INJECTED: &str = "injected";
+/// Time from the word that the supply dips to the reset: its record gets out.
+const RESTART_AFTER: Duration = Duration::from_millis(300);
+
+/// A fault and its end.
+#[derive(Debug, Clone, Copy)]
+struct Timed<T> {
+    what: T,
+    until: Instant,
+}
+
+impl<T: Copy> Timed<T> {
+    fn at(self, now: Instant) -> Option<T> {
+        (now < self.until).then_some(self.what)
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum RangerFault {
+    Dead,
+    Stuck(Millimeters),
+}
+
+/// What is left of a motor.
+#[derive(Debug, Clone, Copy)]
+struct Weakness {
+    /// From when the wheel stands the next time.
+    wanted: f32,
+    /// At the moment.
+    acting: f32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct State {
+    ranger: Option<Timed<RangerFault>>,
+    motors: [Option<Timed<Weakness>>; 2],
+    link: Option<Timed<LinkCut>>,
+    restart: Option<Instant>,
+}
+
+/// What is broken about this robot on purpose.
+pub(crate) struct Injected<M: RawMutex> {
+    state: Mutex<M, Cell<State>>,
+}
+
+impl<M: RawMutex> Injected<M> {
+    pub(crate) const fn new() -> Self {
+        Self {
+            state: Mutex::new(Cell::new(State {
+                ranger: None,
+                motors: [None; 2],
+                link: None,
+                restart: None,
+            })),
+        }
+    }
+
+    fn change<R>(&self, change: impl FnOnce(&mut State) -> R) -> R {
+        self.state.lock(|cell| {
+            let mut state = cell.get();
+            let result = change(&mut state);
+            cell.set(state);
+            result
+        })
+    }
+
+    /// What the ranger says, as broken as it is.
+    pub(crate) fn range(
+        &self,
+        measured: Result<Millimeters, RangeError>,
+        now: Instant,
+    ) -> Result<Millimeters, RangeError> {
+        let fault = self.state.lock(Cell::get).ranger;
+        match fault.and_then(|fault| fault.at(now)) {
+            None => measured,
+            Some(RangerFault::Dead) => Err(RangeError::Link(LinkError::Timeout)),
+            Some(RangerFault::Stuck(range)) if range < NEAREST => Err(RangeError::TooNear(range)),
+            Some(RangerFault::Stuck(range)) if range > FARTHEST => Err(RangeError::NoEcho(range)),
+            Some(RangerFault::Stuck(range)) => Ok(range),
+        }
+    }
+
+    /// What is left of the duties. A motor gets stronger only when it is told to stand, so that no
+    /// duty grows faster than the ramp lets it.
+    pub(crate) fn weaken(&self, duties: [f32; 2], now: Instant) -> [f32; 2] {
+        self.change(|state| {
+            let mut left = duties;
+            for (duty, motor) in left.iter_mut().zip(&mut state.motors) {
+                let Some(fault) = motor else {
+                    continue;
+                };
+                let stands = *duty == 0.0;
+                let Weakness { wanted, acting } = &mut fault.what;
+                *acting = if stands { *wanted } else { acting.min(*wanted) };
+                *duty *= *acting;
+                if stands && now >= fault.until {
+                    *motor = None;
+                }
+            }
+            left
+        })
+    }
+
+    /// Whether to restart for a supply that dips.
+    pub(crate) fn restart_is_due(&self, now: Instant) -> bool {
+        let restart = self.state.lock(Cell::get).restart;
+        restart.is_some_and(|at| now >= at)
+    }
+
+    /// How the link is lost at the moment.
+    pub(crate) fn link(&self, now: Instant) -> Option<LinkCut> {
+        self.state.lock(Cell::get).link?.at(now)
+    }
+
+    fn heal(&self, now: Instant) {
+        self.change(|state| {
+            state.ranger = None;
+            state.link = None;
+            for motor in state.motors.iter_mut().flatten() {
+                motor.until = motor.until.min(now);
+            }
+        });
+    }
+
+    fn inject(&self, fault: FaultSpec, lasting: Option<u32>, now: Instant) -> Result<(), Reason> {
+        let until = lasting.map_or(Instant::FAR_FUTURE, |ms| {
+            now + Duration::from_millis(ms.into())
+        });
+        let side = |wheel| usize::from(wheel == Wheel::Right);
+        self.change(|state| {
+            match fault {
+                FaultSpec::RangerDead => {
+                    let what = RangerFault::Dead;
+                    state.ranger = Some(Timed { what, until });
+                }
+                FaultSpec::RangerStuck { mm } => {
+                    let what = RangerFault::Stuck(Millimeters(mm));
+                    state.ranger = Some(Timed { what, until });
+                }
+                FaultSpec::MotorWeak { wheel, strength } => {
+                    weaken(&mut state.motors[side(wheel)], strength, until);
+                }
+                FaultSpec::MotorDead { wheel } => {
+                    weaken(&mut state.motors[side(wheel)], 0.0, until);
+                }
+                // Without an end nobody could heal it: the word would not arrive.
+                FaultSpec::LinkLoss { how } if lasting.is_some() => {
+                    state.link = Some(Timed { what: how, until });
+                }
+                FaultSpec::LinkLoss { .. } => return Err(Reason::MissingField),
+                FaultSpec::BrownOut => state.restart = Some(now + RESTART_AFTER),
+                FaultSpec::ClockStep { .. }
+                | FaultSpec::RangerNoisy { .. }
+                | FaultSpec::LineNoise { .. }
+                | FaultSpec::LineStuck
+                | FaultSpec::MotorStuckOn { .. }
+                | FaultSpec::HostilePackets { .. }
+                | FaultSpec::BatterySag { .. }
+                | FaultSpec::BatteryAt { .. }
+                | FaultSpec::FlashPowerCut { .. }
+                | FaultSpec::FlashNoise { .. }
+                | FaultSpec::CameraAbsent
+                | FaultSpec::CameraStalled
+                | FaultSpec::CameraGarbage => return Err(Reason::Unsupported),
+            }
+            Ok(())
+        })
+    }
+}
+
+fn weaken(motor: &mut Option<Timed<Weakness>>, strength: f32, until: Instant) {
+    let acting = motor.map_or(1.0, |before| before.what.acting);
+    let what = Weakness {
+        wanted: strength,
+        acting,
+    };
+    *motor = Some(Timed { what, until });
+}
+
+impl<M: RawMutex> Robot<M> {
+    /// Obeys a word on `simulator/command`, if it is for this robot: faults alone, and only on a
+    /// robot that takes them. A record says what became of it.
+    // Out of line: the command in between is free again when it is carried out.
+    #[inline(never)]
+    pub fn obey_simulator(&self, payload: &[u8], now: Instant) {
+        if !self.config.takes_faults() {
+            return;
+        }
+        match SimulatorCommand::from_json(payload) {
+            Ok(SimulatorCommand::Inject {
+                robot,
+                fault,
+                lasting_ms,
+            }) if robot == self.config.id => {
+                let name = fault.name();
+                let done = if let FaultSpec::ClockStep { ms } = fault {
+                    self.step_clock(ms);
+                    Ok(())
+                } else {
+                    self.injected.inject(fault, lasting_ms, now)
+                };
+                match (done, lasting_ms) {
+                    (Err(reason), _) => {
+                        let text = format_args!("{name} refused: {reason}");
+                        self.log(Level::Warn, INJECTED, text, now);
+                    }
+                    (Ok(()), Some(ms)) => {
+                        let text = format_args!("{name} for {ms} ms");
+                        self.log(Level::Warn, INJECTED, text, now);
+                    }
+                    (Ok(()), None) => {
+                        self.log(Level::Warn, INJECTED, format_args!("{name}"), now);
+                    }
+                }
+            }
+            Ok(SimulatorCommand::Heal { robot }) if robot == self.config.id => {
+                self.injected.heal(now);
+                self.log(Level::Info, INJECTED, format_args!("healed"), now);
+            }
+            // What controls a world, or names another robot.
+            Ok(_) => {}
+            Err(error) => {
+                let text = format_args!("not a command to a simulator: {error}");
+                self.log(Level::Warn, INJECTED, text, now);
+            }
+        }
+    }
+}
