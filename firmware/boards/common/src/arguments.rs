@@ -8,6 +8,7 @@
 //! | `user=`, `password=` | none | credentials for the broker; either alone is an error |
 //! | `fault=` | none | comma-separated faults of the body, see [`Faults`] |
 //! | `provision=` | `0` | `1` asks for set-up before anything else |
+//! | `bench=` | `0` | `1` takes faults from the network as well |
 //!
 //! Words are separated by blanks. A word that is unknown, comes twice or makes no sense is an
 //! error: a robot that started as somebody else would be worse than one that does not start.
@@ -40,6 +41,8 @@ pub struct Arguments {
     pub faults: Faults,
     /// Whether set-up is asked for.
     pub provision: bool,
+    /// Whether faults are taken from the network.
+    pub bench: bool,
 }
 
 /// What is wrong with a body in software. Everything works by default.
@@ -47,10 +50,10 @@ pub struct Arguments {
 // Each is a switch of its own; any of them go together.
 #[allow(clippy::struct_excessive_bools)]
 pub struct Faults {
-    /// `ranger-absent`: nothing answers on the ranger's line.
-    pub ranger_absent: bool,
-    /// `uart-stuck`: the ranger's line is low: bytes of zero arrive without end.
-    pub uart_stuck: bool,
+    /// `ranger-dead`: nothing answers on the ranger's line.
+    pub ranger_dead: bool,
+    /// `line-stuck`: the ranger's line is low: bytes of zero arrive without end.
+    pub line_stuck: bool,
     /// `flash-noise`: the parameter region is full of noise when the program starts.
     pub flash_noise: bool,
     /// `flash-refuses`: the flash reports an error for each write and erasure.
@@ -82,7 +85,8 @@ impl fmt::Display for ArgumentError {
         match self {
             Self::NotAPair => f.write_str("a word is not of the form key=value"),
             Self::UnknownKey => f.write_str(
-                "a key is unknown: there are id, fleet, broker, user, password, fault, provision",
+                "a key is unknown: there are id, fleet, broker, user, password, fault, provision, \
+                 bench",
             ),
             Self::Twice(key) => write!(f, "{key} is there twice"),
             Self::Value(key) => write!(f, "the value of {key} makes no sense"),
@@ -103,6 +107,7 @@ struct Words<'a> {
     password: Option<&'a str>,
     fault: Option<&'a str>,
     provision: Option<&'a str>,
+    bench: Option<&'a str>,
 }
 
 impl<'a> Words<'a> {
@@ -118,6 +123,7 @@ impl<'a> Words<'a> {
                 "password" => ("password", &mut words.password),
                 "fault" => ("fault", &mut words.fault),
                 "provision" => ("provision", &mut words.provision),
+                "bench" => ("bench", &mut words.bench),
                 _ => return Err(ArgumentError::UnknownKey),
             };
             if place.replace(value).is_some() {
@@ -154,12 +160,17 @@ impl Arguments {
             broker_port,
             credentials,
             faults: words.fault.map_or(Ok(Faults::default()), faults)?,
-            provision: match words.provision {
-                None | Some("0") => false,
-                Some("1") => true,
-                Some(_) => return Err(ArgumentError::Value("provision")),
-            },
+            provision: switch(words.provision, "provision")?,
+            bench: switch(words.bench, "bench")?,
         })
+    }
+}
+
+fn switch(value: Option<&str>, key: &'static str) -> Result<bool, ArgumentError> {
+    match value {
+        None | Some("0") => Ok(false),
+        Some("1") => Ok(true),
+        Some(_) => Err(ArgumentError::Value(key)),
     }
 }
 
@@ -192,8 +203,8 @@ fn faults(value: &str) -> Result<Faults, ArgumentError> {
             }
         };
         match (name, after_s) {
-            ("ranger-absent", None) => faults.ranger_absent = true,
-            ("uart-stuck", None) => faults.uart_stuck = true,
+            ("ranger-dead", None) => faults.ranger_dead = true,
+            ("line-stuck", None) => faults.line_stuck = true,
             ("flash-noise", None) => faults.flash_noise = true,
             ("flash-refuses", None) => faults.flash_refuses = true,
             ("hang", Some(_)) => faults.hang_s = after_s,
@@ -225,13 +236,13 @@ mod tests {
         assert_eq!(arguments.broker_port, MQTT_PORT);
         assert_eq!(arguments.credentials, None);
         assert_eq!(arguments.faults, Faults::default());
-        assert!(!arguments.provision);
+        assert!(!arguments.provision && !arguments.bench);
     }
 
     #[test]
     fn every_word_is_understood() {
         let line = " id=r-7  fleet=lab broker=broker.lan:8883 user=u password=p=q \
-                    fault=ranger-absent,panic@5 provision=1 ";
+                    fault=ranger-dead,panic@5 provision=1 bench=1";
         let arguments = Arguments::parse(line).expect("a good line");
         assert_eq!(arguments.id.as_str(), "r-7");
         assert_eq!(arguments.fleet.as_str(), "lab");
@@ -240,9 +251,9 @@ mod tests {
         let credentials = arguments.credentials.expect("some");
         assert_eq!(credentials.username, "u");
         assert_eq!(credentials.password, "p=q");
-        assert!(arguments.faults.ranger_absent && !arguments.faults.uart_stuck);
+        assert!(arguments.faults.ranger_dead && !arguments.faults.line_stuck);
         assert_eq!(arguments.faults.panic_s, Some(5));
-        assert!(arguments.provision);
+        assert!(arguments.provision && arguments.bench);
     }
 
     #[test]
@@ -268,11 +279,12 @@ mod tests {
             ("password=p", HalfACredential),
             ("user= password=p", Value("user")),
             ("fault=", Value("fault")),
-            ("fault=ranger-absent,", Value("fault")),
+            ("fault=ranger-dead,", Value("fault")),
             ("fault=panic", Value("fault")),
             ("fault=panic@3601", Value("fault")),
-            ("fault=uart-stuck@5", Value("fault")),
+            ("fault=line-stuck@5", Value("fault")),
             ("provision=yes", Value("provision")),
+            ("bench=on", Value("bench")),
         ] {
             assert_eq!(Arguments::parse(line), Err(error), "{line}");
         }

@@ -14,6 +14,7 @@
 //! | [`settings`] | what a person tells a robot once, and the flash that keeps it |
 //! | [`provision`] | the page where a person enters it |
 //! | [`model`] | a body in software, for boards that have none |
+//! | [`sight`] | frames for a detector, and what it saw in them as text |
 #![no_std]
 // The futures of a board are polled by the executor that owns their peripherals.
 #![allow(async_fn_in_trait)]
@@ -30,6 +31,7 @@ pub mod model;
 pub mod network;
 pub mod provision;
 pub mod settings;
+pub mod sight;
 
 pub use clock::EmbassyClock;
 pub use network::StackNetwork;

@@ -38,6 +38,11 @@ pub(crate) fn config(settings: Option<&Settings>) -> Config {
         geometry: Geometry::default(),
         credentials: None,
         camera: cfg!(feature = "esp32s3"),
+        #[cfg(feature = "esp32s3")]
+        eyes: Some(crate::camera::LENS),
+        #[cfg(not(feature = "esp32s3"))]
+        eyes: None,
+        faults: cfg!(feature = "faults"),
     };
     if let Some(settings) = settings {
         settings.apply_to(&mut config);

@@ -76,6 +76,8 @@ extern "C" fn start() -> ! {
         geometry: seam::geometry(),
         credentials: None,
         camera: false,
+        eyes: None,
+        faults: false,
     };
     let place = (&raw mut ROBOT).cast::<Shared>();
     // SAFETY: written once, here, before anything refers to it, and never again.

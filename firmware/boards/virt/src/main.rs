@@ -148,6 +148,8 @@ fn make_context(arguments: &Arguments) -> &'static Context {
             geometry: GEOMETRY,
             credentials: arguments.credentials.clone(),
             camera: false,
+            eyes: None,
+            faults: arguments.bench,
         });
         // The serial line tells what the broker is told, also while there is none.
         robot.set_echo(crawler_virt::log::echo);
@@ -159,11 +161,10 @@ fn make_context(arguments: &Arguments) -> &'static Context {
 fn make_body(arguments: &Arguments) -> &'static Body {
     let fault = match arguments.faults {
         Faults {
-            uart_stuck: true, ..
+            line_stuck: true, ..
         } => LineFault::Stuck,
         Faults {
-            ranger_absent: true,
-            ..
+            ranger_dead: true, ..
         } => LineFault::Absent,
         _ => LineFault::None,
     };

@@ -110,6 +110,8 @@ fn settings_reach_the_configuration_of_the_program() {
         geometry: crawler_app::Geometry::default(),
         credentials: None,
         camera: false,
+        eyes: None,
+        faults: false,
     };
     settings().apply_to(&mut config);
     assert_eq!(config.id.as_str(), "crawler-07");

@@ -1,12 +1,13 @@
 //! The OV2640 of the XIAO ESP32S3 Sense, on the second core.
 //!
 //! The sensor's driver is `crawler_drivers::ov2640`; this is its bus, its port (see [`port`]) and
-//! its place. The second core runs nothing else: looking at the port every millisecond and copying
-//! pixels delays neither control nor the radio.
+//! its place. The second core runs nothing else: looking at the port every millisecond, copying
+//! pixels, and finding things in frames (see [`eyes`]) delay neither control nor the radio.
 //!
-//! Memory: 20 KB that the port gathers into, 16 KB for the still that travels to the broker, and
-//! the stack of the second core.
+//! Memory: 20 KB that the port gathers into, 16 KB for the still that travels to the broker, 18 KB
+//! for a frame, what the detector runs in, and the stack of the second core.
 
+mod eyes;
 mod port;
 
 use crawler_app::ImageSlot;
@@ -25,11 +26,13 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::activities::Context;
 use crate::board::{CameraPins, VisionChip};
+pub(crate) use eyes::LENS;
 use port::Port;
 
 /// Bytes for a still. The sensor is set to make 6 to 14 KB of it.
 const IMAGE_BUFFER: usize = 16 * 1024;
-/// Stack of the second core: an executor, one activity that is a static, and interrupts.
+/// Stack of the second core: an executor, one activity that is a static, the loops of the detector
+/// (2.5 KB on RISC-V), and interrupts.
 const STACK: usize = 8 * 1024;
 /// Control bus. The sensor takes 400 kHz; the ribbon's pull-ups are weak.
 const BUS_KHZ: u32 = 100;
@@ -110,7 +113,7 @@ fn sensor(
 
 #[embassy_executor::task]
 async fn camera(robot: &'static Context, sensor: Sensor) {
-    match crawler_app::camera(robot, sensor, images(), EmbassyClock).await {}
+    match crawler_app::camera_with_eyes(robot, sensor, images(), eyes::open(), EmbassyClock).await {}
 }
 
 #[embassy_executor::task]

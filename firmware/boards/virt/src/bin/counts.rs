@@ -321,6 +321,8 @@ fn config() -> Config {
         geometry: GEOMETRY,
         credentials: None,
         camera: false,
+        eyes: None,
+        faults: false,
     }
 }
 
