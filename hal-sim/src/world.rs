@@ -10,42 +10,61 @@ mod arena;
 mod battery;
 mod bodies;
 mod error;
+mod exchange;
 mod geometry;
 mod grid;
 mod hash;
+mod hearing;
+mod inhabit;
+mod members;
+mod movers;
+mod neighbours;
 mod parameters;
+mod patches;
 mod physics;
 mod ports;
 mod rng;
 mod space;
+mod stored;
 #[cfg(test)]
 mod tests;
+mod view;
 
 use std::cell::RefCell;
 use std::rc::Rc;
 
 use crawler_hal::{Clock, Millivolts, ResetCause};
 
-pub use arena::{ARENA_SIDE_M, Arena, ArenaError, MAX_OBSTACLES, Obstacle};
+pub use arena::{
+    ARENA_SIDE_M, Arena, ArenaError, Colour, MAX_MOVERS, MAX_OBSTACLES, MAX_PATCHES, Mover, Object,
+    ObjectShape, Obstacle, Patch,
+};
 pub use error::{PlacementError, WorldError};
 pub use geometry::Pose;
+pub use members::Members;
+pub use parameters::Camera;
 pub use parameters::{
-    Chassis, Gauge, Pack, ParameterError, Parameters, Ranger, Spread, Surroundings, Wiring,
+    Bound, Chassis, Gauge, Look, Pack, ParameterError, Parameters, Profile, RadioFigures, Ranger,
+    Row, Spread, Surroundings, TABLE, Vary, Wiring, page as parameters_page,
 };
 pub use physics::PHYSICS_STEP;
 pub use ports::BodyEvent;
 
+pub(crate) use arena::Solid;
 pub(crate) use bodies::{Bridge, Inputs, Presence};
+pub(crate) use exchange::Published;
 pub(crate) use geometry::Vec2;
-pub(crate) use ports::{Ports, Shared, Wire};
-pub(crate) use rng::{Purpose, normal, stream, uniform};
-pub(crate) use space::{Sight, Space, Surface};
+pub(crate) use physics::Power;
+pub(crate) use ports::{Ports, Shared, Wire, senses};
+pub(crate) use rng::{Purpose, mix, normal, stream, uniform};
+pub(crate) use space::Space;
+pub(crate) use stored::SpaceState;
+pub(crate) use view::picture_key;
 
 use crate::devices::BodyParts;
-use crate::faults::{Fault, FaultError};
+use crate::faults::{Fault, FaultError, Part};
+use crate::render::{Frame, Motion};
 use crate::sched::SimClock;
-use geometry::wrap_any;
-use physics::Power;
 
 /// Most robots of one world; the live feed counts them in 16 bits.
 pub const MAX_ROBOTS: usize = 65_535;
@@ -74,16 +93,21 @@ impl RobotIndex {
 pub struct Observation {
     /// Where it is and where it looks.
     pub pose: Pose,
-    /// Forward speed of the wheels' middle, metres per second.
+    /// Forward speed over the floor, metres per second.
     pub speed: f32,
     /// Rate of turn, radians per second, anticlockwise.
     pub turn: f32,
+    /// By how much the rims of the left and the right wheel are faster than the floor under them,
+    /// metres per second.
+    pub slip: [f32; 2],
     /// How often it began to touch something.
     pub contacts: u32,
     /// Terminal voltage of the pack.
     pub battery: Millivolts,
     /// Share of the charge left, 0 to 1.
     pub charge: f32,
+    /// Energy drawn from the pack since the start, joules.
+    pub energy_j: f64,
     /// Duty of the left and right enable input, −255 to 255, negative while the direction pins
     /// say backward, 0 while they say brake.
     pub duty: [i16; 2],
@@ -102,7 +126,10 @@ pub struct Observation {
 /// See the [module](self).
 pub struct World {
     shared: Rc<Shared>,
-    robots: Vec<Rc<Ports>>,
+    /// The robots whose devices are here.
+    members: Members,
+    /// What the devices of each robot share with the world; `None` for those of other shards.
+    robots: Vec<Option<Rc<Ports>>>,
 }
 
 impl World {
@@ -124,14 +151,29 @@ impl World {
         seed: u64,
         clock: &SimClock,
     ) -> Result<Self, WorldError> {
+        Self::replica(arena, parameters, seed, clock, Members::ALL)
+    }
+
+    /// The same for one shard of a world.
+    pub(crate) fn replica(
+        arena: Arena,
+        parameters: Parameters,
+        seed: u64,
+        clock: &SimClock,
+        members: Members,
+    ) -> Result<Self, WorldError> {
         parameters.validate()?;
         Ok(Self {
             shared: Rc::new(Shared {
                 space: RefCell::new(Space::new(arena, parameters)?),
                 clock: clock.world(),
                 seed,
+                #[cfg(feature = "recording")]
+                deck: RefCell::new(None),
                 events: RefCell::new(Vec::new()),
+                frame: RefCell::new(None),
             }),
+            members,
             robots: Vec::new(),
         })
     }
@@ -144,6 +186,22 @@ impl World {
     /// The parameters.
     pub fn parameters(&self) -> Parameters {
         self.shared.space.borrow().parameters
+    }
+
+    /// Records the devices of all robots that boot from now on.
+    #[cfg(feature = "recording")]
+    pub(crate) fn record(&self, deck: crate::run::recording::Deck) {
+        self.shared.deck.replace(Some(deck));
+    }
+
+    /// Where the centre of mover `mover` is now, in the order of the arena; `None` when there is
+    /// none. It runs behind its path when it had to wait for robots.
+    pub fn mover(&self, mover: usize) -> Option<[f32; 2]> {
+        let space = self.shared.space.borrow();
+        (mover < space.movers.len()).then(|| {
+            let centre = space.movers.now(mover).centre();
+            [centre.x, centre.y]
+        })
     }
 
     /// Number of robots ever added.
@@ -181,42 +239,24 @@ impl World {
         pose: Pose,
         wiring: Wiring,
     ) -> Result<(RobotIndex, BodyParts), PlacementError> {
-        if !pose.is_finite() {
-            return Err(PlacementError::NotFinite);
-        }
-        if self.robots.len() >= MAX_ROBOTS {
-            return Err(PlacementError::Full);
-        }
-        let radius = self.parameters().chassis.radius_m;
-        if self.clearance(pose.x, pose.y, 2.0 * radius) < radius {
-            return Err(PlacementError::Occupied);
-        }
-        let index = RobotIndex(self.robots.len() as u32);
-        let mut rng = stream(self.shared.seed, index.0, Purpose::Build);
-        {
-            let space = &mut *self.shared.space.borrow_mut();
-            let pose = Pose::new(pose.x, pose.y, wrap_any(pose.theta));
-            space.bodies.push(pose, &space.parameters, &mut rng);
-        }
-        let ports = Rc::new(Ports::new(Rc::clone(&self.shared), index, wiring));
-        let parts = BodyParts::new(&ports);
-        self.robots.push(ports);
+        let (index, parts) = self.place(pose, wiring)?;
+        let Some(parts) = parts else {
+            unreachable!("every robot of a world that is handed out is a member of it")
+        };
         Ok((index, parts))
     }
 
     /// Takes a robot out of the world: it is no longer seen, touched or moved. Its devices are
     /// disconnected. Does nothing when there is no such robot.
     pub fn remove_robot(&mut self, robot: RobotIndex) {
-        let Some(ports) = self.robots.get(robot.0 as usize) else {
+        let i = robot.0 as usize;
+        if i >= self.robots.len() {
             return;
-        };
-        ports.life.set(ports.life.get().wrapping_add(1));
-        let mut space = self.shared.space.borrow_mut();
-        let i = ports.index();
-        space.bodies.presence[i] = Presence::Removed;
-        space.bodies.inputs[i] = bodies::Inputs::default();
-        space.bodies.left[i] = 0.0;
-        space.bodies.right[i] = 0.0;
+        }
+        if let Some(ports) = self.ports(robot) {
+            ports.life.set(ports.life.get().wrapping_add(1));
+        }
+        self.shared.space.borrow_mut().remove(i);
     }
 
     /// Starts a robot anew after [`BodyEvent::Reset`], or at will: the devices handed out before
@@ -224,11 +264,11 @@ impl World {
     ///
     /// `None` when there is no such robot, or it was removed or has no power.
     pub fn boot(&mut self, robot: RobotIndex, cause: ResetCause) -> Option<BodyParts> {
-        let ports = self.robots.get(robot.0 as usize)?;
+        let ports = self.ports(robot)?;
         {
             let mut space = self.shared.space.borrow_mut();
             let i = ports.index();
-            if space.bodies.presence[i] != Presence::Present {
+            if space.bodies.published.presence[i] != Presence::Present {
                 return None;
             }
             space.bodies.inputs[i] = bodies::Inputs::default();
@@ -252,14 +292,16 @@ impl World {
         let mut changes = Vec::new();
         let (steps, watchdog_us) = {
             let mut space = self.shared.space.borrow_mut();
-            space.step(|i, power| changes.push((i, power)));
+            space.step(self.members, |i, power| changes.push((i, power)));
             (
                 space.steps,
                 u64::from(space.parameters.surroundings.watchdog_ms) * 1_000,
             )
         };
         for (i, power) in changes {
-            let ports = &self.robots[i];
+            let Some(ports) = &self.robots[i] else {
+                continue;
+            };
             match power {
                 Power::Lost => {
                     ports.life.set(ports.life.get().wrapping_add(1));
@@ -278,7 +320,7 @@ impl World {
         }
         if steps.is_multiple_of(WATCHDOG_STEPS) {
             let now = self.shared.clock.now();
-            for ports in &self.robots {
+            for ports in self.robots.iter().flatten() {
                 ports.check_watchdog(now, watchdog_us);
             }
         }
@@ -289,22 +331,31 @@ impl World {
         core::mem::take(&mut *self.shared.events.borrow_mut())
     }
 
-    /// Breaks something about a robot, until [`World::heal`]. Does nothing when there is no such
-    /// robot.
+    /// Breaks something of a robot's body, until [`World::heal`]. A fault takes the place of an
+    /// earlier one of the same part. A robot of another shard is left to that one.
     ///
     /// # Errors
-    /// When a number of the fault is out of its range; nothing is broken then.
+    /// See [`FaultError`]; nothing is broken then.
     pub fn inject(&mut self, robot: RobotIndex, fault: Fault) -> Result<(), FaultError> {
-        match self.robots.get(robot.0 as usize) {
-            Some(ports) => crate::faults::inject(ports, fault),
-            None => fault.validate(),
+        fault.validate()?;
+        if self.pose(robot).is_none() {
+            return Err(FaultError::NoRobot);
+        }
+        self.ports(robot)
+            .map_or(Ok(()), |ports| crate::faults::inject(ports, fault))
+    }
+
+    /// Mends one part of a robot's body.
+    pub(crate) fn mend(&mut self, robot: RobotIndex, part: Part) {
+        if let Some(ports) = self.ports(robot) {
+            crate::faults::mend(ports, part);
         }
     }
 
     /// Makes the program of a robot panic with `text`, as a board's handler notes it, and resets
     /// it. Does nothing when there is no such robot.
     pub fn crash(&mut self, robot: RobotIndex, text: &str) {
-        if let Some(ports) = self.robots.get(robot.0 as usize) {
+        if let Some(ports) = self.ports(robot) {
             ports.panic.replace(Some(text.to_owned()));
             ports.ask_reset(ResetCause::Panic);
         }
@@ -312,41 +363,25 @@ impl World {
 
     /// Mends all that was broken about a robot by [`World::inject`].
     pub fn heal(&mut self, robot: RobotIndex) {
-        if let Some(ports) = self.robots.get(robot.0 as usize) {
+        if let Some(ports) = self.ports(robot) {
             crate::faults::heal(ports);
         }
     }
 
     /// The truth about a robot; `None` when it never existed.
     pub fn observe(&self, robot: RobotIndex) -> Option<Observation> {
-        let ports = self.robots.get(robot.0 as usize)?;
-        let i = ports.index();
-        let space = self.shared.space.borrow();
-        let bodies = &space.bodies;
-        let duty = |bridge: Bridge| match bridge.drive() {
-            bodies::Drive::Forward => i16::from(bridge.duty),
-            bodies::Drive::Backward => -i16::from(bridge.duty),
-            bodies::Drive::Brake => 0,
-        };
+        let ports = self.ports(robot)?;
+        let seen = self.shared.space.borrow().observe(ports.index())?;
         Some(Observation {
-            pose: bodies.pose(i),
-            speed: (bodies.left[i] + bodies.right[i]) * 0.5,
-            turn: (bodies.right[i] - bodies.left[i]) / bodies.build[i].track_m,
-            contacts: bodies.contacts[i],
-            battery: Millivolts((bodies.supply_v[i] * 1_000.0) as u16),
-            charge: (bodies.charge_as[i] * space.per_capacity) as f32,
-            duty: [duty(bodies.inputs[i].left), duty(bodies.inputs[i].right)],
-            lamp: bodies.inputs[i].lamp,
-            powered: bodies.presence[i] == Presence::Present,
-            present: bodies.presence[i] != Presence::Removed,
             starvations: ports.watchdog.get().bites,
             flash_violations: ports.chip.borrow().violations(),
+            ..seen
         })
     }
 
     /// How the ranger of a robot is wired; `None` when it never existed.
     pub fn wiring(&self, robot: RobotIndex) -> Option<Wiring> {
-        Some(self.robots.get(robot.0 as usize)?.wiring)
+        Some(self.ports(robot)?.wiring)
     }
 
     /// The true distance in metres from a robot's ranger to the nearest echo within its reach,
@@ -363,21 +398,18 @@ impl World {
         )
     }
 
-    /// A fingerprint of the full physical state: every bit of every body, the generators of its
-    /// devices, and its flash.
-    pub fn hash(&self) -> u64 {
-        let mut hasher = hash::Hasher::new();
-        let space = self.shared.space.borrow();
-        hasher.word(space.steps);
-        hash::bodies(&mut hasher, &space.bodies);
-        for ports in &self.robots {
-            ports.sonar.borrow().fingerprint(|word| hasher.word(word));
-            ports.chip.borrow().fingerprint(|word| hasher.word(word));
-            hasher.generator(&ports.gauge_rng.borrow());
-            hasher.generator(&ports.camera_rng.borrow());
-            hasher.word(u64::from(ports.life.get()));
-        }
-        hasher.finish()
+    /// Draws what the camera of a robot sees. Nothing is allocated once a frame has held a picture
+    /// with as much in it. Returns whether there is such a robot in the world; the frame is left
+    /// alone otherwise.
+    pub fn render(&self, robot: RobotIndex, frame: &mut Frame) -> bool {
+        let mut space = self.shared.space.borrow_mut();
+        space.render(robot.0 as usize, frame)
+    }
+
+    /// The same as if the robot moved like this, which blurs the picture.
+    pub fn render_moving(&self, robot: RobotIndex, motion: Motion, frame: &mut Frame) -> bool {
+        let mut space = self.shared.space.borrow_mut();
+        space.render_moving(robot.0 as usize, motion, frame)
     }
 }
 

@@ -1,8 +1,13 @@
-//! The room: a walled rectangle with obstacles in it.
+//! The room: a walled rectangle and what is in it.
+
+mod contents;
+mod solid;
 
 use serde::{Deserialize, Serialize};
 
-use super::geometry::{Pose, Vec2};
+use super::geometry::Pose;
+pub use contents::{Colour, Mover, Object, ObjectShape, Patch};
+pub(crate) use solid::Solid;
 
 /// Shortest and longest side of an arena, in metres.
 ///
@@ -11,6 +16,12 @@ pub const ARENA_SIDE_M: core::ops::RangeInclusive<f32> = 0.5..=500.0;
 
 /// Most obstacles one arena may hold.
 pub const MAX_OBSTACLES: usize = 50_000;
+
+/// Most movers one arena may hold.
+pub const MAX_MOVERS: usize = 256;
+
+/// Most patches one arena may hold.
+pub const MAX_PATCHES: usize = 4_096;
 
 /// Something solid that does not move. Lengths in metres, angles in radians.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -54,6 +65,18 @@ pub struct Arena {
     /// What stands in it.
     #[serde(default)]
     pub obstacles: Vec<Obstacle>,
+    /// What moves in it by itself.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub movers: Vec<Mover>,
+    /// Parts of the floor that grip differently.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub patches: Vec<Patch>,
+    /// Colour of obstacles and movers; bare where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub paint: Option<Colour>,
+    /// Coloured things to see. As solid as obstacles.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub objects: Vec<Object>,
 }
 
 /// Why an arena cannot be built.
@@ -62,12 +85,25 @@ pub struct Arena {
 pub enum ArenaError {
     /// A side is not a number within [`ARENA_SIDE_M`].
     Side,
-    /// More than [`MAX_OBSTACLES`].
+    /// More than [`MAX_OBSTACLES`], objects included.
     TooManyObstacles,
+    /// More than [`MAX_MOVERS`].
+    TooManyMovers,
+    /// More than [`MAX_PATCHES`].
+    TooManyPatches,
     /// This obstacle has a coordinate that is not finite, an extent that is not positive, or is
     /// larger than the arena or centred outside of it.
     Obstacle(usize),
+    /// The same about this object.
+    Object(usize),
+    /// The same about this patch, or its grip is out of range.
+    Patch(usize),
+    /// The same about the body of this mover, or its path leaves the arena, is too long or goes
+    /// nowhere, or its speed is out of range.
+    Mover(usize),
 }
+
+const SOUND: &str = "must have finite coordinates and positive extents and fit the arena";
 
 impl core::fmt::Display for ArenaError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
@@ -79,108 +115,28 @@ impl core::fmt::Display for ArenaError {
                 ARENA_SIDE_M.end()
             ),
             Self::TooManyObstacles => write!(f, "more than {MAX_OBSTACLES} obstacles"),
-            Self::Obstacle(index) => write!(
+            Self::TooManyMovers => write!(f, "more than {MAX_MOVERS} movers"),
+            Self::TooManyPatches => write!(f, "more than {MAX_PATCHES} patches"),
+            Self::Obstacle(index) => write!(f, "obstacle {index} {SOUND}"),
+            Self::Object(index) => write!(f, "object {index} {SOUND}"),
+            Self::Patch(index) => write!(
                 f,
-                "obstacle {index} must have finite coordinates and positive extents and fit the arena"
+                "patch {index} {SOUND}, with a grip of {} to {}",
+                Patch::GRIP.start(),
+                Patch::GRIP.end()
+            ),
+            Self::Mover(index) => write!(
+                f,
+                "mover {index} {SOUND}, all along a path of 1 to {} corners, at a speed above 0 \
+                 and up to {} m/s",
+                Mover::MAX_CORNERS,
+                Mover::MAX_SPEED
             ),
         }
     }
 }
 
 impl core::error::Error for ArenaError {}
-
-/// An obstacle, prepared: the axis of a box is computed once.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Solid {
-    Circle {
-        centre: Vec2,
-        radius: f32,
-    },
-    Box {
-        centre: Vec2,
-        axis: Vec2,
-        half: Vec2,
-    },
-}
-
-impl Solid {
-    pub(crate) fn new(obstacle: &Obstacle) -> Self {
-        match *obstacle {
-            Obstacle::Circle { x, y, r } => Self::Circle {
-                centre: Vec2::new(x, y),
-                radius: r,
-            },
-            Obstacle::Box { x, y, w, h, theta } => Self::Box {
-                centre: Vec2::new(x, y),
-                axis: Vec2::unit(theta),
-                half: Vec2::new(w * 0.5, h * 0.5),
-            },
-        }
-    }
-
-    pub(crate) const fn centre(&self) -> Vec2 {
-        match *self {
-            Self::Circle { centre, .. } | Self::Box { centre, .. } => centre,
-        }
-    }
-
-    /// Half the extents of the axis-parallel box around it.
-    pub(crate) fn half_extents(&self) -> Vec2 {
-        match *self {
-            Self::Circle { radius, .. } => Vec2::new(radius, radius),
-            Self::Box { axis, half, .. } => {
-                let (c, s) = (axis.x.abs(), axis.y.abs());
-                Vec2::new(half.x * c + half.y * s, half.x * s + half.y * c)
-            }
-        }
-    }
-
-    /// Distance from `point` to the surface, negative inside, with the outward direction.
-    pub(crate) fn separation(&self, point: Vec2) -> (f32, Vec2) {
-        match *self {
-            Self::Circle { centre, radius } => {
-                let away = point.minus(centre);
-                let distance = away.length();
-                let direction = if distance > 0.0 {
-                    away.times(1.0 / distance)
-                } else {
-                    Vec2::new(1.0, 0.0)
-                };
-                (distance - radius, direction)
-            }
-            Self::Box { centre, axis, half } => {
-                let local = point.minus(centre).into_frame(axis);
-                let nearest = Vec2::new(
-                    local.x.clamp(-half.x, half.x),
-                    local.y.clamp(-half.y, half.y),
-                );
-                let away = local.minus(nearest);
-                let distance = away.length();
-                if distance > 0.0 {
-                    return (distance, away.times(1.0 / distance).out_of_frame(axis));
-                }
-                let (deep_x, deep_y) = (half.x - local.x.abs(), half.y - local.y.abs());
-                let (depth, face) = if deep_x < deep_y {
-                    (deep_x, Vec2::new(1.0_f32.copysign(local.x), 0.0))
-                } else {
-                    (deep_y, Vec2::new(0.0, 1.0_f32.copysign(local.y)))
-                };
-                (-depth, face.out_of_frame(axis))
-            }
-        }
-    }
-
-    /// The corners of a box, in order around it.
-    pub(crate) fn corners(centre: Vec2, axis: Vec2, half: Vec2) -> [Vec2; 4] {
-        [
-            Vec2::new(half.x, half.y),
-            Vec2::new(-half.x, half.y),
-            Vec2::new(-half.x, -half.y),
-            Vec2::new(half.x, -half.y),
-        ]
-        .map(|corner| centre.plus(corner.out_of_frame(axis)))
-    }
-}
 
 impl Arena {
     /// An empty arena of `width` × `height` metres.
@@ -189,6 +145,10 @@ impl Arena {
             width,
             height,
             obstacles: Vec::new(),
+            movers: Vec::new(),
+            patches: Vec::new(),
+            paint: None,
+            objects: Vec::new(),
         }
     }
 
@@ -200,35 +160,69 @@ impl Arena {
         if !ARENA_SIDE_M.contains(&self.width) || !ARENA_SIDE_M.contains(&self.height) {
             return Err(ArenaError::Side);
         }
-        if self.obstacles.len() > MAX_OBSTACLES {
+        if self.obstacles.len() + self.objects.len() > MAX_OBSTACLES {
             return Err(ArenaError::TooManyObstacles);
         }
-        let longest = self.width.max(self.height);
-        let extent = |length: f32| length > 0.0 && length <= longest;
-        for (index, obstacle) in self.obstacles.iter().enumerate() {
-            let (x, y, sound) = match *obstacle {
-                Obstacle::Circle { x, y, r } => (x, y, extent(r)),
-                Obstacle::Box { x, y, w, h, theta } => {
-                    (x, y, extent(w) && extent(h) && theta.is_finite())
-                }
-            };
-            // Not-a-number fails both comparisons.
-            let inside = x.abs() <= self.width * 0.5 && y.abs() <= self.height * 0.5;
-            if !sound || !inside {
-                return Err(ArenaError::Obstacle(index));
-            }
+        if self.movers.len() > MAX_MOVERS {
+            return Err(ArenaError::TooManyMovers);
         }
-        Ok(())
+        if self.patches.len() > MAX_PATCHES {
+            return Err(ArenaError::TooManyPatches);
+        }
+        let place = |wrong: Option<usize>, error: fn(usize) -> ArenaError| {
+            wrong.map_or(Ok(()), |index| Err(error(index)))
+        };
+        let wrong = self.obstacles.iter().position(|one| !self.fits(one));
+        place(wrong, ArenaError::Obstacle)?;
+        let wrong = self.objects.iter().position(|one| !self.fits(&one.body()));
+        place(wrong, ArenaError::Object)?;
+        let wrong = self
+            .patches
+            .iter()
+            .position(|patch| !(self.fits(&patch.ground()) && Patch::GRIP.contains(&patch.grip)));
+        place(wrong, ArenaError::Patch)?;
+        let wrong = self.movers.iter().position(|one| !one.is_sound(self));
+        place(wrong, ArenaError::Mover)
     }
 
-    /// Distance in metres from a point to the nearest wall or obstacle; negative within one.
+    /// Whether a thing has sound numbers and is centred within the arena.
+    fn fits(&self, obstacle: &Obstacle) -> bool {
+        let longest = self.width.max(self.height);
+        let extent = |length: f32| length > 0.0 && length <= longest;
+        let (x, y, sound) = match *obstacle {
+            Obstacle::Circle { x, y, r } => (x, y, extent(r)),
+            Obstacle::Box { x, y, w, h, theta } => {
+                (x, y, extent(w) && extent(h) && theta.is_finite())
+            }
+        };
+        // Not-a-number fails both comparisons.
+        sound && self.holds(x, y)
+    }
+
+    fn holds(&self, x: f32, y: f32) -> bool {
+        x.abs() <= self.width * 0.5 && y.abs() <= self.height * 0.5
+    }
+
+    /// Everything solid that never moves: obstacles, then objects.
+    pub(crate) fn solids(&self) -> impl Iterator<Item = Solid> {
+        let objects = self.objects.iter().map(Object::body);
+        self.obstacles
+            .iter()
+            .copied()
+            .chain(objects)
+            .map(|obstacle| Solid::new(&obstacle))
+    }
+
+    /// Distance in metres from a point to the nearest wall, obstacle, object or mover (where it
+    /// starts); negative within one.
     ///
-    /// Looks at every obstacle: meant for placing things, not for every step.
+    /// Looks at everything: meant for placing things, not for every step.
     pub fn clearance(&self, x: f32, y: f32) -> f32 {
         let point = Pose::new(x, y, 0.0).position();
         let walls = (self.width * 0.5 - x.abs()).min(self.height * 0.5 - y.abs());
-        self.obstacles.iter().fold(walls, |nearest, obstacle| {
-            nearest.min(Solid::new(obstacle).separation(point).0)
+        let movers = self.movers.iter().map(|mover| Solid::new(&mover.body));
+        self.solids().chain(movers).fold(walls, |nearest, solid| {
+            nearest.min(solid.separation(point).0)
         })
     }
 }

@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 /// A point or a direction, in metres.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub(crate) struct Vec2 {
     pub(crate) x: f32,
     pub(crate) y: f32,
@@ -61,6 +61,48 @@ impl Vec2 {
     }
 }
 
+/// A turn by an angle, cheaply when it is small.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Turn(Vec2);
+
+impl Turn {
+    /// Below this the series are exact to the last bit or two of a float, radians.
+    const SMALL: f32 = 0.25;
+
+    pub(crate) fn by(angle: f32) -> Self {
+        if angle.abs() > Self::SMALL {
+            return Self(Vec2::unit(angle));
+        }
+        let square = angle * angle;
+        let cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)));
+        let sine = angle * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)));
+        Self(Vec2::new(cosine, sine))
+    }
+
+    /// A unit vector turned; it stays one however often that is done.
+    pub(crate) fn apply(self, heading: Vec2) -> Vec2 {
+        let turned = self.0.out_of_frame(heading);
+        // One step of Newton's method for one over the length, from one.
+        turned.times(1.5 - 0.5 * turned.dot(turned))
+    }
+
+    /// The unit vector in the middle between two.
+    pub(crate) fn halfway(from: Vec2, to: Vec2) -> Vec2 {
+        let sum = from.plus(to);
+        let length = sum.length();
+        if length > 0.0 {
+            sum.times(1.0 / length)
+        } else {
+            from
+        }
+    }
+
+    /// Tangent of half the angle.
+    pub(crate) fn half_tangent(self) -> f32 {
+        self.0.y / (1.0 + self.0.x).max(1e-3)
+    }
+}
+
 /// Where a robot is and where it looks: metres, and radians anticlockwise from the x axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -105,121 +147,220 @@ pub(crate) fn wrap_any(angle: f32) -> f32 {
     wrap(libm::remainderf(angle, core::f32::consts::TAU))
 }
 
-/// The beam of an ultrasonic ranger.
+/// The shape of the beam of an ultrasonic ranger, wherever it points.
 ///
 /// Sound comes back from a surface only when it strikes it steeply enough: beyond
-/// `max_incidence` from the surface normal it glances off. Distances are to the *nearest* point
-/// that lies in the cone and sends an echo, computed from the shapes themselves, so that nothing
-/// slips between rays.
+/// `max_incidence` from the surface normal it glances off.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Beam {
+    /// Cosine and sine of half the angle, which is below a quarter turn.
+    edge: Vec2,
+    /// Tangent of a quarter of the angle.
+    tip: f32,
+    /// Sine and tangent of the largest incidence.
+    incidence: (f32, f32),
+}
+
+impl Beam {
+    pub(crate) fn new(half_angle: f32, max_incidence: f32) -> Self {
+        let edge = Vec2::unit(half_angle);
+        let tangent = if max_incidence < core::f32::consts::FRAC_PI_2 {
+            libm::tanf(max_incidence)
+        } else {
+            f32::INFINITY
+        };
+        Self {
+            edge,
+            tip: edge.y / (1.0 + edge.x),
+            incidence: (libm::sinf(max_incidence), tangent),
+        }
+    }
+}
+
+/// The beam of a ranger somewhere.
+///
+/// Distances are to the *nearest* point that lies in the cone and sends an echo, computed from the
+/// shapes themselves, so that nothing slips between rays.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cone {
     pub(crate) apex: Vec2,
     /// Unit vector of the axis.
     pub(crate) axis: Vec2,
-    pub(crate) half_angle: f32,
-    pub(crate) max_incidence: f32,
-    /// Cosine and sine of `half_angle`, which is below a quarter turn.
-    pub(crate) edge: Vec2,
-    sine_of_max_incidence: f32,
+    beam: Beam,
+}
+
+/// A point as a cone sees it.
+#[derive(Debug, Clone, Copy)]
+struct Corner {
+    /// In the frame of the apex and the axis.
+    at: Vec2,
+    /// How far it lies to the left and to the right of the cone.
+    left: f32,
+    right: f32,
 }
 
 impl Cone {
-    pub(crate) fn new(apex: Vec2, heading: f32, half_angle: f32, max_incidence: f32) -> Self {
-        Self {
-            apex,
-            axis: Vec2::unit(heading),
-            half_angle,
-            max_incidence,
-            edge: Vec2::unit(half_angle),
-            sine_of_max_incidence: libm::sinf(max_incidence),
-        }
+    /// `axis` is a unit vector.
+    pub(crate) const fn new(apex: Vec2, axis: Vec2, beam: Beam) -> Self {
+        Self { apex, axis, beam }
     }
 
-    /// How far a point of the cone's own frame lies to the left and to the right of the cone.
-    fn sides(&self, local: Vec2) -> (f32, f32) {
-        let outward = local.x * self.edge.y;
-        (
-            local.y * self.edge.x - outward,
-            -local.y * self.edge.x - outward,
-        )
+    fn local(&self, point: Vec2) -> Vec2 {
+        point.minus(self.apex).into_frame(self.axis)
+    }
+
+    /// Whether a point lies in the cone: given in the frame of its apex and axis, so that another
+    /// beam of the same width can be asked too.
+    pub(crate) fn holds(&self, local: Vec2) -> bool {
+        local.y.abs() * self.beam.edge.x <= local.x * self.beam.edge.y
+    }
+
+    /// Opposite corners of a rectangle around what lies in the cone and between two distances from
+    /// its apex.
+    pub(crate) fn bounds(&self, from: f32, to: f32) -> (Vec2, Vec2) {
+        let Beam { edge, tip, .. } = self.beam;
+        let turned = |x: f32, y: f32| Vec2::new(x, y).out_of_frame(self.axis);
+        // The arc lies between its ends and the tangents there and in its middle, and a chord
+        // between the apex and the nearer arc.
+        let (left, right) = (turned(edge.x, edge.y), turned(edge.x, -edge.y));
+        let corners = [
+            left.times(from),
+            right.times(from),
+            left.times(to),
+            right.times(to),
+            turned(1.0, tip).times(to),
+            turned(1.0, -tip).times(to),
+        ];
+        let (mut low, mut high) = (corners[0], corners[0]);
+        for corner in corners {
+            low = Vec2::new(low.x.min(corner.x), low.y.min(corner.y));
+            high = Vec2::new(high.x.max(corner.x), high.y.max(corner.y));
+        }
+        (self.apex.plus(low), self.apex.plus(high))
+    }
+
+    /// Whether a disc may have to do with the cone within `limit` of its apex.
+    pub(crate) fn may_meet(&self, centre: Vec2, radius: f32, limit: f32) -> bool {
+        let local = self.local(centre);
+        let reach = limit + radius;
+        local.y.abs() * self.beam.edge.x - local.x * self.beam.edge.y <= radius
+            && local.dot(local) <= reach * reach
     }
 
     /// Distance to the echo of a disc, if it sends one.
     pub(crate) fn echo_of_circle(&self, centre: Vec2, radius: f32) -> Option<f32> {
-        let local = centre.minus(self.apex).into_frame(self.axis);
-        let distance = local.length();
-        if distance <= radius {
-            return Some(0.0);
-        }
-        // In the cone: the near point faces us squarely. `edge` is (cos, sin) of the half angle,
-        // and the centre is inside when its bearing is no larger.
+        let local = self.local(centre);
+        let Beam { edge, .. } = self.beam;
+        // `edge` is (cos, sin) of the half angle, and `beyond` is the distance from the centre to
+        // the line of the cone's nearer edge, negative in the cone.
         let side = local.y.abs();
-        let beyond = side * self.edge.x - local.x * self.edge.y;
-        if beyond <= 0.0 {
-            return Some(distance - radius);
-        }
-        // Otherwise the near point within the cone is where the cone's edge cuts the disc.
-        // `beyond` is the distance from the centre to the line of that edge.
+        let beyond = side * edge.x - local.x * edge.y;
         if beyond >= radius {
             return None;
         }
-        let along = local.x * self.edge.x + side * self.edge.y;
+        let square = local.dot(local);
+        if square <= radius * radius {
+            return Some(0.0);
+        }
+        // In the cone: the near point faces us squarely.
+        if beyond <= 0.0 {
+            return Some(square.sqrt() - radius);
+        }
+        // Otherwise the near point within the cone is where the cone's edge cuts the disc.
+        let along = local.x * edge.x + side * edge.y;
         let half_chord = (radius * radius - beyond * beyond).sqrt();
         let hit = along - half_chord;
         if hit < 0.0 {
             return None;
         }
-        (beyond <= radius * self.sine_of_max_incidence).then_some(hit)
+        (beyond <= radius * self.beam.incidence.0).then_some(hit)
     }
 
-    /// Distance to the echo of a straight wall from `a` to `b`, if it sends one from less than
+    /// Distance to the nearest echo of the sides of a quadrangle that comes from at least `least`
+    /// and less than `limit`.
+    pub(crate) fn echo_of_sides(&self, corners: [Vec2; 4], least: f32, limit: f32) -> Option<f32> {
+        let [first, second, third, last] = corners.map(|corner| self.corner(corner));
+        let sides = [
+            (&first, &second),
+            (&second, &third),
+            (&third, &last),
+            (&last, &first),
+        ];
+        let mut nearest = limit;
+        for (from, to) in sides {
+            if let Some(echo) = self.echo_between(from, to, nearest)
+                && echo >= least
+            {
+                nearest = echo;
+            }
+        }
+        (nearest < limit).then_some(nearest)
+    }
+
+    /// Distance to the echo of a straight wall from `a` to `b`.
+    #[cfg(test)]
+    pub(crate) fn echo_of_segment(&self, a: Vec2, b: Vec2) -> Option<f32> {
+        self.echo_between(&self.corner(a), &self.corner(b), f32::INFINITY)
+    }
+
+    fn corner(&self, point: Vec2) -> Corner {
+        let at = self.local(point);
+        let outward = at.x * self.beam.edge.y;
+        Corner {
+            at,
+            left: at.y * self.beam.edge.x - outward,
+            right: -at.y * self.beam.edge.x - outward,
+        }
+    }
+
+    /// Distance to the echo of a straight wall between two corners, if it sends one from less than
     /// `limit`.
-    pub(crate) fn echo_of_segment(&self, a: Vec2, b: Vec2, limit: f32) -> Option<f32> {
-        let a = a.minus(self.apex).into_frame(self.axis);
-        let b = b.minus(self.apex).into_frame(self.axis);
-        // A wall wholly behind the apex, or wholly beside the cone.
-        if a.x <= 0.0 && b.x <= 0.0 {
+    fn echo_between(&self, a: &Corner, b: &Corner, limit: f32) -> Option<f32> {
+        // Wholly behind the apex, or wholly beside the cone.
+        if (a.at.x <= 0.0 && b.at.x <= 0.0)
+            || (a.left > 0.0 && b.left > 0.0)
+            || (a.right > 0.0 && b.right > 0.0)
+        {
             return None;
         }
-        let ((left_a, right_a), (left_b, right_b)) = (self.sides(a), self.sides(b));
-        if (left_a > 0.0 && left_b > 0.0) || (right_a > 0.0 && right_b > 0.0) {
-            return None;
-        }
-        let along = b.minus(a);
+        let along = b.at.minus(a.at);
         let length = along.length();
         if length <= f32::EPSILON {
             return None;
         }
-        // Signed distance of the wall's line from the apex, and the bearing of its foot.
-        let offset = a.cross(along) / length;
+        // Signed distance of the wall's line from the apex.
+        let offset = a.at.cross(along) / length;
         let distance = offset.abs();
         if distance < 1e-5 || distance >= limit {
             return None;
         }
-        let sign = if offset > 0.0 { 1.0 } else { -1.0 };
-        let foot = Vec2::new(along.y, -along.x).times(sign / length);
-        let normal = libm::atan2f(foot.y, foot.x);
-        // Everything below is relative to the normal, where the wall spans less than half a turn.
-        let bearing = |p: Vec2| {
-            let p = p.into_frame(foot);
-            libm::atan2f(p.y, p.x)
+        // Places on the line are told by how far they lie from the foot of the apex, anticlockwise
+        // around it.
+        let onward = along.times((1.0 / length).copysign(offset));
+        let foot = Vec2::new(onward.y, -onward.x);
+        // Where an edge of the cone meets the line. One that does not either leaves all of the
+        // line on the side where the cone is, or none.
+        let meets = |edge: Vec2, all: f32| {
+            let (ahead, aside) = (edge.dot(foot), edge.dot(onward));
+            if ahead > 0.0 {
+                Some(distance * aside / ahead)
+            } else {
+                (aside * all > 0.0).then_some(all)
+            }
         };
-        let (first, second) = (bearing(a), bearing(b));
-        let axis = wrap(-normal);
-        let low = first
-            .min(second)
-            .max(axis - self.half_angle)
-            .max(-self.max_incidence);
-        let high = first
-            .max(second)
-            .min(axis + self.half_angle)
-            .min(self.max_incidence);
-        if low > high {
+        let edge = self.beam.edge;
+        let first = meets(Vec2::new(edge.x, -edge.y), f32::NEG_INFINITY)?;
+        let last = meets(edge, f32::INFINITY)?;
+        let steepest = distance * self.beam.incidence.1;
+        let (one, other) = (a.at.dot(onward), b.at.dot(onward));
+        let low = one.min(other).max(first).max(-steepest);
+        let high = one.max(other).min(last).min(steepest);
+        let visible = low <= high;
+        if !visible {
             return None;
         }
-        // `low` and `high` lie within the incidence limit, hence the cosine is positive.
         let nearest = 0.0_f32.clamp(low, high);
-        let echo = distance / libm::cosf(nearest);
+        let echo = (distance * distance + nearest * nearest).sqrt();
         (echo < limit).then_some(echo)
     }
 }

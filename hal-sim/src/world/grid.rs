@@ -5,9 +5,7 @@ use super::geometry::Vec2;
 
 /// Preferred side of a cell, in metres.
 ///
-/// A robot looks for contacts in its own cell and the eight around it, so a cell must be longer
-/// than two robot radii plus what both may move until the grid is rebuilt (0.17 m + 0.02 m +
-/// 0.2 m, see [`super::physics::REBUILD_STEPS`]).
+/// About as far as robots look out for each other until the grid is rebuilt.
 const CELL_M: f32 = 0.5;
 
 /// Most cells of a grid; a larger arena gets larger cells.
@@ -18,7 +16,6 @@ const MAX_CELLS: f32 = 1_000_000.0;
 pub(crate) struct Cells {
     origin: Vec2,
     per_metre: f32,
-    side: f32,
     columns: u32,
     rows: u32,
 }
@@ -30,13 +27,24 @@ pub(crate) struct Block {
     pub(crate) rows: (u32, u32),
 }
 
+impl Block {
+    /// The first and the last cell of each row.
+    pub(crate) fn rows_of(self, cells: Cells) -> impl Iterator<Item = (usize, usize)> {
+        (self.rows.0..=self.rows.1).map(move |row| {
+            (
+                cells.index(self.columns.0, row),
+                cells.index(self.columns.1, row),
+            )
+        })
+    }
+}
+
 impl Cells {
     pub(crate) fn new(arena: &Arena) -> Self {
         let side = CELL_M.max((arena.width * arena.height / MAX_CELLS).sqrt());
         Self {
             origin: Vec2::new(-arena.width * 0.5, -arena.height * 0.5),
             per_metre: 1.0 / side,
-            side,
             columns: (arena.width / side).ceil().max(1.0) as u32,
             rows: (arena.height / side).ceil().max(1.0) as u32,
         }
@@ -44,11 +52,6 @@ impl Cells {
 
     pub(crate) const fn count(&self) -> usize {
         self.columns as usize * self.rows as usize
-    }
-
-    /// Side of a cell in metres.
-    pub(crate) const fn side(&self) -> f32 {
-        self.side
     }
 
     fn column(&self, x: f32) -> u32 {
@@ -68,23 +71,28 @@ impl Cells {
         self.index(self.column(point.x), self.row(point.y))
     }
 
-    /// The cells that a rectangle around `centre` touches.
-    pub(crate) fn around(&self, centre: Vec2, half: Vec2) -> Block {
-        Block {
-            columns: (
-                self.column(centre.x - half.x),
-                self.column(centre.x + half.x),
-            ),
-            rows: (self.row(centre.y - half.y), self.row(centre.y + half.y)),
-        }
+    /// Whether a robot listed in cell `place`, or nowhere, is found in cell `now`: that of its
+    /// place, or one beside it.
+    pub(crate) fn finds(&self, place: u32, now: usize) -> bool {
+        let now = now as u32;
+        let (row, column) = (place / self.columns, place % self.columns);
+        place == NOWHERE
+            || (place as usize) < self.count()
+                && row.abs_diff(now / self.columns) <= 1
+                && column.abs_diff(now % self.columns) <= 1
     }
 
-    /// Centre of a cell.
-    pub(crate) fn centre(&self, column: u32, row: u32) -> Vec2 {
-        Vec2::new(
-            (column as f32 + 0.5) * self.side + self.origin.x,
-            (row as f32 + 0.5) * self.side + self.origin.y,
-        )
+    /// The cells that a rectangle around `centre` touches.
+    pub(crate) fn around(&self, centre: Vec2, half: Vec2) -> Block {
+        self.block(centre.minus(half), centre.plus(half))
+    }
+
+    /// The cells that the rectangle between two corners touches.
+    pub(crate) fn block(&self, low: Vec2, high: Vec2) -> Block {
+        Block {
+            columns: (self.column(low.x), self.column(high.x)),
+            rows: (self.row(low.y), self.row(high.y)),
+        }
     }
 }
 
@@ -169,8 +177,32 @@ impl Grid {
         }
     }
 
+    /// Where each robot was at the last rebuild.
+    pub(crate) fn places(&self) -> &[u32] {
+        &self.places
+    }
+
+    /// Sorts robots into the cells that [`Grid::places`] told.
+    pub(crate) fn restore(&mut self, cells: &Cells, places: &[u32]) {
+        let places = places.iter();
+        self.rebuild(
+            cells,
+            places.map(|&place| (place != NOWHERE).then_some(place as usize)),
+        );
+    }
+
     pub(crate) fn in_cell(&self, cell: usize) -> &[u32] {
         &self.items[self.start[cell] as usize..self.start[cell + 1] as usize]
+    }
+
+    /// Where the items of the cells from `first` to `last`, which lie in one row, are kept.
+    pub(crate) fn row_range(&self, first: usize, last: usize) -> core::ops::Range<usize> {
+        self.start[first] as usize..self.start[last + 1] as usize
+    }
+
+    /// The item at a place of [`Grid::row_range`].
+    pub(crate) fn item(&self, place: usize) -> u32 {
+        self.items[place]
     }
 
     /// Items in the cells from `first` to `last`, which lie in one row.

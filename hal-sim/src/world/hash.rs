@@ -4,6 +4,8 @@ use rand_core::Rng;
 use rand_pcg::Pcg32;
 
 use super::bodies::{Bodies, Bridge};
+use super::movers::Movers;
+use super::{RobotIndex, World};
 
 /// FNV-1a (Fowler, Noll, Vo), 64 bits, over whole words: fixed for ever, unlike `std`'s hasher.
 /// Each word is folded once more, because FNV moves nothing downwards.
@@ -38,26 +40,77 @@ impl Hasher {
     }
 }
 
-pub(crate) fn bodies(hasher: &mut Hasher, bodies: &Bodies) {
-    hasher.word(bodies.len() as u64);
-    for i in 0..bodies.len() {
-        hasher.float(bodies.at[i].x);
-        hasher.float(bodies.at[i].y);
-        hasher.float(bodies.theta[i]);
-        hasher.float(bodies.left[i]);
-        hasher.float(bodies.right[i]);
-        hasher.float(bodies.supply_v[i]);
-        hasher.word(bodies.charge_as[i].to_bits());
-        hasher.bridge(bodies.inputs[i].left);
-        hasher.bridge(bodies.inputs[i].right);
-        hasher.word(u64::from(bodies.inputs[i].lamp));
-        let build = bodies.build[i];
-        hasher.float(build.left);
-        hasher.float(build.right);
-        hasher.float(build.track_m);
-        hasher.float(build.internal_ohm);
-        hasher.word(u64::from(bodies.contacts[i]));
-        hasher.word(u64::from(bodies.hold[i]));
-        hasher.word(bodies.presence[i] as u64);
+/// Where the movers are on their paths.
+pub(crate) fn movers(hasher: &mut Hasher, movers: &Movers) {
+    for k in 0..movers.len() {
+        hasher.word(movers.way(k).to_bits());
+    }
+}
+
+/// Takes in all there is to know of body `i`.
+pub(crate) fn body(hasher: &mut Hasher, bodies: &Bodies, i: usize) {
+    let seen = &bodies.published;
+    for pair in [seen.at[i], seen.heading[i], seen.velocity[i]] {
+        hasher.float(pair.x);
+        hasher.float(pair.y);
+    }
+    hasher.float(seen.spin[i]);
+    hasher.word(u64::from(seen.contacts_now[i]));
+    hasher.word(u64::from(seen.push[i].0));
+    hasher.float(seen.push[i].1);
+    hasher.word(u64::from(bodies.rolls[i]));
+    hasher.word(bodies.energy_j[i].to_bits());
+    hasher.float(bodies.left[i]);
+    hasher.float(bodies.right[i]);
+    hasher.float(bodies.supply_v[i]);
+    hasher.word(bodies.charge_as[i].to_bits());
+    hasher.bridge(bodies.inputs[i].left);
+    hasher.bridge(bodies.inputs[i].right);
+    hasher.word(u64::from(bodies.inputs[i].lamp));
+    let build = bodies.build[i];
+    hasher.float(build.left);
+    hasher.float(build.right);
+    hasher.float(build.friction[0]);
+    hasher.float(build.friction[1]);
+    hasher.float(build.mass_kg);
+    hasher.float(build.track_m);
+    hasher.float(build.internal_ohm);
+    let [left, right] = build.shorted.map(u64::from);
+    hasher.word(left | right << 1 | u64::from(build.dips) << 2);
+    hasher.word(u64::from(bodies.contacts[i]));
+    hasher.word(u64::from(bodies.hold[i]));
+    hasher.word(seen.presence[i] as u64);
+    hasher.word(bodies.next.last_ping[i]);
+}
+
+impl World {
+    /// A fingerprint of the full physical state: every bit of every body, the generators of its
+    /// devices, and its flash.
+    pub fn hash(&self) -> u64 {
+        let mut hasher = Hasher::new();
+        hasher.word(self.steps());
+        movers(&mut hasher, &self.shared.space.borrow().movers);
+        for i in self.members.iter(self.robots.len()) {
+            let own = self.robot_hash(RobotIndex(i as u32));
+            hasher.word(own.unwrap_or_default());
+        }
+        hasher.finish()
+    }
+
+    /// The same for one robot alone; `None` when it never existed.
+    pub fn robot_hash(&self, robot: RobotIndex) -> Option<u64> {
+        let ports = self.ports(robot)?;
+        let mut hasher = Hasher::new();
+        body(
+            &mut hasher,
+            &self.shared.space.borrow().bodies,
+            ports.index(),
+        );
+        ports.sonar.borrow().fingerprint(|word| hasher.word(word));
+        ports.chip.borrow().fingerprint(|word| hasher.word(word));
+        ports.meter.borrow().fingerprint(|word| hasher.word(word));
+        hasher.generator(&ports.camera_rng.borrow());
+        hasher.word(u64::from(ports.life.get()));
+        Some(hasher.finish())
     }
 }

@@ -1,12 +1,22 @@
 //! One step of the world.
+//!
+//! In a step every robot reads what was published at the end of the last one and its own private
+//! state, and writes only its own. So a step comes out alike in whatever order and on however many
+//! threads robots are moved.
+
+mod contact;
+mod drive;
+mod supply;
 
 use crawler_hal::Duration;
 
-use super::battery::open_circuit_v;
-use super::bodies::{Bridge, Drive, Inputs, Presence};
-use super::geometry::{Vec2, wrap};
-use super::parameters::Parameters;
+use super::bodies::{Inputs, NOBODY, Presence};
+use super::geometry::{Turn, Vec2};
+use super::members::Members;
 use super::space::Space;
+pub(crate) use contact::Limit;
+use drive::{Speeds, roll, slide};
+pub(crate) use drive::{Stop, Train};
 
 /// The physics step.
 pub const PHYSICS_STEP: Duration = Duration::from_millis(10);
@@ -17,8 +27,9 @@ pub(crate) const STEP_S: f32 = 0.01;
 /// Steps from one rebuild of the grid to the next.
 pub(crate) const REBUILD_STEPS: u64 = 10;
 
-/// Slower than this an undriven wheel stands, metres per second.
-const STANDSTILL: f32 = 2e-3;
+/// A robot is never faster than this share of the top speed of robots and movers. Pushed by
+/// several others at once it could be, for a moment.
+pub(crate) const HASTE: f32 = 1.25;
 
 /// A supply that comes back this far above the brown-out voltage starts the robot again.
 const BROWN_OUT_HYSTERESIS_V: f32 = 0.5;
@@ -27,80 +38,8 @@ const BROWN_OUT_HYSTERESIS_V: f32 = 0.5;
 /// coordinate, which is 0.03 mm at the edge of the largest arena.
 pub(crate) const SKIN_M: f32 = 1e-4;
 
-/// Steps after a contact during which another touch is the same contact.
-const CONTACT_HOLD: u8 = 20;
-
-/// Attempts to find a free place before a robot stays where it was.
-const SOLVER_PASSES: u8 = 4;
-
-/// Share of a wheel's speed that goes on as slip when the body is held back.
-const SLIP_KEPT: f32 = 0.5;
-
-/// Factors of the motor model that do not change from step to step.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Rates {
-    driven: f32,
-    brake: f32,
-    coast: f32,
-}
-
-impl Rates {
-    pub(crate) fn new(parameters: &Parameters) -> Self {
-        // Share of the way to the final speed made in one step by a first-order lag.
-        let share = |tau: f32| 1.0 - libm::expf(-STEP_S / tau);
-        let chassis = &parameters.chassis;
-        Self {
-            driven: share(chassis.driven_tau_s),
-            brake: share(chassis.brake_tau_s),
-            coast: share(chassis.coast_tau_s),
-        }
-    }
-}
-
-/// Moves one wheel on by a step. Returns its new rim speed and the current it drew, in amperes.
-pub(crate) fn turn_wheel(
-    parameters: &Parameters,
-    rates: &Rates,
-    bridge: Bridge,
-    strength: f32,
-    supply_v: f32,
-    speed: f32,
-) -> (f32, f32) {
-    let chassis = &parameters.chassis;
-    let duty = f32::from(bridge.duty) * (1.0 / 255.0);
-    let sign = match bridge.drive() {
-        Drive::Forward => 1.0,
-        Drive::Backward => -1.0,
-        Drive::Brake => {
-            let rate = rates.coast + (rates.brake - rates.coast) * duty;
-            return (settle(speed - speed * rate), 0.0);
-        }
-    };
-    let motor_v = duty * (supply_v - chassis.bridge_drop_v).max(0.0);
-    // A standing wheel needs the breakaway voltage, a turning one only what friction takes.
-    let threshold = if speed == 0.0 {
-        chassis.breakaway_v
-    } else {
-        chassis.running_v
-    };
-    if motor_v <= threshold {
-        // Too little to turn: with the enable input low most of the time it coasts to a halt.
-        let current = motor_v / chassis.winding_ohm * duty;
-        return (settle(speed - speed * rates.coast), current);
-    }
-    let per_volt = chassis.speed_per_volt * strength;
-    let goal = sign * (motor_v - chassis.running_v) * per_volt;
-    let next = speed + (goal - speed) * rates.driven;
-    // The back voltage of the turning motor opposes the drive; a motor driven against its turn
-    // draws more than one that stands. Nothing flows back into the pack.
-    let back_v = sign * speed / per_volt.max(1e-6);
-    let current = ((motor_v - back_v) / chassis.winding_ohm).max(0.0) * duty;
-    (next, current)
-}
-
-fn settle(speed: f32) -> f32 {
-    if speed.abs() < STANDSTILL { 0.0 } else { speed }
-}
+/// Time after a contact during which another touch is the same contact, seconds.
+const CONTACT_HOLD_S: f32 = 0.2;
 
 /// What a step found out about a robot's supply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -111,182 +50,288 @@ pub(crate) enum Power {
     Restored,
 }
 
+/// What there is of walls, obstacles and movers for a robot in a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fixed {
+    /// Nothing that it could reach.
+    Far,
+    /// Something it could reach.
+    Near,
+    /// Something that it would run into.
+    Ahead,
+}
+
+/// What a robot is at the end of a step.
+struct Outcome {
+    at: Vec2,
+    heading: Vec2,
+    velocity: Vec2,
+    spin: f32,
+    rims: [f32; 2],
+    rolls: bool,
+    touched: bool,
+    push: (u32, f32),
+}
+
 impl Space {
-    /// Moves the world on by one [`PHYSICS_STEP`]; `power` hears of every brown-out and recovery.
-    ///
-    /// Robots move in order of their index, each against where the others are at that moment, and
-    /// never into anything: a place that is not free after the solver's passes is not taken. So
-    /// no overlap can arise from a state without overlap.
-    pub(crate) fn step(&mut self, mut power: impl FnMut(usize, Power)) {
+    /// Moves `members` on by one step and publishes what became of them; `power` hears of every
+    /// brown-out and recovery among them.
+    pub(crate) fn step(&mut self, members: Members, mut power: impl FnMut(usize, Power)) {
+        self.members = members;
         if self.steps.is_multiple_of(REBUILD_STEPS) {
             self.rebuild_grid();
         } else {
             self.list_robots(0);
         }
         self.steps += 1;
-        for i in 0..self.bodies.len() {
-            if self.bodies.presence[i] == Presence::Removed {
+        self.move_movers();
+        for i in members.iter(self.bodies.len()) {
+            if self.bodies.published.presence[i] == Presence::Removed {
                 continue;
             }
-            let hold = &mut self.bodies.hold[i];
-            *hold = hold.saturating_sub(1);
-            self.drive(i, &mut power);
-            self.travel(i);
+            let mut inputs = self.bodies.acting(i);
+            if self.draw_power(i, inputs, &mut power) {
+                inputs = self.bodies.acting(i);
+            }
+            self.advance(i, inputs);
         }
+        self.bodies.publish_all(members);
+        self.movers.arrive();
     }
 
-    fn drive(&mut self, i: usize, power: &mut impl FnMut(usize, Power)) {
-        let bodies = &mut self.bodies;
-        let parameters = &self.parameters;
-        let build = bodies.build[i];
-        let supply_v = bodies.supply_v[i];
-        let Inputs { left, right, .. } = bodies.inputs[i];
-        let (left, left_a) = turn_wheel(
-            parameters,
-            &self.rates,
-            left,
-            build.left,
-            supply_v,
-            bodies.left[i],
-        );
-        let (right, right_a) = turn_wheel(
-            parameters,
-            &self.rates,
-            right,
-            build.right,
-            supply_v,
-            bodies.right[i],
-        );
-        bodies.left[i] = left;
-        bodies.right[i] = right;
-
-        let pack = &parameters.pack;
-        let powered = bodies.presence[i] == Presence::Present;
-        let current = if powered {
-            pack.quiescent_a + left_a + right_a
+    /// Moves robot `i` and writes what it will publish.
+    fn advance(&mut self, i: usize, inputs: Inputs) {
+        let seen = &self.bodies.published;
+        let at = seen.at[i];
+        let touch = if self.neighbours.of(i).is_empty() {
+            contact::Touch::default()
         } else {
-            0.0
+            self.touch(i)
         };
-        let charge = &mut bodies.charge_as[i];
-        *charge = (*charge - f64::from(current * STEP_S)).max(0.0);
-        let share = (*charge * self.per_capacity) as f32;
-        let volts = (open_circuit_v(share) - build.internal_ohm * current).max(0.0);
-        bodies.supply_v[i] = volts;
-        if powered && volts < pack.brown_out_v {
-            bodies.presence[i] = Presence::Unpowered;
-            // The outputs of a dead microcontroller float, and the bridge pulls its inputs low.
-            bodies.inputs[i] = Inputs::default();
-            power(i, Power::Lost);
-        } else if !powered && volts > pack.brown_out_v + BROWN_OUT_HYSTERESIS_V {
-            bodies.presence[i] = Presence::Present;
-            power(i, Power::Restored);
-        }
-    }
-
-    fn travel(&mut self, i: usize) {
-        let bodies = &mut self.bodies;
-        let (left, right) = (bodies.left[i], bodies.right[i]);
-        if left == 0.0 && right == 0.0 {
+        let motor_v = self.train.motor_v(self.bodies.supply_v[i]);
+        let build = &self.bodies.build[i];
+        let motors = [
+            self.train
+                .motor(inputs.left, build.left, build.friction[0], motor_v),
+            self.train
+                .motor(inputs.right, build.right, build.friction[1], motor_v),
+        ];
+        let rims = [self.bodies.left[i], self.bodies.right[i]];
+        let hold = (CONTACT_HOLD_S / self.dt) as u16;
+        let stands = self.bodies.rolls[i]
+            && rims == [0.0; 2]
+            && motors[0].holds()
+            && motors[1].holds()
+            && touch.hits == 0
+            && !touch.pushed;
+        if stands && !self.movers_near(at) {
+            self.bodies.stand(i, touch.close, hold);
             return;
         }
-        let speed = (left + right) * 0.5;
-        let turn = (right - left) / bodies.build[i].track_m * STEP_S;
-        let theta = bodies.theta[i];
-        bodies.theta[i] = wrap(theta + turn);
-        if speed == 0.0 {
+        let outcome = self.travel(i, &motors, rims, &touch);
+        let sound = outcome.at.x
+            + outcome.at.y
+            + outcome.velocity.x
+            + outcome.velocity.y
+            + outcome.spin
+            + outcome.rims[0]
+            + outcome.rims[1]
+            + outcome.heading.x
+            + outcome.heading.y;
+        // Nothing above can give a number that is none. Should it do so all the same, this robot
+        // stands, and no other one ever learns of it.
+        if !sound.is_finite() {
+            self.bodies.halt(i);
             return;
         }
-        // Along the middle heading of the step: exact to third order for an arc.
-        let heading = Vec2::unit(theta + turn * 0.5);
-        let from = bodies.at[i];
-        let want = from.plus(heading.times(speed * STEP_S));
-        let to = self.free_place(i, from, want);
+        let held = touch.hits > 0 || touch.pushed || outcome.touched || outcome.push != NOBODY;
+        self.bodies.count_contact(i, held, touch.close, hold);
         let bodies = &mut self.bodies;
-        bodies.at[i] = to;
-        if to != want {
-            // Held back: the wheels lose what the body lost, less the slip.
-            let made = to.minus(from).dot(heading) * (1.0 / STEP_S);
-            let lost = (speed - made) * (1.0 - SLIP_KEPT);
-            bodies.left[i] -= lost;
-            bodies.right[i] -= lost;
-        }
+        bodies.left[i] = outcome.rims[0];
+        bodies.right[i] = outcome.rims[1];
+        bodies.rolls[i] = outcome.rolls;
+        let next = &mut bodies.next;
+        next.at[i] = outcome.at;
+        next.heading[i] = outcome.heading;
+        next.velocity[i] = outcome.velocity;
+        next.spin[i] = outcome.spin;
+        next.push[i] = outcome.push;
+        next.contacts_now[i] = (touch.hits.min(200) as u8) + u8::from(outcome.touched);
     }
 
-    /// The free place nearest to `want`, or `from`, which is free.
-    fn free_place(&mut self, i: usize, from: Vec2, want: Vec2) -> Vec2 {
-        let mut place = want;
-        for _ in 0..SOLVER_PASSES {
-            let pushed = self.push_out(i, place);
-            if pushed == place {
-                return place;
-            }
-            place = pushed;
-        }
-        from
+    fn movers_near(&self, at: Vec2) -> bool {
+        (0..self.movers.len()).any(|k| self.is_near_mover(at, k))
     }
 
-    /// Pushes a disc at `place` out of everything it overlaps, one thing after the other, and
-    /// counts the contacts.
-    fn push_out(&mut self, i: usize, mut place: Vec2) -> Vec2 {
-        let radius = self.parameters.chassis.radius_m;
-        let reach = radius + radius;
-        let mut touched = false;
-
-        let block = self
-            .cells
-            .around(place, Vec2::new(self.cells.side(), self.cells.side()));
-        for row in block.rows.0..=block.rows.1 {
-            let first = self.cells.index(block.columns.0, row);
-            let last = self.cells.index(block.columns.1, row);
-            for &other in self.robots.in_row(first, last) {
-                let j = other as usize;
-                if j == i || self.bodies.presence[j] == Presence::Removed {
-                    continue;
+    fn travel(
+        &mut self,
+        i: usize,
+        motors: &[drive::Motor; 2],
+        rims: [f32; 2],
+        touch: &contact::Touch,
+    ) -> Outcome {
+        let dt = self.dt;
+        let build = self.bodies.build[i];
+        let seen = &self.bodies.published;
+        let (at, heading) = (seen.at[i], seen.heading[i]);
+        let velocity = seen.velocity[i].plus(touch.kick);
+        let grip = self.grip(i, build.track_m);
+        let walled = self.walled[i] || !self.movers.is_empty();
+        let free = if self.bodies.rolls[i] && touch.hits == 0 && !touch.pushed {
+            roll(&self.train, &build, motors, grip, rims)
+        } else {
+            None
+        };
+        let spin = seen.spin[i];
+        if let Some(next) = free {
+            let (ahead, turn) = ((next[0] + next[1]) * 0.5, (next[1] - next[0]) * 0.5);
+            let after = turn * build.per_half_track;
+            let bend = Turn::by((spin + after) * 0.5 * dt);
+            let heading_after = bend.apply(heading);
+            let middle = Turn::halfway(heading, heading_after);
+            let was = (rims[0] + rims[1]) * 0.5;
+            let way = middle.times((was + ahead) * 0.5 * dt);
+            let mut outcome = Outcome {
+                at: at.plus(way),
+                heading: heading_after,
+                velocity: heading_after.times(ahead),
+                spin: after,
+                rims: next,
+                rolls: true,
+                touched: false,
+                push: NOBODY,
+            };
+            let fixed = if walled {
+                self.fixed(at, way, outcome.velocity)
+            } else {
+                Fixed::Far
+            };
+            if fixed != Fixed::Ahead {
+                if touch.company || fixed == Fixed::Near {
+                    self.keep_clear(i, at, way, velocity, &mut outcome);
                 }
-                let away = place.minus(self.bodies.at[j]);
-                let square = away.dot(away);
-                if square < reach * reach {
-                    touched = true;
-                    touch(&mut self.bodies.contacts[j], &mut self.bodies.hold[j]);
-                    let distance = square.sqrt();
-                    // Two centres in one point have no direction; the caller falls back.
-                    let direction = if distance > 0.0 {
-                        away.times(1.0 / distance)
-                    } else {
-                        Vec2::default()
-                    };
-                    place = self.bodies.at[j].plus(direction.times(reach + SKIN_M));
-                }
+                return outcome;
             }
         }
-        for &solid in self.solid_grid.in_cell(self.cells.at(place)) {
-            let (distance, direction) = self.solids[solid as usize].separation(place);
-            if distance < radius {
-                touched = true;
-                place = place.plus(direction.times(radius + SKIN_M - distance));
-            }
+        // Wheels that slide, or something in the way.
+        let half_track = build.track_m * 0.5;
+        let bend = Turn::by(spin * dt);
+        let middle = Turn::halfway(heading, bend.apply(heading));
+        let local = velocity.into_frame(middle);
+        let from = Speeds {
+            ahead: local.x,
+            aside: local.y,
+            turn: spin * half_track,
+            rims,
+        };
+        let mut stops = core::mem::take(&mut self.stops);
+        stops.clear();
+        if walled {
+            self.stops(at, middle, &mut stops);
         }
-        let limit = Vec2::new(
-            self.arena.width * 0.5 - radius,
-            self.arena.height * 0.5 - radius,
+        let sideways = local.x * bend.half_tangent();
+        let (speeds, rolls) = slide(
+            &self.train,
+            &build,
+            motors,
+            grip,
+            from,
+            sideways,
+            &mut stops,
         );
-        if place.x.abs() > limit.x || place.y.abs() > limit.y {
-            touched = true;
-            place = Vec2::new(
-                place.x.clamp(-limit.x, limit.x),
-                place.y.clamp(-limit.y, limit.y),
-            );
+        let stopped = stops.iter().any(|stop| stop.taken > 0.0);
+        self.stops = stops;
+        let after = speeds.turn * build.per_half_track;
+        let heading_after = Turn::by((spin + after) * 0.5 * dt).apply(heading);
+        let mut speed = Vec2::new(speeds.ahead, speeds.aside).out_of_frame(middle);
+        if rolls {
+            // A rolling body goes where it looks.
+            speed = heading_after.times(speeds.ahead);
         }
-        if touched {
-            touch(&mut self.bodies.contacts[i], &mut self.bodies.hold[i]);
+        let most = self.stride_m / dt;
+        let size = speed.length();
+        if size > most {
+            speed = speed.times(most / size);
         }
-        place
+        let mut way = velocity.plus(speed).times(0.5 * dt);
+        let length = way.length();
+        if length > self.stride_m {
+            way = way.times(self.stride_m / length);
+        }
+        let mut outcome = Outcome {
+            at: at.plus(way),
+            heading: heading_after,
+            velocity: speed,
+            spin: after,
+            rims: speeds.rims,
+            rolls: rolls && size <= most,
+            touched: stopped,
+            push: NOBODY,
+        };
+        self.keep_clear(i, at, way, velocity, &mut outcome);
+        outcome
     }
-}
 
-fn touch(contacts: &mut u32, hold: &mut u8) {
-    if *hold == 0 {
-        *contacts = contacts.saturating_add(1);
+    /// What is fixed about a robot at `at` that wants to go `way` and then have this velocity.
+    fn fixed(&mut self, at: Vec2, way: Vec2, velocity: Vec2) -> Fixed {
+        let mut stops = core::mem::take(&mut self.stops);
+        stops.clear();
+        self.stops(at, Vec2::new(1.0, 0.0), &mut stops);
+        let stopped = stops
+            .iter()
+            .any(|stop| velocity.dot(stop.normal) < stop.least);
+        let far = stops.is_empty() && way.dot(way) <= self.stride_m * self.stride_m;
+        self.stops = stops;
+        match (stopped, far) {
+            (true, _) => Fixed::Ahead,
+            (false, true) => Fixed::Far,
+            (false, false) => Fixed::Near,
+        }
     }
-    *hold = CONTACT_HOLD;
+
+    /// Brings `outcome` to where robot `i` can go when it wants to go `way`, having begun the step
+    /// at velocity `before`.
+    ///
+    /// What its wheels gain in the step against another robot that is in the way goes to that
+    /// one, with the next step.
+    fn keep_clear(&mut self, i: usize, at: Vec2, way: Vec2, before: Vec2, outcome: &mut Outcome) {
+        let mut limits = core::mem::take(&mut self.limits);
+        self.limits(i, &mut limits);
+        let found = self.fit(at, way, &limits);
+        if let Some(taken) = found
+            && let Some((whom, normal, lost)) = Self::held_back(&limits, way, taken)
+        {
+            let gained = before.minus(outcome.velocity).dot(normal);
+            let denied = gained.min(lost / self.dt);
+            if denied > 0.0 {
+                outcome.velocity = outcome.velocity.plus(normal.times(denied));
+                outcome.rolls = false;
+                outcome.push = (whom, denied * self.bodies.build[i].mass_kg);
+            }
+        }
+        self.limits = limits;
+        let Some(found) = found else {
+            // Where it is it may stay, unless a mover comes: then a way was found before.
+            let ways = self.movers.ways.iter().rev();
+            let noted = ways.copied().find(|&(robot, _)| robot as usize == i);
+            let way = noted.map_or_else(Vec2::default, |(_, way)| way);
+            outcome.at = at.plus(way);
+            outcome.velocity = way.times(1.0 / self.dt);
+            outcome.rolls = false;
+            outcome.touched = true;
+            return;
+        };
+        outcome.at = at.plus(found);
+    }
+
+    /// Share of the usual grip under the two wheels of robot `i`.
+    fn grip(&self, i: usize, track_m: f32) -> [f32; 2] {
+        if self.patches.is_empty() {
+            return [1.0; 2];
+        }
+        let seen = &self.bodies.published;
+        let axle = Vec2::new(-seen.heading[i].y, seen.heading[i].x).times(track_m * 0.5);
+        [seen.at[i].plus(axle), seen.at[i].minus(axle)]
+            .map(|wheel| self.patches.grip(&self.cells, wheel))
+    }
 }

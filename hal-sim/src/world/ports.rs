@@ -8,11 +8,12 @@ use rand_pcg::Pcg32;
 
 use super::RobotIndex;
 use super::bodies::{Build, Inputs, Presence};
-use super::parameters::Wiring;
+use super::parameters::{Spread, Wiring};
 use super::rng::{Purpose, stream};
 use super::space::Space;
-use crate::devices::{Chip, Sonar};
+use crate::devices::{Chip, Ear, Meter, Sonar};
 use crate::faults::Faults;
+use crate::render::Frame;
 use crate::sched::SimClock;
 
 /// What all robots of a world share.
@@ -20,8 +21,13 @@ pub(crate) struct Shared {
     pub(crate) space: RefCell<Space>,
     pub(crate) clock: SimClock,
     pub(crate) seed: u64,
+    /// Where the devices of robots that boot are recorded.
+    #[cfg(feature = "recording")]
+    pub(crate) deck: RefCell<Option<crate::run::recording::Deck>>,
     /// At most one entry for each change of a robot's life, drained by the runner.
     pub(crate) events: RefCell<Vec<BodyEvent>>,
+    /// What cameras draw into: one picture is taken at a time.
+    pub(crate) frame: RefCell<Option<Frame>>,
 }
 
 /// Something that happened to a robot and concerns whoever runs its program.
@@ -62,22 +68,33 @@ pub(crate) struct Ports {
     /// What the program said when it panicked last, until the next boot has taken it.
     pub(crate) panic: RefCell<Option<String>>,
     pub(crate) sonar: RefCell<Sonar>,
-    pub(crate) gauge_rng: RefCell<Pcg32>,
+    pub(crate) meter: RefCell<Meter>,
     pub(crate) camera_rng: RefCell<Pcg32>,
     pub(crate) chip: Rc<RefCell<Chip>>,
+}
+
+/// The sensors of a robot, each with its own errors.
+pub(crate) fn senses(seed: u64, robot: RobotIndex, spread: &Spread) -> (Ear, Meter) {
+    let rng = |purpose| stream(seed, robot.get(), purpose);
+    let build = &mut rng(Purpose::Senses);
+    let ear = Ear::new(rng(Purpose::Ranger), build, spread.thermometer_c);
+    let meter = Meter::new(rng(Purpose::Battery), build, spread);
+    (ear, meter)
 }
 
 impl Ports {
     pub(crate) fn new(shared: Rc<Shared>, robot: RobotIndex, wiring: Wiring) -> Self {
         let seed = shared.seed;
         let rng = |purpose| stream(seed, robot.get(), purpose);
-        let (sectors, sound) = {
+        let (sectors, sound, spread) = {
             let space = shared.space.borrow();
             (
                 usize::from(space.parameters.surroundings.flash_sectors),
                 space.bodies.build[robot.get() as usize],
+                space.parameters.spread,
             )
         };
+        let (ear, meter) = senses(seed, robot, &spread);
         Self {
             sound,
             life: Cell::new(0),
@@ -90,8 +107,8 @@ impl Ports {
             }),
             faults: Cell::new(Faults::NONE),
             panic: RefCell::new(None),
-            sonar: RefCell::new(Sonar::new(rng(Purpose::Ranger), rng(Purpose::Serial))),
-            gauge_rng: RefCell::new(rng(Purpose::Battery)),
+            sonar: RefCell::new(Sonar::new(ear, rng(Purpose::Serial))),
+            meter: RefCell::new(meter),
             camera_rng: RefCell::new(rng(Purpose::Camera)),
             chip: Rc::new(RefCell::new(Chip::new(sectors, rng(Purpose::Flash)))),
             shared,
@@ -151,15 +168,19 @@ impl Wire {
     /// Whether the program behind this device is the one that runs now, on a powered body.
     pub(crate) fn is_live(&self) -> bool {
         self.life == self.ports.life.get()
-            && self.ports.shared.space.borrow().bodies.presence[self.ports.index()]
+            && self.ports.shared.space.borrow().bodies.published.presence[self.ports.index()]
                 == Presence::Present
     }
 
     /// Changes the levels the program drives.
     pub(crate) fn drive(&self, change: impl FnOnce(&mut Inputs)) {
-        if self.is_live() {
-            let index = self.ports.index();
-            change(&mut self.ports.shared.space.borrow_mut().bodies.inputs[index]);
+        if self.life != self.ports.life.get() {
+            return;
+        }
+        let index = self.ports.index();
+        let bodies = &mut self.ports.shared.space.borrow_mut().bodies;
+        if bodies.published.presence[index] == Presence::Present {
+            change(&mut bodies.inputs[index]);
         }
     }
 

@@ -15,6 +15,10 @@ pub(crate) enum Purpose {
     Flash = 6,
     Serial = 7,
     Tracker = 8,
+    Radio = 9,
+    Senses = 10,
+    Start = 11,
+    Hostile = 12,
 }
 
 /// The stream of `purpose` for one robot of the world with this seed.
@@ -27,7 +31,7 @@ pub(crate) fn stream(seed: u64, robot: u32, purpose: Purpose) -> Pcg32 {
 
 /// The finaliser of `SplitMix64` (Steele, Lea, Flood: Fast Splittable Pseudorandom Number
 /// Generators, OOPSLA 2014).
-const fn mix(value: u64) -> u64 {
+pub(crate) const fn mix(value: u64) -> u64 {
     let value = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let value = (value ^ (value >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let value = (value ^ (value >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

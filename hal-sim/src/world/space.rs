@@ -2,17 +2,18 @@
 
 use super::arena::{Arena, ArenaError, Solid};
 use super::bodies::{Bodies, Presence};
-use super::geometry::{Cone, Pose, Vec2, ray_to_circle, ray_to_segment};
+use super::geometry::{Beam, Cone, Vec2};
 use super::grid::{Cells, Grid};
+use super::members::Members;
+use super::movers::Movers;
+use super::neighbours::Neighbours;
 use super::parameters::Parameters;
-use super::physics::{REBUILD_STEPS, Rates, STEP_S};
+use super::patches::Patches;
+use super::physics::{HASTE, Limit, REBUILD_STEPS, SKIN_M, STEP_S, Stop, Train};
 
 /// Obstacles count as near a cell from this far beyond it, metres: a robot's radius and what it
 /// may be pushed within one step.
 const SOLID_MARGIN_M: f32 = 0.15;
-
-/// How far ahead a ranger looks first, metres; it doubles from there.
-const FIRST_REACH_M: f32 = 1.0;
 
 /// Robots that may be missing from the grid while more are being added.
 const MAX_UNLISTED: usize = 256;
@@ -21,13 +22,29 @@ const MAX_UNLISTED: usize = 256;
 const MAX_OVERLAPS: u64 = 8_000_000;
 
 /// Bodies in an arena, and the indices that make asking cheap.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Space {
     pub(crate) arena: Arena,
     pub(crate) parameters: Parameters,
-    pub(crate) rates: Rates,
+    pub(crate) train: Train,
+    /// The step, seconds.
+    pub(crate) dt: f32,
+    /// No robot moves further in a step, metres.
+    pub(crate) stride_m: f32,
+    /// The robots that this replica moves.
+    pub(crate) members: Members,
+    pub(crate) neighbours: Neighbours,
+    /// Whether a robot may meet something fixed until the grid is rebuilt.
+    pub(crate) walled: Vec<bool>,
+    pub(crate) movers: Movers,
+    pub(crate) patches: Patches,
+    /// Memory of the solver, empty between robots.
+    pub(crate) limits: Vec<Limit>,
+    pub(crate) stops: Vec<Stop>,
     /// One over the capacity of a pack in ampere seconds.
     pub(crate) per_capacity: f64,
+    /// Of every ranger.
+    pub(crate) beam: Beam,
     pub(crate) solids: Vec<Solid>,
     pub(crate) cells: Cells,
     pub(crate) solid_grid: Grid,
@@ -35,52 +52,61 @@ pub(crate) struct Space {
     pub(crate) bodies: Bodies,
     pub(crate) steps: u64,
     /// How far a robot may have moved since the grid was rebuilt, metres.
-    stale_m: f32,
+    pub(crate) stale_m: f32,
     /// Robots from this index on were added since the grid was rebuilt.
-    listed: usize,
-}
-
-/// What a ray of the camera met.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Sight {
-    pub(crate) distance: f32,
-    pub(crate) of: Surface,
-    /// Metres along the surface, for a pattern on it.
-    pub(crate) along: f32,
-    /// Cosine of the angle between the ray and the surface's normal.
-    pub(crate) facing: f32,
-}
-
-/// What kind of thing a ray met.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Surface {
-    Wall,
-    Obstacle,
-    Robot,
+    pub(super) listed: usize,
 }
 
 impl Space {
     pub(crate) fn new(arena: Arena, parameters: Parameters) -> Result<Self, ArenaError> {
+        Self::with_step(arena, parameters, STEP_S)
+    }
+
+    /// With steps of another length than [`STEP_S`], in seconds: to see what the step changes.
+    pub(crate) fn with_step(
+        arena: Arena,
+        parameters: Parameters,
+        dt: f32,
+    ) -> Result<Self, ArenaError> {
         arena.validate()?;
-        let solids: Vec<Solid> = arena.obstacles.iter().map(Solid::new).collect();
+        let solids: Vec<Solid> = arena.solids().collect();
         let cells = Cells::new(&arena);
-        let overlaps: u64 = solids
-            .iter()
-            .map(|solid| {
-                let half = solid
-                    .half_extents()
-                    .plus(Vec2::new(SOLID_MARGIN_M, SOLID_MARGIN_M));
-                let block = cells.around(solid.centre(), half);
-                u64::from(block.columns.1 - block.columns.0 + 1)
-                    * u64::from(block.rows.1 - block.rows.0 + 1)
-            })
-            .sum();
-        if overlaps > MAX_OVERLAPS {
+        let overlaps = |solid: Solid| {
+            let half = solid
+                .half_extents()
+                .plus(Vec2::new(SOLID_MARGIN_M, SOLID_MARGIN_M));
+            let block = cells.around(solid.centre(), half);
+            u64::from(block.columns.1 - block.columns.0 + 1)
+                * u64::from(block.rows.1 - block.rows.0 + 1)
+        };
+        if solids.iter().copied().map(overlaps).sum::<u64>() > MAX_OVERLAPS {
             return Err(ArenaError::TooManyObstacles);
         }
+        let grounds = arena
+            .patches
+            .iter()
+            .map(|patch| Solid::new(&patch.ground()));
+        if grounds.map(overlaps).sum::<u64>() > MAX_OVERLAPS {
+            return Err(ArenaError::TooManyPatches);
+        }
         let solid_grid = Grid::of_solids(&cells, &solids, SOLID_MARGIN_M);
+        let movers = Movers::new(&arena);
+        let stride_m = parameters.top_speed().max(movers.top_speed()) * HASTE * dt;
         let mut space = Self {
-            rates: Rates::new(&parameters),
+            train: Train::new(&parameters, dt),
+            dt,
+            stride_m,
+            members: Members::ALL,
+            neighbours: Neighbours::default(),
+            walled: Vec::new(),
+            patches: Patches::new(&arena, &cells),
+            movers,
+            limits: Vec::new(),
+            stops: Vec::new(),
+            beam: Beam::new(
+                parameters.ranger.half_angle,
+                parameters.ranger.max_incidence,
+            ),
             per_capacity: 1.0 / (f64::from(parameters.pack.capacity_ah) * 3_600.0),
             arena,
             parameters,
@@ -90,7 +116,7 @@ impl Space {
             robots: Grid::default(),
             bodies: Bodies::default(),
             steps: 0,
-            stale_m: parameters.top_speed() * STEP_S * REBUILD_STEPS as f32,
+            stale_m: stride_m * REBUILD_STEPS as f32,
             listed: 0,
         };
         space.rebuild_grid();
@@ -99,13 +125,57 @@ impl Space {
 
     pub(crate) fn rebuild_grid(&mut self) {
         let (cells, bodies) = (&self.cells, &self.bodies);
-        let places = bodies
+        let seen = &bodies.published;
+        let places = seen
             .at
             .iter()
-            .zip(&bodies.presence)
+            .zip(&seen.presence)
             .map(|(&at, &presence)| (presence != Presence::Removed).then(|| cells.at(at)));
         self.robots.rebuild(cells, places);
         self.listed = self.bodies.len();
+        self.look_around(0.0);
+    }
+
+    /// Finds out who may meet whom until the grid is rebuilt. The grid may be off by `stale`,
+    /// metres.
+    pub(crate) fn look_around(&mut self, stale: f32) {
+        let radius = self.parameters.chassis.radius_m;
+        let own = self.stale_m + self.stride_m;
+        self.neighbours.rebuild(
+            &self.cells,
+            &self.robots,
+            &self.bodies,
+            self.members,
+            2.0 * (radius + own) + SKIN_M,
+            stale,
+        );
+        let mut walled = core::mem::take(&mut self.walled);
+        walled.clear();
+        walled.extend((0..self.bodies.len()).map(|i| {
+            let at = self.bodies.published.at[i];
+            self.members.contains(i) && self.is_walled(at, radius + own + SKIN_M)
+        }));
+        self.walled = walled;
+    }
+
+    /// Whether a wall or an obstacle is within `reach` of a point.
+    fn is_walled(&self, at: Vec2, reach: f32) -> bool {
+        let walls = (self.arena.width * 0.5 - at.x.abs()).min(self.arena.height * 0.5 - at.y.abs());
+        if walls < reach {
+            return true;
+        }
+        if self.solids.is_empty() {
+            return false;
+        }
+        let block = self.cells.around(at, Vec2::new(reach, reach));
+        (block.rows.0..=block.rows.1).any(|row| {
+            (block.columns.0..=block.columns.1).any(|column| {
+                let solids = self.solid_grid.in_cell(self.cells.index(column, row));
+                solids
+                    .iter()
+                    .any(|&solid| self.solids[solid as usize].separation(at).0 < reach)
+            })
+        })
     }
 
     /// Brings the grid up to date when more than `unlisted` robots are missing from it.
@@ -125,15 +195,12 @@ impl Space {
         let radius = self.parameters.chassis.radius_m;
         let mut nearest = walls;
         self.visit(point, limit + radius, |space, thing| {
-            let distance = match thing {
-                Thing::Solid(solid) => solid.separation(point).0,
-                Thing::Robot(j) => point.minus(space.bodies.at[j]).length() - radius,
-            };
-            nearest = nearest.min(distance);
+            nearest = nearest.min(space.body_of(thing).separation(point).0);
         });
-        for (&at, &presence) in self.bodies.at[self.listed..]
+        let seen = &self.bodies.published;
+        for (&at, &presence) in seen.at[self.listed..]
             .iter()
-            .zip(&self.bodies.presence[self.listed..])
+            .zip(&seen.presence[self.listed..])
         {
             if presence != Presence::Removed {
                 nearest = nearest.min(point.minus(at).length() - radius);
@@ -144,8 +211,16 @@ impl Space {
 
     /// Calls `each` for everything within `reach` of a point, and some things beyond; an obstacle
     /// may come more than once.
-    fn visit(&self, point: Vec2, reach: f32, mut each: impl FnMut(&Self, Thing<'_>)) {
-        let half = Vec2::new(reach + self.stale_m, reach + self.stale_m);
+    fn visit(&self, point: Vec2, reach: f32, each: impl FnMut(&Self, Thing)) {
+        self.visit_around(point, Vec2::new(reach, reach), each);
+    }
+
+    /// The same for a rectangle around a point.
+    pub(super) fn visit_around(&self, point: Vec2, half: Vec2, mut each: impl FnMut(&Self, Thing)) {
+        for k in 0..self.movers.len() {
+            each(self, Thing::Mover(k as u32));
+        }
+        let half = half.plus(Vec2::new(self.stale_m, self.stale_m));
         let block = self.cells.around(point, half);
         for row in block.rows.0..=block.rows.1 {
             for column in block.columns.0..=block.columns.1 {
@@ -154,211 +229,85 @@ impl Space {
         }
     }
 
-    fn visit_cell(&self, cell: usize, each: &mut impl FnMut(&Self, Thing<'_>)) {
+    fn visit_cell(&self, cell: usize, each: &mut impl FnMut(&Self, Thing)) {
         for &solid in self.solid_grid.in_cell(cell) {
-            each(self, Thing::Solid(&self.solids[solid as usize]));
+            each(self, Thing::Solid(solid));
         }
         for &robot in self.robots.in_cell(cell) {
             let robot = robot as usize;
-            if self.bodies.presence[robot] != Presence::Removed {
+            if self.bodies.published.presence[robot] != Presence::Removed {
                 each(self, Thing::Robot(robot));
             }
         }
     }
 
-    /// Calls `each` for everything that may lie within a cone of length `reach`.
-    fn visit_cone(&self, cone: &Cone, reach: f32, mut each: impl FnMut(&Self, Thing<'_>)) {
-        // The box around the cone: apex, the arc's ends, and its middle.
-        let far = |turn: Vec2| cone.apex.plus(turn.out_of_frame(cone.axis).times(reach));
-        let corners = [
-            cone.apex,
-            far(Vec2::new(1.0, 0.0)),
-            far(cone.edge),
-            far(Vec2::new(cone.edge.x, -cone.edge.y)),
-        ];
-        let (mut low, mut high) = (cone.apex, cone.apex);
-        for corner in corners {
-            low = Vec2::new(low.x.min(corner.x), low.y.min(corner.y));
-            high = Vec2::new(high.x.max(corner.x), high.y.max(corner.y));
+    /// Calls `each` for everything that may lie in a cone between two distances from its apex, and
+    /// some things beyond; an obstacle may come more than once.
+    pub(super) fn visit_cone(
+        &self,
+        cone: &Cone,
+        from: f32,
+        to: f32,
+        mut each: impl FnMut(&Self, Thing),
+    ) {
+        for k in 0..self.movers.len() {
+            let apart = self.movers.now(k).centre().minus(cone.apex);
+            if apart.length() < to + self.movers.around(k) {
+                each(self, Thing::Mover(k as u32));
+            }
         }
-        // The arc bulges beyond its ends by less than the sagitta.
-        let margin = reach * (1.0 - cone.edge.x) + self.parameters.chassis.radius_m + self.stale_m;
-        let middle = low.plus(high).times(0.5);
-        let half = high.minus(low).times(0.5).plus(Vec2::new(margin, margin));
-        let block = self.cells.around(middle, half);
-        // A cell is skipped when the circle around it lies clear of the cone.
-        let around = self.cells.side() * core::f32::consts::FRAC_1_SQRT_2
-            + self.parameters.chassis.radius_m
-            + self.stale_m;
-        for row in block.rows.0..=block.rows.1 {
-            for column in block.columns.0..=block.columns.1 {
-                let local = self
-                    .cells
-                    .centre(column, row)
-                    .minus(cone.apex)
-                    .into_frame(cone.axis);
-                let beyond = local.y.abs() * cone.edge.x - local.x * cone.edge.y;
-                if beyond <= around {
-                    self.visit_cell(self.cells.index(column, row), &mut each);
+        // Most obstacles reach into several cells.
+        let mut recent = [u32::MAX; 4];
+        let mut place = 0;
+        for (first, last) in self.rows_of_cone(cone, from, to) {
+            for &solid in self.solid_grid.in_row(first, last) {
+                if !recent.contains(&solid) {
+                    recent[place % recent.len()] = solid;
+                    place += 1;
+                    each(self, Thing::Solid(solid));
+                }
+            }
+            for &robot in self.robots.in_row(first, last) {
+                if self.bodies.published.presence[robot as usize] != Presence::Removed {
+                    each(self, Thing::Robot(robot as usize));
                 }
             }
         }
     }
 
-    /// Distance in metres from robot `i`'s ranger to the nearest echo between `least` and `most`.
-    pub(crate) fn range(&self, i: usize, least: f32, most: f32) -> Option<f32> {
-        let ranger = &self.parameters.ranger;
-        let theta = self.bodies.theta[i];
-        let apex = self.bodies.at[i].plus(Vec2::unit(theta).times(ranger.mount_m));
-        let cone = Cone::new(apex, theta, ranger.half_angle, ranger.max_incidence);
-        let mut nearest = most.next_up();
-        for (a, b) in self.walls() {
-            if let Some(echo) = cone.echo_of_segment(a, b, nearest)
-                && echo >= least
-            {
-                nearest = echo;
-            }
-        }
-        // Most echoes come from close by: look further only when there is nothing nearer.
-        let mut reach = FIRST_REACH_M;
-        loop {
-            let searched = reach.min(nearest);
-            self.visit_cone(&cone, searched, |space, thing| {
-                space.hear(&cone, thing, i, least, &mut nearest);
-            });
-            if searched >= nearest || searched >= most {
-                break;
-            }
-            reach *= 2.0;
-        }
-        (nearest <= most).then_some(nearest)
+    /// The first and the last cell, in every row of cells, of a rectangle that has in it all that
+    /// lies in a cone between two distances from its apex.
+    pub(super) fn rows_of_cone(
+        &self,
+        cone: &Cone,
+        from: f32,
+        to: f32,
+    ) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let (low, high) = cone.bounds(from, to);
+        let margin = self.parameters.chassis.radius_m + self.stale_m;
+        let margin = Vec2::new(margin, margin);
+        self.cells
+            .block(low.minus(margin), high.plus(margin))
+            .rows_of(self.cells)
     }
 
-    /// Lowers `nearest` to the echo of `thing`, if that is nearer.
-    fn hear(&self, cone: &Cone, thing: Thing<'_>, own: usize, least: f32, nearest: &mut f32) {
-        let offer = |echo: Option<f32>, nearest: &mut f32| {
-            if let Some(echo) = echo
-                && echo >= least
-                && echo < *nearest
-            {
-                *nearest = echo;
-            }
-        };
+    /// The ground that something covers.
+    pub(super) fn body_of(&self, thing: Thing) -> Solid {
         match thing {
-            Thing::Solid(&Solid::Circle { centre, radius }) => {
-                offer(cone.echo_of_circle(centre, radius), nearest);
-            }
-            Thing::Solid(&Solid::Box { centre, axis, half }) => {
-                let corners = Solid::corners(centre, axis, half);
-                for (k, &corner) in corners.iter().enumerate() {
-                    let next = corners[(k + 1) % 4];
-                    offer(cone.echo_of_segment(corner, next, *nearest), nearest);
-                }
-            }
-            Thing::Robot(j) => {
-                if j != own {
-                    let radius = self.parameters.chassis.radius_m;
-                    offer(cone.echo_of_circle(self.bodies.at[j], radius), nearest);
-                }
-            }
+            Thing::Solid(solid) => self.solids[solid as usize],
+            Thing::Mover(mover) => *self.movers.now(mover as usize),
+            Thing::Robot(j) => Solid::Circle {
+                centre: self.bodies.published.at[j],
+                radius: self.parameters.chassis.radius_m,
+            },
         }
-    }
-
-    /// What can be seen from robot `i` within `half_angle` of its heading: candidates for
-    /// [`Space::look`].
-    pub(crate) fn in_view(&self, i: usize, eye: Pose, half_angle: f32, reach: f32) -> View {
-        let cone = Cone::new(eye.position(), eye.theta, half_angle, 1.5);
-        let mut view = View::default();
-        for (a, b) in self.walls() {
-            view.edges.push((a, b, Surface::Wall));
-        }
-        self.visit_cone(&cone, reach, |space, thing| match thing {
-            Thing::Solid(&Solid::Circle { centre, radius }) => {
-                view.add_disc((centre, radius, Surface::Obstacle));
-            }
-            Thing::Solid(&Solid::Box { centre, axis, half }) => {
-                let corners = Solid::corners(centre, axis, half);
-                for (k, &corner) in corners.iter().enumerate() {
-                    view.add_edge((corner, corners[(k + 1) % 4], Surface::Obstacle));
-                }
-            }
-            Thing::Robot(j) => {
-                if j != i {
-                    let radius = space.parameters.chassis.radius_m;
-                    view.add_disc((space.bodies.at[j], radius, Surface::Robot));
-                }
-            }
-        });
-        view
-    }
-
-    fn walls(&self) -> [(Vec2, Vec2); 4] {
-        let (x, y) = (self.arena.width * 0.5, self.arena.height * 0.5);
-        let corners = [
-            Vec2::new(x, y),
-            Vec2::new(-x, y),
-            Vec2::new(-x, -y),
-            Vec2::new(x, -y),
-        ];
-        [0, 1, 2, 3].map(|k: usize| (corners[k], corners[(k + 1) % 4]))
     }
 }
 
-/// Something near a place.
-#[derive(Clone, Copy)]
-enum Thing<'a> {
-    Solid(&'a Solid),
+/// Something near a place: its index among those of its kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Thing {
+    Solid(u32),
+    Mover(u32),
     Robot(usize),
-}
-
-/// The things a camera may see.
-#[derive(Debug, Default)]
-pub(crate) struct View {
-    discs: Vec<(Vec2, f32, Surface)>,
-    edges: Vec<(Vec2, Vec2, Surface)>,
-}
-
-impl View {
-    // An obstacle is offered once for each cell it touches, cell by cell.
-    fn add_disc(&mut self, disc: (Vec2, f32, Surface)) {
-        if !self.discs.contains(&disc) {
-            self.discs.push(disc);
-        }
-    }
-
-    fn add_edge(&mut self, edge: (Vec2, Vec2, Surface)) {
-        if !self.edges.contains(&edge) {
-            self.edges.push(edge);
-        }
-    }
-
-    /// Adds every surface along a ray to `sights`, in no particular order.
-    pub(crate) fn look(&self, origin: Vec2, ray: Vec2, sights: &mut Vec<Sight>) {
-        for &(centre, radius, of) in &self.discs {
-            if let Some(distance) = ray_to_circle(origin, ray, centre, radius) {
-                let normal = origin
-                    .plus(ray.times(distance))
-                    .minus(centre)
-                    .times(1.0 / radius);
-                sights.push(Sight {
-                    distance,
-                    of,
-                    along: libm::atan2f(normal.y, normal.x) * radius,
-                    facing: ray.dot(normal).abs(),
-                });
-            }
-        }
-        for &(a, b, of) in &self.edges {
-            if let Some((distance, share)) = ray_to_segment(origin, ray, a, b) {
-                let along = b.minus(a);
-                let length = along.length();
-                sights.push(Sight {
-                    distance,
-                    of,
-                    along: share * length,
-                    facing: ray.cross(along).abs() / length,
-                });
-            }
-        }
-    }
 }

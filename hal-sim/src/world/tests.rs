@@ -2,9 +2,14 @@
 
 mod cone;
 mod contact;
+mod convergence;
+mod hearing;
+mod momentum;
 mod motion;
+mod movers;
 mod power;
 mod values;
+mod view;
 
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;

@@ -3,10 +3,15 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::world::geometry::Cone;
+use crate::world::geometry::{Beam, Cone};
 
-/// Nearest point of `points` (with outward normals) that lies in the cone and faces it enough.
-fn by_points(cone: &Cone, points: impl Iterator<Item = (Vec2, Option<Vec2>)>) -> Option<f32> {
+/// Nearest point of `points` (with outward normals) that lies in a cone as wide as `width`, half
+/// angle and largest incidence, and faces it enough.
+fn by_points(
+    cone: &Cone,
+    width: [f32; 2],
+    points: impl Iterator<Item = (Vec2, Option<Vec2>)>,
+) -> Option<f32> {
     points
         .filter_map(|(point, normal)| {
             let ray = point.minus(cone.apex);
@@ -18,8 +23,8 @@ fn by_points(cone: &Cone, points: impl Iterator<Item = (Vec2, Option<Vec2>)>) ->
                 Some(normal) => -ray.dot(normal) / distance,
                 None => 1.0,
             };
-            let steep = facing >= libm::cosf(cone.max_incidence);
-            (bearing <= cone.half_angle && steep).then_some(distance)
+            let steep = facing >= libm::cosf(width[1]);
+            (bearing <= width[0] && steep).then_some(distance)
         })
         .fold(None, |nearest: Option<f32>, distance| {
             Some(nearest.map_or(distance, |nearest| nearest.min(distance)))
@@ -36,14 +41,6 @@ fn agree(exact: Option<f32>, sampled: Option<f32>, widened: Option<f32>) -> bool
     }
 }
 
-/// For [`by_points`], which reads the angles alone.
-fn widen(cone: &Cone, by: f32) -> Cone {
-    let mut wide = *cone;
-    wide.half_angle += by;
-    wide.max_incidence += by;
-    wide
-}
-
 const SAMPLES: u16 = 20_000;
 
 proptest! {
@@ -56,14 +53,14 @@ proptest! {
     ) {
         let centre = Vec2::new(x, y);
         prop_assume!(centre.length() > radius + 0.02);
-        let cone = Cone::new(Vec2::default(), heading, half, incidence);
+        let cone = Cone::new(Vec2::default(), Vec2::unit(heading), Beam::new(half, incidence));
         let points = || (0..SAMPLES).map(|k| {
             let normal = Vec2::unit(f32::from(k) / f32::from(SAMPLES) * core::f32::consts::TAU);
             (centre.plus(normal.times(radius)), Some(normal))
         });
         let exact = cone.echo_of_circle(centre, radius);
-        let sampled = by_points(&widen(&cone, -1e-3), points());
-        let widened = by_points(&widen(&cone, 2e-3), points());
+        let sampled = by_points(&cone, [half, incidence].map(|angle| angle - 1e-3), points());
+        let widened = by_points(&cone, [half, incidence].map(|angle| angle + 2e-3), points());
         prop_assert!(
             agree(exact, sampled, widened),
             "exact {exact:?}, sampled {sampled:?}, widened {widened:?}"
@@ -83,13 +80,13 @@ proptest! {
         prop_assume!(offset.abs() > 0.02);
         // Towards the apex.
         let normal = normal.times(-offset.signum());
-        let cone = Cone::new(Vec2::default(), heading, half, incidence);
+        let cone = Cone::new(Vec2::default(), Vec2::unit(heading), Beam::new(half, incidence));
         let points = || (0..=SAMPLES).map(|k| {
             (a.plus(along.times(f32::from(k) / f32::from(SAMPLES))), Some(normal))
         });
-        let exact = cone.echo_of_segment(a, b, f32::INFINITY);
-        let sampled = by_points(&widen(&cone, -1e-3), points());
-        let widened = by_points(&widen(&cone, 2e-3), points());
+        let exact = cone.echo_of_segment(a, b);
+        let sampled = by_points(&cone, [half, incidence].map(|angle| angle - 1e-3), points());
+        let widened = by_points(&cone, [half, incidence].map(|angle| angle + 2e-3), points());
         // At grazing incidence a milliradian moves the point far along the wall.
         let grazing = exact.is_some_and(|exact| exact > 4.0 * offset.abs());
         prop_assert!(
@@ -114,7 +111,7 @@ proptest! {
                 Obstacle::Box { x, y, w: size, h: size * 0.5, theta }
             })
             .collect();
-        let arena = Arena { width: 10.0, height: 10.0, obstacles };
+        let arena = Arena {  obstacles, ..Arena::empty(10.0, 10.0) };
         let mut bench = Bench::new(arena, alike(), 2);
         prop_assume!(bench.world.add_robot(Pose::new(x, y, theta)).is_ok());
         for (x, y) in others {
@@ -130,10 +127,11 @@ proptest! {
         // The same question asked of everything there is.
         let space = bench.world.shared.space.borrow();
         let ranger = space.parameters.ranger;
-        let apex = space.bodies.at[0].plus(Vec2::unit(space.bodies.theta[0]).times(ranger.mount_m));
-        let cone = Cone::new(apex, space.bodies.theta[0], ranger.half_angle, ranger.max_incidence);
+        let seen = &space.bodies.published;
+        let apex = seen.at[0].plus(seen.heading[0].times(ranger.mount_m));
+        let cone = Cone::new(apex, seen.heading[0], Beam::new(ranger.half_angle, ranger.max_incidence));
         let mut echoes: Vec<Option<f32>> = Vec::new();
-        for &at in &space.bodies.at[1..] {
+        for &at in &seen.at[1..] {
             echoes.push(cone.echo_of_circle(at, space.parameters.chassis.radius_m));
         }
         for solid in &space.solids {
@@ -142,7 +140,7 @@ proptest! {
                 arena::Solid::Box { centre, axis, half } => {
                     let c = arena::Solid::corners(centre, axis, half);
                     for k in 0..4 {
-                        echoes.push(cone.echo_of_segment(c[k], c[(k + 1) % 4], f32::INFINITY));
+                        echoes.push(cone.echo_of_segment(c[k], c[(k + 1) % 4]));
                     }
                 }
             }
@@ -150,7 +148,7 @@ proptest! {
         let w = 5.0;
         let c = [Vec2::new(w, w), Vec2::new(-w, w), Vec2::new(-w, -w), Vec2::new(w, -w)];
         for k in 0..4 {
-            echoes.push(cone.echo_of_segment(c[k], c[(k + 1) % 4], f32::INFINITY));
+            echoes.push(cone.echo_of_segment(c[k], c[(k + 1) % 4]));
         }
         let nearest = echoes
             .into_iter()
@@ -169,8 +167,12 @@ fn a_slanted_wall_sends_the_sound_away() {
     let echo = |degrees: f32| {
         let along = Vec2::unit((90.0 + degrees).to_radians()).times(5.0);
         let foot = Vec2::new(1.0, 0.0);
-        let cone = Cone::new(Vec2::default(), 0.0, 0.2, core::f32::consts::FRAC_PI_3);
-        cone.echo_of_segment(foot.minus(along), foot.plus(along), f32::INFINITY)
+        let cone = Cone::new(
+            Vec2::default(),
+            Vec2::new(1.0, 0.0),
+            Beam::new(0.2, core::f32::consts::FRAC_PI_3),
+        );
+        cone.echo_of_segment(foot.minus(along), foot.plus(along))
     };
     assert!((echo(0.0).expect("square on") - 1.0).abs() < 1e-5);
     // The near edge of the cone is 0.2 rad towards the wall: 1 · cos φ / cos(φ − 0.2).

@@ -45,7 +45,7 @@ proptest! {
         duties in proptest::collection::vec((-255..=255_i16, -255..=255_i16), 1..40),
         seed: u64,
     ) {
-        let arena = Arena { width: 5.0, height: 5.0, obstacles };
+        let arena = Arena {  obstacles, ..Arena::empty(5.0, 5.0) };
         let mut bench = Bench::new(arena.clone(), Parameters::default(), seed);
         for (x, y, theta) in places {
             if let Ok((_, parts)) = bench.world.add_robot(Pose::new(x, y, theta)) {
@@ -95,9 +95,8 @@ fn a_thin_board_stops_a_robot_at_full_speed_from_any_angle() {
             theta: 0.0,
         };
         let arena = Arena {
-            width: 10.0,
-            height: 10.0,
             obstacles: vec![board],
+            ..Arena::empty(10.0, 10.0)
         };
         let mut bench = Bench::new(arena, alike(), 1);
         bench.add(0.0, 0.0, theta);
@@ -118,11 +117,13 @@ fn a_contact_is_counted_once_for_both_and_again_only_after_a_pause() {
     bench.steps(300);
     assert_eq!((bench.see(0).contacts, bench.see(1).contacts), (1, 1));
     let gap = bench.see(1).pose.x - bench.see(0).pose.x - 0.17;
-    assert!((0.0..0.002).contains(&gap), "{gap}");
+    // It pushes the other one along, and both stay together but for what they move in a step.
+    assert!((0.0..0.006).contains(&gap), "{gap}");
+    assert!(bench.see(1).pose.x > 1.0, "{:?}", bench.see(1));
     bench.drive(0, -200, -200);
     bench.steps(60);
     bench.drive(0, 200, 200);
-    bench.steps(100);
+    bench.steps(150);
     assert_eq!((bench.see(0).contacts, bench.see(1).contacts), (2, 2));
 }
 
@@ -137,7 +138,7 @@ fn a_robot_added_at_any_step_is_solid_at_once() {
         bench.add(ahead, 0.0, 0.0);
         bench.steps(5);
         assert_eq!(bench.see(1).contacts, 1, "added after {step} steps");
-        assert!(ahead - bench.see(0).pose.x >= 0.17 - EPSILON);
+        assert!(bench.see(1).pose.x - bench.see(0).pose.x >= 0.17 - EPSILON);
     }
 }
 
@@ -169,13 +170,12 @@ fn a_robot_held_back_draws_more_than_one_that_rolls() {
 #[test]
 fn robots_are_placed_only_where_there_is_room() {
     let arena = Arena {
-        width: 4.0,
-        height: 4.0,
         obstacles: vec![Obstacle::Circle {
             x: 1.0,
             y: 0.0,
             r: 0.3,
         }],
+        ..Arena::empty(4.0, 4.0)
     };
     let mut bench = Bench::new(arena, alike(), 1);
     bench.add(0.0, 0.0, 0.0);

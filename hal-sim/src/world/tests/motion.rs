@@ -1,6 +1,7 @@
 //! How a robot moves when nothing is in its way.
 
 use super::*;
+use crate::world::geometry::wrap_any;
 
 #[test]
 fn alike_wheels_drive_straight_and_mirrored_duties_drive_mirrored() {
@@ -95,7 +96,9 @@ fn braking_stops_sooner_than_coasting() {
         bench.see(0).pose.x - from
     };
     let (coast, half, brake) = (distance(0), distance(128), distance(255));
-    assert!(brake < 0.6 * half, "{brake} {half}");
+    // A shorted motor brakes by its own voltage, half the time when half the duty is shorted; dry
+    // friction does the rest in all three.
+    assert!(brake < 0.75 * half, "{brake} {half}");
     assert!(half < 0.8 * coast, "{half} {coast}");
 }
 

@@ -3,7 +3,7 @@
 use crawler_hal::System;
 
 use super::*;
-use crate::faults::{Fault, FaultError, Wheel};
+use crate::faults::{Fault, FaultError, FaultRange, Wheel};
 
 #[test]
 fn the_battery_sags_under_load_recovers_and_drains() {
@@ -162,7 +162,10 @@ fn faults_out_of_range_are_refused_and_change_nothing() {
         Fault::BatterySag { ohm: f32::INFINITY },
         Fault::BatteryAt { charge: 2.0 },
     ] {
-        assert_eq!(bench.world.inject(robot, fault), Err(FaultError));
+        assert_eq!(
+            bench.world.inject(robot, fault),
+            Err(FaultError::Range(FaultRange))
+        );
     }
     assert_eq!(bench.world.hash(), before);
 }

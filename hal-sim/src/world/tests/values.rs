@@ -4,8 +4,6 @@ use super::*;
 
 fn arena() -> Arena {
     Arena {
-        width: 6.0,
-        height: 4.0,
         obstacles: vec![
             Obstacle::Circle {
                 x: 1.0,
@@ -20,6 +18,7 @@ fn arena() -> Arena {
                 theta: 0.4,
             },
         ],
+        ..Arena::empty(6.0, 4.0)
     }
 }
 
@@ -144,22 +143,33 @@ fn the_hash_covers_every_number_of_a_body() {
     let mut bench = Bench::plain();
     bench.add(0.5, 0.5, 0.5);
     let still = bench.world.hash();
-    let changes: [Change; 15] = [
-        ("x", |b| b.at[0].x += 1e-6),
-        ("y", |b| b.at[0].y += 1e-6),
-        ("theta", |b| b.theta[0] += 1e-6),
+    let changes: [Change; 24] = [
+        ("x", |b| b.published.at[0].x += 1e-6),
+        ("y", |b| b.published.at[0].y += 1e-6),
+        ("heading", |b| b.published.heading[0].x += 1e-6),
+        ("velocity", |b| b.published.velocity[0].y += 1e-6),
+        ("spin", |b| b.published.spin[0] += 1e-6),
+        ("contacts now", |b| b.published.contacts_now[0] += 1),
         ("left", |b| b.left[0] += 1e-6),
         ("right", |b| b.right[0] += 1e-6),
+        ("rolls", |b| b.rolls[0] ^= true),
         ("duty", |b| b.inputs[0].left.duty ^= 1),
         ("in1", |b| b.inputs[0].right.in1 ^= true),
         ("in2", |b| b.inputs[0].right.in2 ^= true),
         ("lamp", |b| b.inputs[0].lamp ^= true),
         ("supply", |b| b.supply_v[0] += 1e-5),
         ("charge", |b| b.charge_as[0] += 1e-6),
-        ("build", |b| b.build[0].track_m += 1e-7),
+        ("energy", |b| b.energy_j[0] += 1e-6),
+        ("gain", |b| b.build[0].left += 1e-6),
+        ("friction", |b| b.build[0].friction[1] += 1e-6),
+        ("mass", |b| b.build[0].mass_kg += 1e-6),
+        ("track", |b| b.build[0].track_m += 1e-7),
+        ("internal resistance", |b| b.build[0].internal_ohm += 1e-6),
         ("contacts", |b| b.contacts[0] += 1),
         ("hold", |b| b.hold[0] += 1),
-        ("presence", |b| b.presence[0] = Presence::Unpowered),
+        ("presence", |b| {
+            b.published.presence[0] = Presence::Unpowered;
+        }),
     ];
     for (what, change) in changes {
         let mut bench = Bench::plain();
@@ -186,9 +196,8 @@ fn nothing_unsound_makes_a_world() {
     }
     let with = |obstacle| {
         build(Arena {
-            width: 4.0,
-            height: 4.0,
             obstacles: vec![obstacle],
+            ..Arena::empty(4.0, 4.0)
         })
     };
     let bad = Err(WorldError::Arena(ArenaError::Obstacle(0)));
@@ -212,8 +221,6 @@ fn nothing_unsound_makes_a_world() {
     assert_eq!(with(board(f32::INFINITY)), bad);
     assert_eq!(with(board(1e30)), Ok(()));
     let many = Arena {
-        width: 400.0,
-        height: 400.0,
         obstacles: vec![
             Obstacle::Circle {
                 x: 0.0,
@@ -222,6 +229,7 @@ fn nothing_unsound_makes_a_world() {
             };
             1_000
         ],
+        ..Arena::empty(400.0, 400.0)
     };
     assert_eq!(
         build(many),
@@ -229,14 +237,11 @@ fn nothing_unsound_makes_a_world() {
         "a scenario cannot ask for gigabytes"
     );
     let mut parameters = Parameters::default();
-    parameters.chassis.driven_tau_s = f32::NAN;
+    parameters.chassis.mass_kg = f32::NAN;
     let error = World::with_parameters(Arena::empty(2.0, 2.0), parameters, 1, &clock)
         .map(|_| ())
         .expect_err("not a number");
-    assert!(
-        error.to_string().contains("chassis.driven_tau_s"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("chassis.mass_kg"), "{error}");
 }
 
 #[test]
