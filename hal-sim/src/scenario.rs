@@ -1,34 +1,71 @@
 //! Recipes for worlds.
 //!
 //! A [`Scenario`] is a TOML file. Everything but its name has a default; an unknown key is an
-//! error. What it leaves to chance is drawn from the seed of the run.
+//! error. What it leaves to chance is drawn from the seed of the run. `docs/scenarios.md` shows
+//! every key.
 
+mod difficulty;
+mod edit;
 mod error;
+mod generate;
+mod ground;
+mod passable;
+mod place;
+mod radio;
+mod select;
 mod spawn;
+mod success;
+mod timeline;
 mod tracker;
+mod validate;
 
 use std::collections::BTreeMap;
 
-use crawler_protocol::{Action, Command};
-use rand_core::Rng;
-use rand_pcg::Pcg32;
+use crawler_protocol::Action;
 use serde::{Deserialize, Serialize};
 
 use crate::net::lockstep::LinkModel;
-use crate::world::{ARENA_SIDE_M, Arena, ArenaError, MAX_OBSTACLES, MAX_ROBOTS, Obstacle};
-use crate::world::{Parameters, Wiring};
+use crate::net::radio::Radio;
+use crate::world::{Parameters, Profile, Wiring};
 
+pub use difficulty::Difficulty;
 pub use error::ScenarioError;
-pub use spawn::Spawner;
+pub use generate::{Generate, Layout};
+pub use ground::{Ground, Scatter};
+pub use passable::Passable;
+pub use place::Place;
+pub use select::{Quota, Selector};
+pub use spawn::{Line, Spawn, SpawnPose, Spawner, Zone};
+pub use success::{Success, Threshold};
+pub use timeline::{Draw, Goal, LONGEST_S, MOST_ENTRIES, TimedCommand, TimedFault};
 pub use tracker::Tracker;
 
-use spawn::{Nearby, TRIES};
+pub(crate) use passable::apart;
+pub(crate) use timeline::Times;
 
 /// The scenarios that come with the crate: name and file.
-const BUILT_IN: [(&str, &str); 3] = [
+const BUILT_IN: [(&str, &str); 9] = [
     ("arena", include_str!("../scenarios/arena.toml")),
     ("corridor", include_str!("../scenarios/corridor.toml")),
     ("empty", include_str!("../scenarios/empty.toml")),
+    ("search", include_str!("../scenarios/search.toml")),
+    (
+        "simple-navigation",
+        include_str!("../scenarios/simple-navigation.toml"),
+    ),
+    (
+        "dynamic-environment",
+        include_str!("../scenarios/dynamic-environment.toml"),
+    ),
+    (
+        "multi-robot-coordination",
+        include_str!("../scenarios/multi-robot-coordination.toml"),
+    ),
+    ("resilience", include_str!("../scenarios/resilience.toml")),
+    (
+        "long-duration",
+        include_str!("../scenarios/long-duration.toml"),
+    ),
 ];
 
 /// A recipe for worlds, see the [module](self).
@@ -40,6 +77,9 @@ pub struct Scenario {
     /// Number of robots, unless the run says otherwise.
     #[serde(default = "one")]
     pub robots: u32,
+    /// How long an evaluated run lasts, seconds.
+    #[serde(default = "two_minutes")]
+    pub duration_s: f32,
     /// The ground.
     #[serde(default)]
     pub arena: Ground,
@@ -49,9 +89,32 @@ pub struct Scenario {
     /// What every robot is told once it can take commands.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command: Option<Start>,
-    /// Links, in lockstep runs.
-    #[serde(default)]
-    pub link: LinkModel,
+    /// What robots are told later.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub commands: Vec<TimedCommand>,
+    /// Where robots are to go.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub goals: Vec<Goal>,
+    /// What breaks.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<TimedFault>,
+    /// What an evaluated run must come to.
+    #[serde(default, skip_serializing_if = "Success::is_empty")]
+    pub success: Success,
+    /// What evaluated runs must come to together.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub thresholds: Vec<Threshold>,
+    /// How hard it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub difficulty: Option<Difficulty>,
+    /// Links beyond the air. Where it is given, it takes the place of what
+    /// `parameters.radio` says of them, and randomisation leaves it alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub link: Option<LinkModel>,
+    /// Access points and partitions; without it robots are heard everywhere and the air costs
+    /// nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radio: Option<Radio>,
     /// The camera above the arena.
     #[serde(default)]
     pub tracker: Tracker,
@@ -59,92 +122,17 @@ pub struct Scenario {
     /// Where `spawn.pulse_share` is given, it decides instead.
     #[serde(default)]
     pub parameters: Parameters,
+    /// How far the parameters of a run differ from these, drawn from its seed.
+    #[serde(default)]
+    pub randomisation: Profile,
+    /// The model with which robots that have a camera see, a blob as `crawler_app::vision::Detector`
+    /// reads it. Whoever runs the scenario gives it; no file does.
+    #[serde(skip)]
+    pub detector: Option<&'static [u8]>,
 }
 
-/// Size of the arena and what stands in it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Ground {
-    /// Length along x, metres. Without it the arena is a square of `area_per_robot` for each
-    /// robot.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub width: Option<f32>,
-    /// Length along y, metres; goes with `width`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub height: Option<f32>,
-    /// Square metres for each robot.
-    pub area_per_robot: f32,
-    /// Shortest side of a square arena, metres.
-    pub least_side: f32,
-    /// Obstacles at given places.
-    pub obstacles: Vec<Obstacle>,
-    /// Obstacles at places drawn from the seed.
-    pub scatter: Scatter,
-}
-
-impl Default for Ground {
-    fn default() -> Self {
-        Self {
-            width: None,
-            height: None,
-            area_per_robot: 2.0,
-            least_side: 3.0,
-            obstacles: Vec::new(),
-            scatter: Scatter::default(),
-        }
-    }
-}
-
-/// Obstacles drawn from the seed: half of them circles, half boxes.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Scatter {
-    /// Number for each square metre of the arena.
-    pub per_square_metre: f32,
-    /// Smallest and largest radius of circles, metres.
-    pub radius: [f32; 2],
-    /// Shortest and longest side of boxes, metres.
-    pub side: [f32; 2],
-    /// Free space around each, metres: a robot has to get through.
-    pub clearance: f32,
-}
-
-impl Default for Scatter {
-    fn default() -> Self {
-        Self {
-            per_square_metre: 0.0,
-            radius: [0.08, 0.25],
-            side: [0.15, 0.6],
-            clearance: 0.45,
-        }
-    }
-}
-
-/// Where robots start: anywhere, looking anywhere.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Spawn {
-    /// Free space between a robot's rim and anything else, metres.
-    pub clearance: f32,
-    /// Share of robots whose ranger is wired for trigger and echo, 0 to 1; the others have a
-    /// serial line. They take turns, so that any number of robots has this share as nearly as it
-    /// can. Without it all are wired as `parameters.ranger.wiring` says.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub pulse_share: Option<f32>,
-    /// Share of robots that have a camera, 0 to 1; they take turns too. A camera costs 16 KB of
-    /// memory, and time only when it takes a picture.
-    pub camera_share: f32,
-}
-
-impl Default for Spawn {
-    fn default() -> Self {
-        Self {
-            clearance: 0.1,
-            pulse_share: None,
-            camera_share: 0.0,
-        }
-    }
-}
+/// Longest text of a scenario, bytes.
+const LONGEST_TEXT: usize = 16 << 20;
 
 /// A command without timestamp, sequence number and source.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -159,6 +147,24 @@ pub struct Start {
 
 const fn one() -> u32 {
     1
+}
+
+const fn two_minutes() -> f32 {
+    120.0
+}
+
+impl Start {
+    /// The command itself.
+    ///
+    /// # Errors
+    /// Why it is none, by its stable name.
+    pub fn action(&self) -> Result<Action, String> {
+        let mut object = serde_json::json!({ "command": self.command });
+        if !self.parameters.is_empty() {
+            object["parameters"] = serde_json::json!(self.parameters);
+        }
+        Action::parse(object.to_string().as_bytes()).map_err(|reason| reason.name().to_owned())
+    }
 }
 
 impl Scenario {
@@ -179,15 +185,46 @@ impl Scenario {
         Self::parse(text)
     }
 
-    /// Reads a scenario.
+    /// Reads a scenario, and puts the values in that its difficulty asks for.
     ///
     /// # Errors
-    /// See [`ScenarioError`]; TOML errors name line and column.
+    /// See [`ScenarioError`]; line and column are named wherever there are some.
     pub fn parse(text: &str) -> Result<Self, ScenarioError> {
+        if text.len() > LONGEST_TEXT {
+            let why = format!("longer than {LONGEST_TEXT} bytes");
+            return Err(ScenarioError::Text(why, None));
+        }
         let scenario: Self =
-            toml::from_str(text).map_err(|error| ScenarioError::Text(Box::new(error)))?;
-        scenario.validate()?;
-        Ok(scenario)
+            toml::from_str(text).map_err(|error| ScenarioError::of_text(&error, text))?;
+        let sound = scenario.at_its_difficulty().and_then(|scenario| {
+            scenario.validate()?;
+            Ok(scenario)
+        });
+        sound.map_err(|error| error.located(text))
+    }
+
+    /// A scenario of this name and nothing else.
+    pub(crate) fn plain(name: String) -> Self {
+        Self {
+            name,
+            robots: one(),
+            duration_s: two_minutes(),
+            arena: Ground::default(),
+            spawn: Spawn::default(),
+            command: None,
+            commands: Vec::new(),
+            goals: Vec::new(),
+            faults: Vec::new(),
+            success: Success::default(),
+            thresholds: Vec::new(),
+            difficulty: None,
+            link: None,
+            radio: None,
+            tracker: Tracker::default(),
+            parameters: Parameters::default(),
+            randomisation: Profile::None,
+            detector: None,
+        }
     }
 
     /// The same for another number of robots.
@@ -197,179 +234,25 @@ impl Scenario {
         self
     }
 
-    /// Checks every value.
-    ///
-    /// # Errors
-    /// The first thing found wrong.
-    pub fn validate(&self) -> Result<(), ScenarioError> {
-        let check = |key: &'static str, value: f32, low: f32, high: f32| {
-            if (low..=high).contains(&value) {
-                Ok(())
-            } else {
-                let rule = format!("must be {low} to {high}, not {value}");
-                Err(ScenarioError::Value(key, rule))
-            }
-        };
-        if self.name.is_empty() || self.name.len() > 64 {
-            let rule = "must have 1 to 64 bytes".to_owned();
-            return Err(ScenarioError::Value("name", rule));
-        }
-        if self.robots as usize > MAX_ROBOTS {
-            let rule = format!("must be at most {MAX_ROBOTS}, not {}", self.robots);
-            return Err(ScenarioError::Value("robots", rule));
-        }
-        let ground = &self.arena;
-        if ground.width.is_some() != ground.height.is_some() {
-            let rule = "must both be there, or neither".to_owned();
-            return Err(ScenarioError::Value("arena.width and arena.height", rule));
-        }
-        let (least, most) = (*ARENA_SIDE_M.start(), *ARENA_SIDE_M.end());
-        for (key, value) in [
-            ("arena.width", ground.width),
-            ("arena.height", ground.height),
-            ("arena.least_side", Some(ground.least_side)),
-        ] {
-            check(key, value.unwrap_or(least), least, most)?;
-        }
-        check("arena.area_per_robot", ground.area_per_robot, 0.1, 10_000.0)?;
-        let scatter = &ground.scatter;
-        check(
-            "arena.scatter.per_square_metre",
-            scatter.per_square_metre,
-            0.0,
-            4.0,
-        )?;
-        check("arena.scatter.clearance", scatter.clearance, 0.0, 10.0)?;
-        for (key, [low, high]) in [
-            ("arena.scatter.radius", scatter.radius),
-            ("arena.scatter.side", scatter.side),
-        ] {
-            check(key, low, 0.01, high)?;
-            check(key, high, low, 5.0)?;
-        }
-        check("spawn.clearance", self.spawn.clearance, 0.0, 10.0)?;
-        check(
-            "spawn.pulse_share",
-            self.spawn.pulse_share.unwrap_or(0.0),
-            0.0,
-            1.0,
-        )?;
-        check("spawn.camera_share", self.spawn.camera_share, 0.0, 1.0)?;
-        self.link
-            .validate()
-            .map_err(|rule| ScenarioError::Value("link", rule.to_owned()))?;
-        self.tracker
-            .validate()
-            .map_err(|rule| ScenarioError::Value("tracker", rule.to_owned()))?;
-        self.parameters
-            .validate()
-            .map_err(|error| ScenarioError::Value("parameters", error.to_string()))?;
-        self.action()?;
-        let (width, height) = self.sides();
-        check(
-            "the side that arena.area_per_robot asks for",
-            width,
-            least,
-            most,
-        )?;
-        let fixed = Arena {
-            width,
-            height,
-            obstacles: ground.obstacles.clone(),
-        };
-        Ok(fixed.validate()?)
+    /// The parameters of a run: as stated, or as randomisation draws them. Robots are configured
+    /// as stated, and do not know.
+    #[must_use]
+    pub fn drawn_parameters(&self, seed: u64) -> Parameters {
+        self.parameters.randomised(self.randomisation, seed)
     }
 
     /// The initial command, when there is one.
     ///
     /// # Errors
-    /// [`ScenarioError::Command`] when it is not a command.
+    /// [`ScenarioError::Value`] when it is not a command.
     pub fn action(&self) -> Result<Option<Action>, ScenarioError> {
         let Some(start) = &self.command else {
             return Ok(None);
         };
-        let mut object = serde_json::json!({
-            "command": start.command,
-            "timestamp": 0,
-            "seq": 1,
-            "source": "scenario",
-        });
-        if !start.parameters.is_empty() {
-            object["parameters"] = serde_json::json!(start.parameters);
-        }
-        let command = Command::parse(object.to_string().as_bytes())
-            .map_err(|error| ScenarioError::Command(error.reason.name().to_owned()))?;
-        Ok(Some(command.action))
-    }
-
-    fn sides(&self) -> (f32, f32) {
-        if let (Some(width), Some(height)) = (self.arena.width, self.arena.height) {
-            return (width, height);
-        }
-        let area = self.arena.area_per_robot * self.robots.max(1) as f32;
-        let side = area.sqrt().max(self.arena.least_side);
-        (side, side)
-    }
-
-    /// The arena of a run, with the obstacles that `seed` puts into it.
-    ///
-    /// # Errors
-    /// [`ScenarioError::NoRoom`] when an obstacle finds no place.
-    pub fn arena(&self, seed: u64) -> Result<Arena, ScenarioError> {
-        let (width, height) = self.sides();
-        let mut arena = Arena {
-            width,
-            height,
-            obstacles: self.arena.obstacles.clone(),
-        };
-        arena.validate()?;
-        let scatter = &self.arena.scatter;
-        let wanted = (scatter.per_square_metre * width * height) as usize;
-        if arena.obstacles.len() + wanted > MAX_OBSTACLES {
-            return Err(ArenaError::TooManyObstacles.into());
-        }
-        let mut rng = Pcg32::new(seed, 0x6F62_7374);
-        let mut draw = |low: f32, high: f32| {
-            low + (high - low) * ((rng.next_u32() >> 8) as f32 * (1.0 / 16_777_216.0))
-        };
-        // Only what lies near can be in the way: with thousands of obstacles, looking at all of
-        // them for each draw would take minutes.
-        let mut near = Nearby::new(&arena, scatter.side[1].max(scatter.radius[1]) * 2.0);
-        for number in 0..wanted {
-            let mut placed = false;
-            for _ in 0..TRIES {
-                let (x, y) = (
-                    draw(-width * 0.5, width * 0.5),
-                    draw(-height * 0.5, height * 0.5),
-                );
-                let (obstacle, reach) = if number % 2 == 0 {
-                    let r = draw(scatter.radius[0], scatter.radius[1]);
-                    (Obstacle::Circle { x, y, r }, r)
-                } else {
-                    let w = draw(scatter.side[0], scatter.side[1]);
-                    let h = draw(scatter.side[0], scatter.side[1]);
-                    let theta = draw(0.0, core::f32::consts::PI);
-                    let reach = (w * w + h * h).sqrt() * 0.5;
-                    (Obstacle::Box { x, y, w, h, theta }, reach)
-                };
-                if near.clearance(&arena, x, y, reach + scatter.clearance)
-                    >= reach + scatter.clearance
-                {
-                    near.add(arena.obstacles.len() as u32, x, y);
-                    arena.obstacles.push(obstacle);
-                    placed = true;
-                    break;
-                }
-            }
-            if !placed {
-                return Err(ScenarioError::NoRoom(format!(
-                    "obstacle {} of {wanted} in an arena of {width} m by {height} m",
-                    number + 1
-                )));
-            }
-        }
-        arena.validate()?;
-        Ok(arena)
+        let action = start.action();
+        let action =
+            action.map_err(|why| ScenarioError::value("command", format!("is refused: {why}")))?;
+        Ok(Some(action))
     }
 
     /// How the ranger of robot number `number` is wired, counting from 0.
@@ -389,16 +272,6 @@ impl Scenario {
     #[must_use]
     pub fn has_camera(&self, number: usize) -> bool {
         has_turn(number, self.spawn.camera_share)
-    }
-
-    /// Draws starting poses. Whoever places a robot there checks that the place is free.
-    #[must_use]
-    pub fn spawner(&self, arena: &Arena, seed: u64) -> Spawner {
-        Spawner {
-            half_width: arena.width * 0.5,
-            half_height: arena.height * 0.5,
-            rng: Pcg32::new(seed, 0x7370_6177),
-        }
     }
 }
 

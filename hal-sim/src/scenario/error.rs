@@ -2,31 +2,78 @@
 
 use std::fmt;
 
-use super::Scenario;
+use super::{Place, Scenario};
 use crate::world::ArenaError;
 
 /// Why a scenario cannot be used.
-#[derive(Debug)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ScenarioError {
-    /// The text is not TOML, or has an unknown, missing or wrong key.
-    Text(Box<toml::de::Error>),
+    /// The text is not TOML, or has an unknown, missing or wrong key: what, and where.
+    Text(String, Option<Place>),
     /// No scenario of that name comes with the program.
     Unknown(String),
-    /// A value is out of range: which, and what it may be.
-    Value(&'static str, String),
-    /// The command is none: why.
-    Command(String),
+    /// A value cannot be used: which, why, and where it stands.
+    Value(String, String, Option<Place>),
     /// The arena is not sound.
     Arena(ArenaError),
     /// No place was found: for what, and in an arena of which size.
     NoRoom(String),
 }
 
+impl ScenarioError {
+    pub(super) fn value(key: impl Into<String>, rule: impl Into<String>) -> Self {
+        Self::Value(key.into(), rule.into(), None)
+    }
+
+    /// What serde or the parser said of `text`.
+    pub(super) fn of_text(error: &toml::de::Error, text: &str) -> Self {
+        let place = error.span().map(|span| Place::of(text, span.start));
+        Self::Text(error.message().trim().to_owned(), place)
+    }
+
+    /// The same with the place at which `text` has the key that is meant.
+    pub(super) fn located(self, text: &str) -> Self {
+        match self {
+            Self::Value(key, rule, None) => {
+                let place = Place::of_key(text, &key);
+                Self::Value(key, rule, place)
+            }
+            Self::Arena(error) => {
+                let key = match error {
+                    ArenaError::Obstacle(index) => format!("arena.obstacles[{index}]"),
+                    ArenaError::Object(index) => format!("arena.objects[{index}]"),
+                    ArenaError::Patch(index) => format!("arena.patches[{index}]"),
+                    ArenaError::Mover(index) => format!("arena.movers[{index}]"),
+                    ArenaError::Side => "arena".to_owned(),
+                    ArenaError::TooManyObstacles => "arena.obstacles".to_owned(),
+                    ArenaError::TooManyMovers => "arena.movers".to_owned(),
+                    ArenaError::TooManyPatches => "arena.patches".to_owned(),
+                };
+                let place = Place::of_key(text, &key);
+                Self::Value(key, format!("is not sound: {error}"), place)
+            }
+            other => other,
+        }
+    }
+
+    /// The place in the file, where there is one.
+    #[must_use]
+    pub const fn place(&self) -> Option<Place> {
+        match self {
+            Self::Text(_, place) | Self::Value(_, _, place) => *place,
+            Self::Unknown(_) | Self::Arena(_) | Self::NoRoom(_) => None,
+        }
+    }
+}
+
 impl fmt::Display for ScenarioError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(place) = self.place() {
+            write!(f, "{place}: ")?;
+        }
         match self {
-            Self::Text(error) => write!(f, "not a scenario: {error}"),
+            Self::Text(text, _) => write!(f, "not a scenario: {text}"),
             Self::Unknown(name) => {
                 write!(f, "no scenario is called {name:?}; there are")?;
                 for (index, name) in Scenario::names().enumerate() {
@@ -34,8 +81,7 @@ impl fmt::Display for ScenarioError {
                 }
                 Ok(())
             }
-            Self::Value(key, rule) => write!(f, "{key} {rule}"),
-            Self::Command(why) => write!(f, "command: {why}"),
+            Self::Value(key, rule, _) => write!(f, "{key} {rule}"),
             Self::Arena(error) => write!(f, "arena: {error}"),
             Self::NoRoom(what) => write!(f, "no room for {what}"),
         }
@@ -45,9 +91,8 @@ impl fmt::Display for ScenarioError {
 impl std::error::Error for ScenarioError {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         match self {
-            Self::Text(error) => Some(error),
             Self::Arena(error) => Some(error),
-            Self::Unknown(_) | Self::Value(..) | Self::Command(_) | Self::NoRoom(_) => None,
+            Self::Text(..) | Self::Unknown(_) | Self::Value(..) | Self::NoRoom(_) => None,
         }
     }
 }

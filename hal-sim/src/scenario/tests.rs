@@ -1,4 +1,8 @@
 use super::*;
+use crate::world::Obstacle;
+
+mod timeline;
+mod walls;
 
 fn error(text: &str) -> String {
     Scenario::parse(text).unwrap_err().to_string()
@@ -14,7 +18,8 @@ fn built_in_scenarios_are_sound_and_named_like_their_files() {
     let unknown = Scenario::built_in("maze").unwrap_err().to_string();
     assert_eq!(
         unknown,
-        "no scenario is called \"maze\"; there are arena, corridor, empty"
+        "no scenario is called \"maze\"; there are arena, corridor, empty, search, simple-navigation, \
+         dynamic-environment, multi-robot-coordination, resilience, long-duration"
     );
 }
 
@@ -52,41 +57,45 @@ fn mistakes_are_told_by_name() {
     assert!(error("name = \"a\"\nspeed = 3").contains("unknown field `speed`"));
     assert!(error("name = \"a\"\n[arena]\ncolour = 1").contains("unknown field `colour`"));
     assert!(error("name = \"a\"\n[spawn]\nclearance = \"x\"").contains("invalid type"));
-    assert_eq!(error("name = \"\""), "name must have 1 to 64 bytes");
+    assert_eq!(
+        error("name = \"\""),
+        "line 1, column 1: name must have 1 to 64 bytes"
+    );
     assert_eq!(
         error("name = \"a\"\nrobots = 70000"),
-        "robots must be at most 65535, not 70000"
+        "line 2, column 1: robots must be at most 65535, not 70000"
     );
     assert_eq!(
         error("name = \"a\"\n[arena]\nwidth = 3.0"),
-        "arena.width and arena.height must both be there, or neither"
+        "line 3, column 1: arena.width is there without the other: give both arena.width and \
+         arena.height"
     );
     assert_eq!(
         error("name = \"a\"\n[arena]\nwidth = 3.0\nheight = nan"),
-        "arena.height must be 0.5 to 500, not NaN"
+        "line 4, column 1: arena.height must be 0.5 to 500, not NaN"
     );
     assert_eq!(
         error("name = \"a\"\n[arena.scatter]\nradius = [0.3, 0.1]"),
-        "arena.scatter.radius must be 0.01 to 0.1, not 0.3"
+        "line 3, column 1: arena.scatter.radius must be 0.01 to 0.1, not 0.3"
     );
     assert_eq!(
         error("name = \"a\"\n[link]\nloss = 2.0"),
-        "link loss must be 0 to 0.9"
+        "line 2, column 2: link loss must be 0 to 0.9"
     );
     assert!(error("name = \"a\"\n[tracker]\nrate = 2.0").contains("unknown field `rate`"));
     assert_eq!(
         error("name = \"a\"\n[tracker]\nrate_hz = 0.0"),
-        "tracker rate_hz must be 0.1 to 50"
+        "line 2, column 2: tracker rate_hz must be 0.1 to 50"
     );
     assert_eq!(
         error("name = \"a\"\n[command]\ncommand = \"dance\""),
-        "command: unknown_command"
+        "line 2, column 2: command is refused: unknown_command"
     );
     assert_eq!(
         error(
             "name = \"a\"\n[command]\ncommand = \"behave\"\nparameters = { behaviour = \"wander\", speed = 101 }"
         ),
-        "command: out_of_range"
+        "line 2, column 2: command is refused: out_of_range"
     );
     assert!(
         error("name = \"a\"\nrobots = 60000\n[arena]\narea_per_robot = 100.0")
@@ -118,7 +127,7 @@ fn robots_take_turns_at_the_two_wirings() {
     }
     assert_eq!(
         error("name = \"a\"\n[spawn]\npulse_share = 1.5"),
-        "spawn.pulse_share must be 0 to 1, not 1.5"
+        "line 3, column 1: spawn.pulse_share must be 0 to 1, not 1.5"
     );
     assert!(error("name = \"a\"\n[spawn]\npulse_share = nan").contains("not NaN"));
     assert!(error("name = \"a\"\n[spawn]\ncamera_share = -0.1").contains("spawn.camera_share"));
@@ -142,5 +151,7 @@ fn a_scenario_reads_as_it_was_written() {
         let scenario = Scenario::built_in(name).unwrap();
         let text = serde_json::to_string(&scenario).unwrap();
         assert_eq!(serde_json::from_str::<Scenario>(&text).unwrap(), scenario);
+        let text = scenario.to_toml().unwrap();
+        assert_eq!(Scenario::parse(&text).unwrap(), scenario, "{text}");
     }
 }

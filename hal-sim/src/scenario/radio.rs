@@ -1,0 +1,31 @@
+//! The radio of a scenario.
+
+use super::{Scenario, ScenarioError};
+use crate::net::radio::Setup;
+
+impl Scenario {
+    /// The radio of a run.
+    #[must_use]
+    pub fn radio_setup(&self, seed: u64) -> Setup {
+        let figures = self.drawn_parameters(seed).radio;
+        Setup {
+            link: self.link.unwrap_or_else(|| figures.link()),
+            radio: self.radio.clone(),
+            figures,
+            seed,
+        }
+    }
+
+    pub(super) fn validate_radio(&self) -> Result<(), ScenarioError> {
+        if let Some(link) = &self.link {
+            link.validate()
+                .map_err(|rule| ScenarioError::value("link", rule))?;
+        }
+        if let Some(radio) = &self.radio {
+            radio
+                .validate()
+                .map_err(|(key, rule)| ScenarioError::value("radio", format!("{key} {rule}")))?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,162 @@
+//! What counts as success, of one run and of many.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::timeline::LONGEST_S;
+use super::{Quota, ScenarioError};
+use crate::evaluate::Metric;
+
+/// What a run must come to; everything stated must hold. Where nothing is stated, all goals must
+/// be reached, and every robot must be alive at the end.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Success {
+    /// How many robots reach all of their goals.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reach: Option<Quota>,
+    /// By when, seconds since the beginning of the world. Otherwise by the end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub within_s: Option<f32>,
+    /// Most contacts for each robot, on average.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub collisions: Option<f32>,
+    /// No robot touches anything while it drives forward faster than this, metres per second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub impact_mps: Option<f32>,
+    /// How many robots have power and work, without a fault, at the end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alive: Option<Quota>,
+    /// Least share of commands that end as completed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub command_success: Option<f32>,
+    /// Every command gets its final answer within this time, seconds, from when it was given or
+    /// the link was back.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub answer_s: Option<f32>,
+    /// Least distance between a robot's rim and anything else, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clearance_m: Option<f32>,
+    /// Least way of each robot, on average, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distance_m: Option<f32>,
+    /// Every robot is back at work so long after each of its faults, seconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recovery_s: Option<f32>,
+    /// Least share of the time in which robots can take commands.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uptime: Option<f32>,
+    /// No wheel is driven later than this after `stop` or `estop` was answered and before the next
+    /// command, seconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub still_s: Option<f32>,
+}
+
+impl Success {
+    /// Whether nothing is stated.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    pub(super) fn validate(&self) -> Result<(), ScenarioError> {
+        for (key, quota) in [("reach", self.reach), ("alive", self.alive)] {
+            let sound = quota.map_or(Ok(()), Quota::validate);
+            sound.map_err(|rule| ScenarioError::value(format!("success.{key}"), rule))?;
+        }
+        for (key, value, most) in [
+            ("within_s", self.within_s, LONGEST_S),
+            ("collisions", self.collisions, 1e6),
+            ("impact_mps", self.impact_mps, 100.0),
+            ("command_success", self.command_success, 1.0),
+            ("answer_s", self.answer_s, LONGEST_S),
+            ("clearance_m", self.clearance_m, 100.0),
+            ("distance_m", self.distance_m, 1e6),
+            ("recovery_s", self.recovery_s, LONGEST_S),
+            ("uptime", self.uptime, 1.0),
+            ("still_s", self.still_s, LONGEST_S),
+        ] {
+            let value = value.unwrap_or(0.0);
+            if !(0.0..=most).contains(&value) {
+                let rule = format!("must be 0 to {most}, not {value}");
+                return Err(ScenarioError::value(format!("success.{key}"), rule));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What many runs together must come to, like `success >= 0.9`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Threshold {
+    /// Of what: its mean over all runs that have it, or the share of them that succeed.
+    pub metric: Metric,
+    /// Whether it must be at least `value`; otherwise at most.
+    pub at_least: bool,
+    /// How much.
+    pub value: f64,
+}
+
+impl Threshold {
+    /// Whether a mean meets it; one that does not exist meets none.
+    #[must_use]
+    pub fn is_met(&self, mean: Option<f64>) -> bool {
+        mean.is_some_and(|mean| {
+            if self.at_least {
+                mean >= self.value
+            } else {
+                mean <= self.value
+            }
+        })
+    }
+}
+
+impl fmt::Display for Threshold {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sign = if self.at_least { ">=" } else { "<=" };
+        write!(f, "{} {sign} {}", self.metric.name(), self.value)
+    }
+}
+
+impl std::str::FromStr for Threshold {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let shape = || format!("`{text}` is not like `success >= 0.9` or `collisions <= 2`");
+        let (at_least, (name, value)) = match (text.split_once(">="), text.split_once("<=")) {
+            (Some(parts), None) => (true, parts),
+            (None, Some(parts)) => (false, parts),
+            _ => return Err(shape()),
+        };
+        let name = name.trim();
+        let metric = Metric::by_name(name).ok_or_else(|| {
+            let known: Vec<_> = Metric::ALL.iter().map(|metric| metric.name()).collect();
+            format!("`{name}` is none of {}", known.join(", "))
+        })?;
+        let value: f64 = value.trim().parse().map_err(|_| shape())?;
+        if !value.is_finite() {
+            return Err(format!("`{text}` needs a finite number"));
+        }
+        Ok(Self {
+            metric,
+            at_least,
+            value,
+        })
+    }
+}
+
+impl TryFrom<String> for Threshold {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Threshold> for String {
+    fn from(threshold: Threshold) -> Self {
+        threshold.to_string()
+    }
+}
