@@ -3,8 +3,10 @@
 //! They are stricter than hardware: what a data sheet forbids fails or is recorded here.
 
 mod camera;
+mod ear;
 mod flash;
 mod gauge;
+mod meter;
 mod motor;
 mod sonar;
 mod system;
@@ -16,7 +18,7 @@ mod uart;
 use core::marker::PhantomData;
 use std::rc::Rc;
 
-use crawler_hal::{Body, MotorPort, Network, Parts, RangerPort};
+use crawler_hal::{Body, Duration, MotorPort, Network, Parts, RangerPort};
 use rand_pcg::Pcg32;
 
 pub use camera::{CAMERA_SIDE, LensError, STILL_SIZE, SimCamera};
@@ -27,10 +29,14 @@ pub use system::SimSystem;
 pub use trigger::{SimEcho, SimTrigger};
 pub use uart::{SimUart, UartError};
 
+pub(crate) use ear::Ear;
+pub(crate) use meter::Meter;
 pub(crate) use sonar::Sonar;
+pub(crate) use trigger::BURST;
+pub(crate) use uart::BYTE_TIME;
 
 use crate::sched::SimClock;
-use crate::world::{Ports, Purpose, Wire, Wiring, stream};
+use crate::world::{Ports, Purpose, RobotIndex, Wire, Wiring, stream, uniform};
 use motor::{Line, Side};
 
 /// A simulated body whose way to the network is `N`.
@@ -50,6 +56,13 @@ impl<N: Network> Body for SimBody<N> {
     type Network = N;
     type System = SimSystem;
     type Rng = Pcg32;
+}
+
+/// How long after its boot a robot begins to measure, at most `latest_ms` milliseconds; `seed` is
+/// that of the boot.
+pub(crate) fn ranger_after(seed: u64, robot: RobotIndex, latest_ms: f32) -> Duration {
+    let share = uniform(&mut stream(seed, robot.get(), Purpose::Start));
+    Duration::from_micros((share * latest_ms * 1e3) as u64)
 }
 
 /// Everything a simulated body hands over at boot but its network.
@@ -73,6 +86,8 @@ pub struct BodyParts {
     pub flash: SimFlash,
     /// The microcontroller.
     pub system: SimSystem,
+    /// How long after the boot the ranger is asked first: programs do not start in step.
+    pub ranger_after: Duration,
     /// Randomness of the program. Each boot of a robot has its own stream.
     pub rng: Pcg32,
 }
@@ -94,7 +109,15 @@ impl BodyParts {
         };
         // The boot takes part, so that a robot that keeps resetting does not repeat its jitter.
         let seed = ports.shared.seed ^ u64::from(ports.life.get()) << 32;
+        let latest_ms = ports
+            .shared
+            .space
+            .borrow()
+            .parameters
+            .spread
+            .ranger_start_ms;
         Self {
+            ranger_after: ranger_after(seed, ports.robot, latest_ms),
             clock: ports.shared.clock.boot_now(),
             left: motor(Side::Left),
             right: motor(Side::Right),

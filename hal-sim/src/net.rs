@@ -5,6 +5,9 @@ pub(crate) mod live;
 pub mod lockstep;
 mod none;
 #[cfg(feature = "live")]
+pub mod proxy;
+pub mod radio;
+#[cfg(feature = "live")]
 pub(crate) mod tracker;
 
 pub use none::{NoMonitor, NoNetwork, NoStream};

@@ -10,6 +10,8 @@ use embedded_storage_async::nor_flash::{
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 
+#[cfg(feature = "recording")]
+use crate::run::{journal::Payload, recording::Deck};
 use crate::world::{Purpose, Wire, stream};
 
 /// Bytes of an erase block.
@@ -113,6 +115,26 @@ impl Chip {
     pub fn blank(sectors: u16, seed: u64) -> Rc<RefCell<Self>> {
         let rng = stream(seed, 0, Purpose::Flash);
         Rc::new(RefCell::new(Self::new(usize::from(sectors), rng)))
+    }
+
+    /// What is written in each sector; the rest of it is blank.
+    #[cfg(feature = "recording")]
+    fn image(&self) -> Vec<Payload> {
+        let sectors = self.sectors.iter();
+        sectors
+            .map(|sector| Payload::new(&sector.written))
+            .collect()
+    }
+
+    /// A chip with these contents, outside of any world.
+    #[cfg(feature = "recording")]
+    pub(crate) fn of_image(image: &[Payload]) -> Self {
+        let mut chip = Self::new(image.len(), stream(0, 0, Purpose::Flash));
+        for (sector, bytes) in chip.sectors.iter_mut().zip(image) {
+            sector.written = bytes.bytes().to_vec();
+            sector.written.truncate(ERASE_BYTES);
+        }
+        chip
     }
 
     /// Cuts the power once so many more bytes were written or erased; the byte at which it
@@ -306,6 +328,20 @@ impl SimFlash {
             chip: Rc::clone(chip),
             wire: None,
         }
+    }
+
+    /// See [`Chip::image`].
+    #[cfg(feature = "recording")]
+    pub(crate) fn image(&self) -> Vec<Payload> {
+        self.chip.borrow().image()
+    }
+
+    /// The tapes of the world it belongs to, and the number of its robot.
+    #[cfg(feature = "recording")]
+    pub(crate) fn deck(&self) -> Option<(Deck, usize)> {
+        let ports = &self.wire.as_ref()?.ports;
+        let deck = ports.shared.deck.borrow().clone()?;
+        Some((deck, ports.index()))
     }
 
     pub(crate) fn of_body(wire: &Wire) -> Self {

@@ -2,10 +2,7 @@
 
 use crawler_hal::{Adc, Millivolts};
 
-use crate::world::{Wire, normal};
-
-/// Highest voltage the converter tells (ESP32-S3 at 12 dB: 3.1 V).
-const CONVERTER_LIMIT_MV: f32 = 3_100.0;
+use crate::world::Wire;
 
 /// An analogue input on the middle of the battery's divider.
 #[derive(Debug)]
@@ -32,11 +29,6 @@ impl Adc for SimGauge {
         }
         let ports = &self.wire.ports;
         let space = ports.shared.space.borrow();
-        let gauge = space.parameters.gauge;
-        let pin_mv = space.bodies.supply_v[ports.index()] * 1_000.0 * gauge.lower_ohm
-            / (gauge.upper_ohm + gauge.lower_ohm);
-        let noise_mv = normal(&mut *ports.gauge_rng.borrow_mut()) * gauge.noise_mv;
-        let told = (pin_mv + noise_mv).clamp(0.0, CONVERTER_LIMIT_MV);
-        Ok(Millivolts((told + 0.5) as u16))
+        Ok(ports.meter.borrow_mut().read(&space, ports.index()))
     }
 }

@@ -1,22 +1,18 @@
 //! The US-100 itself, behind its serial line or its pins.
 //!
 //! One measurement: the sensor sends a burst, listens until the nearest echo or the end of its
-//! window, and tells what it heard. The distance is asked of the world when the burst leaves, and
-//! only then.
+//! window, and tells what it heard. The world is asked when the request is made, and only then:
+//! see [`Ear`].
 
 use std::collections::VecDeque;
 use std::task::Waker;
 
-use crawler_hal::{Duration, Instant};
+use crawler_hal::Instant;
 use rand_pcg::Pcg32;
 
+use super::ear::{Ear, Echo};
 use crate::faults::RangerFault;
-use crate::world::{Ports, Ranger, normal, uniform};
-
-/// How long the sensor listens when nothing answers. The echo from 4.5 m takes 26 ms; the rest is
-/// why a reading of nothing comes late. The data sheet does not say; with the request and the
-/// reply it stays within what a caller can wait.
-pub(crate) const WINDOW: Duration = Duration::from_millis(50);
+use crate::world::{Ports, uniform};
 
 /// Bytes that may wait on a line. An ESP32's receive FIFO holds as many.
 pub(crate) const FIFO_BYTES: usize = 128;
@@ -24,7 +20,7 @@ pub(crate) const FIFO_BYTES: usize = 128;
 /// State of one sensor and of the receiver behind its line.
 #[derive(Debug)]
 pub(crate) struct Sonar {
-    rng: Pcg32,
+    ear: Ear,
     /// Of the line, not of the sensor: which bits flip.
     line_rng: Pcg32,
     /// The sensor hears nothing new before this moment.
@@ -45,19 +41,10 @@ pub(crate) struct Sonar {
     pub(crate) overlaps: u32,
 }
 
-/// What the sensor heard.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Echo {
-    /// When it knows: the flight time, or the end of its window.
-    pub(crate) after: Duration,
-    /// What it says in millimetres.
-    pub(crate) says_mm: u16,
-}
-
 impl Sonar {
-    pub(crate) fn new(rng: Pcg32, line_rng: Pcg32) -> Self {
+    pub(crate) fn new(ear: Ear, line_rng: Pcg32) -> Self {
         Self {
-            rng,
+            ear,
             line_rng,
             busy_until: Instant::BOOT,
             inbox: VecDeque::new(),
@@ -95,41 +82,17 @@ impl Sonar {
         self.busy_until = until;
     }
 
-    /// Sends a burst and listens.
-    pub(crate) fn listen(&mut self, ports: &Ports) -> Echo {
-        let (distance_mm, air_c, ranger) = {
-            let mut space = ports.shared.space.borrow_mut();
-            space.list_robots(0);
-            let ranger = space.parameters.ranger;
-            let distance = match ports.faults.get().ranger {
-                Some(RangerFault::Stuck(mm)) => Some(f32::from(mm) * 1e-3),
-                Some(RangerFault::Dead) => None,
-                None => space.range(
-                    ports.index(),
-                    f32::from(ranger.nearest_mm) * 1e-3,
-                    f32::from(ranger.farthest_mm) * 1e-3,
-                ),
-            };
-            (
-                distance.map(|metres| metres * 1e3),
-                space.parameters.surroundings.air_c,
-                ranger,
-            )
-        };
-        // Both are drawn every time, so that what is in front of one robot does not shift the
-        // numbers of its later measurements.
-        let error = normal(&mut self.rng);
-        let lost = uniform(&mut self.rng) < ranger.dropout;
-        let stuck = matches!(ports.faults.get().ranger, Some(RangerFault::Stuck(_)));
-        match distance_mm {
-            Some(true_mm) if stuck => Echo::at(true_mm, air_c),
-            Some(true_mm) if !lost => Echo::at(heard(true_mm, error, &ranger), air_c),
-            Some(_) | None => Echo {
-                after: WINDOW,
-                // What the window is long: beyond the sensor's reach, and so no range.
-                says_mm: (half_path_mm(WINDOW, air_c) + 0.5) as u16,
-            },
-        }
+    /// Sends a burst at `burst` and listens.
+    pub(crate) fn listen(&mut self, ports: &Ports, burst: Instant) -> Echo {
+        let space = &mut *ports.shared.space.borrow_mut();
+        let fault = ports.faults.get().ranger;
+        self.ear.listen(space, ports.index(), fault, burst)
+    }
+
+    /// The byte that stands for the temperature.
+    pub(crate) fn temperature_code(&self, ports: &Ports) -> u8 {
+        let air_c = ports.shared.space.borrow().parameters.surroundings.air_c;
+        self.ear.temperature_code(air_c)
     }
 
     /// Passes one byte over the line, with the bits that flip on it.
@@ -148,7 +111,7 @@ impl Sonar {
 
     pub(crate) fn fingerprint(&self, mut word: impl FnMut(u64)) {
         use rand_core::Rng;
-        word(self.rng.clone().next_u64());
+        self.ear.fingerprint(&mut word);
         word(self.line_rng.clone().next_u64());
         word(self.busy_until.as_micros());
         word(self.sent_until.as_micros());
@@ -162,30 +125,4 @@ impl Sonar {
             word(fall.as_micros());
         }
     }
-}
-
-impl Echo {
-    fn at(says_mm: f32, air_c: f32) -> Self {
-        let speed = speed_of_sound_mm_per_us(air_c);
-        Self {
-            after: Duration::from_micros((2.0 * says_mm / speed + 0.5) as u64),
-            says_mm: (says_mm + 0.5) as u16,
-        }
-    }
-}
-
-/// A range with the sensor's error, which cannot leave its reach.
-fn heard(true_mm: f32, error: f32, ranger: &Ranger) -> f32 {
-    let deviation = ranger.noise_mm + ranger.noise_share * true_mm;
-    (true_mm + error * deviation).clamp(f32::from(ranger.nearest_mm), f32::from(ranger.farthest_mm))
-}
-
-/// 331.3 m/s at 0 °C and 0.606 m/s more for each degree: the usual linear form of √T, within
-/// 0.2 % from −20 °C to 50 °C.
-fn speed_of_sound_mm_per_us(air_c: f32) -> f32 {
-    (331.3 + 0.606 * air_c) * 1e-3
-}
-
-fn half_path_mm(time: Duration, air_c: f32) -> f32 {
-    time.as_micros() as f32 * speed_of_sound_mm_per_us(air_c) * 0.5
 }

@@ -3,6 +3,7 @@
 mod flash;
 mod line;
 mod others;
+mod outliers;
 mod ranger;
 
 use core::future::Future;
@@ -44,9 +45,8 @@ impl Bench {
             r: 0.3,
         };
         let arena = Arena {
-            width: 40.0,
-            height: 40.0,
             obstacles: vec![post],
+            ..Arena::empty(40.0, 40.0)
         };
         Self::new(arena, parameters, seed, Pose::default())
     }
@@ -73,5 +73,7 @@ fn exact() -> Parameters {
     parameters.ranger.noise_mm = 0.0;
     parameters.ranger.noise_share = 0.0;
     parameters.ranger.dropout = 0.0;
+    parameters.ranger.multipath = 0.0;
+    parameters.ranger.ghost = 0.0;
     parameters
 }

@@ -14,7 +14,7 @@ use crate::world::Wire;
 const SHORTEST_TRIGGER: Duration = Duration::from_micros(10);
 
 /// From the end of the trigger to the rise of the echo pin: eight cycles of 40 kHz.
-const BURST: Duration = Duration::from_micros(200);
+pub(crate) const BURST: Duration = Duration::from_micros(200);
 
 /// The trigger input of the sensor.
 #[derive(Debug)]
@@ -46,7 +46,7 @@ impl OutputPin for SimTrigger {
         if now - since < SHORTEST_TRIGGER || !sonar.claim(ports, now) {
             return Ok(());
         }
-        let echo = sonar.listen(ports);
+        let echo = sonar.listen(ports, now);
         let rise = now + BURST;
         let fall = rise + echo.after;
         sonar.pulse = Some((rise, fall));

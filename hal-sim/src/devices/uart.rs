@@ -57,6 +57,25 @@ impl SimUart {
         }
     }
 
+    /// When a reader that wants `most` bytes wakes: at once with bytes that are there, else when
+    /// it has what it wants or the line pauses, as a receiver's interrupt does. `None` when
+    /// nothing is under way.
+    fn awaited(&self, most: usize) -> Option<Instant> {
+        let sonar = self.wire.ports.sonar.borrow();
+        let &(first, _) = sonar.inbox.front()?;
+        if first <= self.wire.clock().now() {
+            return Some(first);
+        }
+        let mut last = first;
+        for &(arrival, _) in sonar.inbox.iter().take(most).skip(1) {
+            if arrival - last > BYTE_TIME {
+                break;
+            }
+            last = arrival;
+        }
+        Some(last)
+    }
+
     /// A FIFO that nothing leaves.
     async fn fill_hanging(&self, buf: &[u8]) -> Result<usize, UartError> {
         let taken = {
@@ -83,14 +102,12 @@ impl SimUart {
         }
         let mut reply = heapless::Vec::<u8, 2>::new();
         let ready = if byte == RANGE {
-            let echo = sonar.listen(ports);
+            let echo = sonar.listen(ports, at);
             // Two bytes always fit.
             let _ = reply.extend_from_slice(&echo.says_mm.to_be_bytes());
             at + echo.after
         } else {
-            let air_c = ports.shared.space.borrow().parameters.surroundings.air_c;
-            let code = (libm::roundf(air_c) + 45.0).clamp(0.0, 255.0);
-            let _ = reply.push(code as u8);
+            let _ = reply.push(sonar.temperature_code(ports));
             at + THERMOMETER_TIME
         };
         let mut arrival = ready;
@@ -122,11 +139,11 @@ impl Read for SimUart {
             return Ok(0);
         }
         let stuck = self.wire.ports.faults.get().line_stuck;
-        let next = self.wire.ports.sonar.borrow().inbox.front().copied();
-        let Some((arrival, _)) = next.filter(|_| !stuck) else {
+        let wake = self.awaited(buf.len()).filter(|_| !stuck);
+        let Some(wake) = wake else {
             return pending().await;
         };
-        self.wire.clock().sleep_until(arrival).await;
+        self.wire.clock().sleep_until(wake).await;
         self.check()?;
         let now = self.wire.clock().now();
         let mut sonar = self.wire.ports.sonar.borrow_mut();

@@ -1,16 +1,26 @@
 //! Real sockets, inside a tokio runtime.
 
+mod boundary;
+mod wire;
+
 use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::rc::Rc;
+use std::sync::Arc;
+use std::time::Duration;
 
 use crawler_hal::{LinkMonitor, LinkState, NetError, Network};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use tokio::net::TcpStream;
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, watch};
 
+use super::lockstep::{Cut, NO_ADDRESS_AFTER, PASSWORD_REFUSED_AFTER};
+use super::proxy::{Proxy, Signal};
 use super::tracker::Outlet;
+use boundary::Boundary;
+use wire::{Gate, Wire};
 
 /// Connections being opened at once. A thousand at a time overrun the backlog of a broker.
 const OPENING: usize = 64;
@@ -35,10 +45,15 @@ struct Shared {
     outlet: Rc<Outlet>,
     /// Our own address towards the broker, once known.
     address: RefCell<Option<IpAddr>>,
+    /// The radio between robots and broker.
+    radio: Option<Arc<Proxy>>,
+    /// Links of robots that reach the broker without one.
+    wires: RefCell<BTreeMap<String, Rc<Wire>>>,
 }
 
 impl Gateway {
-    pub(crate) fn new(broker: Vec<SocketAddr>) -> Self {
+    /// The way to one of `broker`, by way of `radio` where there is one.
+    pub(crate) fn new(broker: Vec<SocketAddr>, radio: Option<Arc<Proxy>>) -> Self {
         Self {
             shared: Rc::new(Shared {
                 broker,
@@ -47,23 +62,53 @@ impl Gateway {
                 leaving: Cell::new(false),
                 outlet: Rc::default(),
                 address: RefCell::new(None),
+                radio,
+                wires: RefCell::default(),
             }),
         }
     }
 
-    pub(crate) fn network(&self) -> LiveNetwork {
+    /// The way of the robot of that name.
+    pub(crate) fn network(&self, robot: &str) -> LiveNetwork {
+        let (signal, gate) = if let Some(radio) = &self.shared.radio {
+            // A radio holds a connection up by itself.
+            (radio.signal(robot), None)
+        } else {
+            let wire = self.wire(robot);
+            (wire.subscribe(), Some(Gate::new(&wire)))
+        };
         LiveNetwork {
             shared: Rc::clone(&self.shared),
-            counted: true,
+            robot: Some(signal),
+            gate,
         }
     }
 
-    /// The same for what is no robot: it does not count as connected.
+    /// The same for what is no robot: it has a wire, and does not count as connected.
     pub(crate) fn service(&self) -> LiveNetwork {
         LiveNetwork {
-            counted: false,
-            ..self.network()
+            shared: Rc::clone(&self.shared),
+            robot: None,
+            gate: None,
         }
+    }
+
+    /// Cuts or heals the link of a robot.
+    pub(crate) fn cut(&self, robot: &str, cut: Cut) {
+        match &self.shared.radio {
+            Some(radio) => radio.cut(robot, cut),
+            None => self.wire(robot).cut(cut),
+        }
+    }
+
+    fn wire(&self, robot: &str) -> Rc<Wire> {
+        let mut wires = self.shared.wires.borrow_mut();
+        if let Some(wire) = wires.get(robot) {
+            return Rc::clone(wire);
+        }
+        let wire = Rc::new(Wire::new());
+        wires.insert(robot.to_owned(), Rc::clone(&wire));
+        wire
     }
 
     /// Where the camera of the world leaves what it sees.
@@ -86,7 +131,10 @@ impl Gateway {
 #[derive(Debug)]
 pub(crate) struct LiveNetwork {
     shared: Rc<Shared>,
-    counted: bool,
+    /// What a robot can know of its link.
+    robot: Option<watch::Receiver<Signal>>,
+    /// The link itself, where nobody else holds bytes up while it is cut.
+    gate: Option<Gate>,
 }
 
 impl Network for LiveNetwork {
@@ -96,22 +144,44 @@ impl Network for LiveNetwork {
     fn monitor(&self) -> LiveMonitor {
         LiveMonitor {
             shared: Rc::clone(&self.shared),
+            robot: self.robot.clone(),
         }
     }
 
+    /// Waits for an access point as long as there is none, as in lockstep.
     async fn join(&mut self) -> Result<(), NetError> {
-        Ok(())
+        let Some(link) = &mut self.robot else {
+            return Ok(());
+        };
+        let signal = link.wait_for(|signal| signal.cut != Cut::Radio).await;
+        let cut = signal.map_err(|_| NetError::NotJoined)?.cut;
+        let (after, error) = match cut {
+            Cut::None | Cut::Silent | Cut::Radio => return Ok(()),
+            Cut::Password => (PASSWORD_REFUSED_AFTER, NetError::BadCredentials),
+            Cut::NoAddress => (NO_ADDRESS_AFTER, NetError::NoAddress),
+        };
+        tokio::time::sleep(Duration::from_millis(after.as_millis())).await;
+        Err(error)
     }
 
     async fn connect(&mut self, _host: &str, _port: u16) -> Result<LiveStream, NetError> {
+        // Before the place is taken: those that cannot get through must not keep out the others.
+        if let Some(gate) = &mut self.gate {
+            gate.healed().await;
+        }
         let _permit = self
             .shared
             .opening
             .acquire()
             .await
             .map_err(|_| NetError::NotJoined)?;
+        let radio = self.robot.is_some().then_some(self.shared.radio.as_ref());
+        let through: Vec<SocketAddr> = match radio.flatten() {
+            Some(radio) => vec![radio.reachable()],
+            None => self.shared.broker.clone(),
+        };
         let mut last = NetError::UnknownHost;
-        for &address in &self.shared.broker {
+        for address in through {
             match TcpStream::connect(address).await {
                 Ok(tcp) => {
                     // Only costs latency when it fails.
@@ -120,10 +190,11 @@ impl Network for LiveNetwork {
                         *self.shared.address.borrow_mut() = Some(own.ip());
                     }
                     return Ok(LiveStream {
-                        tcp,
+                        tcp: Rc::new(tcp),
                         shared: Rc::clone(&self.shared),
                         heard: false,
-                        counted: self.counted,
+                        counted: self.robot.is_some(),
+                        gate: self.gate.clone(),
                         boundary: Boundary::default(),
                     });
                 }
@@ -144,18 +215,25 @@ fn net_error(error: &io::Error) -> NetError {
     }
 }
 
-/// The host is joined for as long as the program runs.
+/// Tells what a robot can know of its link: that of the radio where there is one.
 #[derive(Debug, Clone)]
 pub(crate) struct LiveMonitor {
     shared: Rc<Shared>,
+    robot: Option<watch::Receiver<Signal>>,
 }
 
 impl LinkMonitor for LiveMonitor {
     fn state(&self) -> LinkState {
+        let signal = self.robot.as_ref().map(|link| *link.borrow());
+        if signal.is_some_and(|signal| signal.cut.is_known()) {
+            return LinkState::Down;
+        }
         let address = *self.shared.address.borrow();
         LinkState::Up {
             address: address.unwrap_or(IpAddr::V4(Ipv4Addr::LOCALHOST)),
-            rssi_dbm: None,
+            rssi_dbm: signal
+                .filter(|_| self.shared.radio.is_some())
+                .map(|signal| signal.rssi_dbm),
         }
     }
 }
@@ -163,13 +241,28 @@ impl LinkMonitor for LiveMonitor {
 /// One connection. Dropping it closes it.
 #[derive(Debug)]
 pub(crate) struct LiveStream {
-    tcp: TcpStream,
+    tcp: Rc<TcpStream>,
     shared: Rc<Shared>,
     /// The broker has said something.
     heard: bool,
     /// It is that of a robot.
     counted: bool,
+    /// The link, where nobody else holds bytes up while it is cut.
+    gate: Option<Gate>,
     boundary: Boundary,
+}
+
+impl LiveStream {
+    /// Waits while the link is cut.
+    async fn healed(&mut self) {
+        if let Some(gate) = &mut self.gate {
+            gate.healed().await;
+        }
+    }
+
+    fn is_cut(&self) -> bool {
+        self.gate.as_ref().is_some_and(Gate::is_cut)
+    }
 }
 
 /// What the operating system said of a socket.
@@ -209,7 +302,11 @@ impl Read for LiveStream {
             return Ok(0);
         }
         loop {
+            self.healed().await;
             self.tcp.readable().await.map_err(SocketError)?;
+            if self.is_cut() {
+                continue;
+            }
             match self.tcp.try_read(buf) {
                 Ok(taken) => {
                     if taken > 0 && !self.heard {
@@ -235,7 +332,11 @@ impl Write for LiveStream {
             return Ok(0);
         }
         loop {
+            self.healed().await;
             self.tcp.writable().await.map_err(SocketError)?;
+            if self.is_cut() {
+                continue;
+            }
             match self.tcp.try_write(buf) {
                 Ok(written) => {
                     self.boundary.advance(&buf[..written]);
@@ -257,82 +358,14 @@ impl Drop for LiveStream {
         if self.heard && self.counted {
             self.shared.connected.set(self.shared.connected.get() - 1);
         }
-        if self.shared.leaving.get() && self.heard && self.boundary.is_between() {
+        if let Some(gate) = self.gate.as_ref().filter(|gate| gate.is_cut()) {
+            gate.keep(Rc::clone(&self.tcp));
+            return;
+        }
+        let says = self.heard && self.boundary.is_between();
+        if self.shared.leaving.get() && says {
             // A socket that takes no nine bytes now is one the broker finds closed.
             let _ = self.tcp.try_write(&GOODBYE);
-        }
-    }
-}
-
-/// Where in the stream of MQTT packets a connection stands (section 2.1 of the standard).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Boundary {
-    /// Between two packets.
-    #[default]
-    Between,
-    /// In the length of a packet: what is known of it, and how many bits.
-    Length(usize, u32),
-    /// So many bytes before the end of a packet.
-    Within(usize),
-}
-
-impl Boundary {
-    fn is_between(self) -> bool {
-        self == Self::Between
-    }
-
-    fn advance(&mut self, mut bytes: &[u8]) {
-        while let Some((&byte, rest)) = bytes.split_first() {
-            *self = match *self {
-                Self::Between => Self::Length(0, 0),
-                Self::Length(value, bits) => {
-                    let value = value | usize::from(byte & 0x7F) << bits;
-                    if byte & 0x80 != 0 && bits < 21 {
-                        Self::Length(value, bits + 7)
-                    } else if value == 0 {
-                        Self::Between
-                    } else {
-                        Self::Within(value)
-                    }
-                }
-                Self::Within(left) => {
-                    let part = left.min(bytes.len());
-                    bytes = &bytes[part..];
-                    *self = if part == left {
-                        Self::Between
-                    } else {
-                        Self::Within(left - part)
-                    };
-                    continue;
-                }
-            };
-            bytes = rest;
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn packet_boundaries_are_found_however_the_bytes_are_split() {
-        let mut stream = vec![0xC0, 0];
-        stream.extend([0x30, 3, 1, 2, 3]);
-        let long = stream.len();
-        stream.extend([0x30, 0xC8, 0x01]);
-        stream.extend([9; 200]);
-        let ends = [2, long, stream.len()];
-        for split in 1..stream.len() {
-            let mut boundary = Boundary::default();
-            boundary.advance(&stream[..split]);
-            assert_eq!(
-                boundary.is_between(),
-                ends.contains(&split),
-                "after {split}"
-            );
-            boundary.advance(&stream[split..]);
-            assert!(boundary.is_between());
         }
     }
 }

@@ -5,10 +5,12 @@
 //! holds up everything behind it until it is sent again, and a partition holds up everything
 //! until it heals. All of it is drawn from the seed.
 
+mod exchange;
 mod model;
 mod packet;
 mod peer;
 mod pipe;
+mod radio;
 mod state;
 mod stream;
 #[cfg(test)]
@@ -17,23 +19,25 @@ mod tests;
 use std::cell::RefCell;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use std::future::poll_fn;
 use std::rc::Rc;
-use std::task::Poll;
 
-use crawler_hal::{Clock, Duration, Instant};
-use embassy_futures::select::select;
+use crawler_hal::{Clock, Duration};
 use rand_pcg::Pcg32;
 
+pub(crate) use exchange::News;
 pub use model::{Cut, LinkModel};
 pub use packet::PacketError;
 pub use peer::{Origin, PeerFault, PeerStatistics, Published};
+#[cfg(feature = "live")]
+pub(crate) use pipe::{HELD, Pipe};
 pub use stream::{
     ConnectionReset, LockstepMonitor, LockstepNetwork, LockstepStream, NO_ADDRESS_AFTER,
     PASSWORD_REFUSED_AFTER,
 };
 
+use crate::net::radio::{Medium, Reach, Setup};
 use crate::sched::SimClock;
+use crate::world::RadioFigures;
 use packet::Publication;
 use peer::{Output, Peer};
 use state::{Event, Link, State, TimeService};
@@ -50,43 +54,66 @@ pub struct Air {
 }
 
 impl Air {
-    /// A network without robots, in the time of `clock`.
+    /// A network without robots, in the time of `clock`, that costs what `model` says wherever
+    /// they are.
     #[must_use]
     pub fn new(model: LinkModel, seed: u64, clock: &SimClock) -> Self {
+        let setup = Setup {
+            link: model,
+            radio: None,
+            figures: RadioFigures::default(),
+            seed,
+        };
+        Self::with_radio(&setup, clock)
+    }
+
+    /// A network without robots, in the time of `clock`, over a radio.
+    #[must_use]
+    pub fn with_radio(setup: &Setup, clock: &SimClock) -> Self {
         Self {
             state: Rc::new(RefCell::new(State {
-                model,
+                model: setup.link,
+                radio: setup
+                    .radio
+                    .as_ref()
+                    .map(|radio| Medium::new(setup, radio.clone())),
                 links: Vec::new(),
                 connections: Vec::new(),
+                vacant: 0,
                 peer: Peer::new(),
                 events: BinaryHeap::new(),
                 arrivals: 0,
                 opened: 0,
-                armed: 0,
-                kick: None,
                 time: None,
+                inbox: Vec::new(),
+                airtime: Vec::new(),
+                news: News::default(),
                 scratch: Vec::new(),
             })),
             clock: clock.world(),
-            seed,
+            seed: setup.seed,
         }
     }
 
-    /// The network interface of one more robot. Its clone for the robot's next boot comes from
-    /// [`Air::rejoin`].
-    #[must_use]
-    pub fn add_link(&self) -> LockstepNetwork {
+    /// Adds the link of one more robot, and returns its number. The robot's network interface
+    /// comes from [`Air::rejoin`], at each of its boots.
+    pub fn add_link(&self) -> usize {
         let mut state = self.state.borrow_mut();
         let link = state.links.len();
         state.links.push(Link {
             cut: Cut::None,
+            reach: Reach::Up,
+            applied: Cut::None,
             rng: Pcg32::new(self.seed ^ 0x6C69_6E6B, link as u64),
             waiting: None,
         });
-        LockstepNetwork::new(self.clone(), link)
+        if let Some(radio) = &mut state.radio {
+            radio.add(link as u32);
+        }
+        link
     }
 
-    /// The network interface of link number `link` for a program that starts anew.
+    /// The network interface of link number `link` for a program that starts.
     #[must_use]
     pub fn rejoin(&self, link: usize) -> LockstepNetwork {
         LockstepNetwork::new(self.clone(), link)
@@ -127,14 +154,16 @@ impl Air {
         self.state.borrow().peer.listens(client, topic)
     }
 
-    /// A fingerprint of every message published so far: when, by whom, where and what.
+    /// A fingerprint of every message that came over this link so far: when, by whom, where and
+    /// what.
     #[must_use]
-    pub fn fingerprint(&self) -> u64 {
-        self.state.borrow().peer.fingerprint()
+    pub fn fingerprint(&self, link: usize) -> u64 {
+        self.state.borrow().peer.fingerprint(link)
     }
 
-    /// Publishes a message from the server's side of the broker.
-    pub fn publish(&self, topic: &str, payload: &[u8], at_least_once: bool, retain: bool) {
+    /// Publishes a message from the server's side of the broker. It is sent on at once, while
+    /// what robots publish reaches other robots with the next physics step.
+    pub(crate) fn publish(&self, topic: &str, payload: &[u8], at_least_once: bool, retain: bool) {
         let now = self.now();
         let state = &mut *self.state.borrow_mut();
         let message = Publication {
@@ -150,7 +179,7 @@ impl Air {
 
     /// Tells the time on `topic` from now on: `epoch_ms` is Unix time at the beginning of the
     /// world.
-    pub fn serve_time(&self, topic: &str, epoch_ms: u64, every: Duration) {
+    pub(crate) fn serve_time(&self, topic: &str, epoch_ms: u64, every: Duration) {
         let now = self.now();
         let state = &mut *self.state.borrow_mut();
         let first = state.time.is_none();
@@ -160,104 +189,62 @@ impl Air {
             epoch_ms,
         });
         if first {
-            state.schedule(now, Event::Time);
+            state.schedule(now, None, Event::Time);
         }
     }
 
     /// Lets only clients in that give this name and password; `None` lets everyone in. Sessions
     /// that are open stay.
-    pub fn require_credentials(&self, credentials: Option<(&str, &str)>) {
+    pub(crate) fn require_credentials(&self, credentials: Option<(&str, &str)>) {
         let credentials = credentials.map(|(name, word)| (name.to_owned(), word.to_owned()));
         self.state.borrow_mut().peer.require(credentials);
     }
 
     /// Cuts or heals a link. Unknown links are ignored.
-    pub fn cut(&self, link: usize, cut: Cut) {
+    pub(crate) fn cut(&self, link: usize, cut: Cut) {
         let now = self.now();
         let state = &mut *self.state.borrow_mut();
         let Some(known) = state.links.get_mut(link) else {
             return;
         };
-        let before = std::mem::replace(&mut known.cut, cut);
-        if let Some(waker) = known.waiting.take() {
-            waker.wake();
-        }
-        if before == Cut::None && cut != Cut::None {
-            for connection in state.connections.iter_mut().flatten() {
-                if connection.link == link {
-                    // The broker reads at once, so whatever is left has not arrived.
-                    connection.up.hold(0);
-                    connection.down.hold(now + 1);
-                }
-            }
-        } else if before != Cut::None && cut == Cut::None {
-            let arrival = now + state.delay(link);
-            for index in 0..state.connections.len() {
-                let Some(connection) = &mut state.connections[index] else {
-                    continue;
-                };
-                if connection.link != link {
-                    continue;
-                }
-                connection.down.release(arrival);
-                let arrives = connection.up.release(arrival);
-                let abandoned = connection.abandoned;
-                if arrives {
-                    state.schedule(arrival, Event::Arrival(index));
-                }
-                if abandoned {
-                    state.schedule(arrival, Event::End(index));
-                }
-            }
-        }
-    }
-
-    /// The network at work: carries what is due and runs the broker. Never returns; the
-    /// simulation runs it as a task.
-    pub(crate) async fn run(self) {
-        loop {
-            let next = self.process();
-            let kicked = poll_fn(|cx| {
-                let mut state = self.state.borrow_mut();
-                if state.armed == 0 {
-                    return Poll::Ready(());
-                }
-                match &mut state.kick {
-                    Some(waker) => waker.clone_from(cx.waker()),
-                    None => state.kick = Some(cx.waker().clone()),
-                }
-                Poll::Pending
-            });
-            select(kicked, self.clock.sleep_until(Instant::from_micros(next))).await;
-        }
+        known.cut = cut;
+        state.relink(now);
+        state.links[link].settle();
     }
 
     fn now(&self) -> u64 {
         self.clock.now().as_micros()
     }
 
-    /// Does what is due; returns when the next thing is.
-    fn process(&self) -> u64 {
+    /// When the network has something to do next, microseconds.
+    pub(crate) fn next_due(&self) -> u64 {
+        let state = self.state.borrow();
+        state
+            .events
+            .peek()
+            .map_or(u64::MAX, |&Reverse((at, ..))| at)
+    }
+
+    /// Does what is due. The simulation calls it when a moment begins, before any program runs:
+    /// whatever programs do then arrives later.
+    pub(crate) fn process(&self) {
         let now = self.now();
         let state = &mut *self.state.borrow_mut();
-        while let Some(&Reverse((at, _, event))) = state.events.peek() {
+        while let Some(&Reverse((at, _, _, event))) = state.events.peek() {
             if at > now {
                 break;
             }
             state.events.pop();
             match event {
-                Event::Arrival(index) => state.arrive(index, now),
-                Event::End(index) => state.end(index, now),
-                Event::Patience(index, serial) => state.check_patience(index, serial, now),
+                Event::Arrival(index) => state.arrive(index as usize, now),
+                Event::End(index) => state.end(index as usize, now),
+                Event::Patience(index, serial) => {
+                    state.check_patience(index as usize, serial, now);
+                }
                 Event::Expiry => state.peer.expire(now),
                 Event::Time => state.tell_time(now),
             }
         }
-        state.armed = state
-            .events
-            .peek()
-            .map_or(u64::MAX, |&Reverse((at, _, _))| at);
-        state.armed
     }
 }
 

@@ -184,3 +184,42 @@ fn a_waiter_that_came_before_the_trigger_is_woken() {
         .expect("infallible");
     assert_eq!(bench.scheduler.now().as_micros(), 5_000 + 10 + 200);
 }
+
+#[test]
+fn a_reader_wakes_once_for_a_whole_reply_and_at_once_for_what_is_there() {
+    let mut bench = Bench::facing(1.0, exact(), 1);
+    let (mut uart, clock) = uart(&mut bench);
+    bench.run(async {
+        let mut reply = [0; 8];
+        uart.write_all(&[0x55]).await.expect("connected");
+        assert_eq!(
+            uart.read(&mut reply[..2]).await,
+            Ok(2),
+            "both bytes at once"
+        );
+        let whole = clock.now();
+        assert_eq!(reply[..2], 1_000_u16.to_be_bytes());
+
+        clock.sleep(Duration::from_millis(100)).await;
+        let asked = clock.now();
+        uart.write_all(&[0x55]).await.expect("connected");
+        assert_eq!(uart.read(&mut reply[..1]).await, Ok(1));
+        let first = clock.now() - asked;
+        assert_eq!(uart.read(&mut reply[1..2]).await, Ok(1));
+        assert_eq!(clock.now() - asked, first + uart::BYTE_TIME);
+        assert_eq!(
+            clock.now() - asked,
+            whole - Instant::BOOT,
+            "as early as the last byte"
+        );
+
+        clock.sleep(Duration::from_millis(100)).await;
+        uart.write_all(&[0x55]).await.expect("connected");
+        clock.sleep(first).await;
+        assert_eq!(
+            uart.read(&mut reply).await,
+            Ok(1),
+            "no waiting for the second"
+        );
+    });
+}

@@ -40,8 +40,9 @@ fn both_wirings_tell_every_distance_to_the_millimetre() {
 #[test]
 fn errors_have_the_size_the_world_says() {
     for (distance_mm, deviation) in [(300.0, 2.6), (1_500.0, 5.0), (4_000.0, 10.0)] {
-        let mut parameters = Parameters::default();
-        parameters.ranger.dropout = 0.0;
+        let mut parameters = exact();
+        parameters.ranger.noise_mm = 2.0;
+        parameters.ranger.noise_share = 0.002;
         let mut bench = Bench::facing(distance_mm * 1e-3, parameters, 11);
         let parts = bench.parts();
         let mut driver = Us100::new(parts.ranger);

@@ -1,6 +1,9 @@
 //! How links behave, and what can be wrong with them.
 
+use rand_core::Rng;
 use serde::{Deserialize, Serialize};
+
+use crate::world::uniform;
 
 /// How a link behaves. All robots of a simulation share one model; their draws differ.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -52,8 +55,28 @@ impl LinkModel {
     }
 }
 
+/// No attempt comes later than this after the one before, milliseconds.
+const LAST_ATTEMPT_MS: f32 = 60_000.0;
+
+impl LinkModel {
+    /// Draws how long a segment takes from one end to the other, in microseconds. `loss` is the
+    /// share of segments that are lost.
+    pub(crate) fn draw(&self, loss: f32, rng: &mut impl Rng) -> u64 {
+        let mut ms = self.latency_ms + self.jitter_ms * uniform(rng);
+        if loss > 0.0 {
+            let mut again = self.retransmit_ms;
+            while uniform(rng) < loss && again < LAST_ATTEMPT_MS {
+                ms += again;
+                again *= 2.0;
+            }
+        }
+        (ms * 1_000.0) as u64
+    }
+}
+
 /// What is wrong with a link.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Cut {
     /// Nothing.
     #[default]
@@ -70,7 +93,7 @@ pub enum Cut {
 
 impl Cut {
     /// Whether the robot can know that it is cut off.
-    pub(super) const fn is_known(self) -> bool {
+    pub(crate) const fn is_known(self) -> bool {
         match self {
             Self::None | Self::Silent => false,
             Self::Radio | Self::Password | Self::NoAddress => true,

@@ -3,6 +3,8 @@
 //! It is the peer of robots, not a broker for the world: exact in what they use, small in what
 //! it keeps, and the same bytes in give the same bytes out.
 
+mod carry;
+mod kept;
 mod report;
 mod routing;
 mod sessions;
@@ -10,11 +12,14 @@ mod sessions;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
+pub(super) use carry::{Carried, FilterChange, sort as sort_carried};
 pub use report::{Origin, PeerFault, PeerStatistics, Published};
 
 use super::packet::{self, Packet};
 use crate::run::Fingerprint;
-use routing::Message;
+use carry::Interest;
+use kept::{Kept, Shapes, Will};
+use routing::Author;
 use sessions::Session;
 
 /// Messages one session may have waiting; more are dropped and counted.
@@ -32,11 +37,19 @@ const KEEP_ALIVE_TIMEOUT: u8 = 0x8D;
 const DISCONNECT_WITH_WILL: u8 = 0x04;
 const NOT_AUTHORIZED: u8 = 0x87;
 
+/// Where a packet comes from.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    pub(super) connection: usize,
+    pub(super) link: usize,
+}
+
 /// What a connection is to the broker.
 #[derive(Debug)]
 pub(super) struct Client {
     session: usize,
-    will: Option<Rc<Message>>,
+    link: usize,
+    will: Option<Will>,
     keep_alive_us: u64,
 }
 
@@ -66,17 +79,26 @@ pub(super) struct Peer {
     sessions: Vec<Option<Session>>,
     by_client: BTreeMap<Rc<str>, usize>,
     /// Sessions subscribed to a filter without wildcards.
-    exact: BTreeMap<String, Vec<usize>>,
+    exact: BTreeMap<Rc<str>, Vec<usize>>,
     /// Sessions with any filter that has wildcards.
     wild: Vec<usize>,
-    retained: BTreeMap<String, Rc<Message>>,
+    retained: BTreeMap<Box<str>, Kept>,
+    /// Of the messages that are retained, and of wills.
+    shapes: Shapes,
     /// Name and password that every client must give.
     credentials: Option<(String, String)>,
     record: VecDeque<Published>,
     record_limit: usize,
     faults: Vec<(Rc<str>, PeerFault)>,
     statistics: PeerStatistics,
-    fingerprint: Fingerprint,
+    /// Of what came over each link.
+    prints: Vec<Fingerprint>,
+    /// What robots published since the last exchange and somebody may want.
+    outbox: Vec<Carried>,
+    /// Numbers the time between two exchanges.
+    window: u64,
+    /// What is subscribed to in other shards of the world; `None` where there are none.
+    abroad: Option<Interest>,
 }
 
 impl Peer {
@@ -87,12 +109,16 @@ impl Peer {
             exact: BTreeMap::new(),
             wild: Vec::new(),
             retained: BTreeMap::new(),
+            shapes: Shapes::default(),
             credentials: None,
             record: VecDeque::new(),
             record_limit: 0,
             faults: Vec::new(),
             statistics: PeerStatistics::default(),
-            fingerprint: Fingerprint::new(),
+            prints: Vec::new(),
+            outbox: Vec::new(),
+            window: 1,
+            abroad: None,
         }
     }
 
@@ -123,15 +149,16 @@ impl Peer {
         self.statistics
     }
 
-    pub(super) fn fingerprint(&self) -> u64 {
-        self.fingerprint.value()
+    pub(super) fn fingerprint(&self, link: usize) -> u64 {
+        let print = self.prints.get(link).copied();
+        print.unwrap_or_default().value()
     }
 
     /// Whether the client is connected and subscribed to `topic` by its exact name.
     pub(super) fn listens(&self, client: &str, topic: &str) -> bool {
         self.by_client.get(client).is_some_and(|&index| {
             self.sessions[index].as_ref().is_some_and(|session| {
-                session.connection.is_some() && session.filters.iter().any(|(f, _)| f == topic)
+                session.connection.is_some() && session.filters.iter().any(|f| *f.text == *topic)
             })
         })
     }
@@ -146,18 +173,19 @@ impl Peer {
         client.keep_alive_us + client.keep_alive_us / 2
     }
 
-    /// Takes in one whole packet from `connection`.
+    /// Takes in one whole packet.
     ///
     /// # Errors
     /// Why the connection must be closed; [`Peer::lost`] is still to be called.
     pub(super) fn receive(
         &mut self,
-        connection: usize,
+        place: Place,
         client: &mut Option<Client>,
         frame: &[u8],
         now: u64,
         out: &mut Output,
     ) -> Result<(), PeerFault> {
+        let connection = place.connection;
         let packet = packet::parse(frame).map_err(PeerFault::Packet)?;
         let Some(known) = client else {
             let Packet::Connect(connect) = packet else {
@@ -167,7 +195,7 @@ impl Peer {
                 packet::write_conn_ack(out.to(connection), false, NOT_AUTHORIZED);
                 return Err(PeerFault::NotAuthorized);
             }
-            *client = Some(self.connect(connection, &connect, now, out));
+            *client = Some(self.connect(place, &connect, now, out));
             return Ok(());
         };
         match packet {
@@ -177,7 +205,10 @@ impl Peer {
                 id,
                 duplicate,
             } => {
-                let from = self.client_of(known.session);
+                let from = Author {
+                    client: self.client_of(known.session),
+                    link: known.link,
+                };
                 let repeated = message.at_least_once
                     && self.is_repeated(known.session, id, duplicate, &message);
                 let origin = if repeated {
@@ -185,7 +216,7 @@ impl Peer {
                 } else {
                     Origin::Client
                 };
-                self.published(&from, &message, origin, now, out);
+                self.published(&from, &message, origin, now);
                 if message.at_least_once {
                     packet::write_pub_ack(out.to(connection), id);
                 }
@@ -215,8 +246,10 @@ impl Peer {
                 reason,
                 session_expiry_s,
             } => {
-                if reason != DISCONNECT_WITH_WILL {
-                    known.will = None;
+                if reason != DISCONNECT_WITH_WILL
+                    && let Some(will) = known.will.take()
+                {
+                    self.shapes.release(will.kept);
                 }
                 if let (Some(expiry), Some(session)) =
                     (session_expiry_s, &mut self.sessions[known.session])

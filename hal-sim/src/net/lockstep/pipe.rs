@@ -4,30 +4,30 @@ use std::collections::VecDeque;
 use std::task::Waker;
 
 /// Never, while the link is cut.
-pub(super) const HELD: u64 = u64::MAX;
+pub(crate) const HELD: u64 = u64::MAX;
 
 /// A stream of bytes under way.
 #[derive(Debug, Default)]
-pub(super) struct Pipe {
+pub(crate) struct Pipe {
     bytes: VecDeque<u8>,
     /// Time of arrival and length of what was written at once, in order.
     segments: VecDeque<(u64, usize)>,
     /// When the newest segment arrives: nothing overtakes.
     last: u64,
     /// Nothing more will be written.
-    pub(super) ended: bool,
-    pub(super) reader: Option<Waker>,
-    pub(super) writer: Option<Waker>,
+    pub(crate) ended: bool,
+    pub(crate) reader: Option<Waker>,
+    pub(crate) writer: Option<Waker>,
 }
 
 impl Pipe {
     /// Bytes under way or waiting to be read.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.bytes.len()
     }
 
     /// Sends `bytes`, to arrive at `arrival` or when all before has arrived. Returns when.
-    pub(super) fn write(&mut self, bytes: &[u8], arrival: u64) -> u64 {
+    pub(crate) fn write(&mut self, bytes: &[u8], arrival: u64) -> u64 {
         self.last = self.last.max(arrival);
         self.bytes.extend(bytes);
         match self.segments.back_mut() {
@@ -39,17 +39,17 @@ impl Pipe {
     }
 
     /// When the newest byte arrives.
-    pub(super) fn last(&self) -> u64 {
+    pub(crate) fn last(&self) -> u64 {
         self.last
     }
 
     /// When the next byte arrives.
-    pub(super) fn next_arrival(&self) -> Option<u64> {
+    pub(crate) fn next_arrival(&self) -> Option<u64> {
         self.segments.front().map(|&(at, _)| at)
     }
 
     /// Moves what has arrived into `buf`; returns how much.
-    pub(super) fn read(&mut self, now: u64, buf: &mut [u8]) -> usize {
+    pub(crate) fn read(&mut self, now: u64, buf: &mut [u8]) -> usize {
         let mut taken = 0;
         while taken < buf.len() {
             let Some((_, len)) = self.segments.front_mut().filter(|(at, _)| *at <= now) else {
@@ -67,6 +67,7 @@ impl Pipe {
                 self.segments.pop_front();
             }
         }
+        self.give_back();
         if taken > 0 {
             wake(&mut self.writer);
         }
@@ -74,7 +75,7 @@ impl Pipe {
     }
 
     /// Moves all that has arrived to the end of `out`.
-    pub(super) fn read_to(&mut self, now: u64, out: &mut Vec<u8>) {
+    pub(crate) fn read_to(&mut self, now: u64, out: &mut Vec<u8>) {
         let mut len = 0;
         while let Some(&(at, part)) = self.segments.front() {
             if at > now {
@@ -89,12 +90,21 @@ impl Pipe {
             out.extend_from_slice(&front[..part]);
             out.extend_from_slice(&back[..len - part]);
             self.bytes.drain(..len);
+            self.give_back();
             wake(&mut self.writer);
         }
     }
 
+    /// Most pipes are empty most of the time, and a fleet has two for each robot.
+    fn give_back(&mut self) {
+        if self.bytes.is_empty() && self.bytes.capacity() > 0 {
+            self.bytes = VecDeque::new();
+            self.segments = VecDeque::new();
+        }
+    }
+
     /// What would arrive at `from` or later does not until [`Pipe::release`].
-    pub(super) fn hold(&mut self, from: u64) {
+    pub(crate) fn hold(&mut self, from: u64) {
         for (at, _) in &mut self.segments {
             if *at >= from {
                 *at = HELD;
@@ -106,7 +116,7 @@ impl Pipe {
     }
 
     /// What was held arrives at `arrival`. Returns whether there is any.
-    pub(super) fn release(&mut self, arrival: u64) -> bool {
+    pub(crate) fn release(&mut self, arrival: u64) -> bool {
         let mut any = false;
         for (at, _) in &mut self.segments {
             if *at == HELD {
@@ -122,7 +132,7 @@ impl Pipe {
     }
 
     /// Ends the stream, and tells both ends.
-    pub(super) fn end(&mut self) {
+    pub(crate) fn end(&mut self) {
         self.ended = true;
         wake(&mut self.reader);
         wake(&mut self.writer);

@@ -4,13 +4,13 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::task::Waker;
 
-use rand_core::Rng;
 use rand_pcg::Pcg32;
 
 use super::packet::{self, Publication};
-use super::peer::{Client, Output, Peer, PeerFault};
+use super::peer::{Carried, Client, Output, Peer, PeerFault, Place};
 use super::pipe::{HELD, Pipe};
-use super::{Cut, LinkModel};
+use super::{Cut, LinkModel, News};
+use crate::net::radio::{Airtime, Direction, Medium, Reach};
 
 /// Bytes the broker may have under way to a robot before it gives the connection up.
 const MAX_BACKLOG: usize = 256 * 1024;
@@ -18,17 +18,29 @@ const MAX_BACKLOG: usize = 256 * 1024;
 /// One robot's way to the broker.
 #[derive(Debug)]
 pub(super) struct Link {
+    /// What was done to it.
     pub(super) cut: Cut,
+    /// What the radio makes of it.
+    pub(super) reach: Reach,
+    /// The sum of both that its connections have felt.
+    pub(super) applied: Cut,
     pub(super) rng: Pcg32,
     /// Woken when the link heals.
     pub(super) waiting: Option<Waker>,
+}
+
+impl Link {
+    /// What is wrong with it, all in all.
+    pub(super) const fn state(&self) -> Cut {
+        self.reach.and(self.cut)
+    }
 }
 
 /// What became of the robot's end of a connection.
 #[derive(Debug)]
 pub(super) struct Connection {
     /// Tells it from an earlier one in the same place.
-    serial: u64,
+    serial: u32,
     pub(super) link: usize,
     pub(super) up: Pipe,
     pub(super) down: Pipe,
@@ -43,15 +55,16 @@ pub(super) struct Connection {
     pub(super) closed: bool,
 }
 
-/// Something the network does by itself, in order of time and then of cause.
+/// Something the network does by itself, in order of time and then of cause. Connections are told
+/// by their place; there are some of these for each robot, so they are kept small.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Event {
     /// Bytes of this connection arrive at the broker.
-    Arrival(usize),
+    Arrival(u32),
     /// The end of this connection arrives at the broker.
-    End(usize),
+    End(u32),
     /// The broker looks whether this connection is still alive.
-    Patience(usize, u64),
+    Patience(u32, u32),
     /// The broker looks for sessions that ended.
     Expiry,
     /// The server tells the time.
@@ -60,18 +73,25 @@ pub(super) enum Event {
 
 pub(super) struct State {
     pub(super) model: LinkModel,
+    pub(super) radio: Option<Medium>,
     pub(super) links: Vec<Link>,
     pub(super) connections: Vec<Option<Connection>>,
+    /// How many of these are none.
+    pub(super) vacant: usize,
     pub(super) peer: Peer,
-    pub(super) events: BinaryHeap<Reverse<(u64, u64, Event)>>,
+    /// By time, then by link, those of no link first, then by order of arrival: so what happens
+    /// to one link does not depend on which others there are.
+    pub(super) events: BinaryHeap<Reverse<(u64, u32, u64, Event)>>,
     pub(super) arrivals: u64,
     /// Connections ever opened.
-    pub(super) opened: u64,
-    /// When the network task is going to wake.
-    pub(super) armed: u64,
-    /// Wakes the network task when something is to happen earlier.
-    pub(super) kick: Option<Waker>,
+    pub(super) opened: u32,
     pub(super) time: Option<TimeService>,
+    /// What robots published and is to be handed on.
+    pub(super) inbox: Vec<Carried>,
+    /// What each radio channel saw in the window that has just ended.
+    pub(super) airtime: Vec<Airtime>,
+    /// Room for a report, kept from step to step.
+    pub(super) news: News,
     /// For reading packets out of a connection while it is borrowed.
     pub(super) scratch: Vec<u8>,
 }
@@ -83,43 +103,86 @@ pub(super) struct TimeService {
 }
 
 impl State {
-    pub(super) fn schedule(&mut self, at: u64, event: Event) {
-        self.events.push(Reverse((at, self.arrivals, event)));
+    pub(super) fn schedule(&mut self, at: u64, link: Option<usize>, event: Event) {
+        let link = link.map_or(0, |link| link as u32 + 1);
+        self.events.push(Reverse((at, link, self.arrivals, event)));
         self.arrivals += 1;
-        if at < self.armed {
-            self.armed = 0;
-            if let Some(waker) = self.kick.take() {
-                waker.wake();
-            }
-        }
     }
 
-    /// Draws how long one segment takes.
-    pub(super) fn delay(&mut self, link: usize) -> u64 {
-        let model = self.model;
+    /// Draws when `len` bytes sent now arrive.
+    fn transit(&mut self, link: usize, direction: Direction, len: usize, now: u64) -> u64 {
         let rng = &mut self.links[link].rng;
-        let mut draw = || (rng.next_u32() >> 8) as f32 * (1.0 / 16_777_216.0);
-        let mut ms = model.latency_ms + model.jitter_ms * draw();
-        if model.loss > 0.0 {
-            let mut again = model.retransmit_ms;
-            while draw() < model.loss && again < 60_000.0 {
-                ms += again;
-                again *= 2.0;
-            }
-        }
-        (ms * 1_000.0) as u64
+        let Some(radio) = &mut self.radio else {
+            return now + self.model.draw(self.model.loss, rng);
+        };
+        let sent = radio.send(link, direction, len, now);
+        sent + self.model.draw(radio.loss(link), rng) + radio.spike(rng)
     }
 
-    pub(super) fn arrival(&mut self, link: usize, now: u64) -> u64 {
-        if self.links[link].cut == Cut::None {
-            now + self.delay(link)
+    /// Draws how long something as short as a handshake takes.
+    pub(super) fn delay(&mut self, link: usize, now: u64) -> u64 {
+        self.transit(link, Direction::Up, 0, now) - now
+    }
+
+    /// When `len` bytes sent now arrive, if they do.
+    pub(super) fn arrival(
+        &mut self,
+        link: usize,
+        direction: Direction,
+        len: usize,
+        now: u64,
+    ) -> u64 {
+        if self.links[link].state() == Cut::None {
+            self.transit(link, direction, len, now)
         } else {
             HELD
         }
     }
 
+    /// Holds up what is under way on links that have been cut, and lets go what was on those that
+    /// have healed.
+    pub(super) fn relink(&mut self, now: u64) {
+        let mut changed: Vec<(usize, u32, usize)> = Vec::new();
+        for (index, connection) in self.connections.iter().enumerate() {
+            if let Some(connection) = connection {
+                let link = &self.links[connection.link];
+                if (link.applied == Cut::None) != (link.state() == Cut::None) {
+                    changed.push((connection.link, connection.serial, index));
+                }
+            }
+        }
+        // Which place a connection has depends on those of other links. Its age does not.
+        changed.sort_unstable();
+        for (_, _, index) in changed {
+            let Some(connection) = &mut self.connections[index] else {
+                continue;
+            };
+            let was = self.links[connection.link].applied == Cut::None;
+            if was {
+                // The broker reads at once, so whatever is left has not arrived.
+                connection.up.hold(0);
+                connection.down.hold(now + 1);
+                continue;
+            }
+            let (link, abandoned) = (connection.link, connection.abandoned);
+            let (up, down) = (connection.up.len(), connection.down.len());
+            let later = self.transit(link, Direction::Down, down, now);
+            let arrival = self.transit(link, Direction::Up, up, now);
+            let Some(connection) = &mut self.connections[index] else {
+                continue;
+            };
+            connection.down.release(later);
+            if connection.up.release(arrival) {
+                self.schedule(arrival, Some(link), Event::Arrival(index as u32));
+            }
+            if abandoned {
+                self.schedule(arrival, Some(link), Event::End(index as u32));
+            }
+        }
+    }
+
     pub(super) fn open(&mut self, link: usize, now: u64) -> usize {
-        self.opened += 1;
+        self.opened = self.opened.wrapping_add(1);
         let connection = Connection {
             serial: self.opened,
             link,
@@ -131,10 +194,15 @@ impl State {
             abandoned: false,
             closed: false,
         };
-        let vacant = self.connections.iter().position(Option::is_none);
-        let index = vacant.unwrap_or(self.connections.len());
-        if vacant.is_none() {
+        let mut index = self.connections.len();
+        if self.vacant > 0 {
+            let vacant = self.connections.iter().position(Option::is_none);
+            index = vacant.unwrap_or(index);
+        }
+        if index == self.connections.len() {
             self.connections.push(None);
+        } else {
+            self.vacant -= 1;
         }
         self.connections[index] = Some(connection);
         index
@@ -145,17 +213,19 @@ impl State {
         let Some(Some(connection)) = self.connections.get_mut(index) else {
             return;
         };
-        if connection.closed || self.links[connection.link].cut != Cut::None {
+        if connection.closed || self.links[connection.link].state() != Cut::None {
             return;
         }
-        let before = connection.pending.len();
-        connection.up.read_to(now, &mut connection.pending);
-        if connection.pending.len() == before {
+        let link = connection.link;
+        let mut bytes = std::mem::take(&mut self.scratch);
+        bytes.append(&mut connection.pending);
+        let before = bytes.len();
+        connection.up.read_to(now, &mut bytes);
+        if bytes.len() == before {
+            connection.pending = bytes;
             return;
         }
         connection.heard = now;
-        let mut bytes = std::mem::take(&mut self.scratch);
-        std::mem::swap(&mut bytes, &mut connection.pending);
         let mut client = connection.client.take();
         let greeted = client.is_some();
         let mut out = Output::default();
@@ -164,7 +234,11 @@ impl State {
             match packet::frame_len(&bytes[used..]) {
                 Ok(Some(len)) if len <= bytes.len() - used => {
                     let frame = &bytes[used..used + len];
-                    let result = self.peer.receive(index, &mut client, frame, now, &mut out);
+                    let from = Place {
+                        connection: index,
+                        link,
+                    };
+                    let result = self.peer.receive(from, &mut client, frame, now, &mut out);
                     used += len;
                     if let Err(fault) = result {
                         break Some(fault);
@@ -178,7 +252,8 @@ impl State {
             }
         };
         if let Some(Some(connection)) = self.connections.get_mut(index) {
-            connection.pending.extend_from_slice(&bytes[used..]);
+            // Packets seldom arrive in parts, so that this is nothing and takes no memory.
+            connection.pending = bytes[used..].to_vec();
             connection.client = client;
         }
         bytes.clear();
@@ -198,13 +273,18 @@ impl State {
             && let Some(client) = &connection.client
         {
             let (patience, serial) = (Peer::patience(client), connection.serial);
+            let link = connection.link;
             if patience > 0 {
-                self.schedule(now + patience, Event::Patience(index, serial));
+                self.schedule(
+                    now + patience,
+                    Some(link),
+                    Event::Patience(index as u32, serial),
+                );
             }
         }
     }
 
-    pub(super) fn check_patience(&mut self, index: usize, serial: u64, now: u64) {
+    pub(super) fn check_patience(&mut self, index: usize, serial: u32, now: u64) {
         let Some(Some(connection)) = self.connections.get(index) else {
             return;
         };
@@ -216,7 +296,8 @@ impl State {
         };
         let due = connection.heard + Peer::patience(client);
         if due > now {
-            self.schedule(due, Event::Patience(index, serial));
+            let link = connection.link;
+            self.schedule(due, Some(link), Event::Patience(index as u32, serial));
             return;
         }
         let mut out = Output::default();
@@ -234,8 +315,8 @@ impl State {
 
     /// Sends what the broker wants sent, and closes what it wants closed.
     pub(super) fn carry_out(&mut self, mut out: Output, now: u64) {
-        // A will may be due to someone, whose answer is bytes only: two rounds at the very most
-        // for each connection that closes, and every round closes at least one.
+        // A client that reads too slowly is closed, and told so: every round but the last closes
+        // a connection.
         loop {
             for (index, bytes) in std::mem::take(&mut out.bytes) {
                 let Some(Some(connection)) = self.connections.get(index) else {
@@ -249,7 +330,7 @@ impl State {
                     self.fail(index, PeerFault::TooSlow, &mut out);
                     continue;
                 }
-                let arrival = self.arrival(link, now);
+                let arrival = self.arrival(link, Direction::Down, bytes.len(), now);
                 if let Some(Some(connection)) = self.connections.get_mut(index) {
                     connection.down.write(&bytes, arrival);
                 }
@@ -258,12 +339,17 @@ impl State {
                 return;
             }
             for index in std::mem::take(&mut out.close) {
-                self.close(index, now, &mut out);
+                self.close(index, now);
             }
         }
     }
 
-    fn close(&mut self, index: usize, now: u64, out: &mut Output) {
+    fn vacate(&mut self, index: usize) {
+        self.connections[index] = None;
+        self.vacant += 1;
+    }
+
+    fn close(&mut self, index: usize, now: u64) {
         let Some(Some(connection)) = self.connections.get_mut(index) else {
             return;
         };
@@ -273,21 +359,22 @@ impl State {
         connection.closed = true;
         connection.up.end();
         connection.down.end();
+        let link = connection.link;
         let client = connection.client.take();
         if connection.abandoned {
-            self.connections[index] = None;
+            self.vacate(index);
         }
         if let Some(client) = client
-            && let Some(expires) = self.peer.lost(index, client, now, out)
+            && let Some(expires) = self.peer.lost(index, client, now)
         {
-            self.schedule(expires.max(now + 1), Event::Expiry);
+            self.schedule(expires.max(now + 1), Some(link), Event::Expiry);
         }
     }
 
     /// The end of the robot's stream reaches the broker.
     pub(super) fn end(&mut self, index: usize, now: u64) {
         let gone = matches!(self.connections.get(index), Some(Some(connection))
-            if connection.abandoned && self.links[connection.link].cut == Cut::None);
+            if connection.abandoned && self.links[connection.link].state() == Cut::None);
         if gone {
             let mut out = Output::default();
             out.close.push(index);
@@ -304,15 +391,15 @@ impl State {
         connection.up.reader = None;
         connection.up.writer = None;
         if connection.closed {
-            self.connections[index] = None;
+            self.vacate(index);
             return;
         }
         let link = connection.link;
         let last = connection.up.next_arrival().map(|_| connection.up.last());
-        if self.links[link].cut == Cut::None {
+        if self.links[link].state() == Cut::None {
             // The end of the stream does not overtake its bytes.
-            let arrival = (now + self.delay(link)).max(last.unwrap_or(0));
-            self.schedule(arrival, Event::End(index));
+            let arrival = (now + self.delay(link, now)).max(last.unwrap_or(0));
+            self.schedule(arrival, Some(link), Event::End(index as u32));
         }
     }
 
@@ -331,6 +418,6 @@ impl State {
         let mut out = Output::default();
         self.peer.route(&message, &mut out);
         self.carry_out(out, now);
-        self.schedule(next, Event::Time);
+        self.schedule(next, None, Event::Time);
     }
 }

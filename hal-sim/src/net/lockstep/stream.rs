@@ -9,6 +9,7 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use super::pipe::HELD;
 use super::{Air, Cut, Event, SEND_BUFFER};
+use crate::net::radio::Direction;
 
 /// What four failed handshakes take.
 pub const PASSWORD_REFUSED_AFTER: Duration = Duration::from_millis(1_500);
@@ -27,7 +28,7 @@ impl LockstepNetwork {
         Self { air, link }
     }
 
-    /// Number of the link, for [`Air::cut`] and [`Air::rejoin`].
+    /// Number of the link, for `Air::cut` and `Air::rejoin`.
     #[must_use]
     pub const fn link(&self) -> usize {
         self.link
@@ -36,7 +37,7 @@ impl LockstepNetwork {
     async fn healed(&self, unless: impl Fn(Cut) -> bool) {
         poll_fn(|cx| {
             let link = &mut self.air.state.borrow_mut().links[self.link];
-            if unless(link.cut) {
+            if unless(link.state()) {
                 return Poll::Ready(());
             }
             link.waiting = Some(cx.waker().clone());
@@ -61,7 +62,7 @@ impl Network for LockstepNetwork {
     /// [`PASSWORD_REFUSED_AFTER`], silence instead of an address [`NO_ADDRESS_AFTER`].
     async fn join(&mut self) -> Result<(), NetError> {
         self.healed(|cut| cut != Cut::Radio).await;
-        let cut = self.air.state.borrow().links[self.link].cut;
+        let cut = self.air.state.borrow().links[self.link].state();
         let (after, error) = match cut {
             Cut::None | Cut::Silent | Cut::Radio => return Ok(()),
             Cut::Password => (PASSWORD_REFUSED_AFTER, NetError::BadCredentials),
@@ -76,7 +77,8 @@ impl Network for LockstepNetwork {
     async fn connect(&mut self, _host: &str, _port: u16) -> Result<LockstepStream, NetError> {
         for _ in 0..2 {
             self.healed(|cut| cut == Cut::None).await;
-            let delay = self.air.state.borrow_mut().delay(self.link);
+            let now = self.air.now();
+            let delay = self.air.state.borrow_mut().delay(self.link, now);
             self.air.clock.sleep(Duration::from_micros(delay)).await;
         }
         let index = {
@@ -100,13 +102,16 @@ pub struct LockstepMonitor {
 impl LinkMonitor for LockstepMonitor {
     fn state(&self) -> LinkState {
         let state = self.air.state.borrow();
-        if state.links[self.link].cut.is_known() {
+        if state.links[self.link].state().is_known() {
             return LinkState::Down;
         }
         let host = self.link as u32 + 1;
         LinkState::Up {
             address: IpAddr::V4(Ipv4Addr::from_bits(0x0A00_0000 | (host & 0x00FF_FFFF))),
-            rssi_dbm: Some(state.model.rssi_dbm),
+            rssi_dbm: Some(match &state.radio {
+                Some(radio) => radio.rssi_dbm(self.link),
+                None => state.model.rssi_dbm,
+            }),
         }
     }
 }
@@ -205,11 +210,11 @@ impl Write for LockstepStream {
             }
             let link = connection.link;
             let len = room.min(buf.len());
-            let arrival = state.arrival(link, now);
+            let arrival = state.arrival(link, Direction::Up, len, now);
             if let Some(Some(connection)) = state.connections.get_mut(self.index) {
                 let arrival = connection.up.write(&buf[..len], arrival);
                 if arrival != HELD {
-                    state.schedule(arrival, Event::Arrival(self.index));
+                    state.schedule(arrival, Some(link), Event::Arrival(self.index as u32));
                 }
             }
             Poll::Ready(Ok(len))

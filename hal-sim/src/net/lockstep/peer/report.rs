@@ -88,3 +88,21 @@ pub struct PeerStatistics {
     /// Connections that the broker closed for a fault.
     pub faults: u64,
 }
+
+impl PeerStatistics {
+    /// Adds those of the broker of another shard.
+    pub(crate) fn add(&mut self, other: &Self) {
+        let Self {
+            received,
+            sent,
+            dropped,
+            unrecorded,
+            faults,
+        } = other;
+        self.received += received;
+        self.sent += sent;
+        self.dropped += dropped;
+        self.unrecorded += unrecorded;
+        self.faults += faults;
+    }
+}

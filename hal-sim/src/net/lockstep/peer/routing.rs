@@ -1,12 +1,16 @@
 //! Which message goes to whom: subscriptions, retained messages and queues.
 
 use std::rc::Rc;
+use std::sync::Arc;
 
 use crawler_hal::Instant;
 
+use super::kept::Kept;
+use super::sessions::Session;
 use super::{Client, Origin, Output, Peer, PeerFault, Published};
 use super::{MAX_FILTERS, MAX_QUEUED, MAX_RETAINED};
 use crate::net::lockstep::packet::{self, Publication};
+use crate::run::Fingerprint;
 
 /// Reason code of MQTT 5, section 2.4.
 const QUOTA_EXCEEDED: u8 = 0x97;
@@ -20,7 +24,42 @@ pub(super) struct Message {
     pub(super) retain: bool,
 }
 
+/// Who published a message.
+#[derive(Debug)]
+pub(super) struct Author {
+    pub(super) client: Rc<str>,
+    pub(super) link: usize,
+}
+
+/// A subscription.
+#[derive(Debug)]
+pub(super) struct Filter {
+    pub(super) text: Rc<str>,
+    /// Whether it grants QoS 1.
+    pub(super) at_least_once: bool,
+    /// The window in which it began.
+    since: u64,
+}
+
+impl Session {
+    /// Whether it is subscribed to a topic.
+    pub(super) fn wants(&self, topic: &str) -> bool {
+        let mut filters = self.filters.iter();
+        filters.any(|filter| packet::matches(&filter.text, topic))
+    }
+
+    /// Whether it was subscribed to a topic when `window` began.
+    pub(super) fn wanted_before(&self, topic: &str, window: u64) -> bool {
+        let mut filters = self.filters.iter().filter(|filter| filter.since < window);
+        filters.any(|filter| packet::matches(&filter.text, topic))
+    }
+}
+
 impl Message {
+    pub(super) fn topic(&self) -> &str {
+        &self.topic
+    }
+
     pub(super) fn of(publication: &Publication<'_>) -> Self {
         Self {
             topic: publication.topic.to_owned(),
@@ -42,10 +81,11 @@ impl Message {
 
 impl Peer {
     pub(super) fn forget_filter(&mut self, session: usize, filter: &str) {
+        self.tell_abroad(filter, false);
         if filter.contains(['+', '#']) {
             let still = self.sessions[session]
                 .as_ref()
-                .is_some_and(|s| s.filters.iter().any(|(f, _)| f.contains(['+', '#'])));
+                .is_some_and(|s| s.filters.iter().any(|f| f.text.contains(['+', '#'])));
             if !still {
                 self.wild.retain(|&s| s != session);
             }
@@ -72,18 +112,27 @@ impl Peer {
                 return Err(PeerFault::Order);
             };
             let at_least_once = options & 3 > 0;
-            let known = session.filters.iter().position(|(f, _)| f == filter);
+            let known = session.filters.iter().position(|f| *f.text == *filter);
             let is_new = known.is_none();
             match known {
-                Some(place) => session.filters[place].1 = at_least_once,
+                Some(place) => session.filters[place].at_least_once = at_least_once,
                 None if session.filters.len() == MAX_FILTERS => {
                     packet::write_disconnect(out.to(connection), QUOTA_EXCEEDED);
                     return Err(PeerFault::Quota);
                 }
-                None => session.filters.push((filter.to_owned(), at_least_once)),
-            }
-            if is_new {
-                self.note_filter(client.session, filter);
+                None => {
+                    // Most filters are those of others too.
+                    let known = self.exact.get_key_value(filter);
+                    let text = known.map_or_else(|| Rc::from(filter), |(text, _)| Rc::clone(text));
+                    // There are as many robots as there are few filters of each.
+                    session.filters.reserve_exact(1);
+                    session.filters.push(Filter {
+                        text: Rc::clone(&text),
+                        at_least_once,
+                        since: self.window,
+                    });
+                    self.note_filter(client.session, &text);
+                }
             }
             codes.push(u8::from(at_least_once));
             // Retain handling: 0 always, 1 when the subscription is new, 2 never.
@@ -93,7 +142,7 @@ impl Peer {
                     self.retained
                         .iter()
                         .filter(|(topic, _)| packet::matches(filter, topic))
-                        .map(|(_, message)| Rc::clone(message)),
+                        .map(|(topic, kept)| Arc::new(kept.message(topic))),
                 );
             }
         }
@@ -104,12 +153,17 @@ impl Peer {
         Ok(())
     }
 
-    fn note_filter(&mut self, session: usize, filter: &str) {
+    fn note_filter(&mut self, session: usize, filter: &Rc<str>) {
+        self.tell_abroad(filter, true);
         let list = if filter.contains(['+', '#']) {
             &mut self.wild
         } else {
-            self.exact.entry(filter.to_owned()).or_default()
+            self.exact.entry(Rc::clone(filter)).or_default()
         };
+        if list.is_empty() {
+            // Most of what robots are subscribed to is theirs alone.
+            list.reserve_exact(1);
+        }
         if let Err(place) = list.binary_search(&session) {
             list.insert(place, session);
         }
@@ -120,7 +174,7 @@ impl Peer {
             return false;
         };
         let before = known.filters.len();
-        known.filters.retain(|(f, _)| f != filter);
+        known.filters.retain(|f| *f.text != *filter);
         let removed = known.filters.len() < before;
         if removed {
             self.forget_filter(session, filter);
@@ -131,21 +185,24 @@ impl Peer {
     /// A message from a client.
     pub(super) fn published(
         &mut self,
-        from: &Rc<str>,
+        from: &Author,
         message: &Publication<'_>,
         origin: Origin,
         now: u64,
-        out: &mut Output,
     ) {
         self.statistics.received += 1;
-        self.fingerprint.word(now);
-        self.fingerprint.bytes(from.as_bytes());
-        self.fingerprint.bytes(message.topic.as_bytes());
-        self.fingerprint.bytes(message.payload);
+        if self.prints.len() <= from.link {
+            self.prints.resize(from.link + 1, Fingerprint::new());
+        }
+        let print = &mut self.prints[from.link];
+        print.word(now);
+        print.bytes(from.client.as_bytes());
+        print.bytes(message.topic.as_bytes());
+        print.bytes(message.payload);
         if self.record.len() < self.record_limit {
             self.record.push_back(Published {
                 at: Instant::from_micros(now),
-                client: Rc::clone(from),
+                client: Rc::clone(&from.client),
                 topic: message.topic.to_owned(),
                 payload: message.payload.to_owned(),
                 at_least_once: message.at_least_once,
@@ -155,57 +212,77 @@ impl Peer {
         } else {
             self.statistics.unrecorded += 1;
         }
-        self.route(message, out);
+        self.carry(from, message, now);
     }
 
-    /// Sends a message to whoever subscribed to it, and keeps it when it is retained.
+    /// Sends a message of the server to whoever subscribed to it, and keeps it when it is
+    /// retained.
     pub(in crate::net::lockstep) fn route(&mut self, message: &Publication<'_>, out: &mut Output) {
-        let mut shared = None;
         if message.retain {
-            if message.payload.is_empty() {
-                self.retained.remove(message.topic);
-            } else {
-                let made = Rc::new(Message::of(message));
-                if let Some(known) = self.retained.get_mut(message.topic) {
-                    known.clone_from(&made);
-                } else if self.retained.len() < MAX_RETAINED {
-                    self.retained
-                        .insert(message.topic.to_owned(), Rc::clone(&made));
-                } else {
-                    self.statistics.dropped += 1;
-                }
-                shared = Some(made);
-            }
+            self.keep(message);
         }
-        let mut listeners = self.exact.get(message.topic).cloned().unwrap_or_default();
-        for &index in &self.wild {
-            let selected = self.sessions[index].as_ref().is_some_and(|s| {
-                s.filters
-                    .iter()
-                    .any(|(f, _)| packet::matches(f, message.topic))
-            });
-            if selected && !listeners.contains(&index) {
-                listeners.push(index);
-            }
-        }
+        let listeners = self.listeners(message.topic);
         if listeners.is_empty() {
             return;
         }
-        let shared = shared.unwrap_or_else(|| Rc::new(Message::of(message)));
+        let shared = Arc::new(Message::of(message));
         for index in listeners {
             self.deliver(index, &shared, false, out);
         }
     }
 
+    /// Keeps a message for later subscribers; an empty one only ends what was kept.
+    pub(super) fn keep(&mut self, message: &Publication<'_>) {
+        if !message.payload.is_empty() {
+            let kept = self.shapes.keep(message);
+            self.put(message.topic.into(), kept);
+        } else if let Some(before) = self.retained.remove(message.topic) {
+            self.shapes.release(before);
+        }
+    }
+
+    /// Keeps what is ready to be kept.
+    pub(super) fn put(&mut self, topic: Box<str>, kept: Kept) {
+        let unwanted = if let Some(known) = self.retained.get_mut(&topic) {
+            Some(std::mem::replace(known, kept))
+        } else if self.retained.len() < MAX_RETAINED {
+            self.retained.insert(topic, kept)
+        } else {
+            self.statistics.dropped += 1;
+            Some(kept)
+        };
+        if let Some(unwanted) = unwanted {
+            self.shapes.release(unwanted);
+        }
+    }
+
+    /// Sessions subscribed to a topic.
+    pub(super) fn listeners(&self, topic: &str) -> Vec<usize> {
+        let mut listeners = self.exact.get(topic).cloned().unwrap_or_default();
+        for &index in &self.wild {
+            let session = self.sessions[index].as_ref();
+            if session.is_some_and(|session| session.wants(topic)) && !listeners.contains(&index) {
+                listeners.push(index);
+            }
+        }
+        listeners
+    }
+
     /// Sends one message to one session, or queues it.
-    fn deliver(&mut self, index: usize, message: &Rc<Message>, retained: bool, out: &mut Output) {
+    pub(super) fn deliver(
+        &mut self,
+        index: usize,
+        message: &Arc<Message>,
+        retained: bool,
+        out: &mut Output,
+    ) {
         let Some(session) = &mut self.sessions[index] else {
             return;
         };
         let granted = session
             .filters
             .iter()
-            .any(|(f, at_least_once)| *at_least_once && packet::matches(f, &message.topic));
+            .any(|f| f.at_least_once && packet::matches(&f.text, &message.topic));
         let publication = message.publication(granted, retained);
         if !publication.at_least_once {
             // QoS 0: now or never.
@@ -223,7 +300,7 @@ impl Peer {
             self.statistics.dropped += 1;
             return;
         }
-        session.queue.push_back((Rc::clone(message), retained));
+        session.queue.push_back((Arc::clone(message), retained));
         self.pump(index, out);
     }
 

@@ -1,15 +1,21 @@
 //! Sessions: who is connected, and what is kept for those who are not.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::rc::Rc;
+use std::sync::Arc;
 
-use super::routing::Message;
-use super::{Client, MAX_IN_FLIGHT, Origin, Output, Peer, PeerFault};
+use super::kept::Will;
+use super::routing::{Author, Filter, Message};
+use super::{Client, MAX_IN_FLIGHT, Origin, Output, Peer, PeerFault, Place};
 use crate::net::lockstep::packet::{self, Connect, Publication};
 use crate::run::Fingerprint;
 
 /// Reason code of MQTT 5, section 2.4.
 const SESSION_TAKEN_OVER: u8 = 0x8E;
+
+/// Messages of one client that are remembered, to tell repetitions: more than one that keeps to
+/// the window of the robot program has under way.
+const MAX_SEEN: usize = 32;
 
 /// What is kept for one client, connected or not.
 #[derive(Debug)]
@@ -17,10 +23,11 @@ pub(super) struct Session {
     pub(super) client: Rc<str>,
     /// Connection in use.
     pub(super) connection: Option<usize>,
-    /// Each filter with the QoS it grants.
-    pub(super) filters: Vec<(String, bool)>,
-    pub(super) in_flight: VecDeque<(u16, Rc<Message>, bool)>,
-    pub(super) queue: VecDeque<(Rc<Message>, bool)>,
+    pub(super) filters: Vec<Filter>,
+    pub(super) in_flight: VecDeque<(u16, Arc<Message>, bool)>,
+    pub(super) queue: VecDeque<(Arc<Message>, bool)>,
+    /// The link its client came over last.
+    pub(super) link: usize,
     pub(super) next_id: u16,
     /// QoS 1 messages its client takes at a time.
     pub(super) window: usize,
@@ -29,9 +36,9 @@ pub(super) struct Session {
     pub(super) expiry_s: u32,
     /// When the session ends, while its client is away.
     pub(super) expires: u64,
-    /// What arrived last under each packet identifier, to tell repetitions: bounded by the
-    /// receive maximum of 65,535 that is the standard's default, in practice by the client's few.
-    seen: BTreeMap<u16, u64>,
+    /// What arrived last under the newest packet identifiers, to tell repetitions: clients have a
+    /// few messages under way at a time.
+    seen: VecDeque<(u16, u32)>,
 }
 
 impl Peer {
@@ -54,12 +61,19 @@ impl Peer {
         let Some(session) = &mut self.sessions[session] else {
             return false;
         };
-        session.seen.insert(id, print.value()) == Some(print.value()) && duplicate
+        let print = (print.value() >> 32) as u32;
+        let known = session.seen.iter().position(|&(seen, _)| seen == id);
+        let before = known.and_then(|place| session.seen.remove(place));
+        if session.seen.len() == MAX_SEEN {
+            session.seen.pop_front();
+        }
+        session.seen.push_back((id, print));
+        duplicate && before == Some((id, print))
     }
 
     pub(super) fn connect(
         &mut self,
-        connection: usize,
+        Place { connection, link }: Place,
         connect: &Connect<'_>,
         now: u64,
         out: &mut Output,
@@ -86,6 +100,7 @@ impl Peer {
         let index = kept.unwrap_or_else(|| self.new_session(connect.client));
         if let Some(session) = &mut self.sessions[index] {
             session.connection = Some(connection);
+            session.link = link;
             session.window = usize::from(connect.receive_maximum).min(MAX_IN_FLIGHT);
             session.largest = connect.maximum_packet as usize;
             session.expiry_s = connect.session_expiry_s;
@@ -94,7 +109,11 @@ impl Peer {
         packet::write_conn_ack(out.to(connection), kept.is_some(), 0);
         let client = Client {
             session: index,
-            will: connect.will.as_ref().map(|will| Rc::new(Message::of(will))),
+            link,
+            will: connect.will.as_ref().map(|will| Will {
+                topic: will.topic.into(),
+                kept: self.shapes.keep(will),
+            }),
             keep_alive_us: u64::from(connect.keep_alive_s) * 1_000_000,
         };
         // What the client has not acknowledged goes again, under its old number.
@@ -111,11 +130,12 @@ impl Peer {
 
     fn new_session(&mut self, client: &str) -> usize {
         let client: Rc<str> = Rc::from(client);
-        let index = self
-            .sessions
-            .iter()
-            .position(Option::is_none)
-            .unwrap_or(self.sessions.len());
+        // Every session is that of one client: where there are as many, no place is vacant.
+        let mut index = self.sessions.len();
+        if self.by_client.len() < index {
+            let vacant = self.sessions.iter().position(Option::is_none);
+            index = vacant.unwrap_or(index);
+        }
         if index == self.sessions.len() {
             self.sessions.push(None);
         }
@@ -125,12 +145,13 @@ impl Peer {
             filters: Vec::new(),
             in_flight: VecDeque::new(),
             queue: VecDeque::new(),
+            link: 0,
             next_id: 1,
             window: MAX_IN_FLIGHT,
             largest: usize::MAX,
             expiry_s: 0,
             expires: u64::MAX,
-            seen: BTreeMap::new(),
+            seen: VecDeque::new(),
         });
         self.by_client.insert(client, index);
         index
@@ -141,8 +162,8 @@ impl Peer {
             return;
         };
         self.by_client.remove(&session.client);
-        for (filter, _) in session.filters {
-            self.forget_filter(index, &filter);
+        for filter in session.filters {
+            self.forget_filter(index, &filter.text);
         }
     }
 
@@ -153,17 +174,16 @@ impl Peer {
         connection: usize,
         client: Client,
         now: u64,
-        out: &mut Output,
     ) -> Option<u64> {
-        let from = self.client_of(client.session);
-        if let Some(will) = client.will {
-            self.published(
-                &from,
-                &will.publication(true, will.retain),
-                Origin::Will,
-                now,
-                out,
-            );
+        if let Some(Will { topic, kept }) = client.will {
+            let from = Author {
+                client: self.client_of(client.session),
+                link: client.link,
+            };
+            let will = kept.message(&topic);
+            self.shapes.release(kept);
+            let will = will.publication(true, will.retain);
+            self.published(&from, &will, Origin::Will, now);
         }
         let session = self.sessions[client.session].as_mut()?;
         if session.connection != Some(connection) {
