@@ -1,6 +1,7 @@
 //! Runs robots in real time against a broker, and prints how they do.
 //!
-//! `cargo run --release -p crawler-sim --features live --example live_load HOST PORT ROBOTS SECONDS`
+//! `cargo run --release -p crawler-sim --features live --example live_load HOST PORT ROBOTS SECONDS
+//! [SCENARIO]`; a scenario with a radio puts the proxy between.
 
 use std::error::Error;
 use std::time::{Duration, Instant};
@@ -11,16 +12,21 @@ use crawler_sim::scenario::Scenario;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [host, port, robots, seconds] = arguments.as_slice() else {
-        return Err("usage: live_load HOST PORT ROBOTS SECONDS".into());
+    let [host, port, robots, seconds, rest @ ..] = arguments.as_slice() else {
+        return Err("usage: live_load HOST PORT ROBOTS SECONDS [SCENARIO]".into());
+    };
+    let scenario = match rest.first() {
+        Some(file) => Scenario::parse(&std::fs::read_to_string(file)?)?,
+        None => Scenario::built_in("arena")?,
     };
     let handle = start(LiveConfig {
         fleet: crawler_protocol::Fleet::default(),
         broker_host: host.clone(),
         broker_port: port.parse()?,
         credentials: None,
-        scenario: Scenario::built_in("arena")?.with_robots(robots.parse()?),
+        scenario: scenario.with_robots(robots.parse()?),
         seed: 1,
+        radio_proxy: None,
     })?;
     println!("| second | real-time factor | lateness ms | connected | CPU % of one core |");
     println!("|---:|---:|---:|---:|---:|");
@@ -35,6 +41,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             metrics.connected,
             100.0 * cpu.elapsed().as_secs_f64() / begun.elapsed().as_secs_f64(),
         );
+    }
+    if let Some(radio) = handle.radio() {
+        println!("{:?}", radio.metrics());
     }
     let begun = Instant::now();
     let report = handle.stop(Duration::from_secs(10))?;

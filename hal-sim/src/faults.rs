@@ -1,110 +1,89 @@
 //! What can be broken about a robot, by one call for every device.
+//!
+//! The faults themselves are those of the protocol, so that the same words break a robot in a
+//! scenario file, over the network and at a board. A fault belongs to a part of the robot; a new
+//! fault of a part takes the place of the one before.
 
-use serde::{Deserialize, Serialize};
+use crate::world::{Ports, Space};
 
-use crate::world::Ports;
+pub use crawler_protocol::{FaultName, FaultRange, FaultSpec as Fault, LinkCut, Wheel};
 
-/// Something broken. Given to [`crate::world::World::inject`]; several may hold at once.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "fault", rename_all = "kebab-case", deny_unknown_fields)]
-#[non_exhaustive]
-pub enum Fault {
-    /// The ranger answers nothing.
-    RangerDead,
-    /// The ranger tells this distance whatever is in front of it.
-    RangerStuck {
-        /// The distance.
-        mm: u16,
-    },
-    /// Bits flip on the ranger's serial line, in both directions.
-    LineNoise {
-        /// Share of bits that flip, 0 to 1.
-        flips: f32,
-    },
-    /// The controller's end of the ranger's serial line hangs: it takes no more bytes than its
-    /// FIFO holds, and gives none.
-    LineStuck,
-    /// A motor gives less speed than it should.
-    MotorWeak {
-        /// Which one.
-        wheel: Wheel,
-        /// What is left of it, 0 to 1.
-        strength: f32,
-    },
-    /// The battery sags more: worn cells or a bad contact. With enough of it the robot browns
-    /// out whenever it draws current.
-    BatterySag {
-        /// Ohms added to the pack's own.
-        ohm: f32,
-    },
-    /// The battery is at this charge from now on; 0 is the end.
-    BatteryAt {
-        /// Share of the capacity, 0 to 1.
-        charge: f32,
-    },
-    /// The power goes during a flash operation, and the controller resets.
-    FlashPowerCut {
-        /// Bytes written or erased until then.
-        after_bytes: u32,
-    },
-    /// The flash is full of noise, as one that was never erased or has decayed.
-    FlashNoise {
-        /// Names the noise.
-        seed: u32,
-    },
-    /// No camera answers: its cable is off.
-    CameraAbsent,
-    /// The camera is there and never delivers a picture, nor an error.
-    CameraStalled,
-    /// The camera delivers noise.
-    CameraGarbage,
-}
-
-/// A wheel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Wheel {
-    /// The left one.
-    Left,
-    /// The right one.
-    Right,
-}
-
-/// A number of a fault is not finite or out of its range.
+/// Why a fault was not injected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct FaultError;
+#[non_exhaustive]
+pub enum FaultError {
+    /// A number of it is not finite or out of its range.
+    Range(FaultRange),
+    /// There is no such robot, or no more.
+    NoRobot,
+    /// It is none of the body: [`crate::run::Simulation::inject`] takes it, a world does not.
+    NotOfBody,
+    /// It is one of the network, and the simulation has none that could be broken this way.
+    NoNetwork,
+}
 
 impl core::fmt::Display for FaultError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("a fault's share must be 0 to 1, its resistance 0 to 1000 ohms")
+        match self {
+            Self::Range(error) => error.fmt(f),
+            Self::NoRobot => f.write_str("there is no such robot"),
+            Self::NotOfBody => f.write_str("a world without programs has no links and no clocks"),
+            Self::NoNetwork => f.write_str("there is no network that could be broken this way"),
+        }
     }
 }
 
 impl core::error::Error for FaultError {}
 
-impl Fault {
-    /// Checks the numbers of a fault.
-    ///
-    /// # Errors
-    /// [`FaultError`] when one is out of its range.
-    pub fn validate(&self) -> Result<(), FaultError> {
-        let sound = match *self {
-            Self::RangerDead
-            | Self::RangerStuck { .. }
-            | Self::FlashPowerCut { .. }
-            | Self::FlashNoise { .. }
-            | Self::LineStuck
-            | Self::CameraAbsent
-            | Self::CameraStalled
-            | Self::CameraGarbage => true,
-            Self::LineNoise { flips: share }
-            | Self::MotorWeak {
-                strength: share, ..
+impl From<FaultRange> for FaultError {
+    fn from(error: FaultRange) -> Self {
+        Self::Range(error)
+    }
+}
+
+/// What a fault is a fault of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Part {
+    Ranger,
+    LineNoise,
+    LineStuck,
+    Left,
+    Right,
+    Link,
+    Packets,
+    Clock,
+    Supply,
+    Sag,
+    Charge,
+    FlashPower,
+    FlashNoise,
+    Camera,
+}
+
+impl Part {
+    pub(crate) const fn of(fault: &Fault) -> Self {
+        match fault {
+            Fault::RangerDead | Fault::RangerStuck { .. } | Fault::RangerNoisy { .. } => {
+                Self::Ranger
             }
-            | Self::BatteryAt { charge: share } => (0.0..=1.0).contains(&share),
-            Self::BatterySag { ohm } => (0.0..=1_000.0).contains(&ohm),
-        };
-        if sound { Ok(()) } else { Err(FaultError) }
+            Fault::LineNoise { .. } => Self::LineNoise,
+            Fault::LineStuck => Self::LineStuck,
+            Fault::MotorWeak { wheel, .. }
+            | Fault::MotorDead { wheel }
+            | Fault::MotorStuckOn { wheel } => match wheel {
+                Wheel::Left => Self::Left,
+                Wheel::Right => Self::Right,
+            },
+            Fault::LinkLoss { .. } => Self::Link,
+            Fault::HostilePackets { .. } => Self::Packets,
+            Fault::ClockStep { .. } => Self::Clock,
+            Fault::BrownOut => Self::Supply,
+            Fault::BatterySag { .. } => Self::Sag,
+            Fault::BatteryAt { .. } => Self::Charge,
+            Fault::FlashPowerCut { .. } => Self::FlashPower,
+            Fault::FlashNoise { .. } => Self::FlashNoise,
+            Fault::CameraAbsent | Fault::CameraStalled | Fault::CameraGarbage => Self::Camera,
+        }
     }
 }
 
@@ -113,6 +92,8 @@ impl Fault {
 pub(crate) enum RangerFault {
     Dead,
     Stuck(u16),
+    /// One standard deviation in millimetres beyond that of a sound one.
+    Noisy(u16),
 }
 
 /// How the camera is broken.
@@ -141,21 +122,26 @@ impl Faults {
     };
 }
 
+/// Breaks something of a body.
 pub(crate) fn inject(ports: &Ports, fault: Fault) -> Result<(), FaultError> {
     fault.validate()?;
+    mend(ports, Part::of(&fault));
     let mut faults = ports.faults.get();
     let space = &mut *ports.shared.space.borrow_mut();
     let i = ports.index();
     match fault {
         Fault::RangerDead => faults.ranger = Some(RangerFault::Dead),
         Fault::RangerStuck { mm } => faults.ranger = Some(RangerFault::Stuck(mm)),
+        Fault::RangerNoisy { mm } => faults.ranger = Some(RangerFault::Noisy(mm)),
         Fault::LineNoise { flips } => faults.bit_flips = flips,
         Fault::LineStuck => faults.line_stuck = true,
         Fault::FlashNoise { seed } => ports.chip.borrow_mut().fill_with_noise(u64::from(seed)),
-        Fault::MotorWeak { wheel, strength } => match wheel {
-            Wheel::Left => space.bodies.build[i].left = ports.sound.left * strength,
-            Wheel::Right => space.bodies.build[i].right = ports.sound.right * strength,
-        },
+        Fault::MotorWeak { wheel, strength } => weaken(ports, space, wheel, strength),
+        Fault::MotorDead { wheel } => weaken(ports, space, wheel, 0.0),
+        Fault::MotorStuckOn { wheel } => {
+            space.bodies.build[i].shorted[usize::from(wheel == Wheel::Right)] = true;
+        }
+        Fault::BrownOut => space.bodies.build[i].dips = true,
         Fault::BatterySag { ohm } => {
             space.bodies.build[i].internal_ohm = ports.sound.internal_ohm + ohm;
         }
@@ -171,9 +157,50 @@ pub(crate) fn inject(ports: &Ports, fault: Fault) -> Result<(), FaultError> {
                 .borrow_mut()
                 .cut_power_after(u64::from(after_bytes));
         }
+        Fault::LinkLoss { .. } | Fault::HostilePackets { .. } | Fault::ClockStep { .. } => {
+            return Err(FaultError::NotOfBody);
+        }
     }
     ports.faults.set(faults);
     Ok(())
+}
+
+fn weaken(ports: &Ports, space: &mut Space, wheel: Wheel, strength: f32) {
+    let build = &mut space.bodies.build[ports.index()];
+    match wheel {
+        Wheel::Left => build.left = ports.sound.left * strength,
+        Wheel::Right => build.right = ports.sound.right * strength,
+    }
+}
+
+/// Mends one part of a body. What a fault has destroyed stays destroyed: charge that is gone,
+/// and what noise has overwritten.
+pub(crate) fn mend(ports: &Ports, part: Part) {
+    let mut faults = ports.faults.get();
+    let space = &mut *ports.shared.space.borrow_mut();
+    let build = &mut space.bodies.build[ports.index()];
+    match part {
+        Part::Ranger => faults.ranger = None,
+        Part::LineNoise => faults.bit_flips = 0.0,
+        Part::LineStuck => {
+            faults.line_stuck = false;
+            ports.sonar.borrow_mut().hanging = 0;
+        }
+        Part::Left => {
+            build.left = ports.sound.left;
+            build.shorted[0] = false;
+        }
+        Part::Right => {
+            build.right = ports.sound.right;
+            build.shorted[1] = false;
+        }
+        Part::Supply => build.dips = false,
+        Part::Sag => build.internal_ohm = ports.sound.internal_ohm,
+        Part::FlashPower => ports.chip.borrow_mut().keep_power(),
+        Part::Camera => faults.camera = None,
+        Part::Link | Part::Packets | Part::Clock | Part::Charge | Part::FlashNoise => {}
+    }
+    ports.faults.set(faults);
 }
 
 /// Mends everything but the charge that is gone.

@@ -1,12 +1,15 @@
 //! The hardware of `crawler-hal` in software: device models, a world with physics, and the
 //! scheduler that runs robot programs in it.
 //!
-//! A world is a value on one thread: the same seed and the same scenario give the same history,
-//! byte for byte, however many worlds run beside it.
+//! A world is a value: the same seed and the same scenario give the same history,
+//! byte for byte, on any number of threads and however many worlds run beside it.
 
+pub mod dataset;
 pub mod devices;
+pub mod evaluate;
 pub mod faults;
 pub mod net;
+pub mod render;
 pub mod run;
 pub mod scenario;
 pub mod sched;

@@ -50,8 +50,20 @@ impl std::fmt::Display for Stalled {
 
 impl std::error::Error for Stalled {}
 
+/// A future, whatever it comes to.
+trait Work {
+    /// Polls it; true when it is done.
+    fn go_on(self: Pin<&mut Self>, context: &mut Context<'_>) -> bool;
+}
+
+impl<F: Future> Work for F {
+    fn go_on(self: Pin<&mut Self>, context: &mut Context<'_>) -> bool {
+        self.poll(context).is_ready()
+    }
+}
+
 struct Task {
-    future: Pin<Box<dyn Future<Output = ()>>>,
+    future: Pin<Box<dyn Work>>,
     state: Arc<TaskWaker>,
     /// The same as `state`, made once so that polling allocates nothing.
     waker: Waker,
@@ -117,7 +129,7 @@ impl Scheduler {
     ///
     /// # Panics
     /// At more than 2³² − 1 tasks.
-    pub fn spawn(&mut self, future: impl Future<Output = ()> + 'static) -> TaskId {
+    pub fn spawn(&mut self, future: impl Future + 'static) -> TaskId {
         let index = self.vacant.pop().unwrap_or_else(|| {
             self.tasks.push(None);
             u32::try_from(self.tasks.len() - 1).expect("fewer than 2^32 tasks")
@@ -213,6 +225,10 @@ impl Scheduler {
             while let Some(entry) = self.timers.pop_due(now) {
                 if self.stands(entry) {
                     idle = false;
+                    // Nothing is queued while nothing is ready: that spares a look at each.
+                    if self.ready.any.load(Ordering::Acquire) {
+                        self.spend_wake_up(entry.task);
+                    }
                     self.poll(entry.task);
                 }
             }
@@ -297,11 +313,17 @@ impl Scheduler {
 
     fn poll_queued(&mut self, index: u32) {
         // A wake-up of a task that is gone, or that ran since for another reason, is spent.
-        if let Some(Some(task)) = self.tasks.get(index as usize)
-            && task.state.queued.load(Ordering::Acquire)
-        {
+        if self.spend_wake_up(index) {
             self.poll(index);
         }
+    }
+
+    /// Whether a task was woken; not any more.
+    fn spend_wake_up(&self, index: u32) -> bool {
+        let Some(Some(task)) = self.tasks.get(index as usize) else {
+            return false;
+        };
+        task.state.queued.load(Ordering::Acquire) && task.state.queued.swap(false, Ordering::AcqRel)
     }
 
     fn poll(&mut self, index: u32) {
@@ -309,18 +331,15 @@ impl Scheduler {
             return;
         };
         let shared = self.clock.shared();
-        if task.state.queued.load(Ordering::Relaxed) {
-            task.state.queued.swap(false, Ordering::AcqRel);
-        }
         self.polls += 1;
         shared.polled.set(Some(Polled::of(&task.waker)));
         shared.deadline.set(NEVER);
-        let poll = task
+        let done = task
             .future
             .as_mut()
-            .poll(&mut Context::from_waker(&task.waker));
+            .go_on(&mut Context::from_waker(&task.waker));
         shared.polled.set(None);
-        if poll.is_ready() {
+        if done {
             self.tasks[index as usize] = None;
             self.vacate(index);
             return;

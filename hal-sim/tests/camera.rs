@@ -82,7 +82,7 @@ fn listened(simulation: &Simulation) -> Heard {
 fn is_picture(jpeg: &[u8]) {
     let mut decoder = jpeg_decoder::Decoder::new(jpeg);
     let pixels = decoder.decode().expect("a JPEG");
-    assert_eq!(pixels.len(), 320 * 240);
+    assert_eq!(pixels.len(), 320 * 240 * 3);
     let (least, most) = pixels.iter().fold((255, 0), |(least, most), &pixel| {
         (pixel.min(least), pixel.max(most))
     });
@@ -168,8 +168,7 @@ fn a_broken_camera_fails_captures_and_nothing_else() {
         ),
     ] {
         let mut simulation = with_cameras(1, 1.0, 5);
-        let index = simulation.index(0).expect("there");
-        simulation.world_mut().inject(index, fault).expect("sound");
+        simulation.inject(0, fault, None).expect("sound");
         settle(&mut simulation);
         let before = listened(&simulation);
         assert_eq!(before.camera_logs, [text], "known before anyone asks");
@@ -188,7 +187,7 @@ fn a_broken_camera_fails_captures_and_nothing_else() {
         assert_eq!(heard.answers[&turn], [ACCEPTED, COMPLETED], "{fault:?}");
         assert_eq!(heard.answers[&second], [ACCEPTED, failed(reason)]);
         assert!(heard.camera_logs.is_empty() && heard.images.is_empty());
-        simulation.world_mut().heal(index);
+        simulation.heal(0);
         let third = simulation.submit(0, Action::Capture);
         simulation.run_for(SECOND);
         let heard = listened(&simulation);

@@ -87,13 +87,11 @@ fn state(simulation: &Simulation) -> RobotState {
 }
 
 fn inject(simulation: &mut Simulation, fault: Fault) {
-    let robot = simulation.index(0).unwrap();
-    simulation.world_mut().inject(robot, fault).unwrap();
+    simulation.inject(0, fault, None).unwrap();
 }
 
 fn heal(simulation: &mut Simulation) {
-    let robot = simulation.index(0).unwrap();
-    simulation.world_mut().heal(robot);
+    simulation.heal(0);
 }
 
 #[test]
@@ -185,7 +183,7 @@ fn a_broker_that_refuses_credentials_is_shown_and_told_afterwards() {
     let mut simulation = lockstep("empty", 1, 4);
     settle(&mut simulation);
     let air = simulation.air().unwrap().clone();
-    air.require_credentials(Some(("rover", "open sesame")));
+    simulation.require_credentials(Some(("rover", "open sesame")));
     simulation.cut(0, Cut::Radio);
     simulation.run_for(SECOND);
     simulation.cut(0, Cut::None);
@@ -199,7 +197,7 @@ fn a_broker_that_refuses_credentials_is_shown_and_told_afterwards() {
     assert!(refusals.iter().any(|(_, fault)| refused(fault)));
     assert!(refusals.len() < 10, "no hammering: {}", refusals.len());
     drop(Told::since(&simulation));
-    air.require_credentials(None);
+    simulation.require_credentials(None);
     simulation.run_for(SECOND * 35);
     assert_eq!(shown(&mut simulation), Pattern::Idle);
     let told = Told::since(&simulation);
@@ -210,13 +208,12 @@ fn a_broker_that_refuses_credentials_is_shown_and_told_afterwards() {
 fn robots_with_the_right_credentials_are_let_in() {
     let mut simulation = lockstep("empty", 2, 4);
     let air = simulation.air().unwrap().clone();
-    air.require_credentials(Some(("rover", "open sesame")));
+    simulation.require_credentials(Some(("rover", "open sesame")));
     simulation.set_credentials("rover", "open sesame").unwrap();
     settle(&mut simulation);
     assert_eq!(air.connected(), 0, "the old program does not know");
     for robot in 0..2 {
-        let index = simulation.index(robot).unwrap();
-        simulation.world_mut().crash(index, "src/x.rs:1: restart");
+        simulation.crash(robot, "src/x.rs:1: restart");
     }
     simulation.run_for(SECOND * 10);
     assert_eq!(air.connected(), 2);
@@ -229,8 +226,7 @@ fn tell_time(simulation: &mut Simulation, off_ms: i64) {
     let topic = Topic::Time.render(simulation.fleet());
     let time = simulation.unix_ms().saturating_add_signed(off_ms);
     let body = format!(r#"{{"timestamp":{time}}}"#);
-    let air = simulation.air().unwrap();
-    air.publish(&topic, body.as_bytes(), false, false);
+    simulation.publish(&topic, body.as_bytes(), false, false);
 }
 
 /// Unix time by robot 0, in milliseconds from what is true.
@@ -283,9 +279,7 @@ fn a_server_whose_clock_was_set_is_believed_after_a_while_and_it_is_told() {
         let mut simulation = lockstep("empty", 1, 6);
         settle(&mut simulation);
         simulation.run_for(SECOND * 20);
-        let topic = Topic::Time.render(simulation.fleet());
-        let air = simulation.air().unwrap().clone();
-        air.serve_time(&topic, epoch, SECOND * 5);
+        simulation.serve_time(epoch, SECOND * 5);
         // Meanwhile a motion command by the new clock is refused: it could be an old one.
         simulation.run_for(SECOND * 6);
         drop(Told::since(&simulation));
@@ -324,10 +318,9 @@ fn a_flash_full_of_noise_costs_the_parameters_and_nothing_else() {
     let mut simulation = lockstep("empty", ROBOTS as u32, 7);
     settle(&mut simulation);
     for robot in 0..ROBOTS {
-        let index = simulation.index(robot).unwrap();
         let seed = robot as u32;
         let noise = Fault::FlashNoise { seed };
-        simulation.world_mut().inject(index, noise).unwrap();
+        simulation.inject(robot, noise, None).unwrap();
     }
     simulation.submit_all(Action::Reboot);
     simulation.run_for(SECOND * 10);
@@ -372,9 +365,8 @@ fn a_panic_is_told_in_the_status_and_in_a_record() {
     let mut simulation = lockstep("empty", 1, 8);
     settle(&mut simulation);
     drop(Told::since(&simulation));
-    let robot = simulation.index(0).unwrap();
     let text = "src/wheel.rs:12: a wheel fell off";
-    simulation.world_mut().crash(robot, text);
+    simulation.crash(0, text);
     simulation.run_for(SECOND * 8);
     let told = Told::since(&simulation);
     let status = told.statuses.iter().rfind(|status| status.online).unwrap();

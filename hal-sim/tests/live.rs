@@ -87,6 +87,7 @@ fn config(port: u16, robots: u32) -> LiveConfig {
         credentials: None,
         scenario: Scenario::built_in("arena").unwrap().with_robots(robots),
         seed: 1,
+        radio_proxy: None,
     }
 }
 
@@ -168,4 +169,52 @@ fn mistakes_are_told_at_the_start() {
     let mut wrong = config(1883, 1);
     wrong.scenario = Scenario::built_in("empty").unwrap().with_robots(5_000);
     assert!(matches!(start(wrong), Err(LiveError::Simulation(_))));
+}
+
+#[test]
+fn robots_of_a_scenario_with_a_radio_are_heard_through_it() {
+    let (port, heard) = broker();
+    let mut config = config(port, 5);
+    config.scenario = Scenario::parse(
+        "name = \"hall\"\nrobots = 5\n\
+         [[radio.access_points]]\nx = 0.0\ny = 0.0\n[parameters.radio]\nlatency_ms = 10.0",
+    )
+    .unwrap();
+    let handle = start(config).unwrap();
+    let radio = handle.radio().unwrap();
+    let begun = Instant::now();
+    while handle.metrics().connected < 5 {
+        let waited = begun.elapsed();
+        assert!(waited < Duration::from_secs(20), "{:?}", handle.metrics());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!(radio.metrics().connections, 5, "the tracker has a wire");
+    let rssi = radio.signal("sim-0003").borrow().rssi_dbm;
+    assert!((-75..-5).contains(&rssi), "{rssi} dBm within two metres");
+    // One loses its link, notices, and says nothing more; the others go on.
+    radio.cut("sim-0003", crawler_sim::net::lockstep::Cut::Radio);
+    while handle.metrics().connected > 4 {
+        assert!(begun.elapsed() < Duration::from_secs(40));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    radio.cut("sim-0003", crawler_sim::net::lockstep::Cut::None);
+    while handle.metrics().connected < 5 {
+        assert!(begun.elapsed() < Duration::from_mins(1));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let report = handle.stop(Duration::from_secs(5)).unwrap();
+    assert_eq!((report.robots, report.connected), (5, 5));
+    let (mut with_rssi, mut goodbyes) = (0, 0);
+    while let Ok((first, body)) = heard.recv_timeout(Duration::from_millis(500)) {
+        let text = String::from_utf8_lossy(&body);
+        if text.contains("swarm/telemetry/") {
+            assert!(text.contains("\"rssi_dbm\":-"), "{text}");
+            with_rssi += 1;
+        }
+        goodbyes += i32::from(first >> 4 == 14);
+    }
+    assert!(with_rssi > 20, "{with_rssi}");
+    // Five robots, and the tracker; one more of the robot that knew that its link was gone.
+    assert!((6..=7).contains(&goodbyes), "{goodbyes} goodbyes");
 }

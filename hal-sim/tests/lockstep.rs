@@ -166,11 +166,7 @@ fn every_answer_arrives_exactly_once_across_a_partition() {
 #[test]
 fn without_a_ranger_nobody_wanders() {
     let mut simulation = lockstep("empty", 1, 2);
-    let index = simulation.index(0).unwrap();
-    simulation
-        .world_mut()
-        .inject(index, Fault::RangerDead)
-        .unwrap();
+    simulation.inject(0, Fault::RangerDead, None).unwrap();
     settle(&mut simulation);
     simulation.submit(0, wander());
     simulation.submit(0, forward(50, 2_000));
@@ -179,15 +175,12 @@ fn without_a_ranger_nobody_wanders() {
         assert_eq!(duty(&simulation, 0), [0, 0]);
     }
     // It dies under way: the last reading is good for 300 ms.
-    simulation.world_mut().heal(index);
+    simulation.heal(0);
     simulation.run_for(Duration::from_secs(3));
     simulation.submit(0, wander());
     simulation.run_for(Duration::from_secs(1));
     assert_ne!(duty(&simulation, 0), [0, 0]);
-    simulation
-        .world_mut()
-        .inject(index, Fault::RangerDead)
-        .unwrap();
+    simulation.inject(0, Fault::RangerDead, None).unwrap();
     simulation.run_for(Duration::from_millis(700));
     for _ in 0..300 {
         simulation.run_for(Duration::from_millis(10));

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crawler_app::vision::DetectorError;
+
 use crate::scenario::ScenarioError;
 use crate::world::{PlacementError, WorldError};
 
@@ -19,6 +21,10 @@ pub enum SimulationError {
     Placement(PlacementError),
     /// A name or password for the broker is too long.
     Credentials,
+    /// The scenario's detector is none.
+    Detector(DetectorError),
+    /// It is live: its robots talk to a real broker, and only its owner can begin it again.
+    Live,
 }
 
 impl fmt::Display for SimulationError {
@@ -33,6 +39,8 @@ impl fmt::Display for SimulationError {
                 )
             }
             Self::Placement(error) => write!(f, "placing a robot: {error}"),
+            Self::Detector(error) => write!(f, "the detector: {error}"),
+            Self::Live => f.write_str("a live simulation begins again by its own command"),
             Self::Credentials => f.write_str("at most 32 bytes of name and 64 of password"),
         }
     }
@@ -43,6 +51,12 @@ impl std::error::Error for SimulationError {}
 impl From<ScenarioError> for SimulationError {
     fn from(error: ScenarioError) -> Self {
         Self::Scenario(error)
+    }
+}
+
+impl From<DetectorError> for SimulationError {
+    fn from(error: DetectorError) -> Self {
+        Self::Detector(error)
     }
 }
 

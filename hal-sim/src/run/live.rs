@@ -4,32 +4,40 @@
 //! try to catch up for ever: what lies further behind than [`MAX_BATCH`] is given up, virtual
 //! time falls behind, and [`LiveMetrics::real_time_factor`] says how fast it runs.
 
+mod control;
+mod driver;
 mod error;
+mod log;
 mod pacer;
+mod radio;
 
-use std::future::poll_fn;
-use std::net::ToSocketAddrs;
-use std::pin::pin;
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::task::Poll;
 use std::time::Duration as StdDuration;
 
 use crawler_app::Credentials;
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Action, Fleet};
-use tokio::sync::Notify;
-use tokio::time::Instant as RealInstant;
+use crawler_protocol::{Fleet, SimulatorCommand};
+use tokio::sync::{Notify, mpsc, oneshot};
 
+use super::SimulationError;
 use super::simulation::{BrokerAddress, Simulation, Way};
 use crate::net::live::Gateway;
+use crate::net::proxy::Proxy;
 use crate::scenario::Scenario;
 use crate::sched::SimClock;
 use crate::world::Arena;
 use pacer::Pacer;
 
+pub use control::{ControlError, LiveDone, LiveState};
 pub use error::LiveError;
+
+use control::{MAX_ORDERS, Order, Watch};
+use driver::Driver;
+use log::Log;
 
 /// Most virtual time that is run at once, and most that is made up for.
 pub const MAX_BATCH: Duration = Duration::from_millis(100);
@@ -39,6 +47,10 @@ const TURN: StdDuration = StdDuration::from_millis(2);
 const LONGEST_REST: StdDuration = StdDuration::from_millis(50);
 /// Descriptors that everything but the robots may need.
 const SPARE_DESCRIPTORS: u64 = 256;
+/// How often the radio is told where robots are.
+const PLACE_PERIOD: Duration = Duration::from_millis(100);
+/// For the last words of robots to reach the broker over a radio.
+const LAST_WORDS: StdDuration = StdDuration::from_millis(500);
 /// Slower than this counts as standing, metres per second.
 const STANDING: f32 = 0.005;
 /// What a world takes to end beyond the time its robots are given.
@@ -59,6 +71,9 @@ pub struct LiveConfig {
     pub scenario: Scenario,
     /// Seed of everything that is left to chance.
     pub seed: u64,
+    /// Where others than the simulated robots can join the radio; see
+    /// [`proxy`](crate::net::proxy). A scenario with `[radio]` or `[link]` has one without it.
+    pub radio_proxy: Option<SocketAddr>,
 }
 
 /// How a live world is doing. Rates are of the last second.
@@ -106,13 +121,24 @@ struct Board {
     /// How long robots have to come to rest, in milliseconds.
     patience_ms: AtomicU64,
     wake: Notify,
+    state: Mutex<Option<LiveState>>,
+    /// Why the recording ended early.
+    recording: Mutex<Option<String>>,
+}
+
+impl Board {
+    fn set_state(&self, state: LiveState) {
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = Some(state);
+    }
 }
 
 /// A running live world. Dropping it asks the world to stop and does not wait for it.
 #[derive(Debug)]
 pub struct LiveHandle {
     board: Arc<Board>,
+    orders: mpsc::Sender<Order>,
     arena: Arena,
+    radio: Option<Arc<Proxy>>,
     ending: Mutex<Ending>,
 }
 
@@ -128,6 +154,20 @@ struct Ending {
 /// # Errors
 /// See [`LiveError`]. Robots keep trying to reach a broker that is not there: that is no error.
 pub fn start(config: LiveConfig) -> Result<LiveHandle, LiveError> {
+    start_with(config, None)
+}
+
+/// Like [`start`], and records the world to an MCAP file until it ends or begins again. A file that
+/// takes no more ends the recording and not the world: see [`LiveHandle::recording_error`].
+///
+/// # Errors
+/// See [`LiveError`]; also when the file cannot be written at all.
+#[cfg(feature = "recording")]
+pub fn start_recorded(config: LiveConfig, file: PathBuf) -> Result<LiveHandle, LiveError> {
+    start_with(config, Some(file))
+}
+
+fn start_with(config: LiveConfig, record: Option<PathBuf>) -> Result<LiveHandle, LiveError> {
     let host = heapless::String::<64>::try_from(config.broker_host.as_str())
         .map_err(|_| LiveError::Host(config.broker_host.clone(), None))?;
     let broker: Vec<_> = (config.broker_host.as_str(), config.broker_port)
@@ -135,31 +175,43 @@ pub fn start(config: LiveConfig) -> Result<LiveHandle, LiveError> {
         .map_err(|error| LiveError::Host(config.broker_host.clone(), Some(error)))?
         .collect();
     // A broker in the same process needs as many again.
-    let need = u64::from(config.scenario.robots) + SPARE_DESCRIPTORS;
+    let each = if radio::is_wanted(&config) { 3 } else { 1 };
+    let need = each * u64::from(config.scenario.robots) + SPARE_DESCRIPTORS;
     let have = rlimit::increase_nofile_limit(2 * need).map_err(LiveError::Runtime)?;
     if have < need {
         return Err(LiveError::Descriptors(have, need));
     }
+    let radio = radio::start(&config, &broker)?;
     let board = Arc::new(Board::default());
     board.factor_ppm.store(1_000_000, Ordering::Relaxed);
     let (ready_to, ready) = sync_channel(1);
     let (report_to, report) = sync_channel(1);
+    let (orders, orders_from) = mpsc::channel(MAX_ORDERS);
     std::thread::Builder::new()
         .name("world".into())
         .spawn({
             let board = Arc::clone(&board);
-            let address = BrokerAddress {
-                host,
-                port: config.broker_port,
-                credentials: config.credentials.clone(),
-            };
-            move || run(config, (address, broker), &board, &ready_to, &report_to)
+            let brokers = (broker, radio.clone());
+            move || {
+                let address = BrokerAddress {
+                    host,
+                    port: config.broker_port,
+                    credentials: config.credentials.clone(),
+                    #[cfg(feature = "recording")]
+                    deck: None,
+                };
+                let tell = (&ready_to, &report_to);
+                let what = (orders_from, record);
+                run(config, address, brokers, &board, what, tell);
+            }
         })
         .map_err(LiveError::Runtime)?;
     let arena = ready.recv().map_err(|_| LiveError::Crashed)??;
     Ok(LiveHandle {
         board,
+        orders,
         arena,
+        radio,
         ending: Mutex::new(Ending {
             from: report,
             report: None,
@@ -182,6 +234,53 @@ impl LiveHandle {
             robots: board.robots.load(Ordering::Relaxed),
             connected: board.connected.load(Ordering::Relaxed),
         }
+    }
+
+    /// How the world is, as of at most a second ago.
+    ///
+    /// # Errors
+    /// [`ControlError::Ended`] when it has ended.
+    pub fn state(&self) -> Result<LiveState, ControlError> {
+        let state = *self
+            .board
+            .state
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let running = self.board.running.load(Ordering::Acquire);
+        state.filter(|_| running).ok_or(ControlError::Ended)
+    }
+
+    /// Tells the world what to do, and waits until it is done: a step for the last of the steps.
+    ///
+    /// While a world is paused nothing of it happens, and that is true of its robots' sessions
+    /// too: they answer no ping, and after one and a half of their keep-alive intervals the
+    /// broker publishes their last wills, as for robots that hang. They connect again when the
+    /// world goes on.
+    ///
+    /// # Errors
+    /// See [`ControlError`]; nothing has changed then.
+    pub async fn control(&self, command: SimulatorCommand) -> Result<LiveDone, ControlError> {
+        let (answer, done) = oneshot::channel();
+        let order = Order { command, answer };
+        self.orders.try_send(order).map_err(|error| match error {
+            mpsc::error::TrySendError::Full(_) => ControlError::Busy,
+            mpsc::error::TrySendError::Closed(_) => ControlError::Ended,
+        })?;
+        self.board.wake.notify_one();
+        done.await.map_err(|_| ControlError::Ended)?
+    }
+
+    /// Why the world is not recorded any more, when it was to be.
+    #[must_use]
+    pub fn recording_error(&self) -> Option<String> {
+        let error = self.board.recording.lock();
+        error.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The radio between robots and broker, where there is one.
+    #[must_use]
+    pub fn radio(&self) -> Option<&Arc<Proxy>> {
+        self.radio.as_ref()
     }
 
     /// The arena of the world.
@@ -238,14 +337,18 @@ impl Drop for Running<'_> {
     }
 }
 
-type Broker = (BrokerAddress, Vec<std::net::SocketAddr>);
+type Brokers = (Vec<SocketAddr>, Option<Arc<Proxy>>);
 
 fn run(
     config: LiveConfig,
-    (broker, addresses): Broker,
+    broker: BrokerAddress,
+    (addresses, radio): Brokers,
     board: &Board,
-    ready: &SyncSender<Result<Arena, LiveError>>,
-    report: &SyncSender<LiveReport>,
+    (orders, record): (mpsc::Receiver<Order>, Option<PathBuf>),
+    (ready, report): (
+        &SyncSender<Result<Arena, LiveError>>,
+        &SyncSender<LiveReport>,
+    ),
 ) {
     // The other ends go away only with the handle, and then nobody wants to know.
     let runtime = match tokio::runtime::Builder::new_current_thread()
@@ -259,18 +362,30 @@ fn run(
             return;
         }
     };
-    let clock = SimClock::new();
-    let gateway = Gateway::new(addresses);
-    let simulation = Simulation::with(
-        config.scenario,
-        config.seed,
-        &clock,
-        config.fleet,
-        Way::Live(gateway.clone()),
-        broker,
-    );
-    let simulation = match simulation {
-        Ok(simulation) => simulation,
+    let seed = config.seed;
+    let log = match Log::open(record.as_deref()) {
+        Ok(log) => log,
+        Err(error) => {
+            let _ = ready.send(Err(error));
+            return;
+        }
+    };
+    let over = radio.clone();
+    let make = move |seed, given| {
+        let gateway = Gateway::new(addresses.clone(), over.clone());
+        let simulation = Simulation::with(
+            config.scenario.clone(),
+            seed,
+            &SimClock::new(),
+            config.fleet.clone(),
+            Way::Live(gateway.clone()),
+            given,
+            None,
+        )?;
+        Ok::<_, SimulationError>((gateway, simulation))
+    };
+    let (gateway, simulation) = match make(seed, log.given(&broker)) {
+        Ok(made) => made,
         Err(error) => {
             let _ = ready.send(Err(LiveError::Simulation(error)));
             return;
@@ -285,124 +400,21 @@ fn run(
     let mut driver = Driver {
         simulation,
         gateway,
+        make: Box::new(make),
+        radio,
+        next_place: Instant::BOOT,
+        given: broker,
+        log,
         board,
-        started: RealInstant::now(),
+        orders,
+        stepping: None,
+        watch: Watch::start(std::time::Instant::now()),
         pacer: Pacer::new(),
     };
+    driver.tell_state();
     // One future owns all robots: the budget tokio gives to one task would starve them.
     let standing = runtime.block_on(tokio::task::unconstrained(driver.live()));
     let ended = driver.end(&runtime, standing);
     drop(running);
     let _ = report.send(ended);
-}
-
-struct Driver<'a> {
-    simulation: Simulation,
-    gateway: Gateway,
-    board: &'a Board,
-    started: RealInstant,
-    pacer: Pacer,
-}
-
-impl Driver<'_> {
-    /// Runs until asked to stop; returns how many robots stood at the end.
-    async fn live(&mut self) -> u32 {
-        while !self.board.stop.load(Ordering::Acquire) {
-            self.turn();
-            self.rest().await;
-        }
-        self.simulation.submit_all(Action::Stop);
-        let patience = StdDuration::from_millis(self.board.patience_ms.load(Ordering::Relaxed));
-        let deadline = RealInstant::now().checked_add(patience);
-        // At least two control periods, so that the word has arrived and its answer left.
-        let least = self.simulation.now() + Duration::from_millis(60);
-        loop {
-            self.turn();
-            let standing = self.standing();
-            let all = standing == self.simulation.present();
-            let late = deadline.is_some_and(|deadline| RealInstant::now() >= deadline);
-            if (all && self.simulation.now() >= least) || late {
-                return standing;
-            }
-            self.rest().await;
-        }
-    }
-
-    /// Real time since the world began.
-    fn real(&self) -> Instant {
-        Instant::from_micros(self.started.elapsed().as_micros() as u64)
-    }
-
-    /// Brings the world up to the present.
-    fn turn(&mut self) {
-        let due = self.simulation.next_due();
-        let target = self.pacer.target(self.real(), self.simulation.now(), due);
-        self.simulation.run_until(target);
-        let board = self.board;
-        let connected = self.gateway.connected();
-        board.connected.store(connected, Ordering::Relaxed);
-        let Some(pace) = self.pacer.measure(self.real(), self.simulation.now()) else {
-            return;
-        };
-        for (cell, value) in [
-            (&board.factor_ppm, (pace.factor * 1e6) as u64),
-            (&board.lateness_us, pace.lateness.as_micros()),
-            (&board.lost_us, pace.lost.as_micros()),
-            (&board.steps, self.simulation.world().steps()),
-        ] {
-            cell.store(value, Ordering::Relaxed);
-        }
-    }
-
-    /// Lets sockets be served, and sleeps until something is due.
-    async fn rest(&mut self) {
-        tokio::time::sleep(TURN).await;
-        let latest = RealInstant::now() + LONGEST_REST;
-        let due = self.pacer.real(self.simulation.next_due());
-        let due = self
-            .started
-            .checked_add(StdDuration::from_micros(due.as_micros()))
-            .map_or(latest, |due| due.min(latest));
-        let mut asleep = pin!(tokio::time::sleep_until(due));
-        let mut asked = pin!(self.board.wake.notified());
-        let simulation = &self.simulation;
-        poll_fn(|cx| {
-            let woken = !simulation.wake_when_ready(cx.waker());
-            let due = asleep.as_mut().poll(cx).is_ready();
-            let asked = asked.as_mut().poll(cx).is_ready();
-            if woken || due || asked {
-                Poll::Ready(())
-            } else {
-                Poll::Pending
-            }
-        })
-        .await;
-    }
-
-    fn standing(&self) -> u32 {
-        (0..self.simulation.robots())
-            .filter_map(|robot| self.simulation.observe(robot))
-            .filter(|seen| {
-                let still = seen.speed.abs() < STANDING && seen.turn.abs() < STANDING * 10.0;
-                seen.present && still && (seen.duty == [0, 0] || !seen.powered)
-            })
-            .count() as u32
-    }
-
-    /// Says goodbye for every robot, and ends the world.
-    fn end(mut self, runtime: &tokio::runtime::Runtime, standing: u32) -> LiveReport {
-        let report = LiveReport {
-            robots: self.simulation.present(),
-            standing,
-            connected: self.gateway.connected(),
-        };
-        self.gateway.leave();
-        // Sockets are closed through the runtime that watches them.
-        let _entered = runtime.enter();
-        self.simulation.end_tracking();
-        for robot in 0..self.simulation.robots() {
-            self.simulation.remove(robot);
-        }
-        report
-    }
 }

@@ -1,15 +1,27 @@
 //! One robot's program in its body.
 
+use std::pin::Pin;
 use std::rc::Rc;
 
-use crawler_app::{Config, ImageSlot, Robot};
-use crawler_hal::Network;
+use crawler_app::{Blank, Config, Geometry, Hold, ImageSlot, Robot, Room};
+use crawler_hal::{Body, Camera, Clock as _, Duration, Network, Parts};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 
-use crate::devices::{BodyParts, SimCamera};
+use super::eyes::{Mind, SimEyes};
+#[cfg(feature = "recording")]
+use super::{
+    journal::Payload,
+    recording::{
+        self,
+        life::Life,
+        tape::{Tape, What},
+    },
+};
+use crate::devices::BodyParts;
 use crate::sched::{Scheduler, SimClock, TaskId};
+use crate::world::Chassis;
 
 /// The shared context of a simulated robot: everything runs on one thread.
 pub type SimRobot = Robot<NoopRawMutex>;
@@ -18,12 +30,63 @@ pub type SimRobot = Robot<NoopRawMutex>;
 /// board gives it.
 const IMAGE_BUFFER: usize = 16 * 1024;
 
+/// Keeps rare steps of activities on the heap while they are taken: ten thousand robots seldom
+/// take them at the same time.
+enum Heap {}
+
+/// A value that is on the heap while it is needed.
+struct Seldom<T>(Option<Box<T>>);
+
+impl<T: Blank> Room<T> for Seldom<T> {
+    const EMPTY: Self = Self(None);
+
+    fn get(&self) -> Option<&T> {
+        self.0.as_deref()
+    }
+
+    fn enter(&mut self) -> &mut T {
+        self.0.get_or_insert_with(|| Box::new(T::BLANK))
+    }
+
+    fn leave(&mut self) {
+        self.0 = None;
+    }
+}
+
+impl Hold for Heap {
+    type Held<F: Future> = Pin<Box<F>>;
+    type Room<T: Blank> = Seldom<T>;
+
+    fn hold<F: Future>(step: F) -> Pin<Box<F>> {
+        Box::pin(step)
+    }
+}
+
+/// Voltage for which odometry is calibrated: a 2S pack in the middle of its charge.
+const NOMINAL_V: f32 = 7.4;
+
+/// What programs are told of the shape of their drive.
+pub(super) fn geometry(chassis: &Chassis) -> Geometry {
+    Geometry {
+        wheel_base_m: chassis.track_m,
+        top_speed_mps: chassis.speed_at(NOMINAL_V),
+        time_constant_s: chassis.time_constant(),
+        // What a turning wheel settles by. A standing one starts a little later; that is over
+        // within a step or two of the ramp.
+        stiction_duty: chassis.dead_band(NOMINAL_V),
+        nominal_v: NOMINAL_V,
+        bridge_drop_v: chassis.bridge_drop_v,
+    }
+}
+
 /// A running program. Its tasks are numbered like the activities below.
 #[derive(Debug)]
 pub(super) struct Program {
     /// Time since this boot.
     pub(super) clock: SimClock,
     tasks: Vec<TaskId>,
+    #[cfg(feature = "recording")]
+    tape: Option<Rc<Tape>>,
 }
 
 /// Runs the activities of `robot` on `parts`, as a board does at boot.
@@ -32,8 +95,51 @@ pub(super) fn start<N: Network + 'static>(
     robot: &Rc<SimRobot>,
     parts: BodyParts,
     network: N,
+    mind: Option<&Rc<Mind>>,
 ) -> Program {
-    let BodyParts {
+    let ranger_after = parts.ranger_after;
+    #[cfg(feature = "recording")]
+    if let Some((deck, number)) = parts.flash.deck() {
+        let life = Life::of(robot.config(), &parts);
+        let tape = deck.insert(number, life, &parts.clock);
+        tape.watch(robot);
+        let parts = recording::tap::tap(parts.with_network(network), &tape);
+        let mut program = launch(sched, robot, parts, ranger_after, mind);
+        program.tape = Some(tape);
+        return program;
+    }
+    launch(
+        sched,
+        robot,
+        parts.with_network(network),
+        ranger_after,
+        mind,
+    )
+}
+
+/// Runs the activities of `robot` on any body in virtual time, the one of the ranger
+/// `ranger_after` the others.
+pub(super) fn launch<B>(
+    sched: &mut Scheduler,
+    robot: &Rc<SimRobot>,
+    parts: Parts<B>,
+    ranger_after: Duration,
+    mind: Option<&Rc<Mind>>,
+) -> Program
+where
+    B: Body<Clock = SimClock, Rng = Pcg32>,
+    B::Pwm: 'static,
+    B::Pin: 'static,
+    B::Uart: 'static,
+    B::Trigger: 'static,
+    B::Echo: 'static,
+    B::Battery: 'static,
+    B::Camera: 'static,
+    B::Flash: 'static,
+    B::Network: 'static,
+    B::System: 'static,
+{
+    let Parts {
         clock,
         left,
         right,
@@ -42,52 +148,57 @@ pub(super) fn start<N: Network + 'static>(
         battery,
         camera,
         flash,
+        network,
         system,
         mut rng,
     } = parts;
     // Two activities want randomness; neither may depend on how much the other draws.
     let link_rng = Pcg32::new(rng.next_u64(), 0x6C69_6E6B);
+    // Each is given what it needs and nothing around it: a task that awaited it would keep it all a
+    // second time.
+    let (own, now) = (|| Rc::clone(robot), || clock.clone());
     let mut tasks = vec![
-            sched.spawn({
-                let (robot, clock) = (Rc::clone(robot), clock.clone());
-                async move {
-                    match crawler_app::control(&robot, left, right, system, rng, clock).await {}
-                }
-            }),
-            sched.spawn({
-                let (robot, clock) = (Rc::clone(robot), clock.clone());
-                async move { match crawler_app::sense(&robot, ranger, clock).await {} }
-            }),
-            sched.spawn({
-                let (robot, clock) = (Rc::clone(robot), clock.clone());
-                async move { match crawler_app::power(&robot, battery, clock).await {} }
-            }),
-            sched.spawn({
-                let (robot, clock) = (Rc::clone(robot), clock.clone());
-                async move { match crawler_app::lamp(&robot, lamp, clock).await {} }
-            }),
-            sched.spawn({
-                let (robot, clock) = (Rc::clone(robot), clock.clone());
-                async move { match crawler_app::store(&robot, flash, clock).await {} }
-            }),
-        ];
+        sched.spawn(crawler_app::control(own(), left, right, system, rng, now())),
+        sched.spawn({
+            let (robot, clock) = (own(), now());
+            async move {
+                clock.sleep(ranger_after).await;
+                match crawler_app::sense(&*robot, ranger, clock).await {}
+            }
+        }),
+        sched.spawn(crawler_app::power(own(), battery, now())),
+        sched.spawn(crawler_app::lamp(own(), lamp, now())),
+        sched.spawn(crawler_app::store_held::<Heap, _, _, _>(
+            own(),
+            flash,
+            now(),
+        )),
+    ];
+    tasks.reserve_exact(1);
     if robot.config().camera {
-        let pair = start_camera(sched, robot, camera, network, link_rng, &clock);
+        let pair = {
+            let eyes = mind.map(|mind| SimEyes::new(mind, &clock));
+            start_camera(sched, robot, camera, eyes, network, link_rng, &clock)
+        };
         tasks.extend(pair);
     } else {
-        tasks.push(sched.spawn({
-            let (robot, clock) = (Rc::clone(robot), clock.clone());
-            async move { match crawler_app::link(&robot, network, link_rng, clock).await {} }
-        }));
+        let link = crawler_app::link_held::<Heap, _, _, _, _>(own(), network, link_rng, now());
+        tasks.push(sched.spawn(link));
     }
-    Program { clock, tasks }
+    Program {
+        clock,
+        tasks,
+        #[cfg(feature = "recording")]
+        tape: None,
+    }
 }
 
 /// Runs the link and the camera activity, which share a buffer.
-fn start_camera<N: Network + 'static>(
+fn start_camera<K: Camera + 'static, N: Network + 'static>(
     sched: &mut Scheduler,
     robot: &Rc<SimRobot>,
-    camera: SimCamera,
+    camera: K,
+    eyes: Option<SimEyes>,
     network: N,
     rng: Pcg32,
     clock: &SimClock,
@@ -97,20 +208,56 @@ fn start_camera<N: Network + 'static>(
     let link = sched.spawn({
         let (robot, images, clock) = (Rc::clone(robot), Rc::clone(&images), clock.clone());
         async move {
-            let link = crawler_app::link_with_images(&robot, &images, network, rng, clock);
+            let link = crawler_app::link_with_images_held::<Heap, _, _, _, _, _>(
+                &*robot, &images, network, rng, clock,
+            );
             match link.await {}
         }
     });
     let camera = sched.spawn({
         let (robot, clock) = (Rc::clone(robot), clock.clone());
-        async move { match crawler_app::camera(&robot, camera, &images, clock).await {} }
+        async move {
+            let looking = crawler_app::camera_with_eyes(&robot, camera, &images, eyes, clock);
+            match looking.await {}
+        }
     });
     [link, camera]
 }
 
 impl Program {
+    /// Hands the program a command that comes past the network.
+    pub(super) fn tell(&self, robot: &SimRobot, payload: &[u8]) {
+        #[cfg(feature = "recording")]
+        if let Some(tape) = &self.tape {
+            tape.note(What::Told(Payload::new(payload)));
+        }
+        robot.submit(payload, self.clock.now());
+    }
+
+    /// Puts the program's idea of the time off.
+    pub(super) fn step_clock(&self, robot: &SimRobot, ms: i64) {
+        #[cfg(feature = "recording")]
+        if let Some(tape) = &self.tape {
+            tape.note(What::ClockStep(ms));
+        }
+        robot.step_clock(ms);
+    }
+
+    /// Tells the program the time past the network.
+    pub(super) fn tell_time(&self, robot: &SimRobot, unix_ms: u64) {
+        #[cfg(feature = "recording")]
+        if let Some(tape) = &self.tape {
+            tape.note(What::Time(unix_ms));
+        }
+        robot.observe_time(unix_ms, self.clock.now());
+    }
+
     /// Drops the program where it stands, as a reset or a power cut does.
     pub(super) fn stop(self, sched: &mut Scheduler) {
+        #[cfg(feature = "recording")]
+        if let Some(tape) = &self.tape {
+            tape.end();
+        }
         for task in self.tasks {
             sched.remove(task);
         }
@@ -118,6 +265,6 @@ impl Program {
 }
 
 /// A context as it is before boot.
-pub(super) fn context(config: &Config) -> Rc<SimRobot> {
-    Rc::new(Robot::new(config.clone()))
+pub(super) fn context(config: Config) -> Rc<SimRobot> {
+    Rc::new(Robot::new(config))
 }

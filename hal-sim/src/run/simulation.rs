@@ -1,30 +1,40 @@
 //! A simulation: see [`Simulation`].
 
 mod command;
+mod direct;
+mod faults;
+mod history;
+mod hostile;
 mod observe;
+mod outside;
 mod robots;
 mod step;
 
 use std::fmt;
 use std::rc::Rc;
 
-use crawler_app::{Config, Credentials};
+use crawler_app::Credentials;
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Action, Fleet, Topic};
+use crawler_protocol::{Action, Fleet, RobotId, Topic};
 
+use super::director::Director;
 use super::error::SimulationError;
+use super::eyes::Mind;
 use super::fingerprint::Fingerprint;
+use super::hashes::Hashes;
+use super::journal::Journal;
 use super::machine::{Program, SimRobot};
+use super::parallel::Seat;
 use super::tracker::Camera;
 use crate::net::lockstep::Air;
 use crate::scenario::{Scenario, Spawner};
 use crate::sched::{Scheduler, SimClock};
-use crate::world::{PHYSICS_STEP, RobotIndex, World};
+use crate::world::{Members, PHYSICS_STEP, RobotIndex, World};
 
 /// Unix time at the beginning of every simulated world: 2026-01-01, in milliseconds.
 pub const EPOCH_MS: u64 = 1_767_225_600_000;
 /// How often the state of the world goes into the history.
-const HISTORY_PERIOD: Duration = Duration::from_millis(500);
+const HISTORY_PERIOD: Duration = Duration::from_secs(1);
 /// How often robots are looked at that have not been given the initial command yet.
 const START_PERIOD: Duration = Duration::from_millis(100);
 /// How often robots are told the time: by the server of a lockstep world, or without a network
@@ -43,20 +53,24 @@ pub(crate) enum Way {
 }
 
 struct Machine {
-    config: Config,
+    id: RobotId,
     index: RobotIndex,
-    robot: Rc<SimRobot>,
+    /// `None` when another shard runs it.
+    robot: Option<Rc<SimRobot>>,
     /// `None` without power, and after removal.
     program: Option<Program>,
     /// Number of its link, where links have numbers.
     link: usize,
     boots: u32,
+    /// Of its state so far and of its boots.
+    history: Fingerprint,
 }
 
 /// A world whose bodies run the real robot program.
 ///
 /// A value on one thread. In lockstep and without a network it is deterministic: the same
-/// scenario, seed and calls give the same [`Simulation::history_hash`].
+/// scenario, seed and calls give the same [`Simulation::history_hash`], on one thread or, with
+/// [`parallel::run`](super::parallel::run), on several.
 pub struct Simulation {
     scenario: Scenario,
     seed: u64,
@@ -66,6 +80,8 @@ pub struct Simulation {
     way: Way,
     machines: Vec<Machine>,
     spawner: Spawner,
+    /// Whoever runs the scenario.
+    director: Director,
     /// The camera above the arena.
     camera: Option<Camera>,
     /// Its client in a live world.
@@ -80,10 +96,19 @@ pub struct Simulation {
     /// When the next physics step ends.
     next_step: Instant,
     next_history: Instant,
-    history: Fingerprint,
+    hashes: Hashes,
+    /// Number of the newest command.
     seq: u64,
+    /// What was done to it from outside.
+    pub(super) journal: Journal,
+    /// Where the other shards of the world are met.
+    seat: Option<Seat>,
+    /// What is broken about the robots, and until when.
+    troubles: faults::Troubles,
     /// Whom robots are to connect to.
     broker: BrokerAddress,
+    /// What their cameras are seen through with.
+    mind: Option<Rc<Mind>>,
 }
 
 /// Name and password for a broker, as robots hold them.
@@ -101,11 +126,14 @@ pub fn credentials(name: &str, password: &str) -> Result<Credentials, Simulation
 }
 
 /// Where a broker is, and what it wants to know of its clients.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct BrokerAddress {
     pub(crate) host: heapless::String<64>,
     pub(crate) port: u16,
     pub(crate) credentials: Option<Credentials>,
+    /// Where their devices are recorded.
+    #[cfg(feature = "recording")]
+    pub(crate) deck: Option<super::recording::Deck>,
 }
 
 impl Simulation {
@@ -114,20 +142,55 @@ impl Simulation {
     /// # Errors
     /// See [`SimulationError`].
     pub fn lockstep(scenario: Scenario, seed: u64) -> Result<Self, SimulationError> {
+        Self::lockstep_shard(scenario, seed, None)
+    }
+
+    /// A simulation like [`Simulation::linked`] whose robots boot with a tap on every device.
+    /// Its history is that of one without.
+    ///
+    /// # Errors
+    /// See [`SimulationError`].
+    #[cfg(feature = "recording")]
+    pub fn recorded(
+        link: super::snapshot::Link,
+        scenario: Scenario,
+        seed: u64,
+        deck: super::recording::Deck,
+    ) -> Result<Self, SimulationError> {
+        let given = BrokerAddress {
+            deck: Some(deck),
+            ..BrokerAddress::default()
+        };
+        match link {
+            super::snapshot::Link::Lockstep => Self::lockstep_given(scenario, seed, given, None),
+            super::snapshot::Link::None => Self::lonely_given(scenario, seed, given, None),
+        }
+    }
+
+    /// One shard of such a simulation, or all of it.
+    pub(crate) fn lockstep_shard(
+        scenario: Scenario,
+        seed: u64,
+        seat: Option<Seat>,
+    ) -> Result<Self, SimulationError> {
+        Self::lockstep_given(scenario, seed, BrokerAddress::default(), seat)
+    }
+
+    fn lockstep_given(
+        scenario: Scenario,
+        seed: u64,
+        nowhere: BrokerAddress,
+        seat: Option<Seat>,
+    ) -> Result<Self, SimulationError> {
         let clock = SimClock::new();
-        let air = Air::new(scenario.link, seed, &clock);
+        let air = Air::with_radio(&scenario.radio_setup(seed), &clock);
         let fleet = Fleet::default();
         air.serve_time(&Topic::Time.render(&fleet), EPOCH_MS, TIME_PERIOD);
-        let mut simulation = Self::with(
-            scenario,
-            seed,
-            &clock,
-            fleet,
-            Way::Lockstep(air.clone()),
-            BrokerAddress::default(),
-        )?;
-        simulation.sched.spawn(air.run());
-        Ok(simulation)
+        if seat.is_some() {
+            air.share();
+        }
+        let way = Way::Lockstep(air);
+        Self::with(scenario, seed, &clock, fleet, way, nowhere, seat)
     }
 
     /// A simulation whose robots never find a network. Commands come through
@@ -139,9 +202,27 @@ impl Simulation {
     /// # Errors
     /// See [`SimulationError`].
     pub fn without_network(scenario: Scenario, seed: u64) -> Result<Self, SimulationError> {
-        let nowhere = BrokerAddress::default();
+        Self::shard_without_network(scenario, seed, None)
+    }
+
+    /// One shard of such a simulation, or all of it.
+    pub(crate) fn shard_without_network(
+        scenario: Scenario,
+        seed: u64,
+        seat: Option<Seat>,
+    ) -> Result<Self, SimulationError> {
+        Self::lonely_given(scenario, seed, BrokerAddress::default(), seat)
+    }
+
+    fn lonely_given(
+        scenario: Scenario,
+        seed: u64,
+        nowhere: BrokerAddress,
+        seat: Option<Seat>,
+    ) -> Result<Self, SimulationError> {
+        let fleet = Fleet::default();
         let clock = SimClock::new();
-        Self::with(scenario, seed, &clock, Fleet::default(), Way::None, nowhere)
+        Self::with(scenario, seed, &clock, fleet, Way::None, nowhere, seat)
     }
 
     pub(crate) fn with(
@@ -151,6 +232,7 @@ impl Simulation {
         fleet: Fleet,
         way: Way,
         broker: BrokerAddress,
+        seat: Option<Seat>,
     ) -> Result<Self, SimulationError> {
         scenario.validate()?;
         let action = scenario.action()?;
@@ -161,7 +243,15 @@ impl Simulation {
         };
         let arena = scenario.arena(seed)?;
         let spawner = scenario.spawner(&arena, seed);
-        let world = World::with_parameters(arena, scenario.parameters, seed, clock)?;
+        let director = Director::new(&scenario, &arena, seed);
+        let members = seat.as_ref().map_or(Members::ALL, Seat::members);
+        let parameters = scenario.drawn_parameters(seed);
+        let world = World::replica(arena, parameters, seed, clock, members)?;
+        #[cfg(feature = "recording")]
+        if let Some(deck) = broker.deck.clone() {
+            world.record(deck);
+        }
+        let mind = scenario.detector.map(Mind::new).transpose()?;
         let robots = scenario.robots;
         let camera = Camera::new(scenario.tracker, seed).filter(|_| !matches!(way, Way::None));
         let mut simulation = Self {
@@ -173,6 +263,7 @@ impl Simulation {
             way,
             machines: Vec::new(),
             spawner,
+            director,
             camera,
             #[cfg(feature = "live")]
             messenger: None,
@@ -182,12 +273,16 @@ impl Simulation {
             next_time,
             next_step: Instant::BOOT + PHYSICS_STEP,
             next_history: Instant::BOOT + HISTORY_PERIOD,
-            history: Fingerprint::new(),
-            seq: 0,
+            hashes: Hashes::default(),
+            seq: command::FIRST_SEQ,
+            journal: Journal::default(),
+            seat,
+            troubles: faults::Troubles::default(),
             broker,
+            mind,
         };
         for number in 1..=robots {
-            match simulation.spawn() {
+            match simulation.place(None) {
                 Err(SimulationError::NoRoom(..)) => {
                     return Err(SimulationError::NoRoom(number, robots));
                 }
@@ -224,9 +319,17 @@ impl Simulation {
 }
 
 impl Machine {
-    fn boot_is_over(&self) -> bool {
-        self.robot.snapshot().state != crawler_protocol::RobotState::Initializing
+    /// Its program and the context that it runs on, while it runs in this shard.
+    fn running(&self) -> Option<(&Rc<SimRobot>, &Program)> {
+        self.robot.as_ref().zip(self.program.as_ref())
     }
+}
+
+/// The next moment at which robots are looked at that wait for the initial command: it must not
+/// depend on which others wait.
+fn next_start(now: Instant) -> Instant {
+    let period = START_PERIOD.as_micros();
+    Instant::from_micros((now.as_micros() / period + 1) * period)
 }
 
 impl fmt::Debug for Simulation {

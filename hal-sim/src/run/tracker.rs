@@ -2,7 +2,6 @@
 
 use crawler_hal::Duration;
 use crawler_protocol::{MAX_MESSAGE, PoseFix, RobotId};
-use rand_pcg::Pcg32;
 
 use crate::scenario::Tracker;
 use crate::world::{Pose, Purpose, normal, stream};
@@ -16,7 +15,9 @@ pub(super) const LIVE_MOST_PER_S: u64 = 400;
 #[derive(Debug)]
 pub(super) struct Camera {
     model: Tracker,
-    rng: Pcg32,
+    seed: u64,
+    /// Turns so far.
+    turns: u64,
     /// Fixes due, in millionths.
     credit: u64,
     next: usize,
@@ -24,9 +25,10 @@ pub(super) struct Camera {
 
 impl Camera {
     pub(super) fn new(model: Tracker, seed: u64) -> Option<Self> {
-        model.on.then(|| Self {
+        model.on.then_some(Self {
             model,
-            rng: stream(seed, u32::MAX, Purpose::Tracker),
+            seed,
+            turns: 0,
             credit: 0,
             next: 0,
         })
@@ -48,15 +50,19 @@ impl Camera {
     pub(super) fn turn(&mut self, robots: usize) -> usize {
         let robot = if self.next < robots { self.next } else { 0 };
         self.next = robot + 1;
+        self.turns += 1;
         robot
     }
 
-    /// What the camera takes `truth` for.
-    pub(super) fn see(&mut self, truth: Pose) -> crawler_protocol::Pose {
+    /// What the camera takes `truth` for, when it looks at `robot` in its turn. Each turn has noise
+    /// of its own, so that turns nobody asks for need not be drawn.
+    pub(super) fn see(&self, robot: usize, truth: Pose) -> crawler_protocol::Pose {
         let Tracker {
             sigma_m, sigma_rad, ..
         } = self.model;
-        let mut off = |sigma: f32| sigma * normal(&mut self.rng);
+        let seed = self.seed ^ self.turns.rotate_left(32);
+        let mut rng = stream(seed, robot as u32, Purpose::Tracker);
+        let mut off = |sigma: f32| sigma * normal(&mut rng);
         let seen = Pose::new(
             truth.x + off(sigma_m),
             truth.y + off(sigma_m),

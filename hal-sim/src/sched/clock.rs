@@ -2,6 +2,7 @@
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
+use std::num::NonZero;
 use std::pin::Pin;
 use std::rc::Rc;
 use std::task::{Context, Poll, RawWakerVTable, Waker};
@@ -41,7 +42,7 @@ pub(super) struct Shared {
     pub(super) deadline: Cell<u64>,
     /// Sleeps polled with a waker that is not the task's own, by moment and arrival.
     foreign: RefCell<BTreeMap<(u64, u64), Waker>>,
-    arrivals: Cell<u64>,
+    arrivals: Cell<NonZero<u64>>,
 }
 
 impl Shared {
@@ -82,7 +83,7 @@ impl SimClock {
                 polled: Cell::new(None),
                 deadline: Cell::new(NEVER),
                 foreign: RefCell::new(BTreeMap::new()),
-                arrivals: Cell::new(0),
+                arrivals: Cell::new(NonZero::<u64>::MIN),
             }),
             boot: 0,
         }
@@ -128,13 +129,12 @@ impl Clock for SimClock {
         Instant::from_micros(self.shared.now.get() - self.boot)
     }
 
-    async fn sleep_until(&self, at: Instant) {
+    fn sleep_until(&self, at: Instant) -> impl Future<Output = ()> {
         Sleep {
             shared: &self.shared,
             at: at.as_micros().saturating_add(self.boot),
-            key: None,
+            arrival: None,
         }
-        .await;
     }
 }
 
@@ -147,12 +147,14 @@ impl Clock for SimClock {
 struct Sleep<'a> {
     shared: &'a Rc<Shared>,
     at: u64,
-    key: Option<(u64, u64)>,
+    /// Its place among the sleeps of that moment, while it is in the map.
+    arrival: Option<NonZero<u64>>,
 }
 
 impl Sleep<'_> {
     fn forget(&mut self) {
-        if let Some(key) = self.key.take() {
+        if let Some(arrival) = self.arrival.take() {
+            let key = (self.at, arrival.get());
             self.shared.foreign.borrow_mut().remove(&key);
         }
     }
@@ -170,15 +172,17 @@ impl Future for Sleep<'_> {
         if shared.polled.get().is_some_and(|p| p.is(cx.waker())) {
             self.forget();
             shared.deadline.set(shared.deadline.get().min(self.at));
-        } else if let Some(key) = self.key {
+        } else if let Some(arrival) = self.arrival {
+            let key = (self.at, arrival.get());
             if let Some(waker) = shared.foreign.borrow_mut().get_mut(&key) {
                 waker.clone_from(cx.waker());
             }
         } else {
-            let key = (self.at, shared.arrivals.get());
-            shared.arrivals.set(key.1 + 1);
+            let arrival = shared.arrivals.get();
+            shared.arrivals.set(arrival.saturating_add(1));
+            let key = (self.at, arrival.get());
             shared.foreign.borrow_mut().insert(key, cx.waker().clone());
-            self.key = Some(key);
+            self.arrival = Some(arrival);
         }
         Poll::Pending
     }

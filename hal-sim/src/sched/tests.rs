@@ -321,7 +321,7 @@ fn tasks_that_only_wake_each_other_are_caught() {
     let mut sched = Scheduler::new(&SimClock::new());
     sched.spawn(std::future::poll_fn(|cx| {
         cx.waker().wake_by_ref();
-        Poll::Pending
+        Poll::<()>::Pending
     }));
     sched.run();
 }

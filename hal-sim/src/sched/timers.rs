@@ -2,8 +2,9 @@
 //! it.
 //!
 //! Nearly every deadline of a robot lies within 100 ms, and at a thousand robots a heap pays ten
-//! cache misses for each of them. A calendar pays one to insert; each bucket is sorted once, when
-//! its time comes, and robots that run in phase arrive in it already sorted.
+//! cache misses for each of them. A calendar writes one word behind the last one of its bucket, a
+//! cache line of which holds seven; each bucket is sorted once, when its time comes, and robots
+//! that run in phase arrive in it already sorted.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -13,7 +14,9 @@ const SHIFT: u32 = 10;
 /// Buckets in the calendar: about a second.
 const BUCKETS: u64 = 1024;
 const WORDS: usize = (BUCKETS / 64) as usize;
-/// No node.
+/// Entries in a chunk: it fills 64 bytes.
+const CHUNK: usize = 7;
+/// No chunk.
 const NONE: u32 = u32::MAX;
 
 /// A deadline of a task. Ordered by time, then by task.
@@ -25,9 +28,29 @@ pub(super) struct Entry {
     pub(super) task: u32,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Node {
-    entry: Entry,
+impl Entry {
+    const fn bucket(self) -> u64 {
+        self.at >> SHIFT
+    }
+
+    /// Time within the bucket and task in one word: ordered as entries of one bucket are.
+    const fn key(self) -> u64 {
+        (self.at & ((1 << SHIFT) - 1)) << 32 | self.task as u64
+    }
+
+    const fn of(bucket: u64, key: u64) -> Self {
+        Self {
+            at: bucket << SHIFT | key >> 32,
+            task: key as u32,
+        }
+    }
+}
+
+/// Some entries of one bucket, as they arrived.
+#[derive(Debug, Clone)]
+struct Chunk {
+    keys: [u64; CHUNK],
+    len: u32,
     next: u32,
 }
 
@@ -38,16 +61,17 @@ struct Node {
 pub(super) struct TimerQueue {
     /// Number of the bucket being drained. Everything at or before it is in `due` and `near`.
     base: u64,
-    /// The bucket being drained, latest first.
-    due: Vec<Entry>,
+    /// Keys of the bucket being drained, latest first.
+    due: Vec<u64>,
     /// Entries that arrived for the bucket being drained, or for one before it.
     near: BinaryHeap<Reverse<Entry>>,
-    /// First node of each bucket's list.
+    /// Newest chunk of each bucket.
     heads: Box<[u32]>,
     /// One bit for each bucket that is not empty.
     occupied: [u64; WORDS],
-    /// Nodes of all lists; memory follows the number of entries, not of buckets.
-    nodes: Vec<Node>,
+    /// Chunks of all buckets; memory follows the number of entries, and one chunk more for each
+    /// bucket that is not empty.
+    chunks: Vec<Chunk>,
     free: u32,
     /// Beyond the calendar.
     far: BinaryHeap<Reverse<Entry>>,
@@ -62,7 +86,7 @@ impl TimerQueue {
             near: BinaryHeap::new(),
             heads: vec![NONE; BUCKETS as usize].into_boxed_slice(),
             occupied: [0; WORDS],
-            nodes: Vec::new(),
+            chunks: Vec::new(),
             free: NONE,
             far: BinaryHeap::new(),
             len: 0,
@@ -78,7 +102,7 @@ impl TimerQueue {
         self.near.clear();
         self.heads.fill(NONE);
         self.occupied = [0; WORDS];
-        self.nodes.clear();
+        self.chunks.clear();
         self.free = NONE;
         self.far.clear();
         self.len = 0;
@@ -86,7 +110,7 @@ impl TimerQueue {
 
     pub(super) fn push(&mut self, entry: Entry) {
         self.len += 1;
-        let bucket = entry.at >> SHIFT;
+        let bucket = entry.bucket();
         if bucket <= self.base {
             self.near.push(Reverse(entry));
         } else if bucket - self.base < BUCKETS {
@@ -101,9 +125,10 @@ impl TimerQueue {
         if self.due.is_empty() && self.near.is_empty() {
             self.advance();
         }
-        match (self.due.last(), self.near.peek()) {
-            (Some(&a), Some(&Reverse(b))) => Some(a.min(b)),
-            (Some(&a), None) => Some(a),
+        let due = self.due.last().map(|&key| Entry::of(self.base, key));
+        match (due, self.near.peek()) {
+            (Some(a), Some(&Reverse(b))) => Some(a.min(b)),
+            (Some(a), None) => Some(a),
             (None, Some(&Reverse(b))) => Some(b),
             (None, None) => None,
         }
@@ -111,12 +136,24 @@ impl TimerQueue {
 
     /// Takes the earliest entry when it is due at `now`.
     pub(super) fn pop_due(&mut self, now: u64) -> Option<Entry> {
+        if self.near.is_empty()
+            && let Some(&key) = self.due.last()
+        {
+            let entry = Entry::of(self.base, key);
+            if entry.at > now {
+                return None;
+            }
+            self.due.pop();
+            self.len -= 1;
+            return Some(entry);
+        }
         let entry = self.peek()?;
         if entry.at > now {
             return None;
         }
         self.len -= 1;
-        if self.due.last() == Some(&entry) {
+        let first = self.due.last().map(|&key| Entry::of(self.base, key));
+        if first == Some(entry) {
             self.due.pop();
         } else {
             self.near.pop();
@@ -126,17 +163,29 @@ impl TimerQueue {
 
     fn push_bucket(&mut self, bucket: u64, entry: Entry) {
         let slot = (bucket % BUCKETS) as usize;
-        let node = Node {
-            entry,
-            next: self.heads[slot],
+        let head = self.heads[slot];
+        let room = self
+            .chunks
+            .get_mut(head as usize)
+            .filter(|chunk| (chunk.len as usize) < CHUNK);
+        if let Some(chunk) = room {
+            chunk.keys[chunk.len as usize] = entry.key();
+            chunk.len += 1;
+            return;
+        }
+        let mut chunk = Chunk {
+            keys: [0; CHUNK],
+            len: 1,
+            next: head,
         };
+        chunk.keys[0] = entry.key();
         self.heads[slot] = if self.free == NONE {
-            self.nodes.push(node);
-            (self.nodes.len() - 1) as u32
+            self.chunks.push(chunk);
+            (self.chunks.len() - 1) as u32
         } else {
             let index = self.free;
-            self.free = self.nodes[index as usize].next;
-            self.nodes[index as usize] = node;
+            self.free = self.chunks[index as usize].next;
+            self.chunks[index as usize] = chunk;
             index
         };
         self.occupied[slot / 64] |= 1 << (slot % 64);
@@ -163,7 +212,7 @@ impl TimerQueue {
 
     /// Moves on to the next bucket with anything in it, and sorts it.
     fn advance(&mut self) {
-        let far = self.far.peek().map(|&Reverse(e)| e.at >> SHIFT);
+        let far = self.far.peek().map(|&Reverse(entry)| entry.bucket());
         let next = match (self.next_bucket(), far) {
             (Some(a), Some(b)) => a.min(b),
             (Some(a), None) | (None, Some(a)) => a,
@@ -171,13 +220,13 @@ impl TimerQueue {
         };
         self.base = next;
         while let Some(&Reverse(entry)) = self.far.peek() {
-            let bucket = entry.at >> SHIFT;
+            let bucket = entry.bucket();
             if bucket - next >= BUCKETS {
                 break;
             }
             self.far.pop();
             if bucket == next {
-                self.due.push(entry);
+                self.due.push(entry.key());
             } else {
                 self.push_bucket(bucket, entry);
             }
@@ -185,15 +234,16 @@ impl TimerQueue {
         let slot = (next % BUCKETS) as usize;
         let mut index = std::mem::replace(&mut self.heads[slot], NONE);
         self.occupied[slot / 64] &= !(1 << (slot % 64));
+        // Latest arrivals first, so that robots in phase are in order already.
         while index != NONE {
-            let node = self.nodes[index as usize];
-            self.due.push(node.entry);
-            self.nodes[index as usize].next = self.free;
+            let chunk = &mut self.chunks[index as usize];
+            let keys = &chunk.keys[..chunk.len as usize];
+            self.due.extend(keys.iter().rev());
+            let next = std::mem::replace(&mut chunk.next, self.free);
             self.free = index;
-            index = node.next;
+            index = next;
         }
-        // The list hands out the latest arrival first, so robots in phase are in order already.
-        self.due.sort_unstable_by(|a, b| b.cmp(a));
+        self.due.sort_unstable_by_key(|&key| Reverse(key));
     }
 }
 
@@ -256,7 +306,7 @@ mod tests {
             }
             assert_eq!(popped, 100);
         }
-        assert!(queue.nodes.len() <= 100);
+        assert!(queue.chunks.len() <= 100 / CHUNK + 1);
     }
 
     #[test]

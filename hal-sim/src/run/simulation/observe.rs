@@ -7,9 +7,11 @@ use crawler_protocol::{Fleet, RobotId};
 
 use super::{EPOCH_MS, Simulation, Way};
 use crate::net::lockstep::Air;
+use crate::run::eyes::Looks;
 use crate::run::machine::SimRobot;
+use crate::run::parallel::Seat;
 use crate::scenario::Scenario;
-use crate::world::{Observation, RobotIndex, World};
+use crate::world::{Observation, Pose, RobotIndex, World};
 
 impl Simulation {
     /// The scenario.
@@ -42,22 +44,32 @@ impl Simulation {
         EPOCH_MS + self.now().as_millis()
     }
 
+    /// What looking has come to: frames seen and in memory. Nothing where the scenario has no
+    /// detector.
+    #[must_use]
+    pub fn looks(&self) -> Looks {
+        self.mind
+            .as_ref()
+            .map_or_else(Looks::default, |mind| mind.looks())
+    }
+
     /// Number of robots ever added.
     #[must_use]
     pub fn robots(&self) -> usize {
         self.machines.len()
     }
 
-    /// A robot's program as it is now; a new one after each boot.
+    /// A robot's program as it is now; a new one after each boot. `None` also when another shard
+    /// runs it.
     #[must_use]
     pub fn robot(&self, robot: usize) -> Option<&Rc<SimRobot>> {
-        self.machines.get(robot).map(|machine| &machine.robot)
+        self.machines.get(robot)?.robot.as_ref()
     }
 
     /// Name of a robot on the wire.
     #[must_use]
     pub fn id(&self, robot: usize) -> Option<&RobotId> {
-        self.machines.get(robot).map(|machine| &machine.config.id)
+        self.machines.get(robot).map(|machine| &machine.id)
     }
 
     /// How often a robot's program was started.
@@ -66,7 +78,13 @@ impl Simulation {
         self.machines.get(robot).map_or(0, |machine| machine.boots)
     }
 
-    /// The truth about a robot.
+    /// Where a robot is, whichever shard runs it; `None` when it is not in the world.
+    #[must_use]
+    pub fn pose(&self, robot: usize) -> Option<Pose> {
+        self.world.pose(self.machines.get(robot)?.index)
+    }
+
+    /// The truth about a robot. `None` also when another shard runs it.
     #[must_use]
     pub fn observe(&self, robot: usize) -> Option<Observation> {
         self.world.observe(self.machines.get(robot)?.index)
@@ -102,18 +120,29 @@ impl Simulation {
     /// Number of robots that were added and not removed.
     #[must_use]
     pub fn present(&self) -> u32 {
-        let observed = self
-            .machines
-            .iter()
-            .filter_map(|m| self.world.observe(m.index));
-        observed.filter(|seen| seen.present).count() as u32
+        let poses = self.machines.iter().map(|m| self.world.pose(m.index));
+        poses.flatten().count() as u32
+    }
+
+    /// Whether this is one of several shards of a world and another one has failed. Time passes no
+    /// more then.
+    pub(crate) fn is_cut_off(&self) -> bool {
+        self.seat.as_ref().is_some_and(Seat::is_cut_off)
     }
 
     /// The next moment at which anything but physics happens.
     #[must_use]
     pub fn next_due(&mut self) -> Instant {
         let due = self.sched.next_due().unwrap_or(Instant::FAR_FUTURE);
-        due.min(self.next_start).min(self.next_time)
+        let network = match &self.way {
+            Way::Lockstep(air) => Instant::from_micros(air.next_due()),
+            _ => Instant::FAR_FUTURE,
+        };
+        due.min(self.next_start)
+            .min(self.next_time)
+            .min(self.troubles.next())
+            .min(self.director.next_due())
+            .min(network)
     }
 
     /// See [`Scheduler::wake_outer_when_ready`].
@@ -126,18 +155,5 @@ impl Simulation {
     #[must_use]
     pub fn polls(&self) -> u64 {
         self.sched.polls()
-    }
-
-    /// A fingerprint of all that happened so far: the full physical state twice a second, every
-    /// boot, and in lockstep every message that robots published.
-    #[must_use]
-    pub fn history_hash(&self) -> u64 {
-        let mut history = self.history;
-        history.word(self.now().as_micros());
-        history.word(self.world.hash());
-        if let Way::Lockstep(air) = &self.way {
-            history.word(air.fingerprint());
-        }
-        history.value()
     }
 }

@@ -1,17 +1,17 @@
 //! Robots come, go and lose their links.
 
-use crawler_app::{Config, Geometry};
+use crawler_app::Config;
 use crawler_protocol::{Kind, RobotId};
 
-use super::{Machine, START_PERIOD, Simulation, Way};
+use super::{Machine, Simulation, Way, next_start};
 use crate::net::NoNetwork;
 use crate::net::lockstep::Cut;
 use crate::run::error::SimulationError;
+use crate::run::eyes;
+use crate::run::fingerprint::Fingerprint;
+use crate::run::journal::Input;
 use crate::run::machine;
 use crate::world::Pose;
-
-/// Voltage for which odometry is calibrated: a 2S pack in the middle of its charge.
-const NOMINAL_V: f32 = 7.4;
 
 impl Simulation {
     /// Adds a robot at a free place drawn from the seed, and boots it. Returns its number.
@@ -19,14 +19,9 @@ impl Simulation {
     /// # Errors
     /// [`SimulationError::NoRoom`] when no free place is found.
     pub fn spawn(&mut self) -> Result<usize, SimulationError> {
-        let margin = self.scenario.parameters.chassis.radius_m + self.scenario.spawn.clearance;
-        let world = &self.world;
-        let all = self.machines.len() as u32 + 1;
-        let pose = self
-            .spawner
-            .find(|pose| world.clearance(pose.x, pose.y, margin) >= margin)
-            .ok_or(SimulationError::NoRoom(all, all))?;
-        self.spawn_at(pose)
+        let input = Input::Spawn { pose: None };
+        self.journal.note(self.sched.now(), input);
+        self.place(None)
     }
 
     /// Adds a robot at `pose` and boots it. Returns its number.
@@ -34,47 +29,90 @@ impl Simulation {
     /// # Errors
     /// [`SimulationError::Placement`] when the place is not free.
     pub fn spawn_at(&mut self, pose: Pose) -> Result<usize, SimulationError> {
+        let input = Input::Spawn { pose: Some(pose) };
+        self.journal.note(self.sched.now(), input);
+        self.place(Some(pose))
+    }
+
+    /// Adds a robot at `pose`, or at a free place drawn from the seed. What the scenario does is
+    /// no input, so this notes nothing.
+    pub(super) fn place(&mut self, pose: Option<Pose>) -> Result<usize, SimulationError> {
+        match pose {
+            Some(pose) => self.boot_at(pose),
+            None => self.boot_anywhere(),
+        }
+    }
+
+    fn boot_anywhere(&mut self) -> Result<usize, SimulationError> {
+        let number = self.machines.len();
+        if let Some(pose) = self.spawner.given(number) {
+            return self.boot_at(pose);
+        }
+        let margin = self.world.parameters().chassis.radius_m + self.scenario.spawn.clearance;
+        let world = &self.world;
+        let all = number as u32 + 1;
+        let pose = self
+            .spawner
+            .find(number, |pose| {
+                world.clearance(pose.x, pose.y, margin) >= margin
+            })
+            .ok_or(SimulationError::NoRoom(all, all))?;
+        self.boot_at(pose)
+    }
+
+    fn boot_at(&mut self, pose: Pose) -> Result<usize, SimulationError> {
         let number = self.machines.len();
         let wiring = self.scenario.wiring(number);
-        let (index, parts) = self.world.add_wired(pose, wiring)?;
+        let (index, parts) = self.world.place(pose, wiring)?;
         let config = self.config(number);
-        let robot = machine::context(&config);
-        let (program, link) = match &self.way {
-            Way::None => (
-                machine::start(&mut self.sched, &robot, parts, NoNetwork),
-                number,
-            ),
+        let id = config.id.clone();
+        let robot = parts.is_some().then(|| machine::context(config));
+        let link = match &self.way {
+            // Also for robots of other shards: links are numbered like robots.
             Way::Lockstep(air) => {
-                let network = air.add_link();
-                let link = network.link();
-                (
-                    machine::start(&mut self.sched, &robot, parts, network),
-                    link,
-                )
+                let link = air.add_link();
+                air.begin(link, (pose.x, pose.y));
+                link
             }
-            #[cfg(feature = "live")]
-            Way::Live(gateway) => (
-                machine::start(&mut self.sched, &robot, parts, gateway.network()),
-                number,
-            ),
+            _ => number,
         };
+        let (sched, mind) = (&mut self.sched, self.mind.as_ref());
+        let program = robot
+            .as_ref()
+            .zip(parts)
+            .map(|(robot, parts)| match &self.way {
+                Way::None => machine::start(sched, robot, parts, NoNetwork, mind),
+                Way::Lockstep(air) => machine::start(sched, robot, parts, air.rejoin(link), mind),
+                #[cfg(feature = "live")]
+                Way::Live(gateway) => {
+                    let network = gateway.network(id.as_str());
+                    machine::start(sched, robot, parts, network, mind)
+                }
+            });
         self.machines.push(Machine {
-            config,
+            id,
             index,
             robot,
-            program: Some(program),
+            program,
             link,
             boots: 1,
+            history: Fingerprint::new(),
         });
-        if self.action.is_some() {
+        self.director.add(pose);
+        if self.action.is_some() && self.machines[number].robot.is_some() {
             self.waiting.push(number as u32);
-            self.next_start = self.next_start.min(self.sched.now() + START_PERIOD);
+            self.next_start = self.next_start.min(next_start(self.sched.now()));
         }
         Ok(number)
     }
 
     /// Takes a robot out of the world, program and all. Its number is not used again.
     pub fn remove(&mut self, robot: usize) {
+        let input = Input::Remove {
+            robot: robot as u32,
+        };
+        self.journal.note(self.sched.now(), input);
+        self.troubles.forget(robot);
         if let Some(machine) = self.machines.get_mut(robot) {
             if let Some(program) = machine.program.take() {
                 program.stop(&mut self.sched);
@@ -84,8 +122,7 @@ impl Simulation {
         }
     }
 
-    fn config(&self, number: usize) -> Config {
-        let chassis = &self.scenario.parameters.chassis;
+    pub(super) fn config(&self, number: usize) -> Config {
         let name = format!("sim-{:04}", number + 1);
         Config {
             // Letters, digits and a hyphen: always a valid id.
@@ -96,18 +133,13 @@ impl Simulation {
             kind: Kind::Simulated,
             board: "sim",
             firmware: env!("CARGO_PKG_VERSION"),
-            geometry: Geometry {
-                wheel_base_m: chassis.track_m,
-                top_speed_mps: chassis.speed_at(NOMINAL_V),
-                time_constant_s: chassis.driven_tau_s,
-                // What a turning wheel settles by. A standing one starts a little later; that is
-                // over within a step or two of the ramp.
-                stiction_duty: chassis.dead_band(NOMINAL_V),
-                nominal_v: NOMINAL_V,
-                bridge_drop_v: chassis.bridge_drop_v,
-            },
+            geometry: machine::geometry(&self.scenario.parameters.chassis),
             credentials: self.broker.credentials.clone(),
             camera: self.scenario.has_camera(number),
+            eyes: (self.mind.is_some() && self.scenario.has_camera(number))
+                .then(|| eyes::lens(&self.scenario.parameters.camera)),
+            // The body is broken by the simulation, not by the program.
+            faults: false,
         }
     }
 
@@ -118,17 +150,26 @@ impl Simulation {
     /// [`SimulationError::Credentials`] when one of the two is too long.
     pub fn set_credentials(&mut self, name: &str, password: &str) -> Result<(), SimulationError> {
         let credentials = Some(super::credentials(name, password)?);
-        for machine in &mut self.machines {
-            machine.config.credentials.clone_from(&credentials);
-        }
+        self.journal.withhold();
         self.broker.credentials = credentials;
         Ok(())
     }
 
-    /// Cuts or heals the link of a robot in lockstep; does nothing otherwise.
+    /// Cuts or heals the link of a robot, in lockstep and in real time.
     pub fn cut(&mut self, robot: usize, cut: Cut) {
-        if let (Way::Lockstep(air), Some(machine)) = (&self.way, self.machines.get(robot)) {
-            air.cut(machine.link, cut);
+        let input = Input::Cut {
+            robot: robot as u32,
+            cut,
+        };
+        self.journal.note(self.sched.now(), input);
+        let Some(machine) = self.machines.get(robot) else {
+            return;
+        };
+        match &self.way {
+            Way::None => {}
+            Way::Lockstep(air) => air.cut(machine.link, cut),
+            #[cfg(feature = "live")]
+            Way::Live(gateway) => gateway.cut(machine.id.as_str(), cut),
         }
     }
 }

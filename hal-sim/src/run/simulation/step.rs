@@ -1,9 +1,9 @@
 //! Time passes: programs, physics and what comes of them, each in its turn.
 
-use crawler_hal::{Clock, Duration, Instant};
+use crawler_hal::{Duration, Instant};
 use crawler_protocol::Topic;
 
-use super::{EPOCH_MS, HISTORY_PERIOD, START_PERIOD, Simulation, TIME_PERIOD, Way};
+use super::{EPOCH_MS, HISTORY_PERIOD, Simulation, TIME_PERIOD, Way, next_start};
 use crate::net::NoNetwork;
 use crate::run::{machine, tracker};
 use crate::world::{BodyEvent, PHYSICS_STEP};
@@ -16,7 +16,12 @@ impl Simulation {
 
     /// Lets time pass until `end`.
     pub fn run_until(&mut self, end: Instant) {
-        loop {
+        self.journal.runs();
+        while !self.is_cut_off() {
+            // What arrives in this moment comes before what programs make of it.
+            if let Way::Lockstep(air) = &self.way {
+                air.process();
+            }
             self.sched.run();
             if self.handle_events() {
                 continue;
@@ -26,8 +31,16 @@ impl Simulation {
                 self.tell_time();
                 continue;
             }
+            if self.sched.now() >= self.troubles.next() {
+                self.pass_troubles();
+                continue;
+            }
             if self.sched.now() >= self.next_start {
                 self.start_waiting();
+                continue;
+            }
+            if self.sched.now() >= self.director.next_due() {
+                self.direct();
                 continue;
             }
             let due = self.next_due();
@@ -49,15 +62,44 @@ impl Simulation {
             self.sched.advance_to(self.next_step);
             self.world.step();
             self.next_step += PHYSICS_STEP;
+            if !self.exchange() {
+                return false;
+            }
             if self.sched.now() >= self.next_history {
                 self.next_history += HISTORY_PERIOD;
-                let hash = self.world.hash();
-                self.history.word(hash);
+                self.note_state();
             }
             // Both have something for programs to do.
             if self.track() | self.handle_events() {
                 return false;
             }
+        }
+        true
+    }
+
+    /// What robots did to each other in this step: hands on their messages, shares airtime anew,
+    /// and with several shards tells the others how the members fare and hears of theirs. False
+    /// when the run is over because another shard has failed.
+    fn exchange(&mut self) -> bool {
+        let air = match &self.way {
+            Way::Lockstep(air) => Some(air),
+            _ => None,
+        };
+        match (&mut self.seat, air) {
+            (Some(seat), air) => {
+                if !seat.trade(&mut self.world, air) {
+                    return false;
+                }
+            }
+            (None, Some(air)) => air.settle(),
+            (None, None) => {}
+        }
+        if let Some(air) = air {
+            let (world, machines) = (&self.world, &self.machines);
+            air.look(|link| {
+                let pose = world.pose(machines.get(link)?.index)?;
+                Some((pose.x, pose.y))
+            });
         }
         true
     }
@@ -77,11 +119,15 @@ impl Simulation {
         for _ in 0..due {
             let number = camera.turn(robots);
             let machine = &self.machines[number];
-            let Some(truth) = self.world.observe(machine.index).filter(|o| o.present) else {
+            // Robots of other shards have their turn too; theirs tells them.
+            if machine.robot.is_none() {
+                continue;
+            }
+            let Some(truth) = self.world.pose(machine.index) else {
                 continue;
             };
-            let pose = camera.see(truth.pose);
-            let id = &machine.config.id;
+            let pose = camera.see(number, truth);
+            let id = &machine.id;
             match &self.way {
                 Way::None => {}
                 Way::Lockstep(air) => {
@@ -107,12 +153,8 @@ impl Simulation {
         let waiting = std::mem::take(&mut self.waiting);
         for number in waiting {
             let machine = &self.machines[number as usize];
-            let ready = machine.program.as_ref().is_some_and(|program| {
-                let booted = machine.boot_is_over();
-                booted && machine.robot.unix_ms(program.clock.now()).is_some()
-            });
-            if ready {
-                self.submit(number as usize, action.clone());
+            if machine.takes_commands() {
+                self.tell(number as usize, action.clone());
             } else {
                 self.waiting.push(number);
             }
@@ -120,16 +162,15 @@ impl Simulation {
         self.next_start = if self.waiting.is_empty() {
             Instant::FAR_FUTURE
         } else {
-            self.now() + START_PERIOD
+            next_start(self.now())
         };
     }
 
     /// Sets the clocks of robots that no server tells the time.
     fn tell_time(&self) {
         for machine in &self.machines {
-            if let Some(program) = &machine.program {
-                let now = program.clock.now();
-                machine.robot.observe_time(self.unix_ms(), now);
+            if let Some((robot, program)) = machine.running() {
+                program.tell_time(robot, self.unix_ms());
             }
         }
     }
@@ -141,6 +182,7 @@ impl Simulation {
             let (BodyEvent::PowerLost(index) | BodyEvent::Reset(index, _)) = *event;
             // Robots are added to both in the same order.
             let number = index.get() as usize;
+            let config = self.config(number);
             let Some(machine) = self.machines.get_mut(number) else {
                 continue;
             };
@@ -153,21 +195,22 @@ impl Simulation {
             let Some(parts) = self.world.boot(index, cause) else {
                 continue;
             };
-            machine.robot = machine::context(&machine.config);
+            let robot = machine::context(config);
             machine.boots += 1;
-            let sched = &mut self.sched;
+            let (sched, mind) = (&mut self.sched, self.mind.as_ref());
             machine.program = Some(match &self.way {
-                Way::None => machine::start(sched, &machine.robot, parts, NoNetwork),
+                Way::None => machine::start(sched, &robot, parts, NoNetwork, mind),
                 Way::Lockstep(air) => {
-                    machine::start(sched, &machine.robot, parts, air.rejoin(machine.link))
+                    machine::start(sched, &robot, parts, air.rejoin(machine.link), mind)
                 }
                 #[cfg(feature = "live")]
                 Way::Live(gateway) => {
-                    machine::start(sched, &machine.robot, parts, gateway.network())
+                    let network = gateway.network(machine.id.as_str());
+                    machine::start(sched, &robot, parts, network, mind)
                 }
             });
-            self.history.word(u64::from(index.get()));
-            self.history.word(self.sched.now().as_micros());
+            machine.robot = Some(robot);
+            machine.history.word(self.sched.now().as_micros());
         }
         !events.is_empty()
     }

@@ -1,0 +1,28 @@
+//! Running a scenario on many seeds, and what comes of it.
+//!
+//! A [`Trial`] is one run in lockstep, measured. Many of them make an [`Evaluation`]: means with
+//! confidence intervals, thresholds, and the seeds that failed. Trials run in parallel, a world to
+//! a thread; what comes out does not depend on how many threads there are.
+
+mod adversary;
+mod batch;
+mod clearance;
+mod commands;
+mod judge;
+mod metrics;
+mod report;
+mod shrink;
+mod statistics;
+mod sweep;
+mod trial;
+mod verdict;
+
+pub use adversary::{Find, Search, invariants};
+pub use batch::{Job, run_all};
+pub use metrics::{Measured, Metric};
+pub use report::{Evaluation, Line, Verdict};
+pub use shrink::{Shrunk, shrink};
+pub use statistics::{Estimate, of_mean, of_share, rank_correlation};
+pub use sweep::{Axis, Cell, Influence, drawn, grid, influences, jobs};
+pub use trial::{Trial, run_trial};
+pub use verdict::{Criterion, Failure};

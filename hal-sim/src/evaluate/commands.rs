@@ -1,0 +1,139 @@
+//! What became of the commands of a run.
+
+use std::collections::BTreeMap;
+
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::{CommandName, Response, ResponseStatus, Topic};
+
+use crate::run::{Issued, Simulation};
+
+/// A command whose end is not known this long after it was given has failed.
+const OVERDUE: Duration = Duration::from_secs(10);
+
+#[derive(Debug)]
+struct Given {
+    issued: Issued,
+    first: Option<Instant>,
+    last: Option<(ResponseStatus, Instant)>,
+    /// How long it has waited for its first answer while the robot could hear, microseconds.
+    waited_us: u64,
+}
+
+/// See the [module](self).
+#[derive(Debug, Default)]
+pub(super) struct Commands {
+    /// By robot and number.
+    given: BTreeMap<(usize, u64), Given>,
+    /// Those without a first answer.
+    open: Vec<(usize, u64)>,
+    longest: Option<(u64, Issued)>,
+    /// For each robot: since when it has to stand.
+    standing: Vec<Option<Instant>>,
+}
+
+impl Commands {
+    /// Takes in what was said since the last call, `step` ago; `hears` tells whether a robot is
+    /// connected.
+    pub(super) fn follow(
+        &mut self,
+        simulation: &mut Simulation,
+        step: Duration,
+        hears: impl Fn(usize) -> bool,
+    ) {
+        self.standing.resize(simulation.robots(), None);
+        for issued in simulation.take_issued() {
+            let key = (issued.robot, issued.seq);
+            if let Some(standing) = self.standing.get_mut(issued.robot)
+                && !is_halt(issued.command)
+            {
+                *standing = None;
+            }
+            self.open.push(key);
+            let given = Given {
+                issued,
+                first: None,
+                last: None,
+                waited_us: 0,
+            };
+            self.given.insert(key, given);
+        }
+        let Some(air) = simulation.air() else { return };
+        for published in air.take_record() {
+            let Ok(Topic::Response(robot)) = Topic::parse(simulation.fleet(), &published.topic)
+            else {
+                continue;
+            };
+            let Ok(response) = Response::from_json(&published.payload) else {
+                continue;
+            };
+            // Robots are called after their numbers.
+            let number = robot.as_str().strip_prefix("sim-");
+            let Some(number) = number.and_then(|text| text.parse::<usize>().ok()) else {
+                continue;
+            };
+            self.answer(
+                number.wrapping_sub(1),
+                response.seq,
+                response.status,
+                published.at,
+            );
+        }
+        let given = &mut self.given;
+        let longest = &mut self.longest;
+        self.open.retain(|key| {
+            let Some(given) = given.get_mut(key).filter(|given| given.first.is_none()) else {
+                return false;
+            };
+            if hears(given.issued.robot) {
+                given.waited_us += step.as_micros();
+            }
+            if longest.is_none_or(|(so_far, _)| given.waited_us > so_far) {
+                *longest = Some((given.waited_us, given.issued));
+            }
+            true
+        });
+    }
+
+    fn answer(&mut self, robot: usize, seq: u64, status: ResponseStatus, at: Instant) {
+        let Some(given) = self.given.get_mut(&(robot, seq)) else {
+            return;
+        };
+        given.first.get_or_insert(at);
+        if status.is_final() && given.last.is_none() {
+            given.last = Some((status, at));
+            if is_halt(given.issued.command) && status == ResponseStatus::Completed {
+                let newest = self.given.range((robot, 0)..=(robot, u64::MAX)).next_back();
+                let is_newest = newest.is_some_and(|(&(_, newest), _)| newest == seq);
+                if is_newest && let Some(standing) = self.standing.get_mut(robot) {
+                    standing.get_or_insert(at);
+                }
+            }
+        }
+    }
+
+    /// Since when a robot has to stand, because it was told to and said so.
+    pub(super) fn stands_since(&self, robot: usize) -> Option<Instant> {
+        self.standing.get(robot).copied().flatten()
+    }
+
+    /// The longest wait for a first answer of a robot that could hear, microseconds.
+    pub(super) const fn longest_wait(&self) -> Option<(u64, Issued)> {
+        self.longest
+    }
+
+    /// How many commands ended as completed, and how many ended or should have.
+    pub(super) fn success(&self, now: Instant) -> (usize, usize) {
+        let ended = self.given.values().filter(|given| {
+            given.last.is_some() || given.first.is_none() && now - given.issued.at >= OVERDUE
+        });
+        let completed = self.given.values().filter(|given| {
+            let status = given.last.map(|(status, _)| status);
+            status == Some(ResponseStatus::Completed)
+        });
+        (completed.count(), ended.count())
+    }
+}
+
+const fn is_halt(command: CommandName) -> bool {
+    matches!(command, CommandName::Stop | CommandName::Estop)
+}

@@ -1,0 +1,147 @@
+//! Holding a run against its scenario.
+
+use std::collections::BTreeMap;
+
+use crawler_hal::Instant;
+
+use super::metrics::{Measured, Metric};
+use super::trial::{Observer, seconds};
+use super::verdict::{Criterion, Failure};
+use crate::scenario::{Quota, Success};
+
+impl Observer<'_> {
+    /// The criteria that do not hold, each once.
+    pub(super) fn judge(&self, measured: &Measured) -> Vec<Failure> {
+        let stated = self.scenario.success;
+        let success = if stated.is_empty() {
+            Success {
+                reach: Some(Quota::All),
+                alive: Some(Quota::All),
+                ..Success::default()
+            }
+        } else {
+            stated
+        };
+        let mut failures = BTreeMap::new();
+        let mut fail = |criterion: Criterion, what: String| {
+            failures.entry(criterion).or_insert(what);
+        };
+        let least = |metric: Metric, limit: Option<f32>, what: &str| {
+            let (limit, value) = (f64::from(limit?), measured.get(metric)?);
+            (value < limit).then(|| format!("{what} {value:.3}, at least {limit} wanted"))
+        };
+        if let Some(quota) = success.reach {
+            let (reached, all) = self.robots_there();
+            if !quota.is_met(reached, all) {
+                fail(
+                    Criterion::Reach,
+                    format!("{reached} of {all} robots reached their goals"),
+                );
+            }
+        }
+        if let (Some(limit), Some(value)) = (success.collisions, measured.get(Metric::Collisions))
+            && value > f64::from(limit)
+        {
+            fail(
+                Criterion::Collisions,
+                format!("{value:.2} contacts for each robot, at most {limit} wanted"),
+            );
+        }
+        if let (Some(limit), Some((speed, robot, at))) = (success.impact_mps, self.impact)
+            && speed > limit
+        {
+            fail(
+                Criterion::Impact,
+                format!("robot {robot} touched something at {speed:.2} m/s after {at:.2} s"),
+            );
+        }
+        if let Some(quota) = success.alive {
+            let alive = self.robots.iter().filter(|robot| robot.was_up).count();
+            if !quota.is_met(alive, self.robots.len()) {
+                let all = self.robots.len();
+                fail(Criterion::Alive, format!("{alive} of {all} robots work"));
+            }
+        }
+        if let (Some(limit), Some((waited, issued))) =
+            (success.answer_s, self.commands.longest_wait())
+            && waited as f64 * 1e-6 > f64::from(limit)
+        {
+            let (robot, at) = (issued.robot, seconds(issued.at));
+            let name = issued.command.name();
+            fail(
+                Criterion::Answer,
+                format!("robot {robot} left `{name}` of {at:.2} s without an answer"),
+            );
+        }
+        if let (Some(limit), Some((robot, at))) = (success.still_s, self.moved) {
+            fail(
+                Criterion::Still,
+                format!("robot {robot} drives after {at:.2} s, {limit} s after it was stopped"),
+            );
+        }
+        if let Some(limit) = success.recovery_s {
+            let end = seconds(self.simulation.now());
+            for (number, robot) in self.robots.iter().enumerate() {
+                let late = robot.recoveries.iter().find(|(recovery, _)| {
+                    let took = recovery.took_s().unwrap_or(end - recovery.since_s);
+                    took > f64::from(limit)
+                });
+                if let Some((recovery, fault)) = late {
+                    let since = recovery.since_s;
+                    fail(
+                        Criterion::Recovery,
+                        format!(
+                            "robot {number} is not back {limit} s after {fault:?} was over at {since:.2} s"
+                        ),
+                    );
+                }
+            }
+        }
+        for (criterion, metric, limit, what) in [
+            (
+                Criterion::CommandSuccess,
+                Metric::CommandSuccess,
+                success.command_success,
+                "share of completed commands",
+            ),
+            (
+                Criterion::Clearance,
+                Metric::MinClearanceM,
+                success.clearance_m,
+                "metres of clearance",
+            ),
+            (
+                Criterion::Distance,
+                Metric::DistanceM,
+                success.distance_m,
+                "metres driven",
+            ),
+            (Criterion::Uptime, Metric::Uptime, success.uptime, "uptime"),
+        ] {
+            if let Some(what) = least(metric, limit, what) {
+                fail(criterion, what);
+            }
+        }
+        let failures = failures.into_iter();
+        failures
+            .map(|(criterion, what)| Failure { criterion, what })
+            .collect()
+    }
+
+    /// Robots that reached all of their goals in time, and robots that have any.
+    fn robots_there(&self) -> (usize, usize) {
+        let limit = self.scenario.success.within_s.map_or(f64::MAX, f64::from);
+        let mut all = 0;
+        let mut there = 0;
+        for robot in 0..self.robots.len() {
+            let targets = self.simulation.targets(robot);
+            if targets.is_empty() {
+                continue;
+            }
+            all += 1;
+            let in_time = |at: Option<Instant>| at.is_some_and(|at| seconds(at) <= limit);
+            there += usize::from(targets.iter().all(|target| in_time(target.reached)));
+        }
+        (there, all)
+    }
+}

@@ -1,0 +1,214 @@
+//! What is measured of a run. `docs/scenarios.md` defines every metric.
+
+use serde::{Deserialize, Serialize};
+
+/// Something measured of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Metric {
+    /// 1 when all criteria of the scenario hold, else 0.
+    Success,
+    /// Share of the goals that were reached in time.
+    Reached,
+    /// Mean time from being sent to a goal to reaching it, seconds.
+    TimeToGoalS,
+    /// Shortest way to the goals that were reached, divided by the way driven there.
+    PathOptimality,
+    /// Drawn from the batteries, joules for each robot.
+    EnergyJ,
+    /// Contacts for each robot.
+    Collisions,
+    /// Least distance between a robot's rim and anything else, metres.
+    MinClearanceM,
+    /// Mean time from the end of a fault until the robot is back at work, seconds.
+    RecoveryS,
+    /// Messages through the broker for each goal reached, or for each command completed where
+    /// there are no goals.
+    MessagesPerTask,
+    /// Share of the time in which robots can take commands.
+    Uptime,
+    /// Share of the commands that ended as completed.
+    CommandSuccess,
+    /// Way driven, metres for each robot.
+    DistanceM,
+}
+
+impl Metric {
+    /// How many there are.
+    pub const COUNT: usize = Self::ALL.len();
+
+    /// All of them, in the order of tables.
+    pub const ALL: [Self; 12] = [
+        Self::Success,
+        Self::Reached,
+        Self::TimeToGoalS,
+        Self::PathOptimality,
+        Self::EnergyJ,
+        Self::Collisions,
+        Self::MinClearanceM,
+        Self::RecoveryS,
+        Self::MessagesPerTask,
+        Self::Uptime,
+        Self::CommandSuccess,
+        Self::DistanceM,
+    ];
+
+    /// Name in tables, files and thresholds.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Success => "success",
+            Self::Reached => "reached",
+            Self::TimeToGoalS => "time_to_goal_s",
+            Self::PathOptimality => "path_optimality",
+            Self::EnergyJ => "energy_j",
+            Self::Collisions => "collisions",
+            Self::MinClearanceM => "min_clearance_m",
+            Self::RecoveryS => "recovery_s",
+            Self::MessagesPerTask => "messages_per_task",
+            Self::Uptime => "uptime",
+            Self::CommandSuccess => "command_success",
+            Self::DistanceM => "distance_m",
+        }
+    }
+
+    /// The metric of this name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|metric| metric.name() == name)
+    }
+}
+
+/// What was measured of one run; a metric is missing where the run has nothing it could be
+/// measured on.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Measured([Option<f64>; Metric::COUNT]);
+
+impl Measured {
+    /// One of them.
+    #[must_use]
+    pub fn get(&self, metric: Metric) -> Option<f64> {
+        self.0[metric as usize]
+    }
+
+    pub(crate) fn set(&mut self, metric: Metric, value: Option<f64>) {
+        // What is not finite is not measured.
+        self.0[metric as usize] = value.filter(|value| value.is_finite());
+    }
+}
+
+/// The mean, where there is any.
+pub(crate) fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values
+        .into_iter()
+        .fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+/// A share; of nothing there is none.
+pub(crate) fn share(part: usize, all: usize) -> Option<f64> {
+    (all > 0).then(|| part as f64 / all as f64)
+}
+
+/// How much of the way driven was needed: the shortest way to the rim of the goal, divided by the
+/// way driven, 1 at most. `None` when nothing had to be driven.
+pub(crate) fn path_optimality(shortest_m: f64, rim_m: f64, driven_m: f64) -> Option<f64> {
+    let needed = shortest_m - rim_m;
+    (needed > 0.0 && driven_m > 0.0).then(|| (needed / driven_m).min(1.0))
+}
+
+/// When a robot is back at work after something was broken about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Recovery {
+    /// Whether it had an errand before.
+    pub(crate) had_errand: bool,
+    /// When the fault was mended, or came, if it is never mended, seconds.
+    pub(crate) since_s: f64,
+    /// When the robot was back, seconds.
+    pub(crate) back_s: Option<f64>,
+}
+
+impl Recovery {
+    /// Takes in how the robot is at `now_s`: whether it can take commands, and whether it is on an
+    /// errand or has none to do any more.
+    pub(crate) fn see(&mut self, now_s: f64, able: bool, busy_or_done: bool) {
+        let back = able && (busy_or_done || !self.had_errand);
+        if self.back_s.is_none() && now_s >= self.since_s && back {
+            self.back_s = Some(now_s);
+        }
+    }
+
+    /// How long it took, seconds; `None` while it is not back.
+    pub(crate) fn took_s(&self) -> Option<f64> {
+        self.back_s.map(|back| back - self.since_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metrics_are_found_by_their_names_and_stand_in_order() {
+        for (index, metric) in Metric::ALL.into_iter().enumerate() {
+            assert_eq!(metric as usize, index);
+            assert_eq!(Metric::by_name(metric.name()), Some(metric));
+            let text = serde_json::to_string(&metric).unwrap();
+            assert_eq!(text, format!("\"{}\"", metric.name()));
+        }
+        assert_eq!(Metric::by_name("luck"), None);
+    }
+
+    #[test]
+    fn what_is_not_finite_is_not_measured() {
+        let mut measured = Measured::default();
+        measured.set(Metric::EnergyJ, Some(f64::NAN));
+        measured.set(Metric::Uptime, Some(0.5));
+        assert_eq!(measured.get(Metric::EnergyJ), None);
+        assert_eq!(measured.get(Metric::Uptime), Some(0.5));
+    }
+
+    #[test]
+    fn means_and_shares_of_nothing_do_not_exist() {
+        assert_eq!(mean([]), None);
+        assert_eq!(mean([1.0, 2.0, 6.0]), Some(3.0));
+        assert_eq!(share(0, 0), None);
+        assert_eq!(share(3, 4), Some(0.75));
+    }
+
+    #[test]
+    fn a_way_is_optimal_that_leads_straight_to_the_rim() {
+        // 3 m away, counts from 0.25 m: 2.75 m have to be driven.
+        assert_eq!(path_optimality(3.0, 0.25, 2.75), Some(1.0));
+        assert_eq!(path_optimality(3.0, 0.25, 5.5), Some(0.5));
+        // A map of squares may find a way that is a little too long.
+        assert_eq!(path_optimality(3.0, 0.25, 2.7), Some(1.0));
+        assert_eq!(path_optimality(0.2, 0.25, 0.3), None);
+        assert_eq!(path_optimality(3.0, 0.25, 0.0), None);
+    }
+
+    #[test]
+    fn recovery_counts_from_the_end_of_the_fault() {
+        let fault = Recovery {
+            had_errand: true,
+            since_s: 10.0,
+            back_s: None,
+        };
+        let mut robot = fault;
+        // It works on while the fault lasts; that is no recovery yet.
+        robot.see(9.0, true, true);
+        assert_eq!(robot.took_s(), None);
+        robot.see(10.5, false, false);
+        robot.see(11.0, true, false);
+        assert_eq!(robot.took_s(), None, "able, and not back on its errand");
+        robot.see(12.5, true, true);
+        robot.see(20.0, true, true);
+        assert_eq!(robot.took_s(), Some(2.5));
+        let mut idle = Recovery {
+            had_errand: false,
+            ..fault
+        };
+        idle.see(10.0, true, false);
+        assert_eq!(idle.took_s(), Some(0.0));
+    }
+}

@@ -1,0 +1,373 @@
+//! One run of a scenario, measured.
+
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::{BehaviourName, RobotState, Topic};
+
+use super::clearance::{LIMIT_M, Near};
+use super::commands::Commands;
+use super::metrics::{Measured, Metric, Recovery, mean, path_optimality, share};
+use super::verdict::{Criterion, Failure};
+use crate::faults::Fault;
+use crate::run::{Broken, Simulation, SimulationError};
+use crate::scenario::{Passable, Scenario, apart};
+use crate::world::{Observation, Obstacle};
+
+/// How often robots are looked at.
+const LOOK: Duration = Duration::from_millis(50);
+/// Robots have this long to boot, connect and learn the time; then it counts as down time.
+const START: Duration = Duration::from_secs(10);
+/// A run goes on for so long after its scenario is over.
+const AFTERMATH: Duration = Duration::from_secs(1);
+/// Messages that one look may find.
+const RECORD: usize = 1_000_000;
+
+/// What one run came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// Its seed.
+    pub seed: u64,
+    /// What was measured.
+    pub measured: Measured,
+    /// The criteria that do not hold; none when the run is a success.
+    pub failures: Vec<Failure>,
+    /// How long it ran, seconds of its own time.
+    pub ran_s: f64,
+    /// Fingerprint of its history.
+    pub history: u64,
+}
+
+impl Trial {
+    pub(super) fn broken(seed: u64, criterion: Criterion, what: String) -> Self {
+        let mut measured = Measured::default();
+        measured.set(Metric::Success, Some(0.0));
+        Self {
+            seed,
+            measured,
+            failures: vec![Failure { criterion, what }],
+            ran_s: 0.0,
+            history: 0,
+        }
+    }
+
+    /// Whether everything came out as it should.
+    #[must_use]
+    pub fn is_success(&self) -> bool {
+        self.failures.is_empty()
+    }
+}
+
+/// Runs a scenario in lockstep for as long as it lasts. A world that cannot be built is a run that
+/// failed.
+///
+/// # Panics
+/// When simulator or program do: that would be a mistake in them.
+#[must_use]
+pub fn run_trial(scenario: &Scenario, seed: u64) -> Trial {
+    match Observer::new(scenario, seed) {
+        Ok(observer) => observer.run(),
+        Err(error) => Trial::broken(seed, Criterion::SetUp, error.to_string()),
+    }
+}
+
+/// A robot so far.
+#[derive(Debug, Default)]
+pub(super) struct Robot {
+    last: Option<[f32; 2]>,
+    speed: f32,
+    contacts: u32,
+    driven_m: f64,
+    /// The way driven when it was sent to each target, and at the target.
+    legs: Vec<Leg>,
+    up: u32,
+    counted: u32,
+    pub(super) was_up: bool,
+    pub(super) recoveries: Vec<(Recovery, Fault)>,
+}
+
+#[derive(Debug, Default, Clone, Copy)]
+struct Leg {
+    from: Option<([f32; 2], f64)>,
+    driven_m: Option<f64>,
+}
+
+/// A run under way.
+pub(super) struct Observer<'a> {
+    pub(super) scenario: &'a Scenario,
+    seed: u64,
+    pub(super) simulation: Simulation,
+    pub(super) robots: Vec<Robot>,
+    near: Near,
+    /// What moves by itself, where it started.
+    bodies: Vec<Obstacle>,
+    radius: f32,
+    least_m: f32,
+    /// The fastest contact: speed, robot, and when.
+    pub(super) impact: Option<(f32, usize, f64)>,
+    /// Who moved although it had to stand, and when.
+    pub(super) moved: Option<(usize, f64)>,
+    pub(super) commands: Commands,
+}
+
+pub(super) fn seconds(at: Instant) -> f64 {
+    at.as_micros() as f64 * 1e-6
+}
+
+impl<'a> Observer<'a> {
+    fn new(scenario: &'a Scenario, seed: u64) -> Result<Self, SimulationError> {
+        let simulation = Simulation::lockstep(scenario.clone(), seed)?;
+        if let Some(air) = simulation.air() {
+            air.record(RECORD);
+        }
+        let arena = simulation.world().arena();
+        let robots = (0..simulation.robots()).map(|robot| Robot {
+            legs: vec![Leg::default(); simulation.targets(robot).len()],
+            ..Robot::default()
+        });
+        Ok(Self {
+            scenario,
+            seed,
+            robots: robots.collect(),
+            near: Near::new(&arena),
+            bodies: arena.movers.iter().map(|mover| mover.body).collect(),
+            radius: simulation.world().parameters().chassis.radius_m,
+            least_m: LIMIT_M,
+            impact: None,
+            moved: None,
+            commands: Commands::default(),
+            simulation,
+        })
+    }
+
+    fn run(mut self) -> Trial {
+        let end = Instant::from_micros((f64::from(self.scenario.duration_s) * 1e6) as u64);
+        let has_goals = !self.scenario.goals.is_empty();
+        let mut over: Option<Instant> = None;
+        while self.simulation.now() < end {
+            let next = (self.simulation.now() + LOOK).min(end);
+            self.simulation.run_until(next);
+            self.look();
+            if has_goals && self.simulation.is_over() {
+                let since = *over.get_or_insert(self.simulation.now());
+                if self.simulation.now() - since >= AFTERMATH && self.all_are_back() {
+                    break;
+                }
+            }
+        }
+        self.finish()
+    }
+
+    fn all_are_back(&self) -> bool {
+        let mut recoveries = self.robots.iter().flat_map(|robot| &robot.recoveries);
+        recoveries.all(|(recovery, _)| recovery.back_s.is_some())
+    }
+
+    fn look(&mut self) {
+        let now = self.simulation.now();
+        for broken in self.simulation.take_broken() {
+            self.note_broken(&broken);
+        }
+        let mut places = Vec::with_capacity(self.robots.len());
+        for number in 0..self.robots.len() {
+            let Some(seen) = self.simulation.observe(number).filter(|seen| seen.present) else {
+                continue;
+            };
+            places.push([seen.pose.x, seen.pose.y]);
+            self.look_at(number, &seen, now);
+        }
+        let movers = self.movers();
+        let least = self.near.least(&places, &movers, self.radius);
+        self.least_m = self.least_m.min(least);
+        let up: Vec<bool> = self.robots.iter().map(|robot| robot.was_up).collect();
+        self.commands.follow(&mut self.simulation, LOOK, |robot| {
+            up.get(robot) == Some(&true)
+        });
+        for number in 0..self.robots.len() {
+            self.look_for_motion(number, now);
+        }
+    }
+
+    /// What moves by itself, where it is.
+    fn movers(&self) -> Vec<Obstacle> {
+        let bodies = self.bodies.iter().enumerate().map(|(number, &body)| {
+            let place = self.simulation.world().mover(number);
+            let Some([there_x, there_y]) = place else {
+                return body;
+            };
+            let mut moved = body;
+            match &mut moved {
+                Obstacle::Circle { x, y, .. } | Obstacle::Box { x, y, .. } => {
+                    (*x, *y) = (there_x, there_y);
+                }
+            }
+            moved
+        });
+        bodies.collect()
+    }
+
+    fn note_broken(&mut self, broken: &Broken) {
+        // What is never mended is nothing to recover from, except for what only happens once.
+        let once = matches!(broken.fault, Fault::FlashPowerCut { .. });
+        let Some(since) = broken.until.or(once.then_some(broken.at)) else {
+            return;
+        };
+        if let Some(robot) = self.robots.get_mut(broken.robot) {
+            let recovery = Recovery {
+                had_errand: broken.had_errand,
+                since_s: seconds(since),
+                back_s: None,
+            };
+            robot.recoveries.push((recovery, broken.fault));
+        }
+    }
+
+    fn look_at(&mut self, number: usize, seen: &Observation, now: Instant) {
+        let robot = &mut self.robots[number];
+        let place = [seen.pose.x, seen.pose.y];
+        if let Some(last) = robot.last.replace(place) {
+            robot.driven_m += f64::from(apart(last, place));
+        }
+        if seen.contacts > robot.contacts {
+            // What it drove before it touched.
+            let speed = robot.speed.max(seen.speed);
+            if self.impact.is_none_or(|(fastest, ..)| speed > fastest) {
+                self.impact = Some((speed, number, seconds(now)));
+            }
+        }
+        robot.contacts = seen.contacts;
+        robot.speed = seen.speed;
+        let targets = self.simulation.targets(number);
+        for (target, leg) in targets.iter().zip(&mut robot.legs) {
+            if target.told.is_some() && leg.from.is_none() {
+                leg.from = Some((place, robot.driven_m));
+            }
+            if let (Some(_), Some((_, before)), None) = (target.reached, leg.from, leg.driven_m) {
+                leg.driven_m = Some(robot.driven_m - before);
+            }
+        }
+        let done = targets.iter().all(|target| target.reached.is_some());
+        let snapshot = self.simulation.robot(number).map(|robot| robot.snapshot());
+        let able = seen.powered
+            && self.simulation.takes_commands(number)
+            && snapshot.is_some_and(|snapshot| snapshot.state != RobotState::Error);
+        let connected = match (self.simulation.air(), self.simulation.id(number)) {
+            (Some(air), Some(id)) => {
+                let topic = Topic::CommandRobot(id.clone()).render(self.simulation.fleet());
+                air.listens(id.as_str(), &topic)
+            }
+            _ => true,
+        };
+        let up = able && connected;
+        let started = robot.counted > 0 || up || now - Instant::BOOT >= START;
+        robot.counted += u32::from(started);
+        robot.up += u32::from(up);
+        robot.was_up = up;
+        let busy = snapshot.is_some_and(|snapshot| snapshot.behaviour != BehaviourName::Manual);
+        let has_goals = !targets.is_empty();
+        for (recovery, _) in &mut robot.recoveries {
+            recovery.see(seconds(now), up, busy || has_goals && done);
+        }
+    }
+
+    /// Looks for wheels that turn although the robot said that it stands.
+    fn look_for_motion(&mut self, number: usize, now: Instant) {
+        let Some(limit) = self.scenario.success.still_s else {
+            return;
+        };
+        let Some(since) = self.commands.stands_since(number) else {
+            return;
+        };
+        let late = seconds(now) - seconds(since) > f64::from(limit);
+        let driven = self.simulation.observe(number).map(|seen| seen.duty);
+        if late && driven.is_some_and(|duty| duty != [0, 0]) && self.moved.is_none() {
+            self.moved = Some((number, seconds(now)));
+        }
+    }
+
+    fn finish(self) -> Trial {
+        let measured = self.measure();
+        let failures = self.judge(&measured);
+        let mut trial = Trial {
+            seed: self.seed,
+            measured,
+            ran_s: seconds(self.simulation.now()),
+            history: self.simulation.history_hash(),
+            failures,
+        };
+        let success = if trial.is_success() { 1.0 } else { 0.0 };
+        trial.measured.set(Metric::Success, Some(success));
+        trial
+    }
+
+    /// Goals that were reached by the time they had to be, and all there are.
+    fn goals(&self) -> (usize, usize) {
+        let limit = self.scenario.success.within_s.map_or(f64::MAX, f64::from);
+        let targets = (0..self.robots.len()).flat_map(|robot| self.simulation.targets(robot));
+        let in_time = |at: Option<Instant>| at.is_some_and(|at| seconds(at) <= limit);
+        targets.fold((0, 0), |(reached, all), target| {
+            (reached + usize::from(in_time(target.reached)), all + 1)
+        })
+    }
+
+    fn measure(&self) -> Measured {
+        let mut measured = Measured::default();
+        let robots = self.robots.len();
+        let (reached, goals) = self.goals();
+        measured.set(Metric::Reached, share(reached, goals));
+        let legs = self.robots.iter().enumerate().flat_map(|(number, robot)| {
+            let targets = self.simulation.targets(number);
+            targets.iter().zip(&robot.legs)
+        });
+        let legs: Vec<_> = legs.collect();
+        let times = legs
+            .iter()
+            .filter_map(|(target, _)| Some(seconds(target.reached?) - seconds(target.told?)));
+        measured.set(Metric::TimeToGoalS, mean(times));
+        measured.set(Metric::PathOptimality, self.optimality(&legs));
+        measured.set(Metric::EnergyJ, mean(self.energy()));
+        let contacts = self.robots.iter().map(|robot| f64::from(robot.contacts));
+        measured.set(Metric::Collisions, mean(contacts));
+        let clearance = (robots > 0).then_some(f64::from(self.least_m));
+        measured.set(Metric::MinClearanceM, clearance);
+        let recoveries = self.robots.iter().flat_map(|robot| &robot.recoveries);
+        let took = recoveries.filter_map(|(recovery, _)| recovery.took_s());
+        measured.set(Metric::RecoveryS, mean(took));
+        let (completed, ended) = self.commands.success(self.simulation.now());
+        measured.set(Metric::CommandSuccess, share(completed, ended));
+        let tasks = if goals > 0 { reached } else { completed };
+        let messages = self.simulation.air().map(|air| air.statistics().received);
+        let each = messages.filter(|_| tasks > 0);
+        measured.set(
+            Metric::MessagesPerTask,
+            each.map(|all| all as f64 / tasks as f64),
+        );
+        let up: u64 = self.robots.iter().map(|robot| u64::from(robot.up)).sum();
+        let counted: u64 = self
+            .robots
+            .iter()
+            .map(|robot| u64::from(robot.counted))
+            .sum();
+        measured.set(Metric::Uptime, share(up as usize, counted as usize));
+        let ways = self.robots.iter().map(|robot| robot.driven_m);
+        measured.set(Metric::DistanceM, mean(ways));
+        measured
+    }
+
+    fn optimality(&self, legs: &[(&crate::run::Target, &Leg)]) -> Option<f64> {
+        if legs.iter().all(|(_, leg)| leg.driven_m.is_none()) {
+            return None;
+        }
+        let map = Passable::new(&self.simulation.world().arena(), self.radius);
+        let shares = legs.iter().filter_map(|(target, leg)| {
+            let (from, _) = leg.from?;
+            let shortest = map.way(from, target.at)?;
+            path_optimality(f64::from(shortest), f64::from(target.r), leg.driven_m?)
+        });
+        mean(shares)
+    }
+
+    /// What each robot drew from its battery, joules.
+    fn energy(&self) -> impl Iterator<Item = f64> {
+        let robots = (0..self.robots.len()).filter_map(|robot| self.simulation.observe(robot));
+        robots.map(|seen| seen.energy_j)
+    }
+}

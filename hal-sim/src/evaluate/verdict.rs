@@ -1,0 +1,97 @@
+//! What of its scenario a run did not come to.
+
+use std::fmt;
+
+/// A criterion of [`Success`](crate::scenario::Success).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
+pub enum Criterion {
+    /// The world could not be built.
+    SetUp,
+    /// The simulator or the program panicked.
+    Panic,
+    /// Goals were not reached.
+    Reach,
+    /// Too many contacts.
+    Collisions,
+    /// A contact at speed.
+    Impact,
+    /// Robots without power, or that stand with a fault.
+    Alive,
+    /// Commands that did not complete.
+    CommandSuccess,
+    /// A command without an answer.
+    Answer,
+    /// Too near to something.
+    Clearance,
+    /// Too short a way.
+    Distance,
+    /// Not back at work after a fault.
+    Recovery,
+    /// Too long unable to take commands.
+    Uptime,
+    /// Motion after a stop.
+    Still,
+}
+
+impl Criterion {
+    /// All of them.
+    pub const ALL: [Self; 13] = [
+        Self::SetUp,
+        Self::Panic,
+        Self::Reach,
+        Self::Collisions,
+        Self::Impact,
+        Self::Alive,
+        Self::CommandSuccess,
+        Self::Answer,
+        Self::Clearance,
+        Self::Distance,
+        Self::Recovery,
+        Self::Uptime,
+        Self::Still,
+    ];
+
+    /// The criterion of this name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|criterion| criterion.name() == name)
+    }
+
+    /// The key of the scenario's success that it stands for, where there is one.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SetUp => "set_up",
+            Self::Panic => "panic",
+            Self::Reach => "reach",
+            Self::Collisions => "collisions",
+            Self::Impact => "impact_mps",
+            Self::Alive => "alive",
+            Self::CommandSuccess => "command_success",
+            Self::Answer => "answer_s",
+            Self::Clearance => "clearance_m",
+            Self::Distance => "distance_m",
+            Self::Recovery => "recovery_s",
+            Self::Uptime => "uptime",
+            Self::Still => "still_s",
+        }
+    }
+}
+
+/// A criterion that does not hold.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Failure {
+    /// Which.
+    pub criterion: Criterion,
+    /// What happened instead.
+    pub what: String,
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.criterion.name(), self.what)
+    }
+}

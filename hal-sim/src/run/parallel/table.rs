@@ -1,0 +1,110 @@
+//! Where the shards of a world meet at the end of each physics step.
+
+use std::sync::{Arc, PoisonError, RwLock};
+
+use super::barrier::Barrier;
+use crate::net::lockstep::{Air, News};
+use crate::world::{Members, Published, World};
+
+/// What a shard tells the others about one step.
+#[derive(Debug, Default)]
+struct Page {
+    bodies: Vec<Published>,
+    news: News,
+}
+
+/// One table for all shards of a world.
+#[derive(Debug)]
+pub(super) struct Table {
+    /// Two pages for each shard: while one is read by those who are late, the next step is
+    /// written on the other. Who writes on a page a second time has met all others since, and
+    /// they read the first time before they came.
+    pages: Vec<[RwLock<Page>; 2]>,
+    barrier: Barrier,
+}
+
+impl Table {
+    pub(super) fn new(shards: usize, cores: usize) -> Self {
+        Self {
+            pages: (0..shards).map(|_| Default::default()).collect(),
+            barrier: Barrier::new(shards, cores),
+        }
+    }
+}
+
+/// A shard's place at the table. When it is given up, for whatever reason, the others are not kept
+/// waiting.
+#[derive(Debug)]
+pub(crate) struct Seat {
+    table: Arc<Table>,
+    shard: usize,
+    members: Members,
+    /// Which of its two pages is next.
+    page: usize,
+    cut_off: bool,
+}
+
+impl Seat {
+    /// The seat of shard `shard`.
+    pub(super) fn new(table: &Arc<Table>, shard: usize) -> Option<Self> {
+        Some(Self {
+            members: Members::of_shard(shard, table.pages.len())?,
+            table: Arc::clone(table),
+            shard,
+            page: 0,
+            cut_off: false,
+        })
+    }
+
+    pub(crate) const fn members(&self) -> Members {
+        self.members
+    }
+
+    /// Whether another shard has given up its seat in the middle of a run.
+    pub(crate) const fn is_cut_off(&self) -> bool {
+        self.cut_off
+    }
+
+    /// Tells the others what members did in this step, and takes over what theirs did. False, and
+    /// nothing is taken over, when one of them is gone.
+    pub(crate) fn trade(&mut self, world: &mut World, air: Option<&Air>) -> bool {
+        if self.cut_off {
+            return false;
+        }
+        let page = self.page;
+        self.page = 1 - page;
+        {
+            let mut own = self.table.pages[self.shard][page]
+                .write()
+                .unwrap_or_else(PoisonError::into_inner);
+            world.publish(&mut own.bodies);
+            if let Some(air) = air {
+                air.report(&mut own.news);
+            }
+        }
+        if self.table.barrier.wait().is_err() {
+            self.cut_off = true;
+            return false;
+        }
+        for (shard, pages) in self.table.pages.iter().enumerate() {
+            let told = pages[page].read().unwrap_or_else(PoisonError::into_inner);
+            let foreign = shard != self.shard;
+            if foreign && let Some(members) = Members::of_shard(shard, self.table.pages.len()) {
+                world.take_over(members, &told.bodies);
+            }
+            if let Some(air) = air {
+                air.hear(&told.news, foreign);
+            }
+        }
+        if let Some(air) = air {
+            air.hand_on();
+        }
+        true
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.table.barrier.leave();
+    }
+}

@@ -1,0 +1,24 @@
+//! Recordings: what a world was, what happened in it, and what every program was told.
+//!
+//! A recording is an [MCAP](https://mcap.dev) file. The usual viewers show its scene, tables and
+//! messages; [`replay`](super::replay) runs its inputs through the program once more. What it
+//! holds is drawn from the outside, and from taps on the devices of every robot that change
+//! nothing about the run.
+
+mod error;
+mod event;
+mod file;
+pub(crate) mod life;
+mod mqtt;
+mod recorder;
+mod scene;
+mod schema;
+pub(crate) mod tap;
+pub(crate) mod tape;
+
+pub use error::RecordError;
+pub use event::{Event, Flash, Lens, Net, Output, What, Writer};
+pub use recorder::{Recorded, Recorder};
+pub use tape::Deck;
+
+pub(crate) use file::{START, topics};

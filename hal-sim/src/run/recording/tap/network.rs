@@ -1,0 +1,104 @@
+//! Taps on the network of a robot, its monitor and its connections.
+
+use std::rc::Rc;
+
+use crawler_hal::{LinkMonitor, LinkState, NetError, Network};
+use embedded_io_async::{ErrorType, Read, Write};
+
+use super::{Attempt, Tap};
+use crate::run::journal::Payload;
+use crate::run::recording::tape::{Net, Tape, What, Writer};
+
+impl<N: Network> Network for Tap<N> {
+    type Stream<'a>
+        = Tapped<N::Stream<'a>>
+    where
+        Self: 'a;
+    type Monitor = Watched<N::Monitor>;
+
+    fn monitor(&self) -> Self::Monitor {
+        Watched {
+            inner: self.inner.monitor(),
+            tape: Rc::clone(&self.tape),
+        }
+    }
+
+    async fn join(&mut self) -> Result<(), NetError> {
+        let result = self.inner.join().await;
+        self.tape.note(What::Joined(result.err().map(Net::from)));
+        result
+    }
+
+    async fn connect(&mut self, host: &str, port: u16) -> Result<Self::Stream<'_>, NetError> {
+        let result = self.inner.connect(host, port).await;
+        let error = result.as_ref().err().copied().map(Net::from);
+        self.tape.note(What::Connected(error));
+        self.tape.connected();
+        Ok(Tapped {
+            inner: result?,
+            tape: Rc::clone(&self.tape),
+        })
+    }
+}
+
+/// A monitor whose changes are told.
+#[derive(Debug, Clone)]
+pub(crate) struct Watched<M> {
+    inner: M,
+    tape: Rc<Tape>,
+}
+
+impl<M: LinkMonitor> LinkMonitor for Watched<M> {
+    fn state(&self) -> LinkState {
+        let state = self.inner.state();
+        self.tape.link(state);
+        state
+    }
+}
+
+/// A connection whose bytes are told.
+#[derive(Debug)]
+pub(crate) struct Tapped<S> {
+    inner: S,
+    tape: Rc<Tape>,
+}
+
+impl<S: ErrorType> ErrorType for Tapped<S> {
+    type Error = S::Error;
+}
+
+impl<S: Read> Read for Tapped<S> {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, S::Error> {
+        let result = self.inner.read(buf).await;
+        let bytes = result.as_ref().ok().map(|&taken| &buf[..taken]);
+        self.tape.note(What::Received(bytes.map(Payload::new)));
+        if let Some(bytes) = bytes {
+            self.tape.received(self.tape.now(), bytes);
+        }
+        result
+    }
+}
+
+impl<S: Write> Write for Tapped<S> {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, S::Error> {
+        let begun = self.tape.now();
+        let attempt = Attempt::new(&self.tape, Writer::Send);
+        let result = self.inner.write(buf).await;
+        attempt.over();
+        let taken = result.as_ref().copied().unwrap_or(0);
+        self.tape.note_at(
+            begun,
+            What::Sent {
+                bytes: taken as u32,
+                done_us: self.tape.done(begun),
+                broken: result.is_err(),
+            },
+        );
+        self.tape.sent(begun, &buf[..taken]);
+        result
+    }
+
+    async fn flush(&mut self) -> Result<(), S::Error> {
+        self.inner.flush().await
+    }
+}

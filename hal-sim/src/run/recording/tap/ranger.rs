@@ -1,0 +1,117 @@
+//! Taps on both ways to the ranger.
+
+use core::convert::Infallible;
+
+use embedded_hal::digital::{ErrorType as PinErrorType, InputPin, OutputPin};
+use embedded_hal_async::digital::Wait;
+use embedded_io_async::{ErrorType, Read, Write};
+
+use super::{Attempt, Tap};
+use crate::devices::{SimEcho, SimTrigger, SimUart, UartError};
+use crate::run::journal::Payload;
+use crate::run::recording::tape::{What, Writer};
+
+impl ErrorType for Tap<SimUart> {
+    type Error = UartError;
+}
+
+impl Read for Tap<SimUart> {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, UartError> {
+        let result = self.inner.read(buf).await;
+        let heard = result.ok().map(|taken| Payload::new(&buf[..taken]));
+        self.tape.note(What::Heard(heard));
+        result
+    }
+}
+
+impl Write for Tap<SimUart> {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, UartError> {
+        let begun = self.tape.now();
+        let attempt = Attempt::new(&self.tape, Writer::Ask);
+        let result = self.inner.write(buf).await;
+        attempt.over();
+        let taken = result.unwrap_or(0);
+        self.tape.note_at(
+            begun,
+            What::Asked {
+                bytes: Payload::new(&buf[..taken]),
+                done_us: self.tape.done(begun),
+                broken: result.is_err(),
+            },
+        );
+        result
+    }
+
+    async fn flush(&mut self) -> Result<(), UartError> {
+        let begun = self.tape.now();
+        let attempt = Attempt::new(&self.tape, Writer::Flush);
+        let result = self.inner.flush().await;
+        attempt.over();
+        self.tape.note_at(begun, What::Flushed(self.tape.now()));
+        result
+    }
+}
+
+impl PinErrorType for Tap<SimTrigger> {
+    type Error = Infallible;
+}
+
+impl OutputPin for Tap<SimTrigger> {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.tape.note(What::Trigger(false));
+        self.inner.set_low()
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.tape.note(What::Trigger(true));
+        self.inner.set_high()
+    }
+}
+
+impl PinErrorType for Tap<SimEcho> {
+    type Error = Infallible;
+}
+
+impl InputPin for Tap<SimEcho> {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        let level = self.inner.is_high()?;
+        self.tape.note(What::EchoLevel(level));
+        Ok(level)
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.is_high()?)
+    }
+}
+
+impl Wait for Tap<SimEcho> {
+    async fn wait_for_high(&mut self) -> Result<(), Infallible> {
+        self.inner.wait_for_high().await?;
+        self.tape.note(What::Echo);
+        Ok(())
+    }
+
+    async fn wait_for_low(&mut self) -> Result<(), Infallible> {
+        self.inner.wait_for_low().await?;
+        self.tape.note(What::Echo);
+        Ok(())
+    }
+
+    async fn wait_for_rising_edge(&mut self) -> Result<(), Infallible> {
+        self.inner.wait_for_rising_edge().await?;
+        self.tape.note(What::Echo);
+        Ok(())
+    }
+
+    async fn wait_for_falling_edge(&mut self) -> Result<(), Infallible> {
+        self.inner.wait_for_falling_edge().await?;
+        self.tape.note(What::Echo);
+        Ok(())
+    }
+
+    async fn wait_for_any_edge(&mut self) -> Result<(), Infallible> {
+        self.inner.wait_for_any_edge().await?;
+        self.tape.note(What::Echo);
+        Ok(())
+    }
+}

@@ -1,0 +1,17 @@
+//! Recordings, run through the program once more.
+//!
+//! A program is a function of what its devices say. [`replay`] gives the program of this build
+//! what the devices of each recorded robot said, at the moments they said it, perhaps with other
+//! parameters, and compares what it does with what was done: duties, lamp, state, requests to
+//! the ranger, published messages, resets. From the first difference on the two are different
+//! robots, and what the devices of one say means nothing to the other; so that is what is told.
+
+mod body;
+mod compare;
+mod play;
+mod read;
+mod stage;
+
+pub use compare::{Deed, Difference};
+pub use play::{ReplayError, Report, replay};
+pub use read::{ReadError, Recording};

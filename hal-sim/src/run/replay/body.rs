@@ -1,0 +1,431 @@
+//! A body whose devices say what is on a tape.
+
+use core::convert::Infallible;
+use std::cell::RefCell;
+use std::future::pending;
+use std::rc::Rc;
+
+use crawler_hal::{
+    Adc, Body, Camera, FrameFormat, LinkMonitor, LinkState, Millivolts, MotorPort, NetError,
+    Network, Parts, RangerPort, ResetCause, System,
+};
+use embedded_hal::digital::{self, InputPin, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use embedded_hal_async::digital::Wait;
+use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+use embedded_storage_async::nor_flash::{self, MultiwriteNorFlash, NorFlash, ReadNorFlash};
+use rand_pcg::Pcg32;
+
+use super::stage::{Stage, failed};
+use crate::devices::{CAMERA_SIDE, Chip, FlashError, LensError, MAX_DUTY, SimFlash};
+use crate::run::journal::Payload;
+use crate::run::recording::life::Life;
+use crate::run::recording::tape::{Flash, Lens, Output, What, Writer};
+use crate::sched::SimClock;
+use crate::world::Wiring;
+
+/// See the [module](self).
+#[derive(Debug)]
+pub(super) struct PlayedBody;
+
+impl Body for PlayedBody {
+    type Clock = SimClock;
+    type Pwm = Played;
+    type Pin = Played;
+    type Uart = Line;
+    type Trigger = Line;
+    type Echo = Line;
+    type Battery = Line;
+    type Camera = Line;
+    type Flash = PlayedFlash;
+    type Network = Line;
+    type System = PlayedSystem;
+    type Rng = Pcg32;
+}
+
+/// The body that a program of this life starts on.
+pub(super) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<PlayedBody> {
+    use Output::{Lamp, LeftDuty, LeftIn1, LeftIn2, RightDuty, RightIn1, RightIn2};
+    let line = || Line(Rc::clone(stage));
+    let played = |output| Played {
+        output,
+        stage: Rc::clone(stage),
+    };
+    let motor = |outputs: [Output; 3]| MotorPort {
+        enable: played(outputs[0]),
+        in1: played(outputs[1]),
+        in2: played(outputs[2]),
+    };
+    let chip = Rc::new(RefCell::new(Chip::of_image(&life.flash)));
+    Parts {
+        clock: clock.boot_now(),
+        left: motor([LeftDuty, LeftIn1, LeftIn2]),
+        right: motor([RightDuty, RightIn1, RightIn2]),
+        ranger: match life.wiring {
+            Wiring::Uart => RangerPort::Uart(line()),
+            Wiring::Pulse => RangerPort::Pulse {
+                trigger: line(),
+                echo: line(),
+            },
+        },
+        lamp: played(Lamp),
+        battery: line(),
+        camera: line(),
+        flash: PlayedFlash {
+            inner: SimFlash::open(&chip),
+            stage: Rc::clone(stage),
+        },
+        network: line(),
+        system: PlayedSystem {
+            cause: life.cause(),
+            panic: life.panic.clone(),
+            stage: Rc::clone(stage),
+        },
+        rng: life.rng.clone(),
+    }
+}
+
+/// An output that leads nowhere.
+#[derive(Debug)]
+pub(super) struct Played {
+    output: Output,
+    stage: Rc<Stage>,
+}
+
+impl pwm::ErrorType for Played {
+    type Error = crate::devices::DutyError;
+}
+
+impl SetDutyCycle for Played {
+    fn max_duty_cycle(&self) -> u16 {
+        MAX_DUTY
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Self::Error> {
+        let duty = u8::try_from(duty).map_err(|_| crate::devices::DutyError)?;
+        self.stage.tape.set(self.output, duty);
+        Ok(())
+    }
+}
+
+impl digital::ErrorType for Played {
+    type Error = Infallible;
+}
+
+impl OutputPin for Played {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.stage.tape.set(self.output, 0);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.stage.tape.set(self.output, 1);
+        Ok(())
+    }
+}
+
+/// A device that says its lines: the ranger by line or by pins, the battery, the camera, the
+/// network.
+#[derive(Debug)]
+pub(super) struct Line(Rc<Stage>);
+
+/// The device was broken at this moment when it was recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Broken;
+
+impl core::fmt::Display for Broken {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("it was broken when it was recorded")
+    }
+}
+
+impl core::error::Error for Broken {}
+
+impl embedded_io_async::Error for Broken {
+    fn kind(&self) -> ErrorKind {
+        ErrorKind::ConnectionReset
+    }
+}
+
+impl ErrorType for Line {
+    type Error = Broken;
+}
+
+impl Read for Line {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, Broken> {
+        if buf.is_empty() {
+            return Ok(0);
+        }
+        let taken = self.0.bytes(buf, |script| &mut script.heard).await;
+        taken.ok_or(Broken)
+    }
+}
+
+impl Write for Line {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, Broken> {
+        let begun = self.0.tape.now();
+        let taken = self.0.take(Writer::Ask, buf.len()).await;
+        let asked = What::Asked {
+            bytes: Payload::new(&buf[..if taken.broken { 0 } else { taken.bytes }]),
+            done_us: None,
+            broken: taken.broken,
+        };
+        self.0.tape.note_at(begun, asked);
+        if taken.broken {
+            Err(Broken)
+        } else {
+            Ok(taken.bytes)
+        }
+    }
+
+    async fn flush(&mut self) -> Result<(), Broken> {
+        self.0.take(Writer::Flush, 0).await;
+        Ok(())
+    }
+}
+
+impl digital::ErrorType for Line {
+    type Error = Infallible;
+}
+
+impl OutputPin for Line {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.0.tape.note(What::Trigger(false));
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.0.tape.note(What::Trigger(true));
+        Ok(())
+    }
+}
+
+impl InputPin for Line {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.0.echo_level())
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.0.echo_level())
+    }
+}
+
+impl Line {
+    async fn edge(&self) -> Result<(), Infallible> {
+        self.0.next(|script| &mut script.echo).await;
+        Ok(())
+    }
+}
+
+impl Wait for Line {
+    async fn wait_for_high(&mut self) -> Result<(), Infallible> {
+        self.edge().await
+    }
+
+    async fn wait_for_low(&mut self) -> Result<(), Infallible> {
+        self.edge().await
+    }
+
+    async fn wait_for_rising_edge(&mut self) -> Result<(), Infallible> {
+        self.edge().await
+    }
+
+    async fn wait_for_falling_edge(&mut self) -> Result<(), Infallible> {
+        self.edge().await
+    }
+
+    async fn wait_for_any_edge(&mut self) -> Result<(), Infallible> {
+        self.edge().await
+    }
+}
+
+impl Adc for Line {
+    type Error = Broken;
+
+    async fn read(&mut self) -> Result<Millivolts, Broken> {
+        let said = self.0.next(|script| &mut script.battery).await;
+        said.map(Millivolts).ok_or(Broken)
+    }
+}
+
+fn lens(error: Lens) -> LensError {
+    match error {
+        Lens::Length => LensError::Length,
+        Lens::TooLarge => LensError::TooLarge,
+        Lens::Absent => LensError::Absent,
+        Lens::Disconnected => LensError::Disconnected,
+    }
+}
+
+impl Line {
+    async fn picture(&self, buffer: &mut [u8]) -> Result<usize, LensError> {
+        let picture = self.0.next(|script| &mut script.picture).await;
+        let picture = picture.map_err(lens)?;
+        let target = buffer.get_mut(..picture.len()).ok_or(LensError::TooLarge)?;
+        target.copy_from_slice(&picture);
+        Ok(picture.len())
+    }
+}
+
+impl Camera for Line {
+    type Error = LensError;
+
+    fn size(&self) -> (u16, u16) {
+        (CAMERA_SIDE, CAMERA_SIDE)
+    }
+
+    fn format(&self) -> FrameFormat {
+        FrameFormat::Rgb565
+    }
+
+    async fn capture(&mut self, frame: &mut [u8]) -> Result<(), LensError> {
+        self.picture(frame).await.map(|_| ())
+    }
+
+    async fn still(&mut self, jpeg: &mut [u8]) -> Result<usize, LensError> {
+        self.picture(jpeg).await
+    }
+}
+
+/// A flash with the contents it had, that refuses what it refused.
+#[derive(Debug)]
+pub(super) struct PlayedFlash {
+    inner: SimFlash,
+    stage: Rc<Stage>,
+}
+
+impl PlayedFlash {
+    fn admit(&self) -> Result<(), FlashError> {
+        match self.stage.refuses(self.stage.tape.flash_operation()) {
+            None => Ok(()),
+            Some(Flash::NotAligned) => Err(FlashError::NotAligned),
+            Some(Flash::OutOfBounds) => Err(FlashError::OutOfBounds),
+            Some(Flash::NotErased) => Err(FlashError::NotErased),
+            Some(Flash::PowerLost) => Err(FlashError::PowerLost),
+        }
+    }
+}
+
+impl nor_flash::ErrorType for PlayedFlash {
+    type Error = FlashError;
+}
+
+impl ReadNorFlash for PlayedFlash {
+    const READ_SIZE: usize = SimFlash::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        self.admit()?;
+        self.inner.read(offset, bytes).await
+    }
+
+    fn capacity(&self) -> usize {
+        self.inner.capacity()
+    }
+}
+
+impl NorFlash for PlayedFlash {
+    const WRITE_SIZE: usize = SimFlash::WRITE_SIZE;
+    const ERASE_SIZE: usize = SimFlash::ERASE_SIZE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        self.admit()?;
+        self.inner.erase(from, to).await
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        self.admit()?;
+        self.inner.write(offset, bytes).await
+    }
+}
+
+impl MultiwriteNorFlash for PlayedFlash {}
+
+/// A microcontroller that started for the reason it had.
+#[derive(Debug)]
+pub(super) struct PlayedSystem {
+    cause: ResetCause,
+    panic: Option<String>,
+    stage: Rc<Stage>,
+}
+
+impl System for PlayedSystem {
+    fn reset_cause(&self) -> ResetCause {
+        self.cause
+    }
+
+    fn last_panic(&self) -> Option<&str> {
+        self.panic.as_deref()
+    }
+
+    fn feed_watchdog(&mut self) {
+        self.stage.tape.look();
+    }
+
+    async fn reset(&mut self) -> Infallible {
+        self.stage.tape.note(What::Reset);
+        pending().await
+    }
+}
+
+/// The radio's word, as it was.
+#[derive(Debug, Clone)]
+pub(super) struct PlayedMonitor(Rc<Stage>);
+
+impl LinkMonitor for PlayedMonitor {
+    fn state(&self) -> LinkState {
+        self.0.link()
+    }
+}
+
+/// A connection over which comes what came.
+#[derive(Debug)]
+pub(super) struct PlayedStream(Rc<Stage>);
+
+impl Network for Line {
+    type Stream<'a> = PlayedStream;
+    type Monitor = PlayedMonitor;
+
+    fn monitor(&self) -> PlayedMonitor {
+        PlayedMonitor(Rc::clone(&self.0))
+    }
+
+    async fn join(&mut self) -> Result<(), NetError> {
+        failed(self.0.next(|script| &mut script.joined).await)
+    }
+
+    async fn connect(&mut self, _host: &str, _port: u16) -> Result<PlayedStream, NetError> {
+        failed(self.0.next(|script| &mut script.connected).await)?;
+        self.0.tape.connected();
+        Ok(PlayedStream(Rc::clone(&self.0)))
+    }
+}
+
+impl ErrorType for PlayedStream {
+    type Error = Broken;
+}
+
+impl Read for PlayedStream {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, Broken> {
+        if buf.is_empty() {
+            return Ok(0);
+        }
+        let taken = self.0.bytes(buf, |script| &mut script.received).await;
+        taken.ok_or(Broken)
+    }
+}
+
+impl Write for PlayedStream {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, Broken> {
+        let begun = self.0.tape.now();
+        let taken = self.0.take(Writer::Send, buf.len()).await;
+        if taken.broken {
+            return Err(Broken);
+        }
+        self.0.tape.sent(begun, &buf[..taken.bytes]);
+        Ok(taken.bytes)
+    }
+
+    async fn flush(&mut self) -> Result<(), Broken> {
+        Ok(())
+    }
+}
