@@ -16,6 +16,13 @@ export class ApiError extends Error {
   }
 }
 
+/** One thing that a robot saw. */
+export interface Seen {
+  kind: string
+  /** From where it headed, in radians, positive to the left. */
+  bearing: number
+}
+
 /** Details of one robot that the live feed does not carry. */
 export interface RobotDetails {
   behaviour: string | null
@@ -27,6 +34,8 @@ export interface RobotDetails {
   camera: boolean
   /** When its newest picture arrived, in Unix milliseconds. */
   image: number | null
+  /** What it saw last; `null` when it has no eyes or told of nothing yet. */
+  sees: Seen[] | null
   /** Two robots seem to use this id. */
   duplicate: boolean
 }
@@ -137,8 +146,18 @@ function details(value: unknown): RobotDetails {
     rssi: numeric(body['rssi_dbm']),
     camera: Array.isArray(body['capabilities']) && body['capabilities'].includes('camera'),
     image: numeric(body['image']),
+    sees: seen(body['sees']),
     duplicate: body['duplicate'] === true,
   }
+}
+
+function seen(value: unknown): Seen[] | null {
+  const objects = fields(value)['objects']
+  if (!Array.isArray(objects)) return null
+  return objects.map(fields).flatMap((object) => {
+    const [kind, bearing] = [text(object['class']), numeric(object['bearing'])]
+    return kind === null || bearing === null ? [] : [{ kind, bearing }]
+  })
 }
 
 function commandId(value: unknown): string | null {

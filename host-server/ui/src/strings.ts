@@ -163,6 +163,8 @@ export const text = {
     temperature: 'Temperature',
     signal: 'Signal',
     noReading: 'no reading',
+    sees: 'Sees',
+    seesNothing: 'nothing',
     unknown: '–',
     stop: 'Stop',
     wander: 'Let it wander',
@@ -268,6 +270,13 @@ export function selectedSummary(
 ): string {
   const seen = range === null ? 'no range reading' : `${millimetres(range)} to what is ahead`
   return `${id}: ${states[state].toLowerCase()} at ${position(x, y)}, heading ${degrees(heading)}°, ${seen}.`
+}
+
+/** A thing and where it is, as seen by a robot: positive angles are to its left. */
+export function sighting(kind: string, bearing: number): string {
+  const off = Math.round((Math.abs(bearing) * 180) / Math.PI)
+  if (off === 0) return `${kind} ahead`
+  return `${kind} ${String(off)}° ${bearing > 0 ? 'left' : 'right'}`
 }
 
 export function position(x: number, y: number): string {

@@ -1,5 +1,6 @@
 import { describe, expect, it } from 'vitest'
 import { ApiError, createApi, problemText, imageAddress } from '../../src/api'
+import { sighting } from '../../src/strings'
 
 function answering(status: number, body: unknown) {
   const calls: { url: string; init: RequestInit }[] = []
@@ -52,6 +53,11 @@ describe('what the server tells', () => {
       rssi_dbm: null,
       capabilities: ['drive', 'range', 'camera'],
       image: 1_800_000_000_000,
+      sees: {
+        timestamp: 1_800_000_000_000,
+        frame: 7,
+        objects: [{ class: 'object', x: 0.5, y: 0.5, bearing: 0.25, margin: 40 }, { class: 5 }],
+      },
     }
     expect(await answering(200, robot).api.robot('sim-0001')).toEqual({
       behaviour: 'wander',
@@ -61,12 +67,17 @@ describe('what the server tells', () => {
       rssi: null,
       camera: true,
       image: 1_800_000_000_000,
+      sees: [{ kind: 'object', bearing: 0.25 }],
       duplicate: false,
     })
     expect(await answering(200, {}).api.robot('sim-0001')).toMatchObject({
       camera: false,
       image: null,
+      sees: null,
     })
+    expect(sighting('object', 0.25)).toBe('object 14° left')
+    expect(sighting('robot', -0.5)).toBe('robot 29° right')
+    expect(sighting('obstacle', 0.001)).toBe('obstacle ahead')
     expect(imageAddress('a/b', 5)).toBe('/api/v1/robots/a%2Fb/image?received=5')
     const { api } = answering(200, { time: 1, robots: [robot, { id: 'sim-0002', battery: null }] })
     expect([...(await api.batteries())]).toEqual([['sim-0001', 71]])
