@@ -17,6 +17,7 @@ use rumqttc::v5::mqttbytes::v5::{
     ConnectReturnCode, Filter, Packet, PublishProperties, SubscribeReasonCode,
 };
 use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
+use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use crate::metrics::Metrics;
@@ -39,10 +40,11 @@ const MAX_EARLY: usize = 40_000;
 /// A command that waits longer in a broker is of no use to anybody.
 const MESSAGE_EXPIRY_S: u32 = 60;
 
-const FILTERS: [TopicFilter; 7] = [
+const FILTERS: [TopicFilter; 8] = [
     TopicFilter::Status,
     TopicFilter::Heartbeat,
     TopicFilter::Telemetry,
+    TopicFilter::Vision,
     TopicFilter::Responses,
     TopicFilter::Parameters,
     TopicFilter::Logs,
@@ -56,6 +58,27 @@ pub(crate) struct Target {
     pub(crate) port: u16,
     pub(crate) client_id: String,
     pub(crate) credentials: Option<(String, String)>,
+}
+
+impl Target {
+    /// The same broker for another session of ours.
+    pub(crate) fn named(mut self, what: &str) -> Self {
+        self.client_id = self.client_id.replacen("server", what, 1);
+        self
+    }
+
+    /// A session that remembers nothing and takes packets of at most `max_packet` bytes.
+    pub(crate) fn options(&self, max_packet: u32) -> MqttOptions {
+        let mut options = MqttOptions::new(&self.client_id, &self.host, self.port);
+        options
+            .set_keep_alive(KEEP_ALIVE)
+            .set_clean_start(true)
+            .set_max_packet_size(Some(max_packet));
+        if let Some((user, password)) = &self.credentials {
+            options.set_credentials(user, password);
+        }
+        options
+    }
 }
 
 /// One message from the broker.
@@ -179,14 +202,7 @@ pub(crate) async fn connect(target: &Target, fleet: &Fleet) -> Result<Connection
 }
 
 async fn set_up(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
-    let mut options = MqttOptions::new(&target.client_id, &target.host, target.port);
-    options
-        .set_keep_alive(KEEP_ALIVE)
-        .set_clean_start(true)
-        .set_max_packet_size(Some(MAX_PACKET));
-    if let Some((user, password)) = &target.credentials {
-        options.set_credentials(user, password);
-    }
+    let mut options = target.options(MAX_PACKET);
     let mut network = rumqttc::NetworkOptions::new();
     network.set_tcp_nodelay(true);
     options.set_network_options(network);
@@ -242,8 +258,20 @@ fn describe(error: &ConnectionError) -> String {
     }
 }
 
-/// Serves `connection`, and when it is lost new ones, until `stop`.
-pub(crate) async fn run(
+/// Serves `connection`, and when it is lost new ones, until `stop`. `bus` is up when this returns.
+pub(crate) fn start(
+    bus: Arc<Bus>,
+    target: Target,
+    connection: Connection,
+    receiver: Arc<dyn Receiver>,
+    stop: CancellationToken,
+) -> JoinHandle<()> {
+    // Here and not in the task: whoever has a started server may publish at once.
+    bus.set(Some(connection.client.clone()));
+    tokio::spawn(run(bus, target, connection, receiver, stop))
+}
+
+async fn run(
     bus: Arc<Bus>,
     target: Target,
     connection: Connection,
@@ -255,12 +283,13 @@ pub(crate) async fn run(
     while !stop.is_cancelled() {
         let connection = match next.take() {
             Some(connection) => Ok(connection),
-            None => connect(&target, &bus.fleet).await,
+            None => connect(&target, &bus.fleet)
+                .await
+                .inspect(|connection| bus.set(Some(connection.client.clone()))),
         };
         match connection {
             Ok(connection) => {
                 pause = FIRST_PAUSE;
-                bus.set(Some(connection.client.clone()));
                 receiver.connection(true, "connected to the broker");
                 // A task of its own: should the client library panic over what a broker sends, that
                 // costs the connection and not the server.

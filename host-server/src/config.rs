@@ -68,6 +68,10 @@ pub struct Settings {
     pub scenario: Option<String>,
     /// Seed of the simulated world.
     pub seed: u64,
+    /// Where boards can join the radio of the simulated world.
+    pub radio_proxy: Option<SocketAddr>,
+    /// MCAP file that the simulated world is recorded to.
+    pub record: Option<PathBuf>,
     /// Log filter in the syntax of `tracing_subscriber::EnvFilter`.
     pub log: String,
     /// How log lines are written.
@@ -139,7 +143,7 @@ impl Settings {
         cli: Cli,
         environment: impl IntoIterator<Item = (OsString, OsString)>,
     ) -> Result<Self, ConfigError> {
-        let (role, arguments, config) = cli.into_layer();
+        let (role, arguments, config) = cli.into_layer()?;
         let (environment, environment_config) = Layer::from_environment(environment)?;
         let file = match config.or(environment_config) {
             Some(path) => read_file(&path)?,
@@ -183,13 +187,15 @@ impl Settings {
         let robots = merged
             .robots
             .or_else(|| merged.scenario.is_none().then_some(DEFAULT_ROBOTS));
+        // A radio for boards alone needs no robots.
+        let least = u32::from(merged.radio_proxy.is_none());
         if let Some(robots) = robots
             && role != Role::Serve
-            && !(1..=MAX_SIMULATED).contains(&robots)
+            && !(least..=MAX_SIMULATED).contains(&robots)
         {
             return Err(ConfigError::Value {
                 origin: "robots".into(),
-                text: format!("{robots} is outside 1 to {MAX_SIMULATED}"),
+                text: format!("{robots} is outside {least} to {MAX_SIMULATED}"),
             });
         }
         Ok(Self {
@@ -201,6 +207,8 @@ impl Settings {
             robots,
             scenario: merged.scenario,
             seed: merged.seed.unwrap_or(1),
+            radio_proxy: merged.radio_proxy.filter(|_| role != Role::Serve),
+            record: merged.record,
             log: merged
                 .log
                 .unwrap_or_else(|| "info,rmqtt=error,rmqtt_net=error".into()),
@@ -212,6 +220,11 @@ impl Settings {
     #[must_use]
     pub fn exposed(&self) -> Vec<(&'static str, SocketAddr)> {
         let mut exposed = Vec::new();
+        if let Some(address) = self.radio_proxy
+            && !address.ip().is_loopback()
+        {
+            exposed.push(("radio proxy to the MQTT broker", address));
+        }
         if self.role == Role::Sim {
             return exposed;
         }
@@ -228,7 +241,7 @@ impl Settings {
 }
 
 fn read_file(path: &Path) -> Result<Layer, ConfigError> {
-    let text = std::fs::read_to_string(path).map_err(|cause| ConfigError::Read {
+    let text = crate::text::read_text(path).map_err(|cause| ConfigError::Read {
         path: path.to_owned(),
         cause,
     })?;

@@ -2,6 +2,7 @@
 
 mod assets;
 mod commands;
+mod faults;
 mod guard;
 mod health;
 mod images;
@@ -10,6 +11,7 @@ mod problem;
 mod robots;
 mod schema;
 mod serve;
+mod simulator;
 
 use std::net::SocketAddr;
 use std::sync::atomic::AtomicBool;
@@ -34,6 +36,7 @@ use crate::simulation::Simulation;
 
 pub(crate) use live::MAX_READERS;
 pub(crate) use serve::serve;
+pub(crate) use simulator::{SimulatorAnswer, code as control_code};
 
 /// Longest request body. A command is at most 1,024 bytes on the wire.
 const MAX_BODY: usize = 4 * 1024;
@@ -67,6 +70,7 @@ pub(crate) struct App {
     tags(
         (name = "robots", description = "The fleet as last known"),
         (name = "commands", description = "Telling robots what to do"),
+        (name = "simulator", description = "The simulated world of this process"),
         (name = "feed", description = "Everything as it happens"),
         (name = "description", description = "What messages look like")
     )
@@ -84,9 +88,12 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr) -> Router {
                 .routes(routes!(robots::logs))
                 .routes(routes!(images::newest))
                 .routes(routes!(robots::parameters, robots::set_parameters))
+                .routes(routes!(faults::inject, faults::heal))
                 .routes(routes!(commands::to_robot))
                 .routes(routes!(commands::to_swarm))
                 .routes(routes!(commands::one))
+                .routes(routes!(simulator::state))
+                .routes(routes!(simulator::command))
                 .routes(routes!(schema::one))
                 .routes(routes!(live::connect)),
         )

@@ -5,6 +5,8 @@
 //! broker is in this process or not; what those messages are is `crawler-protocol`'s to say.
 
 pub mod config;
+pub mod evaluate;
+pub mod replay;
 pub mod run;
 pub mod server;
 
@@ -18,9 +20,13 @@ mod fleet;
 mod http;
 mod metrics;
 mod process;
+mod recipe;
 mod simulation;
+mod simulator;
+mod text;
 
 pub use data::DataError;
+pub use recipe::Randomisation;
 
 /// Bytes as text.
 fn hex(bytes: &[u8]) -> String {

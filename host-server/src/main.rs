@@ -3,11 +3,17 @@
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use crawler_server::config::{Cli, Settings};
-use crawler_server::run;
+use crawler_server::config::{Cli, Command, Settings};
+use crawler_server::{evaluate, replay, run};
 
 fn main() -> ExitCode {
-    let settings = match Settings::resolve(Cli::parse(), std::env::vars_os()) {
+    let cli = Cli::parse();
+    match &cli.command {
+        Command::Evaluate(args) => return evaluate::run(args),
+        Command::Replay(args) => return replay::run(args),
+        Command::Up { .. } | Command::Serve { .. } | Command::Sim { .. } => {}
+    }
+    let settings = match Settings::resolve(cli, std::env::vars_os()) {
         Ok(settings) => settings,
         Err(error) => {
             eprintln!("terracrawler: {error}");

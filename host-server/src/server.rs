@@ -26,6 +26,7 @@ use crate::fleet::SharedFleet;
 use crate::http::{self, App};
 use crate::metrics::Metrics;
 use crate::simulation::Simulation;
+use crate::simulator;
 
 pub use robots::Robots;
 pub use start_error::StartError;
@@ -94,20 +95,27 @@ impl Server {
 
         let stop_bus = CancellationToken::new();
         let stop_http = CancellationToken::new();
-        let bus_task = tokio::spawn(bus::run(
+        let bus_task = bus::start(
             bus,
             target,
             connection,
             ingest::Ingest::new(Arc::clone(&app)),
             stop_bus.clone(),
-        ));
+        );
         let heart_task = tokio::spawn(heart(Arc::clone(&app), stop_bus.clone()));
         if settings.role == Role::Up {
             // The connection is served already, so the robots' first words find a listener.
             match Simulation::start(settings, &mqtt).await {
                 Ok(simulation) => {
                     app.feed.set_arena(simulation.arena());
-                    let _ = app.simulation.set(Arc::new(simulation));
+                    let simulation = Arc::new(simulation);
+                    let _ = app.simulation.set(Arc::clone(&simulation));
+                    tokio::spawn(simulator::listen(
+                        simulation,
+                        outside(&mqtt)?.named("simulator"),
+                        settings.fleet.clone(),
+                        stop_bus.clone(),
+                    ));
                 }
                 Err(reason) => {
                     stop_bus.cancel();

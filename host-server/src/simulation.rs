@@ -3,11 +3,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crawler_sim::run::live::{LiveConfig, LiveHandle, start};
-use crawler_sim::scenario::Scenario;
+use crawler_protocol::SimulatorCommand;
+use crawler_sim::run::live::{
+    ControlError, LiveConfig, LiveDone, LiveHandle, LiveState, start, start_recorded,
+};
 
 use crate::config::{BrokerUrl, Settings};
 use crate::metrics::Simulated;
+use crate::recipe::scenario;
 
 /// For robots to come to rest. From full speed the ramp takes well under a second.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -41,11 +44,20 @@ impl Simulation {
             credentials,
             scenario,
             seed: settings.seed,
+            radio_proxy: settings.radio_proxy,
         };
-        let world = tokio::task::spawn_blocking(move || start(config))
+        let record = settings.record.clone();
+        let start = move || match record {
+            Some(file) => start_recorded(config, file),
+            None => start(config),
+        };
+        let world = tokio::task::spawn_blocking(start)
             .await
             .map_err(|error| error.to_string())?
             .map_err(|error| error.to_string())?;
+        if let Some(radio) = world.radio() {
+            tracing::info!(address = %radio.address(), "robots reach the broker over a radio");
+        }
         Ok(Self {
             world: Arc::new(world),
         })
@@ -57,6 +69,19 @@ impl Simulation {
             tracing::error!(%error, "the arena cannot be written");
             serde_json::Value::Null
         })
+    }
+
+    /// How the world is.
+    pub(crate) fn state(&self) -> Result<LiveState, ControlError> {
+        self.world.state()
+    }
+
+    /// Tells the world what to do.
+    pub(crate) async fn control(
+        &self,
+        command: SimulatorCommand,
+    ) -> Result<LiveDone, ControlError> {
+        self.world.control(command).await
     }
 
     pub(crate) fn is_running(&self) -> bool {
@@ -76,6 +101,9 @@ impl Simulation {
     /// Stops every robot, then takes them off the broker and ends the world.
     pub(crate) async fn stop(&self) {
         let world = Arc::clone(&self.world);
+        if let Some(text) = world.recording_error() {
+            tracing::warn!(text, "the recording ended before the world");
+        }
         match tokio::task::spawn_blocking(move || world.stop(PATIENCE)).await {
             Ok(Ok(report)) if report.standing == report.robots => {
                 tracing::info!(robots = report.robots, "all simulated robots stand");
@@ -88,44 +116,5 @@ impl Simulation {
             Ok(Err(error)) => tracing::error!(%error, "the simulation did not stop in order"),
             Err(error) => tracing::error!(%error, "the simulation did not stop in order"),
         }
-    }
-}
-
-/// A scenario by name, or from a file.
-fn scenario(name: Option<&str>) -> Result<Scenario, String> {
-    let Some(name) = name else {
-        let default = Scenario::names().next().unwrap_or("arena");
-        return Scenario::built_in(default).map_err(|error| error.to_string());
-    };
-    if Scenario::names().any(|known| known == name) {
-        return Scenario::built_in(name).map_err(|error| error.to_string());
-    }
-    let text = std::fs::read_to_string(name).map_err(|error| {
-        let known: Vec<_> = Scenario::names().collect();
-        format!(
-            "`{name}` is neither a scenario ({}) nor a file that can be read: {error}",
-            known.join(", ")
-        )
-    })?;
-    Scenario::parse(&text).map_err(|error| format!("{name}: {}", error.to_string().trim_end()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_scenario_that_comes_along_is_found_by_name() {
-        for name in Scenario::names() {
-            assert_eq!(scenario(Some(name)).expect(name).name, name);
-        }
-        assert!(scenario(None).is_ok());
-    }
-
-    #[test]
-    fn a_scenario_that_is_not_there_is_named_with_those_that_are() {
-        let error = scenario(Some("nowhere.toml")).expect_err("no such file");
-        assert!(error.contains("nowhere.toml"), "{error}");
-        assert!(error.contains("arena"), "{error}");
     }
 }

@@ -22,6 +22,7 @@ async fn descriptions_fit_what_is_there() {
     assert_eq!(
         calls,
         [
+            "delete /api/v1/robots/{id}/faults",
             "get /api/v1/commands/{id}",
             "get /api/v1/live",
             "get /api/v1/robots",
@@ -30,7 +31,10 @@ async fn descriptions_fit_what_is_there() {
             "get /api/v1/robots/{id}/logs",
             "get /api/v1/robots/{id}/parameters",
             "get /api/v1/schema/{message}",
+            "get /api/v1/simulator",
             "post /api/v1/robots/{id}/commands",
+            "post /api/v1/robots/{id}/faults",
+            "post /api/v1/simulator/commands",
             "post /api/v1/swarm/commands",
             "put /api/v1/robots/{id}/parameters",
         ]
@@ -51,6 +55,7 @@ async fn descriptions_fit_what_is_there() {
         "telemetry",
         "status",
         "response",
+        "simulator-command",
     ] {
         let schema = fixture.get(&format!("/api/v1/schema/{message}")).await;
         assert_eq!(schema.status, 200);

@@ -143,8 +143,7 @@ async fn a_simulated_robot_takes_a_picture_on_request() {
     let fixture = Fixture::of(server, up);
     let mut pictures = 0;
     for id in ["sim-0001", "sim-0002"] {
-        fixture.wait_presence(id, "online").await;
-        let robot = fixture.get(&format!("/api/v1/robots/{id}")).await.json();
+        let robot = fixture.wait_told(id).await;
         let capabilities = robot["capabilities"].as_array().expect("a list");
         let has_camera = capabilities.iter().any(|c| c == "camera");
         let commands = format!("/api/v1/robots/{id}/commands");

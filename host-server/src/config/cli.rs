@@ -7,7 +7,9 @@ use clap::{Args, Parser, Subcommand};
 use crawler_protocol::Fleet;
 
 use super::layer::parse_fleet;
-use super::{BrokerUrl, Layer, LogFormat, Role};
+use super::{BrokerUrl, ConfigError, Layer, LogFormat, Role};
+use crate::evaluate::EvaluateArgs;
+use crate::replay::ReplayArgs;
 
 /// A swarm of robots, simulated or real: broker, API, control room.
 ///
@@ -55,6 +57,10 @@ pub enum Command {
         #[allow(missing_docs)] // as above
         robots: RobotOptions,
     },
+    /// Runs a scenario on many seeds and tells what comes of it
+    Evaluate(Box<EvaluateArgs>),
+    /// Runs a recording, or a seed, through the program once more
+    Replay(Box<ReplayArgs>),
 }
 
 /// Options of every command.
@@ -103,10 +109,16 @@ pub struct RobotOptions {
     /// Seed of their world: the same seed draws the same arena [default: 1]
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// Address at which real boards can join the radio of the scenario, on their way to the broker
+    #[arg(long, value_name = "ADDRESS")]
+    pub radio_proxy: Option<SocketAddr>,
+    /// MCAP file to record the world to
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
 }
 
 impl Cli {
-    pub(super) fn into_layer(self) -> (Role, Layer, Option<PathBuf>) {
+    pub(super) fn into_layer(self) -> Result<(Role, Layer, Option<PathBuf>), ConfigError> {
         let (role, common, server, robots) = match self.command {
             Command::Up {
                 common,
@@ -115,6 +127,12 @@ impl Cli {
             } => (Role::Up, common, Some(server), Some(robots)),
             Command::Serve { common, server } => (Role::Serve, common, Some(server), None),
             Command::Sim { common, robots } => (Role::Sim, common, None, Some(robots)),
+            Command::Evaluate(_) => {
+                return Err(ConfigError::Conflict("`evaluate` has options of its own"));
+            }
+            Command::Replay(_) => {
+                return Err(ConfigError::Conflict("`replay` has options of its own"));
+            }
         };
         let mut layer = Layer {
             fleet: common.fleet,
@@ -132,7 +150,9 @@ impl Cli {
             layer.robots = robots.robots;
             layer.scenario = robots.scenario;
             layer.seed = robots.seed;
+            layer.radio_proxy = robots.radio_proxy;
+            layer.record = robots.record;
         }
-        (role, layer, common.config)
+        Ok((role, layer, common.config))
     }
 }

@@ -35,7 +35,7 @@ impl FromStr for LogFormat {
 }
 
 /// Every key, as the file spells it.
-pub(super) const KEYS: [&str; 10] = [
+pub(super) const KEYS: [&str; 12] = [
     "fleet",
     "broker",
     "mqtt",
@@ -44,6 +44,8 @@ pub(super) const KEYS: [&str; 10] = [
     "robots",
     "scenario",
     "seed",
+    "radio_proxy",
+    "record",
     "log",
     "log_format",
 ];
@@ -68,6 +70,10 @@ pub struct Layer {
     pub scenario: Option<String>,
     /// Seed of the simulated world.
     pub seed: Option<u64>,
+    /// Where boards can join the radio of the simulated world.
+    pub radio_proxy: Option<SocketAddr>,
+    /// MCAP file that the simulated world is recorded to.
+    pub record: Option<PathBuf>,
     /// Log filter.
     pub log: Option<String>,
     /// How log lines are written.
@@ -141,6 +147,8 @@ impl Layer {
             "robots" => self.robots = parse(value)?,
             "scenario" => self.scenario = Some(value.to_owned()),
             "seed" => self.seed = parse(value)?,
+            "radio_proxy" => self.radio_proxy = parse(value)?,
+            "record" => self.record = Some(PathBuf::from(value)),
             "log" => self.log = Some(value.to_owned()),
             "log_format" => self.log_format = parse(value)?,
             _ => return Err("unknown".into()),
@@ -163,6 +171,8 @@ impl Layer {
         fill(&mut self.robots, weaker.robots.as_ref());
         fill(&mut self.scenario, weaker.scenario.as_ref());
         fill(&mut self.seed, weaker.seed.as_ref());
+        fill(&mut self.radio_proxy, weaker.radio_proxy.as_ref());
+        fill(&mut self.record, weaker.record.as_ref());
         fill(&mut self.log, weaker.log.as_ref());
         fill(&mut self.log_format, weaker.log_format.as_ref());
     }

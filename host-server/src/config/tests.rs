@@ -77,6 +77,8 @@ fn every_key_is_known_in_every_source() {
         ("robots", "7", "7"),
         ("scenario", "arena", "\"arena\""),
         ("seed", "9", "9"),
+        ("radio_proxy", "127.0.0.1:3", "\"127.0.0.1:3\""),
+        ("record", "r.mcap", "\"r.mcap\""),
         ("log", "debug", "\"debug\""),
         ("log_format", "json", "\"json\""),
     ];
@@ -92,7 +94,7 @@ fn every_key_is_known_in_every_source() {
 
         let option = format!("--{}", key.replace('_', "-"));
         let cli = Cli::try_parse_from(["terracrawler", "up", &option, plain]).expect(key);
-        assert_eq!(cli.into_layer().1, from_file, "{key}");
+        assert_eq!(cli.into_layer().expect("a layer").1, from_file, "{key}");
     }
 }
 
@@ -234,4 +236,16 @@ fn brokers_are_read_strictly() {
 #[test]
 fn the_command_line_is_consistent() {
     Cli::command().debug_assert();
+}
+
+#[test]
+fn a_radio_for_boards_needs_no_robots_and_is_seen_from_outside() {
+    let alone = ["sim", "--robots", "0", "--radio-proxy", "0.0.0.0:1884"];
+    let settings = resolve(&alone, &[]).expect("settings");
+    assert_eq!(settings.robots, Some(0));
+    assert_eq!(settings.exposed().len(), 1);
+    assert!(resolve(&["sim", "--robots", "0"], &[]).is_err());
+    let file = TomlFile::new("radio", "radio_proxy = \"0.0.0.0:1884\"\n");
+    let serve = resolve(&["serve", "--config", file.path()], &[]).expect("settings");
+    assert_eq!(serve.radio_proxy, None, "without robots there is no radio");
 }

@@ -4,8 +4,8 @@ use std::fmt;
 use std::time::{Duration, Instant};
 
 use crawler_protocol::{
-    Heartbeat, LogRecord, MAX_IMAGE, MAX_MESSAGE, ParametersMessage, Response, RobotId,
-    StatusMessage, Telemetry, Topic, TopicError,
+    Detection, Detections, Heartbeat, LogRecord, MAX_IMAGE, MAX_MESSAGE, ParametersMessage,
+    Response, RobotId, StatusMessage, Telemetry, Topic, TopicError,
 };
 
 use super::images::Image;
@@ -174,6 +174,23 @@ impl FleetState {
                 self.spoke(id, now);
                 Received::Noted
             }
+            Topic::Vision(id) => {
+                let message = decode(Detections::from_json(payload))?;
+                same(id, &message.robot)?;
+                // The reader knows numbers, not which of them a picture and a turn can have.
+                let within = |object: &Detection| {
+                    (0.0..=1.0).contains(&object.x)
+                        && (0.0..=1.0).contains(&object.y)
+                        && object.bearing.abs() <= core::f32::consts::PI
+                };
+                if !message.objects.iter().all(within) {
+                    return Err(Rejection::Absurd);
+                }
+                let robot = self.entry(id, now).ok_or(Rejection::Full)?;
+                robot.sees = Some(Box::new(message));
+                self.spoke(id, now);
+                Received::Noted
+            }
             Topic::Parameters(_) if payload.is_empty() => Received::Noted,
             Topic::Parameters(id) => {
                 let message = decode(ParametersMessage::from_json(payload))?;
@@ -204,7 +221,6 @@ impl FleetState {
             | Topic::CommandRobot(_)
             | Topic::CommandExperiment
             | Topic::ResponseSwarm
-            | Topic::Vision(_)
             | Topic::Cell { .. }
             | Topic::Pose(_)
             | Topic::Time

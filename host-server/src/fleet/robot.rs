@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use crawler_protocol::{
-    Heartbeat, LogRecord, ParametersMessage, RobotId, RobotState, StatusMessage, Telemetry,
+    Detections, Heartbeat, LogRecord, ParametersMessage, RobotId, RobotState, StatusMessage,
+    Telemetry,
 };
 
 use super::Presence;
@@ -23,6 +24,8 @@ pub(crate) struct Robot {
     pub(crate) status: Option<StatusMessage>,
     pub(crate) telemetry: Option<Telemetry>,
     pub(crate) heartbeat: Option<Heartbeat>,
+    /// What it saw last. Boxed: large, and few robots see.
+    pub(crate) sees: Option<Box<Detections>>,
     /// Boxed: large, and seldom looked at.
     pub(crate) parameters: Option<Box<ParametersMessage>>,
     /// Oldest first.
@@ -44,6 +47,7 @@ impl Robot {
             status: None,
             telemetry: None,
             heartbeat: None,
+            sees: None,
             parameters: None,
             logs: VecDeque::new(),
             known_since: now,

@@ -6,7 +6,7 @@ use axum::Json;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
 use crawler_protocol::{
-    Battery, Boot, Capability, LogRecord, ParameterValue, Pose, RobotId, Wheels,
+    Battery, Boot, Capability, Detections, LogRecord, ParameterValue, Pose, RobotId, Wheels,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -39,7 +39,7 @@ pub(super) struct RobotView {
     firmware: Option<String>,
     /// Its hardware.
     board: Option<String>,
-    /// What it has: `drive`, `range`, `camera`.
+    /// What it has: `drive`, `range`, `camera`, `vision`.
     #[schema(value_type = Vec<String>)]
     capabilities: Vec<Capability>,
     /// How often and why it started.
@@ -70,8 +70,55 @@ pub(super) struct RobotView {
     uptime_ms: Option<u64>,
     /// Unix milliseconds of the telemetry shown here, by the robot's clock.
     timestamp: Option<u64>,
+    /// What it saw last; `null` for a robot that has no eyes or told of nothing yet.
+    sees: Option<SightView>,
     /// Unix milliseconds at which its newest image arrived; `null` when there is none.
     image: Option<u64>,
+}
+
+/// What a robot saw in one frame, clearest first.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Sight)]
+pub(super) struct SightView {
+    /// Unix milliseconds of the frame, by the robot's clock; 0 when it did not know the time.
+    timestamp: u64,
+    /// Number of the frame.
+    frame: u32,
+    /// The things in it.
+    objects: Vec<SeenView>,
+}
+
+/// One thing in a frame.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Seen)]
+pub(super) struct SeenView {
+    /// `obstacle`, `object` or `robot`.
+    class: String,
+    /// From the left edge, as a share of the width.
+    x: f32,
+    /// From the top edge, as a share of the height.
+    y: f32,
+    /// From where the robot heads to it, in radians, positive to the left.
+    bearing: f32,
+    /// How far the class is ahead of the next one, in steps of the detector's output.
+    margin: u8,
+}
+
+impl SightView {
+    fn new(seen: &Detections) -> Self {
+        let objects = seen.objects.iter().map(|object| SeenView {
+            class: object.class.as_str().to_owned(),
+            x: object.x,
+            y: object.y,
+            bearing: object.bearing,
+            margin: object.margin,
+        });
+        Self {
+            timestamp: seen.timestamp,
+            frame: seen.frame,
+            objects: objects.collect(),
+        }
+    }
 }
 
 impl RobotView {
@@ -100,6 +147,7 @@ impl RobotView {
             rssi_dbm: telemetry.and_then(|telemetry| telemetry.rssi_dbm),
             uptime_ms: robot.heartbeat.as_ref().map(|beat| beat.uptime_ms),
             timestamp: telemetry.map(|telemetry| telemetry.timestamp),
+            sees: robot.sees.as_deref().map(SightView::new),
             image: fleet.image(&robot.id).map(|image| image.received),
         }
     }

@@ -1,14 +1,20 @@
 //! Simulated robots without a server: they meet theirs at the broker.
 
+use std::sync::Arc;
+
+use tokio_util::sync::CancellationToken;
+
 use super::{StartError, outside};
 use crate::bus;
 use crate::config::{Broker, BrokerUrl, Settings};
 use crate::simulation::Simulation;
+use crate::simulator;
 
 /// A running simulation on somebody's broker.
 pub struct Robots {
-    simulation: Simulation,
+    simulation: Arc<Simulation>,
     broker: BrokerUrl,
+    stop_listening: CancellationToken,
 }
 
 impl Robots {
@@ -31,7 +37,19 @@ impl Robots {
         let simulation = Simulation::start(settings, &broker)
             .await
             .map_err(StartError::Simulation)?;
-        Ok(Self { simulation, broker })
+        let simulation = Arc::new(simulation);
+        let stop_listening = CancellationToken::new();
+        tokio::spawn(simulator::listen(
+            Arc::clone(&simulation),
+            outside(&broker)?.named("simulator"),
+            settings.fleet.clone(),
+            stop_listening.clone(),
+        ));
+        Ok(Self {
+            simulation,
+            broker,
+            stop_listening,
+        })
     }
 
     /// How many there are.
@@ -48,6 +66,7 @@ impl Robots {
 
     /// Stops the robots, says goodbye for each, and ends their world.
     pub async fn stop(self) {
+        self.stop_listening.cancel();
         self.simulation.stop().await;
     }
 }

@@ -43,15 +43,20 @@ pub struct Fixture {
     _scratch: Scratch,
 }
 
-/// Options of a server that gets in nobody's way.
-pub fn settings(scratch: &Scratch, change: impl FnOnce(&mut Layer)) -> Settings {
+/// Addresses and a folder that nobody else has.
+fn quiet(scratch: &Scratch) -> Layer {
     let any = Some("127.0.0.1:0".parse().expect("address"));
-    let mut layer = Layer {
+    Layer {
         http: any,
         mqtt: any,
         data: Some(scratch.0.clone()),
         ..Layer::default()
-    };
+    }
+}
+
+/// Options of a server that gets in nobody's way.
+pub fn settings(scratch: &Scratch, change: impl FnOnce(&mut Layer)) -> Settings {
+    let mut layer = quiet(scratch);
     change(&mut layer);
     Settings::from_layers(Role::Serve, &[layer]).expect("settings")
 }
@@ -78,6 +83,33 @@ impl Fixture {
             server,
             settings,
             _scratch: Scratch::new(),
+        }
+    }
+
+    /// A server with an empty world of two robots, which reach the broker over a radio or not.
+    pub async fn world(radio: bool) -> Self {
+        Self::up("empty", |layer| {
+            layer.robots = Some(2);
+            layer.radio_proxy = radio.then(|| "127.0.0.1:0".parse().expect("address"));
+        })
+        .await
+    }
+
+    /// A server with a world.
+    pub async fn up(scenario: &str, change: impl FnOnce(&mut Layer)) -> Self {
+        let scratch = Scratch::new();
+        let mut layer = Layer {
+            scenario: Some(scenario.to_owned()),
+            seed: Some(7),
+            ..quiet(&scratch)
+        };
+        change(&mut layer);
+        let settings = Settings::from_layers(Role::Up, &[layer]).expect("settings");
+        let server = Server::start(&settings).await.expect("the server starts");
+        Self {
+            server,
+            settings,
+            _scratch: scratch,
         }
     }
 
@@ -133,6 +165,19 @@ impl Fixture {
         FakeRobot::connect(self.server.mqtt().port, id, id).await
     }
 
+    /// Waits until a robot is online and has told what it is; returns what the server knows.
+    ///
+    /// A heartbeat (QoS 0) can overtake the status (QoS 1) that was sent before it.
+    pub async fn wait_told(&self, id: &str) -> Value {
+        self.wait_presence(id, "online").await;
+        let path = format!("/api/v1/robots/{id}");
+        eventually("told what it is", async || {
+            !self.get(&path).await.json()["boot"].is_null()
+        })
+        .await;
+        self.get(&path).await.json()
+    }
+
     /// Waits for a robot's presence.
     pub async fn wait_presence(&self, id: &str, presence: &str) {
         eventually(presence, async || {
@@ -182,9 +227,9 @@ impl Answer {
 
 /// Tries until it holds, for ten seconds.
 pub async fn eventually(what: &str, mut holds: impl AsyncFnMut() -> bool) {
-    let end = Instant::now() + Duration::from_secs(10);
+    let end = Instant::now() + Duration::from_secs(30);
     while !holds().await {
-        assert!(Instant::now() < end, "not within 10 s: {what}");
+        assert!(Instant::now() < end, "not within 30 s: {what}");
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
 }
@@ -282,7 +327,7 @@ impl FakeRobot {
             .await;
     }
 
-    /// The next message on a topic with this ending, within five seconds.
+    /// The next message on a topic with this ending, within fifteen seconds.
     pub async fn next(&mut self, ending: &str) -> Publish {
         let next = async {
             loop {
@@ -292,7 +337,7 @@ impl FakeRobot {
                 }
             }
         };
-        tokio::time::timeout(Duration::from_secs(5), next)
+        tokio::time::timeout(Duration::from_secs(15), next)
             .await
             .unwrap_or_else(|_| panic!("no message on …{ending}"))
     }
@@ -306,7 +351,7 @@ impl FakeRobot {
                 }
             }
         };
-        tokio::time::timeout(Duration::from_secs(5), next)
+        tokio::time::timeout(Duration::from_secs(15), next)
             .await
             .expect("a command")
     }

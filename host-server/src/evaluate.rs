@@ -1,0 +1,269 @@
+//! `terracrawler evaluate`: a scenario on many seeds, and what comes of it.
+
+mod hunt;
+mod output;
+mod study;
+
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use crawler_sim::evaluate::{Axis, Criterion, Evaluation, Job, Trial, run_all};
+use crawler_sim::scenario::{Scenario, Threshold};
+
+use crate::recipe::{self, Changes, Randomisation};
+use output::{can_write, explain, write_file};
+
+/// Most runs of one evaluation.
+const MOST_RUNS: u64 = 1_000_000;
+/// Most runs with parameters of their own: each has a scenario of its own until the end.
+const MOST_DRAWN: u64 = 100_000;
+/// Failing seeds that are named on the terminal; the files have all.
+const NAMED: usize = 10;
+
+/// Options of `evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Name or TOML file of the scenario
+    #[arg(long, value_name = "SCENARIO", env = "TERRACRAWLER_SCENARIO")]
+    pub scenario: String,
+    /// How many seeds
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=MOST_RUNS))]
+    pub seeds: u64,
+    /// The first seed
+    #[arg(long, value_name = "N", default_value_t = 1, env = "TERRACRAWLER_SEED")]
+    pub seed: u64,
+    /// How many robots [default: those of the scenario]
+    #[arg(long, value_name = "N", env = "TERRACRAWLER_ROBOTS")]
+    pub robots: Option<u32>,
+    /// How far the parameters of each run differ from the scenario's [default: the scenario's]
+    #[arg(long, value_enum, value_name = "PROFILE")]
+    pub randomisation: Option<Randomisation>,
+    /// Difficulty from 0 to 1, or the name of one of the scenario's levels
+    #[arg(long, value_name = "LEVEL")]
+    pub difficulty: Option<String>,
+    /// Worlds that run at the same time [default: one for each processor]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Another value for a key of the scenario, like `arena.scatter.per_square_metre=0.2`
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// What the runs must come to together, like `success>=0.9`; adds to the scenario's
+    #[arg(long, value_name = "METRIC>=NUMBER")]
+    pub threshold: Vec<Threshold>,
+    /// File for a table with a line for each run
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// File for everything
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Values for a key, like `parameters.chassis.running_v=0.5:1.0:6`; twice for a grid
+    #[arg(long, value_name = "KEY=LEAST:MOST:POINTS", conflicts_with_all = ["monte_carlo", "adversarial"])]
+    pub sweep: Vec<Axis>,
+    /// So many runs, each with parameters of its own, and which of them go with failure
+    #[arg(long, value_name = "N", conflicts_with = "adversarial", value_parser = clap::value_parser!(u64).range(1..=MOST_DRAWN))]
+    pub monte_carlo: Option<u64>,
+    /// Looks for a run that breaks something, and makes it as small as it can be
+    #[arg(long, conflicts_with_all = ["csv", "json"])]
+    pub adversarial: bool,
+    /// Most runs of the search, and of shrinking
+    #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..=MOST_RUNS), requires = "adversarial")]
+    pub budget: u64,
+    /// What the search is to break, like `reach` or `recovery_s` [default: anything]
+    #[arg(long, value_name = "CRITERION", value_parser = parse_criterion, requires = "adversarial")]
+    pub hunt: Vec<Criterion>,
+    /// File for what the search has found
+    #[arg(
+        long,
+        value_name = "FILE",
+        default_value = "found.toml",
+        requires = "adversarial"
+    )]
+    pub out: PathBuf,
+}
+
+fn parse_criterion(name: &str) -> Result<Criterion, String> {
+    Criterion::by_name(name).ok_or_else(|| {
+        let known: Vec<_> = Criterion::ALL.iter().map(|known| known.name()).collect();
+        format!("`{name}` is none of {}", known.join(", "))
+    })
+}
+
+/// Runs the evaluation. Success when all thresholds are met; 1 when one is not, 2 when the options
+/// cannot be used, 130 when it was interrupted.
+#[must_use]
+pub fn run(args: &EvaluateArgs) -> ExitCode {
+    match evaluate(args) {
+        Ok(code) => code,
+        Err(why) => {
+            eprintln!("terracrawler: {why}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, String> {
+    let scenario = scenario(args)?;
+    let out = args.adversarial.then_some(&args.out);
+    for path in args.csv.iter().chain(&args.json).chain(out) {
+        can_write(path)?;
+    }
+    let stop = stop_on_interrupt()?;
+    if args.adversarial {
+        return hunt::run(args, scenario, &stop);
+    }
+    if args.monte_carlo.is_some() {
+        return study::monte_carlo(args, &scenario, &stop);
+    }
+    if !args.sweep.is_empty() {
+        return study::sweep(args, &scenario, &stop);
+    }
+    let jobs: Vec<Job<'_>> = (0..args.seeds)
+        .map(|number| Job {
+            scenario: &scenario,
+            seed: args.seed.wrapping_add(number),
+        })
+        .collect();
+    let results = run_jobs(&jobs, args.threads, &stop);
+    let trials: Vec<Trial> = results.into_iter().flatten().collect();
+    let cut_short = trials.len() < jobs.len();
+    let evaluation = Evaluation::new(&scenario, trials, &args.threshold);
+    print!("{}", evaluation.table());
+    explain(&repeat(args, args.randomisation, &[]), &evaluation, NAMED);
+    if let Some(path) = &args.csv {
+        write_file(path, &evaluation.csv())?;
+    }
+    if let Some(path) = &args.json {
+        write_file(path, &format!("{:#}\n", evaluation.json()))?;
+    }
+    Ok(if cut_short {
+        interrupted(evaluation.trials.len(), jobs.len())
+    } else if evaluation.is_met() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}
+
+fn interrupted(done: usize, all: usize) -> ExitCode {
+    eprintln!("terracrawler: interrupted after {done} of {all} runs");
+    ExitCode::from(130)
+}
+
+/// The scenario as the options want it.
+fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
+    let changes = Changes {
+        robots: args.robots,
+        randomisation: args.randomisation,
+        difficulty: args.difficulty.as_deref(),
+        set: &args.set,
+    };
+    let scenario = changes.apply(recipe::scenario(Some(&args.scenario))?)?;
+    if scenario.robots == 0 {
+        return Err("a world without robots cannot fail: there is nothing to evaluate".into());
+    }
+    Ok(scenario)
+}
+
+/// Runs jobs, telling a terminal how far it is.
+fn run_jobs(jobs: &[Job<'_>], threads: Option<u16>, stop: &AtomicBool) -> Vec<Option<Trial>> {
+    let all = jobs.len();
+    let progress = Progress::new();
+    run_all(jobs, threads_or_all(threads), stop, &|done| {
+        progress.tell(|| format!("{done} of {all} runs"));
+    })
+}
+
+fn threads_or_all(threads: Option<u16>) -> usize {
+    threads.map_or_else(
+        || std::thread::available_parallelism().map_or(1, usize::from),
+        usize::from,
+    )
+}
+
+/// A line on standard error that is written over, where that is a terminal.
+struct Progress {
+    terminal: bool,
+}
+
+impl Progress {
+    fn new() -> Self {
+        Self {
+            terminal: std::io::stderr().is_terminal(),
+        }
+    }
+
+    fn tell(&self, text: impl FnOnce() -> String) {
+        if self.terminal {
+            eprint!("\r\x1b[K{}", text());
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        if self.terminal {
+            eprint!("\r\x1b[K");
+        }
+    }
+}
+
+/// A flag that Ctrl-C sets; a second one ends the process at once.
+fn stop_on_interrupt() -> Result<Arc<AtomicBool>, String> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| format!("cannot start: {error}"))?;
+    std::thread::spawn(move || {
+        runtime.block_on(async {
+            // Without signals Ctrl-C ends the process as ever.
+            while tokio::signal::ctrl_c().await.is_ok() {
+                if flag.swap(true, Ordering::Relaxed) {
+                    std::process::exit(130);
+                }
+                eprintln!("\nfinishing the runs under way; once more ends at once");
+            }
+        });
+    });
+    Ok(stop)
+}
+
+/// The options that make one of the runs again, with this randomisation and these values too.
+fn repeat(args: &EvaluateArgs, randomisation: Option<Randomisation>, values: &[String]) -> String {
+    let mut words = vec![String::new(), "--scenario".into(), quoted(&args.scenario)];
+    if let Some(robots) = args.robots {
+        words.extend(["--robots".into(), robots.to_string()]);
+    }
+    if let Some(profile) = randomisation {
+        words.extend(["--randomisation".into(), profile.name().into()]);
+    }
+    if let Some(difficulty) = &args.difficulty {
+        words.extend(["--difficulty".into(), quoted(difficulty)]);
+    }
+    for set in args.set.iter().chain(values) {
+        words.extend(["--set".into(), quoted(set)]);
+    }
+    words.join(" ")
+}
+
+/// A word as a shell takes it.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
+fn shown(path: &Path) -> std::path::Display<'_> {
+    path.display()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,191 @@
+//! `terracrawler replay`: a recording through the program of this build, or a seed to a moment
+//! and on from there by hand.
+
+mod prompt;
+mod session;
+
+use std::fs::File;
+use std::io::{BufReader, IsTerminal as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use crawler_protocol::ParameterValues;
+use crawler_sim::run::replay::{Recording, replay};
+
+use crate::recipe::{self, Changes, DETECTOR, Randomisation};
+use session::Session;
+
+/// What `terracrawler replay` takes.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Ends with 0 when everything is as it was, with 1 when a robot does \
+    otherwise, and with 2 when it cannot be replayed."
+)]
+pub struct ReplayArgs {
+    /// Recording to run through the program of this build
+    #[arg(value_name = "FILE", conflicts_with_all = ["scenario", "restore"])]
+    pub file: Option<PathBuf>,
+    /// Run with another value: of a robot parameter with FILE, of a key of the scenario otherwise;
+    /// may be given several times
+    #[arg(long = "set", value_name = "NAME=VALUE", conflicts_with = "restore", value_parser = setting)]
+    pub set: Vec<(String, String)>,
+    /// Name or TOML file of a scenario to run in lockstep instead
+    #[arg(long, value_name = "SCENARIO", conflicts_with = "restore")]
+    pub scenario: Option<String>,
+    /// Number of robots [default: those of the scenario]
+    #[arg(long, value_name = "N", requires = "scenario")]
+    pub robots: Option<u32>,
+    /// How far the parameters of the world differ from the scenario's [default: the scenario's]
+    #[arg(long, value_enum, value_name = "PROFILE", requires = "scenario")]
+    pub randomisation: Option<Randomisation>,
+    /// Difficulty from 0 to 1, or the name of one of the scenario's levels
+    #[arg(long, value_name = "LEVEL", requires = "scenario")]
+    pub difficulty: Option<String>,
+    /// Seed of the world [default: 1]
+    #[arg(long, value_name = "N", requires = "scenario")]
+    pub seed: Option<u64>,
+    /// Snapshot to begin with instead
+    #[arg(long, value_name = "FILE")]
+    pub restore: Option<PathBuf>,
+    /// Second of the world to run to
+    #[arg(long, value_name = "S", conflicts_with = "file", value_parser = seconds)]
+    pub until: Option<f64>,
+    /// Record to this MCAP file
+    #[arg(long, value_name = "FILE", conflicts_with = "file")]
+    pub record: Option<PathBuf>,
+    /// Take commands when it is there: at a prompt, or from a pipe
+    #[arg(long, conflicts_with = "file")]
+    pub interactive: bool,
+}
+
+fn setting(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.is_empty() && !value.is_empty() => {
+            Ok((name.to_owned(), value.to_owned()))
+        }
+        _ => Err("must be NAME=VALUE".to_owned()),
+    }
+}
+
+/// A second of a world, up to a year.
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if (0.0..=31_536_000.0).contains(&seconds) => Ok(seconds),
+        _ => Err("must be a number of seconds, 0 to 31536000".to_owned()),
+    }
+}
+
+/// Does what the command line asks for.
+#[must_use]
+pub fn run(args: &ReplayArgs) -> ExitCode {
+    let done = match &args.file {
+        Some(file) => replay_file(file, &args.set),
+        None => run_world(args),
+    };
+    match done {
+        Ok(code) => code,
+        Err(text) => {
+            eprintln!("terracrawler: {text}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Robot parameters from the command line, through the reader that commands go through.
+pub(crate) fn parameters(set: &[(String, String)]) -> Result<ParameterValues, String> {
+    let mut object = serde_json::Map::new();
+    for (name, value) in set {
+        // A word that is no number and no switch is a text.
+        let value = serde_json::from_str(value).unwrap_or_else(|_| value.as_str().into());
+        if object.insert(name.clone(), value).is_some() {
+            return Err(format!("`{name}` is set twice"));
+        }
+    }
+    if object.is_empty() {
+        return Ok(ParameterValues::new());
+    }
+    let command = serde_json::json!({ "command": "set", "parameters": object }).to_string();
+    match crawler_protocol::Action::parse(command.as_bytes()) {
+        Ok(crawler_protocol::Action::Set(values)) => Ok(values),
+        Ok(_) => Err("parameters cannot be set like this".to_owned()),
+        Err(reason) => Err(format!("parameters: {}", reason.name())),
+    }
+}
+
+fn replay_file(path: &Path, set: &[(String, String)]) -> Result<ExitCode, String> {
+    let parameters = parameters(set)?;
+    let told = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
+    let file = File::open(path).map_err(|error| told(&error))?;
+    let recording = Recording::read(BufReader::new(file)).map_err(|error| told(&error))?;
+    if recording.robots().next().is_none() {
+        return Err(told(&"there is no robot in it"));
+    }
+    let word = |name: &str| recording.words.get(name).map_or("?", String::as_str);
+    println!(
+        "{}: seed {}, build {}, {} robots, {:.1} s{}",
+        path.display(),
+        word("seed"),
+        word("build"),
+        recording.robots().count(),
+        recording.end_us() as f64 * 1e-6,
+        if recording.cut_off { ", cut off" } else { "" }
+    );
+    let (mut same, mut all) = (0, 0);
+    replay(&recording, &parameters, DETECTOR, |report| {
+        all += 1;
+        if report.is_same() {
+            same += 1;
+            println!(
+                "{}: same ({} deeds, {} boots)",
+                report.robot, report.agreed, report.boots
+            );
+        }
+        if let Some((boot, difference)) = &report.difference {
+            println!("{}: parts in boot {boot}, {difference}", report.robot);
+        }
+        if let Some(text) = &report.failure {
+            println!("{}: its program panicked: {text}", report.robot);
+        }
+    })
+    .map_err(|error| told(&error))?;
+    println!("{same} of {all} robots do the same");
+    Ok(ExitCode::from(u8::from(same != all)))
+}
+
+fn run_world(args: &ReplayArgs) -> Result<ExitCode, String> {
+    let mut session = if let Some(path) = &args.restore {
+        let snapshot = session::read_snapshot(path)?;
+        Session::restored(&snapshot, args.record.as_deref())?
+    } else {
+        let set = args.set.iter().map(|(key, value)| format!("{key}={value}"));
+        let set: Vec<_> = set.collect();
+        let changes = Changes {
+            robots: args.robots,
+            randomisation: args.randomisation,
+            difficulty: args.difficulty.as_deref(),
+            set: &set,
+        };
+        let scenario = changes.apply(recipe::scenario(args.scenario.as_deref())?)?;
+        Session::new(scenario, args.seed.unwrap_or(1), args.record.as_deref())?
+    };
+    if let Some(until) = args.until {
+        session.run_until(until)?;
+    }
+    println!("{}", session.summary());
+    let code = if args.interactive {
+        let stdin = std::io::stdin();
+        let shows = stdin.is_terminal();
+        prompt::run(&mut session, stdin.lock(), &mut std::io::stdout(), shows)
+            .map_err(|error| error.to_string())?
+    } else {
+        ExitCode::SUCCESS
+    };
+    if let Some(recorded) = session.finish()? {
+        println!(
+            "recorded {} messages to {}",
+            recorded.messages,
+            recorded.path.display()
+        );
+    }
+    Ok(code)
+}

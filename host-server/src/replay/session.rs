@@ -1,0 +1,186 @@
+//! A world at hand: run, kept, taken back, recorded.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{BufReader, BufWriter};
+use std::path::Path;
+use std::time::{Duration as StdDuration, Instant as RealInstant};
+
+use crawler_sim::run::Instant;
+use crawler_sim::run::recording::{Recorded, Recorder};
+use crawler_sim::run::snapshot::{self, Link};
+use crawler_sim::run::{Debugger, Simulation, Snapshot, Step};
+use crawler_sim::scenario::Scenario;
+
+use crate::recipe::DETECTOR;
+
+/// Real time between two looks at the clock, while a world runs at a pace.
+const TURN: StdDuration = StdDuration::from_millis(20);
+
+/// See the [module](self).
+pub(super) struct Session {
+    debugger: Debugger,
+    recorder: Option<Recorder>,
+    /// Whether to keep pace with real time, or run as fast as it can.
+    paced: bool,
+}
+
+/// Reads a snapshot from a file.
+pub(super) fn read_snapshot(path: &Path) -> Result<Snapshot, String> {
+    let told = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
+    let file = File::open(path).map_err(|error| told(&error))?;
+    let kept = snapshot::read_from(BufReader::new(file)).map_err(|error| told(&error))?;
+    Ok(kept.with_detector(DETECTOR))
+}
+
+fn text(error: impl std::fmt::Display) -> String {
+    error.to_string()
+}
+
+impl Session {
+    pub(super) fn new(
+        scenario: Scenario,
+        seed: u64,
+        record: Option<&Path>,
+    ) -> Result<Self, String> {
+        let recorder = record.map(Recorder::create).transpose().map_err(text)?;
+        let simulation = match &recorder {
+            Some(recorder) => Simulation::recorded(Link::Lockstep, scenario, seed, recorder.deck()),
+            None => Simulation::lockstep(scenario, seed),
+        };
+        Ok(Self::of(simulation.map_err(text)?, recorder))
+    }
+
+    pub(super) fn restored(snapshot: &Snapshot, record: Option<&Path>) -> Result<Self, String> {
+        let mut recorder = record.map(Recorder::create).transpose().map_err(text)?;
+        let simulation = match &mut recorder {
+            Some(recorder) => snapshot.restore_recorded(recorder),
+            None => snapshot.restore(),
+        };
+        Ok(Self::of(simulation.map_err(text)?, recorder))
+    }
+
+    fn of(simulation: Simulation, recorder: Option<Recorder>) -> Self {
+        Self {
+            debugger: Debugger::new(simulation),
+            recorder,
+            paced: false,
+        }
+    }
+
+    pub(super) fn world(&self) -> &Simulation {
+        self.debugger.simulation()
+    }
+
+    pub(super) fn world_mut(&mut self) -> &mut Simulation {
+        self.debugger.simulation_mut()
+    }
+
+    /// Runs to a moment, at once.
+    fn run_to(&mut self, end: Instant) -> Result<(), String> {
+        if let Some(recorder) = &mut self.recorder {
+            let simulation = self.debugger.simulation_mut();
+            recorder.run_until(simulation, end).map_err(text)
+        } else {
+            self.debugger.run_until(end);
+            Ok(())
+        }
+    }
+
+    /// Runs to a second, at the pace that was asked for.
+    pub(super) fn run_until(&mut self, seconds: f64) -> Result<(), String> {
+        let end = Instant::from_micros((seconds * 1e6).round() as u64);
+        let mut looked = RealInstant::now();
+        while self.paced && self.world().now() < end {
+            std::thread::sleep(TURN);
+            let passed = looked.elapsed();
+            looked += passed;
+            let span = passed.as_secs_f64() * self.debugger.factor() * 1e6;
+            let next = self.world().now().as_micros() + span as u64;
+            self.run_to(Instant::from_micros(next).min(end))?;
+        }
+        self.run_to(end.max(self.world().now()))
+    }
+
+    pub(super) fn step(&mut self, step: Step, count: u32) -> Result<(), String> {
+        self.run_to(self.debugger.after(step, count))
+    }
+
+    /// Keeps pace at so many times real time; `None` is as fast as it can.
+    pub(super) fn set_speed(&mut self, factor: Option<f64>) -> Result<(), String> {
+        if let Some(factor) = factor {
+            self.debugger.set_factor(factor).map_err(text)?;
+        }
+        self.paced = factor.is_some();
+        Ok(())
+    }
+
+    /// Whether this world can give way to another one.
+    fn may_leave(&self) -> Result<(), String> {
+        if self.recorder.is_some() {
+            return Err("a recording is of one world: it ends with `record off` first".to_owned());
+        }
+        Ok(())
+    }
+
+    pub(super) fn reset(&mut self, seed: Option<u64>) -> Result<(), String> {
+        self.may_leave()?;
+        self.debugger.reset(seed).map_err(text)
+    }
+
+    pub(super) fn keep(&self, path: &Path) -> Result<(), String> {
+        let kept = self.debugger.snapshot().map_err(text)?;
+        let told = |error: std::io::Error| format!("{}: {error}", path.display());
+        // Never half a snapshot in the place of a whole one.
+        let draft = path.with_extension("part");
+        let file = File::create(&draft).map_err(told)?;
+        snapshot::write_to(&kept, BufWriter::new(file)).map_err(told)?;
+        std::fs::rename(&draft, path).map_err(told)
+    }
+
+    pub(super) fn restore(&mut self, path: &Path) -> Result<(), String> {
+        self.may_leave()?;
+        self.debugger.restore(&read_snapshot(path)?).map_err(text)
+    }
+
+    /// Records to a file, from the beginning of the world: it is made once more to that end.
+    pub(super) fn record(&mut self, path: &Path) -> Result<(), String> {
+        if self.recorder.is_some() {
+            return Err("it is being recorded already".to_owned());
+        }
+        let kept = self.debugger.snapshot().map_err(text)?;
+        let mut recorder = Recorder::create(path).map_err(text)?;
+        let simulation = kept.restore_recorded(&mut recorder).map_err(text)?;
+        self.debugger.replace(simulation);
+        self.recorder = Some(recorder);
+        Ok(())
+    }
+
+    /// Ends the recording, if there is one.
+    pub(super) fn finish(&mut self) -> Result<Option<Recorded>, String> {
+        let recorder = self.recorder.take();
+        let recorded = recorder.map(|recorder| recorder.finish(self.debugger.simulation()));
+        recorded.transpose().map_err(text)
+    }
+
+    /// One line on the world.
+    pub(super) fn summary(&self) -> String {
+        let world = self.world();
+        let mut line = format!(
+            "{} seed {}: {:.6} s, {} robots, hash {:016x}",
+            world.scenario().name,
+            world.seed(),
+            world.now().as_micros() as f64 / 1e6,
+            world.present(),
+            world.history_hash()
+        );
+        if self.recorder.is_some() {
+            line.push_str(", recording");
+        }
+        if self.paced {
+            // Writing to a String does not fail.
+            let _ = write!(line, ", at {} times real time", self.debugger.factor());
+        }
+        line
+    }
+}
