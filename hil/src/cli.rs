@@ -64,7 +64,7 @@ pub(crate) struct EmulateArguments {
     /// The program, an ELF file [default: that of the environment variable `CRAWLER_VIRT_ELF`, or what `cargo xtask image --board virt` built]
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
-    /// Another boot argument for each of them, like `fault=ranger-absent`; may be given several times
+    /// Another boot argument for each of them, like `fault=ranger-dead`; may be given several times
     #[arg(long = "boot", value_name = "KEY=VALUE")]
     pub(crate) boot: Vec<String>,
 }

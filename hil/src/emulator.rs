@@ -51,7 +51,7 @@ pub struct Options {
     pub fleet: Fleet,
     /// Its broker, as this machine knows it.
     pub broker: BrokerUrl,
-    /// Further boot arguments, like `fault=ranger-absent`.
+    /// Further boot arguments, like `fault=ranger-dead`.
     pub arguments: Vec<String>,
     /// The file that is its flash, made when it is not there; none is one that ends with the
     /// emulator.

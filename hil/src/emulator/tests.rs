@@ -15,10 +15,10 @@ fn boot_arguments_are_one_line() {
     );
     options.broker.host = "robots.local".into();
     options.broker.credentials = Some(("ada".into(), "secret".into()));
-    options.arguments.push("fault=uart-stuck".into());
+    options.arguments.push("fault=line-stuck".into());
     assert_eq!(
         options.line().expect("a line"),
-        "id=virt-01 fleet=swarm broker=robots.local:1884 user=ada password=secret fault=uart-stuck"
+        "id=virt-01 fleet=swarm broker=robots.local:1884 user=ada password=secret fault=line-stuck"
     );
     options.broker.credentials = Some(("ada".into(), "my secret".into()));
     let error = options.line().expect_err("a blank").to_string();

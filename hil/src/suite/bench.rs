@@ -229,6 +229,14 @@ impl Bench {
             .map_err(Failure::Lost)
     }
 
+    /// Sends bytes on a topic of the fleet.
+    ///
+    /// # Errors
+    /// [`Failure::Lost`] when there is no session.
+    pub(super) fn send_on(&mut self, topic: &Topic, payload: Vec<u8>) -> Result<(), Failure> {
+        self.publish(topic, payload)
+    }
+
     /// Sends bytes to the robot's command topic.
     ///
     /// # Errors

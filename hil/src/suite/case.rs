@@ -4,7 +4,7 @@ use std::future::Future;
 use std::pin::Pin;
 use std::time::Duration;
 
-use super::cases::{door, motion, orders, reboot, reports, settings};
+use super::cases::{door, faults, motion, orders, reboot, reports, settings};
 use super::{Bench, Failure};
 
 /// What a case gives.
@@ -99,6 +99,8 @@ pub const CASES: &[Case] = &[
     moving("scan", "scan turns the robot around and is completed", |b| Box::pin(motion::scan(b))),
     moving("goto", "goto arrives where it was sent", |b| Box::pin(motion::goto(b))),
     moving("wander", "wander drives, and stop ends it", |b| Box::pin(motion::wander(b))),
+    still("fault", "a ranger that dies on purpose is ERROR for its time; stop is obeyed meanwhile", |b| Box::pin(faults::dead_ranger(b))),
+    still("fault-refused", "a fault that a program cannot have is refused, and told", |b| Box::pin(faults::refused(b))),
     long("reboot", "reboot counts a boot by software and keeps the parameters", |b| Box::pin(reboot::reboot(b))),
     long("no-clock", "before the clock is known, motion is rejected: no_clock", |b| Box::pin(reboot::no_clock(b))),
     still("contract", "every message of this run is valid, in order and within 1,024 bytes", |b| Box::pin(reports::contract(b))),

@@ -6,6 +6,7 @@ use super::Failure;
 use super::case::Verdict;
 
 pub(super) mod door;
+pub(super) mod faults;
 pub(super) mod motion;
 pub(super) mod orders;
 pub(super) mod reboot;
