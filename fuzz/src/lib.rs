@@ -1,6 +1,7 @@
 //! The bodies of the fuzz targets, by name.
 
 mod board;
+mod models;
 mod targets;
 
 pub use targets::{TARGETS, Target};
@@ -13,6 +14,7 @@ pub fn run(target: &str, data: &[u8]) {
     let (_, body) = TARGETS
         .iter()
         .chain(&board::TARGETS)
+        .chain(&models::TARGETS)
         .find(|(name, _)| *name == target)
         .expect("a target of this name");
     body(data);

@@ -6,15 +6,15 @@
 
 use crawler_protocol::{
     Action, CellDigest, Command, DecodeError, Detections, EncodeError, Fleet, Heartbeat, LogRecord,
-    MAX_DEPTH, MAX_MESSAGE, ParametersMessage, PoseFix, Reason, Response, StatusMessage,
-    SwarmResponse, Telemetry, TimeMessage, Topic,
+    MAX_DEPTH, MAX_MESSAGE, ParametersMessage, PoseFix, Reason, Response, SimulatorCommand,
+    StatusMessage, SwarmResponse, Telemetry, TimeMessage, Topic,
 };
 
 /// The body of a target. Panics when it finds a fault.
 pub type Target = fn(&[u8]);
 
 /// Name and body of every target.
-pub const TARGETS: [(&str, Target); 14] = [
+pub const TARGETS: [(&str, Target); 15] = [
     ("command", command),
     ("command_request", command_request),
     ("topic", topic),
@@ -29,6 +29,7 @@ pub const TARGETS: [(&str, Target); 14] = [
     ("cell_digest", cell_digest),
     ("pose_fix", pose_fix),
     ("time", time),
+    ("simulator_command", simulator_command),
 ];
 
 /// Compares our verdict on the syntax with that of another parser.
@@ -128,6 +129,7 @@ message! {
     detections: Detections, same = PartialEq::eq;
     pose_fix: PoseFix, same = PartialEq::eq;
     time: TimeMessage, same = PartialEq::eq;
+    simulator_command: SimulatorCommand, same = PartialEq::eq;
     // Control characters leave as spaces.
     log_record: LogRecord, same = |read, again| {
         read.seq == again.seq && read.text.chars().count() == again.text.chars().count()
