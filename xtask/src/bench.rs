@@ -1,5 +1,7 @@
 //! Measurements, as tables.
 
+use crate::bench_sim;
+use crate::bench_vision;
 use crate::run::{self, Failure, Outcome};
 
 /// Runs the measurements named, or all of them.
@@ -7,33 +9,24 @@ use crate::run::{self, Failure, Outcome};
 /// # Errors
 /// When a measurement is unknown or fails.
 pub(crate) fn all(arguments: &[String]) -> Outcome {
-    let which = arguments.first().map_or("all", String::as_str);
+    let (which, rest) = arguments
+        .split_first()
+        .map_or(("all", arguments), |(which, rest)| (which.as_str(), rest));
     match which {
-        "lockstep" => lockstep(),
-        "fleet" => fleet(),
-        "all" => lockstep().and_then(|()| fleet()),
+        "sim" => bench_sim::table(rest),
+        "fleet" => fleet(rest),
+        "vision" => bench_vision::tables(rest),
+        "all" => bench_sim::table(&[])
+            .and_then(|()| fleet(&[]))
+            .and_then(|()| bench_vision::tables(&[])),
         other => Err(Failure(format!(
-            "there is no measurement '{other}': lockstep, fleet"
+            "there is no measurement '{other}': sim, fleet, vision"
         ))),
     }
 }
 
-/// The simulator alone: robots times control steps per CPU-second, bytes per robot.
-fn lockstep() -> Outcome {
-    run::cargo(&[
-        "run",
-        "--release",
-        "--locked",
-        "--quiet",
-        "--package",
-        "crawler-sim",
-        "--example",
-        "lockstep_bench",
-    ])
-}
-
-/// Server, broker and robots over real sockets.
-fn fleet() -> Outcome {
+/// Server, broker and robots over real sockets: so many robots, commanded for so long.
+fn fleet(arguments: &[String]) -> Outcome {
     run::cargo(&[
         "build",
         "--release",
@@ -42,13 +35,8 @@ fn fleet() -> Outcome {
         "--package",
         "crawler-server",
     ])?;
-    run::cargo(&[
-        "bench",
-        "--locked",
-        "--quiet",
-        "--package",
-        "crawler-tests",
-        "--bench",
-        "fleet",
-    ])
+    let bench = "bench --locked --quiet --package crawler-tests --bench fleet --";
+    let mut line: Vec<&str> = bench.split(' ').collect();
+    line.extend(arguments.iter().map(String::as_str));
+    run::cargo(&line)
 }

@@ -14,6 +14,7 @@ use crate::cross::{self, Compiler};
 use crate::files;
 use crate::image;
 use crate::run::{self, Failure, Outcome};
+use crate::sight::Sight;
 use crate::tools;
 
 /// A rise beyond this must be explained in a commit.
@@ -77,7 +78,15 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
     let column = Column::of(&compiler);
     let compiler = compiler.version();
     let elf = image::build(&VIRT, "counts")?;
-    let measured = measure(&elf)?;
+    let sight = Sight::on_board()?;
+    let mut measured = Vec::new();
+    for text in [&emulate(&elf, "counts")?, sight.text()] {
+        let counts = read_lines(text);
+        if counts.is_empty() {
+            return Err(Failure(format!("QEMU printed no counts, but:\n{text}")));
+        }
+        measured.extend(counts);
+    }
     let path = table_file();
     let text = fs::read_to_string(&path)
         .map_err(|error| Failure(format!("{}: {error}", path.display())))?;
@@ -85,8 +94,9 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
     if update {
         return files::write(&path, &rewritten(&text, &measured, column, &compiler));
     }
-    let (report, complaints) = compare(&read_table(&text, column), &measured);
+    let (report, mut complaints) = compare(&read_table(&text, column), &measured);
     print!("{report}");
+    complaints.extend(sight.differences()?);
     if complaints.is_empty() {
         Ok(())
     } else {
@@ -97,9 +107,12 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
     }
 }
 
-/// Runs the program in QEMU and reads its lines `count NAME INSTRUCTIONS`.
-fn measure(elf: &Path) -> Outcome<Vec<Count>> {
-    let serial = VIRT.target_dir().join("counts.txt");
+/// Runs a program in QEMU and returns what it says. Its lines `count NAME INSTRUCTIONS` are exact.
+///
+/// # Errors
+/// When it does not end well within three minutes.
+pub(crate) fn emulate(elf: &Path, name: &str) -> Outcome<String> {
+    let serial = VIRT.target_dir().join(format!("{name}.txt"));
     // What an earlier run left must not be taken for this one.
     files::write(&serial, "")?;
     let mut qemu = Command::new(tools::QEMU.program);
@@ -112,17 +125,21 @@ fn measure(elf: &Path) -> Outcome<Vec<Count>> {
     let done = run::within(qemu, LIMIT);
     let bytes =
         fs::read(&serial).map_err(|error| Failure(format!("{}: {error}", serial.display())))?;
-    let text = String::from_utf8_lossy(&bytes);
-    if !done {
-        return Err(Failure(format!(
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    if done {
+        Ok(text)
+    } else {
+        Err(Failure(format!(
             "the program in QEMU did not end well; it said:\n{text}"
-        )));
+        )))
     }
-    let counts = read_lines(&text);
-    if counts.is_empty() {
-        return Err(Failure(format!("QEMU printed no counts, but:\n{text}")));
-    }
-    Ok(counts)
+}
+
+/// The count called `name` in what a program said.
+pub(crate) fn count_of(text: &str, name: &str) -> Option<u64> {
+    let counts = read_lines(text);
+    let count = counts.iter().find(|count| count.name == name)?;
+    Some(count.instructions)
 }
 
 fn read_lines(text: &str) -> Vec<Count> {

@@ -98,6 +98,11 @@ pub(crate) fn compiler(board: &Board) -> Outcome<Compiler> {
     }
 }
 
+/// Whether the compiler in use has a std for `triple`, or rustup has got it now.
+pub(crate) fn has_std(triple: &str) -> bool {
+    installed(triple) || add(triple)
+}
+
 /// Whether the compiler in use has a std for `triple`.
 fn installed(triple: &str) -> bool {
     run::output("rustc", &["--print", "target-libdir", "--target", triple])

@@ -1,16 +1,22 @@
 //! Every command of the house: `cargo xtask` lists them.
 
 mod bench;
+mod bench_sim;
+mod bench_vision;
 mod boards;
 mod check_s3;
 mod counts;
 mod cross;
+mod dataset;
+mod detector;
 mod files;
 mod flash;
 mod fuzz;
 mod hil;
+mod histories;
 mod image;
 mod run;
+mod sight;
 mod size;
 mod test;
 mod tools;
@@ -96,14 +102,32 @@ const TASKS: &[Task] = &[
         run: hil::suite,
     },
     Task {
+        name: "histories",
+        arguments: "",
+        about: "the same worlds on several threads, in WebAssembly and on RISC-V: same history",
+        run: histories::command,
+    },
+    Task {
         name: "fuzz",
         arguments: "[--seconds N]",
         about: "run every fuzz target for N seconds (default 30)",
         run: fuzz::all,
     },
     Task {
+        name: "dataset",
+        arguments: "[--out DIR] [--seed N] [--train N] [--check N] [--test N]",
+        about: "random pictures with the truth about them, for models/detector",
+        run: dataset::command,
+    },
+    Task {
+        name: "detector",
+        arguments: "train|quantise|convert [OPTIONS]",
+        about: "make models/detector anew from the pictures, step by step",
+        run: detector::command,
+    },
+    Task {
         name: "bench",
-        arguments: "[lockstep|fleet]",
+        arguments: "[sim [ROBOTS...]|fleet [--seconds N] [ROBOTS...]|vision [FRAMES]]",
         about: "measure, and print tables in the form of docs/numbers.md",
         run: bench::all,
     },

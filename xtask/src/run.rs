@@ -48,6 +48,18 @@ pub(crate) fn cargo(arguments: &[&str]) -> Outcome {
     run(&root(), &cargo_program(), arguments)
 }
 
+/// Builds an example of a crate, optimised, and returns where it is.
+///
+/// # Errors
+/// When it cannot be built.
+pub(crate) fn build_example(package: &str, example: &str) -> Outcome<PathBuf> {
+    let words = ["build", "--release", "--locked", "--quiet"];
+    cargo(&[&words[..], &["--package", package, "--example", example]].concat())?;
+    let name = format!("{example}{}", env::consts::EXE_SUFFIX);
+    let directory = target_dir().join("release").join("examples");
+    Ok(root().join(directory).join(name))
+}
+
 /// The cargo that runs this program.
 pub(crate) fn cargo_program() -> String {
     env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned())

@@ -8,7 +8,7 @@ use crate::run::{self, Failure, Outcome};
 pub(crate) struct Tool {
     /// What it is called on the command line.
     pub(crate) program: &'static str,
-    /// Debian's package of it.
+    /// Debian's package of it, or packages.
     package: &'static str,
     /// What does not work without it.
     purpose: &'static str,
@@ -46,6 +46,25 @@ pub(crate) const QEMU: Tool = Tool {
     purpose: "running the emulated robot",
 };
 
+/// Runs WebAssembly.
+pub(crate) const NODE: Tool = Tool {
+    program: "node",
+    package: "nodejs",
+    purpose: "comparing histories with those in WebAssembly",
+};
+/// Links programs for RISC-V under Linux.
+pub(crate) const RISCV_LINKER: Tool = Tool {
+    program: "riscv64-linux-gnu-gcc",
+    package: "gcc-riscv64-linux-gnu libc6-dev-riscv64-cross",
+    purpose: "comparing histories with those on RISC-V",
+};
+/// Runs them.
+pub(crate) const QEMU_USER: Tool = Tool {
+    program: "qemu-riscv64",
+    package: "qemu-user",
+    purpose: "comparing histories with those on RISC-V",
+};
+
 /// Debian's newest compiler, with sources of std and a linker for RISC-V: builds the boards where
 /// rustup has no targets, and checks the S3 board where Espressif's compiler is not installed.
 const COMPILER: [&str; 5] = [
@@ -56,7 +75,16 @@ const COMPILER: [&str; 5] = [
     "lld-22",
 ];
 
-const ALL: [&Tool; 5] = [&NPM, &CHROMIUM, &MOSQUITTO, &MOSQUITTO_PUB, &QEMU];
+const ALL: [&Tool; 8] = [
+    &NPM,
+    &CHROMIUM,
+    &MOSQUITTO,
+    &MOSQUITTO_PUB,
+    &QEMU,
+    &NODE,
+    &RISCV_LINKER,
+    &QEMU_USER,
+];
 
 impl Tool {
     /// Whether the program is on the search path. Debian puts servers where a user's path does
@@ -97,7 +125,7 @@ pub(crate) fn setup() -> Outcome {
     let mut packages: Vec<&str> = ALL
         .into_iter()
         .filter(|tool| !tool.present())
-        .map(|tool| tool.package)
+        .flat_map(|tool| tool.package.split(' '))
         .collect();
     if !compilers_missing().is_empty() {
         packages.extend(COMPILER);
