@@ -1,10 +1,12 @@
 //! Server, broker and live robots in one process, measured from outside over real sockets.
 //!
-//! `cargo xtask bench fleet` runs it and prints the table that `docs/numbers.md` records. Robots
-//! wander while it measures. Latency is taken at an operator's MQTT client: from just before the
-//! publish of a `stop` to the arrival of its `completed`, through the broker both ways.
+//! `cargo xtask bench fleet [--seconds N] [ROBOTS...]` runs it and prints the table that
+//! `docs/numbers.md` records. Robots wander while it measures. Latency is taken at an operator's MQTT
+//! client: from just before the publish of a `stop` to the arrival of its `completed`, through the
+//! broker both ways. Stops are sent for ten seconds, or as long as asked.
 
 use std::collections::HashMap;
+use std::sync::mpsc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crawler_tests::{Terracrawler, wait_for};
@@ -13,35 +15,46 @@ use rumqttc::v5::mqttbytes::v5::Packet;
 use rumqttc::v5::{Client, Connection, Event, MqttOptions};
 use serde_json::{Value, json};
 
-/// Single commands per fleet, spread over its robots.
-const COMMANDS: usize = 500;
+/// How long single commands go out, spread over the robots, where nothing else is asked for.
+const COMMANDING: Duration = Duration::from_secs(10);
 /// Pause between two of them.
 const PAUSE: Duration = Duration::from_millis(20);
-/// How long CPU and real-time factor are averaged.
+/// How long CPU and messages are averaged.
 const STEADY: Duration = Duration::from_secs(20);
+/// Pause between two looks at the real-time factor.
+const LOOK: Duration = Duration::from_secs(5);
 /// Answers that take longer count as missing.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 fn main() {
-    let sizes: Vec<usize> = std::env::args()
-        .filter_map(|argument| argument.parse().ok())
-        .collect();
-    let sizes = if sizes.is_empty() {
-        vec![50, 1000]
-    } else {
-        sizes
-    };
+    let (mut sizes, mut commanding) = (Vec::new(), COMMANDING);
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            // What `cargo bench` adds.
+            "--bench" => {}
+            "--seconds" => {
+                let seconds = arguments.next().and_then(|text| text.parse().ok());
+                commanding = Duration::from_secs(seconds.expect("--seconds takes a whole number"));
+            }
+            robots => sizes.push(robots.parse().expect("a number of robots, or --seconds N")),
+        }
+    }
+    if sizes.is_empty() {
+        sizes = vec![50, 1000];
+    }
     println!(
         "| robots | all online after | CPU, % of one core | memory, MiB | messages/s \
-         | real-time factor | stop: answered | stop: p50, ms | p99, ms | swarm stop: answered, ms |"
+         | real-time factor: mean | worst | stop: answered | stop: p50, ms | p99, ms | worst, ms \
+         | swarm stop: answered, ms |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for robots in sizes {
-        println!("{}", measure(robots));
+        println!("{}", measure(robots, commanding));
     }
 }
 
-fn measure(robots: usize) -> String {
+fn measure(robots: usize, commanding: Duration) -> String {
     let began = Instant::now();
     let server = Terracrawler::start(&["up", "--robots", &robots.to_string(), "--seed", "1"]);
     wait_for("all robots online", Duration::from_mins(2), || {
@@ -53,27 +66,48 @@ fn measure(robots: usize) -> String {
 
     let before = (Instant::now(), cpu_seconds(server.id()), messages(&server));
     std::thread::sleep(STEADY);
-    let factor = metric(&server, "terracrawler_simulation_real_time_factor");
     let span = before.0.elapsed().as_secs_f64();
     let cpu = (cpu_seconds(server.id()) - before.1) / span * 100.0;
     let rate = (messages(&server) - before.2) / span;
 
     let mut operator = Operator::connect(server.mqtt());
-    let mut latencies = operator.single_stops(robots);
+    let commands = (commanding.as_millis() / PAUSE.as_millis()) as usize;
+    let (mut latencies, factors) = std::thread::scope(|scope| {
+        let (done, waits) = mpsc::channel::<()>();
+        let server = &server;
+        let watch = scope.spawn(move || real_time_factors(server, &waits));
+        let latencies = operator.single_stops(robots, commands);
+        drop(done);
+        (latencies, watch.join().expect("the watch ends"))
+    });
     latencies.sort_unstable();
     let (answered, swarm) = operator.swarm_stop(robots);
     let memory = resident_mib(server.id());
-    let share = format!("{} of {COMMANDS}", latencies.len());
+    let share = format!("{} of {commands}", latencies.len());
     let (status, log) = server.interrupt();
     assert!(status.success(), "{log}");
     format!(
-        "| {robots} | {:.1} s | {cpu:.0} | {memory:.0} | {rate:.0} | {factor:.2} | {share} | {:.1} \
-         | {:.1} | {answered} of {robots}, {:.0} |",
+        "| {robots} | {:.1} s | {cpu:.0} | {memory:.0} | {rate:.0} | {:.3} | {:.3} | {share} | {:.1} \
+         | {:.1} | {:.1} | {answered} of {robots}, {:.0} |",
         online.as_secs_f64(),
+        factors.iter().sum::<f64>() / factors.len() as f64,
+        factors.iter().copied().fold(f64::INFINITY, f64::min),
         milliseconds(percentile(&latencies, 50)),
         milliseconds(percentile(&latencies, 99)),
+        milliseconds(percentile(&latencies, 100)),
         milliseconds(swarm),
     )
+}
+
+/// The real-time factor now and every [`LOOK`], until nobody holds the other end of `done`.
+fn real_time_factors(server: &Terracrawler, done: &mpsc::Receiver<()>) -> Vec<f64> {
+    let mut factors = Vec::new();
+    loop {
+        factors.push(metric(server, "terracrawler_simulation_real_time_factor"));
+        if done.recv_timeout(LOOK) != Err(mpsc::RecvTimeoutError::Timeout) {
+            return factors;
+        }
+    }
 }
 
 /// An operator's own MQTT session.
@@ -122,11 +156,11 @@ impl Operator {
         self.seq
     }
 
-    /// Latency of every answered one of [`COMMANDS`] stops.
-    fn single_stops(&mut self, robots: usize) -> Vec<Duration> {
+    /// Latency of every answered one of so many stops.
+    fn single_stops(&mut self, robots: usize, commands: usize) -> Vec<Duration> {
         let mut open = HashMap::new();
         let mut latencies = Vec::new();
-        for index in 0..COMMANDS {
+        for index in 0..commands {
             let robot = index * 7 % robots + 1;
             let sent = Instant::now();
             let seq = self.stop(&format!("swarm/command/robot/sim-{robot:04}"));

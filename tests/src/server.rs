@@ -139,13 +139,17 @@ impl Terracrawler {
             .collect()
     }
 
-    /// Waits until `count` robots are online.
+    /// Waits until `count` robots are online and have told what they are.
+    ///
+    /// A heartbeat (QoS 0) can overtake the status (QoS 1) that was sent before it.
     ///
     /// # Panics
     /// When `limit` passes first.
     pub fn wait_online(&self, count: usize, limit: Duration) {
         wait_for(&format!("{count} robots online"), limit, || {
-            (self.online().len() == count).then_some(())
+            let online = self.online();
+            let told = online.iter().all(|robot| !robot["boot"].is_null());
+            (online.len() == count && told).then_some(())
         });
     }
 

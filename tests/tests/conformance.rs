@@ -65,7 +65,12 @@ fn robots_of_a_server_pass_side_by_side() {
         for number in 1..=3 {
             let target = target(server.mqtt(), "swarm", &format!("sim-{number:04}"));
             // The server is never silent for long, and the three are not alone.
-            scope.spawn(move || passes(&target, &["no-clock", "swarm-stop"]));
+            scope.spawn(move || {
+                passes(
+                    &target,
+                    &["no-clock", "swarm-stop", "fault", "fault-refused"],
+                );
+            });
         }
     });
 }
@@ -76,7 +81,10 @@ fn a_robot_alone_on_an_outside_broker_passes_everything() {
     let _broker = Mosquitto::start(port);
     let _robot = Simulated::start(port, &["--robots", "1", "--scenario", "empty"]);
     wait_online(port, "swarm", 1);
-    passes(&target(port, "swarm", "sim-0001"), &[]);
+    passes(
+        &target(port, "swarm", "sim-0001"),
+        &["fault", "fault-refused"],
+    );
 }
 
 #[test]

@@ -61,7 +61,7 @@ fn one(outcome: &str) -> impl Fn(&Value) -> bool {
 #[test]
 fn one_robot_joins_obeys_and_passes_the_suite() {
     let server = serve();
-    let board = Board::start("virt-01", server.mqtt(), &[]);
+    let board = Board::start("virt-01", server.mqtt(), &["bench=1"]);
     server.wait_online(1, JOINS);
     knows_the_time(&server, "virt-01");
     let seen = robot(&server, "virt-01");
@@ -335,8 +335,8 @@ fn faults_lead_to_the_stated_state_and_record() {
     let server = serve();
     let start = |id: &str, fault: &str| Board::start(id, server.mqtt(), &[fault]);
     let boards = [
-        start("absent", "fault=ranger-absent"),
-        start("stuck", "fault=uart-stuck"),
+        start("absent", "fault=ranger-dead"),
+        start("stuck", "fault=line-stuck"),
         start("noise", "fault=flash-noise"),
         start("refuses", "fault=flash-refuses"),
         start("panics", "fault=panic@3"),

@@ -11,11 +11,19 @@ use syn::visit::{self, Visit};
 /// For each crate, the crates of the workspace that it may depend on.
 const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-hal", &[]),
+    ("crawler-micromodel", &[]),
+    ("crawler-convert", &["crawler-micromodel"]),
+    ("crawler-detector", &[]),
     ("crawler-drivers", &["crawler-hal"]),
     ("crawler-protocol", &["crawler-hal"]),
     (
         "crawler-app",
-        &["crawler-hal", "crawler-drivers", "crawler-protocol"],
+        &[
+            "crawler-hal",
+            "crawler-drivers",
+            "crawler-protocol",
+            "crawler-micromodel",
+        ],
     ),
     (
         "crawler-sim",
@@ -30,8 +38,15 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-board",
         &["crawler-hal", "crawler-protocol", "crawler-app"],
     ),
-    ("crawler-server", &["crawler-protocol", "crawler-sim"]),
+    (
+        "crawler-server",
+        &["crawler-protocol", "crawler-sim", "crawler-detector"],
+    ),
     ("crawler-hil", &["crawler-protocol"]),
+    (
+        "crawler-history",
+        &["crawler-hal", "crawler-protocol", "crawler-sim"],
+    ),
     ("xtask", &[]),
 ];
 
@@ -41,10 +56,17 @@ const BARE: &[(&str, &str)] = &[
     ("crawler-drivers", "firmware/drivers"),
     ("crawler-protocol", "firmware/protocol"),
     ("crawler-app", "firmware/app"),
+    ("crawler-micromodel", "models/micromodel"),
+    ("crawler-detector", "models/detector"),
 ];
 
 /// Where two robots, or two worlds, must be able to live in one process.
-const WITHOUT_GLOBALS: &[&str] = &["firmware/drivers", "firmware/app", "hal-sim"];
+const WITHOUT_GLOBALS: &[&str] = &[
+    "firmware/drivers",
+    "firmware/app",
+    "hal-sim",
+    "models/micromodel",
+];
 
 #[test]
 fn dependencies_point_one_way() {
