@@ -1,5 +1,6 @@
 //! The bodies of the fuzz targets, by name.
 
+mod access;
 mod board;
 mod models;
 mod targets;
@@ -13,6 +14,7 @@ pub use targets::{TARGETS, Target};
 pub fn run(target: &str, data: &[u8]) {
     let (_, body) = TARGETS
         .iter()
+        .chain(&access::TARGETS)
         .chain(&board::TARGETS)
         .chain(&models::TARGETS)
         .find(|(name, _)| *name == target)

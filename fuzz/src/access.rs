@@ -1,0 +1,107 @@
+//! Fuzz targets of what strangers send to get in: tokens, and filters of topics. The fuzzer and the
+//! replay of its corpus in the tests of `crawler-access` include this file.
+
+use crawler_access::token::{Claims, Key, TokenError};
+use crawler_access::topics::{Act, Principal, may};
+use crawler_access::{Role, Secret};
+use crawler_protocol::{Fleet, RobotId};
+
+/// The body of a target. Panics when it finds a fault.
+pub type Target = fn(&[u8]);
+
+/// Name and body of every target.
+pub const TARGETS: [(&str, Target); 2] = [("token", token), ("filter", filter)];
+
+/// When the tokens of the corpus are good.
+const NOW: i64 = 1_700_000_000;
+
+/// What verifies is to the byte what the key signed, and what is damaged does not verify.
+fn token(data: &[u8]) {
+    let key = Key::from_secret(Secret::from([7; 32]));
+    if let Ok(text) = core::str::from_utf8(data)
+        && let Ok(claims) = key.verify(text, NOW)
+    {
+        assert_eq!(key.sign(&claims), text, "a second spelling of a token");
+        assert!(claims.expires > NOW);
+    }
+    // Behind the signature, where random bytes would never get.
+    if let Ok(claims) = serde_json::from_slice::<Claims>(data) {
+        let token = key.sign(&claims);
+        let early = key.verify(&token, claims.issued);
+        if claims.expires > claims.issued {
+            assert_eq!(early, Ok(claims.clone()));
+        } else {
+            assert_eq!(early, Err(TokenError::Expired));
+        }
+        let other = Key::from_secret(Secret::from([8; 32]));
+        let foreign = other.verify(&token, claims.issued);
+        assert_eq!(foreign, Err(TokenError::Signature));
+    }
+    let claims = Claims {
+        user: "ada".parse().expect("a name"),
+        role: Role::Viewer,
+        session: 7,
+        issued: NOW,
+        expires: NOW + 900,
+    };
+    let good = key.sign(&claims);
+    let mut damaged = good.clone().into_bytes();
+    for change in data.chunks_exact(2).take(64) {
+        let place = usize::from(change[0]) % damaged.len();
+        damaged[place] = change[1];
+    }
+    if let Ok(text) = core::str::from_utf8(&damaged)
+        && text != good
+    {
+        assert!(key.verify(text, NOW).is_err(), "a damaged token verifies");
+    }
+}
+
+/// A byte that picks who asks, a filter, and a topic on the next line: if the filter is allowed and
+/// matches the topic, the topic is allowed too.
+fn filter(data: &[u8]) {
+    let Some((first, Ok(text))) = data
+        .split_first()
+        .map(|(first, rest)| (first, core::str::from_utf8(rest)))
+    else {
+        return;
+    };
+    let fleet = Fleet::default();
+    let who = match first % 5 {
+        0 => Principal::Robot(RobotId::new("rover-1").expect("an id")),
+        1 => Principal::Simulator,
+        2 => Principal::User(Role::Viewer),
+        3 => Principal::User(Role::Operator),
+        _ => Principal::User(Role::Admin),
+    };
+    let (filter, topic) = text.split_once('\n').unwrap_or((text, "swarm/time"));
+    if may(&who, Act::Publish, &fleet, filter) {
+        assert!(!filter.contains(['+', '#']));
+        assert!(filter.starts_with("swarm/"));
+    }
+    if !may(&who, Act::Subscribe, &fleet, filter) {
+        return;
+    }
+    assert!(
+        filter.split('/').next() == Some("swarm"),
+        "out of the fleet"
+    );
+    let plain = !topic.contains(['+', '#']) && !topic.contains(char::is_control);
+    let (levels, of): (Vec<_>, Vec<_>) = (filter.split('/').collect(), topic.split('/').collect());
+    if plain && topic.len() <= 128 && matches(&levels, &of) {
+        assert!(
+            may(&who, Act::Subscribe, &fleet, topic),
+            "{filter} gave {topic} away"
+        );
+    }
+}
+
+/// Whether a filter matches a topic, as the standard has it.
+fn matches(filter: &[&str], topic: &[&str]) -> bool {
+    match (filter, topic) {
+        (["#"], _) | ([], []) => true,
+        (["+", filter @ ..], [_, topic @ ..]) => matches(filter, topic),
+        ([one, filter @ ..], [two, topic @ ..]) => one == two && matches(filter, topic),
+        _ => false,
+    }
+}

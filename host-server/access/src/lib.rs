@@ -1,0 +1,23 @@
+//! Who may do what: accounts, roles, credentials, and the topics that each may use.
+//!
+//! Everything here is a value or a decision. Nothing reads a clock, opens a file or keeps a list of
+//! accounts: time is handed in, and the records live elsewhere. So each rule can be tested alone.
+//!
+//! - [`Role`] and [`UserName`]: people.
+//! - [`Secret`] and [`Digest`]: what machines prove themselves with, and what is kept of it.
+//! - [`password`]: what people prove themselves with.
+//! - [`token`]: what a person holds after the password, for a quarter of an hour.
+//! - [`topics`]: what each of them may publish and subscribe.
+//! - [`limits`]: how often one may fail, and how much one may send.
+
+pub mod limits;
+mod name;
+pub mod password;
+mod role;
+mod secret;
+pub mod token;
+pub mod topics;
+
+pub use name::{MAX_USER_NAME, UserName, UserNameError};
+pub use role::{Role, RoleError};
+pub use secret::{Digest, NoRandomness, Secret, SecretError};

@@ -1,0 +1,407 @@
+//! Tests of the policy.
+
+use proptest::prelude::*;
+
+use super::*;
+
+const ME: &str = "rover-7";
+
+fn fleet() -> Fleet {
+    Fleet::new("barn").expect("a name")
+}
+
+fn robot(id: &str) -> Principal {
+    Principal::Robot(RobotId::new(id).expect("an id"))
+}
+
+fn everybody() -> [Principal; 6] {
+    [
+        Principal::Server,
+        robot(ME),
+        Principal::Simulator,
+        Principal::User(Role::Viewer),
+        Principal::User(Role::Operator),
+        Principal::User(Role::Admin),
+    ]
+}
+
+fn publishes(who: &Principal, topic: &str) -> bool {
+    may(who, Act::Publish, &fleet(), topic)
+}
+
+fn subscribes(who: &Principal, filter: &str) -> bool {
+    may(who, Act::Subscribe, &fleet(), filter)
+}
+
+/// Whom a row is about, if it is about one of `everybody`.
+fn is_about(row: &Row, who: &Principal) -> bool {
+    match (row.who, who) {
+        (Who::Server, Principal::Server)
+        | (Who::Robot, Principal::Robot(_))
+        | (Who::Simulator, Principal::Simulator) => true,
+        (Who::User(least), Principal::User(role)) => match least {
+            Role::Viewer => true,
+            Role::Operator => *role != Role::Viewer,
+            Role::Admin => *role == Role::Admin,
+        },
+        _ => false,
+    }
+}
+
+/// What a row allows, as a filter.
+fn filter_of(row: &Row) -> String {
+    row.topics.replace("{fleet}", "barn").replace("{own}", ME)
+}
+
+/// Whether `filter` matches `topic`, as MQTT has it. Written without a look at `covers`.
+fn matches(filter: &[&str], topic: &[&str]) -> bool {
+    match (filter, topic) {
+        (["#"], _) | ([], []) => true,
+        (["+", filter @ ..], [_, topic @ ..]) => matches(filter, topic),
+        ([one, filter @ ..], [two, topic @ ..]) => one == two && matches(filter, topic),
+        _ => false,
+    }
+}
+
+fn levels(text: &str) -> Vec<&str> {
+    text.split('/').collect()
+}
+
+/// Whether some row speaks of `topic`: the reference that `may` is compared with.
+fn allowed_topic(who: &Principal, act: Act, topic: &str) -> bool {
+    TABLE.iter().any(|row| {
+        row.act == act && is_about(row, who) && matches(&levels(&filter_of(row)), &levels(topic))
+    })
+}
+
+#[test]
+fn each_row_allows_what_it_says_to_those_it_is_about() {
+    for row in TABLE {
+        // The server's rows speak of everything; what follows is about those of a fleet.
+        let filter = filter_of(row);
+        let topic = filter.replace("+/+", "3/-4").replace('+', "other-1");
+        let topic = topic
+            .replace("barn/#", "barn/logs/x")
+            .replace('#', "command");
+        for who in everybody() {
+            let mine = is_about(row, &who);
+            if mine {
+                assert!(
+                    may(&who, row.act, &fleet(), &topic),
+                    "{who:?} {row:?} {topic}"
+                );
+            }
+            if mine && row.act == Act::Subscribe {
+                assert!(subscribes(&who, &filter), "{who:?} {filter}");
+            }
+            if !mine {
+                let other = allowed_topic(&who, row.act, &topic);
+                assert_eq!(
+                    may(&who, row.act, &fleet(), &topic),
+                    other,
+                    "{who:?} {topic}"
+                );
+            }
+            if who != Principal::Server {
+                let elsewhere = topic.replacen("barn", "shed", 1);
+                assert!(!may(&who, row.act, &fleet(), &elsewhere), "{elsewhere}");
+                let elsewhere = filter.replacen("barn", "+", 1);
+                assert!(!may(&who, row.act, &fleet(), &elsewhere), "{elsewhere}");
+            }
+        }
+        if row.topics.contains("{own}") {
+            assert!(
+                !may(&robot("rover-8"), row.act, &fleet(), &topic),
+                "{topic}"
+            );
+            assert!(!may(&robot("rover"), row.act, &fleet(), &topic), "{topic}");
+        }
+        assert!(!row.what.is_empty());
+    }
+}
+
+/// The policy in another form, so that no row changes by accident: who publishes and who subscribes
+/// each topic of the contract. S server, R the robot itself, X another robot, M simulator, V viewer,
+/// O operator, A admin.
+#[test]
+fn each_topic_has_its_publishers_and_subscribers() {
+    let expected = [
+        ("command/swarm", "SOA", "SRXVOA"),
+        ("command/robot/rover-7", "SOA", "SRVOA"),
+        ("command/experiment", "SOA", "SRXVOA"),
+        ("response/robot/rover-7", "SR", "SVOA"),
+        ("response/swarm", "S", "SVOA"),
+        ("status/rover-7", "SR", "SVOA"),
+        ("heartbeat/rover-7", "SR", "SVOA"),
+        ("telemetry/rover-7", "SR", "SVOA"),
+        ("vision/rover-7", "SR", "SVOA"),
+        ("image/rover-7", "SR", "SVOA"),
+        ("logs/rover-7", "SR", "SVOA"),
+        ("parameters/rover-7", "SR", "SVOA"),
+        ("cell/-3/12", "S", "SRXVOA"),
+        ("pose/rover-7", "SMOA", "SRVOA"),
+        ("time", "S", "SRXMVOA"),
+        ("ota/rover-7", "SR", "SRVOA"),
+        ("simulator/command", "SOA", "SRXMVOA"),
+        ("simulator/experiment", "S", "SMVOA"),
+        ("simulator/response", "SM", "SMVOA"),
+        ("anything/else", "S", "SVOA"),
+    ];
+    let all = [
+        ('S', Principal::Server),
+        ('R', robot(ME)),
+        ('X', robot("rover-70")),
+        ('M', Principal::Simulator),
+        ('V', Principal::User(Role::Viewer)),
+        ('O', Principal::User(Role::Operator)),
+        ('A', Principal::User(Role::Admin)),
+    ];
+    for (topic, publishers, subscribers) in expected {
+        let topic = format!("barn/{topic}");
+        for (act, expected) in [(Act::Publish, publishers), (Act::Subscribe, subscribers)] {
+            let found: String = all
+                .iter()
+                .filter(|(_, who)| may(who, act, &fleet(), &topic))
+                .map(|(letter, _)| *letter)
+                .collect();
+            assert_eq!(found, expected, "{act} {topic}");
+        }
+    }
+}
+
+/// What `firmware/app/src/link` asks of a broker. It gives a session up when one subscription is
+/// refused, so a row too few here is a robot that never comes up.
+#[test]
+fn a_robot_may_do_all_that_its_program_does() {
+    let id = RobotId::new(ME).expect("an id");
+    for topic in [
+        Topic::CommandRobot(id.clone()),
+        Topic::CommandSwarm,
+        Topic::CommandExperiment,
+        Topic::Time,
+        Topic::Pose(id.clone()),
+        Topic::SimulatorCommand,
+    ] {
+        assert!(subscribes(&robot(ME), &topic.render(&fleet())), "{topic:?}");
+    }
+    for topic in [
+        Topic::Response(id.clone()),
+        Topic::Status(id.clone()),
+        Topic::Heartbeat(id.clone()),
+        Topic::Telemetry(id.clone()),
+        Topic::Vision(id.clone()),
+        Topic::Image(id.clone()),
+        Topic::Logs(id.clone()),
+        Topic::Parameters(id),
+    ] {
+        assert!(publishes(&robot(ME), &topic.render(&fleet())), "{topic:?}");
+    }
+}
+
+#[test]
+fn nobody_but_the_server_leaves_the_fleet() {
+    for filter in [
+        "#",
+        "+",
+        "+/#",
+        "/#",
+        "+/command/swarm",
+        "$SYS/#",
+        "$SYS/broker/clients",
+        "$share/g/barn/#",
+        "$share/g/barn/command/swarm",
+        "$queue/barn/command/swarm",
+        "barnyard/#",
+        "bar",
+        "Barn/#",
+        "/barn/#",
+        " barn/#",
+        "$exclusive/barn/time",
+        "$delayed/1/barn/time",
+        "$limit/1/barn/time",
+    ] {
+        for who in everybody() {
+            let server = who == Principal::Server;
+            assert_eq!(subscribes(&who, filter), server, "{who:?} {filter}");
+            if !filter.contains(['+', '#']) {
+                assert_eq!(publishes(&who, filter), server, "{who:?} {filter}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_filter_wider_than_a_row_is_refused() {
+    for filter in [
+        "barn/#",
+        "barn/+",
+        "barn/+/+",
+        "barn/command/#",
+        "barn/command/+",
+        "barn/command/robot/+",
+        "barn/command/robot/#",
+        "barn/command/robot/rover-7/#",
+        "barn/command/robot/rover-7/+",
+        "barn/command/swarm/#",
+        "barn/time/#",
+        "barn/pose/+",
+        "barn/+/rover-7",
+        "barn/cell/#",
+        "barn/cell/+/#",
+        "barn/cell/+",
+        "barn/cell/+/+/+",
+        "barn/ota/+",
+        "barn/command",
+        "barn/status/rover-7",
+        "barn/simulator/#",
+        "barn/simulator/+",
+    ] {
+        assert!(!subscribes(&robot(ME), filter), "{filter}");
+    }
+    for filter in [
+        "barn/cell/+/+",
+        "barn/cell/1/+",
+        "barn/cell/+/2",
+        "barn/cell/1/2",
+    ] {
+        assert!(subscribes(&robot(ME), filter), "{filter}");
+    }
+    for filter in [
+        "barn/simulator/#",
+        "barn/simulator/+",
+        "barn/simulator/command/#",
+    ] {
+        assert!(subscribes(&Principal::Simulator, filter), "{filter}");
+    }
+    for filter in [
+        "barn/#",
+        "barn/+/#",
+        "barn",
+        "barn/+",
+        "barn/command/robot/+",
+    ] {
+        assert!(
+            subscribes(&Principal::User(Role::Viewer), filter),
+            "{filter}"
+        );
+    }
+}
+
+#[test]
+fn what_is_no_topic_is_refused_to_everybody() {
+    let long = format!("barn/{}", "a".repeat(MAX_TOPIC));
+    for who in everybody() {
+        for filter in [
+            "",
+            "barn/#/x",
+            "barn/a#",
+            "barn/#a",
+            "barn/+a",
+            "barn/a+/b",
+            "barn/++",
+            "barn/##",
+            "barn/time\0",
+            "barn/\n",
+            "barn/\u{7f}",
+            &long,
+        ] {
+            assert!(!subscribes(&who, filter), "{who:?} {filter:?}");
+            assert!(!publishes(&who, filter), "{who:?} {filter:?}");
+        }
+        for topic in [
+            "barn/+",
+            "barn/#",
+            "#",
+            "+",
+            "barn/pose/+",
+            "barn/command/robot/+",
+        ] {
+            assert!(!publishes(&who, topic), "{who:?} {topic}");
+        }
+    }
+}
+
+#[test]
+fn a_wildcard_in_a_row_stands_for_a_name_when_publishing() {
+    let operator = Principal::User(Role::Operator);
+    assert!(publishes(&operator, "barn/command/robot/rover-9"));
+    for topic in [
+        "barn/command/robot/",
+        "barn/command/robot/Rover",
+        "barn/pose/a.b",
+        "barn/pose/$",
+    ] {
+        assert!(!publishes(&operator, topic), "{topic}");
+        assert!(publishes(&Principal::Server, topic), "{topic}");
+    }
+}
+
+fn some_text() -> impl Strategy<Value = String> {
+    let level = prop::sample::select(vec![
+        "barn",
+        "shed",
+        "+",
+        "#",
+        "",
+        "command",
+        "swarm",
+        "robot",
+        "rover-7",
+        "rover-8",
+        "cell",
+        "1",
+        "-2",
+        "time",
+        "pose",
+        "status",
+        "simulator",
+        "response",
+        "ota",
+        "$share",
+        "$SYS",
+    ]);
+    let start = prop::sample::select(vec!["barn", "barn", "barn", "", "+", "#", "$share"]);
+    (start, prop::collection::vec(level, 0..5)).prop_map(|(start, rest)| {
+        let mut all = vec![start];
+        all.extend(rest);
+        all.join("/")
+    })
+}
+
+fn somebody() -> impl Strategy<Value = Principal> {
+    prop::sample::select(everybody().to_vec())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+    #[test]
+    fn a_filter_is_allowed_only_if_all_that_it_matches_is(
+        who in somebody(), filter in some_text(), topic in some_text(),
+    ) {
+        let plain = !topic.contains(['+', '#']);
+        if plain && subscribes(&who, &filter) && matches(&levels(&filter), &levels(&topic)) {
+            prop_assert!(allowed_topic(&who, Act::Subscribe, &topic), "{} {}", filter, topic);
+        }
+    }
+
+    #[test]
+    fn a_topic_is_allowed_exactly_if_a_row_speaks_of_it(who in somebody(), topic in some_text()) {
+        let plain = !topic.is_empty() && !topic.contains(['+', '#']);
+        let allowed = plain && allowed_topic(&who, Act::Subscribe, &topic);
+        prop_assert!(!plain || subscribes(&who, &topic) == allowed);
+        if publishes(&who, &topic) {
+            prop_assert!(plain && allowed_topic(&who, Act::Publish, &topic));
+        }
+    }
+
+    #[test]
+    fn no_text_makes_it_panic(who in somebody(), text in ".{0,300}", tail in "[+#/a]{0,8}") {
+        for text in [format!("barn/{text}"), format!("{text}/{tail}"), text] {
+            for act in [Act::Publish, Act::Subscribe] {
+                let allowed = may(&who, act, &fleet(), &text);
+                prop_assert!(!allowed || text.len() <= MAX_TOPIC);
+            }
+        }
+    }
+}
