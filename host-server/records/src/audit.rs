@@ -1,0 +1,356 @@
+//! Who did what: an append-only log whose entries each seal the one before.
+//!
+//! The hash of an entry covers the hash of its predecessor and every field of its own, each with its
+//! length in front, so that no two entries look alike to it. Whoever changes, removes or inserts an
+//! entry in the file must compute all later hashes anew; whoever keeps a copy of one later hash sees
+//! it. The database refuses such statements too, but only from those who use it as it is.
+
+use std::io::Write;
+
+use serde::Serialize;
+use serde_json::Value;
+use sha2::{Digest as _, Sha256};
+use sqlx::SqliteConnection;
+
+use crate::text::{cut, hex};
+use crate::{Records, RecordsError};
+
+/// Most entries in one answer.
+pub const MAX_AUDIT_PAGE: u32 = 1_000;
+const MAX_WHO: usize = 64;
+const MAX_FROM: usize = 128;
+const MAX_ACTION: usize = 64;
+const MAX_TARGET: usize = 128;
+const MAX_OUTCOME: usize = 128;
+const MAX_DETAIL: usize = 8_192;
+/// Entries that are checked or written out at a time.
+const PAGE: u32 = 500;
+/// Set before every entry's fields: a hash of something else is never one of an entry.
+const DOMAIN: &[u8] = b"terracrawler audit 1";
+
+/// Something that somebody did, or tried to.
+///
+/// A text that is too long is cut off: what an attacker sends must not keep the entry out of the log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Entry {
+    /// When.
+    pub at: i64,
+    /// Who: an account, a robot, `server`; 64 bytes.
+    pub who: String,
+    /// From where: an address, `console`; 128 bytes.
+    pub from: String,
+    /// What, as a stable word: `login`, `command`; 64 bytes.
+    pub action: String,
+    /// To whom or what; 128 bytes.
+    pub target: String,
+    /// The particulars; 8 KiB of JSON.
+    pub detail: Value,
+    /// What came of it: `ok`, or a reason; 128 bytes.
+    pub outcome: String,
+}
+
+/// An entry as it is in the log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stored {
+    /// Its number; the first is 1, and none is missing.
+    pub seq: u64,
+    /// What was done.
+    #[serde(flatten)]
+    pub entry: Entry,
+    /// Seals it and everything before it; 64 hexadecimal digits.
+    pub hash: String,
+}
+
+/// Where the log stops being what was written.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Broken {
+    /// The first entry that is not as it was.
+    pub seq: u64,
+    /// In what way.
+    pub why: String,
+}
+
+impl std::fmt::Display for Broken {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "audit entry {}: {}", self.seq, self.why)
+    }
+}
+
+impl std::error::Error for Broken {}
+
+/// An entry in the form in which it is hashed and kept.
+struct Canonical {
+    at: i64,
+    who: String,
+    from: String,
+    action: String,
+    target: String,
+    detail: String,
+    outcome: String,
+}
+
+type Row = (
+    i64,
+    i64,
+    String,
+    String,
+    String,
+    String,
+    String,
+    String,
+    Vec<u8>,
+);
+
+impl Canonical {
+    fn new(entry: &Entry) -> Self {
+        let mut detail = entry.detail.to_string();
+        if detail.len() > MAX_DETAIL {
+            // Quotes and backslashes double, so half of it fits whatever it is.
+            detail = serde_json::json!({ "cut": cut(&detail, MAX_DETAIL / 3) }).to_string();
+        }
+        Self {
+            at: entry.at,
+            who: cut(&entry.who, MAX_WHO),
+            from: cut(&entry.from, MAX_FROM),
+            action: cut(&entry.action, MAX_ACTION),
+            target: cut(&entry.target, MAX_TARGET),
+            detail,
+            outcome: cut(&entry.outcome, MAX_OUTCOME),
+        }
+    }
+
+    fn hash(&self, seq: i64, before: &[u8]) -> [u8; 32] {
+        let mut hash = Sha256::new();
+        hash.update(DOMAIN);
+        hash.update(before);
+        hash.update(seq.to_be_bytes());
+        hash.update(self.at.to_be_bytes());
+        for text in [
+            &self.who,
+            &self.from,
+            &self.action,
+            &self.target,
+            &self.detail,
+            &self.outcome,
+        ] {
+            hash.update((text.len() as u64).to_be_bytes());
+            hash.update(text.as_bytes());
+        }
+        hash.finalize().into()
+    }
+}
+
+fn split(row: Row) -> (i64, Canonical, Vec<u8>) {
+    let (seq, at, who, from, action, target, detail, outcome, hash) = row;
+    let entry = Canonical {
+        at,
+        who,
+        from,
+        action,
+        target,
+        detail,
+        outcome,
+    };
+    (seq, entry, hash)
+}
+
+fn stored(row: Row) -> Stored {
+    let (seq, entry, hash) = split(row);
+    // A detail that is no JSON was tampered with: shown as it is, and found by `audit_verify`.
+    let detail = serde_json::from_str(&entry.detail).unwrap_or(Value::String(entry.detail));
+    Stored {
+        seq: seq as u64,
+        entry: Entry {
+            at: entry.at,
+            who: entry.who,
+            from: entry.from,
+            action: entry.action,
+            target: entry.target,
+            detail,
+            outcome: entry.outcome,
+        },
+        hash: hex(&hash),
+    }
+}
+
+async fn end(connection: &mut SqliteConnection) -> Result<(i64, Vec<u8>), RecordsError> {
+    Ok(
+        sqlx::query_as("SELECT seq, hash FROM audit_end WHERE one = 1")
+            .fetch_one(connection)
+            .await?,
+    )
+}
+
+async fn after(
+    connection: &mut SqliteConnection,
+    seq: i64,
+    up_to: i64,
+) -> Result<Vec<Row>, RecordsError> {
+    Ok(sqlx::query_as(
+        "SELECT seq, at, who, came_from, action, target, detail, outcome, hash FROM audit
+         WHERE seq > ? AND seq <= ? ORDER BY seq LIMIT ?",
+    )
+    .bind(seq)
+    .bind(up_to)
+    .bind(PAGE)
+    .fetch_all(connection)
+    .await?)
+}
+
+impl Records {
+    /// Appends an entry and returns its number, once it is on disk.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it cannot be written.
+    pub async fn audit(&self, entry: Entry) -> Result<u64, RecordsError> {
+        let entry = Canonical::new(&entry);
+        self.db()
+            .write(move |connection| {
+                Box::pin(async move {
+                    let (last, before) = end(connection).await?;
+                    let seq = last + 1;
+                    let hash = entry.hash(seq, &before).to_vec();
+                    sqlx::query("INSERT INTO audit VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)")
+                        .bind(seq)
+                        .bind(entry.at)
+                        .bind(entry.who)
+                        .bind(entry.from)
+                        .bind(entry.action)
+                        .bind(entry.target)
+                        .bind(entry.detail)
+                        .bind(entry.outcome)
+                        .bind(&hash)
+                        .execute(&mut *connection)
+                        .await?;
+                    sqlx::query("UPDATE audit_end SET seq = ?, hash = ? WHERE one = 1")
+                        .bind(seq)
+                        .bind(&hash)
+                        .execute(connection)
+                        .await?;
+                    Ok(seq as u64)
+                })
+            })
+            .await
+    }
+
+    /// Up to `limit` entries before number `before`, or the last ones, newest first; only those of
+    /// `who` where one is named.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when they cannot be read.
+    pub async fn audit_page(
+        &self,
+        before: Option<u64>,
+        limit: u32,
+        who: Option<&str>,
+    ) -> Result<Vec<Stored>, RecordsError> {
+        let before = before.map_or(i64::MAX, |seq| i64::try_from(seq).unwrap_or(i64::MAX));
+        let limit = limit.min(MAX_AUDIT_PAGE);
+        let who = who.map(|who| cut(who, MAX_WHO));
+        self.db()
+            .read(move |connection| {
+                Box::pin(async move {
+                    let fields = match who {
+                        // Two statements, since one for both cases would use neither's index.
+                        Some(who) => sqlx::query_as(
+                            "SELECT seq, at, who, came_from, action, target, detail, outcome, hash
+                             FROM audit WHERE seq < ? AND who = ? ORDER BY seq DESC LIMIT ?",
+                        )
+                        .bind(before)
+                        .bind(who),
+                        None => sqlx::query_as(
+                            "SELECT seq, at, who, came_from, action, target, detail, outcome, hash
+                             FROM audit WHERE seq < ? ORDER BY seq DESC LIMIT ?",
+                        )
+                        .bind(before),
+                    };
+                    let rows: Vec<Row> = fields.bind(limit).fetch_all(connection).await?;
+                    Ok(rows.into_iter().map(stored).collect())
+                })
+            })
+            .await
+    }
+
+    /// Checks every entry against the one before, and returns how many there are.
+    ///
+    /// # Errors
+    /// [`Broken`] names the first entry that is not what was written, or cannot be read.
+    pub async fn audit_verify(&self) -> Result<u64, Broken> {
+        let unreadable = |seq: i64, error: &RecordsError| Broken {
+            seq: seq as u64,
+            why: format!("it cannot be read: {error}"),
+        };
+        // The end is read first: entries that come in meanwhile are behind it, and left out.
+        let (last, sealed) = self
+            .db()
+            .read(|connection| Box::pin(end(connection)))
+            .await
+            .map_err(|error| unreadable(1, &error))?;
+        let mut hash = vec![0; 32];
+        let mut seq = 0;
+        while seq < last {
+            let rows = self
+                .db()
+                .read(move |connection| Box::pin(after(connection, seq, last)))
+                .await
+                .map_err(|error| unreadable(seq + 1, &error))?;
+            if rows.is_empty() {
+                return Err(broken(seq + 1, "it is missing"));
+            }
+            for row in rows {
+                let (found, entry, its_hash) = split(row);
+                if found != seq + 1 {
+                    return Err(broken(seq + 1, "it is missing"));
+                }
+                if entry.hash(found, &hash).as_slice() != its_hash {
+                    return Err(broken(found, "it was changed, or one before it was"));
+                }
+                (seq, hash) = (found, its_hash);
+            }
+        }
+        if hash != sealed {
+            return Err(broken(
+                last.max(1),
+                "it is not the one that was written last",
+            ));
+        }
+        Ok(last as u64)
+    }
+
+    /// Writes the log as JSON, one entry a line, oldest first, and returns how many there are.
+    ///
+    /// # Errors
+    /// [`RecordsError::Io`] when `to` refuses, others when the log cannot be read.
+    pub async fn audit_export(&self, to: &mut (dyn Write + Send)) -> Result<u64, RecordsError> {
+        let refused = |error| RecordsError::io(std::path::Path::new("export"), error);
+        let (last, _) = self
+            .db()
+            .read(|connection| Box::pin(end(connection)))
+            .await?;
+        let (mut seq, mut count) = (0, 0);
+        loop {
+            let rows = self
+                .db()
+                .read(move |connection| Box::pin(after(connection, seq, last)))
+                .await?;
+            if rows.is_empty() {
+                to.flush().map_err(refused)?;
+                return Ok(count);
+            }
+            for row in rows {
+                seq = row.0;
+                count += 1;
+                let line = serde_json::to_string(&stored(row))
+                    .map_err(|error| refused(std::io::Error::other(error)))?;
+                writeln!(to, "{line}").map_err(refused)?;
+            }
+        }
+    }
+}
+
+fn broken(seq: i64, why: &str) -> Broken {
+    Broken {
+        seq: seq as u64,
+        why: why.to_owned(),
+    }
+}

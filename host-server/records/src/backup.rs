@@ -1,0 +1,202 @@
+//! A copy of the records while they are in use, and back.
+
+use std::path::{Path, PathBuf};
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::{ConnectOptions as _, Connection as _};
+
+use crate::db::Db;
+use crate::files::{beside, make_private, remove_if_there, rename_if_there, sync};
+use crate::history::HISTORY_FILE;
+use crate::history::start::LOCK_FILE as HISTORY_LOCK;
+use crate::lock::{Hold, Lock};
+use crate::schema::{self, HISTORY, RECORDS, Schema};
+use crate::{LOCK_FILE, RECORDS_FILE, Records, RecordsError};
+
+/// End of the name of a file that is not complete.
+const PARTIAL: &str = ".partial";
+
+impl Records {
+    /// Writes a copy of both files into the directory `to`, which is made, or must be empty. The
+    /// records may be used meanwhile; the copy is what they were at one moment. When this returns,
+    /// it is checked and on disk. It is itself a directory that [`Records::open`] opens.
+    ///
+    /// # Errors
+    /// [`RecordsError::Exists`] when there is something in `to`, [`RecordsError::Invalid`] for
+    /// records in memory.
+    pub async fn backup(&self, to: &Path) -> Result<(), RecordsError> {
+        if !self.db().on_disk() {
+            return Err(RecordsError::Invalid("records in memory have no backup"));
+        }
+        std::fs::create_dir_all(to).map_err(|error| RecordsError::io(to, error))?;
+        let mut inside = std::fs::read_dir(to).map_err(|error| RecordsError::io(to, error))?;
+        if inside.next().is_some() {
+            return Err(RecordsError::Exists);
+        }
+        if self.history().stats().keeper {
+            self.history().flush().await?;
+        }
+        let files = [
+            (self.db(), to.join(RECORDS_FILE), &RECORDS),
+            (self.history().db(), to.join(HISTORY_FILE), &HISTORY),
+        ];
+        for (db, file, schema) in files {
+            let partial = beside(&file, PARTIAL);
+            if let Err(error) = copy(db, &partial, schema).await {
+                // Half a backup is worse than none: somebody might rely on it.
+                remove_if_there(&partial)?;
+                return Err(error);
+            }
+            std::fs::rename(&partial, &file).map_err(|error| RecordsError::io(&file, error))?;
+        }
+        sync(to)
+    }
+
+    /// Puts a backup in the place of the records in `dir`, which nobody may have open. It is checked
+    /// first; when it is no good, `dir` is as it was. The files that were there are kept in a
+    /// directory beside them, whose path is returned. A backup without history leaves the history.
+    ///
+    /// Every session of the backup ends, since it may have been revoked after the backup was made. A
+    /// credential that was revoked after that is valid again: revoke it again.
+    ///
+    /// # Errors
+    /// [`RecordsError::NotFound`] when there is no backup in `from`, [`RecordsError::InUse`],
+    /// [`RecordsError::Damaged`], [`RecordsError::Newer`], [`RecordsError::Foreign`].
+    pub async fn restore(from: &Path, dir: &Path) -> Result<PathBuf, RecordsError> {
+        if !from.join(RECORDS_FILE).is_file() {
+            return Err(RecordsError::NotFound);
+        }
+        std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
+        let _alone = Lock::take(&dir.join(LOCK_FILE), Hold::Alone)?
+            .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
+        // A keeper that is still writing its last samples holds this one.
+        let _still = Lock::take(&dir.join(HISTORY_LOCK), Hold::Alone)?
+            .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
+        let now = crate::history::now();
+        let mut found = Vec::new();
+        for (name, schema) in [(RECORDS_FILE, &RECORDS), (HISTORY_FILE, &HISTORY)] {
+            let source = from.join(name);
+            if !source.is_file() {
+                continue;
+            }
+            let partial = beside(&dir.join(name), PARTIAL);
+            if let Err(error) = bring(&source, &partial, schema, now).await {
+                for name in [RECORDS_FILE, HISTORY_FILE] {
+                    remove_if_there(&beside(&dir.join(name), PARTIAL))?;
+                }
+                return Err(error);
+            }
+            found.push((dir.join(name), partial));
+        }
+        let replaced = dir.join(format!("replaced-{now}"));
+        std::fs::create_dir_all(&replaced).map_err(|error| RecordsError::io(&replaced, error))?;
+        for (file, partial) in found {
+            replace(&file, &partial, &replaced).await?;
+        }
+        sync(dir)?;
+        Ok(replaced)
+    }
+}
+
+fn options(file: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(file)
+        .create_if_missing(false)
+        .pragma("trusted_schema", "OFF")
+        .disable_statement_logging()
+}
+
+/// Whether all of `file` can be read and is ours.
+async fn check(file: &Path, schema: &Schema) -> Result<(), RecordsError> {
+    let mut connection = SqliteConnection::connect_with(&options(file))
+        .await
+        .map_err(|error| schema::unreadable(error, file))?;
+    let outcome = async {
+        if schema.check(&mut connection, file).await? == 0 {
+            return Err(RecordsError::damaged(file, "it is empty"));
+        }
+        schema::check_whole(&mut connection, file).await
+    }
+    .await;
+    connection.close().await?;
+    outcome
+}
+
+async fn copy(db: &Db, to: &Path, schema: &Schema) -> Result<(), RecordsError> {
+    make_private(to)?;
+    let path = to
+        .to_str()
+        .ok_or(RecordsError::Invalid("the path of a backup is UTF-8"))?
+        .to_owned();
+    db.read(move |connection| {
+        Box::pin(async move {
+            sqlx::query("VACUUM INTO ?")
+                .bind(path)
+                .execute(connection)
+                .await?;
+            Ok(())
+        })
+    })
+    .await?;
+    check(to, schema).await?;
+    sync(to)
+}
+
+/// Copies a file of a backup to where it will be needed, and makes it fit to be used.
+async fn bring(
+    source: &Path,
+    partial: &Path,
+    schema: &Schema,
+    now: i64,
+) -> Result<(), RecordsError> {
+    let log = beside(source, "-wal");
+    if std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
+        return Err(RecordsError::Invalid(
+            "that is no backup but records in use: make a backup of them",
+        ));
+    }
+    remove_if_there(partial)?;
+    make_private(partial)?;
+    std::fs::copy(source, partial).map_err(|error| RecordsError::io(source, error))?;
+    check(partial, schema).await?;
+    if schema.id == RECORDS.id {
+        let mut connection = SqliteConnection::connect_with(&options(partial)).await?;
+        schema.migrate(&mut connection, partial).await?;
+        sqlx::query("UPDATE session SET revoked = ? WHERE revoked IS NULL")
+            .bind(now)
+            .execute(&mut connection)
+            .await?;
+        // Numbers of sessions that were opened after the backup must not come back.
+        sqlx::query("UPDATE sqlite_sequence SET seq = seq + 1000000000 WHERE name = 'session'")
+            .execute(&mut connection)
+            .await?;
+        connection.close().await?;
+    }
+    sync(partial)
+}
+
+/// Puts `partial` in the place of `file`. At no moment is there no file: a server that starts after
+/// a power cut must not believe that it is new.
+async fn replace(file: &Path, partial: &Path, replaced: &Path) -> Result<(), RecordsError> {
+    let name = file.file_name().unwrap_or_default();
+    let old = replaced.join(name);
+    if file.is_file() {
+        // Opening and closing it brings its log into it. A damaged one is kept as it is.
+        if let Ok(mut connection) = SqliteConnection::connect_with(&options(file)).await {
+            let merged = sqlx::raw_sql("PRAGMA wal_checkpoint(TRUNCATE)")
+                .execute(&mut connection)
+                .await;
+            if let Err(error) = merged {
+                tracing::warn!(%error, "the old file keeps its log");
+            }
+            // The same: what matters is kept beside it.
+            let _ = connection.close().await;
+        }
+        std::fs::copy(file, &old).map_err(|error| RecordsError::io(&old, error))?;
+        sync(&old)?;
+        for end in ["-wal", "-shm"] {
+            rename_if_there(&beside(file, end), &beside(&old, end))?;
+        }
+    }
+    std::fs::rename(partial, file).map_err(|error| RecordsError::io(file, error))
+}

@@ -1,0 +1,160 @@
+//! Robots and simulators: one credential each.
+
+use crawler_access::Digest;
+
+use crate::users::changed;
+use crate::{Records, RecordsError};
+
+/// Most credentials.
+pub const MAX_CREDENTIALS: i64 = 100_000;
+/// Longest name of the holder of a credential, in bytes.
+pub const MAX_CREDENTIAL_NAME: usize = 64;
+/// Longest name of who made a credential, in bytes; the rest is cut off.
+const MAX_BY: usize = 64;
+
+/// The credential of a robot or a simulator.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Credential {
+    /// Whose it is: a robot's id, or `simulator-` and a name.
+    pub name: String,
+    /// Digest of its secret.
+    pub digest: Digest,
+    /// When it was made.
+    pub created: i64,
+    /// Who made it.
+    pub by: String,
+    /// When it was revoked. Such a credential opens nothing.
+    pub revoked: Option<i64>,
+}
+
+type Row = (String, Vec<u8>, i64, String, Option<i64>);
+
+fn credential((name, digest, created, by, revoked): Row) -> Result<Credential, RecordsError> {
+    let digest = digest
+        .try_into()
+        .map_err(|_| RecordsError::Invalid("a digest in the records is none"))?;
+    Ok(Credential {
+        name,
+        digest: Digest(digest),
+        created,
+        by,
+        revoked,
+    })
+}
+
+fn check_name(name: &str) -> Result<(), RecordsError> {
+    let allowed = |byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-' | b'.' | b'_');
+    if name.is_empty() || name.len() > MAX_CREDENTIAL_NAME || !name.bytes().all(allowed) {
+        return Err(RecordsError::Invalid(
+            "a credential is of a name of 1 to 64 letters a-z, digits, and -._",
+        ));
+    }
+    Ok(())
+}
+
+impl Records {
+    /// Gives `name` the secret of that digest. One that it had is worth nothing from then on.
+    ///
+    /// # Errors
+    /// [`RecordsError::Invalid`] for a name that is none, [`RecordsError::TooMany`].
+    pub async fn enroll(
+        &self,
+        name: &str,
+        digest: Digest,
+        now: i64,
+        by: &str,
+    ) -> Result<(), RecordsError> {
+        check_name(name)?;
+        let (name, by) = (name.to_owned(), crate::text::cut(by, MAX_BY));
+        self.db()
+            .write(move |connection| {
+                Box::pin(async move {
+                    let (others,): (i64,) =
+                        sqlx::query_as("SELECT count(*) FROM credential WHERE name <> ?")
+                            .bind(&name)
+                            .fetch_one(&mut *connection)
+                            .await?;
+                    if others >= MAX_CREDENTIALS {
+                        return Err(RecordsError::TooMany("credentials"));
+                    }
+                    sqlx::query(
+                        "INSERT OR REPLACE INTO credential (name, digest, created, made_by, revoked)
+                         VALUES (?, ?, ?, ?, NULL)",
+                    )
+                    .bind(name)
+                    .bind(digest.0.to_vec())
+                    .bind(now)
+                    .bind(by)
+                    .execute(connection)
+                    .await?;
+                    Ok(())
+                })
+            })
+            .await
+    }
+
+    /// The credential of `name`, also one that was revoked.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it cannot be read.
+    pub async fn credential(&self, name: &str) -> Result<Option<Credential>, RecordsError> {
+        let name = name.to_owned();
+        self.db()
+            .read(move |connection| {
+                Box::pin(async move {
+                    let row: Option<Row> = sqlx::query_as(
+                        "SELECT name, digest, created, made_by, revoked FROM credential
+                         WHERE name = ?",
+                    )
+                    .bind(name)
+                    .fetch_optional(connection)
+                    .await?;
+                    row.map(credential).transpose()
+                })
+            })
+            .await
+    }
+
+    /// Every credential, by name, also those that were revoked.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when they cannot be read.
+    pub async fn credentials(&self) -> Result<Vec<Credential>, RecordsError> {
+        self.db()
+            .read(|connection| {
+                Box::pin(async move {
+                    let rows: Vec<Row> = sqlx::query_as(
+                        "SELECT name, digest, created, made_by, revoked FROM credential
+                         ORDER BY name LIMIT ?",
+                    )
+                    .bind(MAX_CREDENTIALS)
+                    .fetch_all(connection)
+                    .await?;
+                    rows.into_iter().map(credential).collect()
+                })
+            })
+            .await
+    }
+
+    /// Revokes the credential of `name`. It stays listed.
+    ///
+    /// # Errors
+    /// [`RecordsError::NotFound`] when there is none, or it was revoked before.
+    pub async fn revoke_credential(&self, name: &str, now: i64) -> Result<(), RecordsError> {
+        let name = name.to_owned();
+        self.db()
+            .write(move |connection| {
+                Box::pin(async move {
+                    let done = sqlx::query(
+                        "UPDATE credential SET revoked = ? WHERE name = ? AND revoked IS NULL",
+                    )
+                    .bind(now)
+                    .bind(name)
+                    .execute(connection)
+                    .await?;
+                    changed(done.rows_affected(), RecordsError::NotFound)
+                })
+            })
+            .await
+    }
+}

@@ -1,0 +1,257 @@
+//! What the robots measured, as it was and in ever longer stretches.
+//!
+//! [`History::push`] puts a sample into a queue of bounded length and returns at once. Four times a
+//! second one task writes what came in as one row, the *tail*. Once a minute, or sooner when much
+//! came in, it sorts the tail by robot and replaces it with *blocks*: each a minute or so of one
+//! robot, packed, at three levels: every sample, seconds, minutes. A question about an hour of a
+//! robot thus reads some sixty rows. After a crash the tail is read again, so nothing that
+//! [`History::flush`] confirmed is lost.
+
+mod codec;
+mod fold;
+mod keeper;
+mod memory;
+mod query;
+mod retention;
+mod seal;
+pub(crate) mod start;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use crawler_protocol::{RobotId, RobotState};
+use serde::Serialize;
+use tokio::sync::oneshot;
+
+use crate::RecordsError;
+use crate::db::Db;
+use memory::{Inbox, Shared, Waiting};
+
+pub use query::MAX_POINTS;
+pub use retention::Retention;
+pub(crate) use retention::now;
+
+/// File of the history, in the data directory.
+pub const HISTORY_FILE: &str = "history.sqlite";
+/// Most robots whose history is kept.
+pub const MAX_ROBOTS: usize = 10_000;
+/// Samples that wait to be written; more are refused.
+pub const QUEUE: usize = 131_072;
+
+/// What a robot measured at one time.
+///
+/// A number that is none counts as 0, one beyond what a robot can be is brought back into range.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// The robot.
+    pub robot: RobotId,
+    /// When, by the server's clock.
+    pub at: i64,
+    /// Metres along the x axis.
+    pub x: f32,
+    /// Metres along the y axis.
+    pub y: f32,
+    /// Heading in radians.
+    pub theta: f32,
+    /// Distance to what is ahead.
+    pub range_mm: Option<u16>,
+    /// Voltage of the battery.
+    pub battery_mv: u16,
+    /// Charge of the battery.
+    pub battery_percent: u8,
+    /// Strength of the received signal in dBm.
+    pub rssi: Option<i8>,
+    /// Duty of the left wheel, -1 to 1.
+    pub left: f32,
+    /// Duty of the right wheel, -1 to 1.
+    pub right: f32,
+    /// What the robot was doing.
+    pub state: RobotState,
+}
+
+/// Lowest, mean and highest of what was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Span {
+    /// The lowest.
+    pub min: f32,
+    /// The mean.
+    pub mean: f32,
+    /// The highest.
+    pub max: f32,
+}
+
+/// What a robot measured in a stretch of time.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Point {
+    /// When the stretch begins; a multiple of the step.
+    pub at: i64,
+    /// How many samples it stands for.
+    pub count: u64,
+    /// Mean, in metres along the x axis.
+    pub x: f32,
+    /// Mean, in metres along the y axis.
+    pub y: f32,
+    /// Last heading, in radians: a mean of angles would mean nothing.
+    pub theta: f32,
+    /// Mean duty of the left wheel.
+    pub left: f32,
+    /// Mean duty of the right wheel.
+    pub right: f32,
+    /// Voltage of the battery.
+    pub battery_mv: Span,
+    /// Charge of the battery.
+    pub battery_percent: Span,
+    /// Distance to what was ahead; none if none of the samples had one.
+    pub range_mm: Option<Span>,
+    /// Strength of the received signal in dBm; none if none of the samples had one.
+    pub rssi: Option<Span>,
+    /// The last state.
+    pub state: RobotState,
+}
+
+/// The sample was not taken: too many wait, the records are closed, or another process keeps the
+/// history of this directory. It is counted as dropped; there is nothing else to do about it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Full;
+
+impl std::fmt::Display for Full {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("the history takes no more samples for now")
+    }
+}
+
+impl std::error::Error for Full {}
+
+/// How the history is doing, since it was opened.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
+pub struct Stats {
+    /// Samples taken into the queue.
+    pub accepted: u64,
+    /// Samples refused because the queue was full, or nobody writes it.
+    pub dropped: u64,
+    /// Samples that were of one robot too many, and were left out.
+    pub beyond: u64,
+    /// Samples on disk.
+    pub written: u64,
+    /// Samples in the queue.
+    pub queued: u64,
+    /// Samples on disk that are not in a block yet.
+    pub open: u64,
+    /// Blocks written.
+    pub blocks: u64,
+    /// Blocks deleted because they were too old.
+    pub expired: u64,
+    /// Writes that failed; they are tried again.
+    pub failures: u64,
+    /// Blocks that could not be read.
+    pub damaged: u64,
+    /// Whether this process keeps the history.
+    pub keeper: bool,
+    /// Where a damaged file was put that was found at the start.
+    pub set_aside: Option<PathBuf>,
+}
+
+/// The history of the fleet. A clone is another handle of the same.
+#[derive(Debug, Clone)]
+pub struct History {
+    shared: Arc<Shared>,
+    db: Db,
+}
+
+impl History {
+    /// Takes a sample, without waiting. It can be read within half a second.
+    ///
+    /// # Errors
+    /// [`Full`] when it cannot be taken; it is counted as dropped.
+    pub fn push(&self, sample: Sample) -> Result<(), Full> {
+        let mut inbox = self.shared.inbox();
+        if !inbox.open || inbox.samples.len() >= QUEUE {
+            drop(inbox);
+            self.shared.counts.dropped.fetch_add(1, Ordering::Relaxed);
+            return Err(Full);
+        }
+        inbox.samples.push(sample);
+        let many = inbox.samples.len() == keeper::BATCH;
+        drop(inbox);
+        self.shared.counts.accepted.fetch_add(1, Ordering::Relaxed);
+        if many {
+            self.shared.wake.notify_one();
+        }
+        Ok(())
+    }
+
+    /// Returns when everything that was pushed before is on disk.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it could not be written. It is kept and tried again.
+    pub async fn flush(&self) -> Result<(), RecordsError> {
+        self.wait(|inbox| &mut inbox.waiting).await
+    }
+
+    /// Like [`History::flush`], and makes blocks of everything, which otherwise happens within a
+    /// minute.
+    ///
+    /// # Errors
+    /// As for [`History::flush`].
+    pub async fn settle(&self) -> Result<(), RecordsError> {
+        self.wait(|inbox| &mut inbox.settling).await
+    }
+
+    async fn wait(&self, list: fn(&mut Inbox) -> &mut Vec<Waiting>) -> Result<(), RecordsError> {
+        let (sender, done) = oneshot::channel();
+        {
+            let mut inbox = self.shared.inbox();
+            if !inbox.open {
+                return Err(RecordsError::Closed);
+            }
+            let list = list(&mut inbox);
+            if list.len() >= keeper::MOST_WAITING {
+                return Err(RecordsError::TooMany("who wait for the history"));
+            }
+            list.push(sender);
+        }
+        self.shared.wake.notify_one();
+        done.await.map_err(|_| RecordsError::Closed)?
+    }
+
+    /// How it is doing.
+    pub fn stats(&self) -> Stats {
+        self.shared.stats()
+    }
+
+    /// What `robot` measured from `from` until before `to`, in stretches of `step_ms`, oldest first;
+    /// stretches without a sample are left out. A step of a minute or more is answered from minutes,
+    /// one of a second or more from seconds, a shorter one from the samples themselves; what is too
+    /// old for a level comes from the next. The second or minute that `from` is in counts as a whole
+    /// then.
+    ///
+    /// # Errors
+    /// [`RecordsError::Invalid`] when the step or the time is none, or for more than [`MAX_POINTS`]
+    /// stretches.
+    pub async fn query(
+        &self,
+        robot: &RobotId,
+        from: i64,
+        to: i64,
+        step_ms: i64,
+    ) -> Result<Vec<Point>, RecordsError> {
+        query::query(&self.shared, &self.db, robot, from, to, step_ms).await
+    }
+
+    /// Deletes what is older at `now` than `retention` says, and returns how many blocks that were.
+    /// The history does so by itself every minute, with [`Retention::default`].
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it cannot be written.
+    pub async fn retain(&self, retention: Retention, now: i64) -> Result<u64, RecordsError> {
+        retention::apply(&self.shared, &self.db, retention, now).await
+    }
+
+    pub(crate) fn db(&self) -> &Db {
+        &self.db
+    }
+}
+
+#[cfg(test)]
+mod tests;

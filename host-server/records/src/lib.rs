@@ -1,0 +1,166 @@
+//! What a server must not forget, in `SQLite`: accounts, credentials, audit log, history.
+//!
+//! [`Records::open`] opens a directory with two files. `records.sqlite` holds settings, [`User`]s,
+//! [`Invitation`]s, [`Session`]s, [`Credential`]s and the audit log of [`Entry`]s: a call that
+//! changes it returns when the change is on disk, also against a power cut. `history.sqlite` holds
+//! the [`history`]: samples are taken in by the thousand and reach the disk within half a second.
+//!
+//! Both files are written by one task each, which puts what waits into one transaction; reads go
+//! past it. Several processes may open the same directory: what they write to `records.sqlite` is in
+//! one order, and the audit log stays one chain. History is kept by the first of them.
+//!
+//! Times are Unix milliseconds and handed in. Only the history looks at a clock, for what it may
+//! forget.
+
+mod audit;
+mod backup;
+mod credentials;
+mod db;
+mod error;
+mod files;
+pub mod history;
+mod lock;
+mod schema;
+mod sessions;
+mod settings;
+mod text;
+mod users;
+
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use sqlx::SqliteConnection;
+
+pub use audit::{Broken, Entry, MAX_AUDIT_PAGE, Stored};
+pub use credentials::{Credential, MAX_CREDENTIAL_NAME, MAX_CREDENTIALS};
+pub use error::RecordsError;
+pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session};
+pub use settings::{MAX_SETTING, MAX_SETTING_KEY};
+pub use users::{Invitation, MAX_INVITATIONS, MAX_PASSWORD_HASH, MAX_USERS, User};
+
+use db::Db;
+use history::History;
+use history::start::Running;
+use lock::{Hold, Lock};
+
+/// File of accounts, credentials and the audit log, in the data directory.
+pub const RECORDS_FILE: &str = "records.sqlite";
+/// Held by everyone who has the directory open, and alone by who replaces its files.
+const LOCK_FILE: &str = "records.lock";
+
+/// The records of a server. A clone is another handle of the same.
+#[derive(Debug, Clone)]
+pub struct Records(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    db: Db,
+    history: History,
+    /// None when another process keeps the history, and once it was closed.
+    keeper: Mutex<Option<Running>>,
+    /// None in memory.
+    _lock: Option<Lock>,
+}
+
+impl Records {
+    /// Opens the records in `dir`, which is made if it is not there. Must be called within a Tokio
+    /// runtime.
+    ///
+    /// # Errors
+    /// [`RecordsError::Damaged`], [`RecordsError::Newer`] and [`RecordsError::Foreign`] say what is
+    /// wrong with the file; it is left as it is. [`RecordsError::InUse`] while a backup is restored.
+    pub async fn open(dir: &Path) -> Result<Self, RecordsError> {
+        std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
+        let lock = Lock::take(&dir.join(LOCK_FILE), Hold::Shared)?
+            .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
+        let path = dir.join(RECORDS_FILE);
+        let db = Db::open(&path, &schema::RECORDS, true).await?;
+        let file = path.clone();
+        let whole = db
+            .read(move |connection| {
+                Box::pin(async move { schema::check_whole(connection, &file).await })
+            })
+            .await;
+        let opened = match whole {
+            Ok(()) => History::open(dir).await,
+            Err(error) => Err(error),
+        };
+        match opened {
+            Ok(history) => Ok(Self::of(db, history, Some(lock))),
+            Err(error) => {
+                db.close().await;
+                Err(error)
+            }
+        }
+    }
+
+    /// Records that are gone with the last handle, for tests and for a server without a data
+    /// directory.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when there is no memory for it.
+    pub async fn in_memory() -> Result<Self, RecordsError> {
+        let db = Db::in_memory(&schema::RECORDS).await?;
+        let history = History::in_memory().await?;
+        Ok(Self::of(db, history, None))
+    }
+
+    fn of(db: Db, history: (History, Option<Running>), lock: Option<Lock>) -> Self {
+        let (history, keeper) = history;
+        Self(Arc::new(Inner {
+            db,
+            history,
+            keeper: Mutex::new(keeper),
+            _lock: lock,
+        }))
+    }
+
+    /// What the robots measured.
+    pub fn history(&self) -> &History {
+        &self.0.history
+    }
+
+    /// Finishes what waits to be written and closes the files. Calls fail from then on.
+    pub async fn close(&self) {
+        let keeper = self
+            .0
+            .keeper
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        if let Some(keeper) = keeper {
+            keeper.end().await;
+        }
+        self.0.history.db().close().await;
+        self.0.db.close().await;
+    }
+
+    /// Forgets what is of no use at `now`: invitations and sessions that have expired, and sessions
+    /// that were revoked a day ago or earlier. Call it now and then.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it cannot be written.
+    pub async fn prune(&self, now: i64) -> Result<(), RecordsError> {
+        self.db()
+            .write(move |connection| Box::pin(prune(connection, now)))
+            .await
+    }
+
+    fn db(&self) -> &Db {
+        &self.0.db
+    }
+}
+
+async fn prune(connection: &mut SqliteConnection, now: i64) -> Result<(), RecordsError> {
+    /// Longer than any access token lives: until then a revoked session must be known as such.
+    const KEEP_REVOKED: i64 = 24 * 3_600_000;
+    sqlx::query("DELETE FROM invitation WHERE expires <= ?")
+        .bind(now)
+        .execute(&mut *connection)
+        .await?;
+    sqlx::query("DELETE FROM session WHERE expires <= ?1 OR revoked <= ?1")
+        .bind(now.saturating_sub(KEEP_REVOKED))
+        .execute(connection)
+        .await?;
+    Ok(())
+}

@@ -1,0 +1,89 @@
+//! Values that must survive a restart and are of no kind of their own, such as the key that signs
+//! tokens.
+
+use crate::{Records, RecordsError};
+
+/// Longest key of a setting, in bytes.
+pub const MAX_SETTING_KEY: usize = 64;
+/// Longest value of a setting, in bytes.
+pub const MAX_SETTING: usize = 64 * 1024;
+
+impl Records {
+    /// The value of `key`.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it cannot be read.
+    pub async fn setting(&self, key: &str) -> Result<Option<Vec<u8>>, RecordsError> {
+        let key = key.to_owned();
+        self.db()
+            .read(move |connection| {
+                Box::pin(async move {
+                    let row: Option<(Vec<u8>,)> =
+                        sqlx::query_as("SELECT value FROM setting WHERE key = ?")
+                            .bind(key)
+                            .fetch_optional(connection)
+                            .await?;
+                    Ok(row.map(|(value,)| value))
+                })
+            })
+            .await
+    }
+
+    /// Makes `value` the value of `key`.
+    ///
+    /// # Errors
+    /// [`RecordsError::Invalid`] when one of the two is too long.
+    pub async fn set_setting(&self, key: &str, value: &[u8]) -> Result<(), RecordsError> {
+        if key.is_empty() || key.len() > MAX_SETTING_KEY {
+            return Err(RecordsError::Invalid("a setting's key has 1 to 64 bytes"));
+        }
+        if value.len() > MAX_SETTING {
+            return Err(RecordsError::Invalid("a setting has at most 64 KiB"));
+        }
+        let (key, value) = (key.to_owned(), value.to_vec());
+        self.db()
+            .write(move |connection| {
+                Box::pin(async move {
+                    sqlx::query("INSERT OR REPLACE INTO setting (key, value) VALUES (?, ?)")
+                        .bind(key)
+                        .bind(value)
+                        .execute(connection)
+                        .await?;
+                    Ok(())
+                })
+            })
+            .await
+    }
+
+    /// The value of `key`, which becomes `value` if there is none yet. Of several that ask at once,
+    /// all get the same.
+    ///
+    /// # Errors
+    /// As for [`Records::set_setting`].
+    pub async fn setting_or(&self, key: &str, value: &[u8]) -> Result<Vec<u8>, RecordsError> {
+        if key.is_empty() || key.len() > MAX_SETTING_KEY {
+            return Err(RecordsError::Invalid("a setting's key has 1 to 64 bytes"));
+        }
+        if value.len() > MAX_SETTING {
+            return Err(RecordsError::Invalid("a setting has at most 64 KiB"));
+        }
+        let (key, value) = (key.to_owned(), value.to_vec());
+        self.db()
+            .write(move |connection| {
+                Box::pin(async move {
+                    sqlx::query("INSERT OR IGNORE INTO setting (key, value) VALUES (?, ?)")
+                        .bind(&key)
+                        .bind(value)
+                        .execute(&mut *connection)
+                        .await?;
+                    let (value,): (Vec<u8>,) =
+                        sqlx::query_as("SELECT value FROM setting WHERE key = ?")
+                            .bind(key)
+                            .fetch_one(connection)
+                            .await?;
+                    Ok(value)
+                })
+            })
+            .await
+    }
+}

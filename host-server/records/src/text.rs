@@ -1,0 +1,42 @@
+//! Texts of bounded length.
+
+/// What is left of `text` in `most` bytes; an ellipsis says that something is missing.
+pub(crate) fn cut(text: &str, most: usize) -> String {
+    const MARK: &str = "…";
+    if text.len() <= most {
+        return text.to_owned();
+    }
+    let end = text.floor_char_boundary(most.saturating_sub(MARK.len()));
+    format!("{}{MARK}", &text[..end])
+}
+
+/// Bytes as hexadecimal digits.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a String does not fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cut_text_fits_and_says_so() {
+        assert_eq!(cut("short", 5), "short");
+        assert_eq!(cut("longer", 5), "lo…");
+        // The boundary falls inside of an umlaut.
+        assert_eq!(cut("öööö", 6), "ö…");
+        for most in 3..20 {
+            assert!(cut("the quick brown fox jumps", most).len() <= most);
+        }
+    }
+
+    #[test]
+    fn hexadecimal_has_two_digits_per_byte() {
+        assert_eq!(hex(&[0, 10, 255]), "000aff");
+    }
+}

@@ -1,0 +1,202 @@
+//! The audit log keeps what it was told, shows it page by page, and notices when it was changed.
+
+mod support;
+
+use crawler_records::{Broken, Entry, Records, RecordsError};
+use serde_json::{Value, json};
+use sqlx::Connection as _;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use support::{Folder, entry, memory, open};
+
+async fn fill(records: &Records, count: i64) {
+    for n in 1..=count {
+        assert_eq!(records.audit(entry(n)).await.unwrap(), n as u64);
+    }
+}
+
+/// A disk without room.
+struct Full;
+impl std::io::Write for Full {
+    fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+        Err(std::io::ErrorKind::StorageFull.into())
+    }
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Somebody with a shell on the machine.
+async fn tamper(folder: &Folder, sql: &'static str) -> Result<(), sqlx::Error> {
+    let options =
+        SqliteConnectOptions::new().filename(folder.path().join(crawler_records::RECORDS_FILE));
+    let mut connection = SqliteConnection::connect_with(&options).await?;
+    let outcome = sqlx::raw_sql(sql).execute(&mut connection).await;
+    connection.close().await?;
+    outcome.map(|_| ())
+}
+
+#[tokio::test]
+async fn entries_come_back_newest_first_in_pages() {
+    let folder = Folder::new();
+    let records = open(&folder).await;
+    assert_eq!(records.audit_verify().await, Ok(0));
+    fill(&records, 5).await;
+    records.close().await;
+    let records = open(&folder).await;
+    assert_eq!(records.audit(entry(6)).await.unwrap(), 6);
+
+    let page = records.audit_page(None, 4, None).await.unwrap();
+    let seqs: Vec<u64> = page.iter().map(|stored| stored.seq).collect();
+    assert_eq!(seqs, [6, 5, 4, 3]);
+    assert_eq!(page[0].entry, entry(6));
+    assert_eq!(page[0].hash.len(), 64);
+    let page = records.audit_page(Some(3), 4, None).await.unwrap();
+    assert_eq!(page.len(), 2);
+    let page = records.audit_page(None, 100, Some("bob")).await.unwrap();
+    let seqs: Vec<u64> = page.iter().map(|stored| stored.seq).collect();
+    assert_eq!(seqs, [5, 3, 1]);
+    let page = records.audit_page(Some(5), 1, Some("bob")).await.unwrap();
+    assert_eq!(page[0].seq, 3);
+    assert!(
+        records
+            .audit_page(Some(u64::MAX), 0, None)
+            .await
+            .unwrap()
+            .is_empty()
+    );
+    assert_eq!(records.audit_verify().await, Ok(6));
+}
+
+#[tokio::test]
+async fn what_is_too_long_is_cut_and_kept() {
+    let records = memory().await;
+    let long = "ä\0\"".repeat(20_000);
+    let flood = Entry {
+        at: i64::MIN,
+        who: long.clone(),
+        from: long.clone(),
+        action: long.clone(),
+        target: long.clone(),
+        detail: json!({ "text": long }),
+        outcome: long,
+    };
+    assert_eq!(records.audit(flood).await.unwrap(), 1);
+    let page = records.audit_page(None, 1, None).await.unwrap();
+    let entry = &page[0].entry;
+    assert!(entry.who.len() <= 64 && entry.who.ends_with('…'));
+    assert!(entry.outcome.len() <= 128);
+    assert!(entry.detail["cut"].is_string());
+    assert!(entry.detail.to_string().len() <= 8_192);
+    assert_eq!(records.audit_verify().await, Ok(1));
+}
+
+#[tokio::test]
+async fn an_export_has_every_entry_once_in_order() {
+    let records = memory().await;
+    fill(&records, 1_203).await;
+    let mut text = Vec::new();
+    assert_eq!(records.audit_export(&mut text).await.unwrap(), 1_203);
+    let text = String::from_utf8(text).unwrap();
+    for (index, line) in text.lines().enumerate() {
+        let value: Value = serde_json::from_str(line).unwrap();
+        assert_eq!(value["seq"], index as u64 + 1);
+        assert_eq!(value["target"], format!("robot-{}", index + 1));
+        assert_eq!(value["hash"].as_str().unwrap().len(), 64);
+    }
+    assert_eq!(text.lines().count(), 1_203);
+    assert_eq!(records.audit_verify().await, Ok(1_203));
+
+    assert!(matches!(
+        records.audit_export(&mut Full).await,
+        Err(RecordsError::Io { .. })
+    ));
+}
+
+#[tokio::test]
+async fn the_database_refuses_to_change_the_log() {
+    let folder = Folder::new();
+    let records = open(&folder).await;
+    fill(&records, 3).await;
+    for sql in [
+        "UPDATE audit SET who = 'eve' WHERE seq = 2",
+        "DELETE FROM audit WHERE seq = 3",
+        "DELETE FROM audit",
+        "INSERT OR REPLACE INTO audit SELECT seq, at, 'eve', came_from, action, target, detail,
+         outcome, hash FROM audit WHERE seq = 2",
+        "INSERT INTO audit SELECT 9, at, 'eve', came_from, action, target, detail, outcome, hash
+         FROM audit WHERE seq = 2",
+        "UPDATE audit_end SET seq = 2",
+        "UPDATE audit_end SET hash = zeroblob(32)",
+        "DELETE FROM audit_end",
+    ] {
+        let error = tamper(&folder, sql).await.expect_err(sql).to_string();
+        assert!(error.contains("append-only"), "{sql}: {error}");
+    }
+    assert_eq!(records.audit_verify().await, Ok(3));
+}
+
+#[tokio::test]
+async fn tampering_is_found_where_it_was_done() {
+    const OPEN_UP: &str = "DROP TRIGGER audit_never_changes; DROP TRIGGER audit_never_shrinks;
+         DROP TRIGGER audit_only_grows; DROP TRIGGER audit_end_stays;
+         DROP TRIGGER audit_end_follows;";
+    for (sql, seq) in [
+        ("UPDATE audit SET who = 'eve' WHERE seq = 700", 700),
+        ("UPDATE audit SET at = at + 1 WHERE seq = 1", 1),
+        ("UPDATE audit SET detail = '{}' WHERE seq = 2", 2),
+        // The border between two fields moves; the texts one after the other stay the same.
+        (
+            "UPDATE audit SET action = 'commandr', target = substr(target, 2) WHERE seq = 4",
+            4,
+        ),
+        ("UPDATE audit SET hash = zeroblob(32) WHERE seq = 3", 3),
+        ("DELETE FROM audit WHERE seq = 5", 5),
+        ("DELETE FROM audit WHERE seq >= 701", 701),
+        ("DELETE FROM audit", 1),
+        // The end moved along with it.
+        (
+            "DELETE FROM audit WHERE seq > 700; UPDATE audit_end SET seq = 700",
+            700,
+        ),
+        (
+            "UPDATE audit SET seq = 9999 WHERE seq = 6; UPDATE audit SET seq = 6 WHERE seq = 7;
+             UPDATE audit SET seq = 7 WHERE seq = 9999",
+            6,
+        ),
+        ("DELETE FROM audit_end", 1),
+    ] {
+        let folder = Folder::new();
+        let records = open(&folder).await;
+        // Together, since each alone waits for the disk.
+        let mut writes = tokio::task::JoinSet::new();
+        for n in 1..=703 {
+            let records = records.clone();
+            writes.spawn(async move { records.audit(entry(n)).await.unwrap() });
+        }
+        writes.join_all().await;
+        tamper(&folder, OPEN_UP).await.unwrap();
+        tamper(&folder, sql).await.unwrap();
+        let Err(Broken { seq: found, why }) = records.audit_verify().await else {
+            panic!("{sql}: not found");
+        };
+        assert_eq!(found, seq, "{sql}: {why}");
+        records.close().await;
+    }
+}
+
+#[tokio::test]
+async fn many_at_once_make_one_chain() {
+    let folder = Folder::new();
+    // Two handles as two processes have them: neither knows of the other.
+    let (one, other) = (open(&folder).await, open(&folder).await);
+    let mut tasks = tokio::task::JoinSet::new();
+    for n in 0..200 {
+        let records = if n % 2 == 0 { &one } else { &other }.clone();
+        tasks.spawn(async move { records.audit(entry(n)).await.unwrap() });
+    }
+    let mut seqs = tasks.join_all().await;
+    seqs.sort_unstable();
+    assert_eq!(seqs, (1..=200).collect::<Vec<u64>>());
+    assert_eq!(one.audit_verify().await, Ok(200));
+    assert_eq!(other.audit_verify().await, Ok(200));
+}

@@ -1,0 +1,108 @@
+//! What several tests need.
+#![allow(dead_code, reason = "each test uses a part of it")]
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use crawler_access::{Digest, Role, UserName};
+use crawler_protocol::RobotState;
+use crawler_records::history::Sample;
+use crawler_records::{Entry, Records, User};
+use serde_json::json;
+
+/// A directory of its own, gone with the value.
+pub(crate) struct Folder(PathBuf);
+
+impl Folder {
+    pub(crate) fn new() -> Self {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let name = format!(
+            "records-{}-{}",
+            std::process::id(),
+            NEXT.fetch_add(1, Ordering::Relaxed)
+        );
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+        // A run before may have had the same process id.
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).expect("a directory");
+        Self(path)
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+pub(crate) fn name(text: &str) -> UserName {
+    text.parse().expect("a user name")
+}
+
+/// A digest that is like no other `n`'s.
+pub(crate) fn digest(n: u32) -> Digest {
+    let mut bytes = [7; 32];
+    bytes[..4].copy_from_slice(&n.to_be_bytes());
+    Digest(bytes)
+}
+
+pub(crate) fn user(text: &str, role: Role) -> User {
+    User {
+        name: name(text),
+        role,
+        password: Some("$argon2id$...".into()),
+        created: 1_000,
+        disabled: false,
+    }
+}
+
+pub(crate) fn entry(n: i64) -> Entry {
+    Entry {
+        at: 1_000 + n,
+        who: if n % 2 == 0 { "ada" } else { "bob" }.into(),
+        from: "127.0.0.1".into(),
+        action: "command".into(),
+        target: format!("robot-{n}"),
+        detail: json!({ "command": "stop", "seq": n }),
+        outcome: "ok".into(),
+    }
+}
+
+pub(crate) async fn memory() -> Records {
+    Records::in_memory().await.expect("records")
+}
+
+pub(crate) async fn open(folder: &Folder) -> Records {
+    Records::open(folder.path()).await.expect("records")
+}
+
+pub(crate) fn now() -> i64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    since.expect("after 1970").as_millis() as i64
+}
+
+pub(crate) fn robot(n: usize) -> crawler_protocol::RobotId {
+    format!("sim-{n:05}").parse().expect("a robot id")
+}
+
+/// The `n`th sample of a robot that drives about; every one is different.
+pub(crate) fn sample(robot: &crawler_protocol::RobotId, n: i64, at: i64) -> Sample {
+    Sample {
+        robot: robot.clone(),
+        at,
+        x: n as f32 * 0.001,
+        y: -0.5,
+        theta: (n % 6_000) as f32 * 0.001,
+        range_mm: (n % 3 != 0).then_some((n % 4_000) as u16),
+        battery_mv: 8_400 - (n % 1_000) as u16,
+        battery_percent: 100 - (n % 100) as u8,
+        rssi: (n % 2 == 0).then_some(-60 - (n % 20) as i8),
+        left: 0.25,
+        right: -0.25,
+        state: RobotState::ALL[n as usize % RobotState::ALL.len()],
+    }
+}
