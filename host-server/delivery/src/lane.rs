@@ -1,0 +1,248 @@
+//! The commands for one robot, in order.
+
+use std::collections::VecDeque;
+
+use crawler_protocol::RobotId;
+
+use super::{Class, End, LONGEST_PAUSE_MS, MOST_NUMBERS, Ms, Post, RESEND_AFTER_MS, Sending};
+
+/// One command that has not been answered.
+#[derive(Debug, Clone)]
+pub(super) struct Parcel {
+    id: u64,
+    class: Class,
+    expires: Ms,
+    /// `None` before it first went, and when a program that has started anew is to have it.
+    flight: Option<Flight>,
+    /// Whether it ever went.
+    went: bool,
+    /// Numbers it has had.
+    numbers: u8,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Flight {
+    seq: u64,
+    /// When it goes again.
+    next: Ms,
+    pause: Ms,
+    /// The program it went to.
+    boot: Option<u32>,
+}
+
+impl Parcel {
+    pub(super) const fn new(id: u64, class: Class, expires: Ms) -> Self {
+        Self {
+            id,
+            class,
+            expires,
+            flight: None,
+            went: false,
+            numbers: 0,
+        }
+    }
+
+    pub(super) const fn id(&self) -> u64 {
+        self.id
+    }
+
+    const fn take_off(&mut self, seq: u64, boot: Option<u32>, next: Ms) {
+        self.flight = Some(Flight {
+            seq,
+            next,
+            pause: RESEND_AFTER_MS,
+            boot,
+        });
+        self.went = true;
+        self.numbers = self.numbers.saturating_add(1);
+    }
+
+    /// Whether it may follow `earlier`, which has no answer yet.
+    const fn follows(&self, earlier: Class) -> bool {
+        matches!(
+            (earlier, self.class),
+            (_, Class::Halt) | (Class::Motion, Class::Motion)
+        )
+    }
+}
+
+/// See the [module](self).
+#[derive(Debug, Default)]
+pub(super) struct Lane {
+    parcels: VecDeque<Parcel>,
+    /// It said so, or its broker did. Who has said nothing is taken to be there.
+    offline: bool,
+    boot: Option<u32>,
+    /// The newest number that went to this robot alone.
+    highest: u64,
+}
+
+impl Lane {
+    pub(super) fn len(&self) -> usize {
+        self.parcels.len()
+    }
+
+    pub(super) const fn is_online(&self) -> bool {
+        !self.offline
+    }
+
+    pub(super) const fn boot(&self) -> Option<u32> {
+        self.boot
+    }
+
+    pub(super) fn push(&mut self, parcel: Parcel) {
+        self.parcels.push_back(parcel);
+    }
+
+    /// A command that has just gone under its own number.
+    pub(super) fn push_sent(&mut self, mut parcel: Parcel, now: Ms) {
+        parcel.take_off(parcel.id, self.boot, now + RESEND_AFTER_MS);
+        self.parcels.push_back(parcel);
+    }
+
+    /// Corrects what is known of the flight of a command.
+    pub(super) fn took_off(&mut self, id: u64, seq: u64, boot: Option<u32>, now: Ms) {
+        if let Some(parcel) = self.parcels.iter_mut().find(|parcel| parcel.id == id) {
+            parcel.take_off(seq, boot, now);
+            self.highest = self.highest.max(seq);
+        }
+    }
+
+    /// Removes commands and returns how many.
+    pub(super) fn remove(&mut self, which: impl Fn(&Parcel) -> bool) -> usize {
+        let before = self.parcels.len();
+        self.parcels.retain(|parcel| !which(parcel));
+        before - self.parcels.len()
+    }
+
+    /// Makes everything without an answer go again at once, in its order.
+    pub(super) fn rouse(&mut self, now: Ms) {
+        for flight in self
+            .parcels
+            .iter_mut()
+            .filter_map(|parcel| parcel.flight.as_mut())
+        {
+            flight.next = now;
+            flight.pause = RESEND_AFTER_MS;
+        }
+    }
+
+    pub(super) fn status(&mut self, online: bool, boot: u32, now: Ms) {
+        self.offline = !online;
+        // A last will can come after the first words of the next program.
+        if online || self.boot.is_none() {
+            self.boot = Some(boot);
+        }
+        if online {
+            self.rouse(now);
+        }
+    }
+
+    pub(super) fn heard(&mut self, now: Ms) {
+        if self.offline {
+            self.offline = false;
+            self.rouse(now);
+        }
+    }
+
+    pub(super) fn answered(&mut self, seq: u64) -> Option<u64> {
+        let under = |parcel: &Parcel| parcel.flight.is_some_and(|flight| flight.seq == seq);
+        let index = self.parcels.iter().position(under)?;
+        Some(self.parcels.remove(index)?.id)
+    }
+
+    pub(super) fn poll(
+        &mut self,
+        robot: &RobotId,
+        broadcast: u64,
+        connected: bool,
+        now: Ms,
+        post: &mut dyn Post,
+    ) {
+        self.give_up(robot, broadcast, now, post);
+        if !connected {
+            return;
+        }
+        let mut earlier: Vec<Class> = Vec::new();
+        // When one goes again all that went do: the robot takes them in order.
+        let flights = self.parcels.iter().filter_map(|parcel| parcel.flight);
+        let again = flights.into_iter().any(|flight| flight.next <= now);
+        for parcel in &mut self.parcels {
+            let free = earlier.iter().all(|&class| parcel.follows(class));
+            earlier.push(parcel.class);
+            let halt = parcel.class == Class::Halt;
+            if self.offline && !(halt && parcel.flight.is_none()) {
+                continue;
+            }
+            let known = match parcel.flight {
+                // First its status must say whether it is the program that this went to.
+                Some(flight) if again && (flight.boot.is_none() || self.boot.is_some()) => {
+                    Some(flight)
+                }
+                None if free => None,
+                Some(_) | None => continue,
+            };
+            let seq = match known {
+                Some(flight) => flight.seq,
+                None if parcel.numbers == 0 && parcel.id > self.highest.max(broadcast) => parcel.id,
+                None => post.number(),
+            };
+            let sending = Sending {
+                id: parcel.id,
+                robot,
+                seq,
+                again: known.is_some(),
+                life_ms: parcel.expires - now,
+                boot: self.boot,
+            };
+            if !post.send(&sending) {
+                // What comes after must not go before.
+                return;
+            }
+            self.highest = self.highest.max(seq);
+            match (&mut parcel.flight, known) {
+                (Some(flight), Some(_)) => {
+                    flight.next = now + flight.pause;
+                    flight.pause = (flight.pause * 2).min(LONGEST_PAUSE_MS);
+                    if flight.boot.is_none() {
+                        flight.boot = self.boot;
+                    }
+                }
+                _ => parcel.take_off(seq, self.boot, now + RESEND_AFTER_MS),
+            }
+        }
+    }
+
+    /// Drops what must not go any more.
+    fn give_up(&mut self, robot: &RobotId, broadcast: u64, now: Ms, post: &mut dyn Post) {
+        let (boot, newest) = (self.boot, self.highest.max(broadcast));
+        self.parcels.retain_mut(|parcel| {
+            let mut end = (parcel.expires <= now).then_some(if parcel.went {
+                End::Unanswered
+            } else {
+                End::Expired
+            });
+            if let Some(flight) = parcel.flight {
+                // A program that has started since knows nothing of it.
+                let forgotten =
+                    matches!((flight.boot, boot), (Some(then), Some(now)) if then != now);
+                match parcel.class {
+                    Class::Halt if flight.seq < newest => end = Some(End::Unanswered),
+                    Class::Plain | Class::Motion if forgotten => end = Some(End::Unanswered),
+                    Class::Setting if forgotten && end.is_none() => {
+                        if parcel.numbers < MOST_NUMBERS {
+                            parcel.flight = None;
+                        } else {
+                            end = Some(End::Unanswered);
+                        }
+                    }
+                    _ => {}
+                }
+            }
+            if let Some(end) = end {
+                post.over(parcel.id, robot, end);
+            }
+            end.is_none()
+        });
+    }
+}

@@ -1,0 +1,290 @@
+//! When a command goes to a robot, when it goes again, and when it is given up.
+//!
+//! Nothing here does anything: time is handed in, and what is to be sent is handed to a [`Post`].
+//! The server and the chaos runs of the simulator use the same [`Delivery`].
+//!
+//! # What makes sure that nothing is lost and nothing runs twice
+//! A robot remembers the newest command of each source with its answer. The same number again is
+//! answered from memory; a lower one is `stale`. So a command may be sent again under its number
+//! for as long as nothing newer went to the same robot. Hence:
+//!
+//! * A command waits until all before it to the same robot are answered or given up. Two exceptions:
+//!   halts go at once, and motion follows motion at once, since the newer replaces the older.
+//! * Without an answer it is sent again, first after [`RESEND_AFTER_MS`], then ever less often,
+//!   and at once when the robot, or the connection to the broker, has come back.
+//! * Settings go under a source of their own, [`SETTINGS`]: no halt overtakes one, so one that goes
+//!   again is either answered from memory or runs for the first time.
+//! * A command that waited gets its number, and its time, when it first goes.
+//! * A robot that has started anew has forgotten. What went to the program before is not sent
+//!   again, but for settings, which may be set twice, and halts, which only make things safer.
+//! * A halt is not repeated once something newer went to the robot: it would end that.
+//! * Nothing goes later than its [`Class::life_ms`].
+//!
+//! What a halt or a command to the whole swarm has overtaken may come back `stale`; that is its outcome
+//! then.
+
+mod lane;
+
+use std::collections::BTreeMap;
+
+use crawler_protocol::{Action, RobotId};
+
+use lane::{Lane, Parcel};
+
+/// Milliseconds since any moment that is the same for all calls.
+pub type Ms = u64;
+
+/// How long after a command went without an answer it goes again for the first time.
+pub const RESEND_AFTER_MS: Ms = 1_000;
+/// The longest pause between two attempts.
+pub const LONGEST_PAUSE_MS: Ms = 30_000;
+/// Commands that may wait for one robot.
+pub const MOST_PER_ROBOT: usize = 64;
+/// Commands that may wait for robots that are away, all together.
+pub const MOST: usize = 50_000;
+/// The source that settings go under, whoever gave them: robots compare numbers per source.
+pub const SETTINGS: &str = "settings";
+/// Times a setting gets a new number, because the robot has started anew, before it is given up.
+const MOST_NUMBERS: u8 = 4;
+
+/// How a command is treated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Class {
+    /// `stop` and `estop`: go at once, whatever else waits.
+    Halt,
+    /// Moves the robot: worthless when late.
+    Motion,
+    /// Everything else.
+    Plain,
+    /// `set`: waits for a robot that is away.
+    Setting,
+}
+
+impl Class {
+    /// The class of an action.
+    #[must_use]
+    pub const fn of(action: &Action) -> Self {
+        match action {
+            Action::Stop | Action::Estop => Self::Halt,
+            Action::Set(_) => Self::Setting,
+            action if action.is_motion() => Self::Motion,
+            _ => Self::Plain,
+        }
+    }
+
+    /// How long after it was given a command may still be sent. Robots refuse motion of that age
+    /// themselves.
+    #[must_use]
+    pub const fn life_ms(self) -> Ms {
+        match self {
+            Self::Motion => 2_000,
+            Self::Halt | Self::Plain => 60_000,
+            Self::Setting => 55 * 60_000,
+        }
+    }
+}
+
+/// One command on its way to one robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sending<'a> {
+    /// Whose command it is, as told to [`Delivery::submit`].
+    pub id: u64,
+    /// For whom.
+    pub robot: &'a RobotId,
+    /// Under which number.
+    pub seq: u64,
+    /// Whether it has gone under this number before.
+    pub again: bool,
+    /// For how long it may still reach the robot; at least 1.
+    pub life_ms: Ms,
+    /// How often the robot has started, if it told.
+    pub boot: Option<u32>,
+}
+
+/// How a delivery ended without an answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum End {
+    /// It never went: the robot did not come back in time.
+    Expired,
+    /// It went, and nobody can tell what came of it.
+    Unanswered,
+}
+
+/// Who carries things out.
+pub trait Post {
+    /// A number above all before it.
+    fn number(&mut self) -> u64;
+    /// Sends a command; false when it cannot go now.
+    fn send(&mut self, sending: &Sending<'_>) -> bool;
+    /// The command will not be sent any more.
+    fn over(&mut self, id: u64, robot: &RobotId, end: End);
+}
+
+/// There is no room for another command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Full;
+
+impl std::fmt::Display for Full {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("too many commands wait to be delivered")
+    }
+}
+
+impl std::error::Error for Full {}
+
+/// All commands under way to all robots.
+#[derive(Debug, Default)]
+pub struct Delivery {
+    lanes: BTreeMap<RobotId, Lane>,
+    /// Whether there is no connection to the broker.
+    down: bool,
+    /// The newest number that went to all robots.
+    broadcast: u64,
+    /// Commands under way.
+    parcels: usize,
+}
+
+impl Delivery {
+    /// Nothing under way, and connected.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes in a command for one robot. It goes with the next [`Delivery::poll`].
+    ///
+    /// `id` rises from call to call, and is the command's number if it is the newest of all that
+    /// went to the robot by then.
+    ///
+    /// # Errors
+    /// [`Full`] when too many wait; never for a halt.
+    pub fn submit(&mut self, id: u64, robot: &RobotId, class: Class, now: Ms) -> Result<(), Full> {
+        let room = self.parcels < MOST;
+        let lane = self.lanes.entry(robot.clone()).or_default();
+        if class != Class::Halt && !(room && lane.len() < MOST_PER_ROBOT) {
+            return Err(Full);
+        }
+        lane.push(Parcel::new(id, class, now + class.life_ms()));
+        self.parcels += 1;
+        Ok(())
+    }
+
+    /// Takes in a command that has just gone to the whole swarm under the number `id`: robots
+    /// that do not answer get it again, each for itself.
+    pub fn broadcast(
+        &mut self,
+        id: u64,
+        robots: impl IntoIterator<Item = RobotId>,
+        class: Class,
+        now: Ms,
+    ) {
+        self.broadcast = self.broadcast.max(id);
+        for robot in robots {
+            let lane = self.lanes.entry(robot).or_default();
+            if self.parcels < MOST && lane.len() < MOST_PER_ROBOT {
+                lane.push_sent(Parcel::new(id, class, now + class.life_ms()), now);
+                self.parcels += 1;
+            }
+        }
+    }
+
+    /// Takes up a command again after a restart: it may or may not have gone under `seq`, to the
+    /// program of that `boot` if that is known, and lives until `expires`.
+    pub fn resume(
+        &mut self,
+        id: u64,
+        robot: &RobotId,
+        class: Class,
+        (seq, boot): (u64, Option<u32>),
+        (now, expires): (Ms, Ms),
+    ) {
+        let lane = self.lanes.entry(robot.clone()).or_default();
+        lane.push_sent(Parcel::new(id, class, expires), now);
+        lane.took_off(id, seq, boot, now);
+        self.parcels += 1;
+    }
+
+    /// Takes a command back. Nothing is said of it any more.
+    pub fn withdraw(&mut self, id: u64, robot: &RobotId) {
+        if let Some(lane) = self.lanes.get_mut(robot) {
+            self.parcels -= lane.remove(|parcel| parcel.id() == id);
+        }
+    }
+
+    /// The connection to the broker is there, or lost. Once it is back everything without an
+    /// answer goes again at once: a broker that has started anew has forgotten it.
+    pub fn connection(&mut self, up: bool, now: Ms) {
+        if up && self.down {
+            for lane in self.lanes.values_mut() {
+                lane.rouse(now);
+            }
+        }
+        self.down = !up;
+    }
+
+    /// A robot has told its status, or its broker has told that it is gone.
+    pub fn status(&mut self, robot: &RobotId, online: bool, boot: u32, now: Ms) {
+        let lane = self.lanes.entry(robot.clone()).or_default();
+        lane.status(online, boot, now);
+    }
+
+    /// A robot has spoken, whatever its status says: a last will can come late.
+    pub fn heard(&mut self, robot: &RobotId, now: Ms) {
+        if let Some(lane) = self.lanes.get_mut(robot) {
+            lane.heard(now);
+        }
+    }
+
+    /// Whether commands for this robot go at once, as far as is known.
+    #[must_use]
+    pub fn is_online(&self, robot: &RobotId) -> bool {
+        !self.down && self.lanes.get(robot).is_none_or(Lane::is_online)
+    }
+
+    /// How often the robot had started when it last told its status.
+    #[must_use]
+    pub fn boot(&self, robot: &RobotId) -> Option<u32> {
+        self.lanes.get(robot)?.boot()
+    }
+
+    /// The robot has answered the number `seq`: nothing is sent any more. Returns whose command it
+    /// was, if it was still under way.
+    pub fn answered(&mut self, robot: &RobotId, seq: u64) -> Option<u64> {
+        let id = self.lanes.get_mut(robot)?.answered(seq)?;
+        self.parcels -= 1;
+        Some(id)
+    }
+
+    /// Sends what is due, and gives up what is too old.
+    pub fn poll(&mut self, now: Ms, post: &mut dyn Post) {
+        for (robot, lane) in &mut self.lanes {
+            if lane.len() == 0 {
+                continue;
+            }
+            let before = lane.len();
+            lane.poll(robot, self.broadcast, !self.down, now, post);
+            self.parcels -= before - lane.len();
+        }
+    }
+
+    /// As [`Delivery::poll`], for one robot.
+    pub fn poll_one(&mut self, robot: &RobotId, now: Ms, post: &mut dyn Post) {
+        if let Some(lane) = self.lanes.get_mut(robot) {
+            let before = lane.len();
+            lane.poll(robot, self.broadcast, !self.down, now, post);
+            self.parcels -= before - lane.len();
+        }
+    }
+
+    /// Commands under way, counted per robot.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.parcels
+    }
+
+    /// Whether nothing is under way.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.parcels == 0
+    }
+}
