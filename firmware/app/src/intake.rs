@@ -47,6 +47,26 @@ pub const LOG_RATE: u32 = 2;
 /// Orders a halt can take back at once: as many as can wait.
 const TAKEN_BACK: usize = 4;
 
+/// What was carried out since the program started, halts left out: they are obeyed as often as they
+/// come. Whoever gave the commands can tell from it that none ran twice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tally {
+    /// How many commands.
+    pub commands: u32,
+    /// The sum of their numbers, modulo 2^64.
+    pub numbers: u64,
+    /// When the last one that moves the robot arrived.
+    pub motion: Option<Instant>,
+}
+
+impl Tally {
+    const NONE: Self = Self {
+        commands: 0,
+        numbers: 0,
+        motion: None,
+    };
+}
+
 /// What intake remembers between commands: about 1 KB.
 pub struct Intake<M: RawMutex> {
     memory: Mutex<M, RefCell<Memory>>,
@@ -54,6 +74,7 @@ pub struct Intake<M: RawMutex> {
 
 struct Memory {
     ledger: Ledger,
+    tally: Tally,
     answers: Bucket,
     logs: Bucket,
 }
@@ -64,6 +85,7 @@ impl<M: RawMutex> Intake<M> {
         Self {
             memory: Mutex::new(RefCell::new(Memory {
                 ledger: Ledger::new(),
+                tally: Tally::NONE,
                 answers: Bucket::full(ANSWER_RATE),
                 logs: Bucket::full(LOG_RATE),
             })),
@@ -212,6 +234,24 @@ impl<M: RawMutex> Robot<M> {
         self.carry_out(command, now);
     }
 
+    /// What was carried out so far.
+    pub fn tally(&self) -> Tally {
+        self.intake.with(|memory| memory.tally)
+    }
+
+    fn count(&self, command: &Command, now: Instant) {
+        if matches!(command.action, Action::Stop | Action::Estop) {
+            return;
+        }
+        self.intake.with(|Memory { tally, .. }| {
+            tally.commands = tally.commands.wrapping_add(1);
+            tally.numbers = tally.numbers.wrapping_add(command.seq);
+            if command.action.is_motion() {
+                tally.motion = Some(now);
+            }
+        });
+    }
+
     fn carry_out(&self, command: &Command, now: Instant) {
         let mut taken_back: Vec<Sender, TAKEN_BACK> = Vec::new();
         let routed = self.route(command, now, |sender| {
@@ -222,6 +262,9 @@ impl<M: RawMutex> Robot<M> {
             let interrupted = Some(Reason::Interrupted);
             let failed = ResponseStatus::Failed;
             self.respond(&sender.source, sender.seq, failed, interrupted, now);
+        }
+        if routed.is_ok() {
+            self.count(command, now);
         }
         match routed {
             Ok(Routed::Waiting) => {}

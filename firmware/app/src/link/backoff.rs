@@ -5,8 +5,11 @@ use rand_core::Rng;
 
 /// First wait after a session that was stable, or after boot.
 pub const SHORTEST: Duration = Duration::from_millis(500);
-/// Longest wait while the broker cannot be reached.
-pub const LONGEST: Duration = Duration::from_secs(30);
+/// Longest wait while the broker cannot be reached: with what connecting takes, a robot is back within
+/// ten seconds of its broker.
+pub const LONGEST: Duration = Duration::from_secs(6);
+/// Longest wait after the broker refused the session.
+pub const REFUSED: Duration = Duration::from_secs(30);
 /// A session that lasted this long was stable: the next wait is short again. Longer than
 /// [`LONGEST`], so that two robots with one id do not each find the other's absence stable.
 pub const STABLE_AFTER: Duration = Duration::from_secs(60);
@@ -78,7 +81,7 @@ impl Backoff {
         self.taken_over = TAKEN_OVER;
         self.closed = 0;
         self.span = LONGEST;
-        jittered(LONGEST, rng)
+        jittered(REFUSED, rng)
     }
 
     /// The wait after another client with the same id appeared. Were it short, two robots with

@@ -68,7 +68,9 @@ use crate::perception::LinkHealth;
 use crate::trouble::LINK_LOST;
 
 use backoff::Backoff;
-pub use backoff::{LONGEST, SHORTEST, STABLE_AFTER, SUSPICIOUS, TAKEN_OVER, TAKEN_OVER_LONGEST};
+pub use backoff::{
+    LONGEST, REFUSED, SHORTEST, STABLE_AFTER, SUSPICIOUS, TAKEN_OVER, TAKEN_OVER_LONGEST,
+};
 use buffered::Buffered;
 use flow::Flow;
 use images::{FromSlot, Images, NoImages};

@@ -247,8 +247,8 @@ fn attempts_become_rarer_and_short_again_after_a_stable_session() {
         let waits: Vec<Duration> = attempts.windows(2).map(|pair| pair[1] - pair[0]).collect();
         assert!(waits[0] <= SHORTEST && waits[0] * 2 >= SHORTEST);
         assert!(waits.iter().all(|wait| *wait <= LONGEST));
-        assert!(waits.last().expect("many") >= &(SECOND * 15), "{waits:?}");
-        assert!((10..40).contains(&attempts.len()), "{}", attempts.len());
+        assert!(waits.last().expect("many") >= &(SECOND * 3), "{waits:?}");
+        assert!((40..120).contains(&attempts.len()), "{}", attempts.len());
         broker.refuse_connections(false);
         let peer = broker.connected().await;
         peer.publishes_for(STABLE_AFTER + SECOND).await;

@@ -9,7 +9,7 @@ use crawler_protocol::Level;
 use super::harness::{Broker, config, robot, run, run_as};
 use super::peer::Peer;
 use super::wire::field;
-use crate::link::{JOINED_WITHIN, LONGEST, SESSION_EXPIRY};
+use crate::link::{JOINED_WITHIN, REFUSED, SESSION_EXPIRY};
 use crate::trouble::LinkTrouble;
 use crate::{Config, Credentials, Robot};
 
@@ -73,7 +73,7 @@ fn a_broker_that_refuses_the_credentials_is_a_trouble_of_its_own() {
             assert_eq!(broker.robot.link_trouble(), Some(LinkTrouble::Credentials));
             let mut peer = broker.peer().await;
             let waited = broker.now() - start;
-            assert!(waited * 2 >= LONGEST, "no hammering: {waited:?}");
+            assert!(waited * 2 >= REFUSED, "no hammering: {waited:?}");
             let told = records(&mut peer).await;
             let refusal = std::format!("(0x{reason:02x})");
             assert!(
