@@ -7,6 +7,7 @@
 
 mod exchange;
 mod model;
+mod outage;
 mod packet;
 mod peer;
 mod pipe;
@@ -89,6 +90,7 @@ impl Air {
                 airtime: Vec::new(),
                 news: News::default(),
                 scratch: Vec::new(),
+                stopped: false,
             })),
             clock: clock.world(),
             seed: setup.seed,
@@ -166,6 +168,9 @@ impl Air {
     pub(crate) fn publish(&self, topic: &str, payload: &[u8], at_least_once: bool, retain: bool) {
         let now = self.now();
         let state = &mut *self.state.borrow_mut();
+        if state.stopped {
+            return;
+        }
         let message = Publication {
             topic,
             payload,

@@ -1,11 +1,12 @@
 //! The overhead camera of a live world as one more client of the broker.
 //!
 //! It publishes at QoS 0 and listens to the server's time, which fixes carry. The world hands it
-//! what it sees through an [`Outlet`] that never waits: while there is no session, or when the
-//! broker takes less than there is, fixes are dropped, since a later one is better anyway.
+//! what it sees through an [`Outlet`] that never waits: while there is no session, fixes are dropped,
+//! and of each robot only the newest waits. A broker may cut off a client that floods it, so there is
+//! a bound on how many go out, which large fleets share.
 
 use std::cell::{Cell, RefCell, RefMut};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::convert::Infallible;
 use std::future::poll_fn;
 use std::num::NonZero;
@@ -33,8 +34,14 @@ use super::live::LiveNetwork;
 use crate::run::compose_fix;
 use crate::sched::SimClock;
 
-/// Fixes that wait at most: half a second of a world of four thousand robots.
-const WAITING: usize = 4_096;
+/// Fixes that wait at most: one of each robot of the largest world.
+const WAITING: usize = 10_000;
+/// Time between two fixes in the long run. The embedded broker takes 500 messages a second of a
+/// client.
+const PACE: Duration = Duration::from_micros(2_500);
+/// How much of that may be made up for: the clock of a live world wakes nobody more often than every
+/// few milliseconds.
+const CATCH_UP: Duration = Duration::from_millis(100);
 /// Longest time for any one thing the broker is waited for.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Period of pings; fixes prove nothing to us, since the broker does not answer them.
@@ -62,23 +69,30 @@ struct Sighting {
 /// The hand-over of fixes from the world to the client.
 #[derive(Debug, Default)]
 pub(crate) struct Outlet {
-    queue: RefCell<VecDeque<Sighting>>,
+    /// Robots in the order in which their turn comes.
+    turns: RefCell<VecDeque<RobotId>>,
+    newest: RefCell<BTreeMap<RobotId, (Pose, Instant)>>,
     open: Cell<bool>,
     waiting: RefCell<Option<Waker>>,
 }
 
 impl Outlet {
-    /// Takes a sighting, or drops it when there is nowhere to put it.
+    /// Takes a sighting in place of an older one of the robot, or drops it when there is nowhere to
+    /// put it.
     pub(crate) fn push(&self, robot: &RobotId, pose: Pose, at: Instant) {
-        let mut queue = self.queue.borrow_mut();
-        if !self.open.get() || queue.len() >= WAITING {
+        let mut newest = self.newest.borrow_mut();
+        if !self.open.get() {
             return;
         }
-        queue.push_back(Sighting {
-            robot: robot.clone(),
-            pose,
-            at,
-        });
+        if let Some(known) = newest.get_mut(robot) {
+            *known = (pose, at);
+            return;
+        }
+        if newest.len() >= WAITING {
+            return;
+        }
+        newest.insert(robot.clone(), (pose, at));
+        self.turns.borrow_mut().push_back(robot.clone());
         if let Some(waker) = self.waiting.borrow_mut().take() {
             waker.wake();
         }
@@ -86,14 +100,18 @@ impl Outlet {
 
     fn set_open(&self, open: bool) {
         self.open.set(open);
-        self.queue.borrow_mut().clear();
+        self.turns.borrow_mut().clear();
+        self.newest.borrow_mut().clear();
     }
 
     /// The next sighting. A dropped call takes none.
     async fn next(&self) -> Sighting {
         poll_fn(|cx| {
-            if let Some(sighting) = self.queue.borrow_mut().pop_front() {
-                return Poll::Ready(sighting);
+            let robot = self.turns.borrow_mut().pop_front();
+            if let Some(robot) = robot
+                && let Some((pose, at)) = self.newest.borrow_mut().remove(&robot)
+            {
+                return Poll::Ready(Sighting { robot, pose, at });
             }
             *self.waiting.borrow_mut() = Some(cx.waker().clone());
             Poll::Pending
@@ -231,11 +249,16 @@ async fn session(
     let time = TimeSync::<NoopRawMutex>::new();
     let mut heard = clock.now();
     let mut next_ping = heard + PING_PERIOD;
+    let mut next_fix = heard;
     outlet.set_open(true);
     loop {
         let wake = next_ping.min(heard + LOST_AFTER);
-        // Only `poll_header` may be dropped half-way.
-        match select3(client.poll_header(), outlet.next(), clock.sleep_until(wake)).await {
+        let fix = async {
+            clock.sleep_until(next_fix).await;
+            outlet.next().await
+        };
+        // Only `poll_header` and `fix` may be dropped half-way.
+        match select3(client.poll_header(), fix, clock.sleep_until(wake)).await {
             Either3::First(header) => {
                 let work = client.poll_body(header.ok()?);
                 let event = with_deadline(clock, soon(), work).await.ok()?.ok()?;
@@ -251,6 +274,8 @@ async fn session(
                 let Some(timestamp) = time.unix_ms(seen.at) else {
                     continue;
                 };
+                let behind = clock.now().as_micros().saturating_sub(CATCH_UP.as_micros());
+                next_fix = next_fix.max(Instant::from_micros(behind)) + PACE;
                 let payload = compose_fix(&seen.robot, timestamp, seen.pose)?;
                 let topic = Topic::Pose(seen.robot).render(fleet);
                 let topic = TopicName::new(MqttString::from_str(&topic).ok()?)?;
@@ -272,5 +297,42 @@ async fn session(
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use embassy_futures::poll_once;
+
+    use super::*;
+
+    #[test]
+    fn robots_take_turns_and_the_newest_of_each_goes() {
+        let outlet = Outlet::default();
+        let pose = |x| Pose {
+            x,
+            y: 0.0,
+            theta: 0.0,
+            sigma: 0.0,
+        };
+        let names = ["a", "b"].map(|name| RobotId::new(name).unwrap());
+        let see = |robot: usize, x, ms| {
+            outlet.push(&names[robot], pose(x), Instant::from_millis(ms));
+        };
+        see(0, 1.0, 1);
+        assert!(poll_once(outlet.next()).is_pending(), "nobody is there yet");
+        outlet.set_open(true);
+        see(0, 2.0, 2);
+        see(1, 3.0, 3);
+        see(0, 4.0, 4);
+        let next = || match poll_once(outlet.next()) {
+            Poll::Ready(seen) => Some((seen.robot, seen.pose.x, seen.at.as_millis())),
+            Poll::Pending => None,
+        };
+        assert_eq!(next(), Some((names[0].clone(), 4.0, 4)));
+        see(0, 5.0, 5);
+        assert_eq!(next(), Some((names[1].clone(), 3.0, 3)));
+        assert_eq!(next(), Some((names[0].clone(), 5.0, 5)));
+        assert_eq!(next(), None);
     }
 }

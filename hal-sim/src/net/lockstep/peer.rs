@@ -19,6 +19,7 @@ use super::packet::{self, Packet};
 use crate::run::Fingerprint;
 use carry::Interest;
 use kept::{Kept, Shapes, Will};
+use rand_pcg::Pcg32;
 use routing::Author;
 use sessions::Session;
 
@@ -85,6 +86,8 @@ pub(super) struct Peer {
     retained: BTreeMap<Box<str>, Kept>,
     /// Of the messages that are retained, and of wills.
     shapes: Shapes,
+    /// The share of QoS 1 messages that is handed on twice.
+    repeats: Option<(f32, Pcg32)>,
     /// Name and password that every client must give.
     credentials: Option<(String, String)>,
     record: VecDeque<Published>,
@@ -110,6 +113,7 @@ impl Peer {
             wild: Vec::new(),
             retained: BTreeMap::new(),
             shapes: Shapes::default(),
+            repeats: None,
             credentials: None,
             record: VecDeque::new(),
             record_limit: 0,
@@ -124,6 +128,22 @@ impl Peer {
 
     pub(super) fn require(&mut self, credentials: Option<(String, String)>) {
         self.credentials = credentials;
+    }
+
+    /// Keeps nothing but its counters and what it was told to be.
+    pub(super) fn forget(&mut self) {
+        self.sessions = Vec::new();
+        self.by_client = BTreeMap::new();
+        self.exact = BTreeMap::new();
+        self.wild = Vec::new();
+        self.retained = BTreeMap::new();
+        self.shapes = Shapes::default();
+        self.outbox = Vec::new();
+    }
+
+    /// Hands on this share of QoS 1 messages twice.
+    pub(super) fn repeat(&mut self, share: f32, rng: Pcg32) {
+        self.repeats = Some((share, rng));
     }
 
     fn admits(&self, connect: &packet::Connect<'_>) -> bool {

@@ -46,7 +46,7 @@ pub(super) struct Connection {
     pub(super) down: Pipe,
     /// What arrived from the robot and is no whole packet yet.
     pending: Vec<u8>,
-    client: Option<Client>,
+    pub(super) client: Option<Client>,
     /// When the broker heard something last.
     heard: u64,
     /// The robot dropped its end.
@@ -94,6 +94,8 @@ pub(super) struct State {
     pub(super) news: News,
     /// For reading packets out of a connection while it is borrowed.
     pub(super) scratch: Vec<u8>,
+    /// The broker is dead.
+    pub(super) stopped: bool,
 }
 
 pub(super) struct TimeService {
@@ -349,7 +351,7 @@ impl State {
         self.vacant += 1;
     }
 
-    fn close(&mut self, index: usize, now: u64) {
+    pub(super) fn close(&mut self, index: usize, now: u64) {
         let Some(Some(connection)) = self.connections.get_mut(index) else {
             return;
         };

@@ -83,6 +83,9 @@ impl Network for LockstepNetwork {
         }
         let index = {
             let now = self.air.now();
+            if self.air.state.borrow().stopped {
+                return Err(NetError::Refused);
+            }
             self.air.state.borrow_mut().open(self.link, now)
         };
         Ok(LockstepStream {

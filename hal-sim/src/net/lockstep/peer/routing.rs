@@ -11,6 +11,7 @@ use super::{Client, Origin, Output, Peer, PeerFault, Published};
 use super::{MAX_FILTERS, MAX_QUEUED, MAX_RETAINED};
 use crate::net::lockstep::packet::{self, Publication};
 use crate::run::Fingerprint;
+use crate::world::uniform;
 
 /// Reason code of MQTT 5, section 2.4.
 const QUOTA_EXCEEDED: u8 = 0x97;
@@ -299,6 +300,11 @@ impl Peer {
         if session.queue.len() >= MAX_QUEUED {
             self.statistics.dropped += 1;
             return;
+        }
+        if let Some((share, rng)) = &mut self.repeats
+            && uniform(rng) < *share
+        {
+            session.queue.push_back((Arc::clone(message), retained));
         }
         session.queue.push_back((Arc::clone(message), retained));
         self.pump(index, out);

@@ -1,0 +1,27 @@
+//! Everything between server and robots goes wrong, and no command is lost or runs twice.
+
+#[path = "common/chaos.rs"]
+mod chaos;
+
+use chaos::Chaos;
+
+#[test]
+fn no_command_is_lost_and_none_runs_twice_whatever_breaks() {
+    let report = Chaos::new(24, 11, false).run(8 * 60_000);
+    println!("{report}");
+    for (what, count) in report.must_be_zero() {
+        assert_eq!(count, 0, "{what}\n{report}");
+    }
+    assert!(report.again > 0, "nothing was ever sent again");
+    assert!(report.faults.len() == 6, "not every fault struck");
+    let set = report.commands["set"];
+    assert_eq!(set[0], set[1], "a setting did not arrive");
+    assert!(set[0] > 100);
+}
+
+/// The measure of the one above: a server that sends once and trusts its broker fails it.
+#[test]
+fn a_server_that_sends_once_loses_commands() {
+    let report = Chaos::new(12, 11, true).run(5 * 60_000);
+    assert!(report.lost > 0, "{report}");
+}
