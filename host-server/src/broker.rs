@@ -4,26 +4,41 @@
 //! has a runtime of its own: stopping it ends every session with it, and a busy broker does not
 //! delay the API.
 //!
-//! What protects it from its clients: the sizes and counts below, a budget of messages per client
-//! (see [`guard`]), retained messages only where the contract has them, and a send time-out that
+//! What protects it from its clients: names and passwords (see [`accounts`]), a table of what each
+//! may publish and subscribe ([`guard`]), a budget of messages per client ([`clients`]), the sizes
+//! and counts below, retained messages only where the contract has them, and a send time-out that
 //! ends a session whose reader has stalled.
 
+mod accounts;
+mod clients;
+mod counters;
 mod guard;
+mod numbers;
 mod retain;
 mod sharing;
+#[cfg(test)]
+mod tests;
 
 use std::net::SocketAddr;
 use std::num::NonZeroU16;
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
-use crawler_protocol::Fleet;
+use crawler_access::Secret;
+use crawler_protocol::{Fleet, RobotId};
 use rmqtt::context::ServerContext;
 use rmqtt::hook::Type;
 use rmqtt::net::Builder;
 use rmqtt::server::MqttServer;
 
-pub(crate) use guard::GuardCounters;
+pub(crate) use accounts::{Accounts, Open, RecordAccounts};
+pub(crate) use clients::LinkState;
+pub(crate) use counters::GuardCounters;
+pub(crate) use numbers::Load;
+
+use crate::tls::{Door, Front, reachable};
+use clients::Clients;
 
 /// Largest packet the broker takes: an image with its topic and properties.
 const MAX_PACKET: u32 = 256 * 1024;
@@ -40,19 +55,78 @@ const MAX_INFLIGHT: NonZeroU16 = NonZeroU16::new(1_000).unwrap();
 const SEND_TIMEOUT: Duration = Duration::from_secs(2);
 const WORKERS: usize = 2;
 
-/// Name and secret by which the broker knows the server's own session.
+/// Name and secret that are good until the broker ends.
 #[derive(Clone)]
 pub(crate) struct Credentials {
     pub(crate) user: String,
-    pub(crate) password: String,
+    pub(crate) password: Secret,
+}
+
+impl Credentials {
+    fn new(prefix: &str) -> std::io::Result<Self> {
+        let mut bytes = [0_u8; 8];
+        getrandom::fill(&mut bytes).map_err(std::io::Error::other)?;
+        Ok(Self {
+            // Short enough for a robot, which takes 32 bytes.
+            user: format!("{prefix}{}", crate::hex(&bytes)),
+            password: Secret::generate().map_err(std::io::Error::other)?,
+        })
+    }
 }
 
 /// The broker, until it is stopped or dropped.
 pub(crate) struct EmbeddedBroker {
     runtime: Option<tokio::runtime::Runtime>,
     address: SocketAddr,
-    credentials: Credentials,
+    server: Credentials,
+    simulator: Credentials,
+    handle: BrokerHandle,
+}
+
+/// What others ask of the embedded broker. Of no effect once that has stopped.
+#[derive(Clone)]
+pub(crate) struct BrokerHandle {
+    clients: Arc<Clients>,
     counters: Arc<GuardCounters>,
+    context: ServerContext,
+    runtime: tokio::runtime::Handle,
+}
+
+impl BrokerHandle {
+    /// What the broker has refused so far.
+    pub(crate) fn counters(&self) -> &GuardCounters {
+        &self.counters
+    }
+
+    /// How the link to a robot is, when it is not well.
+    pub(crate) fn link(&self, robot: &RobotId) -> Option<LinkState> {
+        self.clients.link(robot, Instant::now())
+    }
+
+    /// Ends every session of a name: a robot or simulator whose credential was revoked or replaced,
+    /// a person whose role has changed. From now on none of them is heard, and a login that is
+    /// under way comes to nothing. Change the records first.
+    pub(crate) async fn drop_client(&self, name: &str) {
+        let mut clients = self.clients.expel(name, Instant::now());
+        let (context, name) = (self.context.clone(), name.to_owned());
+        let counters = Arc::clone(&self.counters);
+        // In the broker's own runtime, so that nothing of it outlives it. One after the other: a
+        // name has one session, but for simulators.
+        let ending = self.runtime.spawn(async move {
+            // A session whose client is away keeps its subscriptions for whoever comes back to it.
+            clients.extend(guard::sessions_of(&context, &name).await);
+            clients.sort();
+            clients.dedup();
+            let ended = clients.len() as u64;
+            counters.dropped.fetch_add(ended, Ordering::Relaxed);
+            for client in clients {
+                guard::end_session(&context, &client).await;
+            }
+        });
+        if let Err(error) = ending.await {
+            tracing::debug!(%error, "the broker ends all sessions itself");
+        }
+    }
 }
 
 impl EmbeddedBroker {
@@ -60,34 +134,46 @@ impl EmbeddedBroker {
     ///
     /// # Errors
     /// What the operating system says when the address cannot be bound.
-    pub(crate) async fn start(listen: SocketAddr, fleet: &Fleet) -> std::io::Result<Self> {
-        let credentials = Credentials {
-            user: format!("server-{}", random_hex()?),
-            password: random_hex()?,
-        };
+    pub(crate) async fn start(
+        listen: SocketAddr,
+        fleet: &Fleet,
+        accounts: Arc<dyn Accounts>,
+    ) -> std::io::Result<Self> {
+        let server = Credentials::new("server-")?;
+        let simulator = Credentials::new(accounts::SIMULATOR)?;
         let counters = Arc::new(GuardCounters::default());
+        let clients = Arc::new(Clients::new(fleet.clone()));
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(WORKERS)
             .thread_name("broker")
             .enable_all()
             .build()?;
-        let setup = serve(
+        let setup = serve(Setup {
             listen,
-            fleet.clone(),
-            credentials.clone(),
-            Arc::clone(&counters),
-        );
+            fleet: fleet.clone(),
+            server: server.clone(),
+            simulator: simulator.clone(),
+            accounts,
+            clients: Arc::clone(&clients),
+            counters: Arc::clone(&counters),
+        });
         // The broker's tasks belong to the runtime that is current while it is set up.
         let bound = match runtime.spawn(setup).await {
             Ok(result) => result,
             Err(error) => Err(std::io::Error::other(error)),
         };
         match bound {
-            Ok(address) => Ok(Self {
-                runtime: Some(runtime),
+            Ok((address, context)) => Ok(Self {
                 address,
-                credentials,
-                counters,
+                server,
+                simulator,
+                handle: BrokerHandle {
+                    clients,
+                    counters,
+                    context,
+                    runtime: runtime.handle().clone(),
+                },
+                runtime: Some(runtime),
             }),
             Err(error) => {
                 runtime.shutdown_background();
@@ -101,12 +187,31 @@ impl EmbeddedBroker {
         self.address
     }
 
-    pub(crate) fn credentials(&self) -> Credentials {
-        self.credentials.clone()
+    /// For the server's own session, which may do everything. Its client id is the user name.
+    pub(crate) const fn server(&self) -> &Credentials {
+        &self.server
     }
 
-    pub(crate) fn counters(&self) -> Arc<GuardCounters> {
-        Arc::clone(&self.counters)
+    /// For a simulation in this process.
+    pub(crate) const fn simulator(&self) -> &Credentials {
+        &self.simulator
+    }
+
+    pub(crate) fn handle(&self) -> BrokerHandle {
+        self.handle.clone()
+    }
+
+    /// Puts a listener with TLS in front of it.
+    ///
+    /// # Errors
+    /// What the operating system says when the address cannot be bound.
+    pub(crate) async fn front(&self, listen: SocketAddr, door: Door) -> std::io::Result<Front> {
+        let Some(runtime) = &self.runtime else {
+            return Err(std::io::ErrorKind::NotConnected.into());
+        };
+        let to = reachable(self.address);
+        let peers = Arc::clone(self.handle.clients.peers());
+        Front::start(listen, to, door, peers, runtime.handle()).await
     }
 
     /// Ends every session and frees the port.
@@ -130,18 +235,27 @@ impl Drop for EmbeddedBroker {
     }
 }
 
-fn random_hex() -> std::io::Result<String> {
-    let mut bytes = [0_u8; 16];
-    getrandom::fill(&mut bytes).map_err(std::io::Error::other)?;
-    Ok(crate::hex(&bytes))
-}
-
-async fn serve(
+/// What the broker is made from.
+struct Setup {
     listen: SocketAddr,
     fleet: Fleet,
-    credentials: Credentials,
+    server: Credentials,
+    simulator: Credentials,
+    accounts: Arc<dyn Accounts>,
+    clients: Arc<Clients>,
     counters: Arc<GuardCounters>,
-) -> std::io::Result<SocketAddr> {
+}
+
+async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
+    let Setup {
+        listen,
+        fleet,
+        server,
+        simulator,
+        accounts,
+        clients,
+        counters,
+    } = setup;
     let listener = Builder::new()
         .name("fleet")
         .laddr(listen)
@@ -170,18 +284,26 @@ async fn serve(
         .mqtt_max_sessions(MAX_CONNECTIONS as isize)
         .build()
         .await;
+    counters.watch(context.clone());
     *context.extends.retain_mut().await = Box::new(retain::Retained::new(Arc::clone(&counters)));
     *context.extends.shared_subscription_mut().await = Box::new(sharing::RoundRobin::default());
-    *context.extends.fitter_mgr_mut().await = Box::new(sharing::QueueSizes::new(
-        credentials.user.clone(),
-        SERVER_QUEUE,
-    ));
+    *context.extends.fitter_mgr_mut().await =
+        Box::new(sharing::QueueSizes::new(server.user.clone(), SERVER_QUEUE));
 
     let register = context.extends.hook_mgr().register();
-    let guard = guard::Guard::new(fleet, credentials, counters);
+    let guard = guard::Guard::new(
+        fleet,
+        [&server, &simulator],
+        accounts,
+        clients,
+        counters,
+        context.clone(),
+    );
     for hook in [
         Type::ClientAuthenticate,
+        Type::ClientConnected,
         Type::MessagePublishCheckAcl,
+        Type::ClientSubscribeCheckAcl,
         Type::ClientDisconnected,
     ] {
         register.add(hook, Box::new(guard.clone())).await;
@@ -189,8 +311,9 @@ async fn serve(
     register.start().await;
 
     // `run`, not `start`: the latter ends the process when something goes wrong.
+    let running = context.clone();
     tokio::spawn(async move {
-        if let Err(error) = MqttServer::new(context)
+        if let Err(error) = MqttServer::new(running)
             .listener_by_id(listener, address.port())
             .build()
             .run()
@@ -199,7 +322,7 @@ async fn serve(
             tracing::error!(%error, "the embedded broker ended");
         }
     });
-    Ok(address)
+    Ok((address, context))
 }
 
 /// The broker's errors are opaque; what the system said is inside when binding failed.

@@ -1,0 +1,204 @@
+//! Accounts as the records have them.
+
+use std::net::IpAddr;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use async_trait::async_trait;
+use crawler_access::limits::{Attempts, Backoff, neighbourhood};
+use crawler_access::{Secret, UserName, password};
+use crawler_protocol::RobotId;
+use crawler_records::{Entry, Records, RecordsError};
+use tokio::sync::{Semaphore, SemaphorePermit};
+
+use super::{Accounts, Login, Refusal, SIMULATOR, Who};
+use crate::clock;
+
+/// Passwords that are checked at a time. Each takes 19 MiB and some tens of milliseconds.
+const HASHING: usize = 2;
+/// Passwords that may wait for that, and how long. The rest is sent away at once: whoever waits
+/// holds one of the broker's places for handshakes, and robots need those.
+const QUEUE: usize = 16;
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Wrong names and passwords from one address, whatever the names. Robots do not count: their
+/// secrets cannot be guessed, and many of them may live behind one address.
+const PER_ADDRESS: Backoff = Backoff {
+    free: 30,
+    first: Duration::from_secs(2),
+    longest: Duration::from_mins(5),
+    forget: Duration::from_mins(15),
+    most: 8_192,
+};
+
+/// Robots and simulators by the digests of their secrets, people by their passwords.
+pub(crate) struct RecordAccounts {
+    records: Records,
+    by_name: Mutex<Attempts<(UserName, IpAddr)>>,
+    by_address: Mutex<Attempts<IpAddr>>,
+    hashing: Semaphore,
+    queue: Semaphore,
+}
+
+impl RecordAccounts {
+    pub(crate) fn new(records: Records) -> Self {
+        Self {
+            records,
+            by_name: Mutex::new(Attempts::new(Backoff::default())),
+            by_address: Mutex::new(Attempts::new(PER_ADDRESS)),
+            hashing: Semaphore::new(HASHING),
+            queue: Semaphore::new(QUEUE),
+        }
+    }
+
+    /// A robot or simulator with this secret. Nothing limits wrong ones: nobody guesses 256 bits,
+    /// and a limit would let a neighbour lock a robot out.
+    async fn machine(&self, name: &str, given: &str) -> Result<Option<Who>, Refusal> {
+        let is_simulator = name.starts_with(SIMULATOR);
+        let robot = RobotId::new(name).ok();
+        if !is_simulator && robot.is_none() {
+            return Ok(None);
+        }
+        let Ok(secret) = given.parse::<Secret>() else {
+            return Ok(None);
+        };
+        let known = self
+            .records
+            .credential(name)
+            .await
+            .map_err(|error| unreadable(&error))?;
+        let valid = known.is_some_and(|known| {
+            // Both, whatever the first says: the time tells nothing.
+            known.digest.matches(&secret) & known.revoked.is_none()
+        });
+        Ok(match robot {
+            _ if !valid => None,
+            _ if is_simulator => Some(Who::Simulator),
+            robot => robot.map(Who::Robot),
+        })
+    }
+
+    /// A person with this password.
+    async fn person(&self, name: UserName, given: &str, from: IpAddr) -> Result<Who, Refusal> {
+        let from = neighbourhood(from);
+        let key = (name.clone(), from);
+        let now = Instant::now();
+        lock(&self.by_address)
+            .check(&from, now)
+            .map_err(|_| Refusal::Attempts)?;
+        let _place = self.queue.try_acquire().map_err(|_| Refusal::Busy)?;
+        lock(&self.by_name)
+            .begin(&key, now)
+            .map_err(|_| Refusal::Attempts)?;
+        let result = self.check(&name, given).await;
+        match &result {
+            Ok(_) => lock(&self.by_name).succeeded(&key),
+            Err(Refusal::Credentials) => lock(&self.by_address).failed(&from, Instant::now()),
+            // Not the fault of whoever came.
+            Err(_) => {}
+        }
+        self.note(&name, from, &result).await;
+        result
+    }
+
+    async fn check(&self, name: &UserName, given: &str) -> Result<Who, Refusal> {
+        let _permit = self.permit().await?;
+        let user = self
+            .records
+            .user(name)
+            .await
+            .map_err(|error| unreadable(&error))?;
+        let known = user.filter(|user| !user.disabled);
+        let hash = known.as_ref().and_then(|user| user.password.clone());
+        let given = given.to_owned();
+        let verified = tokio::task::spawn_blocking(move || {
+            if let Some(hash) = hash {
+                return password::verify(&given, &hash);
+            }
+            password::verify_nobody(&given);
+            false
+        })
+        .await
+        .map_err(|_| Refusal::Busy)?;
+        match known {
+            Some(user) if verified => Ok(Who::User(user.role)),
+            _ => Err(Refusal::Credentials),
+        }
+    }
+
+    /// Leave to check a password. Without it a crowd of strangers would take all of the machine.
+    async fn permit(&self) -> Result<SemaphorePermit<'_>, Refusal> {
+        match tokio::time::timeout(PATIENCE, self.hashing.acquire()).await {
+            Ok(Ok(permit)) => Ok(permit),
+            Ok(Err(_)) | Err(_) => Err(Refusal::Busy),
+        }
+    }
+
+    /// Writes a person's login into the audit log, as the API does. A log that cannot be written
+    /// does not keep anybody out: robots do not wait for it either.
+    async fn note(&self, name: &UserName, from: IpAddr, result: &Result<Who, Refusal>) {
+        let entry = Entry {
+            at: i64::try_from(clock::unix_ms()).unwrap_or(i64::MAX),
+            who: name.to_string(),
+            from: from.to_string(),
+            action: "login".into(),
+            target: "broker".into(),
+            detail: serde_json::Value::Null,
+            outcome: match result {
+                Ok(_) => "ok".into(),
+                Err(reason) => reason.name().into(),
+            },
+        };
+        if let Err(error) = self.records.audit(entry).await {
+            tracing::error!(%error, "a login is missing in the audit log");
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn unreadable(error: &RecordsError) -> Refusal {
+    tracing::error!(%error, "the accounts cannot be read");
+    Refusal::Records
+}
+
+#[async_trait]
+impl Accounts for RecordAccounts {
+    async fn identify(&self, login: Login<'_>) -> Result<Who, Refusal> {
+        let (Some(name), Some(given)) = (login.user, login.password) else {
+            return Err(Refusal::Nameless);
+        };
+        let given = std::str::from_utf8(given).map_err(|_| Refusal::Credentials)?;
+        if let Some(machine) = self.machine(name, given).await? {
+            return Ok(machine);
+        }
+        // No password is longer, and hashing one takes longer the longer it is.
+        let name = name.parse::<UserName>().map_err(|_| Refusal::Credentials)?;
+        if given.chars().count() > password::MAX {
+            return Err(Refusal::Credentials);
+        }
+        // A robot with an old secret comes again for ever. It is not worth a password's work.
+        let is_robot = self.has_credential(name.as_str()).await?;
+        if is_robot
+            && self
+                .records
+                .user(&name)
+                .await
+                .map_err(|error| unreadable(&error))?
+                .is_none()
+        {
+            return Err(Refusal::Credentials);
+        }
+        self.person(name, given, login.from).await
+    }
+
+    async fn has_credential(&self, id: &str) -> Result<bool, Refusal> {
+        let known = self
+            .records
+            .credential(id)
+            .await
+            .map_err(|error| unreadable(&error))?;
+        Ok(known.is_some())
+    }
+}

@@ -1,0 +1,254 @@
+//! What only the server does to its broker: ending sessions, asking how a link is.
+
+use std::time::Duration;
+
+use crawler_access::{Role, UserName, password};
+use crawler_records::{Records, User};
+use rumqttc::v5::mqttbytes::QoS;
+use rumqttc::v5::mqttbytes::v5::{ConnectProperties, ConnectReturnCode, LastWill, Packet};
+use rumqttc::v5::{AsyncClient, ConnectionError, Event, MqttOptions};
+use tokio::task::JoinHandle;
+
+use super::*;
+
+const PASSWORD: &str = "correct horse";
+
+struct Bench {
+    broker: EmbeddedBroker,
+    records: Records,
+}
+
+impl Bench {
+    async fn new() -> Self {
+        let records = Records::in_memory().await.expect("records");
+        let fleet = Fleet::new("swarm").expect("a fleet");
+        let accounts = Arc::new(RecordAccounts::new(records.clone()));
+        let any = "127.0.0.1:0".parse().expect("an address");
+        let broker = EmbeddedBroker::start(any, &fleet, accounts)
+            .await
+            .expect("a broker");
+        Self { broker, records }
+    }
+
+    async fn enroll(&self, name: &str) -> String {
+        let secret = Secret::generate().expect("randomness");
+        let enrolled = self.records.enroll(name, secret.digest(), 1, "test");
+        enrolled.await.expect("enrolled");
+        secret.to_string()
+    }
+
+    fn options(&self, client_id: &str, user: &str, secret: &str) -> MqttOptions {
+        let mut options = MqttOptions::new(client_id, "127.0.0.1", self.broker.address().port());
+        options
+            .set_keep_alive(Duration::from_secs(5))
+            .set_clean_start(true)
+            .set_credentials(user, secret);
+        options
+    }
+
+    async fn connect(
+        &self,
+        client_id: &str,
+        user: &str,
+        secret: &str,
+    ) -> Result<Client, ConnectReturnCode> {
+        Client::connect(self.options(client_id, user, secret)).await
+    }
+}
+
+struct Client {
+    client: AsyncClient,
+    /// Runs until the session ends.
+    task: JoinHandle<()>,
+}
+
+impl Client {
+    async fn connect(options: MqttOptions) -> Result<Self, ConnectReturnCode> {
+        let (client, mut events) = AsyncClient::new(options, 1_000);
+        loop {
+            match events.poll().await {
+                Ok(Event::Incoming(Packet::ConnAck(_))) => break,
+                Ok(_) => {}
+                Err(ConnectionError::ConnectionRefused(code)) => return Err(code),
+                Err(error) => panic!("{error}"),
+            }
+        }
+        let task = tokio::spawn(async move { while events.poll().await.is_ok() {} });
+        Ok(Self { client, task })
+    }
+
+    /// Whether its session ends within a second.
+    async fn ends(&mut self) -> bool {
+        let second = Duration::from_secs(1);
+        tokio::time::timeout(second, &mut self.task).await.is_ok()
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_revoked_robot_is_gone_within_a_second() {
+    let bench = Bench::new().await;
+    let handle = bench.broker.handle();
+    let server = bench.broker.server().clone();
+    let password = server.password.to_string();
+    let options = bench.options(&server.user, &server.user, &password);
+    let (listener, mut heard) = AsyncClient::new(options, 10);
+    listener
+        .try_subscribe("swarm/#", QoS::AtLeastOnce)
+        .expect("room");
+    while !matches!(
+        heard.poll().await.expect("the server"),
+        Event::Incoming(Packet::SubAck(_))
+    ) {}
+
+    let secret = bench.enroll("rover-1").await;
+    let mut options = bench.options("rover-1", "rover-1", &secret);
+    let will = LastWill::new("swarm/status/rover-1", "gone", QoS::AtLeastOnce, true, None);
+    options.set_last_will(will);
+    let mut robot = Client::connect(options).await.expect("let in");
+    let other = bench.enroll("rover-2").await;
+    let mut other = bench
+        .connect("rover-2", "rover-2", &other)
+        .await
+        .expect("let in");
+
+    let revoked = bench.records.revoke_credential("rover-1", 2).await;
+    revoked.expect("revoked");
+    handle.drop_client("rover-1").await;
+    assert!(robot.ends().await);
+    assert!(!other.ends().await);
+    // The fleet learns that it is gone.
+    loop {
+        if let Event::Incoming(Packet::Publish(publish)) = heard.poll().await.expect("the server") {
+            assert_eq!(publish.payload, "gone");
+            break;
+        }
+    }
+    let again = bench.connect("rover-1", "rover-1", &secret).await;
+    assert_eq!(again.err(), Some(ConnectReturnCode::BadUserNamePassword));
+    assert_eq!(handle.counters().dropped.load(Ordering::Relaxed), 1);
+
+    // With a new secret it is welcome at once, and the old one stays worth nothing.
+    let new = bench.enroll("rover-1").await;
+    handle.drop_client("rover-1").await;
+    let again = bench.connect("rover-1", "rover-1", &new).await;
+    assert!(again.is_ok());
+    let old = bench.connect("rover-1", "rover-1", &secret).await;
+    assert_eq!(old.err(), Some(ConnectReturnCode::BadUserNamePassword));
+    bench.broker.stop().await;
+    // Of no effect, and no hang.
+    handle.drop_client("rover-1").await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_simulator_goes_with_all_its_robots_and_a_person_with_all_sessions() {
+    let bench = Bench::new().await;
+    let lab = bench.enroll("simulator-lab").await;
+    let user = User {
+        name: "ada".parse::<UserName>().expect("a name"),
+        role: Role::Operator,
+        password: Some(password::hash(PASSWORD).expect("a hash")),
+        created: 1,
+        disabled: false,
+    };
+    bench.records.add_user(&user).await.expect("added");
+    let mut all = Vec::new();
+    for (client_id, name, secret) in [
+        ("sim-0001", "simulator-lab", lab.as_str()),
+        ("sim-0002", "simulator-lab", &lab),
+        ("simulator-x", "simulator-lab", &lab),
+        ("laptop", "ada", PASSWORD),
+        ("desk", "ada", PASSWORD),
+    ] {
+        let client = bench.connect(client_id, name, secret).await;
+        all.push(client.expect("let in"));
+    }
+    let handle = bench.broker.handle();
+    handle.drop_client("sim-0001").await;
+    assert!(!all[0].ends().await, "its name is the simulator's");
+    handle.drop_client("simulator-lab").await;
+    for client in &mut all[..3] {
+        assert!(client.ends().await);
+    }
+    assert!(!all[3].ends().await);
+    handle.drop_client("ada").await;
+    for client in &mut all[3..] {
+        assert!(client.ends().await);
+    }
+    bench.broker.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_that_waits_for_its_client_goes_too() {
+    let bench = Bench::new().await;
+    let handle = bench.broker.handle();
+    let secret = bench.enroll("rover-1").await;
+    let stay = |secret: &str| {
+        let mut options = bench.options("rover-1", "rover-1", secret);
+        let mut properties = ConnectProperties::new();
+        properties.session_expiry_interval = Some(600);
+        options
+            .set_clean_start(false)
+            .set_connect_properties(properties);
+        options
+    };
+    let present = async |secret: &str| {
+        let (client, mut events) = AsyncClient::new(stay(secret), 10);
+        let present = loop {
+            if let Event::Incoming(Packet::ConnAck(ack)) = events.poll().await.expect("let in") {
+                break ack.session_present;
+            }
+        };
+        drop((client, events));
+        // Until the broker has noticed.
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        present
+    };
+    assert!(!present(&secret).await);
+    assert!(present(&secret).await, "it waits");
+    let again = bench.enroll("rover-1").await;
+    handle.drop_client("rover-1").await;
+    assert!(!present(&again).await);
+    bench.broker.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_that_floods_shows_and_can_be_dropped_meanwhile() {
+    let bench = Bench::new().await;
+    let handle = bench.broker.handle();
+    let secret = bench.enroll("rover-1").await;
+    let mut robot = bench
+        .connect("rover-1", "rover-1", &secret)
+        .await
+        .expect("let in");
+    let id = RobotId::new("rover-1").expect("an id");
+    assert_eq!(handle.link(&id), None);
+    let sender = robot.client.clone();
+    let flood = tokio::spawn(async move {
+        let topic = "swarm/telemetry/rover-1";
+        while sender
+            .publish(topic, QoS::AtMostOnce, false, "{}")
+            .await
+            .is_ok()
+        {}
+    });
+    let throttled = async {
+        while handle.link(&id) != Some(LinkState::Throttled) {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(20), throttled)
+        .await
+        .expect("throttled");
+    let revoked = bench.records.revoke_credential("rover-1", 2).await;
+    revoked.expect("revoked");
+    handle.drop_client("rover-1").await;
+    assert!(robot.ends().await, "also in the middle of a flood");
+    flood.abort();
+    bench.broker.stop().await;
+}
