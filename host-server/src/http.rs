@@ -1,17 +1,26 @@
 //! The HTTP side: API, live feed, health, metrics, control room.
 
+mod access;
 mod assets;
+mod audit;
 mod commands;
+mod credentials;
 mod faults;
 mod guard;
 mod health;
 mod images;
 mod live;
+mod peer;
 mod problem;
+mod rates;
 mod robots;
 mod schema;
 mod serve;
+mod session;
+mod sessions;
 mod simulator;
+mod telemetry;
+mod users;
 
 use std::net::SocketAddr;
 use std::sync::atomic::AtomicBool;
@@ -20,23 +29,29 @@ use std::sync::{Arc, OnceLock};
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware;
+use crawler_records::Records;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::broker::GuardCounters;
+use crate::accounts::{Accounts, Trail};
+use crate::broker::BrokerHandle;
 use crate::bus::Bus;
 use crate::commands::CommandCenter;
+use crate::config::BrokerUrl;
 use crate::feed::Feed;
 use crate::fleet::SharedFleet;
-use crate::metrics::Metrics;
+use crate::metrics::{Metrics, observe_http};
 use crate::simulation::Simulation;
 
+pub(crate) use guard::RequestIds;
 pub(crate) use live::MAX_READERS;
+pub(crate) use rates::Rates;
 pub(crate) use serve::serve;
 pub(crate) use simulator::{SimulatorAnswer, code as control_code};
+pub(crate) use telemetry::sample;
 
 /// Longest request body. A command is at most 1,024 bytes on the wire.
 const MAX_BODY: usize = 4 * 1024;
@@ -48,16 +63,37 @@ pub(crate) struct App {
     pub(crate) bus: Arc<Bus>,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) feed: Feed,
-    /// Counts of the embedded broker, when it is ours.
-    pub(crate) guard: Option<Arc<GuardCounters>>,
+    /// The embedded broker, when it is ours.
+    pub(crate) broker: Option<BrokerHandle>,
     /// The simulation in this process, once there is one.
     pub(crate) simulation: OnceLock<Arc<Simulation>>,
     /// Whether a robot has come online since the time last went out.
     pub(crate) time_wanted: AtomicBool,
+    /// What must survive a restart.
+    pub(crate) records: Records,
+    /// Who is who.
+    pub(crate) accounts: Accounts,
+    /// Who did what.
+    pub(crate) trail: Trail,
+    /// Where the broker is, as this machine reaches it.
+    pub(crate) mqtt: BrokerUrl,
+    /// How much one may ask for.
+    pub(crate) rates: Rates,
+    /// Names requests.
+    pub(crate) requests: RequestIds,
     /// Readers the live feed still has room for.
     pub(crate) readers: Arc<Semaphore>,
     /// Ends the live feed's connections.
     pub(crate) stop: CancellationToken,
+}
+
+impl App {
+    /// Ends what a name has at the broker, where the broker is ours.
+    pub(crate) async fn drop_client(&self, name: &str) {
+        if let Some(broker) = &self.broker {
+            broker.drop_client(name).await;
+        }
+    }
 }
 
 #[derive(OpenApi)]
@@ -72,6 +108,8 @@ pub(crate) struct App {
         (name = "commands", description = "Telling robots what to do"),
         (name = "simulator", description = "The simulated world of this process"),
         (name = "feed", description = "Everything as it happens"),
+        (name = "session", description = "Logging in and out"),
+        (name = "accounts", description = "Who may do what, and who did what"),
         (name = "description", description = "What messages look like")
     )
 )]
@@ -95,13 +133,31 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr) -> Router {
                 .routes(routes!(simulator::state))
                 .routes(routes!(simulator::command))
                 .routes(routes!(schema::one))
-                .routes(routes!(live::connect)),
+                .routes(routes!(live::connect))
+                .routes(routes!(telemetry::history))
+                .routes(routes!(session::login, session::logout, session::current))
+                .routes(routes!(session::refresh))
+                .routes(routes!(session::password))
+                .routes(routes!(session::ticket))
+                .routes(routes!(sessions::list))
+                .routes(routes!(sessions::end))
+                .routes(routes!(users::accept))
+                .routes(routes!(users::list, users::add))
+                .routes(routes!(users::change, users::delete))
+                .routes(routes!(credentials::list))
+                .routes(routes!(credentials::enrol, credentials::revoke))
+                .routes(routes!(audit::page))
+                .routes(routes!(audit::verify)),
         )
         .split_for_parts();
-    api.merge(schema::document(&document))
+    api.merge(schema::document(document))
         .merge(health::routes())
         .fallback(assets::serve)
         .layer(DefaultBodyLimit::max(MAX_BODY))
+        .layer(middleware::from_fn_with_state(
+            Arc::clone(&app),
+            access::check,
+        ))
         .layer(middleware::from_fn(guard::time_out))
         .layer(middleware::from_fn_with_state(
             guard::Rules::new(listen),
@@ -112,6 +168,10 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr) -> Router {
         .layer(middleware::from_fn_with_state(
             Arc::clone(&app),
             guard::finish,
+        ))
+        .layer(middleware::from_fn_with_state(
+            Arc::clone(&app),
+            observe_http,
         ))
         .with_state(app)
 }

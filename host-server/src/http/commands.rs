@@ -8,9 +8,11 @@ use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use crawler_protocol::{Action, Reason, RobotId};
+use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use super::App;
+use super::access::Caller;
 use super::guard::JsonBody;
 use super::problem::Problem;
 use crate::commands::{CommandView, SendError, Target};
@@ -118,34 +120,90 @@ fn failed(error: SendError) -> Problem {
     }
 }
 
-/// Reads a command and sends it to one robot.
-pub(super) fn send_to_robot(app: &App, id: &str, body: &[u8]) -> Result<Accepted, Problem> {
+/// Sends a command under the caller's name.
+fn send(
+    app: &App,
+    caller: &Caller,
+    action: Action,
+    target: Target,
+    expected: Vec<RobotId>,
+) -> Result<Accepted, Problem> {
+    let now = Instant::now();
+    let sent = match caller.source() {
+        Some(source) => app.commands.send_as(source, action, target, expected, now),
+        None => app.commands.send(action, target, expected, now),
+    };
+    sent.map(Accepted).map_err(failed)
+}
+
+/// Reads a command and sends it to one robot; writes down that it was given.
+pub(super) async fn send_to_robot(
+    app: &App,
+    caller: &Caller,
+    id: &str,
+    body: &[u8],
+) -> Result<Accepted, Problem> {
+    let result = try_robot(app, caller, id, body);
+    audit(app, caller, id, body, &result).await;
+    result
+}
+
+fn try_robot(app: &App, caller: &Caller, id: &str, body: &[u8]) -> Result<Accepted, Problem> {
     let action = parse(body)?;
     let unknown = || Problem::unknown_robot(id);
     let robot = RobotId::new(id).map_err(|_| unknown())?;
-    let presence = {
-        let fleet = app.fleet.lock();
-        fleet.get(&robot).ok_or_else(unknown)?.presence
-    };
-    // A stale robot may still hear; an offline one would not, and must not find the command waiting
-    // when it returns.
-    if presence == Presence::Offline && !is_halt(&action) {
-        return Err(Problem::new(
-            StatusCode::CONFLICT,
-            "robot_offline",
-            format!("robot `{id}` is offline; only stop and estop are sent all the same"),
-        ));
+    if app.fleet.lock().get(&robot).is_none() {
+        return Err(unknown());
     }
     let target = Target::Robot(robot.clone());
-    app.commands
-        .send(action, target, [robot], Instant::now())
-        .map(Accepted)
-        .map_err(failed)
+    send(app, caller, action, target, vec![robot])
+}
+
+fn try_swarm(app: &App, caller: &Caller, body: &[u8]) -> Result<Accepted, Problem> {
+    let action = parse(body)?;
+    let expected: Vec<RobotId> = {
+        let fleet = app.fleet.lock();
+        let online = fleet
+            .robots()
+            .filter(|robot| robot.presence == Presence::Online);
+        online.map(|robot| robot.id.clone()).collect()
+    };
+    if expected.is_empty() && !is_halt(&action) {
+        return Err(Problem::new(
+            StatusCode::CONFLICT,
+            "no_robots",
+            "no robot is online; only stop and estop are sent all the same",
+        ));
+    }
+    send(app, caller, action, Target::Swarm, expected)
+}
+
+/// Writes down a command that was one. It has gone out by then: no stop waits for a disk.
+async fn audit(
+    app: &App,
+    caller: &Caller,
+    target: &str,
+    body: &[u8],
+    result: &Result<Accepted, Problem>,
+) {
+    // The body was parsed, so it is small and says nothing but a command; where it was not, what
+    // stands there is anybody's guess.
+    let mut detail = serde_json::from_slice(body).unwrap_or(Value::Null);
+    if Action::parse(body).is_err() {
+        detail = Value::Null;
+    }
+    let detail = match result {
+        Ok(Accepted(view)) => json!({ "id": view.id, "request": detail }),
+        Err(_) => json!({ "request": detail }),
+    };
+    app.audit(caller, "command.send", target, detail, result)
+        .await;
 }
 
 /// Sends a command to one robot
 ///
-/// A robot that is offline gets `stop` and `estop` only; anything else is a 409.
+/// For a robot that is away the command waits: motion for 2 seconds, parameters for 55 minutes,
+/// anything else for a minute. Then it is `expired`. `stop` and `estop` are with the broker at once.
 #[utoipa::path(post, path = "/robots/{id}/commands", tag = "commands",
     params(("id" = String, Path, description = "Robot id")),
     request_body = CommandRequest,
@@ -155,18 +213,17 @@ pub(super) fn send_to_robot(app: &App, id: &str, body: &[u8]) -> Result<Accepted
             content_type = "application/problem+json"),
         (status = 404, description = "Nobody knows the robot", body = Problem,
             content_type = "application/problem+json"),
-        (status = 409, description = "The robot is offline", body = Problem,
-            content_type = "application/problem+json"),
         (status = 422, description = "Not a command", body = Problem,
             content_type = "application/problem+json"),
         (status = 503, description = "No connection to the broker", body = Problem,
             content_type = "application/problem+json")))]
 pub(super) async fn to_robot(
     State(app): State<Arc<App>>,
+    caller: Caller,
     Path(id): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Accepted, Problem> {
-    send_to_robot(&app, &id, &body)
+    send_to_robot(&app, &caller, &id, &body).await
 }
 
 /// Sends a command to every robot
@@ -188,27 +245,12 @@ pub(super) async fn to_robot(
             content_type = "application/problem+json")))]
 pub(super) async fn to_swarm(
     State(app): State<Arc<App>>,
+    caller: Caller,
     JsonBody(body): JsonBody,
 ) -> Result<Accepted, Problem> {
-    let action = parse(&body)?;
-    let expected: Vec<RobotId> = {
-        let fleet = app.fleet.lock();
-        let online = fleet
-            .robots()
-            .filter(|robot| robot.presence == Presence::Online);
-        online.map(|robot| robot.id.clone()).collect()
-    };
-    if expected.is_empty() && !is_halt(&action) {
-        return Err(Problem::new(
-            StatusCode::CONFLICT,
-            "no_robots",
-            "no robot is online; only stop and estop are sent all the same",
-        ));
-    }
-    app.commands
-        .send(action, Target::Swarm, expected, Instant::now())
-        .map(Accepted)
-        .map_err(failed)
+    let result = try_swarm(&app, &caller, &body);
+    audit(&app, &caller, "swarm", &body, &result).await;
+    result
 }
 
 /// What a command came to

@@ -8,9 +8,11 @@ use crawler_protocol::{
     Capability, DecodeError, Kind, MAX_MESSAGE, RobotId, SimulatorCommand, Topic,
 };
 use crawler_sim::run::live::ControlError;
+use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use super::App;
+use super::access::Caller;
 use super::guard::JsonBody;
 use super::problem::Problem;
 use crate::bus::PublishError;
@@ -160,12 +162,17 @@ fn publish(app: &App, command: &SimulatorCommand) -> Result<StatusCode, Problem>
             body = Problem, content_type = "application/problem+json")))]
 pub(super) async fn inject(
     State(app): State<Arc<App>>,
+    caller: Caller,
     Path(id): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<StatusCode, Problem> {
     let robot = RobotId::new(&id).map_err(|_| Problem::unknown_robot(&id))?;
     let command = read(&robot, &body).map_err(refused)?;
-    pass_on(&app, &robot, command).await
+    let result = pass_on(&app, &robot, command).await;
+    let detail = json!({ "request": serde_json::from_slice::<Value>(&body).unwrap_or_default() });
+    app.audit(&caller, "fault.inject", &id, detail, &result)
+        .await;
+    result
 }
 
 /// Mends what was broken about a robot on purpose
@@ -182,13 +189,17 @@ pub(super) async fn inject(
             body = Problem, content_type = "application/problem+json")))]
 pub(super) async fn heal(
     State(app): State<Arc<App>>,
+    caller: Caller,
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
     let robot = RobotId::new(&id).map_err(|_| Problem::unknown_robot(&id))?;
     let command = SimulatorCommand::Heal {
         robot: robot.clone(),
     };
-    pass_on(&app, &robot, command).await
+    let result = pass_on(&app, &robot, command).await;
+    app.audit(&caller, "fault.heal", &id, json!({}), &result)
+        .await;
+    result
 }
 
 #[cfg(test)]

@@ -1,13 +1,14 @@
-//! What every request passes: checks against other web pages, time-out, headers.
+//! What every request passes: checks against other web pages, time-out, headers, a number.
 //!
-//! There are no accounts yet, so whoever reaches the port is an operator. A web page that somebody
-//! has open must not become one: requests from other origins are refused, and so are host names
-//! that are not ours while we listen on loopback (a page could point its own name here).
+//! A web page that somebody has open must not act in their name, nor, on an open server, because it
+//! can reach the port: requests from other origins are refused, and so are host names that are not
+//! ours while we listen on loopback (a page could point its own name here).
 
 use std::net::{IpAddr, SocketAddr};
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use axum::extract::{FromRequest, Request, State};
@@ -16,12 +17,18 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use futures_util::FutureExt as _;
+use tracing::Instrument as _;
 
 use super::App;
-use super::problem::Problem;
+use super::peer::Peer;
+use super::problem::{self, Problem};
 
-/// No call waits for anything but a lock or the client's own bytes.
+/// The id of a request, in its answer.
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+/// No call waits for anything but a lock, the records or the client's own bytes.
 const TIME_OUT: Duration = Duration::from_secs(10);
+/// But for reading the audit log from its beginning.
+const LONG_TIME_OUT: Duration = Duration::from_mins(2);
 
 /// Which hosts are ours.
 #[derive(Debug, Clone, Copy)]
@@ -56,6 +63,19 @@ impl Rules {
             );
         }
         match headers.get(header::ORIGIN) {
+            // Browsers say so themselves where they leave the origin out.
+            None if headers
+                .get("sec-fetch-site")
+                .is_some_and(|site| site == "cross-site")
+                && headers
+                    .get("sec-fetch-mode")
+                    .is_none_or(|mode| mode != "navigate") =>
+            {
+                forbidden(
+                    "foreign_origin",
+                    "requests from pages of other origins are refused",
+                )
+            }
             None => Ok(()),
             Some(origin) if is_origin_of(origin, host.as_str()) => Ok(()),
             Some(_) => forbidden(
@@ -96,12 +116,20 @@ pub(super) async fn check(State(rules): State<Rules>, request: Request, next: Ne
 }
 
 pub(super) async fn time_out(request: Request, next: Next) -> Response {
-    match tokio::time::timeout(TIME_OUT, next.run(request)).await {
+    let limit = if request.uri().path() == super::audit::VERIFY {
+        LONG_TIME_OUT
+    } else {
+        TIME_OUT
+    };
+    match tokio::time::timeout(limit, next.run(request)).await {
         Ok(response) => response,
         Err(_) => Problem::new(
             StatusCode::REQUEST_TIMEOUT,
             "timeout",
-            "the request did not come to its end within 10 s",
+            format!(
+                "the request did not come to its end within {} s",
+                limit.as_secs()
+            ),
         )
         .into_response(),
     }
@@ -127,14 +155,30 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; \
     img-src 'self' data: blob:; font-src 'self'; connect-src 'self'; worker-src 'self'; \
     manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// Counts the request and adds the headers that every answer carries.
+/// Numbers the request, counts it, and adds the headers that every answer carries.
 pub(super) async fn finish(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
-    let mut response = next.run(request).await;
-    app.metrics.http_request(response.status().as_u16());
+    let peer = Peer::of(&request);
+    let id = app.requests.next();
+    let span = tracing::info_span!("request", id = %id, from = %peer.ip());
+    let line = format!("{} {:?}", request.method(), request.uri().path());
+    let begun = Instant::now();
+    let response = next.run(request).instrument(span.clone()).await;
+    let mut response = problem::name(response, &id);
+    let status = response.status().as_u16();
+    let milliseconds = begun.elapsed().as_millis() as u64;
+    app.metrics.http_request(status);
+    span.in_scope(|| {
+        if status >= 500 {
+            tracing::warn!(status, milliseconds, "{line}");
+        } else {
+            tracing::debug!(status, milliseconds, "{line}");
+        }
+    });
     let headers = response.headers_mut();
     for (name, value) in [
         (header::CONTENT_SECURITY_POLICY, POLICY),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::X_FRAME_OPTIONS, "DENY"),
         (header::REFERRER_POLICY, "no-referrer"),
         (
             HeaderName::from_static("cross-origin-opener-policy"),
@@ -144,8 +188,20 @@ pub(super) async fn finish(State(app): State<Arc<App>>, request: Request, next: 
             HeaderName::from_static("cross-origin-resource-policy"),
             "same-origin",
         ),
+        (
+            HeaderName::from_static("permissions-policy"),
+            "camera=(), geolocation=(), microphone=()",
+        ),
     ] {
         headers.insert(name, HeaderValue::from_static(value));
+    }
+    if peer.tls {
+        // Said over a plain connection, a browser must not believe it.
+        let year = HeaderValue::from_static("max-age=31536000");
+        headers.insert(header::STRICT_TRANSPORT_SECURITY, year);
+    }
+    if let Ok(id) = HeaderValue::from_str(&id) {
+        headers.insert(REQUEST_ID, id);
     }
     headers
         .entry(header::CACHE_CONTROL)
@@ -153,8 +209,53 @@ pub(super) async fn finish(State(app): State<Arc<App>>, request: Request, next: 
     response
 }
 
+/// Names requests: what stands for this run of the server, and a number.
+pub(crate) struct RequestIds {
+    run: String,
+    number: AtomicU64,
+}
+
+impl RequestIds {
+    /// Ids of a new run.
+    pub(crate) fn new() -> Self {
+        let mut run = [0; 4];
+        // Without randomness, two runs may use the same ids: a pity, and no more than that.
+        let _ = getrandom::fill(&mut run);
+        Self {
+            run: crate::hex(&run),
+            number: AtomicU64::new(0),
+        }
+    }
+
+    fn next(&self) -> String {
+        let number = self.number.fetch_add(1, Ordering::Relaxed);
+        format!("{}-{number:06}", self.run)
+    }
+}
+
 /// A body that says it is JSON. Pages of other origins cannot send that without asking first.
 pub(super) struct JsonBody(pub(super) Bytes);
+
+impl JsonBody {
+    /// The body as what it should be.
+    pub(super) fn read<T: serde::de::DeserializeOwned>(&self) -> Result<T, Problem> {
+        serde_json::from_slice(&self.0).map_err(|error| {
+            // The parser's own words may quote the body, which may be a password.
+            match error.classify() {
+                serde_json::error::Category::Data => Problem::new(
+                    StatusCode::UNPROCESSABLE_ENTITY,
+                    "invalid_body",
+                    "a field is missing, is there twice, is unknown, or holds what it must not",
+                ),
+                _ => Problem::new(
+                    StatusCode::BAD_REQUEST,
+                    "malformed",
+                    "the body is not one JSON object",
+                ),
+            }
+        })
+    }
+}
 
 impl<S: Send + Sync> FromRequest<S> for JsonBody {
     type Rejection = Problem;

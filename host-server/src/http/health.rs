@@ -10,7 +10,8 @@ use axum::{Json, Router};
 use serde::Serialize;
 
 use super::App;
-use crate::metrics::Observed;
+use crate::broker::BrokerHandle;
+use crate::metrics::{Observed, Robots};
 
 pub(super) fn routes() -> Router<Arc<App>> {
     Router::new()
@@ -53,15 +54,14 @@ async fn ready(State(app): State<Arc<App>>) -> Response {
 }
 
 async fn metrics(State(app): State<Arc<App>>) -> Response {
-    let presences = app.fleet.lock().presences();
     let observed = Observed {
-        online: presences.online,
-        stale: presences.stale,
-        offline: presences.offline,
+        robots: Robots::count(&app.fleet.lock()),
         open_commands: app.commands.totals().open,
         simulation: app.simulation.get().map(|world| world.numbers()),
     };
-    let text = app.metrics.encode(&observed, app.guard.as_deref());
+    let text = app
+        .metrics
+        .encode(&observed, app.broker.as_ref().map(BrokerHandle::counters));
     (
         [(
             header::CONTENT_TYPE,

@@ -14,7 +14,9 @@ use tokio::sync::broadcast;
 use tokio_util::sync::CancellationToken;
 
 use super::App;
+use super::access::Caller;
 use super::problem::Problem;
+use crate::accounts::Ending;
 
 /// Readers at a time.
 pub(crate) const MAX_READERS: usize = 64;
@@ -27,17 +29,22 @@ const FAREWELL: Duration = Duration::from_secs(1);
 /// Everything as it happens (WebSocket)
 ///
 /// Binary frames, little-endian; the first byte is the kind: 0 hello, 1 roster, 2 poses, 3 event,
-/// 4 metrics. A snapshot first, then what changes. Readers that are too slow are closed with code
-/// 1008. Messages to the server are not taken.
+/// 4 metrics. A snapshot first, then what changes. Readers that are too slow, and those whose session
+/// has ended, are closed with code 1008 and a reason. Messages to the server are not taken. Takes a
+/// ticket of `POST session/ticket`, or a token; an open server takes neither.
 #[utoipa::path(get, path = "/live", tag = "feed",
+    params(("ticket" = Option<String>, Query, description = "Good once")),
     responses(
         (status = 101, description = "The feed follows"),
+        (status = 401, description = "The ticket is not good", body = Problem,
+            content_type = "application/problem+json"),
         (status = 400, description = "Not a WebSocket request", body = Problem,
             content_type = "application/problem+json"),
         (status = 503, description = "Too many readers", body = Problem,
             content_type = "application/problem+json")))]
 pub(super) async fn connect(
     State(app): State<Arc<App>>,
+    caller: Caller,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
     let upgrade = upgrade.map_err(|error| {
@@ -47,6 +54,7 @@ pub(super) async fn connect(
             error.body_text(),
         )
     })?;
+    let identity = caller.identity;
     let permit = Arc::clone(&app.readers).try_acquire_owned().map_err(|_| {
         Problem::new(
             StatusCode::SERVICE_UNAVAILABLE,
@@ -60,7 +68,18 @@ pub(super) async fn connect(
         .on_upgrade(async move |socket| {
             app.metrics.live_clients(1);
             let (frames, receiver) = app.feed.connect(&app.fleet);
-            let end = read(socket, frames, receiver, app.stop.clone()).await;
+            let why = || {
+                identity
+                    .as_ref()
+                    .map(|who| app.accounts.ending(who.session))
+            };
+            let ended = identity.as_ref().map(|who| who.ended.clone());
+            let until = Until {
+                stop: app.stop.clone(),
+                // On an open server nobody has a session that could end.
+                ended: ended.unwrap_or_default(),
+            };
+            let end = read(socket, frames, receiver, until, why).await;
             app.metrics.live_clients(-1);
             if end.is_slow() {
                 app.metrics.live_dropped();
@@ -81,8 +100,30 @@ enum End {
     Behind,
     /// The reader took nothing at all.
     Stalled,
+    /// The session of the reader was ended.
+    Revoked,
+    /// The session of the reader ran out.
+    Expired,
     /// The server stops.
     Stopped,
+}
+
+/// Until when a reader is served.
+struct Until {
+    /// The server stops.
+    stop: CancellationToken,
+    /// The reader's session ends.
+    ended: CancellationToken,
+}
+
+impl Until {
+    async fn over(&self) -> End {
+        tokio::select! {
+            biased;
+            () = self.ended.cancelled() => End::Revoked,
+            () = self.stop.cancelled() => End::Stopped,
+        }
+    }
 }
 
 impl End {
@@ -96,6 +137,8 @@ impl End {
             Self::Left | Self::Stalled => None,
             Self::Spoke => Some((close_code::UNSUPPORTED, "this feed takes no messages")),
             Self::Behind => Some((close_code::POLICY, "too slow: frames were lost")),
+            Self::Revoked => Some((close_code::POLICY, "the session was ended")),
+            Self::Expired => Some((close_code::POLICY, "the session has expired")),
             Self::Stopped => Some((close_code::AWAY, "the server stops")),
         }
     }
@@ -105,10 +148,14 @@ async fn read(
     socket: WebSocket,
     frames: Vec<Bytes>,
     receiver: broadcast::Receiver<Bytes>,
-    stop: CancellationToken,
+    until: Until,
+    why: impl Fn() -> Option<Ending>,
 ) -> End {
     let (mut sink, stream) = socket.split();
-    let end = pump(&mut sink, stream, frames, receiver, stop).await;
+    let mut end = pump(&mut sink, stream, frames, receiver, until).await;
+    if end == End::Revoked && why() == Some(Ending::Expired) {
+        end = End::Expired;
+    }
     if let Some((code, reason)) = end.farewell() {
         let close = Message::Close(Some(CloseFrame {
             code,
@@ -125,7 +172,7 @@ async fn pump<S, R, E>(
     mut stream: R,
     frames: Vec<Bytes>,
     mut receiver: broadcast::Receiver<Bytes>,
-    stop: CancellationToken,
+    until: Until,
 ) -> End
 where
     S: Sink<Message> + Unpin,
@@ -141,7 +188,7 @@ where
     };
     let sent = tokio::select! {
         biased;
-        () = stop.cancelled() => Some(End::Stopped),
+        end = until.over() => Some(end),
         sent = tokio::time::timeout(SNAPSHOT, snapshot) => sent.unwrap_or(Some(End::Stalled)),
     };
     if let Some(end) = sent {
@@ -150,7 +197,7 @@ where
     loop {
         tokio::select! {
             biased;
-            () = stop.cancelled() => return End::Stopped,
+            end = until.over() => return end,
             word = stream.next() => match word {
                 Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
                 Some(Ok(Message::Text(_) | Message::Binary(_))) => return End::Spoke,
@@ -159,10 +206,15 @@ where
             frame = receiver.recv() => match frame {
                 Ok(frame) => {
                     let sent = sink.send(Message::Binary(frame));
-                    match tokio::time::timeout(STALLED, sent).await {
-                        Ok(Ok(())) => {}
-                        Ok(Err(_)) => return End::Left,
-                        Err(_) => return End::Stalled,
+                    tokio::select! {
+                        biased;
+                        // A reader that is slow to take a frame keeps its place no longer for it.
+                        end = until.over() => return end,
+                        sent = tokio::time::timeout(STALLED, sent) => match sent {
+                            Ok(Ok(())) => {}
+                            Ok(Err(_)) => return End::Left,
+                            Err(_) => return End::Stalled,
+                        },
                     }
                 }
                 Err(broadcast::error::RecvError::Lagged(_)) => return End::Behind,
@@ -235,6 +287,7 @@ mod tests {
         let sender = broadcast::Sender::new(16);
         let receiver = sender.subscribe();
         let stop = CancellationToken::new();
+        let until_stop = stop.clone();
         let feed = {
             let stop = stop.clone();
             async move {
@@ -250,7 +303,11 @@ mod tests {
             }
         };
         let silent = stream::pending::<Result<Message, Infallible>>();
-        let (end, ()) = tokio::join!(pump(reader, silent, Vec::new(), receiver, stop), feed);
+        let until = Until {
+            stop: until_stop,
+            ended: CancellationToken::new(),
+        };
+        let (end, ()) = tokio::join!(pump(reader, silent, Vec::new(), receiver, until), feed);
         end
     }
 
@@ -281,7 +338,10 @@ mod tests {
             word,
             Vec::new(),
             sender.subscribe(),
-            CancellationToken::new(),
+            Until {
+                stop: CancellationToken::new(),
+                ended: CancellationToken::new(),
+            },
         )
         .await;
         assert_eq!(end, End::Spoke);

@@ -1,5 +1,7 @@
 //! Errors as RFC 9457 problem documents.
 
+use std::time::Duration;
+
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -24,6 +26,12 @@ pub(crate) struct Problem {
     detail: String,
     /// What is wrong, for programs. Stable.
     code: &'static str,
+    /// The request's id, which the server's log names as well.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    request: Option<String>,
+    /// Seconds after which another try may do better; also in `Retry-After`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    retry_after: Option<u64>,
 }
 
 impl Problem {
@@ -34,7 +42,28 @@ impl Problem {
             status: status.as_u16(),
             detail: detail.into(),
             code,
+            request: None,
+            retry_after: None,
         }
+    }
+
+    /// A problem that another try after `wait` may not have.
+    pub(crate) fn later(
+        status: StatusCode,
+        code: &'static str,
+        detail: impl Into<String>,
+        wait: Duration,
+    ) -> Self {
+        Self {
+            // Rounded up: who comes a moment too early is refused again.
+            retry_after: Some(wait.as_millis().div_ceil(1_000).max(1) as u64),
+            ..Self::new(status, code, detail)
+        }
+    }
+
+    /// What is wrong, for programs.
+    pub(crate) const fn code(&self) -> &'static str {
+        self.code
     }
 
     pub(crate) fn unknown_robot(id: &str) -> Self {
@@ -70,12 +99,33 @@ impl Problem {
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-        let mut response = (status, axum::Json(self)).into_response();
-        response
-            .headers_mut()
-            .insert(header::CONTENT_TYPE, CONTENT_TYPE);
+        let mut response = (status, axum::Json(&self)).into_response();
+        let headers = response.headers_mut();
+        headers.insert(header::CONTENT_TYPE, CONTENT_TYPE);
+        if let Some(seconds) = self.retry_after {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        if status == StatusCode::UNAUTHORIZED {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
+        response.extensions_mut().insert(self);
         response
     }
+}
+
+/// Puts the request's id into the problem document, where the answer is one.
+pub(super) fn name(response: Response, request: &str) -> Response {
+    let (mut parts, body) = response.into_parts();
+    let Some(mut problem) = parts.extensions.remove::<Problem>() else {
+        return Response::from_parts(parts, body);
+    };
+    problem.request = Some(request.to_owned());
+    let (named, body) = axum::Json(problem).into_response().into_parts();
+    parts.headers.remove(header::CONTENT_LENGTH);
+    if let Some(length) = named.headers.get(header::CONTENT_LENGTH) {
+        parts.headers.insert(header::CONTENT_LENGTH, length.clone());
+    }
+    Response::from_parts(parts, body)
 }
 
 /// Marks an answer whose body is meant as it is, although its status is that of an error.
@@ -103,5 +153,6 @@ pub(super) async fn uniform(request: Request, next: Next) -> Response {
     // What belongs to the error stays, such as the methods that are allowed.
     parts.headers.remove(header::CONTENT_LENGTH);
     parts.headers.extend(problem_parts.headers);
+    parts.extensions.extend(problem_parts.extensions);
     Response::from_parts(parts, Body::new(body))
 }

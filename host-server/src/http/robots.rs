@@ -12,9 +12,11 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::App;
+use super::access::Caller;
 use super::commands::{Accepted, send_to_robot};
 use super::guard::JsonBody;
 use super::problem::Problem;
+use crate::broker::LinkState;
 use crate::clock;
 use crate::fleet::{FleetState, Presence, Robot};
 
@@ -30,6 +32,9 @@ pub(super) struct RobotView {
     presence: Presence,
     /// Whether two robots seem to use this id.
     duplicate: bool,
+    /// `throttled` while it sends more than it may, `cut_off` while it is locked out for that; `null`
+    /// when all is well, and with an outside broker.
+    link: Option<&'static str>,
     /// Unix milliseconds of its last heartbeat or telemetry; `null` when it has not spoken since the
     /// server runs.
     last_seen: Option<u64>,
@@ -122,7 +127,11 @@ impl SightView {
 }
 
 impl RobotView {
-    fn new(fleet: &FleetState, robot: &Robot) -> Self {
+    fn new(app: &App, fleet: &FleetState, robot: &Robot) -> Self {
+        let link = app
+            .broker
+            .as_ref()
+            .and_then(|broker| broker.link(&robot.id));
         let status = robot.status.as_ref();
         let telemetry = robot.telemetry.as_ref();
         Self {
@@ -130,6 +139,7 @@ impl RobotView {
             index: robot.index,
             presence: robot.presence,
             duplicate: robot.has_twin(),
+            link: link.map(LinkState::name),
             last_seen: robot.last_seen_ms,
             kind: status.map(|status| status.kind.name()),
             firmware: status.map(|status| status.firmware.as_str().to_owned()),
@@ -169,7 +179,9 @@ pub(super) struct RobotList {
 pub(super) async fn list(State(app): State<Arc<App>>) -> Json<RobotList> {
     let robots = {
         let fleet = app.fleet.lock();
-        let views = fleet.robots().map(|robot| RobotView::new(&fleet, robot));
+        let views = fleet
+            .robots()
+            .map(|robot| RobotView::new(&app, &fleet, robot));
         views.collect()
     };
     Json(RobotList {
@@ -200,7 +212,7 @@ pub(super) async fn one(
     let robot = RobotId::new(&id).map_err(|_| unknown())?;
     let fleet = app.fleet.lock();
     let robot = fleet.get(&robot).ok_or_else(unknown)?;
-    Ok(Json(RobotView::new(&fleet, robot)))
+    Ok(Json(RobotView::new(&app, &fleet, robot)))
 }
 
 /// How many records are wanted.
@@ -253,10 +265,10 @@ pub(super) struct ParameterView {
     /// Its name.
     name: String,
     /// Its value.
-    #[schema(value_type = Object)]
+    #[schema(value_type = serde_json::Value)]
     value: ParameterValue,
     /// Its value in a robot as it comes.
-    #[schema(value_type = Option<Object>)]
+    #[schema(value_type = Option<serde_json::Value>)]
     default: Option<ParameterValue>,
     /// Least value.
     min: Option<f32>,
@@ -322,6 +334,7 @@ pub(super) async fn parameters(
             content_type = "application/problem+json")))]
 pub(super) async fn set_parameters(
     State(app): State<Arc<App>>,
+    caller: Caller,
     Path(id): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Accepted, Problem> {
@@ -330,5 +343,5 @@ pub(super) async fn set_parameters(
     let mut request = br#"{"command":"set","parameters":"#.to_vec();
     request.extend_from_slice(&body);
     request.push(b'}');
-    send_to_robot(&app, &id, &request)
+    send_to_robot(&app, &caller, &id, &request).await
 }

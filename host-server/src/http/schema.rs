@@ -7,7 +7,8 @@ use axum::extract::Path;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use utoipa::openapi::OpenApi;
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::{Content, OpenApi, Ref, RefOr, ResponseBuilder};
 
 use super::App;
 use super::problem::Problem;
@@ -49,8 +50,66 @@ pub(super) async fn one(Path(message): Path<String>) -> Result<Response, Problem
     Ok(([(header::CONTENT_TYPE, "application/schema+json")], text).into_response())
 }
 
+/// What is checked before any call, whatever it is.
+const ALWAYS: [(&str, &str); 4] = [
+    ("400", "Not a request that this call can take"),
+    (
+        "401",
+        "The server is closed, and the token is missing, not valid or expired",
+    ),
+    (
+        "403",
+        "Another role is needed, or the request comes from another origin",
+    ),
+    (
+        "429",
+        "Too many requests of this account or address; `Retry-After` says when",
+    ),
+];
+/// And before any body is looked at.
+const WITH_BODY: [(&str, &str); 2] = [
+    ("413", "The body is too large"),
+    ("415", "The body is not `application/json`"),
+];
+
+/// Adds the answers that every call can give to those that it tells of itself.
+fn complete(document: &mut OpenApi) {
+    for item in document.paths.paths.values_mut() {
+        let operations = [
+            &mut item.get,
+            &mut item.put,
+            &mut item.post,
+            &mut item.delete,
+            &mut item.patch,
+        ];
+        for operation in operations.into_iter().flatten() {
+            let with_body = operation.request_body.is_some();
+            add(operation, &ALWAYS);
+            if with_body {
+                add(operation, &WITH_BODY);
+            }
+        }
+    }
+}
+
+fn add(operation: &mut Operation, answers: &[(&str, &str)]) {
+    for (status, description) in answers {
+        let responses = &mut operation.responses.responses;
+        responses.entry((*status).to_owned()).or_insert_with(|| {
+            let problem = Content::new(Some(Ref::from_schema_name("Problem")));
+            RefOr::T(
+                ResponseBuilder::new()
+                    .description(*description)
+                    .content("application/problem+json", problem)
+                    .build(),
+            )
+        });
+    }
+}
+
 /// The OpenAPI document, written out once.
-pub(super) fn document(document: &OpenApi) -> Router<Arc<App>> {
+pub(super) fn document(mut document: OpenApi) -> Router<Arc<App>> {
+    complete(&mut document);
     let text: Arc<str> = document
         .to_json()
         .unwrap_or_else(|error| {

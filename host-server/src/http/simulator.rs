@@ -8,9 +8,11 @@ use axum::http::StatusCode;
 use crawler_protocol::SimulatorCommand;
 use crawler_sim::run::live::{ControlError, LiveDone, LiveState};
 use serde::Serialize;
+use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use super::App;
+use super::access::Caller;
 use super::guard::JsonBody;
 use super::problem::Problem;
 use crate::simulation::Simulation;
@@ -147,6 +149,7 @@ pub(super) async fn state(State(app): State<Arc<App>>) -> Result<Json<SimulatorV
             content_type = "application/problem+json")))]
 pub(super) async fn command(
     State(app): State<Arc<App>>,
+    caller: Caller,
     JsonBody(body): JsonBody,
 ) -> Result<Json<SimulatorAnswer>, Problem> {
     let simulation = simulation(&app)?;
@@ -164,6 +167,9 @@ pub(super) async fn command(
             format!("the body is no command to the simulator: {error}"),
         )
     })?;
-    let done = simulation.control(command).await?;
-    Ok(Json(SimulatorAnswer::new(simulation, &done)))
+    let done = simulation.control(command).await.map_err(Problem::from);
+    let detail = json!({ "request": serde_json::from_slice::<Value>(&body).unwrap_or_default() });
+    app.audit(&caller, "simulator.command", "simulator", detail, &done)
+        .await;
+    Ok(Json(SimulatorAnswer::new(simulation, &done?)))
 }

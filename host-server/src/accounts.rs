@@ -1,0 +1,256 @@
+//! Accounts of people: who somebody is, and what they have to show for it.
+//!
+//! A password opens a session; the session's refresh token, which rotates, gets access tokens that
+//! last a quarter of an hour. What must survive a restart is in the records; what every request asks
+//! is in memory.
+
+mod invitations;
+mod login;
+mod people;
+mod sessions;
+mod tickets;
+mod trail;
+
+use std::collections::HashSet;
+use std::net::IpAddr;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use crawler_access::limits::{Attempts, Backoff};
+use crawler_access::token::{Claims, Key, TokenError};
+use crawler_access::{Digest, Role, Secret, UserName};
+use crawler_records::{Records, RecordsError};
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+
+use crate::clock;
+use login::Rotated;
+use sessions::Alive;
+use tickets::Tickets;
+
+pub(crate) use login::{Entered, LoginError};
+pub(crate) use people::{Change, PeopleError, UserView};
+pub(crate) use sessions::Ending;
+pub(crate) use tickets::LIFETIME as TICKET_LIFETIME;
+pub(crate) use trail::{Entry, Trail};
+
+/// Name of the key that signs tokens, in the records.
+const KEY: &str = "token_key";
+/// For how long a session lasts that nobody refreshes.
+pub(crate) const SESSION_LIFETIME: Duration = Duration::from_hours(14 * 24);
+/// Passwords hashed at a time: each takes 20 MB and a core.
+const HASHING: usize = 2;
+
+/// Somebody who has shown who they are.
+#[derive(Debug, Clone)]
+pub(crate) struct Identity {
+    /// The account.
+    pub(crate) user: UserName,
+    /// What it may do.
+    pub(crate) role: Role,
+    /// The session.
+    pub(crate) session: u64,
+    /// Ends with the session.
+    pub(crate) ended: CancellationToken,
+}
+
+/// Why a token names nobody.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stranger {
+    /// It was good once.
+    Expired,
+    /// It never was, or its session is over.
+    Unknown,
+}
+
+/// All accounts of this server.
+pub(crate) struct Accounts {
+    open: bool,
+    records: Records,
+    key: Key,
+    alive: Mutex<Alive>,
+    tickets: Mutex<Tickets>,
+    rotated: Mutex<Rotated>,
+    /// Failed logins by name and address.
+    names: Mutex<Attempts<(String, IpAddr)>>,
+    /// Failed logins by address, whatever the name.
+    addresses: Mutex<Attempts<IpAddr>>,
+    hashing: Semaphore,
+    /// Held while accounts change, so that what was checked still holds when it is written.
+    changing: tokio::sync::Mutex<()>,
+    /// The invitation of the first administrator, and until when it is good.
+    first: Mutex<Option<(Digest, Instant)>>,
+}
+
+/// Why there are no accounts.
+#[derive(Debug)]
+pub(crate) enum OpenError {
+    /// The records cannot be read or written.
+    Records(RecordsError),
+    /// The system gives no random numbers.
+    NoRandomness,
+    /// What is kept as the key of tokens is none.
+    Key,
+}
+
+impl From<RecordsError> for OpenError {
+    fn from(error: RecordsError) -> Self {
+        Self::Records(error)
+    }
+}
+
+impl Accounts {
+    /// The accounts in `records`. On an `open` server, nobody needs one.
+    pub(crate) async fn open(records: Records, open: bool) -> Result<Self, OpenError> {
+        let new = Secret::generate().map_err(|_| OpenError::NoRandomness)?;
+        let kept = records.setting_or(KEY, new.as_bytes()).await?;
+        let kept = <[u8; 32]>::try_from(kept).map_err(|_| OpenError::Key)?;
+        let accounts = Self {
+            open,
+            records,
+            key: Key::from_secret(Secret::from(kept)),
+            alive: Mutex::default(),
+            tickets: Mutex::default(),
+            rotated: Mutex::default(),
+            names: Mutex::new(Attempts::new(Backoff::default())),
+            addresses: Mutex::new(Attempts::new(Backoff {
+                // A house full of people may share an address.
+                free: 30,
+                ..Backoff::default()
+            })),
+            hashing: Semaphore::new(HASHING),
+            changing: tokio::sync::Mutex::new(()),
+            first: Mutex::default(),
+        };
+        accounts.catch_up().await?;
+        Ok(accounts)
+    }
+
+    /// Whether everybody who reaches the server may do everything.
+    pub(crate) const fn is_open(&self) -> bool {
+        self.open
+    }
+
+    /// Whose token this is.
+    pub(crate) fn who(&self, token: &str) -> Result<Identity, Stranger> {
+        let now = now_ms();
+        let claims =
+            self.key
+                .verify(token, now.div_euclid(1_000))
+                .map_err(|error| match error {
+                    TokenError::Expired => Stranger::Expired,
+                    _ => Stranger::Unknown,
+                })?;
+        let alive = lock(&self.alive);
+        let (user, ended) = alive.get(claims.session, now).ok_or(Stranger::Unknown)?;
+        if *user != claims.user {
+            // Numbers of sessions are used once, so this is another database than the token's.
+            return Err(Stranger::Unknown);
+        }
+        Ok(Identity {
+            user: claims.user,
+            role: claims.role,
+            session: claims.session,
+            ended,
+        })
+    }
+
+    /// A token for a session, and for how many seconds it is good.
+    fn token(&self, user: &UserName, role: Role, session: u64) -> (String, i64) {
+        let now = now_ms().div_euclid(1_000);
+        let lifetime = crawler_access::token::LIFETIME;
+        let claims = Claims {
+            user: user.clone(),
+            role,
+            session,
+            issued: now,
+            expires: now + lifetime,
+        };
+        (self.key.sign(&claims), lifetime)
+    }
+
+    /// A ticket for the live feed; `None` when the system gives no random numbers.
+    pub(crate) fn ticket(&self, identity: &Identity) -> Option<Secret> {
+        lock(&self.tickets).issue(identity, Instant::now()).ok()
+    }
+
+    /// Whose ticket this is. It is used up by that.
+    pub(crate) fn redeem(&self, ticket: &str) -> Option<Identity> {
+        let secret = ticket.parse().ok()?;
+        let identity = lock(&self.tickets).redeem(&secret, Instant::now())?;
+        // The session may have ended since.
+        (!identity.ended.is_cancelled()).then_some(identity)
+    }
+
+    /// Why a session that has ended did so.
+    pub(crate) fn ending(&self, session: u64) -> Ending {
+        lock(&self.alive).ending(session)
+    }
+
+    /// Ends a session: its tokens are worth nothing from here on. Whether it was alive.
+    pub(crate) async fn end_session(&self, session: u64) -> Result<bool, RecordsError> {
+        // Memory first: whatever the disk does, nobody goes on with it.
+        let now = now_ms();
+        lock(&self.alive).end(session, now);
+        match self.records.revoke_session(session, now).await {
+            Ok(()) => Ok(true),
+            Err(RecordsError::NotFound) => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Ends all sessions of a user, or all but one.
+    async fn end_sessions(&self, user: &UserName, but: Option<u64>) -> Result<(), RecordsError> {
+        let now = now_ms();
+        lock(&self.alive).end_all(user, but, now);
+        let ended = self.records.revoke_sessions(user, but, now).await?;
+        let mut alive = lock(&self.alive);
+        for session in ended {
+            alive.end(session, now);
+        }
+        Ok(())
+    }
+
+    /// The sessions that are alive, of one user or of all.
+    pub(crate) async fn sessions(
+        &self,
+        user: Option<&UserName>,
+    ) -> Result<Vec<crawler_records::Session>, RecordsError> {
+        let now = now_ms();
+        let mut sessions = self.records.sessions(user).await?;
+        sessions.retain(|session| session.expires > now);
+        Ok(sessions)
+    }
+
+    /// Takes in what the records say of sessions: those of an earlier start, and what another
+    /// process, such as the console, has ended.
+    pub(crate) async fn catch_up(&self) -> Result<(), RecordsError> {
+        // Sessions that are opened from here on may be missing from what is read.
+        let before = lock(&self.alive).ids();
+        let known = self.records.sessions(None).await?;
+        let now = now_ms();
+        let mut alive = lock(&self.alive);
+        for session in &known {
+            if session.expires > now {
+                alive.insert(session.id, &session.user, session.expires);
+            }
+        }
+        let known: HashSet<u64> = known.iter().map(|session| session.id).collect();
+        for id in before {
+            if !known.contains(&id) {
+                alive.end(id, now);
+            }
+        }
+        alive.sweep(now);
+        Ok(())
+    }
+}
+
+/// Unix milliseconds, as the records have them.
+pub(crate) fn now_ms() -> i64 {
+    i64::try_from(clock::unix_ms()).unwrap_or(i64::MAX)
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

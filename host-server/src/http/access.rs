@@ -1,0 +1,337 @@
+//! Who may call what: one table of all calls, and the check that every request passes.
+//!
+//! The check comes before any handler, body or query is looked at. What the table does not name is
+//! the administrator's, so a call that somebody forgets to enter here is closed rather than open.
+
+use std::sync::Arc;
+
+use axum::extract::{FromRequestParts, MatchedPath, Request, State};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use crawler_access::Role;
+use crawler_protocol::Source;
+
+use super::App;
+use super::peer::Peer;
+use super::problem::Problem;
+use crate::accounts::{Identity, Stranger};
+
+/// What a call asks of whoever makes it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Need {
+    /// Nothing.
+    Nothing,
+    /// At least this role.
+    Role(Role),
+    /// A ticket of somebody who is at least a viewer, or what [`Need::Role`] takes.
+    Ticket,
+    /// That it comes from this machine, or from a viewer.
+    LocalOrViewer,
+}
+
+const VIEWER: Need = Need::Role(Role::Viewer);
+const OPERATOR: Need = Need::Role(Role::Operator);
+const ADMIN: Need = Need::Role(Role::Admin);
+
+/// Whoever did not say who they are, and everybody on an open server.
+pub(super) const ANONYMOUS: &str = "anonymous";
+
+/// Every call and what it needs. A test holds it to the OpenAPI document.
+const TABLE: &[(&str, &str, Need)] = &[
+    ("GET", "/healthz", Need::Nothing),
+    ("GET", "/readyz", Need::Nothing),
+    ("GET", "/metrics", Need::LocalOrViewer),
+    ("GET", "/api/v1/openapi.json", Need::Nothing),
+    ("GET", "/api/v1/schema/{message}", Need::Nothing),
+    ("POST", "/api/v1/session", Need::Nothing),
+    ("POST", "/api/v1/session/refresh", Need::Nothing),
+    ("DELETE", "/api/v1/session", Need::Nothing),
+    ("POST", "/api/v1/invitations", Need::Nothing),
+    ("GET", "/api/v1/session", VIEWER),
+    ("PUT", "/api/v1/session/password", VIEWER),
+    ("POST", "/api/v1/session/ticket", VIEWER),
+    ("GET", "/api/v1/sessions", VIEWER),
+    ("DELETE", "/api/v1/sessions/{id}", VIEWER),
+    ("GET", "/api/v1/live", Need::Ticket),
+    ("GET", "/api/v1/robots", VIEWER),
+    ("GET", "/api/v1/robots/{id}", VIEWER),
+    ("GET", "/api/v1/robots/{id}/logs", VIEWER),
+    ("GET", "/api/v1/robots/{id}/image", VIEWER),
+    ("GET", "/api/v1/robots/{id}/parameters", VIEWER),
+    ("GET", "/api/v1/robots/{id}/telemetry", VIEWER),
+    ("GET", "/api/v1/commands/{id}", VIEWER),
+    ("GET", "/api/v1/simulator", VIEWER),
+    ("POST", "/api/v1/robots/{id}/commands", OPERATOR),
+    ("POST", "/api/v1/swarm/commands", OPERATOR),
+    ("PUT", "/api/v1/robots/{id}/parameters", OPERATOR),
+    ("POST", "/api/v1/robots/{id}/faults", OPERATOR),
+    ("DELETE", "/api/v1/robots/{id}/faults", OPERATOR),
+    ("POST", "/api/v1/simulator/commands", OPERATOR),
+    ("GET", "/api/v1/users", ADMIN),
+    ("POST", "/api/v1/users", ADMIN),
+    ("PATCH", "/api/v1/users/{name}", ADMIN),
+    ("DELETE", "/api/v1/users/{name}", ADMIN),
+    ("GET", "/api/v1/credentials", ADMIN),
+    ("POST", "/api/v1/robots/{id}/credential", ADMIN),
+    ("DELETE", "/api/v1/robots/{id}/credential", ADMIN),
+    ("GET", "/api/v1/audit", ADMIN),
+    ("GET", "/api/v1/audit/verify", ADMIN),
+];
+
+fn need(method: &Method, path: &str) -> Need {
+    let method = match method.as_str() {
+        // Answered by the handler of GET.
+        "HEAD" => "GET",
+        other => other,
+    };
+    TABLE
+        .iter()
+        .find(|row| row.0 == method && row.1 == path)
+        .map_or(ADMIN, |row| row.2)
+}
+
+/// Who makes a request, once it has passed the check.
+#[derive(Debug, Clone)]
+pub(crate) struct Caller {
+    /// The account; `None` on an open server, where nobody has one, and for calls that take
+    /// anybody.
+    pub(crate) identity: Option<Identity>,
+    /// What the request may do.
+    pub(crate) role: Role,
+    /// Where it came from.
+    pub(crate) peer: Peer,
+}
+
+impl Caller {
+    /// How the audit log names whoever it is.
+    pub(crate) fn name(&self) -> String {
+        self.identity.as_ref().map_or_else(
+            || ANONYMOUS.to_owned(),
+            |identity| identity.user.to_string(),
+        )
+    }
+
+    /// Under whose name robots get a command; `None` stands for the server.
+    pub(crate) fn source(&self) -> Option<Source> {
+        let identity = self.identity.as_ref()?;
+        // Longer than a name may be by no more than a source may be longer.
+        Source::new(&format!("operator:{}", identity.user)).ok()
+    }
+
+    /// The account. Open servers know none.
+    pub(crate) fn identity(&self) -> Result<&Identity, Problem> {
+        self.identity.as_ref().ok_or_else(no_accounts)
+    }
+}
+
+/// What is said of calls about one's own account on a server where nobody has one.
+pub(super) fn no_accounts() -> Problem {
+    Problem::new(
+        StatusCode::CONFLICT,
+        "open_server",
+        "this server is open: everybody who reaches it may do everything, and nobody logs in",
+    )
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Caller {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        // A handler that runs without the check would be a mistake of ours; it gets nobody.
+        parts.extensions.get().cloned().ok_or_else(unauthenticated)
+    }
+}
+
+fn unauthenticated() -> Problem {
+    Problem::new(
+        StatusCode::UNAUTHORIZED,
+        "unauthenticated",
+        "log in first: this call needs a token",
+    )
+}
+
+fn strange(stranger: Stranger) -> Problem {
+    match stranger {
+        Stranger::Expired => Problem::new(
+            StatusCode::UNAUTHORIZED,
+            "expired_token",
+            "the token has expired; refresh the session",
+        ),
+        Stranger::Unknown => Problem::new(
+            StatusCode::UNAUTHORIZED,
+            "unauthenticated",
+            "the token is not valid, or its session has ended; log in again",
+        ),
+    }
+}
+
+/// The token of `Authorization: Bearer`. `Err` when there is something else in its place.
+fn bearer(headers: &HeaderMap) -> Result<Option<&str>, Problem> {
+    let Some(value) = headers.get(header::AUTHORIZATION) else {
+        return Ok(None);
+    };
+    value
+        .to_str()
+        .ok()
+        .and_then(|value| value.split_once(' '))
+        .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"))
+        .map(|(_, token)| Some(token.trim()))
+        .ok_or_else(unauthenticated)
+}
+
+/// The ticket in the query, as it was written by us: it needs no decoding.
+fn ticket(request: &Request) -> Option<&str> {
+    let query = request.uri().query()?;
+    query
+        .split('&')
+        .find_map(|pair| pair.strip_prefix("ticket="))
+}
+
+fn known(app: &App, request: &Request, tickets: bool) -> Result<Identity, Problem> {
+    match (bearer(request.headers())?, ticket(request)) {
+        (Some(token), _) => app.accounts.who(token).map_err(strange),
+        (None, Some(ticket)) if tickets => app.accounts.redeem(ticket).ok_or_else(|| {
+            Problem::new(
+                StatusCode::UNAUTHORIZED,
+                "unauthenticated",
+                "the ticket is not valid, was used already, or is too old; ask for another",
+            )
+        }),
+        (None, _) => Err(unauthenticated()),
+    }
+}
+
+fn admit(app: &App, request: &Request) -> Result<Caller, Problem> {
+    let peer = Peer::of(request);
+    let caller = |identity: Option<Identity>, role| Caller {
+        identity,
+        role,
+        peer,
+    };
+    if app.accounts.is_open() {
+        return Ok(caller(None, Role::Admin));
+    }
+    let need = match request.extensions().get::<MatchedPath>() {
+        Some(path) => need(request.method(), path.as_str()),
+        // The control room, which must be there to log in with.
+        None => Need::Nothing,
+    };
+    let role = match need {
+        Need::Nothing => {
+            // Whoever shows a good token all the same, as for logging out, is told apart.
+            let token = bearer(request.headers()).ok().flatten();
+            let identity = token.and_then(|token| app.accounts.who(token).ok());
+            return Ok(caller(identity, Role::Viewer));
+        }
+        Need::LocalOrViewer if peer.is_local(request.headers()) => {
+            return Ok(caller(None, Role::Viewer));
+        }
+        Need::LocalOrViewer | Need::Ticket => Role::Viewer,
+        Need::Role(role) => role,
+    };
+    let identity = known(app, request, need == Need::Ticket)?;
+    if identity.role < role {
+        return Err(Problem::new(
+            StatusCode::FORBIDDEN,
+            "forbidden",
+            format!(
+                "this call needs the role `{role}`; yours is `{}`",
+                identity.role
+            ),
+        ));
+    }
+    let role = identity.role;
+    Ok(caller(Some(identity), role))
+}
+
+/// Lets a request through, or says why not.
+pub(super) async fn check(
+    State(app): State<Arc<App>>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    // Before the token is looked at: guessing tokens is to be no quicker than anything else.
+    let peer = Peer::of(&request);
+    if let Err(problem) = app.rates.address(peer.ip()) {
+        return problem.into_response();
+    }
+    let caller = match admit(&app, &request) {
+        Ok(caller) => caller,
+        Err(problem) => return problem.into_response(),
+    };
+    if let Some(identity) = &caller.identity
+        && let Err(problem) = app.rates.user(&identity.user)
+    {
+        return problem.into_response();
+    }
+    tracing::debug!(user = caller.name(), "let in");
+    request.extensions_mut().insert(caller);
+    next.run(request).await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_table_does_not_name_is_the_administrators() {
+        for (method, path) in [
+            (Method::DELETE, "/api/v1/robots"),
+            (Method::GET, "/api/v1/secrets"),
+            (Method::OPTIONS, "/api/v1/session"),
+        ] {
+            assert_eq!(need(&method, path), ADMIN, "{method} {path}");
+        }
+        assert_eq!(need(&Method::HEAD, "/api/v1/robots"), VIEWER);
+    }
+
+    #[test]
+    fn no_call_stands_in_the_table_twice() {
+        for (index, row) in TABLE.iter().enumerate() {
+            let again = TABLE.iter().skip(index + 1);
+            let twice = again.filter(|other| (other.0, other.1) == (row.0, row.1));
+            assert_eq!(twice.count(), 0, "{} {}", row.0, row.1);
+        }
+    }
+
+    #[test]
+    fn changes_need_an_operator_or_their_own_proof() {
+        let own = [
+            "/api/v1/session",
+            "/api/v1/session/refresh",
+            "/api/v1/session/password",
+            "/api/v1/session/ticket",
+            "/api/v1/sessions/{id}",
+            "/api/v1/invitations",
+        ];
+        for (method, path, need) in TABLE {
+            if *method != "GET" && !own.contains(path) {
+                assert!(
+                    matches!(need, Need::Role(role) if *role >= Role::Operator),
+                    "{method} {path}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn only_a_bearer_token_is_one() {
+        let mut headers = HeaderMap::new();
+        assert!(matches!(bearer(&headers), Ok(None)));
+        for (value, token) in [
+            ("Bearer abc", Some("abc")),
+            ("bearer abc", Some("abc")),
+            ("Basic abc", None),
+            ("Bearer", None),
+            ("", None),
+        ] {
+            headers.insert(header::AUTHORIZATION, value.parse().expect("value"));
+            match bearer(&headers) {
+                Ok(found) => assert_eq!(found, token, "{value}"),
+                Err(_) => assert_eq!(token, None, "{value}"),
+            }
+        }
+    }
+}

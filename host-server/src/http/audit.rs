@@ -1,0 +1,194 @@
+//! The audit log: writing to it, and reading it.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::{Query, State};
+use axum::http::StatusCode;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::{IntoParams, ToSchema};
+
+use super::App;
+use super::access::Caller;
+use super::problem::Problem;
+use crate::accounts::Entry;
+
+/// What came of something that cannot fail.
+pub(super) const DONE: Result<(), Problem> = Ok(());
+/// The call that takes long.
+pub(super) const VERIFY: &str = "/api/v1/audit/verify";
+/// Entries of a page, and most of them.
+const PAGE: u32 = 100;
+const LARGEST_PAGE: u32 = 1_000;
+
+impl App {
+    /// Writes down what the caller did and what came of it.
+    pub(super) async fn audit<T>(
+        &self,
+        caller: &Caller,
+        action: &'static str,
+        target: &str,
+        detail: Value,
+        result: &Result<T, Problem>,
+    ) {
+        self.audit_as(&caller.name(), caller, action, target, detail, result)
+            .await;
+    }
+
+    /// The same for somebody whom the request did not name.
+    pub(super) async fn audit_as<T>(
+        &self,
+        who: &str,
+        caller: &Caller,
+        action: &'static str,
+        target: &str,
+        detail: Value,
+        result: &Result<T, Problem>,
+    ) {
+        let outcome = match result {
+            Ok(_) => "ok",
+            Err(problem) => problem.code(),
+        };
+        let entry = Entry {
+            who: who.to_owned(),
+            from: caller.peer.ip().to_string(),
+            action,
+            target: target.to_owned(),
+            detail,
+            outcome: outcome.to_owned(),
+        };
+        self.trail.write(entry).await;
+    }
+}
+
+/// Which entries are wanted.
+#[derive(Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct AuditQuery {
+    /// Only entries older than this one.
+    before: Option<u64>,
+    /// At most so many, up to 1,000; 100 when not given.
+    limit: Option<u32>,
+    /// Only what this account did.
+    who: Option<String>,
+}
+
+/// One line of the audit log.
+#[derive(Serialize, ToSchema)]
+#[schema(as = AuditEntry)]
+pub(super) struct AuditView {
+    /// Its number; they have no gaps.
+    seq: u64,
+    /// When, in Unix milliseconds.
+    at: i64,
+    /// The account; `anonymous` for nobody in particular, `server` for the server itself.
+    who: String,
+    /// The address it came from.
+    from: String,
+    /// What was done, like `command.send`.
+    action: String,
+    /// To what.
+    target: String,
+    /// How.
+    #[schema(value_type = serde_json::Value)]
+    detail: Value,
+    /// `ok`, or the code of what was in the way.
+    outcome: String,
+    /// Fingerprint of this line and all before it: SHA-256, hexadecimal.
+    hash: String,
+}
+
+/// A page of the audit log.
+#[derive(Serialize, ToSchema)]
+#[schema(as = AuditPage)]
+pub(super) struct AuditList {
+    /// Newest first.
+    entries: Vec<AuditView>,
+    /// `before` of the next page; `null` where there is none.
+    next: Option<u64>,
+}
+
+/// Who did what, newest first
+#[utoipa::path(get, path = "/audit", tag = "accounts",
+    params(AuditQuery),
+    responses(
+        (status = 200, description = "A page of the log", body = AuditList),
+        (status = 400, description = "The query is not valid", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn page(
+    State(app): State<Arc<App>>,
+    query: Result<Query<AuditQuery>, axum::extract::rejection::QueryRejection>,
+) -> Result<Json<AuditList>, Problem> {
+    let Query(query) = query
+        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
+    let limit = query.limit.unwrap_or(PAGE);
+    if !(1..=LARGEST_PAGE).contains(&limit) {
+        return Err(Problem::new(
+            StatusCode::BAD_REQUEST,
+            "bad_query",
+            format!("`limit` must be within 1 to {LARGEST_PAGE}"),
+        ));
+    }
+    let stored = app
+        .records
+        .audit_page(query.before, limit, query.who.as_deref())
+        .await
+        .map_err(|error| Problem::records(&error))?;
+    let entries: Vec<AuditView> = stored
+        .into_iter()
+        .map(|stored| AuditView {
+            seq: stored.seq,
+            at: stored.entry.at,
+            who: stored.entry.who,
+            from: stored.entry.from,
+            action: stored.entry.action,
+            target: stored.entry.target,
+            detail: stored.entry.detail,
+            outcome: stored.entry.outcome,
+            hash: stored.hash,
+        })
+        .collect();
+    let full = entries.len() == limit as usize;
+    let next = entries
+        .last()
+        .map(|entry| entry.seq)
+        .filter(|seq| full && *seq > 1);
+    Ok(Json(AuditList { entries, next }))
+}
+
+/// Whether the audit log is whole.
+#[derive(Serialize, ToSchema)]
+#[schema(as = AuditVerdict)]
+pub(super) struct Verdict {
+    /// How many lines are good.
+    entries: u64,
+    /// Whether all of them are.
+    intact: bool,
+    /// The first line that is not.
+    broken_at: Option<u64>,
+}
+
+/// Whether the audit log is whole
+///
+/// Computes the chain of fingerprints anew, from the first line.
+#[utoipa::path(get, path = "/audit/verify", tag = "accounts",
+    responses((status = 200, description = "The verdict", body = Verdict)))]
+pub(super) async fn verify(State(app): State<Arc<App>>) -> Json<Verdict> {
+    Json(match app.records.audit_verify().await {
+        Ok(entries) => Verdict {
+            entries,
+            intact: true,
+            broken_at: None,
+        },
+        Err(broken) => {
+            tracing::error!(%broken, "the audit log is not whole");
+            Verdict {
+                entries: broken.seq.saturating_sub(1),
+                intact: false,
+                broken_at: Some(broken.seq),
+            }
+        }
+    })
+}

@@ -1,0 +1,205 @@
+//! What robots and simulators log in to the broker with.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use crawler_access::Secret;
+use crawler_protocol::RobotId;
+use crawler_records::RecordsError;
+use serde::Serialize;
+use serde_json::json;
+use utoipa::ToSchema;
+
+use super::App;
+use super::access::Caller;
+use super::problem::Problem;
+use crate::accounts::now_ms;
+use crate::config::BrokerUrl;
+
+/// A credential, without its secret, which nobody keeps.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Credential)]
+pub(super) struct CredentialView {
+    /// The robot, or `simulator-…`.
+    robot: String,
+    /// When it was made, in Unix milliseconds.
+    created: i64,
+    /// The account that made it.
+    by: String,
+    /// When it was revoked; `null` while it is good.
+    revoked: Option<i64>,
+}
+
+/// Credentials.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Credentials)]
+pub(super) struct CredentialList {
+    /// By name.
+    credentials: Vec<CredentialView>,
+}
+
+/// Every credential, also those that were revoked
+#[utoipa::path(get, path = "/credentials", tag = "accounts",
+    responses((status = 200, description = "The credentials", body = CredentialList)))]
+pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<CredentialList>, Problem> {
+    let credentials = app.records.credentials().await;
+    let credentials = credentials.map_err(|error| Problem::records(&error))?;
+    let credentials = credentials.into_iter().map(|credential| CredentialView {
+        robot: credential.name,
+        created: credential.created,
+        by: credential.by,
+        revoked: credential.revoked,
+    });
+    Ok(Json(CredentialList {
+        credentials: credentials.collect(),
+    }))
+}
+
+/// A credential that was made.
+#[derive(Serialize, ToSchema)]
+#[schema(as = NewCredential)]
+pub(super) struct NewCredentialView {
+    /// The robot, or `simulator-…`.
+    robot: String,
+    /// Its password at the broker. It is shown here and nowhere else.
+    secret: String,
+    /// The broker with name and password in it, for the robot's settings.
+    url: String,
+}
+
+/// The broker as the robot is likely to reach it: an embedded one is where the caller found this
+/// server.
+fn address(app: &App, headers: &HeaderMap, name: &str, secret: &Secret) -> String {
+    let mut url: BrokerUrl = app.mqtt.clone();
+    url.credentials = None;
+    if app.broker.is_some()
+        && let Some(host) = headers
+            .get(header::HOST)
+            .and_then(|host| host.to_str().ok())
+            .and_then(|host| host.parse::<Authority>().ok())
+    {
+        let host = host.host();
+        let bare = host
+            .strip_prefix('[')
+            .and_then(|host| host.strip_suffix(']'));
+        bare.unwrap_or(host).clone_into(&mut url.host);
+    }
+    let bare = url.to_string();
+    // A name and a secret have no character that means something in an address.
+    bare.split_once("://").map_or_else(
+        || bare.clone(),
+        |(scheme, rest)| format!("{scheme}://{name}:{secret}@{rest}"),
+    )
+}
+
+/// Who may have a credential: a robot, or a simulator, whose names are robots' names too.
+fn named(name: &str) -> Result<RobotId, Problem> {
+    RobotId::new(name).map_err(|_| {
+        Problem::new(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "bad_name",
+            "a robot's name is 1 to 32 of a-z, 0-9 and hyphen",
+        )
+    })
+}
+
+/// Gives a robot its secret
+///
+/// `simulator-NAME` enrols a simulator, whose one secret is good for all robots in it. One that had
+/// a secret gets another, and its connection to an embedded broker ends.
+#[utoipa::path(post, path = "/robots/{id}/credential", tag = "accounts",
+    params(("id" = String, Path, description = "Robot id, or `simulator-…`")),
+    responses(
+        (status = 201, description = "Enrolled; the secret is shown this once",
+            body = NewCredentialView),
+        (status = 409, description = "There are as many as may be", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 422, description = "Not a robot's name", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn enrol(
+    State(app): State<Arc<App>>,
+    caller: Caller,
+    headers: HeaderMap,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
+    let robot = named(&id)?;
+    let secret = Secret::generate().map_err(|_| Problem::internal("no randomness"))?;
+    let result = app
+        .records
+        .enroll(robot.as_str(), secret.digest(), now_ms(), &caller.name())
+        .await
+        .map_err(|error| match error {
+            RecordsError::TooMany(_) => Problem::new(
+                StatusCode::CONFLICT,
+                "too_many",
+                "there are as many credentials as may be",
+            ),
+            error => Problem::records(&error),
+        });
+    app.audit(
+        &caller,
+        "credential.enrol",
+        robot.as_str(),
+        json!({}),
+        &result,
+    )
+    .await;
+    result?;
+    app.drop_client(robot.as_str()).await;
+    let view = NewCredentialView {
+        url: address(&app, &headers, robot.as_str(), &secret),
+        robot: robot.as_str().to_owned(),
+        secret: secret.to_string(),
+    };
+    Ok((StatusCode::CREATED, Json(view)).into_response())
+}
+
+/// Takes a robot's secret away
+///
+/// Its connection to an embedded broker ends at once.
+#[utoipa::path(delete, path = "/robots/{id}/credential", tag = "accounts",
+    params(("id" = String, Path, description = "Robot id, or `simulator-…`")),
+    responses(
+        (status = 204, description = "Revoked"),
+        (status = 404, description = "It has none", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn revoke(
+    State(app): State<Arc<App>>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<StatusCode, Problem> {
+    let unknown = || {
+        Problem::new(
+            StatusCode::NOT_FOUND,
+            "unknown_credential",
+            "there is no credential of that name that is good",
+        )
+    };
+    let robot = named(&id).map_err(|_| unknown())?;
+    let result = app
+        .records
+        .revoke_credential(robot.as_str(), now_ms())
+        .await
+        .map_err(|error| match error {
+            RecordsError::NotFound => unknown(),
+            error => Problem::records(&error),
+        });
+    // Whoever would not hear of it in the records is not to stay at the broker either.
+    if result.is_ok() {
+        app.drop_client(robot.as_str()).await;
+    }
+    app.audit(
+        &caller,
+        "credential.revoke",
+        robot.as_str(),
+        json!({}),
+        &result,
+    )
+    .await;
+    result?;
+    Ok(StatusCode::NO_CONTENT)
+}

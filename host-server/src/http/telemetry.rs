@@ -1,0 +1,202 @@
+//! What a robot has told of itself over time.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::{Path, Query, State};
+use axum::http::StatusCode;
+use crawler_protocol::{RobotId, Telemetry};
+use crawler_records::history::{Point, Sample};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::App;
+use super::problem::Problem;
+use crate::accounts::now_ms;
+
+/// How far back an answer goes when nobody says.
+const HOUR: i64 = 3_600_000;
+/// Points of one answer.
+const MOST_POINTS: i64 = 2_000;
+/// Points of an answer when nobody says how far apart they are.
+const POINTS: i64 = 360;
+
+/// What the history keeps of a message that came in at `at`. The server's clock counts: a robot's may
+/// not be set, or be made up.
+pub(crate) fn sample(telemetry: &Telemetry, at: i64) -> Sample {
+    Sample {
+        robot: telemetry.robot.clone(),
+        at,
+        x: telemetry.pose.x,
+        y: telemetry.pose.y,
+        theta: telemetry.pose.theta,
+        range_mm: telemetry.range_mm,
+        battery_mv: telemetry.battery.mv,
+        battery_percent: telemetry.battery.percent,
+        rssi: telemetry.rssi_dbm,
+        left: telemetry.wheels.left,
+        right: telemetry.wheels.right,
+        state: telemetry.state,
+    }
+}
+
+/// Which stretch of time is wanted, and how finely.
+#[derive(Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct TelemetryQuery {
+    /// Unix milliseconds of its beginning; an hour before the end when not given.
+    from: Option<i64>,
+    /// Unix milliseconds of its end; now when not given.
+    to: Option<i64>,
+    /// Milliseconds from one point to the next; a 360th of the whole when not given.
+    step: Option<i64>,
+}
+
+/// A stretch of time: the mean of what was told in it, and the last heading and state.
+#[derive(Serialize, ToSchema)]
+#[schema(as = TelemetryPoint)]
+pub(super) struct PointView {
+    /// Unix milliseconds of its beginning.
+    at: i64,
+    /// Messages in it.
+    count: u64,
+    /// Metres.
+    x: f32,
+    /// Metres.
+    y: f32,
+    /// Radians.
+    theta: f32,
+    /// Millimetres to what is ahead; `null` when the ranger saw nothing.
+    range_mm: Option<f32>,
+    /// Millivolts.
+    battery_mv: f32,
+    /// Percent.
+    battery_percent: f32,
+    /// Strength of the radio link.
+    rssi_dbm: Option<f32>,
+    /// The state, like `MOVING`.
+    state: &'static str,
+}
+
+impl From<Point> for PointView {
+    fn from(point: Point) -> Self {
+        Self {
+            at: point.at,
+            count: point.count,
+            x: point.x,
+            y: point.y,
+            theta: point.theta,
+            range_mm: point.range_mm.map(|span| span.mean),
+            battery_mv: point.battery_mv.mean,
+            battery_percent: point.battery_percent.mean,
+            rssi_dbm: point.rssi.map(|span| span.mean),
+            state: point.state.name(),
+        }
+    }
+}
+
+/// What a robot has told over time.
+#[derive(Serialize, ToSchema)]
+#[schema(as = TelemetryHistory)]
+pub(super) struct HistoryView {
+    /// The robot.
+    robot: String,
+    /// Unix milliseconds.
+    from: i64,
+    /// Unix milliseconds.
+    to: i64,
+    /// Milliseconds from one point to the next.
+    step: i64,
+    /// Oldest first. A stretch in which nothing was told has no point.
+    points: Vec<PointView>,
+}
+
+/// The query, with what it leaves out: from, to and step.
+fn stretch(query: &TelemetryQuery, now: i64) -> Result<(i64, i64, i64), Problem> {
+    let bad = |detail: String| Problem::new(StatusCode::BAD_REQUEST, "bad_query", detail);
+    let to = query.to.unwrap_or(now);
+    let from = query.from.unwrap_or_else(|| to.saturating_sub(HOUR).max(0));
+    if from < 0 || to <= from {
+        return Err(bad(
+            "`from` must be before `to`, and neither before 1970".into()
+        ));
+    }
+    let length = to - from;
+    let step = query
+        .step
+        .unwrap_or_else(|| length.div_euclid(POINTS).max(1));
+    if step < 1 || length.div_euclid(step) >= MOST_POINTS {
+        return Err(bad(format!(
+            "`step` must be at least a {MOST_POINTS}th of the whole"
+        )));
+    }
+    Ok((from, to, step))
+}
+
+/// What a robot has told over time
+///
+/// Kept as it came for a day, by the second for a week and by the minute for 400 days.
+#[utoipa::path(get, path = "/robots/{id}/telemetry", tag = "robots",
+    params(("id" = String, Path, description = "Robot id"), TelemetryQuery),
+    responses(
+        (status = 200, description = "Its history; empty for a robot that nobody knows",
+            body = HistoryView),
+        (status = 400, description = "The query is not valid", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 404, description = "Not a robot's name", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn history(
+    State(app): State<Arc<App>>,
+    Path(id): Path<String>,
+    query: Result<Query<TelemetryQuery>, axum::extract::rejection::QueryRejection>,
+) -> Result<Json<HistoryView>, Problem> {
+    let Query(query) = query
+        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
+    let robot = RobotId::new(&id).map_err(|_| Problem::unknown_robot(&id))?;
+    let (from, to, step) = stretch(&query, now_ms())?;
+    let points = app.records.history().query(&robot, from, to, step).await;
+    let points = points.map_err(|error| Problem::records(&error))?;
+    Ok(Json(HistoryView {
+        robot: robot.as_str().to_owned(),
+        from,
+        to,
+        step,
+        points: points.into_iter().map(PointView::from).collect(),
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn verdict(from: Option<i64>, to: Option<i64>, step: Option<i64>) -> Option<(i64, i64, i64)> {
+        stretch(&TelemetryQuery { from, to, step }, 10 * HOUR).ok()
+    }
+
+    #[test]
+    fn what_is_left_out_is_the_last_hour() {
+        assert_eq!(
+            verdict(None, None, None),
+            Some((9 * HOUR, 10 * HOUR, 10_000))
+        );
+        assert_eq!(verdict(None, Some(500), None), Some((0, 500, 1)));
+    }
+
+    #[test]
+    fn no_question_is_too_large_to_answer() {
+        for (from, to, step) in [
+            (Some(-1), None, None),
+            (Some(5), Some(5), None),
+            (Some(i64::MAX), Some(i64::MIN), None),
+            (Some(0), Some(i64::MAX), Some(1)),
+            (None, None, Some(0)),
+            (None, None, Some(-5)),
+            (None, None, Some(i64::MIN)),
+            (None, None, Some(1_000)),
+        ] {
+            assert_eq!(verdict(from, to, step), None, "{from:?} {to:?} {step:?}");
+        }
+        assert!(verdict(Some(0), Some(i64::MAX), None).is_some());
+    }
+}
