@@ -1,22 +1,33 @@
-//! Commands on their way: numbered, sent, and followed until every robot has answered for good.
+//! Commands on their way: numbered, sent, sent again where no answer came, held for robots that
+//! are away, and followed until every robot has answered for good.
 
+mod clerk;
+#[cfg(test)]
+mod held_tests;
+mod journal;
 mod record;
+mod resume;
 mod sequence;
 #[cfg(test)]
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::mem;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use crawler_delivery::{Class, Delivery, Ms};
 use crawler_protocol::{
-    Action, Command, EncodeError, MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, Topic,
+    Action, Command, MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, Topic,
 };
 
 use crate::bus::{Bus, PublishError};
 use crate::clock;
 use crate::metrics::Metrics;
 
+use clerk::{Clerk, Desk, write};
+pub(crate) use journal::Journal;
+use journal::Owed;
 pub(crate) use record::{CommandView, OutcomeStatus, Record};
 pub(crate) use sequence::Sequence;
 
@@ -47,13 +58,19 @@ pub(crate) enum SendError {
 
 /// What sending needs of the bus; a seam for tests.
 pub(crate) trait Outlet: Send + Sync {
-    /// See [`Bus::publish`].
-    fn publish(&self, topic: &Topic, payload: &[u8]) -> Result<(), PublishError>;
+    /// Whether there is a connection to the broker.
+    fn is_up(&self) -> bool;
+    /// See [`Bus::publish_within`]; the time is in milliseconds.
+    fn publish(&self, topic: &Topic, payload: &[u8], within_ms: Ms) -> Result<(), PublishError>;
 }
 
 impl Outlet for Bus {
-    fn publish(&self, topic: &Topic, payload: &[u8]) -> Result<(), PublishError> {
-        Self::publish(self, topic, payload)
+    fn is_up(&self) -> bool {
+        Self::is_up(self)
+    }
+
+    fn publish(&self, topic: &Topic, payload: &[u8], within_ms: Ms) -> Result<(), PublishError> {
+        self.publish_within(topic, payload, Duration::from_millis(within_ms))
     }
 }
 
@@ -62,14 +79,14 @@ pub(crate) struct CommandCenter {
     outlet: Arc<dyn Outlet>,
     metrics: Arc<Metrics>,
     source: Source,
+    /// Where the time of deliveries begins.
+    start: Instant,
     book: Mutex<Book>,
 }
 
 struct Book {
-    sequence: Sequence,
-    records: BTreeMap<u64, Record>,
-    open: BTreeSet<u64>,
-    outcomes: usize,
+    delivery: Delivery,
+    desk: Desk,
     sent: u64,
     answered: u64,
 }
@@ -89,18 +106,40 @@ impl CommandCenter {
         source: Source,
         sequence: Sequence,
     ) -> Self {
+        let desk = Desk {
+            sequence,
+            records: BTreeMap::new(),
+            open: BTreeSet::new(),
+            numbers: BTreeMap::new(),
+            outcomes: 0,
+            journal: None,
+            over: Vec::new(),
+        };
         Self {
             outlet,
             metrics,
             source,
+            start: Instant::now(),
             book: Mutex::new(Book {
-                sequence,
-                records: BTreeMap::new(),
-                open: BTreeSet::new(),
-                outcomes: 0,
+                delivery: Delivery::new(),
+                desk,
                 sent: 0,
                 answered: 0,
             }),
+        }
+    }
+
+    fn ms(&self, now: Instant) -> Ms {
+        let since = now.saturating_duration_since(self.start);
+        u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
+    }
+
+    fn clerk<'a>(&'a self, desk: &'a mut Desk, now: Instant) -> Clerk<'a> {
+        Clerk {
+            center: self,
+            desk,
+            now,
+            refused: None,
         }
     }
 
@@ -108,10 +147,10 @@ impl CommandCenter {
         self.book.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Sends a command and remembers whose answers it waits for.
+    /// Sends a command of the server's own; see [`Self::send_as`].
     ///
     /// # Errors
-    /// [`SendError`]; nothing has gone out then.
+    /// [`SendError`]; nothing has gone out then, and nothing will.
     pub(crate) fn send(
         &self,
         action: Action,
@@ -119,46 +158,110 @@ impl CommandCenter {
         expected: impl IntoIterator<Item = RobotId>,
         now: Instant,
     ) -> Result<CommandView, SendError> {
+        self.send_as(self.source.clone(), action, target, expected, now)
+    }
+
+    /// Sends somebody's command, or holds it for a robot that is away, and remembers whose
+    /// answers it waits for.
+    ///
+    /// # Errors
+    /// [`SendError`]; nothing has gone out then, and nothing will.
+    pub(crate) fn send_as(
+        &self,
+        source: Source,
+        action: Action,
+        target: Target,
+        expected: impl IntoIterator<Item = RobotId>,
+        now: Instant,
+    ) -> Result<CommandView, SendError> {
+        let class = Class::of(&action);
+        // Whoever steers must know that nobody hears. A setting can wait.
+        if class != Class::Setting && !self.outlet.is_up() {
+            return Err(SendError::NotConnected);
+        }
         // Number and publish under one lock: a robot takes commands of one source only in the
         // order of their numbers. Answers wait for the same lock, so none can come too early.
         let mut book = self.book();
-        let seq = book.sequence.peek();
+        let book = &mut *book;
+        let seq = book.desk.sequence.peek();
         let command = Command {
             action,
             timestamp: clock::unix_ms(),
             seq,
-            source: self.source.clone(),
+            source,
         };
         let mut buffer = [0; MAX_MESSAGE];
-        let length = command.to_json(&mut buffer).map_err(|error| match error {
-            EncodeError::TooLarge => SendError::TooLarge,
-            error => {
-                tracing::error!(?error, "a checked command cannot be written");
-                SendError::TooLarge
+        let length = write(&command, &mut buffer)?;
+        // Settings go to each robot by itself, so that none is overtaken.
+        let together = target == Target::Swarm && class != Class::Setting;
+        if together {
+            let payload = buffer.get(..length).unwrap_or_default();
+            self.outlet
+                .publish(&Topic::CommandSwarm, payload, class.life_ms())?;
+        }
+        let mut record = Record::new(command, target, expected, now);
+        let robots: Vec<RobotId> = record.outcomes.keys().cloned().collect();
+        let at = self.ms(now);
+        if together {
+            record.went_to_all(now);
+            book.delivery
+                .broadcast(seq, robots.iter().cloned(), class, at);
+        } else {
+            for robot in &robots {
+                if book.delivery.submit(seq, robot, class, at).is_err() {
+                    for robot in &robots {
+                        book.delivery.withdraw(seq, robot);
+                    }
+                    return Err(SendError::Full);
+                }
             }
-        })?;
-        let topic = match &target {
-            Target::Robot(id) => Topic::CommandRobot(id.clone()),
-            Target::Swarm => Topic::CommandSwarm,
-        };
-        self.outlet
-            .publish(&topic, buffer.get(..length).unwrap_or_default())
-            .map_err(|error| match error {
-                PublishError::NotConnected => SendError::NotConnected,
-                PublishError::Full => SendError::Full,
-            })?;
-        book.sequence.advance();
-        let record = Record::new(command, target, expected, now);
-        let robots = record.outcomes.len();
-        self.metrics
-            .command_sent(record.command.action.name(), robots);
-        let view = record.view();
-        book.sent += robots as u64;
-        book.outcomes += robots;
-        book.records.insert(seq, record);
-        book.open.insert(seq);
-        book.forget(now);
-        Ok(view)
+        }
+        book.desk.sequence.advance();
+        if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.desk.journal) {
+            let legs = robots.iter();
+            let legs = legs.map(|robot| (robot.clone(), book.delivery.boot(robot)));
+            let expires = record.command.timestamp + class.life_ms();
+            if let Some(owed) = Owed::new(
+                &record.command,
+                expires,
+                record.target == Target::Swarm,
+                legs,
+            ) {
+                journal.accepted(owed);
+            }
+        }
+        let action = record.command.action.name();
+        book.desk.outcomes += robots.len();
+        book.desk.records.insert(seq, record);
+        book.desk.open.insert(seq);
+        let mut clerk = self.clerk(&mut book.desk, now);
+        if !together {
+            for robot in &robots {
+                book.delivery.poll_one(robot, at, &mut clerk);
+            }
+        }
+        // A robot that was to be told at once, and could not.
+        let refused = clerk.refused.filter(|_| class != Class::Setting);
+        if let (Some(error), [robot]) = (refused, robots.as_slice())
+            && book
+                .desk
+                .records
+                .get(&seq)
+                .is_some_and(|record| record.waited(robot))
+        {
+            book.delivery.withdraw(seq, robot);
+            book.desk.done(seq, robot);
+            book.desk.records.remove(&seq);
+            book.desk.open.remove(&seq);
+            book.desk.outcomes -= 1;
+            book.desk.sequence.take_back(seq);
+            return Err(error.into());
+        }
+        self.metrics.command_sent(action, robots.len());
+        book.sent += robots.len() as u64;
+        let view = book.desk.records.get(&seq).map(Record::view);
+        book.desk.forget(&mut book.delivery, now);
+        view.ok_or(SendError::Full)
     }
 
     /// Takes in an answer. `known` says whether the fleet knows the robot: of a swarm command,
@@ -173,10 +276,22 @@ impl CommandCenter {
     ) -> Option<CommandView> {
         let mut book = self.book();
         let book = &mut *book;
-        let record = book.records.get_mut(&response.seq)?;
+        let robot = &response.robot;
+        let id = if let Some(id) = book.delivery.answered(robot, response.seq) {
+            book.desk.done(id, robot);
+            id
+        } else {
+            let known = book.desk.numbers.get(&response.seq);
+            known.copied().unwrap_or(response.seq)
+        };
+        // An answer makes way for what waits behind the command.
+        let at = self.ms(now);
+        let mut clerk = self.clerk(&mut book.desk, now);
+        book.delivery.poll_one(robot, at, &mut clerk);
+        let record = book.desk.records.get_mut(&id)?;
         let before = record.outcomes.len();
         let change = record.answer(response, known)?;
-        book.outcomes += record.outcomes.len() - before;
+        book.desk.outcomes += record.outcomes.len() - before;
         if change.first_final {
             book.answered += 1;
             self.metrics.answer(response.status.name());
@@ -187,10 +302,10 @@ impl CommandCenter {
         }
         if record.is_open() {
             // Also when a robot that had been given up accepts after all.
-            book.open.insert(response.seq);
+            book.desk.open.insert(id);
             return None;
         }
-        if !book.open.remove(&response.seq) {
+        if !book.desk.open.remove(&id) {
             return None;
         }
         let view = record.view();
@@ -198,28 +313,54 @@ impl CommandCenter {
         Some(view)
     }
 
-    /// Gives up on answers that are overdue, and forgets what is old. Returns the commands that are
-    /// over because of it.
+    /// A robot has told its status, or its broker that it is gone. What is held for it goes now.
+    pub(crate) fn status(&self, robot: &RobotId, online: bool, boot: u32, now: Instant) {
+        let mut book = self.book();
+        let book = &mut *book;
+        let at = self.ms(now);
+        book.delivery.status(robot, online, boot, at);
+        let mut clerk = self.clerk(&mut book.desk, now);
+        book.delivery.poll_one(robot, at, &mut clerk);
+    }
+
+    /// A robot has spoken.
+    pub(crate) fn heard(&self, robot: &RobotId, now: Instant) {
+        let at = self.ms(now);
+        self.book().delivery.heard(robot, at);
+    }
+
+    /// The connection to the broker is there, or lost. What robots are owed goes with the next
+    /// [`CommandCenter::sweep`].
+    pub(crate) fn connection(&self, up: bool, now: Instant) {
+        let at = self.ms(now);
+        self.book().delivery.connection(up, at);
+    }
+
+    /// Sends what is due, gives up on what is overdue, and forgets what is old. Returns the commands
+    /// that are over because of it.
     pub(crate) fn sweep(&self, now: Instant) -> Vec<CommandView> {
         let mut book = self.book();
         let book = &mut *book;
-        let mut over = Vec::new();
-        let open: Vec<u64> = book.open.iter().copied().collect();
-        for seq in open {
-            let Some(record) = book.records.get_mut(&seq) else {
-                book.open.remove(&seq);
+        let at = self.ms(now);
+        let mut clerk = self.clerk(&mut book.desk, now);
+        book.delivery.poll(at, &mut clerk);
+        let mut over = mem::take(&mut book.desk.over);
+        let open: Vec<u64> = book.desk.open.iter().copied().collect();
+        for id in open {
+            let Some(record) = book.desk.records.get_mut(&id) else {
+                book.desk.open.remove(&id);
                 continue;
             };
             for _ in 0..record.expire(now) {
                 self.metrics.answer(OutcomeStatus::Timeout.name());
             }
             if !record.is_open() {
-                book.open.remove(&seq);
+                book.desk.open.remove(&id);
                 over.push(record.view());
                 self.announce(record);
             }
         }
-        book.forget(now);
+        book.desk.forget(&mut book.delivery, now);
         over
     }
 
@@ -230,7 +371,7 @@ impl CommandCenter {
         }
         let response = SwarmResponse {
             source: record.command.source.clone(),
-            seq: record.command.seq,
+            seq: record.id,
             command: record.command.action.command(),
             robots: record.outcomes.len() as u32,
             outcomes: record.wire_outcomes(),
@@ -240,7 +381,8 @@ impl CommandCenter {
         match response.to_json(&mut buffer) {
             Ok(length) => {
                 let payload = buffer.get(..length).unwrap_or_default();
-                if let Err(error) = self.outlet.publish(&Topic::ResponseSwarm, payload) {
+                let kept = Class::Halt.life_ms();
+                if let Err(error) = self.outlet.publish(&Topic::ResponseSwarm, payload, kept) {
                     tracing::warn!(?error, seq = record.command.seq, "a swarm response is lost");
                 }
             }
@@ -249,7 +391,7 @@ impl CommandCenter {
     }
 
     pub(crate) fn view(&self, seq: u64) -> Option<CommandView> {
-        self.book().records.get(&seq).map(Record::view)
+        self.book().desk.records.get(&seq).map(Record::view)
     }
 
     pub(crate) fn totals(&self) -> Totals {
@@ -257,27 +399,16 @@ impl CommandCenter {
         Totals {
             sent: book.sent,
             answered: book.answered,
-            open: book.open.len(),
+            open: book.desk.open.len(),
         }
     }
 }
 
-impl Book {
-    /// Drops the oldest records until the rest is within bounds.
-    fn forget(&mut self, now: Instant) {
-        while let Some(entry) = self.records.first_entry() {
-            let record = entry.get();
-            let old = now.saturating_duration_since(record.sent_at) > MAX_AGE;
-            let many = self.outcomes > MAX_OUTCOMES;
-            // One command always stays, however many robots it was for.
-            if !old && !many && self.records.len() <= MAX_RECORDS || self.records.len() == 1 && !old
-            {
-                break;
-            }
-            if let Some((seq, record)) = self.records.pop_first() {
-                self.outcomes -= record.outcomes.len();
-                self.open.remove(&seq);
-            }
+impl From<PublishError> for SendError {
+    fn from(error: PublishError) -> Self {
+        match error {
+            PublishError::NotConnected => Self::NotConnected,
+            PublishError::Full => Self::Full,
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use crawler_delivery::End;
 use crawler_protocol::{Action, Command, Outcomes, Reason, Response, ResponseStatus, RobotId};
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -34,7 +35,7 @@ pub(crate) enum OutcomeStatus {
     Timeout,
     /// Under way.
     Accepted,
-    /// No answer yet.
+    /// No answer yet, or not sent yet: the robot is away.
     Pending,
 }
 
@@ -76,6 +77,8 @@ pub(crate) struct Outcome {
     pub(crate) status: OutcomeStatus,
     pub(crate) reason: Option<Reason>,
     pub(crate) timestamp: Option<u64>,
+    /// When the command first went to the robot.
+    went: Option<Instant>,
 }
 
 impl Outcome {
@@ -83,6 +86,7 @@ impl Outcome {
         status: OutcomeStatus::Pending,
         reason: None,
         timestamp: None,
+        went: None,
     };
 }
 
@@ -97,6 +101,10 @@ pub(super) struct Change {
 /// A command and its outcomes.
 #[derive(Debug, Clone)]
 pub(crate) struct Record {
+    /// Its name, which is the number that it had first.
+    pub(super) id: u64,
+    /// Other numbers under which it went.
+    pub(super) numbers: Vec<u64>,
     pub(crate) command: Command,
     pub(crate) target: Target,
     pub(crate) outcomes: BTreeMap<RobotId, Outcome>,
@@ -117,6 +125,8 @@ impl Record {
             .map(|id| (id, Outcome::PENDING))
             .collect();
         Self {
+            id: command.seq,
+            numbers: Vec::new(),
             command,
             target,
             open: outcomes.len(),
@@ -137,6 +147,7 @@ impl Record {
             status,
             reason: response.reason,
             timestamp: Some(response.timestamp),
+            went: Some(self.sent_at),
         };
         let Some(current) = self.outcomes.get_mut(&response.robot) else {
             if self.target != Target::Swarm || !known {
@@ -170,22 +181,62 @@ impl Record {
         } else if !was_open && status.is_open() {
             self.open += 1;
         }
-        *current = outcome;
+        let went = current.went.or(outcome.went);
+        *current = Outcome { went, ..outcome };
         Some(Change {
             first_final: !status.is_open(),
             completed: status == OutcomeStatus::Completed,
         })
     }
 
-    /// Turns overdue outcomes into time-outs and returns how many.
+    /// Whether the command has not gone to the robot yet.
+    pub(super) fn waited(&self, robot: &RobotId) -> bool {
+        let known = self.outcomes.get(robot);
+        known.is_some_and(|outcome| outcome.went.is_none())
+    }
+
+    /// Notes that the command goes to a robot.
+    pub(super) fn went(&mut self, robot: &RobotId, seq: u64, now: Instant) {
+        if let Some(outcome) = self.outcomes.get_mut(robot) {
+            outcome.went.get_or_insert(now);
+        }
+        if self.target != Target::Swarm {
+            self.command.seq = seq;
+        }
+    }
+
+    /// Notes that the command goes to all its robots.
+    pub(super) fn went_to_all(&mut self, now: Instant) {
+        for outcome in self.outcomes.values_mut() {
+            outcome.went.get_or_insert(now);
+        }
+    }
+
+    /// Notes that the command will not be sent to a robot any more. Returns what that makes of it,
+    /// if it makes something new of it.
+    pub(super) fn over(&mut self, robot: &RobotId, end: End) -> Option<OutcomeStatus> {
+        let outcome = self.outcomes.get_mut(robot)?;
+        if outcome.status != OutcomeStatus::Pending {
+            return None;
+        }
+        outcome.status = match end {
+            End::Expired => OutcomeStatus::Expired,
+            End::Unanswered => OutcomeStatus::Timeout,
+        };
+        self.open -= 1;
+        Some(outcome.status)
+    }
+
+    /// Turns overdue outcomes into time-outs and returns how many. One that waits to be sent is not
+    /// overdue; one that is sent again still is, and a late answer is welcome.
     pub(super) fn expire(&mut self, now: Instant) -> usize {
-        let age = now.saturating_duration_since(self.sent_at);
         let end = longest(&self.command.action);
         let mut expired = 0;
         for outcome in self.outcomes.values_mut() {
-            let overdue = match outcome.status {
-                OutcomeStatus::Pending => age >= FIRST_ANSWER,
-                OutcomeStatus::Accepted => age >= end,
+            let age = outcome.went.map(|at| now.saturating_duration_since(at));
+            let overdue = match (outcome.status, age) {
+                (OutcomeStatus::Pending, Some(age)) => age >= FIRST_ANSWER,
+                (OutcomeStatus::Accepted, Some(age)) => age >= end,
                 _ => false,
             };
             if overdue {
@@ -234,7 +285,7 @@ impl Record {
             .and_then(|outcome| outcome.reason)
             .map(Reason::name);
         CommandView {
-            id: self.command.seq.to_string(),
+            id: self.id.to_string(),
             seq: self.command.seq,
             command: self.command.action.name(),
             robot: match &self.target {
@@ -276,7 +327,8 @@ fn longest(action: &Action) -> Duration {
 pub(crate) struct CommandView {
     /// Name of this record in `/api/v1/commands/{id}`.
     pub(crate) id: String,
-    /// The command's number on the wire.
+    /// The command's number on the wire. One that waited for its robot may get another than `id`
+    /// when it goes.
     pub(crate) seq: u64,
     /// The command's name.
     pub(crate) command: &'static str,

@@ -5,6 +5,8 @@ use crate::data::{DataDir, DataError};
 const FILE: &str = "command-sequence";
 /// Numbers reserved at a time. A restart skips the rest of them.
 const BLOCK: u64 = 10_000;
+/// What every reader of JSON can still count to, and far beyond the time in milliseconds.
+const GREATEST: u64 = 1 << 53;
 
 /// The numbers of commands.
 ///
@@ -22,7 +24,11 @@ impl Sequence {
     /// # Errors
     /// [`DataError`] when the file cannot be read or written.
     pub(crate) fn open(data: DataDir, unix_ms: u64) -> Result<Self, DataError> {
-        let next = unix_ms.max(data.number(FILE)?.unwrap_or(0));
+        let known = data.number(FILE)?.unwrap_or(0);
+        if known > GREATEST {
+            return Err(data.damaged(FILE, "is no number of a command; remove the file"));
+        }
+        let next = unix_ms.min(GREATEST).max(known);
         let reserved = next + BLOCK;
         data.set_number(FILE, reserved)?;
         Ok(Self {
@@ -46,18 +52,29 @@ impl Sequence {
         self.next
     }
 
-    /// Uses up the number.
+    /// Uses up the number. The next one is on the disk, as one of a block that a restart skips,
+    /// before anybody can use it.
     pub(crate) fn advance(&mut self) {
         self.next += 1;
         if self.next < self.reserved {
             return;
         }
-        self.reserved = self.next + BLOCK;
+        let reserved = self.next + BLOCK;
         if let Some(data) = &self.data
-            && let Err(error) = data.set_number(FILE, self.reserved)
+            && let Err(error) = data.set_number(FILE, reserved)
         {
-            // Commands matter more than the file: the clock alone will do for the next start.
+            // Commands matter more than the file: the clock alone will do for the next start. The
+            // next number tries again.
             tracing::error!(%error, "the numbers of commands are not safe across a restart");
+            return;
+        }
+        self.reserved = reserved;
+    }
+
+    /// Takes back the number used last, which has not gone anywhere.
+    pub(crate) const fn take_back(&mut self, number: u64) {
+        if number + 1 == self.next {
+            self.next = number;
         }
     }
 }
@@ -80,5 +97,41 @@ mod tests {
         let second = Sequence::open(DataDir::open(&path).expect("open"), 1_000).expect("second");
         assert!(second.peek() >= last, "{} after {last}", second.peek());
         std::fs::remove_dir_all(path).expect("clean up");
+    }
+
+    /// A crash can come between any two numbers: whatever was used by then, the next start is above.
+    #[test]
+    fn a_crash_between_any_two_numbers_repeats_none() {
+        let path =
+            std::env::temp_dir().join(format!("crawler-sequence-crash-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        let mut used = 0;
+        for numbers in [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, 2 * BLOCK, 3] {
+            let data = DataDir::open(&path).expect("open");
+            // The clock is of no help.
+            let mut sequence = Sequence::open(data, 0).expect("open");
+            for _ in 0..numbers {
+                assert!(sequence.peek() > used || used == 0, "{numbers}");
+                used = sequence.peek();
+                sequence.advance();
+            }
+            // Nothing is written at the end: dropping is as good as a crash.
+        }
+        std::fs::write(path.join(FILE), "18446744073709551615").expect("write");
+        let data = DataDir::open(&path).expect("open");
+        assert!(Sequence::open(data, 0).is_err(), "no number follows");
+        std::fs::remove_dir_all(path).expect("clean up");
+    }
+
+    #[test]
+    fn a_number_that_went_nowhere_is_used_again() {
+        let mut sequence = Sequence::in_memory(5);
+        sequence.advance();
+        sequence.take_back(5);
+        assert_eq!(sequence.peek(), 5);
+        sequence.advance();
+        sequence.advance();
+        sequence.take_back(5);
+        assert_eq!(sequence.peek(), 7, "another came after it");
     }
 }

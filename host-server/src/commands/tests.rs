@@ -7,13 +7,17 @@ use super::*;
 
 /// Keeps what would go out; refuses when told to.
 #[derive(Default)]
-struct Wire {
-    sent: Mutex<Vec<(Topic, Vec<u8>)>>,
-    broken: Mutex<Option<PublishError>>,
+pub(super) struct Wire {
+    pub(super) sent: Mutex<Vec<(Topic, Vec<u8>)>>,
+    pub(super) broken: Mutex<Option<PublishError>>,
 }
 
 impl Outlet for Wire {
-    fn publish(&self, topic: &Topic, payload: &[u8]) -> Result<(), PublishError> {
+    fn is_up(&self) -> bool {
+        *self.broken.lock().expect("lock") != Some(PublishError::NotConnected)
+    }
+
+    fn publish(&self, topic: &Topic, payload: &[u8], _: Ms) -> Result<(), PublishError> {
         if let Some(error) = *self.broken.lock().expect("lock") {
             return Err(error);
         }
@@ -23,7 +27,7 @@ impl Outlet for Wire {
     }
 }
 
-fn center() -> (Arc<Wire>, CommandCenter) {
+pub(super) fn center() -> (Arc<Wire>, CommandCenter) {
     let wire = Arc::new(Wire::default());
     let outlet: Arc<dyn Outlet> = Arc::clone(&wire) as _;
     let source = Source::new("server").expect("source");
@@ -32,11 +36,11 @@ fn center() -> (Arc<Wire>, CommandCenter) {
     (wire, center)
 }
 
-fn id(text: &str) -> RobotId {
+pub(super) fn id(text: &str) -> RobotId {
     RobotId::new(text).expect("robot id")
 }
 
-fn answer(robot: &str, seq: u64, status: ResponseStatus) -> Response {
+pub(super) fn answer(robot: &str, seq: u64, status: ResponseStatus) -> Response {
     Response {
         robot: id(robot),
         seq,
@@ -46,7 +50,7 @@ fn answer(robot: &str, seq: u64, status: ResponseStatus) -> Response {
     }
 }
 
-const MOVE: Action = Action::Move {
+pub(super) const MOVE: Action = Action::Move {
     direction: Direction::Forward,
     speed: 50,
     duration_ms: 2_000,
@@ -202,7 +206,8 @@ fn a_swarm_command_is_over_after_a_while() {
     center.answer(&answer("a", seq, ResponseStatus::Completed), true, start);
     center.sweep(start + Duration::from_secs(5));
     let sent = wire.sent.lock().expect("lock");
-    let told = SwarmResponse::from_json(&sent[1].1).expect("a swarm response");
+    let told =
+        SwarmResponse::from_json(&sent.last().expect("a message").1).expect("a swarm response");
     assert_eq!((told.outcomes.completed, told.outcomes.unanswered), (1, 1));
 }
 
@@ -244,11 +249,11 @@ fn records_are_bounded_by_count_outcomes_and_age() {
             .send(Action::Stop, Target::Swarm, robots.iter().cloned(), start)
             .expect("sent");
     }
-    assert!(center.book().outcomes <= MAX_OUTCOMES);
+    assert!(center.book().desk.outcomes <= MAX_OUTCOMES);
 
     center.sweep(start + MAX_AGE + Duration::from_secs(1));
-    assert_eq!(center.book().records.len(), 0);
-    assert_eq!(center.book().outcomes, 0);
+    assert_eq!(center.book().desk.records.len(), 0);
+    assert_eq!(center.book().desk.outcomes, 0);
     assert_eq!(center.totals().open, 0);
 }
 

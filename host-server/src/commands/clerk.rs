@@ -1,0 +1,155 @@
+//! Carries out what the delivery decides: numbers, sends and closes commands.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Instant;
+
+use crawler_delivery::{Class, Delivery, End, Post, SETTINGS, Sending};
+use crawler_protocol::{Command, EncodeError, MAX_MESSAGE, RobotId, Source, Topic};
+
+use super::journal::Journal;
+use super::record::Record;
+use super::sequence::Sequence;
+use super::{CommandCenter, CommandView, MAX_AGE, MAX_OUTCOMES, MAX_RECORDS, SendError, Target};
+use crate::bus::PublishError;
+use crate::clock;
+
+/// All commands that are remembered.
+pub(super) struct Desk {
+    pub(super) sequence: Sequence,
+    pub(super) records: BTreeMap<u64, Record>,
+    pub(super) open: BTreeSet<u64>,
+    /// Whose command a number is that is not its id.
+    pub(super) numbers: BTreeMap<u64, u64>,
+    pub(super) outcomes: usize,
+    pub(super) journal: Option<Journal>,
+    /// Commands that have come to their end and that nobody has been told of.
+    pub(super) over: Vec<CommandView>,
+}
+
+impl Desk {
+    pub(super) fn done(&mut self, id: u64, robot: &RobotId) {
+        if let Some(journal) = &mut self.journal {
+            journal.done(id, robot);
+        }
+    }
+
+    /// Drops the oldest records until the rest is within bounds. Settings on their way stay: there
+    /// is a bound for those.
+    pub(super) fn forget(&mut self, delivery: &mut Delivery, now: Instant) {
+        loop {
+            let mut records = self.records.iter();
+            let oldest = records.find(|(id, record)| {
+                Class::of(&record.command.action) != Class::Setting || !self.open.contains(id)
+            });
+            let Some((&id, record)) = oldest else { return };
+            let old = now.saturating_duration_since(record.sent_at) > MAX_AGE;
+            let many = self.outcomes > MAX_OUTCOMES || self.records.len() > MAX_RECORDS;
+            // One command always stays, however many robots it was for.
+            if !old && (!many || self.records.len() == 1) {
+                return;
+            }
+            if let Some(record) = self.records.remove(&id) {
+                self.outcomes -= record.outcomes.len();
+                if self.open.remove(&id) {
+                    for robot in record.outcomes.keys() {
+                        delivery.withdraw(id, robot);
+                        self.done(id, robot);
+                    }
+                }
+                for seq in record.numbers {
+                    self.numbers.remove(&seq);
+                }
+            }
+        }
+    }
+}
+
+/// Writes a command.
+pub(super) fn write(command: &Command, buffer: &mut [u8; MAX_MESSAGE]) -> Result<usize, SendError> {
+    command.to_json(buffer).map_err(|error| {
+        if error != EncodeError::TooLarge {
+            tracing::error!(?error, "a checked command cannot be written");
+        }
+        SendError::TooLarge
+    })
+}
+
+/// See the [module](self).
+pub(super) struct Clerk<'a> {
+    pub(super) center: &'a CommandCenter,
+    pub(super) desk: &'a mut Desk,
+    pub(super) now: Instant,
+    /// Why something could not go.
+    pub(super) refused: Option<PublishError>,
+}
+
+impl Post for Clerk<'_> {
+    fn number(&mut self) -> u64 {
+        let number = self.desk.sequence.peek();
+        self.desk.sequence.advance();
+        number
+    }
+
+    fn send(&mut self, sending: &Sending<'_>) -> bool {
+        let desk = &mut *self.desk;
+        let Some(record) = desk.records.get_mut(&sending.id) else {
+            // Forgotten, and nobody waits for it.
+            return true;
+        };
+        let mut command = record.command.clone();
+        command.seq = sending.seq;
+        if Class::of(&command.action) == Class::Setting
+            && let Ok(source) = Source::new(SETTINGS)
+        {
+            // Who gave it is in the record and in the audit log.
+            command.source = source;
+        }
+        // What waited is as new as its delivery; only motion must never be taken for newer than
+        // it is.
+        if Class::of(&command.action) != Class::Motion && record.waited(sending.robot) {
+            command.timestamp = clock::unix_ms();
+        }
+        if sending.seq != sending.id && !sending.again {
+            if let Some(journal) = &mut desk.journal {
+                journal.numbered(sending.id, sending.robot, sending.seq, sending.boot);
+            }
+            desk.numbers.insert(sending.seq, sending.id);
+            record.numbers.push(sending.seq);
+        }
+        let mut buffer = [0; MAX_MESSAGE];
+        let Ok(length) = write(&command, &mut buffer) else {
+            // It fitted with its first number. One that is a digit longer is centuries away.
+            return true;
+        };
+        let topic = Topic::CommandRobot(sending.robot.clone());
+        let payload = buffer.get(..length).unwrap_or_default();
+        match self.center.outlet.publish(&topic, payload, sending.life_ms) {
+            Ok(()) => {
+                record.went(sending.robot, sending.seq, self.now);
+                true
+            }
+            Err(error) => {
+                self.refused = Some(error);
+                false
+            }
+        }
+    }
+
+    fn over(&mut self, id: u64, robot: &RobotId, end: End) {
+        self.desk.done(id, robot);
+        let Some(record) = self.desk.records.get_mut(&id) else {
+            return;
+        };
+        let Some(status) = record.over(robot, end) else {
+            return;
+        };
+        self.center.metrics.answer(status.name());
+        if !record.is_open() && self.desk.open.remove(&id) {
+            let view = record.view();
+            if record.target == Target::Swarm {
+                self.center.announce(record);
+            }
+            self.desk.over.push(view);
+        }
+    }
+}
