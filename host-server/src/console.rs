@@ -1,0 +1,272 @@
+//! The console: accounts, credentials, audit log and backups, from the shell of the server's machine.
+//!
+//! Every command works on the data directory, beside a running server or without one: the records
+//! take several processes. A running server looks for what the console changed every few seconds.
+//! What a command does is written to the audit log under `console:NAME`, where NAME is the person's
+//! name on this machine.
+
+mod args;
+mod audit;
+mod backup;
+mod doctor;
+mod robots;
+mod terminal;
+mod users;
+
+use std::io;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::Path;
+use std::process::ExitCode;
+
+use crawler_records::{Entry, Records, RecordsError};
+use serde_json::Value;
+
+use crate::clock;
+use crate::config::{Cli, Command, Settings};
+
+pub use args::{
+    AuditArgs, AuditTask, BackupArgs, Place, RestoreArgs, RobotArgs, RobotTask, UserArgs, UserTask,
+    Whose,
+};
+
+/// Longest name of a person on this machine that goes into the log.
+const LONGEST_NAME: usize = 48;
+
+/// Runs a command of the console. Others end with an error.
+#[must_use]
+pub fn run(cli: Cli) -> ExitCode {
+    let command = match &cli.command {
+        Command::User(args) => Task::User(args.clone()),
+        Command::Robot(args) => Task::Robot(args.clone()),
+        Command::Audit(args) => Task::Audit(args.clone()),
+        Command::Backup(args) => Task::Backup(args.clone()),
+        Command::Restore(args) => Task::Restore(args.clone()),
+        _ => Task::Doctor,
+    };
+    let settings = match Settings::resolve(cli, std::env::vars_os()) {
+        Ok(settings) => settings,
+        Err(error) => return complain(&error.to_string(), 2),
+    };
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build();
+    let runtime = match runtime {
+        Ok(runtime) => runtime,
+        Err(error) => return complain(&format!("cannot start: {error}"), 1),
+    };
+    // What is left of a broker that does not answer must not hold up the end.
+    let result = runtime.block_on(command.run(&settings));
+    runtime.shutdown_background();
+    match result {
+        Ok(code) => code,
+        Err(text) => complain(&text, 1),
+    }
+}
+
+fn complain(text: &str, code: u8) -> ExitCode {
+    eprintln!("terracrawler: {text}");
+    ExitCode::from(code)
+}
+
+enum Task {
+    User(UserArgs),
+    Robot(RobotArgs),
+    Audit(AuditArgs),
+    Backup(BackupArgs),
+    Restore(RestoreArgs),
+    Doctor,
+}
+
+impl Task {
+    async fn run(self, settings: &Settings) -> Result<ExitCode, String> {
+        match self {
+            Self::User(args) => users::run(args.task, settings).await?,
+            Self::Robot(args) => robots::run(args.task, settings).await?,
+            Self::Audit(args) => return audit::run(args.task, settings).await,
+            Self::Backup(args) => backup::backup(&args.file, settings).await?,
+            Self::Restore(args) => backup::restore(&args.file, args.replace, settings).await?,
+            Self::Doctor => return Ok(doctor::run(settings).await),
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// The records, and who is at the keyboard.
+struct Console {
+    records: Records,
+    who: String,
+}
+
+impl Console {
+    /// Opens the records. `make` says whether they may be made: a typing mistake in `--data` must not
+    /// look like a server without accounts.
+    async fn open(data: &Path, make: bool) -> Result<Self, String> {
+        if make && !data.exists() {
+            crate::data::make_private(data)
+                .map_err(|error| format!("cannot make {}: {error}", data.display()))?;
+        }
+        check_owner(data)?;
+        if !make && !data.join(crawler_records::RECORDS_FILE).exists() {
+            return Err(format!(
+                "{} holds no records: is it the data directory of the server (--data)?",
+                data.display()
+            ));
+        }
+        let records = Records::open(data).await.map_err(|error| said(&error))?;
+        Ok(Self {
+            records,
+            who: operator(),
+        })
+    }
+
+    /// Writes down what was done, or refused, and passes the result on.
+    async fn noted<T>(
+        &self,
+        action: &str,
+        target: &str,
+        detail: Value,
+        result: Result<T, RecordsError>,
+    ) -> Result<T, String> {
+        let outcome = match &result {
+            Ok(_) => "ok".to_owned(),
+            Err(error) => format!("refused: {error}"),
+        };
+        self.note(action, target, detail, &outcome).await?;
+        result.map_err(|error| said(&error))
+    }
+
+    async fn note(
+        &self,
+        action: &str,
+        target: &str,
+        detail: Value,
+        outcome: &str,
+    ) -> Result<(), String> {
+        let entry = Entry {
+            at: now(),
+            who: self.who.clone(),
+            from: "console".into(),
+            action: action.into(),
+            target: target.into(),
+            detail,
+            outcome: outcome.chars().take(100).collect(),
+        };
+        self.records
+            .audit(entry)
+            .await
+            .map(drop)
+            .map_err(|error| format!("the audit log cannot be written: {error}"))
+    }
+
+    /// Everything is on disk when this returns.
+    async fn close(self) {
+        self.records.close().await;
+    }
+}
+
+fn said(error: &RecordsError) -> String {
+    error.to_string()
+}
+
+/// Unix milliseconds, as the records have them.
+fn now() -> i64 {
+    i64::try_from(clock::unix_ms()).unwrap_or(i64::MAX)
+}
+
+/// Files that root makes in a directory of the server's account are files the server cannot write.
+fn check_owner(data: &Path) -> Result<(), String> {
+    let owner = match std::fs::metadata(data) {
+        Ok(metadata) => metadata.uid(),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            return Err(format!(
+                "there is no data directory {}: name the server's with --data",
+                data.display()
+            ));
+        }
+        Err(error) => return Err(format!("cannot read {}: {error}", data.display())),
+    };
+    if owner == rustix::process::geteuid().as_raw() {
+        return Ok(());
+    }
+    Err(format!(
+        "{} belongs to another account (user {owner}): run this as that one, like `sudo -u '#{owner}' \
+         terracrawler …`",
+        data.display()
+    ))
+}
+
+/// Who is at the keyboard, as the machine calls them. Whoever can write the records can claim any
+/// name; it is there for honest people who look for each other.
+fn operator() -> String {
+    let named = ["SUDO_USER", "USER", "LOGNAME"]
+        .into_iter()
+        .filter_map(|variable| std::env::var(variable).ok())
+        .map(|name| {
+            name.chars()
+                .filter(|c| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-'))
+                .take(LONGEST_NAME)
+                .collect::<String>()
+        })
+        .find(|name| !name.is_empty());
+    let name = named.unwrap_or_else(|| format!("uid-{}", rustix::process::getuid().as_raw()));
+    format!("console:{name}")
+}
+
+/// A moment for people: UTC, to the second. Nothing here happened before 1970 or after 9999.
+fn moment(unix_ms: i64) -> String {
+    let seconds = unix_ms.clamp(0, 253_402_300_799_999) / 1_000;
+    let of_day = seconds % 86_400;
+    let (year, month, day) = date(seconds / 86_400);
+    format!(
+        "{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02}Z",
+        of_day / 3_600,
+        of_day / 60 % 60,
+        of_day % 60
+    )
+}
+
+/// The day that is `days` after 1970-01-01.
+fn date(days: i64) -> (i64, i64, i64) {
+    // Days from 0000-03-01, so that a leap day is the last of its year.
+    let days = days + 719_468;
+    let before = |year: i64| 365 * year + year / 4 - year / 100 + year / 400;
+    // Never too late, since no year is longer.
+    let mut year = days / 366;
+    while before(year + 1) <= days {
+        year += 1;
+    }
+    let of_year = days - before(year);
+    // From March on, five months have 153 days.
+    let month = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * month + 2) / 5 + 1;
+    if month < 10 {
+        (year, month + 3, day)
+    } else {
+        (year + 1, month - 9, day)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_are_those_of_the_calendar() {
+        for (unix_ms, text) in [
+            (0, "1970-01-01 00:00:00Z"),
+            (951_782_400_000, "2000-02-29 00:00:00Z"),
+            (951_868_800_000, "2000-03-01 00:00:00Z"),
+            (1_648_372_964_000, "2022-03-27 09:22:44Z"),
+            (1_709_251_199_999, "2024-02-29 23:59:59Z"),
+            (1_735_689_599_000, "2024-12-31 23:59:59Z"),
+            (4_102_444_800_000, "2100-01-01 00:00:00Z"),
+            (4_107_542_400_000, "2100-03-01 00:00:00Z"),
+        ] {
+            assert_eq!(moment(unix_ms), text);
+        }
+        // Whatever a damaged record says, there is an answer.
+        assert_eq!(moment(i64::MIN), "1970-01-01 00:00:00Z");
+        assert_eq!(moment(i64::MAX), "9999-12-31 23:59:59Z");
+    }
+}

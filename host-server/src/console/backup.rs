@@ -1,0 +1,388 @@
+//! Backups: everything of the data directory that a server cannot make again, in one file.
+//!
+//! The file is a tar archive. Records are copied by the database itself, so a running server may go
+//! on writing; small files beside them (numbers, keys and certificates) are replaced whole by whoever
+//! writes them, so each is copied whole.
+
+use std::fs::{self, File};
+use std::io::{self, Read as _};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::path::{Component, Path, PathBuf};
+
+use crawler_records::history::HISTORY_FILE;
+use crawler_records::{RECORDS_FILE, Records};
+use serde_json::json;
+
+use super::{Console, now, said};
+use crate::config::Settings;
+use crate::data::{self, DataDir};
+
+/// What is not copied as a file: locks belong to processes, and databases are copied by themselves.
+fn is_skipped(name: &str) -> bool {
+    name.contains("lock")
+        || name.contains(".sqlite")
+        || Path::new(name)
+            .extension()
+            .is_some_and(|ending| ending == "new")
+        || name.starts_with(ASIDE)
+        || name.starts_with(MAKING)
+}
+
+fn is_database(name: &Path) -> bool {
+    DATABASES.iter().any(|database| name == Path::new(database))
+}
+
+/// Directories with this beginning hold what a restore put aside.
+const ASIDE: &str = "before-restore-";
+/// And this one what is being made.
+const MAKING: &str = ".making-";
+/// More than any key, certificate or number. What is larger is not ours.
+const LARGEST: u64 = 1024 * 1024;
+/// Files beside the records. There are a handful.
+const MOST: usize = 1_000;
+/// Directories within directories.
+const DEEPEST: usize = 4;
+/// What the database copies.
+const DATABASES: [&str; 2] = [RECORDS_FILE, HISTORY_FILE];
+/// A database larger than this is not of a fleet that fits on one machine.
+const LARGEST_DATABASE: u64 = 64 * 1024 * 1024 * 1024;
+
+/// Makes a backup in `file`, which must not exist.
+pub(super) async fn backup(file: &Path, settings: &Settings) -> Result<(), String> {
+    let data = &settings.data;
+    let console = Console::open(data, false).await?;
+    let cannot = |error: io::Error| format!("cannot write {}: {error}", file.display());
+    let out = File::options()
+        .write(true)
+        .create_new(true)
+        .mode(0o600)
+        .open(file)
+        .map_err(cannot)?;
+    let made = write(&console, data, file, out).await;
+    if let Err(error) = made {
+        // Half a backup must not pass for one.
+        let _ = fs::remove_file(file);
+        console.close().await;
+        return Err(error);
+    }
+    console
+        .note("backup", &file.display().to_string(), json!({}), "ok")
+        .await?;
+    console.close().await;
+    let size = fs::metadata(file).map_or(0, |metadata| metadata.len());
+    println!(
+        "{} holds the records, history, keys and certificates of this server ({} KiB). It lets its reader be this \
+         server: keep it where the data directory would be safe.",
+        file.display(),
+        size.div_ceil(1024)
+    );
+    Ok(())
+}
+
+async fn write(console: &Console, data: &Path, file: &Path, out: File) -> Result<(), String> {
+    let cannot = |error: io::Error| format!("cannot write {}: {error}", file.display());
+    // Beside the backup rather than in the data directory: there is room for it there.
+    let mut copy = file.as_os_str().to_owned();
+    copy.push(".records");
+    let copy = Emptied(PathBuf::from(copy));
+    data::make_private(&copy.0).map_err(cannot)?;
+    console
+        .records
+        .backup(&copy.0)
+        .await
+        .map_err(|error| said(&error))?;
+    let mut tar = tar::Builder::new(out);
+    tar.mode(tar::HeaderMode::Deterministic);
+    for name in DATABASES {
+        tar.append_path_with_name(copy.0.join(name), name)
+            .map_err(cannot)?;
+    }
+    let mut files = Vec::new();
+    collect(data, Path::new(""), DEEPEST, &mut files)
+        .map_err(|error| format!("cannot read {}: {error}", data.display()))?;
+    for name in files {
+        tar.append_path_with_name(data.join(&name), &name)
+            .map_err(cannot)?;
+    }
+    let out = tar.into_inner().map_err(cannot)?;
+    out.sync_all().map_err(cannot)
+}
+
+/// The files beside the records, by their names below `data`.
+fn collect(data: &Path, below: &Path, depth: usize, files: &mut Vec<PathBuf>) -> io::Result<()> {
+    for entry in fs::read_dir(data.join(below))? {
+        let entry = entry?;
+        let (Some(name), kind) = (
+            entry.file_name().to_str().map(str::to_owned),
+            entry.file_type()?,
+        ) else {
+            continue;
+        };
+        if is_skipped(&name) || files.len() >= MOST {
+            continue;
+        }
+        let path = below.join(&name);
+        if kind.is_dir() && depth > 0 {
+            collect(data, &path, depth - 1, files)?;
+        } else if kind.is_file() && entry.metadata()?.len() <= LARGEST {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// Puts the contents of a backup where the data directory is.
+pub(super) async fn restore(file: &Path, replace: bool, settings: &Settings) -> Result<(), String> {
+    let target = &settings.data;
+    if target.exists() {
+        super::check_owner(target)?;
+    } else {
+        data::make_private(target)
+            .map_err(|error| format!("cannot make {}: {error}", target.display()))?;
+    }
+    // Held to the end: no server starts meanwhile, and none runs.
+    let held = DataDir::open(target).map_err(|error| format!("{error}; stop it first"))?;
+    let making = Emptied(target.join(format!("{MAKING}{}", std::process::id())));
+    fs::DirBuilder::new()
+        .mode(0o700)
+        .create(&making.0)
+        .map_err(|error| format!("cannot make {}: {error}", making.0.display()))?;
+    let names = unpack(file, &making.0)?;
+    // Checked before anything is put aside.
+    let ready = making.0.join("checked");
+    Records::restore(&making.0, &ready)
+        .await
+        .map_err(|error| format!("{}: {error}", file.display()))?;
+
+    let there = held_files(target)?;
+    if !there.is_empty() {
+        if !replace {
+            return Err(format!(
+                "{} holds a server's data already; --replace puts it aside first",
+                target.display()
+            ));
+        }
+        let aside = target.join(format!("{ASIDE}{}", now()));
+        let moved = fs::DirBuilder::new()
+            .mode(0o700)
+            .create(&aside)
+            .and_then(|()| {
+                there
+                    .iter()
+                    .try_for_each(|name| fs::rename(target.join(name), aside.join(name)))
+            });
+        moved.map_err(|error| format!("cannot put the old data aside: {error}"))?;
+        println!("What was there lies in {} now.", aside.display());
+    }
+    let cannot = |error: io::Error| format!("cannot write to {}: {error}", target.display());
+    for name in names.iter().filter(|name| !is_database(name)) {
+        if let Some(parent) = name.parent() {
+            data::make_private(&target.join(parent)).map_err(cannot)?;
+        }
+        fs::rename(making.0.join(name), target.join(name)).map_err(cannot)?;
+    }
+    for name in DATABASES {
+        let made = ready.join(name);
+        if made.exists() {
+            fs::rename(made, target.join(name)).map_err(cannot)?;
+        }
+    }
+    drop(making);
+    drop(held);
+    settle(settings, file).await
+}
+
+/// Opens what was restored, and says what a person has to put right after time went back.
+async fn settle(settings: &Settings, file: &Path) -> Result<(), String> {
+    let console = Console::open(&settings.data, false).await?;
+    console
+        .note("restore", &file.display().to_string(), json!({}), "ok")
+        .await?;
+    console.close().await;
+    println!(
+        "Restored. Everybody has to log in again. What was revoked, locked or changed since the backup \
+         is as it was then: look through `terracrawler robot list` and `terracrawler user list` before \
+         you start the server."
+    );
+    Ok(())
+}
+
+/// What a server has left in `target`, apart from locks and what restores left.
+fn held_files(target: &Path) -> Result<Vec<String>, String> {
+    let entries = fs::read_dir(target)
+        .and_then(Iterator::collect::<io::Result<Vec<_>>>)
+        .map_err(|error| format!("cannot read {}: {error}", target.display()))?;
+    Ok(entries
+        .iter()
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .filter(|name| {
+            !name.starts_with(ASIDE) && !name.starts_with(MAKING) && !name.contains("lock")
+        })
+        .collect())
+}
+
+/// Unpacks the archive into an empty directory, and nothing beside it. Returns the names.
+fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, String> {
+    let broken = |error: &dyn std::fmt::Display| {
+        format!(
+            "{} is not a backup of this program: {error}",
+            file.display()
+        )
+    };
+    let archive =
+        File::open(file).map_err(|error| format!("cannot read {}: {error}", file.display()))?;
+    let mut archive = tar::Archive::new(archive);
+    let mut names = Vec::new();
+    for entry in archive.entries().map_err(|error| broken(&error))? {
+        let mut entry = entry.map_err(|error| broken(&error))?;
+        let name = entry.path().map_err(|error| broken(&error))?.into_owned();
+        let plain = name
+            .components()
+            .all(|part| matches!(part, Component::Normal(_)));
+        if !plain || !entry.header().entry_type().is_file() {
+            return Err(broken(&format!("`{}` has no place in one", name.display())));
+        }
+        let largest = if is_database(&name) {
+            LARGEST_DATABASE
+        } else {
+            LARGEST
+        };
+        if entry.size() > largest || names.len() > MOST {
+            return Err(broken(&format!("`{}` is too large", name.display())));
+        }
+        let path = into.join(&name);
+        let written = path
+            .parent()
+            .map_or(Ok(()), data::make_private)
+            .and_then(|()| {
+                File::options()
+                    .write(true)
+                    .create_new(true)
+                    .mode(0o600)
+                    .open(&path)
+            })
+            .and_then(|mut out| {
+                io::copy(&mut entry.by_ref().take(largest), &mut out)?;
+                out.sync_all()
+            });
+        written.map_err(|error| broken(&error))?;
+        names.push(name);
+    }
+    if !names.iter().any(|name| name == Path::new(RECORDS_FILE)) {
+        return Err(broken(&"it holds no records"));
+    }
+    Ok(names)
+}
+
+/// A directory that goes away with the value.
+struct Emptied(PathBuf);
+
+impl Drop for Emptied {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scratch(name: &str) -> Emptied {
+        let path =
+            std::env::temp_dir().join(format!("crawler-backup-{name}-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&path);
+        fs::create_dir_all(&path).expect("directory");
+        Emptied(path)
+    }
+
+    fn archive(scratch: &Emptied, entries: &[(&str, tar::EntryType)]) -> PathBuf {
+        let path = scratch.0.join("archive");
+        let mut tar = tar::Builder::new(File::create(&path).expect("file"));
+        for (name, kind) in entries {
+            let mut header = tar::Header::new_ustar();
+            // Written by hand: the library refuses to make names that a stranger could send.
+            header.as_old_mut().name[..name.len()].copy_from_slice(name.as_bytes());
+            header.set_entry_type(*kind);
+            header.set_size(2);
+            header.set_mode(0o4777);
+            header.set_cksum();
+            tar.append(&header, &b"hi"[..]).expect("entry");
+        }
+        tar.finish().expect("end");
+        path
+    }
+
+    #[test]
+    fn no_archive_writes_outside() {
+        use tar::EntryType as Kind;
+        for (number, bad) in [
+            vec![("../outside", Kind::Regular)],
+            vec![("/tmp/crawler-outside", Kind::Regular)],
+            vec![("tls/../../outside", Kind::Regular)],
+            vec![("link", Kind::Symlink)],
+            vec![("link", Kind::Link)],
+            vec![("device", Kind::Char)],
+            vec![("folder", Kind::Directory)],
+            vec![(RECORDS_FILE, Kind::Regular), (RECORDS_FILE, Kind::Regular)],
+            vec![("seq", Kind::Regular)],
+            vec![],
+        ]
+        .iter()
+        .enumerate()
+        {
+            let scratch = scratch(&format!("bad-{number}"));
+            let path = archive(&scratch, bad);
+            let into = scratch.0.join("into");
+            fs::create_dir(&into).expect("directory");
+            let error = unpack(&path, &into).expect_err("refused");
+            assert!(error.contains("not a backup"), "{bad:?}: {error}");
+            assert!(!scratch.0.join("outside").exists(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn what_it_unpacks_is_private() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let scratch = scratch("private");
+        let path = archive(
+            &scratch,
+            &[
+                (RECORDS_FILE, tar::EntryType::Regular),
+                ("tls/ca.key", tar::EntryType::Regular),
+            ],
+        );
+        let into = scratch.0.join("into");
+        fs::create_dir(&into).expect("directory");
+        unpack(&path, &into).expect("a backup");
+        let mode = |name: &str| {
+            let metadata = fs::metadata(into.join(name)).expect("there");
+            metadata.permissions().mode() & 0o7777
+        };
+        assert_eq!(mode("tls/ca.key"), 0o600);
+        assert_eq!(mode("tls"), 0o700);
+    }
+
+    #[test]
+    fn locks_databases_and_leftovers_stay_out() {
+        let scratch = scratch("collect");
+        for name in [
+            "seq",
+            "lock",
+            "records.sqlite",
+            "records.sqlite-wal",
+            "records.lock",
+            "seq.new",
+        ] {
+            fs::write(scratch.0.join(name), "1").expect("file");
+        }
+        fs::create_dir_all(scratch.0.join("tls")).expect("directory");
+        fs::write(scratch.0.join("tls/ca.key"), "key").expect("file");
+        fs::create_dir_all(scratch.0.join("before-restore-1")).expect("directory");
+        fs::write(scratch.0.join("before-restore-1/seq"), "1").expect("file");
+        std::os::unix::fs::symlink("/etc/passwd", scratch.0.join("link")).expect("link");
+        let mut files = Vec::new();
+        collect(&scratch.0, Path::new(""), DEEPEST, &mut files).expect("read");
+        files.sort();
+        assert_eq!(files, [Path::new("seq"), Path::new("tls/ca.key")]);
+    }
+}

@@ -1,0 +1,335 @@
+//! Credentials of robots and of simulators.
+
+use std::fmt::Write as _;
+use std::net::{IpAddr, SocketAddr, UdpSocket};
+
+use crawler_access::{Secret, UserName};
+use serde_json::json;
+
+use super::args::{RobotTask, Whose};
+use super::{Console, moment, now, said};
+use crate::config::{Broker, Settings};
+
+pub(super) async fn run(task: RobotTask, settings: &Settings) -> Result<(), String> {
+    let make = matches!(task, RobotTask::Enroll { .. });
+    let console = Console::open(&settings.data, make).await?;
+    let result = match task {
+        RobotTask::Enroll { whose, address } => {
+            enroll(&console, settings, &whose, address.as_deref()).await
+        }
+        RobotTask::List => list(&console).await,
+        RobotTask::Revoke { whose } => revoke(&console, &whose).await,
+    };
+    console.close().await;
+    result
+}
+
+/// The name at the broker.
+fn name(whose: &Whose) -> String {
+    match (&whose.robot, &whose.simulator) {
+        (Some(robot), _) => robot.as_str().to_owned(),
+        (None, Some(simulator)) => format!("simulator-{}", simulator.as_str()),
+        // The command line has required one of the two.
+        (None, None) => String::new(),
+    }
+}
+
+async fn enroll(
+    console: &Console,
+    settings: &Settings,
+    whose: &Whose,
+    address: Option<&str>,
+) -> Result<(), String> {
+    let name = name(whose);
+    if let Some(robot) = &whose.robot {
+        check_free(console, robot.as_str()).await?;
+    }
+    let door = door(settings, address, whose.robot.is_some())?;
+    let before = console
+        .records
+        .credential(&name)
+        .await
+        .map_err(|error| said(&error))?;
+    let secret = Secret::generate().map_err(|error| error.to_string())?;
+    let result = console
+        .records
+        .enroll(&name, secret.digest(), now(), &console.who)
+        .await;
+    console
+        .noted("robot.enroll", &name, json!({}), result)
+        .await?;
+    // What a script wants is on standard output, what a person wants beside it.
+    let url = format!(
+        "mqtt{}://{name}:{secret}@{door}",
+        if door.tls { "s" } else { "" }
+    );
+    println!("{url}");
+    eprint!("{}", advice(&url, &name, &secret, &door, settings));
+    if before.is_some_and(|credential| credential.revoked.is_none()) {
+        eprintln!("The secret it had before is void.");
+    }
+    Ok(())
+}
+
+/// A robot goes by its id at the broker, where the server, simulators and people have names too.
+async fn check_free(console: &Console, robot: &str) -> Result<(), String> {
+    let reserved = ["server", "simulator"].iter().any(|word| {
+        robot
+            .strip_prefix(word)
+            .is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
+    });
+    if reserved {
+        return Err(format!(
+            "`{robot}` is a name that the server or a simulator goes by at the broker: give the robot \
+             another id, or use --simulator NAME"
+        ));
+    }
+    if let Ok(name) = robot.parse::<UserName>()
+        && console.find(&name).await?.is_some()
+    {
+        return Err(format!(
+            "`{robot}` is the account of a person: give the robot another id"
+        ));
+    }
+    Ok(())
+}
+
+/// What to do with a new secret.
+fn advice(url: &str, name: &str, secret: &Secret, door: &Door, settings: &Settings) -> String {
+    let mut text = String::from(
+        "\nThis secret is shown once; the server keeps only its digest. If it is lost, enroll again.\n\n",
+    );
+    // Writing to a String does not fail.
+    let _ = if name.starts_with("simulator-") {
+        write!(
+            text,
+            "Start the robots with that address:\n  TERRACRAWLER_BROKER='{url}' terracrawler sim\n"
+        )
+    } else {
+        write!(
+            text,
+            "On the robot's page (docs/provisioning.md) enter:\n  \
+             Address               {door}\n  \
+             User name             {name}\n  \
+             Password of the user  {secret}\n  \
+             Name of this robot    {name}\n  \
+             Fleet                 {}\n",
+            settings.fleet
+        )
+    };
+    if door.tls && !name.starts_with("simulator-") {
+        text.push_str(
+            "\nThis listener speaks TLS, which boards of this version do not: give them one without, on a \
+             network of theirs, with --mqtt-plain (docs/tls.md).\n",
+        );
+    }
+    if door.host_is_loopback() {
+        text.push_str(
+            "\nThe address is of this machine alone. For robots elsewhere let the broker listen on the \
+             network (--mqtt) and name its address here with --address.\n",
+        );
+    }
+    text
+}
+
+async fn list(console: &Console) -> Result<(), String> {
+    let credentials = console
+        .records
+        .credentials()
+        .await
+        .map_err(|error| said(&error))?;
+    if credentials.is_empty() {
+        println!("No credentials yet.");
+        return Ok(());
+    }
+    println!("{:<42}  {:<20}  {:<24}  state", "name", "made", "by");
+    for credential in credentials {
+        let state = match credential.revoked {
+            Some(at) => format!("revoked {}", moment(at)),
+            None => "valid".into(),
+        };
+        println!(
+            "{:<42}  {:<20}  {:<24}  {state}",
+            credential.name,
+            moment(credential.created),
+            credential.by
+        );
+    }
+    Ok(())
+}
+
+async fn revoke(console: &Console, whose: &Whose) -> Result<(), String> {
+    let name = name(whose);
+    let known = console
+        .records
+        .credential(&name)
+        .await
+        .map_err(|error| said(&error))?;
+    if known.is_none() {
+        return Err(format!(
+            "{name} has no credential; `terracrawler robot list` has those there are"
+        ));
+    }
+    let result = console.records.revoke_credential(&name, now()).await;
+    console
+        .noted("robot.revoke", &name, json!({}), result)
+        .await?;
+    println!("The secret of {name} is void. A running server ends its connection within seconds.");
+    Ok(())
+}
+
+/// Where robots find the broker.
+struct Door {
+    host: String,
+    port: u16,
+    tls: bool,
+}
+
+impl Door {
+    fn host_is_loopback(&self) -> bool {
+        self.host == "localhost"
+            || self
+                .host
+                .parse::<IpAddr>()
+                .is_ok_and(|address| address.is_loopback())
+    }
+}
+
+impl std::fmt::Display for Door {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.host.contains(':') {
+            write!(f, "[{}]:{}", self.host, self.port)
+        } else {
+            write!(f, "{}:{}", self.host, self.port)
+        }
+    }
+}
+
+/// Where robots find the broker: as told, or by the server's own options.
+fn door(settings: &Settings, address: Option<&str>, for_board: bool) -> Result<Door, String> {
+    let (host, port, tls) = match (&settings.broker, settings.tls.mqtt_plain) {
+        // Boards do not speak TLS in this version, so a listener without is there for them.
+        (Broker::Embedded(_), Some(listen)) if for_board => {
+            (reachable(listen), listen.port(), false)
+        }
+        (Broker::Embedded(listen), _) => (
+            reachable(*listen),
+            listen.port(),
+            settings.tls.covers(*listen),
+        ),
+        (Broker::Outside(url), _) => (url.host.clone(), url.port, url.tls),
+    };
+    let Some(address) = address else {
+        return Ok(Door { host, port, tls });
+    };
+    let wrong = || format!("--address: `{address}` is not HOST or HOST:PORT");
+    let (host, given) = if let Some(inner) = address.strip_prefix('[') {
+        let (host, tail) = inner.split_once(']').ok_or_else(wrong)?;
+        (host, tail.strip_prefix(':'))
+    } else {
+        match address.split_once(':') {
+            Some((host, port)) => (host, Some(port)),
+            None => (address, None),
+        }
+    };
+    let legal = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | ':');
+    if host.is_empty() || host.len() > 253 || !host.chars().all(legal) {
+        return Err(wrong());
+    }
+    let port = match given {
+        None => port,
+        Some(text) => text
+            .parse()
+            .ok()
+            .filter(|port| *port > 0)
+            .ok_or_else(wrong)?,
+    };
+    Ok(Door {
+        host: host.to_owned(),
+        port,
+        tls,
+    })
+}
+
+/// The address of a listener as others would dial it.
+fn reachable(listen: SocketAddr) -> String {
+    if !listen.ip().is_unspecified() {
+        return listen.ip().to_string();
+    }
+    own_address().map_or_else(|| "localhost".into(), |address| address.to_string())
+}
+
+/// The address from which this machine would reach others. Nothing is sent: connecting a UDP socket
+/// only asks the routing table. The destination is from a block kept for documentation.
+fn own_address() -> Option<IpAddr> {
+    let socket = UdpSocket::bind("0.0.0.0:0").ok()?;
+    socket.connect("192.0.2.1:9").ok()?;
+    let address = socket.local_addr().ok()?.ip();
+    (!address.is_unspecified() && !address.is_loopback()).then_some(address)
+}
+
+/// Where a person finds the control room.
+pub(super) fn page(settings: &Settings) -> String {
+    // Browsers refuse a certificate that is for another name.
+    let named = settings.tls.names.as_slice().first().cloned();
+    let host = named
+        .filter(|_| !settings.http.ip().is_loopback())
+        .unwrap_or_else(|| reachable(settings.http));
+    let host = if host.contains(':') {
+        format!("[{host}]")
+    } else {
+        host
+    };
+    let scheme = if settings.tls.covers(settings.http) {
+        "https"
+    } else {
+        "http"
+    };
+    format!("{scheme}://{host}:{}/", settings.http.port())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Layer, Role};
+
+    fn settings(mqtt: &str) -> Settings {
+        let layer = Layer {
+            mqtt: Some(mqtt.parse().expect("address")),
+            ..Layer::default()
+        };
+        Settings::from_layers(Role::Serve, &[layer]).expect("settings")
+    }
+
+    #[test]
+    fn robots_are_told_an_address_they_can_dial() {
+        let settings = settings("10.1.2.3:1883");
+        for (address, text) in [
+            (None, "10.1.2.3:1883"),
+            (Some("robots.example"), "robots.example:1883"),
+            (Some("robots.example:8883"), "robots.example:8883"),
+            (Some("[fd00::1]:8883"), "[fd00::1]:8883"),
+            (Some("[fd00::1]"), "[fd00::1]:1883"),
+        ] {
+            let door = door(&settings, address, true).expect("an address");
+            assert_eq!(door.to_string(), text);
+        }
+        for wrong in [
+            "",
+            ":1883",
+            "a b",
+            "host:0",
+            "host:99999",
+            "[::1",
+            "mqtt://host",
+        ] {
+            assert!(door(&settings, Some(wrong), true).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn an_address_that_stands_for_all_is_told_as_one() {
+        let door = door(&self::settings("0.0.0.0:1883"), None, true).expect("an address");
+        assert!(!door.host.starts_with("0."), "{door}");
+    }
+}

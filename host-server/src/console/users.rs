@@ -1,0 +1,209 @@
+//! Accounts of people.
+
+use crawler_access::{Role, Secret, UserName, password};
+use crawler_records::User;
+use serde_json::json;
+
+use super::args::UserTask;
+use super::{Console, moment, now, said, terminal};
+use crate::config::Settings;
+
+const HOUR_MS: i64 = 3_600_000;
+
+pub(super) async fn run(task: UserTask, settings: &Settings) -> Result<(), String> {
+    // The first account may be made before the server ever ran.
+    let make = matches!(task, UserTask::Add { .. } | UserTask::Invite { .. });
+    let console = Console::open(&settings.data, make).await?;
+    let result = match task {
+        UserTask::Add { name, role } => add(&console, name, role).await,
+        UserTask::List => list(&console).await,
+        UserTask::Passwd { name } => passwd(&console, &name).await,
+        UserTask::Role { name, role } => set_role(&console, &name, role).await,
+        UserTask::Disable { name } => set_disabled(&console, &name, true).await,
+        UserTask::Enable { name } => set_disabled(&console, &name, false).await,
+        UserTask::Remove { name } => remove(&console, &name).await,
+        UserTask::Invite { name, role, hours } => {
+            invite(&console, settings, name.as_ref(), role, hours).await
+        }
+    };
+    console.close().await;
+    result
+}
+
+async fn add(console: &Console, name: UserName, role: Role) -> Result<(), String> {
+    // Before anybody types a password for nothing.
+    if console.find(&name).await?.is_some() {
+        return Err(format!("{name} has an account already"));
+    }
+    let user = User {
+        password: Some(ask_password(&name)?),
+        name,
+        role,
+        created: now(),
+        disabled: false,
+    };
+    let result = console.records.add_user(&user).await;
+    console
+        .noted(
+            "user.add",
+            user.name.as_ref(),
+            json!({ "role": role }),
+            result,
+        )
+        .await?;
+    println!("{} has an account now, as {role}.", user.name);
+    Ok(())
+}
+
+async fn list(console: &Console) -> Result<(), String> {
+    let users = console
+        .records
+        .users()
+        .await
+        .map_err(|error| said(&error))?;
+    if users.is_empty() {
+        println!("No accounts yet.");
+        return Ok(());
+    }
+    println!("{:<32}  {:<8}  {:<20}  state", "name", "role", "made");
+    for user in users {
+        let state = match (user.disabled, &user.password) {
+            (true, _) => "locked",
+            (false, None) => "invited, no password yet",
+            (false, Some(_)) => "active",
+        };
+        println!(
+            "{:<32}  {:<8}  {:<20}  {state}",
+            user.name,
+            user.role.as_str(),
+            moment(user.created)
+        );
+    }
+    Ok(())
+}
+
+async fn passwd(console: &Console, name: &UserName) -> Result<(), String> {
+    console.known(name).await?;
+    let hash = ask_password(name)?;
+    let result = console.records.set_password(name, &hash).await;
+    console
+        .noted("user.password", name.as_ref(), json!({}), result)
+        .await?;
+    // Whoever knew the old one may still be in.
+    let ended = console.end_sessions(name).await?;
+    println!("{name} has a new password. {}", ended_text(ended));
+    Ok(())
+}
+
+async fn set_role(console: &Console, name: &UserName, role: Role) -> Result<(), String> {
+    console.known(name).await?;
+    let result = console.records.set_role(name, role).await;
+    console
+        .noted("user.role", name.as_ref(), json!({ "role": role }), result)
+        .await?;
+    // A token carries the role it was made with.
+    let ended = console.end_sessions(name).await?;
+    println!("{name} is {role} now. {}", ended_text(ended));
+    Ok(())
+}
+
+async fn set_disabled(console: &Console, name: &UserName, disabled: bool) -> Result<(), String> {
+    console.known(name).await?;
+    let action = if disabled {
+        "user.disable"
+    } else {
+        "user.enable"
+    };
+    let result = console.records.set_disabled(name, disabled, now()).await;
+    let ended = console
+        .noted(action, name.as_ref(), json!({}), result)
+        .await?;
+    if disabled {
+        println!("{name} is locked out. {}", ended_text(ended.len()));
+    } else {
+        println!("{name} may log in again.");
+    }
+    Ok(())
+}
+
+async fn remove(console: &Console, name: &UserName) -> Result<(), String> {
+    console.known(name).await?;
+    let result = console.records.delete_user(name, now()).await;
+    let ended = console
+        .noted("user.remove", name.as_ref(), json!({}), result)
+        .await?;
+    println!(
+        "{name} has no account any more. {}",
+        ended_text(ended.len())
+    );
+    Ok(())
+}
+
+async fn invite(
+    console: &Console,
+    settings: &Settings,
+    name: Option<&UserName>,
+    role: Role,
+    hours: u16,
+) -> Result<(), String> {
+    // An invitation to a known account sets a new password and leaves its role alone.
+    let role = match name {
+        Some(name) => console.find(name).await?.map_or(role, |user| user.role),
+        None => role,
+    };
+    let code = Secret::generate().map_err(|error| error.to_string())?;
+    let expires = now() + i64::from(hours) * HOUR_MS;
+    let result = console
+        .records
+        .invite(name, role, code.digest(), expires)
+        .await;
+    console
+        .noted(
+            "user.invite",
+            name.map_or("", AsRef::as_ref),
+            json!({ "role": role, "hours": hours }),
+            result,
+        )
+        .await?;
+    println!("{}#invite={code}", super::robots::page(settings));
+    eprintln!(
+        "Valid once, until {}. Whoever opens this link becomes {}{role}: send it on a channel that \
+         you trust.",
+        moment(expires),
+        name.map(|name| format!("{name}, ")).unwrap_or_default(),
+    );
+    Ok(())
+}
+
+fn ask_password(name: &UserName) -> Result<String, String> {
+    let password = terminal::new_password(name.as_ref())?;
+    password::check(name, &password).map_err(|weak| weak.to_string())?;
+    password::hash(&password).map_err(|error| error.to_string())
+}
+
+fn ended_text(sessions: usize) -> String {
+    match sessions {
+        0 => "No session was open.".into(),
+        1 => "One session ended.".into(),
+        count => format!("{count} sessions ended."),
+    }
+}
+
+impl Console {
+    pub(super) async fn find(&self, name: &UserName) -> Result<Option<User>, String> {
+        self.records.user(name).await.map_err(|error| said(&error))
+    }
+
+    async fn known(&self, name: &UserName) -> Result<User, String> {
+        self.find(name).await?.ok_or_else(|| {
+            format!("{name} has no account; `terracrawler user list` has those there are")
+        })
+    }
+
+    async fn end_sessions(&self, name: &UserName) -> Result<usize, String> {
+        let ended = self.records.revoke_sessions(name, None, now()).await;
+        ended
+            .map(|ended| ended.len())
+            .map_err(|error| format!("done, but the open sessions did not end: {error}"))
+    }
+}
