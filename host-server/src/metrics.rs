@@ -1,11 +1,18 @@
 //! Numbers about the server, in the text format Prometheus reads.
+//!
+//! `docs/monitor.md` says what each of them tells and when to worry.
+
+mod http;
+mod observed;
 
 use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-use crawler_protocol::Topic;
+use crawler_protocol::{ResponseStatus, Topic};
+use crawler_records::Records;
 use prometheus_client::encoding::{EncodeLabelSet, text};
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -14,30 +21,15 @@ use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
 use crate::broker::GuardCounters;
-use crate::process;
 
-/// What is asked for at every scrape rather than counted along the way.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Observed {
-    pub(crate) online: usize,
-    pub(crate) stale: usize,
-    pub(crate) offline: usize,
-    pub(crate) open_commands: usize,
-    pub(crate) simulation: Option<Simulated>,
-}
+pub(crate) use http::observe as observe_http;
+use observed::counter;
+pub(crate) use observed::{Observed, Robots, Simulated};
 
-/// How the simulation in this process is doing.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Simulated {
-    /// Simulated seconds per second.
-    pub(crate) real_time_factor: f64,
-    /// Physics steps so far.
-    pub(crate) steps: u64,
-    /// Robots in the world.
-    pub(crate) robots: u64,
-    /// Robots whose connection to the broker is up.
-    pub(crate) connected: u64,
-}
+/// Why a reader of the live feed was let go.
+const SLOW_READER: &str = "slow_reader";
+/// What a command comes to that nobody answers.
+const TIMEOUT: &str = "timeout";
 
 /// A label with one of a few values known beforehand.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
@@ -53,6 +45,11 @@ struct CommandLabel {
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct StatusLabel {
     status: &'static str,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct ReasonLabel {
+    reason: &'static str,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
@@ -75,8 +72,12 @@ pub(crate) struct Metrics {
     live_dropped: Counter,
     broker_up: Gauge,
     broker_losses: Counter,
-    robots: Family<StatusLabel, Gauge>,
-    open_commands: Gauge,
+    http_latency: http::Latency,
+    drops: Family<ReasonLabel, Counter>,
+    /// Where the server keeps its data.
+    data: OnceLock<PathBuf>,
+    /// Its database.
+    records: OnceLock<Records>,
 }
 
 /// From a quarter of a millisecond to a minute: an instantaneous command takes one, `goto` the other.
@@ -103,8 +104,10 @@ impl Metrics {
             live_dropped: Counter::default(),
             broker_up: Gauge::default(),
             broker_losses: Counter::default(),
-            robots: Family::default(),
-            open_commands: Gauge::default(),
+            http_latency: http::Latency::new(&mut registry),
+            drops: Family::default(),
+            data: OnceLock::new(),
+            records: OnceLock::new(),
             registry: Mutex::default(),
         };
         let r = &mut registry;
@@ -140,16 +143,6 @@ impl Metrics {
             metrics.latency.clone(),
         );
         r.register(
-            "commands_open",
-            "Commands some robot has not answered for good",
-            metrics.open_commands.clone(),
-        );
-        r.register(
-            "robots",
-            "Robots known, by presence",
-            metrics.robots.clone(),
-        );
-        r.register(
             "http_requests",
             "HTTP requests answered, by class of status",
             metrics.http_requests.clone(),
@@ -174,6 +167,23 @@ impl Metrics {
             "Connections to the broker that were lost",
             metrics.broker_losses.clone(),
         );
+        r.register(
+            "drops",
+            "What the server let go because somebody was too slow or too fast, by reason",
+            metrics.drops.clone(),
+        );
+        // A counter that is not there before its first event has no rate at that event.
+        let reason = SLOW_READER;
+        metrics
+            .drops
+            .get_or_create(&ReasonLabel { reason })
+            .inc_by(0);
+        for status in [ResponseStatus::Completed.name(), TIMEOUT] {
+            metrics
+                .answers
+                .get_or_create(&StatusLabel { status })
+                .inc_by(0);
+        }
         *metrics
             .registry
             .lock()
@@ -234,6 +244,24 @@ impl Metrics {
 
     pub(crate) fn live_dropped(&self) {
         self.live_dropped.inc();
+        self.dropped(SLOW_READER);
+    }
+
+    /// Says where the data directory is, so that its disk is watched.
+    pub(crate) fn watch_data(&self, path: &Path) {
+        // Set once, when the server starts.
+        let _ = self.data.set(path.to_owned());
+    }
+
+    /// Has the database watched.
+    pub(crate) fn watch_records(&self, records: &Records) {
+        let _ = self.records.set(records.clone());
+    }
+
+    /// Counts something that is lost because a queue is full or a budget is spent. `reason` is one
+    /// of those in `docs/monitor.md`.
+    pub(crate) fn dropped(&self, reason: &'static str) {
+        self.drops.get_or_create(&ReasonLabel { reason }).inc();
     }
 
     pub(crate) fn broker_connected(&self, up: bool) {
@@ -246,16 +274,6 @@ impl Metrics {
 
     /// Everything as text.
     pub(crate) fn encode(&self, observed: &Observed, guard: Option<&GuardCounters>) -> String {
-        for (status, count) in [
-            ("online", observed.online),
-            ("stale", observed.stale),
-            ("offline", observed.offline),
-        ] {
-            self.robots
-                .get_or_create(&StatusLabel { status })
-                .set(count as i64);
-        }
-        self.open_commands.set(observed.open_commands as i64);
         let mut out = String::new();
         let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
         // Writing to a String does not fail.
@@ -265,53 +283,16 @@ impl Metrics {
         if out.ends_with("# EOF\n") {
             out.truncate(out.len() - "# EOF\n".len());
         }
-        if let Some(usage) = process::usage() {
-            counter(
-                &mut out,
-                "process_cpu_seconds",
-                "User and system time of this process",
-                usage.cpu_seconds,
-            );
-            gauge(
-                &mut out,
-                "process_resident_memory_bytes",
-                "Resident memory of this process",
-                usage.resident_bytes as f64,
-            );
-            gauge(
-                &mut out,
-                "process_threads",
-                "Threads of this process",
-                usage.threads as f64,
-            );
+        observed::write_process(&mut out);
+        if let Some(data) = self.data.get() {
+            observed::write_data(&mut out, data);
         }
-        if let Some(simulation) = observed.simulation {
-            gauge(
-                &mut out,
-                "terracrawler_simulation_real_time_factor",
-                "Simulated seconds per second",
-                simulation.real_time_factor,
-            );
-            gauge(
-                &mut out,
-                "terracrawler_simulation_robots",
-                "Robots in the simulated world",
-                simulation.robots as f64,
-            );
-            gauge(
-                &mut out,
-                "terracrawler_simulation_connected",
-                "Robots of the simulated world that are connected to the broker",
-                simulation.connected as f64,
-            );
-            counter(
-                &mut out,
-                "terracrawler_simulation_steps",
-                "Physics steps of the simulated world",
-                simulation.steps as f64,
-            );
+        if let Some(records) = self.records.get() {
+            observed::write_history(&mut out, &records.history().stats());
         }
+        observed.write(&mut out);
         if let Some(guard) = guard {
+            observed::write_broker(&mut out, guard.load());
             for (name, help, value) in [
                 (
                     "oversize",
@@ -333,10 +314,16 @@ impl Metrics {
                     "Publishes that waited because their client was over its budget",
                     &guard.delayed,
                 ),
+                ("refused", "Connections refused", &guard.refused),
                 (
-                    "refused",
-                    "Connections refused for their credentials",
-                    &guard.refused,
+                    "cut_off",
+                    "Sessions ended because their client stayed over its budget",
+                    &guard.cut_off,
+                ),
+                (
+                    "dropped",
+                    "Sessions ended because their account or credential was changed",
+                    &guard.dropped,
                 ),
             ] {
                 counter(
@@ -346,6 +333,12 @@ impl Metrics {
                     value.load(Ordering::Relaxed) as f64,
                 );
             }
+            let name = "terracrawler_embedded_broker_refusals";
+            let help = "Connections, publishes and subscriptions refused, by reason";
+            let _ = write!(out, "# HELP {name} {help}.\n# TYPE {name} counter\n");
+            for (reason, count) in guard.refusals() {
+                let _ = writeln!(out, "{name}_total{{reason=\"{reason}\"}} {count}");
+            }
         }
         out.push_str("# EOF\n");
         out
@@ -354,20 +347,6 @@ impl Metrics {
 
 fn count(family: &Family<Kind, Counter>, kind: &'static str) {
     family.get_or_create(&Kind { kind }).inc();
-}
-
-fn counter(out: &mut String, name: &str, help: &str, value: f64) {
-    let _ = write!(
-        out,
-        "# HELP {name} {help}.\n# TYPE {name} counter\n{name}_total {value}\n"
-    );
-}
-
-fn gauge(out: &mut String, name: &str, help: &str, value: f64) {
-    let _ = write!(
-        out,
-        "# HELP {name} {help}.\n# TYPE {name} gauge\n{name} {value}\n"
-    );
 }
 
 const fn topic_kind(topic: &Topic) -> &'static str {

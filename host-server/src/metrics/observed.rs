@@ -1,0 +1,312 @@
+//! What is asked for at every scrape rather than counted along the way.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use crawler_protocol::RobotState;
+use crawler_records::history::Stats;
+
+use crate::broker::Load;
+use crate::fleet::{FleetState, Presence};
+use crate::process;
+
+/// The state of robots that have not told theirs.
+const UNTOLD: &str = "unknown";
+
+/// What is asked for at every scrape.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Observed {
+    pub(crate) robots: Robots,
+    pub(crate) open_commands: usize,
+    pub(crate) simulation: Option<Simulated>,
+}
+
+/// The robots of the fleet, counted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Robots {
+    pub(crate) online: usize,
+    pub(crate) stale: usize,
+    pub(crate) offline: usize,
+    /// Those not offline, by the order of [`RobotState::ALL`]; the last place is for those that have
+    /// told no state.
+    states: [usize; RobotState::ALL.len() + 1],
+    /// Ids that two robots seem to share.
+    twins: usize,
+}
+
+impl Robots {
+    /// Counts `fleet`.
+    pub(crate) fn count(fleet: &FleetState) -> Self {
+        let mut count = Self::default();
+        for robot in fleet.robots() {
+            match robot.presence {
+                Presence::Online => count.online += 1,
+                Presence::Stale => count.stale += 1,
+                Presence::Offline => count.offline += 1,
+            }
+            count.twins += usize::from(robot.has_twin());
+            // What an absent robot did last says nothing about now.
+            if robot.presence != Presence::Offline {
+                let place = robot
+                    .state()
+                    .and_then(|state| RobotState::ALL.iter().position(|known| *known == state));
+                if let Some(slot) = count.states.get_mut(place.unwrap_or(RobotState::ALL.len())) {
+                    *slot += 1;
+                }
+            }
+        }
+        count
+    }
+
+    fn write(&self, out: &mut String) {
+        family(
+            out,
+            "terracrawler_robots",
+            "Robots known, by presence",
+            "status",
+            [
+                ("online", self.online),
+                ("stale", self.stale),
+                ("offline", self.offline),
+            ],
+        );
+        let names = RobotState::ALL
+            .iter()
+            .map(|state| state.name())
+            .chain([UNTOLD]);
+        family(
+            out,
+            "terracrawler_robots_by_state",
+            "Robots that are not offline, by the state they told last",
+            "state",
+            names.zip(self.states),
+        );
+        gauge(
+            out,
+            "terracrawler_robots_sharing_an_id",
+            "Ids under which two robots seem to speak",
+            self.twins as f64,
+        );
+    }
+}
+
+/// How the simulation in this process is doing.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Simulated {
+    /// Simulated seconds per second.
+    pub(crate) real_time_factor: f64,
+    /// Physics steps so far.
+    pub(crate) steps: u64,
+    /// Robots in the world.
+    pub(crate) robots: u64,
+    /// Robots whose connection to the broker is up.
+    pub(crate) connected: u64,
+}
+
+impl Simulated {
+    fn write(&self, out: &mut String) {
+        gauge(
+            out,
+            "terracrawler_simulation_real_time_factor",
+            "Simulated seconds per second",
+            self.real_time_factor,
+        );
+        gauge(
+            out,
+            "terracrawler_simulation_robots",
+            "Robots in the simulated world",
+            self.robots as f64,
+        );
+        gauge(
+            out,
+            "terracrawler_simulation_connected",
+            "Robots of the simulated world that are connected to the broker",
+            self.connected as f64,
+        );
+        counter(
+            out,
+            "terracrawler_simulation_steps",
+            "Physics steps of the simulated world",
+            self.steps as f64,
+        );
+    }
+}
+
+impl Observed {
+    pub(super) fn write(&self, out: &mut String) {
+        self.robots.write(out);
+        gauge(
+            out,
+            "terracrawler_commands_open",
+            "Commands some robot has not answered for good",
+            self.open_commands as f64,
+        );
+        if let Some(simulation) = self.simulation {
+            simulation.write(out);
+        }
+    }
+}
+
+/// How full the embedded broker is.
+pub(super) fn write_broker(out: &mut String, load: Load) {
+    for (name, help, value) in [
+        ("connections", "Open connections", load.connections),
+        (
+            "sessions",
+            "Sessions, also of clients that are away and may return",
+            load.sessions,
+        ),
+        (
+            "subscriptions",
+            "Subscriptions of all sessions",
+            load.subscriptions,
+        ),
+        (
+            "queued",
+            "Messages waiting for their session to take them",
+            load.queued,
+        ),
+        (
+            "unacknowledged",
+            "QoS 1 messages that were sent and not acknowledged",
+            load.unacknowledged,
+        ),
+    ] {
+        gauge(
+            out,
+            &format!("terracrawler_embedded_broker_{name}"),
+            help,
+            value as f64,
+        );
+    }
+}
+
+/// How full the disk of the data directory is, and with what.
+pub(super) fn write_data(out: &mut String, data: &Path) {
+    if let Ok(found) = rustix::fs::statvfs(data) {
+        gauge(
+            out,
+            "terracrawler_data_free_bytes",
+            "Free space where the data directory is",
+            found.f_bavail.saturating_mul(found.f_frsize) as f64,
+        );
+    }
+    let databases = std::fs::read_dir(data).map(|entries| {
+        entries
+            .flatten()
+            .filter(|entry| entry.file_name().to_string_lossy().contains(".sqlite"))
+            .filter_map(|entry| Some(entry.metadata().ok()?.len()))
+            .sum::<u64>()
+    });
+    if let Ok(bytes) = databases {
+        gauge(
+            out,
+            "terracrawler_data_size_bytes",
+            "Size of the databases in the data directory",
+            bytes as f64,
+        );
+    }
+}
+
+/// How the database of telemetry is doing.
+pub(super) fn write_history(out: &mut String, stats: &Stats) {
+    for (name, help, value) in [
+        (
+            "accepted",
+            "Telemetry samples taken for the history",
+            stats.accepted,
+        ),
+        ("written", "Samples that are on disk", stats.written),
+        (
+            "dropped",
+            "Samples let go because too many were waiting",
+            stats.dropped,
+        ),
+        (
+            "failures",
+            "Writes that failed and were tried again",
+            stats.failures,
+        ),
+        ("damaged", "Blocks that could not be read", stats.damaged),
+    ] {
+        counter(
+            out,
+            &format!("terracrawler_history_{name}"),
+            help,
+            value as f64,
+        );
+    }
+    gauge(
+        out,
+        "terracrawler_history_queued",
+        "Samples waiting to be written",
+        stats.queued as f64,
+    );
+    gauge(
+        out,
+        "terracrawler_history_kept",
+        "1 while this process writes the history",
+        f64::from(u8::from(stats.keeper)),
+    );
+}
+
+/// What this process costs and what program it is.
+pub(super) fn write_process(out: &mut String) {
+    // An info metric: always 1, and the version is the label.
+    let _ = write!(
+        out,
+        "# HELP terracrawler_build_info The program that answers.\n\
+         # TYPE terracrawler_build_info gauge\n\
+         terracrawler_build_info{{version=\"{}\"}} 1\n",
+        env!("CARGO_PKG_VERSION")
+    );
+    let Some(usage) = process::usage() else {
+        return;
+    };
+    counter(
+        out,
+        "process_cpu_seconds",
+        "User and system time of this process",
+        usage.cpu_seconds,
+    );
+    gauge(
+        out,
+        "process_resident_memory_bytes",
+        "Resident memory of this process",
+        usage.resident_bytes as f64,
+    );
+    gauge(
+        out,
+        "process_threads",
+        "Threads of this process",
+        usage.threads as f64,
+    );
+}
+
+/// Gauges that differ in one label.
+fn family<'a>(
+    out: &mut String,
+    name: &str,
+    help: &str,
+    label: &str,
+    values: impl IntoIterator<Item = (&'a str, usize)>,
+) {
+    let _ = write!(out, "# HELP {name} {help}.\n# TYPE {name} gauge\n");
+    for (value, count) in values {
+        let _ = writeln!(out, "{name}{{{label}=\"{value}\"}} {count}");
+    }
+}
+
+pub(super) fn counter(out: &mut String, name: &str, help: &str, value: f64) {
+    let _ = write!(
+        out,
+        "# HELP {name} {help}.\n# TYPE {name} counter\n{name}_total {value}\n"
+    );
+}
+
+fn gauge(out: &mut String, name: &str, help: &str, value: f64) {
+    let _ = write!(
+        out,
+        "# HELP {name} {help}.\n# TYPE {name} gauge\n{name} {value}\n"
+    );
+}
