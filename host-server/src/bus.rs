@@ -37,8 +37,8 @@ const OUTGOING: usize = 4_096;
 const MAX_PACKET: u32 = 512 * 1024;
 /// Status and parameters of the largest fleet.
 const MAX_EARLY: usize = 40_000;
-/// A command that waits longer in a broker is of no use to anybody.
-const MESSAGE_EXPIRY_S: u32 = 60;
+/// What is not retained and waits longer in a broker is of no use to anybody.
+const MESSAGE_EXPIRY: Duration = Duration::from_mins(1);
 
 const FILTERS: [TopicFilter; 8] = [
     TopicFilter::Status,
@@ -157,10 +157,25 @@ impl Bus {
     /// # Errors
     /// [`PublishError`]; the message has not gone out then.
     pub(crate) fn publish(&self, topic: &Topic, payload: &[u8]) -> Result<(), PublishError> {
+        self.publish_within(topic, payload, MESSAGE_EXPIRY)
+    }
+
+    /// As [`Bus::publish`]; the broker throws the message away when it cannot hand it on `within`
+    /// that time, of which brokers know whole seconds.
+    ///
+    /// # Errors
+    /// [`PublishError`]; the message has not gone out then.
+    pub(crate) fn publish_within(
+        &self,
+        topic: &Topic,
+        payload: &[u8],
+        within: Duration,
+    ) -> Result<(), PublishError> {
+        let expiry = u32::try_from(within.as_millis().div_ceil(1_000)).unwrap_or(u32::MAX);
         let client = self.client.lock().unwrap_or_else(PoisonError::into_inner);
         let client = client.as_ref().ok_or(PublishError::NotConnected)?;
         let properties = PublishProperties {
-            message_expiry_interval: (!topic.retained()).then_some(MESSAGE_EXPIRY_S),
+            message_expiry_interval: (!topic.retained()).then_some(expiry),
             ..PublishProperties::default()
         };
         client
@@ -196,6 +211,29 @@ const fn quality(qos: Qos) -> QoS {
 /// One line saying why the broker cannot be used.
 pub(crate) async fn connect(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
     match tokio::time::timeout(SETUP, set_up(target, fleet)).await {
+        Ok(result) => result,
+        Err(_) => Err(format!("no answer within {} s", SETUP.as_secs())),
+    }
+}
+
+/// Whether the broker lets us in: connects, and leaves again.
+///
+/// # Errors
+/// One line saying why the broker cannot be used.
+pub(crate) async fn probe(target: &Target) -> Result<(), String> {
+    let (client, mut events) = AsyncClient::new(target.options(MAX_PACKET), OUTGOING);
+    let probing = async {
+        loop {
+            match events.poll().await.map_err(|error| describe(&error))? {
+                Event::Incoming(Packet::ConnAck(_)) => {
+                    client.try_disconnect().map_err(|error| error.to_string())?;
+                }
+                Event::Outgoing(rumqttc::Outgoing::Disconnect) => return Ok(()),
+                _ => {}
+            }
+        }
+    };
+    match tokio::time::timeout(SETUP, probing).await {
         Ok(result) => result,
         Err(_) => Err(format!("no answer within {} s", SETUP.as_secs())),
     }

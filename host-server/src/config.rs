@@ -9,6 +9,7 @@ mod cli;
 mod layer;
 #[cfg(test)]
 mod tests;
+mod tls;
 
 use std::ffi::OsString;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -19,6 +20,7 @@ use crawler_protocol::Fleet;
 pub use broker_url::{BrokerUrl, BrokerUrlError};
 pub use cli::{Cli, Command};
 pub use layer::{Layer, LogFormat};
+pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
 
 /// Prefix of every environment variable of this program.
 pub const ENV_PREFIX: &str = "TERRACRAWLER_";
@@ -62,6 +64,9 @@ pub struct Settings {
     pub http: SocketAddr,
     /// Where the server keeps what must survive a restart.
     pub data: PathBuf,
+    /// Whether everyone who connects may do everything. Without it nobody may do anything without an
+    /// account or the credential of a robot.
+    pub open: bool,
     /// Number of simulated robots; `None` leaves it to the scenario.
     pub robots: Option<u32>,
     /// Name or file of the scenario the simulated robots live in.
@@ -76,6 +81,8 @@ pub struct Settings {
     pub log: String,
     /// How log lines are written.
     pub log_format: LogFormat,
+    /// The options of TLS.
+    pub tls: TlsSettings,
 }
 
 /// Why the options cannot be used.
@@ -165,7 +172,7 @@ impl Settings {
             merged.fill_from(layer);
         }
         let loopback = |port| SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port);
-        let broker = match (role, merged.broker, merged.mqtt) {
+        let broker = match (role, merged.broker.clone(), merged.mqtt) {
             (Role::Sim, Some(url), _) => Broker::Outside(url),
             (Role::Sim, None, _) => Broker::Outside(BrokerUrl::loopback()),
             (Role::Up | Role::Serve, Some(_), Some(_)) if mqtt_at == broker_at => {
@@ -183,6 +190,7 @@ impl Settings {
                 Broker::Embedded(listen.unwrap_or_else(|| loopback(1883)))
             }
         };
+        let tls = TlsSettings::resolve(role, &merged, &broker)?;
         // A scenario that somebody chose knows how many robots it is for.
         let robots = merged
             .robots
@@ -204,6 +212,7 @@ impl Settings {
             broker,
             http: merged.http.unwrap_or_else(|| loopback(8080)),
             data: merged.data.unwrap_or_else(|| PathBuf::from("data")),
+            open: merged.open.unwrap_or(false),
             robots,
             scenario: merged.scenario,
             seed: merged.seed.unwrap_or(1),
@@ -213,6 +222,7 @@ impl Settings {
                 .log
                 .unwrap_or_else(|| "info,rmqtt=error,rmqtt_net=error".into()),
             log_format: merged.log_format.unwrap_or_default(),
+            tls,
         })
     }
 
@@ -235,6 +245,11 @@ impl Settings {
             && !address.ip().is_loopback()
         {
             exposed.push(("MQTT broker", address));
+        }
+        if let Some(address) = self.tls.mqtt_plain
+            && !address.ip().is_loopback()
+        {
+            exposed.push(("MQTT broker without TLS", address));
         }
         exposed
     }

@@ -2,6 +2,7 @@
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Write as _};
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 
 /// Why the data directory cannot be used.
@@ -46,6 +47,15 @@ impl std::fmt::Display for DataError {
 
 impl std::error::Error for DataError {}
 
+/// Makes a directory, and those above it, that nobody else may look into. One that is there stays as
+/// it is.
+pub(crate) fn make_private(path: &Path) -> io::Result<()> {
+    fs::DirBuilder::new()
+        .recursive(true)
+        .mode(0o700)
+        .create(path)
+}
+
 /// The directory, ours while this value lives.
 #[derive(Debug)]
 pub(crate) struct DataDir {
@@ -61,7 +71,7 @@ impl DataDir {
             let path = path.to_owned();
             move |cause| DataError::Io { path, cause }
         };
-        fs::create_dir_all(path).map_err(at(path))?;
+        make_private(path).map_err(at(path))?;
         let lock_path = path.join("lock");
         let lock = File::options()
             .create(true)
@@ -77,6 +87,23 @@ impl DataDir {
             Err(TryLockError::WouldBlock) => Err(DataError::InUse(path.to_owned())),
             Err(TryLockError::Error(cause)) => Err(at(&lock_path)(cause)),
         }
+    }
+
+    /// Where the file `name` is.
+    pub(crate) fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// The file `name` does not hold what it must.
+    pub(crate) fn damaged(&self, name: &str, text: &'static str) -> DataError {
+        let path = self.file(name);
+        DataError::Damaged { path, text }
+    }
+
+    /// An error of the file `name`.
+    pub(crate) fn failed(&self, name: &str, cause: io::Error) -> DataError {
+        let path = self.file(name);
+        DataError::Io { path, cause }
     }
 
     /// Reads the number in the file `name`; `None` when there is no such file.
@@ -104,7 +131,9 @@ impl DataDir {
             let mut file = File::create(&new)?;
             writeln!(file, "{number}")?;
             file.sync_all()?;
-            fs::rename(&new, &path)
+            fs::rename(&new, &path)?;
+            // Or a power cut can bring the old name back, and with it the old number.
+            File::open(&self.path)?.sync_all()
         };
         write().map_err(|cause| DataError::Io {
             path: path.clone(),

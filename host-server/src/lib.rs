@@ -5,11 +5,13 @@
 //! broker is in this process or not; what those messages are is `crawler-protocol`'s to say.
 
 pub mod config;
+pub mod console;
 pub mod evaluate;
 pub mod replay;
 pub mod run;
 pub mod server;
 
+mod accounts;
 mod broker;
 mod bus;
 mod clock;
@@ -24,9 +26,11 @@ mod recipe;
 mod simulation;
 mod simulator;
 mod text;
+mod tls;
 
 pub use data::DataError;
 pub use recipe::Randomisation;
+pub use tls::TlsError;
 
 /// Bytes as text.
 fn hex(bytes: &[u8]) -> String {

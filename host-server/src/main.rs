@@ -4,13 +4,19 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use crawler_server::config::{Cli, Command, Settings};
-use crawler_server::{evaluate, replay, run};
+use crawler_server::{console, evaluate, replay, run};
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     match &cli.command {
         Command::Evaluate(args) => return evaluate::run(args),
         Command::Replay(args) => return replay::run(args),
+        Command::User(_)
+        | Command::Robot(_)
+        | Command::Audit(_)
+        | Command::Backup(_)
+        | Command::Restore(_)
+        | Command::Doctor { .. } => return console::run(cli),
         Command::Up { .. } | Command::Serve { .. } | Command::Sim { .. } => {}
     }
     let settings = match Settings::resolve(cli, std::env::vars_os()) {

@@ -159,10 +159,15 @@ fn greet(settings: &Settings, running: &Running) {
         ),
     };
     let _ = write!(std::io::stdout(), "{text}");
-    for (what, address) in settings.exposed() {
+    let exposed = if settings.open {
+        settings.exposed()
+    } else {
+        Vec::new()
+    };
+    for (what, address) in exposed {
         tracing::warn!(
             %address,
-            "{what}: reachable from other machines, and there is no authentication yet: anybody \
+            "{what}: reachable from other machines, and open: there is no authentication, anybody \
              who reaches it can steer the robots"
         );
     }
@@ -170,12 +175,16 @@ fn greet(settings: &Settings, running: &Running) {
 
 fn greeting(settings: &Settings, server: &Server) -> String {
     let http = server.http();
+    let scheme = if server.https() { "https" } else { "http" };
     // A page must be opened at an address, even when we listen at all of them.
     let page = if http.ip().is_unspecified() {
-        format!("http://localhost:{}", http.port())
+        format!("{scheme}://localhost:{}", http.port())
     } else {
-        format!("http://{http}")
+        format!("{scheme}://{http}")
     };
+    let pin = server.authority().map_or_else(String::new, |path| {
+        format!("  TLS           clients trust {}\n", path.display())
+    });
     let whose = match settings.broker {
         Broker::Embedded(_) => "embedded",
         Broker::Outside(_) => "outside",
@@ -184,18 +193,39 @@ fn greeting(settings: &Settings, server: &Server) -> String {
         Role::Up => format!("  robots        {} simulated\n", server.simulated()),
         Role::Serve | Role::Sim => String::new(),
     };
-    let access = if settings.exposed().is_empty() {
-        "Only this machine can connect. There are no accounts yet: whoever connects can steer.\n"
-    } else {
-        "OTHER MACHINES CAN CONNECT, and there are no accounts yet: whoever connects can steer.\n"
-    };
+    let access = access(settings, server.invitation());
     format!(
         "Terracrawler is running.\n  \
            control room  {page}/\n  \
            API           {page}/api/v1/openapi.json\n  \
            MQTT broker   {} ({whose}), fleet `{}`\n\
-         {robots}{access}Ctrl-C stops the robots and ends the program.\n",
+         {pin}{robots}{access}Ctrl-C stops the robots and ends the program.\n",
         server.mqtt(),
         settings.fleet
     )
+}
+
+/// Who can get in, and how the first one does.
+fn access(settings: &Settings, invitation: Option<&str>) -> String {
+    let mut text = if settings.exposed().is_empty() {
+        "Only this machine can connect".to_owned()
+    } else if settings.open {
+        "OTHER MACHINES CAN CONNECT".to_owned()
+    } else {
+        "Other machines can connect".to_owned()
+    };
+    text.push_str(if settings.open {
+        ", and the server is open: whoever connects can steer.\n"
+    } else {
+        ". People need an account, robots a secret.\n"
+    });
+    if let Some(link) = invitation {
+        text.push_str(
+            "Nobody can administer it yet. Whoever opens this address can, once, within a day:\n",
+        );
+        text.push_str("  ");
+        text.push_str(link);
+        text.push('\n');
+    }
+    text
 }

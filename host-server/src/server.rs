@@ -1,40 +1,48 @@
 //! The server as a whole: started from settings, stopped in order.
 
+mod clockwork;
 mod ingest;
 mod robots;
 mod start_error;
+mod watch;
+mod ways;
 
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use crawler_protocol::{MAX_MESSAGE, Source, TimeMessage, Topic};
+use crawler_access::Secret;
+use crawler_protocol::Source;
+use crawler_records::Records;
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+use crate::accounts::{Accounts, Trail};
 use crate::broker::EmbeddedBroker;
-use crate::bus::{self, Bus, Target};
+use crate::bus::{self, Bus};
 use crate::clock;
-use crate::commands::{CommandCenter, Outlet, Sequence};
-use crate::config::{Broker, BrokerUrl, Role, Settings};
+use crate::commands::{CommandCenter, Journal, Outlet, Sequence};
+use crate::config::{BrokerUrl, Role, Settings};
 use crate::data::DataDir;
-use crate::feed::{self, Feed, Numbers};
+use crate::feed::Feed;
 use crate::fleet::SharedFleet;
 use crate::http::{self, App};
 use crate::metrics::Metrics;
 use crate::simulation::Simulation;
 use crate::simulator;
+use crate::tls::{Certificates, Door, Tunnel};
+use ways::Ways;
 
 pub use robots::Robots;
 pub use start_error::StartError;
+pub(crate) use ways::{open_tunnel, outside};
 
-const TIME_EVERY: Duration = Duration::from_secs(5);
-/// A robot that has just come online takes no motion command before it knows the time. One message
-/// serves all that come within this time.
-const TIME_AGAIN: Duration = Duration::from_millis(200);
+/// File of commands that robots are owed, in the data directory.
+const COMMANDS: &str = "commands";
 /// For each part of stopping.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -42,13 +50,19 @@ const PATIENCE: Duration = Duration::from_secs(5);
 pub struct Server {
     app: Arc<App>,
     http: SocketAddr,
+    https: bool,
+    authority: Option<PathBuf>,
     mqtt: BrokerUrl,
+    invitation: Option<String>,
     broker: Option<EmbeddedBroker>,
+    _tunnel: Option<Tunnel>,
     stop_http: CancellationToken,
     stop_bus: CancellationToken,
+    stop_trail: CancellationToken,
     http_task: JoinHandle<()>,
     bus_task: JoinHandle<()>,
     heart_task: JoinHandle<()>,
+    trail_task: JoinHandle<()>,
 }
 
 impl Server {
@@ -59,7 +73,13 @@ impl Server {
     /// [`StartError`] names what cannot be had. Whatever had been started by then is stopped.
     pub async fn start(settings: &Settings) -> Result<Self, StartError> {
         let data = DataDir::open(&settings.data)?;
+        let journal =
+            Journal::open(&data.file(COMMANDS)).map_err(|cause| data.failed(COMMANDS, cause))?;
         let sequence = Sequence::open(data, clock::unix_ms())?;
+        let records = Records::open(&settings.data).await?;
+        let accounts = Accounts::open(records.clone(), settings.open).await?;
+        let invitation = accounts.invite_first().await?;
+        let certificates = Certificates::of(settings)?;
         // Bind before anything moves: a port in use must not cost a fleet its broker.
         let listener = TcpListener::bind(settings.http)
             .await
@@ -68,8 +88,16 @@ impl Server {
             .local_addr()
             .map_err(|cause| StartError::http(settings.http, cause))?;
 
-        let (broker, target, mqtt) = open_broker(settings).await?;
+        let Ways {
+            broker,
+            tunnel,
+            target,
+            mqtt,
+            inside,
+        } = ways::open(settings, &records, certificates.as_ref()).await?;
         let metrics = Arc::new(Metrics::new());
+        metrics.watch_data(&settings.data);
+        metrics.watch_records(&records);
         let connection = bus::connect(&target, &settings.fleet)
             .await
             .map_err(|reason| StartError::BrokerUnreachable {
@@ -80,15 +108,24 @@ impl Server {
         let bus = Arc::new(Bus::new(settings.fleet.clone(), Arc::clone(&metrics)));
         let outlet: Arc<dyn Outlet> = Arc::clone(&bus) as _;
         let source = Source::new("server").map_err(|_| StartError::Internal("source"))?;
+        let stop_trail = CancellationToken::new();
+        let (trail, trail_task) = Trail::new(records.clone(), stop_trail.clone());
         let app = Arc::new(App {
+            records,
+            accounts,
+            trail,
+            mqtt: mqtt.clone(),
+            rates: http::Rates::new(),
             fleet: SharedFleet::new(settings.fleet.clone()),
-            commands: CommandCenter::new(outlet, Arc::clone(&metrics), source, sequence),
+            commands: CommandCenter::new(outlet, Arc::clone(&metrics), source, sequence)
+                .with_journal(journal, Instant::now()),
             bus: Arc::clone(&bus),
             metrics,
             feed: Feed::new(settings.fleet.clone()),
-            guard: broker.as_ref().map(EmbeddedBroker::counters),
+            broker: broker.as_ref().map(EmbeddedBroker::handle),
             simulation: OnceLock::new(),
             time_wanted: AtomicBool::new(false),
+            requests: http::RequestIds::new(),
             readers: Arc::new(Semaphore::new(http::MAX_READERS)),
             stop: CancellationToken::new(),
         });
@@ -102,17 +139,19 @@ impl Server {
             ingest::Ingest::new(Arc::clone(&app)),
             stop_bus.clone(),
         );
-        let heart_task = tokio::spawn(heart(Arc::clone(&app), stop_bus.clone()));
+        tokio::spawn(clockwork::upkeep(Arc::clone(&app), stop_bus.clone()));
+        let heart_task = tokio::spawn(clockwork::heart(Arc::clone(&app), stop_bus.clone()));
         if settings.role == Role::Up {
             // The connection is served already, so the robots' first words find a listener.
-            match Simulation::start(settings, &mqtt).await {
+            let inside = ways::for_robots(&inside, broker.as_ref(), settings);
+            match Simulation::start(settings, &inside).await {
                 Ok(simulation) => {
                     app.feed.set_arena(simulation.arena());
                     let simulation = Arc::new(simulation);
                     let _ = app.simulation.set(Arc::clone(&simulation));
                     tokio::spawn(simulator::listen(
                         simulation,
-                        outside(&mqtt)?.named("simulator"),
+                        ways::outside(&inside)?.named("simulator"),
                         settings.fleet.clone(),
                         stop_bus.clone(),
                     ));
@@ -123,21 +162,39 @@ impl Server {
                 }
             }
         }
+        let door = match &certificates {
+            Some(certificates) if settings.tls.covers(settings.http) => {
+                Some(Door::new(certificates.acceptor(b"http/1.1", None)?))
+            }
+            _ => None,
+        };
+        let https = door.is_some();
         let http_task = tokio::spawn(http::serve(
             listener,
             http::router(Arc::clone(&app), http),
+            door,
             stop_http.clone(),
         ));
+        let authority = certificates.as_ref().and_then(|own| own.authority());
+        if let Some(certificates) = certificates {
+            tokio::spawn(certificates.keep(stop_bus.clone()));
+        }
         Ok(Self {
             app,
             http,
+            https,
+            authority,
             mqtt,
+            invitation: invitation.map(|code| link(http, https, &code)),
             broker,
+            _tunnel: tunnel,
             stop_http,
             stop_bus,
+            stop_trail,
             http_task,
             bus_task,
             heart_task,
+            trail_task,
         })
     }
 
@@ -145,6 +202,18 @@ impl Server {
     #[must_use]
     pub const fn http(&self) -> SocketAddr {
         self.http
+    }
+
+    /// Whether API and control room are reached over TLS alone.
+    #[must_use]
+    pub const fn https(&self) -> bool {
+        self.https
+    }
+
+    /// The certificate that clients pin, when the server has an authority of its own.
+    #[must_use]
+    pub fn authority(&self) -> Option<&Path> {
+        self.authority.as_deref()
     }
 
     /// How many robots are simulated in this process.
@@ -162,6 +231,13 @@ impl Server {
         &self.mqtt
     }
 
+    /// Where the first administrator makes an account: an address that is good once, and for a day.
+    /// `None` on an open server, and where there is an administrator.
+    #[must_use]
+    pub fn invitation(&self) -> Option<&str> {
+        self.invitation.as_deref()
+    }
+
     /// Stops in order: robots of this process, readers and requests, connection to the broker,
     /// broker. Takes at most a few times five seconds.
     pub async fn stop(self) {
@@ -177,7 +253,21 @@ impl Server {
         if let Some(broker) = self.broker {
             broker.stop().await;
         }
+        self.stop_trail.cancel();
+        finish("the audit log", self.trail_task).await;
+        self.app.records.close().await;
     }
+}
+
+/// The address at which the invitation `code` is taken, on this machine.
+fn link(http: SocketAddr, https: bool, code: &Secret) -> String {
+    let host = if http.ip().is_unspecified() {
+        format!("localhost:{}", http.port())
+    } else {
+        http.to_string()
+    };
+    let scheme = if https { "https" } else { "http" };
+    format!("{scheme}://{host}/#invite={code}")
 }
 
 async fn finish(what: &str, mut task: JoinHandle<()>) {
@@ -188,114 +278,5 @@ async fn finish(what: &str, mut task: JoinHandle<()>) {
             tracing::warn!("{what} does not stop and is left behind");
             task.abort();
         }
-    }
-}
-
-async fn open_broker(
-    settings: &Settings,
-) -> Result<(Option<EmbeddedBroker>, Target, BrokerUrl), StartError> {
-    match &settings.broker {
-        Broker::Embedded(listen) => {
-            let broker = EmbeddedBroker::start(*listen, &settings.fleet)
-                .await
-                .map_err(|cause| StartError::mqtt(*listen, cause))?;
-            let address = broker.address();
-            let credentials = broker.credentials();
-            // Where it listens on every address, loopback is one of them.
-            let ip = match address.ip() {
-                ip if !ip.is_unspecified() => ip,
-                std::net::IpAddr::V4(_) => std::net::Ipv4Addr::LOCALHOST.into(),
-                std::net::IpAddr::V6(_) => std::net::Ipv6Addr::LOCALHOST.into(),
-            };
-            let url = BrokerUrl {
-                host: ip.to_string(),
-                port: address.port(),
-                credentials: None,
-            };
-            let target = Target {
-                host: bracketed(&url.host),
-                port: url.port,
-                client_id: credentials.user.clone(),
-                credentials: Some((credentials.user, credentials.password)),
-            };
-            Ok((Some(broker), target, url))
-        }
-        Broker::Outside(url) => Ok((None, outside(url)?, url.clone())),
-    }
-}
-
-/// A session of our own with an outside broker.
-fn outside(url: &BrokerUrl) -> Result<Target, StartError> {
-    let mut id = [0_u8; 8];
-    getrandom::fill(&mut id).map_err(|_| StartError::Internal("no randomness"))?;
-    Ok(Target {
-        host: bracketed(&url.host),
-        port: url.port,
-        client_id: format!("server-{}", crate::hex(&id)),
-        credentials: url.credentials.clone(),
-    })
-}
-
-/// The client joins host and port with a colon, so an IPv6 address needs its brackets.
-fn bracketed(host: &str) -> String {
-    if host.contains(':') {
-        format!("[{host}]")
-    } else {
-        host.to_owned()
-    }
-}
-
-/// What happens by the clock: the feed, overdue answers, the time for robots.
-async fn heart(app: Arc<App>, stop: CancellationToken) {
-    let mut tick = tokio::time::interval(feed::INTERVAL);
-    tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
-    let mut time_sent: Option<Instant> = None;
-    loop {
-        tokio::select! {
-            () = stop.cancelled() => return,
-            _ = tick.tick() => {}
-        }
-        let now = Instant::now();
-        app.feed.tick(&app.fleet, now, || Numbers {
-            messages_in: app.metrics.messages_in_total(),
-            commands: app.commands.totals(),
-            real_time_factor: app
-                .simulation
-                .get()
-                .map(|world| world.numbers().real_time_factor),
-        });
-        for command in app.commands.sweep(now) {
-            ingest::tell(&app, &command);
-        }
-        let wait = if app.time_wanted.load(Ordering::Relaxed) {
-            TIME_AGAIN
-        } else {
-            TIME_EVERY
-        };
-        let due = time_sent.is_none_or(|at| now.saturating_duration_since(at) >= wait);
-        // After a reconnect the first message goes out with the next tick.
-        if !app.bus.is_up() {
-            time_sent = None;
-        } else if due {
-            time_sent = Some(now);
-            app.time_wanted.store(false, Ordering::Relaxed);
-            publish_time(&app.bus);
-        }
-    }
-}
-
-fn publish_time(bus: &Bus) {
-    let message = TimeMessage {
-        timestamp: clock::unix_ms(),
-    };
-    let mut buffer = [0; MAX_MESSAGE];
-    match message.to_json(&mut buffer) {
-        Ok(length) => {
-            let payload = buffer.get(..length).unwrap_or_default();
-            if let Err(error) = bus.publish(&Topic::Time, payload) {
-                tracing::debug!(?error, "the time did not go out");
-            }
-        }
-        Err(error) => tracing::error!(?error, "the time cannot be written"),
     }
 }

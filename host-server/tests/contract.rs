@@ -189,7 +189,7 @@ async fn a_swarm_command_counts_every_robot() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn an_offline_robot_gets_stops_only() {
+async fn an_offline_robot_gets_stops_and_never_late_motion() {
     let fixture = Fixture::start().await;
     let robot = fixture.robot("a").await;
     robot.introduce().await;
@@ -198,10 +198,9 @@ async fn an_offline_robot_gets_stops_only() {
         .await;
     fixture.wait_presence("a", "offline").await;
     let drive = r#"{"command":"drive","parameters":{"v":0.1,"w":0.0}}"#;
-    fixture
-        .post("/api/v1/robots/a/commands", drive)
-        .await
-        .is_problem(409, "robot_offline");
+    let held = fixture.post("/api/v1/robots/a/commands", drive).await;
+    assert_eq!(held.status, 202);
+    let held = held.header("location").to_owned();
     for halt in ["stop", "estop"] {
         let body = format!(r#"{{"command":"{halt}"}}"#);
         assert_eq!(
@@ -216,6 +215,10 @@ async fn an_offline_robot_gets_stops_only() {
         .post("/api/v1/robots/b/commands", r#"{"command":"stop"}"#)
         .await;
     unknown.is_problem(404, "unknown_robot");
+    eventually("expired", async || {
+        fixture.get(&held).await.json()["status"] == "expired"
+    })
+    .await;
     fixture.stop().await;
 }
 

@@ -22,23 +22,54 @@ async fn descriptions_fit_what_is_there() {
     assert_eq!(
         calls,
         [
+            "delete /api/v1/robots/{id}/credential",
             "delete /api/v1/robots/{id}/faults",
+            "delete /api/v1/session",
+            "delete /api/v1/sessions/{id}",
+            "delete /api/v1/users/{name}",
+            "get /api/v1/audit",
+            "get /api/v1/audit/verify",
             "get /api/v1/commands/{id}",
+            "get /api/v1/credentials",
             "get /api/v1/live",
             "get /api/v1/robots",
             "get /api/v1/robots/{id}",
             "get /api/v1/robots/{id}/image",
             "get /api/v1/robots/{id}/logs",
             "get /api/v1/robots/{id}/parameters",
+            "get /api/v1/robots/{id}/telemetry",
             "get /api/v1/schema/{message}",
+            "get /api/v1/session",
+            "get /api/v1/sessions",
             "get /api/v1/simulator",
+            "get /api/v1/users",
+            "patch /api/v1/users/{name}",
+            "post /api/v1/invitations",
             "post /api/v1/robots/{id}/commands",
+            "post /api/v1/robots/{id}/credential",
             "post /api/v1/robots/{id}/faults",
+            "post /api/v1/session",
+            "post /api/v1/session/refresh",
+            "post /api/v1/session/ticket",
             "post /api/v1/simulator/commands",
             "post /api/v1/swarm/commands",
+            "post /api/v1/users",
             "put /api/v1/robots/{id}/parameters",
+            "put /api/v1/session/password",
         ]
     );
+    for (path, item) in paths {
+        for (method, call) in item.as_object().expect("methods") {
+            let told = call["responses"].as_object().expect("responses");
+            let mut wanted = vec!["400", "401", "403", "429"];
+            if !call["requestBody"].is_null() {
+                wanted.extend(["413", "415"]);
+            }
+            for status in wanted {
+                assert!(told.contains_key(status), "{method} {path}: {status}");
+            }
+        }
+    }
     // Everything referred to is there.
     let text = document.to_string();
     for reference in text.split("\"#/components/schemas/").skip(1) {

@@ -135,6 +135,7 @@ async fn a_simulated_robot_takes_a_picture_on_request() {
         http: Some(base.http),
         mqtt: Some("127.0.0.1:0".parse().expect("address")),
         data: Some(scratch.0.join("data")),
+        open: Some(true),
         scenario: Some(scenario.to_str().expect("UTF-8").to_owned()),
         ..Layer::default()
     };

@@ -132,6 +132,21 @@ fn unknown_names_are_said() {
     assert!(text.contains("nowhere"), "{text}");
 }
 
+#[test]
+fn the_first_administrator_gets_a_link() {
+    let closed = start(&["serve"]);
+    let link = closed
+        .greeting
+        .lines()
+        .find(|line| line.contains("/#invite="));
+    let link = link.unwrap_or_else(|| panic!("{}", closed.greeting)).trim();
+    assert!(link.starts_with("http://127.0.0.1:"), "{link}");
+    assert!(closed.greeting.contains("People need an account"));
+    let open = start(&["serve", "--open"]);
+    assert!(!open.greeting.contains("#invite"), "{}", open.greeting);
+    assert!(open.greeting.contains("whoever connects can steer"));
+}
+
 /// A running program and the lines it has said so far.
 struct Running {
     child: Child,
@@ -236,6 +251,7 @@ fn an_open_address_is_warned_about() {
     let mut child = program()
         .args([
             "serve",
+            "--open",
             "--http",
             "0.0.0.0:0",
             "--mqtt",
@@ -249,11 +265,12 @@ fn an_open_address_is_warned_about() {
         .expect("starts");
     let mut log = BufReader::new(child.stderr.take().expect("stderr"));
     let mut line = String::new();
-    log.read_line(&mut line).expect("a line");
-    assert!(
-        line.contains("WARN") && line.contains("no authentication"),
-        "{line}"
-    );
+    // What is said of certificates comes first.
+    while !line.contains("WARN") {
+        line.clear();
+        assert!(log.read_line(&mut line).expect("a line") > 0, "no warning");
+    }
+    assert!(line.contains("no authentication"), "{line}");
     child.kill().expect("our own process");
     child.wait().expect("our own process");
 }

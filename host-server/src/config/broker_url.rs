@@ -3,24 +3,26 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// `mqtt://[user[:password]@]host[:port]`.
+/// `mqtt://[user[:password]@]host[:port]`, or `mqtts://` for TLS.
 #[derive(Clone, PartialEq, Eq)]
 pub struct BrokerUrl {
     /// Host name or address, an IPv6 address without its brackets.
     pub host: String,
-    /// TCP port; 1883 when none is written.
+    /// TCP port; when none is written 1883, or 8883 for TLS.
     pub port: u16,
     /// User name and password.
     pub credentials: Option<(String, String)>,
+    /// Whether the connection is encrypted.
+    pub tls: bool,
 }
 
 /// Why a text is not a broker's address.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum BrokerUrlError {
-    /// No `mqtt://` in front.
+    /// Neither `mqtt://` nor `mqtts://` in front.
     Scheme,
-    /// `mqtts://`, `ws://` and `wss://` are not built in.
+    /// `ws://` and `wss://` are not built in.
     Unsupported,
     /// No host, or one with characters no host has.
     Host,
@@ -33,8 +35,8 @@ pub enum BrokerUrlError {
 impl fmt::Display for BrokerUrlError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Scheme => "a broker is named like mqtt://host:1883",
-            Self::Unsupported => "only mqtt:// is supported so far, not TLS or WebSocket",
+            Self::Scheme => "a broker is named like mqtt://host:1883 or mqtts://host:8883",
+            Self::Unsupported => "only mqtt:// and mqtts:// are supported, not WebSocket",
             Self::Host => "the host name is missing or not valid",
             Self::Port => "the port is not a number from 1 to 65535",
             Self::Path => "nothing may follow host and port",
@@ -52,6 +54,7 @@ impl BrokerUrl {
             host: "127.0.0.1".into(),
             port: 1883,
             credentials: None,
+            tls: false,
         }
     }
 }
@@ -60,13 +63,11 @@ impl FromStr for BrokerUrl {
     type Err = BrokerUrlError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let Some(rest) = text.strip_prefix("mqtt://") else {
-            let known = ["mqtts://", "ws://", "wss://"];
-            return Err(if known.iter().any(|scheme| text.starts_with(scheme)) {
-                BrokerUrlError::Unsupported
-            } else {
-                BrokerUrlError::Scheme
-            });
+        let (rest, tls) = match text.split_once("://") {
+            Some(("mqtt", rest)) => (rest, false),
+            Some(("mqtts", rest)) => (rest, true),
+            Some(("ws" | "wss", _)) => return Err(BrokerUrlError::Unsupported),
+            _ => return Err(BrokerUrlError::Scheme),
         };
         let rest = rest.strip_suffix('/').unwrap_or(rest);
         let (credentials, address) = match rest.rsplit_once('@') {
@@ -100,6 +101,7 @@ impl FromStr for BrokerUrl {
             return Err(BrokerUrlError::Host);
         }
         let port = match port {
+            None if tls => 8883,
             None => 1883,
             Some(text) => text
                 .parse::<u16>()
@@ -111,6 +113,7 @@ impl FromStr for BrokerUrl {
             host: host.to_owned(),
             port,
             credentials,
+            tls,
         })
     }
 }
@@ -118,10 +121,11 @@ impl FromStr for BrokerUrl {
 /// Without the password: the address is printed and logged.
 impl fmt::Display for BrokerUrl {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let scheme = if self.tls { "mqtts" } else { "mqtt" };
         if self.host.contains(':') {
-            write!(f, "mqtt://[{}]:{}", self.host, self.port)
+            write!(f, "{scheme}://[{}]:{}", self.host, self.port)
         } else {
-            write!(f, "mqtt://{}:{}", self.host, self.port)
+            write!(f, "{scheme}://{}:{}", self.host, self.port)
         }
     }
 }

@@ -7,7 +7,8 @@ use clap::{Args, Parser, Subcommand};
 use crawler_protocol::Fleet;
 
 use super::layer::parse_fleet;
-use super::{BrokerUrl, ConfigError, Layer, LogFormat, Role};
+use super::{BrokerUrl, ConfigError, Layer, LogFormat, Role, TlsMode, TlsNames};
+use crate::console::{AuditArgs, BackupArgs, RestoreArgs, RobotArgs, UserArgs};
 use crate::evaluate::EvaluateArgs;
 use crate::replay::ReplayArgs;
 
@@ -61,6 +62,25 @@ pub enum Command {
     Evaluate(Box<EvaluateArgs>),
     /// Runs a recording, or a seed, through the program once more
     Replay(Box<ReplayArgs>),
+    /// Accounts of people
+    User(UserArgs),
+    /// Credentials of robots and simulators
+    Robot(RobotArgs),
+    /// Who did what
+    Audit(AuditArgs),
+    /// Copies records, keys and certificates to one file, also beside a running server
+    Backup(BackupArgs),
+    /// Puts a backup back
+    Restore(RestoreArgs),
+    /// Checks everything a server needs, and says what to do
+    Doctor {
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        common: Common,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        server: ServerOptions,
+    },
 }
 
 /// Options of every command.
@@ -72,9 +92,12 @@ pub struct Common {
     /// Root topic of the fleet [default: swarm]
     #[arg(long, value_name = "NAME", value_parser = parse_fleet)]
     pub fleet: Option<Fleet>,
-    /// Outside MQTT 5 broker, like `mqtt://host:1883`
+    /// Outside MQTT 5 broker, like `mqtt://host:1883` or `mqtts://host:8883`
     #[arg(long, value_name = "URL")]
     pub broker: Option<BrokerUrl>,
+    /// PEM file with the authorities that broker is trusted by [default: those of this machine]
+    #[arg(long, value_name = "FILE")]
+    pub broker_ca: Option<PathBuf>,
     /// Log filter, like `debug` or `info,crawler_server=trace` [default: info]
     #[arg(long, value_name = "FILTER")]
     pub log: Option<String>,
@@ -95,6 +118,35 @@ pub struct ServerOptions {
     /// Directory for what must survive a restart [default: data]
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)] // as above
+    pub tls: TlsOptions,
+    /// No accounts: everyone who reaches the server may do everything
+    #[arg(long, num_args = 0..=1, default_missing_value = "true", value_name = "BOOL")]
+    pub open: Option<bool>,
+}
+
+/// Options of TLS.
+#[derive(Debug, Args)]
+pub struct TlsOptions {
+    /// Whether listeners speak TLS; `auto`: those that other machines can reach [default: auto]
+    #[arg(long, value_enum, value_name = "WHEN", hide_possible_values = false)]
+    pub tls: Option<TlsMode>,
+    /// More names and addresses for the certificate that the server makes, separated by commas
+    #[arg(long, value_name = "NAMES")]
+    pub tls_names: Option<TlsNames>,
+    /// PEM file with another certificate and its chain
+    #[arg(long, value_name = "FILE")]
+    pub tls_certificate: Option<PathBuf>,
+    /// PEM file with the key of that
+    #[arg(long, value_name = "FILE")]
+    pub tls_key: Option<PathBuf>,
+    /// PEM file with the authorities of certificates that MQTT clients may show
+    #[arg(long, value_name = "FILE")]
+    pub tls_client_ca: Option<PathBuf>,
+    /// Address at which the embedded broker listens without TLS as well, for robots that have none
+    #[arg(long, value_name = "ADDRESS")]
+    pub mqtt_plain: Option<SocketAddr>,
 }
 
 /// Options of the simulated robots.
@@ -125,7 +177,17 @@ impl Cli {
                 server,
                 robots,
             } => (Role::Up, common, Some(server), Some(robots)),
-            Command::Serve { common, server } => (Role::Serve, common, Some(server), None),
+            // The doctor looks at a server with these options.
+            Command::Serve { common, server } | Command::Doctor { common, server } => {
+                (Role::Serve, common, Some(server), None)
+            }
+            Command::User(UserArgs { place, .. })
+            | Command::Robot(RobotArgs { place, .. })
+            | Command::Audit(AuditArgs { place, .. })
+            | Command::Backup(BackupArgs { place, .. })
+            | Command::Restore(RestoreArgs { place, .. }) => {
+                return Ok((Role::Serve, place.layer(), place.config));
+            }
             Command::Sim { common, robots } => (Role::Sim, common, None, Some(robots)),
             Command::Evaluate(_) => {
                 return Err(ConfigError::Conflict("`evaluate` has options of its own"));
@@ -137,6 +199,7 @@ impl Cli {
         let mut layer = Layer {
             fleet: common.fleet,
             broker: common.broker,
+            broker_ca: common.broker_ca,
             log: common.log,
             log_format: common.log_format,
             ..Layer::default()
@@ -145,6 +208,13 @@ impl Cli {
             layer.http = server.http;
             layer.mqtt = server.mqtt;
             layer.data = server.data;
+            layer.tls = server.tls.tls;
+            layer.tls_names = server.tls.tls_names;
+            layer.tls_certificate = server.tls.tls_certificate;
+            layer.tls_key = server.tls.tls_key;
+            layer.tls_client_ca = server.tls.tls_client_ca;
+            layer.mqtt_plain = server.tls.mqtt_plain;
+            layer.open = server.open;
         }
         if let Some(robots) = robots {
             layer.robots = robots.robots;

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use crawler_protocol::Fleet;
 use serde::Deserialize;
 
-use super::{BrokerUrl, ConfigError, ENV_PREFIX};
+use super::{BrokerUrl, ConfigError, ENV_PREFIX, TlsMode, TlsNames};
 
 /// How log lines are written.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, clap::ValueEnum)]
@@ -35,12 +35,13 @@ impl FromStr for LogFormat {
 }
 
 /// Every key, as the file spells it.
-pub(super) const KEYS: [&str; 12] = [
+pub(super) const KEYS: [&str; 20] = [
     "fleet",
     "broker",
     "mqtt",
     "http",
     "data",
+    "open",
     "robots",
     "scenario",
     "seed",
@@ -48,6 +49,13 @@ pub(super) const KEYS: [&str; 12] = [
     "record",
     "log",
     "log_format",
+    "tls",
+    "tls_names",
+    "tls_certificate",
+    "tls_key",
+    "tls_client_ca",
+    "mqtt_plain",
+    "broker_ca",
 ];
 
 /// One source of options. The fields are those of [`super::Settings`].
@@ -64,6 +72,8 @@ pub struct Layer {
     pub http: Option<SocketAddr>,
     /// Where the server keeps what must survive a restart.
     pub data: Option<PathBuf>,
+    /// Whether everyone may do everything.
+    pub open: Option<bool>,
     /// Number of simulated robots.
     pub robots: Option<u32>,
     /// Name or file of the scenario.
@@ -78,6 +88,20 @@ pub struct Layer {
     pub log: Option<String>,
     /// How log lines are written.
     pub log_format: Option<LogFormat>,
+    /// Whether listeners speak TLS.
+    pub tls: Option<TlsMode>,
+    /// More names for the certificate that the server makes.
+    pub tls_names: Option<TlsNames>,
+    /// Certificate of the user, with its chain.
+    pub tls_certificate: Option<PathBuf>,
+    /// Its key.
+    pub tls_key: Option<PathBuf>,
+    /// Authorities of the certificates that MQTT clients may show.
+    pub tls_client_ca: Option<PathBuf>,
+    /// Where the embedded broker listens without TLS as well.
+    pub mqtt_plain: Option<SocketAddr>,
+    /// Authorities that an outside broker is trusted by.
+    pub broker_ca: Option<PathBuf>,
 }
 
 impl Layer {
@@ -144,6 +168,7 @@ impl Layer {
             "mqtt" => self.mqtt = parse(value)?,
             "http" => self.http = parse(value)?,
             "data" => self.data = Some(PathBuf::from(value)),
+            "open" => self.open = parse(value)?,
             "robots" => self.robots = parse(value)?,
             "scenario" => self.scenario = Some(value.to_owned()),
             "seed" => self.seed = parse(value)?,
@@ -151,6 +176,13 @@ impl Layer {
             "record" => self.record = Some(PathBuf::from(value)),
             "log" => self.log = Some(value.to_owned()),
             "log_format" => self.log_format = parse(value)?,
+            "tls" => self.tls = parse(value)?,
+            "tls_names" => self.tls_names = parse(value)?,
+            "tls_certificate" => self.tls_certificate = Some(PathBuf::from(value)),
+            "tls_key" => self.tls_key = Some(PathBuf::from(value)),
+            "tls_client_ca" => self.tls_client_ca = Some(PathBuf::from(value)),
+            "mqtt_plain" => self.mqtt_plain = parse(value)?,
+            "broker_ca" => self.broker_ca = Some(PathBuf::from(value)),
             _ => return Err("unknown".into()),
         }
         Ok(())
@@ -168,6 +200,7 @@ impl Layer {
         fill(&mut self.mqtt, weaker.mqtt.as_ref());
         fill(&mut self.http, weaker.http.as_ref());
         fill(&mut self.data, weaker.data.as_ref());
+        fill(&mut self.open, weaker.open.as_ref());
         fill(&mut self.robots, weaker.robots.as_ref());
         fill(&mut self.scenario, weaker.scenario.as_ref());
         fill(&mut self.seed, weaker.seed.as_ref());
@@ -175,6 +208,13 @@ impl Layer {
         fill(&mut self.record, weaker.record.as_ref());
         fill(&mut self.log, weaker.log.as_ref());
         fill(&mut self.log_format, weaker.log_format.as_ref());
+        fill(&mut self.tls, weaker.tls.as_ref());
+        fill(&mut self.tls_names, weaker.tls_names.as_ref());
+        fill(&mut self.tls_certificate, weaker.tls_certificate.as_ref());
+        fill(&mut self.tls_key, weaker.tls_key.as_ref());
+        fill(&mut self.tls_client_ca, weaker.tls_client_ca.as_ref());
+        fill(&mut self.mqtt_plain, weaker.mqtt_plain.as_ref());
+        fill(&mut self.broker_ca, weaker.broker_ca.as_ref());
     }
 }
 

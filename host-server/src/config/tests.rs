@@ -74,6 +74,7 @@ fn every_key_is_known_in_every_source() {
         ("mqtt", "127.0.0.1:1", "\"127.0.0.1:1\""),
         ("http", "127.0.0.1:2", "\"127.0.0.1:2\""),
         ("data", "d", "\"d\""),
+        ("open", "true", "true"),
         ("robots", "7", "7"),
         ("scenario", "arena", "\"arena\""),
         ("seed", "9", "9"),
@@ -81,6 +82,13 @@ fn every_key_is_known_in_every_source() {
         ("record", "r.mcap", "\"r.mcap\""),
         ("log", "debug", "\"debug\""),
         ("log_format", "json", "\"json\""),
+        ("tls", "on", "\"on\""),
+        ("tls_names", "a.example,10.0.0.1", "\"a.example, 10.0.0.1\""),
+        ("tls_certificate", "c.pem", "\"c.pem\""),
+        ("tls_key", "c.key", "\"c.key\""),
+        ("tls_client_ca", "r.pem", "\"r.pem\""),
+        ("mqtt_plain", "127.0.0.1:4", "\"127.0.0.1:4\""),
+        ("broker_ca", "b.pem", "\"b.pem\""),
     ];
     assert_eq!(values.map(|(key, _, _)| key), layer::KEYS);
     for (key, plain, toml) in values {
@@ -96,6 +104,20 @@ fn every_key_is_known_in_every_source() {
         let cli = Cli::try_parse_from(["terracrawler", "up", &option, plain]).expect(key);
         assert_eq!(cli.into_layer().expect("a layer").1, from_file, "{key}");
     }
+}
+
+#[test]
+fn a_server_is_closed_unless_told_otherwise() {
+    assert!(!resolve(&["serve"], &[]).expect("settings").open);
+    // The bare word is enough, and an option may follow it.
+    for arguments in [&["up", "--open"][..], &["up", "--open", "--seed", "2"]] {
+        assert!(resolve(arguments, &[]).expect("settings").open);
+    }
+    let environment = [("TERRACRAWLER_OPEN", "true")];
+    assert!(resolve(&["serve"], &environment).expect("settings").open);
+    let closed = resolve(&["serve", "--open", "false"], &environment);
+    assert!(!closed.expect("settings").open);
+    resolve(&["serve"], &[("TERRACRAWLER_OPEN", "yes")]).expect_err("neither true nor false");
 }
 
 #[test]
@@ -134,8 +156,8 @@ fn values_that_cannot_be_are_errors() {
         ),
         (
             &["up"],
-            &[("TERRACRAWLER_BROKER", "mqtts://h")],
-            "only mqtt:// is supported",
+            &[("TERRACRAWLER_BROKER", "wss://h")],
+            "only mqtt:// and mqtts:// are supported",
         ),
         (
             &["up", "--config", "/nonexistent.toml"],
@@ -206,6 +228,9 @@ fn brokers_are_read_strictly() {
     let ok = |text: &str| text.parse::<BrokerUrl>().expect(text);
     assert_eq!(ok("mqtt://h").port, 1883);
     assert_eq!(ok("mqtt://h:1884/").port, 1884);
+    let secure = ok("mqtts://h");
+    assert_eq!((secure.port, secure.tls), (8883, true));
+    assert_eq!(secure.to_string(), "mqtts://h:8883");
     assert_eq!(ok("mqtt://[::1]:1884").host, "::1");
     let url = ok("mqtt://ada:p:w@h");
     assert_eq!(url.credentials, Some(("ada".into(), "p:w".into())));
@@ -230,6 +255,55 @@ fn brokers_are_read_strictly() {
         ("mqtt://h/x", BrokerUrlError::Path),
     ] {
         assert_eq!(text.parse::<BrokerUrl>(), Err(error), "{text}");
+    }
+}
+
+#[test]
+fn tls_is_for_listeners_that_others_can_reach() {
+    let covers = |arguments: &[&str], listen: &str| {
+        let settings = resolve(arguments, &[]).expect("settings");
+        settings.tls.covers(listen.parse().expect("address"))
+    };
+    for listen in ["127.0.0.1:1", "[::1]:1", "[::ffff:127.0.0.1]:1"] {
+        assert!(!covers(&["serve"], listen), "{listen}");
+        assert!(covers(&["serve", "--tls", "on"], listen), "{listen}");
+    }
+    for listen in ["0.0.0.0:1", "[::]:1", "192.0.2.1:1"] {
+        assert!(covers(&["serve"], listen), "{listen}");
+        assert!(!covers(&["serve", "--tls", "off"], listen), "{listen}");
+    }
+}
+
+#[test]
+fn options_of_tls_that_do_not_fit_are_refused() {
+    for (arguments, expected) in [
+        (&["serve", "--tls-certificate", "c"][..], "belong together"),
+        (&["serve", "--tls-key", "k"], "belong together"),
+        (
+            &[
+                "serve",
+                "--tls-certificate",
+                "c",
+                "--tls-key",
+                "k",
+                "--tls-names",
+                "h",
+            ],
+            "one of the two",
+        ),
+        (
+            &["sim", "--broker", "mqtt://h", "--broker-ca", "f"],
+            "mqtts://",
+        ),
+        (&["serve", "--mqtt-plain", "127.0.0.1:1"], "second listener"),
+    ] {
+        let text = resolve(arguments, &[]).expect_err(expected).to_string();
+        assert!(text.contains(expected), "{text}");
+    }
+    let names = |text: &str| text.parse::<TlsNames>();
+    assert!(names("Robots.example, 10.0.0.1,::1,a-b.c").is_ok());
+    for wrong in ["", "a,", "a b", "*.example", "-a", "https://a", "a:1"] {
+        assert!(names(wrong).is_err(), "{wrong}");
     }
 }
 

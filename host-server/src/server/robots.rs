@@ -4,17 +4,20 @@ use std::sync::Arc;
 
 use tokio_util::sync::CancellationToken;
 
-use super::{StartError, outside};
+use super::StartError;
+use super::ways::{open_tunnel, outside};
 use crate::bus;
 use crate::config::{Broker, BrokerUrl, Settings};
 use crate::simulation::Simulation;
 use crate::simulator;
+use crate::tls::Tunnel;
 
 /// A running simulation on somebody's broker.
 pub struct Robots {
     simulation: Arc<Simulation>,
     broker: BrokerUrl,
     stop_listening: CancellationToken,
+    _tunnel: Option<Tunnel>,
 }
 
 impl Robots {
@@ -27,21 +30,25 @@ impl Robots {
             Broker::Outside(url) => url.clone(),
             Broker::Embedded(_) => return Err(StartError::Internal("robots without a broker")),
         };
+        let tunnel = open_tunnel(settings, &broker).await?;
+        let inside = tunnel.as_ref().map_or(&broker, Tunnel::inside).clone();
         // Robots try again for ever, and would do so in silence.
-        bus::connect(&outside(&broker)?, &settings.fleet)
+        // As the part of a simulator that is no robot: it may log in wherever the robots may.
+        let target = outside(&inside)?.named("simulator");
+        bus::probe(&target)
             .await
             .map_err(|reason| StartError::BrokerUnreachable {
                 broker: broker.to_string(),
                 reason,
             })?;
-        let simulation = Simulation::start(settings, &broker)
+        let simulation = Simulation::start(settings, &inside)
             .await
             .map_err(StartError::Simulation)?;
         let simulation = Arc::new(simulation);
         let stop_listening = CancellationToken::new();
         tokio::spawn(simulator::listen(
             Arc::clone(&simulation),
-            outside(&broker)?.named("simulator"),
+            target,
             settings.fleet.clone(),
             stop_listening.clone(),
         ));
@@ -49,6 +56,7 @@ impl Robots {
             simulation,
             broker,
             stop_listening,
+            _tunnel: tunnel,
         })
     }
 

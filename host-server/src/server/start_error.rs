@@ -4,7 +4,11 @@ use std::fmt;
 use std::io;
 use std::net::SocketAddr;
 
+use crawler_records::RecordsError;
+
+use crate::accounts::OpenError;
 use crate::data::DataError;
+use crate::tls::TlsError;
 
 /// Why the server does not start, in one line each.
 #[derive(Debug)]
@@ -12,6 +16,10 @@ use crate::data::DataError;
 pub enum StartError {
     /// The data directory cannot be used.
     Data(DataError),
+    /// Certificates or keys cannot be used.
+    Tls(TlsError),
+    /// The records in it cannot be used.
+    Records(RecordsError),
     /// An address cannot be listened at.
     Bind {
         /// Whose address.
@@ -62,10 +70,34 @@ impl From<DataError> for StartError {
     }
 }
 
+impl From<TlsError> for StartError {
+    fn from(error: TlsError) -> Self {
+        Self::Tls(error)
+    }
+}
+
+impl From<RecordsError> for StartError {
+    fn from(error: RecordsError) -> Self {
+        Self::Records(error)
+    }
+}
+
+impl From<OpenError> for StartError {
+    fn from(error: OpenError) -> Self {
+        match error {
+            OpenError::Records(error) => Self::Records(error),
+            OpenError::NoRandomness => Self::Internal("no randomness"),
+            OpenError::Key => Self::Internal("the key of tokens in the records is none"),
+        }
+    }
+}
+
 impl fmt::Display for StartError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Data(error) => error.fmt(f),
+            Self::Tls(error) => error.fmt(f),
+            Self::Records(error) => error.fmt(f),
             Self::Bind {
                 what,
                 option,

@@ -2,6 +2,8 @@
 // Every test file uses another part of this, and none of it is anybody else's.
 #![allow(dead_code, unreachable_pub)]
 
+pub mod closed;
+
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -40,16 +42,17 @@ impl Drop for Scratch {
 pub struct Fixture {
     pub server: Server,
     pub settings: Settings,
-    _scratch: Scratch,
+    scratch: Scratch,
 }
 
-/// Addresses and a folder that nobody else has.
+/// Addresses and a folder that nobody else has, and no accounts.
 fn quiet(scratch: &Scratch) -> Layer {
     let any = Some("127.0.0.1:0".parse().expect("address"));
     Layer {
         http: any,
         mqtt: any,
         data: Some(scratch.0.clone()),
+        open: Some(true),
         ..Layer::default()
     }
 }
@@ -73,7 +76,7 @@ impl Fixture {
         Self {
             server,
             settings,
-            _scratch: scratch,
+            scratch,
         }
     }
 
@@ -82,7 +85,7 @@ impl Fixture {
         Self {
             server,
             settings,
-            _scratch: Scratch::new(),
+            scratch: Scratch::new(),
         }
     }
 
@@ -109,7 +112,7 @@ impl Fixture {
         Self {
             server,
             settings,
-            _scratch: scratch,
+            scratch,
         }
     }
 

@@ -1,0 +1,111 @@
+//! What the server does by the clock.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use crawler_protocol::{MAX_MESSAGE, TimeMessage, Topic};
+use tokio_util::sync::CancellationToken;
+
+use super::ingest;
+use super::watch::Watch;
+use crate::accounts;
+use crate::bus::Bus;
+use crate::clock;
+use crate::feed::{self, Numbers};
+use crate::http::App;
+
+const TIME_EVERY: Duration = Duration::from_secs(5);
+/// A robot that has just come online takes no motion command before it knows the time. One message
+/// serves all that come within this time.
+const TIME_AGAIN: Duration = Duration::from_millis(200);
+/// What another process changes about sessions holds after this time.
+const CATCH_UP: Duration = Duration::from_secs(5);
+/// How often what is over is taken out of the records.
+const PRUNE: Duration = Duration::from_hours(1);
+
+/// What happens by the clock: the feed, overdue answers, the time for robots.
+pub(super) async fn heart(app: Arc<App>, stop: CancellationToken) {
+    let mut tick = tokio::time::interval(feed::INTERVAL);
+    tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+    let mut time_sent: Option<Instant> = None;
+    loop {
+        tokio::select! {
+            () = stop.cancelled() => return,
+            _ = tick.tick() => {}
+        }
+        let now = Instant::now();
+        app.feed.tick(&app.fleet, now, || Numbers {
+            messages_in: app.metrics.messages_in_total(),
+            commands: app.commands.totals(),
+            real_time_factor: app
+                .simulation
+                .get()
+                .map(|world| world.numbers().real_time_factor),
+        });
+        for command in app.commands.sweep(now) {
+            ingest::tell(&app, &command);
+        }
+        let wait = if app.time_wanted.load(Ordering::Relaxed) {
+            TIME_AGAIN
+        } else {
+            TIME_EVERY
+        };
+        let due = time_sent.is_none_or(|at| now.saturating_duration_since(at) >= wait);
+        // After a reconnect the first message goes out with the next tick.
+        if !app.bus.is_up() {
+            time_sent = None;
+        } else if due {
+            time_sent = Some(now);
+            app.time_wanted.store(false, Ordering::Relaxed);
+            publish_time(&app.bus);
+        }
+    }
+}
+
+/// What happens to the records by the clock.
+pub(super) async fn upkeep(app: Arc<App>, stop: CancellationToken) {
+    let mut pruned: Option<Instant> = None;
+    let mut watch = Watch::default();
+    // From here on changes count. Should it fail, the first look below takes its place.
+    let _ = watch.changed(&app.records).await;
+    loop {
+        tokio::select! {
+            () = stop.cancelled() => return,
+            () = tokio::time::sleep(CATCH_UP) => {}
+        }
+        if let Err(error) = app.accounts.catch_up().await {
+            tracing::warn!(%error, "cannot read which sessions are alive");
+        }
+        match watch.changed(&app.records).await {
+            Ok(names) => {
+                for name in names {
+                    app.drop_client(&name).await;
+                }
+            }
+            Err(error) => tracing::warn!(%error, "cannot read what the console changed"),
+        }
+        if pruned.is_none_or(|at| at.elapsed() >= PRUNE) {
+            pruned = Some(Instant::now());
+            if let Err(error) = app.records.prune(accounts::now_ms()).await {
+                tracing::warn!(%error, "cannot forget sessions that are over");
+            }
+        }
+    }
+}
+
+fn publish_time(bus: &Bus) {
+    let message = TimeMessage {
+        timestamp: clock::unix_ms(),
+    };
+    let mut buffer = [0; MAX_MESSAGE];
+    match message.to_json(&mut buffer) {
+        Ok(length) => {
+            let payload = buffer.get(..length).unwrap_or_default();
+            if let Err(error) = bus.publish(&Topic::Time, payload) {
+                tracing::debug!(?error, "the time did not go out");
+            }
+        }
+        Err(error) => tracing::error!(?error, "the time cannot be written"),
+    }
+}

@@ -1,0 +1,102 @@
+//! What another process changes in the records: the console revokes a secret or locks an account, and
+//! the sessions at the broker that came of it must end as if the server had done it itself.
+
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hasher as _};
+
+use crawler_records::{Records, RecordsError};
+
+/// What counted when the records were last looked at, by name.
+#[derive(Default)]
+pub(super) struct Watch {
+    known: Option<HashMap<String, u64>>,
+}
+
+impl Watch {
+    /// The names whose secret, password, role or lock is not what it was the last time. The first
+    /// look finds none.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when the records cannot be read; nothing is forgotten then.
+    pub(super) async fn changed(&mut self, records: &Records) -> Result<Vec<String>, RecordsError> {
+        let mut found = HashMap::new();
+        for credential in records.credentials().await? {
+            let counts = (credential.digest, credential.revoked);
+            found.insert(credential.name, fingerprint(counts));
+        }
+        for user in records.users().await? {
+            let counts = (user.password, user.role, user.disabled);
+            found.insert(user.name.to_string(), fingerprint(counts));
+        }
+        let changed = self.known.as_ref().map_or_else(Vec::new, |known| {
+            known
+                .iter()
+                .filter(|(name, counts)| found.get(*name) != Some(counts))
+                .map(|(name, _)| name.clone())
+                .collect()
+        });
+        self.known = Some(found);
+        Ok(changed)
+    }
+}
+
+/// Compared within this process alone.
+fn fingerprint(counts: impl std::hash::Hash) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    counts.hash(&mut hasher);
+    hasher.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crawler_access::{Role, Secret, UserName};
+    use crawler_records::User;
+
+    #[tokio::test]
+    async fn what_changes_is_named_once() {
+        let records = Records::in_memory().await.expect("records");
+        let secret = || Secret::generate().expect("randomness").digest();
+        let ada: UserName = "ada".parse().expect("name");
+        for name in ["rover-1", "rover-2"] {
+            records
+                .enroll(name, secret(), 1, "test")
+                .await
+                .expect("enrolled");
+        }
+        let user = User {
+            name: ada.clone(),
+            role: Role::Viewer,
+            password: None,
+            created: 1,
+            disabled: false,
+        };
+        records.add_user(&user).await.expect("added");
+        let mut watch = Watch::default();
+        assert!(watch.changed(&records).await.expect("read").is_empty());
+        assert!(watch.changed(&records).await.expect("read").is_empty());
+
+        records
+            .revoke_credential("rover-1", 2)
+            .await
+            .expect("revoked");
+        assert_eq!(watch.changed(&records).await.expect("read"), ["rover-1"]);
+        assert!(watch.changed(&records).await.expect("read").is_empty());
+
+        records
+            .enroll("rover-2", secret(), 3, "test")
+            .await
+            .expect("enrolled");
+        assert_eq!(watch.changed(&records).await.expect("read"), ["rover-2"]);
+        records.set_disabled(&ada, true, 4).await.expect("locked");
+        assert_eq!(watch.changed(&records).await.expect("read"), ["ada"]);
+        records.delete_user(&ada, 5).await.expect("removed");
+        assert_eq!(watch.changed(&records).await.expect("read"), ["ada"]);
+        // Somebody new has no session to end.
+        records
+            .enroll("rover-3", secret(), 6, "test")
+            .await
+            .expect("enrolled");
+        assert!(watch.changed(&records).await.expect("read").is_empty());
+    }
+}
