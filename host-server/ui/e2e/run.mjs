@@ -2,10 +2,9 @@
 // at BASE_URL. Prints one line per check and a closing 'N passed, N failed';
 // exits non-zero when anything failed. SCREENSHOTS=DIR keeps pictures.
 
-import { readFile } from 'node:fs/promises'
-import { createRequire } from 'node:module'
-import { join } from 'node:path'
 import { DESKTOP, PHONE, launch } from './browser.mjs'
+import { axe, axeSource, check, endBy, expect, fail, finish } from './checks.mjs'
+import { pause, picture, until } from './checks.mjs'
 
 /** Everything together ends by then, whatever hangs. */
 const DEADLINE_MS = 58_000
@@ -25,39 +24,6 @@ const base = process.env.BASE_URL
 if (base === undefined) {
   console.error('BASE_URL is not set: give the address of a running server')
   process.exit(2)
-}
-
-let passed = 0
-let failed = 0
-
-async function check(name, act) {
-  try {
-    const detail = await act()
-    passed += 1
-    console.log(`ok    ${name}${typeof detail === 'string' ? ` (${detail})` : ''}`)
-  } catch (error) {
-    failed += 1
-    console.log(`FAIL  ${name}: ${String(error.message).split('\n')[0]}`)
-  }
-}
-
-function expect(condition, reason) {
-  if (!condition) throw new Error(reason)
-}
-
-/** Polls until `probe` gives something truthy; the last value names the failure. */
-async function until(reason, milliseconds, probe) {
-  const end = performance.now() + milliseconds
-  for (;;) {
-    const value = await probe()
-    if (value) return value
-    if (performance.now() > end) throw new Error(`${reason} within ${milliseconds} ms`)
-    await pause(50)
-  }
-}
-
-function pause(milliseconds) {
-  return new Promise((resolve) => setTimeout(resolve, milliseconds))
 }
 
 function robots(page) {
@@ -89,20 +55,6 @@ async function one(page, id) {
   const found = (await robots(page)).find((robot) => robot.id === id)
   expect(found !== undefined, `${id} is no longer in the fleet`)
   return found
-}
-
-async function axe(page, name) {
-  const violations = await page.evaluate(async () => {
-    const result = await globalThis.axe.run(document, { resultTypes: ['violations'] })
-    return result.violations.map(({ id, nodes }) => `${id} at ${nodes[0]?.target.join(' ')}`)
-  })
-  expect(violations.length === 0, violations.join('; '))
-  return name
-}
-
-async function picture(page, name) {
-  const directory = process.env.SCREENSHOTS
-  if (directory !== undefined) await page.screenshot({ path: join(directory, `${name}.png`) })
 }
 
 /** A reachable robot that is not about to run into something. */
@@ -378,20 +330,7 @@ async function phone(browser) {
   await context.close()
 }
 
-function axeSource() {
-  return readFile(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8')
-}
-
-function finish() {
-  console.log(`${passed} passed, ${failed} failed`)
-  process.exit(failed === 0 && passed > 0 ? 0 : 1)
-}
-
-const guard = setTimeout(() => {
-  failed += 1
-  console.log(`FAIL  not finished within ${DEADLINE_MS / 1_000} s`)
-  finish()
-}, DEADLINE_MS)
+const guard = endBy(DEADLINE_MS)
 
 try {
   const browser = await launch()
@@ -409,8 +348,7 @@ try {
   await phone(browser)
   await browser.close()
 } catch (error) {
-  failed += 1
-  console.log(`FAIL  the browser: ${String(error.message).split('\n')[0]}`)
+  fail(`the browser: ${String(error.message).split('\n')[0]}`)
 }
 clearTimeout(guard)
 finish()

@@ -1,5 +1,6 @@
 // `npm run screenshots -- DIR`: pictures of the page at BASE_URL, desktop and
-// phone, light and dark, to look at.
+// phone, light and dark, to look at. LOGIN=name:password logs in and adds the
+// pages for accounts, keys and the audit log.
 
 import { mkdir } from 'node:fs/promises'
 import { join } from 'node:path'
@@ -7,6 +8,7 @@ import { DESKTOP, PHONE, launch } from './browser.mjs'
 
 const directory = process.argv[2]
 const base = process.env.BASE_URL
+const [user, password = ''] = process.env.LOGIN?.split(':') ?? []
 if (directory === undefined || base === undefined) {
   console.error('usage: BASE_URL=http://… npm run screenshots -- DIR')
   process.exit(2)
@@ -27,6 +29,13 @@ for (const [size, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE }
     const shot = (name) =>
       page.screenshot({ path: join(directory, `${size}-${colorScheme}-${name}.png`) })
     await page.goto(base)
+    if (user !== undefined) {
+      await page.getByTestId('login').waitFor()
+      await shot('login')
+      await page.getByTestId('user').fill(user)
+      await page.getByTestId('password').fill(password)
+      await page.keyboard.press('Enter')
+    }
     await page.locator('[data-testid=robot-row][data-x]').first().waitFor({ timeout: 15_000 })
     await page.waitForTimeout(1_500)
     await shot('overview')
@@ -43,6 +52,12 @@ for (const [size, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE }
     await page.getByTestId('rearm').click()
     await page.waitForTimeout(300)
     await page.getByTestId('wander-all').click()
+    for (const name of user === undefined ? [] : ['account', 'people', 'keys', 'audit']) {
+      await page.goto(`${base}/#/${name}`)
+      await page.locator(`[data-page=${name}]`).waitFor()
+      await page.waitForTimeout(600)
+      await shot(name)
+    }
     await context.close()
   }
 }

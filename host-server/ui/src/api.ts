@@ -1,19 +1,13 @@
-/** Calls of the HTTP interface, and errors as the server words them. */
+/** The calls that watching and steering robots take. */
+
+import type { Send } from './http'
+import { call as callWith, fields, numeric, payloadOf, request, text } from './http'
+
+export { ApiError, problemText } from './http'
 
 export interface Command {
   command: string
   parameters?: Record<string, number | string | boolean>
-}
-
-/** What went wrong, in words that can be shown. */
-export class ApiError extends Error {
-  constructor(
-    message: string,
-    /** HTTP status; 0 when the server was not reached. */
-    readonly status: number,
-  ) {
-    super(message)
-  }
 }
 
 /** One thing that a robot saw. */
@@ -50,41 +44,18 @@ export interface Outcome {
   expected: number
 }
 
-const TIMEOUT_MS = 2_000
-const BASE = '/api/v1'
-
 export interface Api {
   commandRobot(id: string, command: Command): Promise<string | null>
   commandSwarm(command: Command): Promise<string | null>
   outcome(commandId: string): Promise<Outcome>
   robot(id: string): Promise<RobotDetails>
   batteries(): Promise<Map<string, number>>
+  /** The newest picture of a robot; `image` is when it arrived. */
+  picture(id: string, image: number): Promise<Blob>
 }
 
-export function createApi(send: typeof fetch = (...args) => fetch(...args)): Api {
-  async function call(method: string, path: string, body?: unknown): Promise<unknown> {
-    let response: Response
-    try {
-      response = await send(BASE + path, {
-        method,
-        headers: body === undefined ? {} : { 'content-type': 'application/json' },
-        ...(body === undefined ? {} : { body: JSON.stringify(body) }),
-        // A stop sent while the page goes away must still leave the machine.
-        keepalive: method === 'POST',
-        cache: 'no-store',
-        signal: AbortSignal.timeout(TIMEOUT_MS),
-      })
-    } catch (error) {
-      const late = error instanceof DOMException && error.name === 'TimeoutError'
-      throw new ApiError(
-        late ? 'the server did not answer in time' : 'the server cannot be reached',
-        0,
-      )
-    }
-    const payload: unknown = await response.json().catch(() => null)
-    if (!response.ok) throw new ApiError(problemText(payload, response.status), response.status)
-    return payload
-  }
+export function createApi(send: Send = (...args) => fetch(...args)): Api {
+  const call = (method: string, path: string, body?: unknown) => callWith(send, method, path, body)
 
   return {
     async commandRobot(id, command) {
@@ -120,19 +91,17 @@ export function createApi(send: typeof fetch = (...args) => fetch(...args)): Api
       }
       return found
     },
+    async picture(id, image) {
+      const response = await request(send, 'GET', picturePath(id, image))
+      if (!response.ok) await payloadOf(response)
+      return response.blob()
+    },
   }
 }
 
-/** Address of the newest picture of a robot; another one for each picture. */
-export function imageAddress(id: string, image: number): string {
-  return `${BASE}/robots/${encodeURIComponent(id)}/image?received=${String(image)}`
-}
-
-/** Words of an RFC 9457 problem document, or the bare status without one. */
-export function problemText(payload: unknown, status: number): string {
-  const body = fields(payload)
-  const words = [text(body['title']), text(body['detail'])].filter((part) => part !== null)
-  return words.length > 0 ? words.join(': ') : `the server answered ${String(status)}`
+/** Where the newest picture of a robot is; another address for each picture. */
+export function picturePath(id: string, image: number): string {
+  return `/robots/${encodeURIComponent(id)}/image?received=${String(image)}`
 }
 
 function details(value: unknown): RobotDetails {
@@ -163,16 +132,4 @@ function seen(value: unknown): Seen[] | null {
 function commandId(value: unknown): string | null {
   const id = fields(value)['id']
   return typeof id === 'number' ? String(id) : text(id)
-}
-
-function fields(value: unknown): Record<string, unknown> {
-  return typeof value === 'object' && value !== null ? (value as Record<string, unknown>) : {}
-}
-
-function text(value: unknown): string | null {
-  return typeof value === 'string' && value !== '' ? value : null
-}
-
-function numeric(value: unknown): number | null {
-  return typeof value === 'number' && Number.isFinite(value) ? value : null
 }

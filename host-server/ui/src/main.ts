@@ -1,8 +1,8 @@
 import { createApp } from 'vue'
 import App from './App.vue'
-import { createApi } from './api'
-import { ROOM, Room } from './control/room'
-import { feedUrl } from './feed/connection'
+import { exclusively } from './account/exclusive'
+import { Session } from './account/session'
+import { SESSION } from './account/use'
 import './styles/index.css'
 import { applyTheme } from './theme'
 
@@ -21,12 +21,16 @@ interface RobotView {
 }
 
 applyTheme()
-const room = new Room({ url: feedUrl(location), api: createApi() })
-globalThis.terracrawler = Object.freeze({
-  robots: () =>
-    [...room.fleet.all()]
-      .filter((robot) => robot.placed)
-      .map(({ id, state, presence, x, y, heading }) => ({ id, state, presence, x, y, heading })),
+const session = new Session({
+  send: (...args) => fetch(...args),
+  exclusive: exclusively('terracrawler.refresh'),
+  channel:
+    typeof BroadcastChannel === 'undefined' ? null : new BroadcastChannel('terracrawler.session'),
 })
-createApp(App).provide(ROOM, room).mount('#app')
-room.start()
+const hurry = (): void => {
+  if (!document.hidden) session.hurry()
+}
+window.addEventListener('online', hurry)
+document.addEventListener('visibilitychange', hurry)
+createApp(App).provide(SESSION, session).mount('#app')
+void session.start()

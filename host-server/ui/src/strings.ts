@@ -1,6 +1,7 @@
 /** Every word the control room shows, in one place. */
 
 import type { Kind, Presence, RobotState } from './feed/decode'
+import { words } from './strings-account'
 
 export const states: Record<RobotState, string> = {
   INITIALIZING: 'Starting',
@@ -166,6 +167,7 @@ export const text = {
     sees: 'Sees',
     seesNothing: 'nothing',
     unknown: '–',
+    actions: 'Commands to this robot',
     stop: 'Stop',
     wander: 'Let it wander',
     reset: 'Reset',
@@ -185,6 +187,7 @@ export const text = {
     ready: 'Hold an arrow key, W A S D or a button. Letting go stops the robot.',
     driving: (v: number, w: number) => `Driving: ${v.toFixed(2)} m/s, ${degrees(w)}°/s`,
     blocked: {
+      role: words.need.drive,
       link: 'No connection to the server, so driving is off.',
       stopped: 'Emergency stop is on. Re-arm to drive.',
       offline: 'This robot is offline.',

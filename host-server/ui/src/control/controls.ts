@@ -5,6 +5,8 @@ import type { Room } from './room'
 
 /** What the page offers keys besides stopping and driving. */
 export interface PageActions {
+  /** `room`: all keys; `page`: the emergency stop only; `off`: none. */
+  keys(): 'room' | 'page' | 'off'
   help(): void
   search(): void
   neighbour(step: 1 | -1): void
@@ -15,10 +17,14 @@ export interface PageActions {
 /** Installs all listeners; the result removes them again. */
 export function installControls(room: Room, page: PageActions): () => void {
   function keyDown(event: KeyboardEvent): void {
+    const keys = page.keys()
+    if (keys === 'off') return
     // While the command key is down macOS reports no releases of other keys.
     if (event.metaKey) room.driver.releaseAll()
     const intent = intentOf(event, focusOf(document.activeElement))
     if (intent === null) return
+    // A page of settings is scrolled and tabbed through: nothing there may drive.
+    if (keys === 'page' && intent.do !== 'stop-all' && intent.do !== 'leave-field') return
     switch (intent.do) {
       case 'stop-all':
         // In the capture phase and swallowed, so that Space never also clicks
@@ -60,6 +66,7 @@ export function installControls(room: Room, page: PageActions): () => void {
   }
 
   function keyUp(event: KeyboardEvent): void {
+    if (page.keys() === 'off') return
     // Some browsers click a button when Space comes up, whatever became of the way down.
     if (isSpace(event) && focusOf(document.activeElement) !== 'text') {
       event.preventDefault()

@@ -3,10 +3,13 @@
  * together and offers Vue what it shows. One per page.
  */
 
-import type { InjectionKey, Ref, ShallowRef } from 'vue'
+import type { ComputedRef, InjectionKey, Ref, ShallowRef } from 'vue'
 import { computed, inject, ref, shallowRef } from 'vue'
+import { includes } from '../account/roles'
+import type { Role } from '../account/roles'
 import type { Api, Command, RobotDetails } from '../api'
-import type { ConnectionStatus } from '../feed/connection'
+import { words as account } from '../strings-account'
+import type { ConnectionStatus, FeedAddress } from '../feed/connection'
 import { Connection } from '../feed/connection'
 import type { Arena, Frame, Level, MetricsFrame } from '../feed/decode'
 import { FEED_PROTOCOL } from '../feed/decode'
@@ -17,18 +20,13 @@ import { Driver } from '../drive/driver'
 import { text } from '../strings'
 import type { StopState } from './stop'
 import { EmergencyStop } from './stop'
+import type { LogEntry } from './log'
+import { Log } from './log'
 
-export interface LogEntry {
-  key: number
-  time: number
-  level: Level
-  robot: string | null
-  text: string
-}
+export { MOST_LOG_ENTRIES } from './log'
 
 export type Blocked = keyof typeof text.drive.blocked
 
-export const MOST_LOG_ENTRIES = 300
 /** The list and all figures are brought up to date this often, not at feed rate. */
 const REFRESH_MS = 200
 const DETAILS_EVERY_MS = 1_000
@@ -41,8 +39,10 @@ const RECEIPT_EVERY_MS = 300
 const ADOPT_AFTER_MS = 1_500
 
 export interface RoomOptions {
-  url: string
+  url: FeedAddress
   api: Api
+  /** What the one at the controls may do; everything, where it is not said. */
+  role?: Ref<Role>
   open?: (url: string) => WebSocket
 }
 
@@ -51,7 +51,10 @@ export class Room {
   readonly connection: Connection
   readonly driver: Driver
   readonly stop: EmergencyStop
-  private readonly api: Api
+  readonly api: Api
+  /** Whether robots may be commanded at all. */
+  readonly mayOperate: ComputedRef<boolean>
+  private readonly entries = new Log()
 
   /** Rises whenever figures and rows are worth computing anew. */
   readonly tick = ref(0)
@@ -69,7 +72,7 @@ export class Room {
   readonly mismatch: Ref<number | null> = ref(null)
   readonly metrics: ShallowRef<MetricsFrame | null> = shallowRef(null)
   readonly ignored = ref(0)
-  readonly log: ShallowRef<readonly LogEntry[]> = shallowRef([])
+  readonly log: ShallowRef<readonly LogEntry[]>
   readonly selectedId: Ref<string | null> = ref(null)
   readonly details: ShallowRef<RobotDetails | null> = shallowRef(null)
   readonly batteries: ShallowRef<ReadonlyMap<string, number>> = shallowRef(new Map())
@@ -87,6 +90,7 @@ export class Room {
   readonly blocked = computed<Blocked | null>(() => {
     void this.tick.value
     if (this.selectedId.value === null) return null
+    if (!this.mayOperate.value) return 'role'
     if (this.stopState.value !== 'armed') return 'stopped'
     const state = this.status.value.state
     if (state !== 'live') return 'link'
@@ -102,8 +106,6 @@ export class Room {
   onPoses: () => void = () => undefined
 
   private dirty = true
-  private logKey = 0
-  private unlogged: LogEntry[] = []
   /** Server clock minus page clock: the smallest seen, so network delay drops out. */
   private clockOffset: number | null = null
   private allErrorSince: number | null = null
@@ -114,6 +116,8 @@ export class Room {
 
   constructor(options: RoomOptions) {
     this.api = options.api
+    this.log = this.entries.shown
+    this.mayOperate = computed(() => includes(options.role?.value ?? 'admin', 'operator'))
     this.connection = new Connection({
       url: options.url,
       onFrame: (frame) => this.receive(frame),
@@ -154,6 +158,7 @@ export class Room {
   close(): void {
     this.driver.releaseAll()
     this.stopFollowed = null
+    this.stop.cancel()
     this.connection.close()
     for (const timer of this.timers) clearInterval(timer)
     this.timers.length = 0
@@ -191,6 +196,11 @@ export class Room {
   }
 
   stopAll(): void {
+    if (!this.mayOperate.value) {
+      this.stopError.value = account.need.stop
+      this.announcement.value = account.need.stop
+      return
+    }
     this.stopReceipt.value = null
     this.stop.trigger()
     this.driver.setBlocked('stopped')
@@ -228,25 +238,22 @@ export class Room {
   }
 
   note(level: Level, robot: string | null, words: string): void {
-    this.append({ time: Date.now(), level, robot, text: words })
+    this.entries.append({ time: Date.now(), level, robot, text: words })
   }
 
   clearLog(): void {
-    this.unlogged = []
-    this.log.value = []
+    this.entries.clear()
   }
 
-  /** Entries wait for the next refresh: a thousand robots may report at once. */
-  private append(entry: Omit<LogEntry, 'key'>): void {
-    this.logKey += 1
-    this.unlogged.push({ ...entry, key: this.logKey })
-    if (this.unlogged.length > MOST_LOG_ENTRIES) this.unlogged.shift()
+  /** Lets go of everything but what is shown, until `resume`. */
+  suspend(): void {
+    this.driver.setBlocked('link')
+    this.connection.close()
+    this.setStatus({ state: 'waiting', attempt: 0, retryAt: null })
   }
 
-  private showLog(): void {
-    if (this.unlogged.length === 0) return
-    this.log.value = [...this.unlogged.reverse(), ...this.log.value].slice(0, MOST_LOG_ENTRIES)
-    this.unlogged = []
+  resume(): void {
+    this.connection.start()
   }
 
   private receive(frame: Frame): void {
@@ -269,7 +276,12 @@ export class Room {
         this.onPoses()
         break
       case 'event':
-        this.append({ time: frame.time, level: frame.level, robot: frame.robot, text: frame.text })
+        this.entries.append({
+          time: frame.time,
+          level: frame.level,
+          robot: frame.robot,
+          text: frame.text,
+        })
         break
       case 'metrics':
         this.metrics.value = frame
@@ -319,7 +331,7 @@ export class Room {
       this.driver.setBlocked(this.blocked.value)
     }
     this.watchForStop(now)
-    this.showLog()
+    this.entries.show()
   }
 
   /** A stop pressed elsewhere shows as every reachable robot reporting ERROR. */

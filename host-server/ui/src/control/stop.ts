@@ -5,6 +5,8 @@
  */
 
 import type { Command } from '../api'
+import { ApiError } from '../http'
+import { words as account } from '../strings-account'
 
 export type StopState =
   /** Robots may move. */
@@ -75,6 +77,13 @@ export class EmergencyStop {
     return true
   }
 
+  /** Forgets what was not delivered: the one who pressed has left. */
+  cancel(): void {
+    this.press += 1
+    if (this.retry !== null) clearTimeout(this.retry)
+    this.retry = null
+  }
+
   private deliver(press: number): void {
     if (this.retry !== null) clearTimeout(this.retry)
     this.retry = null
@@ -86,6 +95,11 @@ export class EmergencyStop {
       },
       (error: unknown) => {
         if (press !== this.press) return
+        // Sent again it would be refused again: better to say so than to seem to stop.
+        if (error instanceof ApiError && error.status === 403) {
+          this.set('armed', account.need.stopRefused)
+          return
+        }
         this.set('sending', words(error))
         this.retry = setTimeout(() => this.deliver(press), this.delay)
         this.delay = Math.min(LONGEST_RETRY_MS, this.delay * 2)

@@ -4,8 +4,12 @@
  * silent (the server speaks at least once a second).
  */
 
+import { ApiError } from '../http'
 import type { Frame, Refusal } from './decode'
 import { decodeFrame } from './decode'
+
+/** Where the feed is: an address, or a way to get one that serves once. */
+export type FeedAddress = string | (() => string | Promise<string>)
 
 export type ConnectionState = 'connecting' | 'live' | 'silent' | 'waiting'
 
@@ -19,7 +23,7 @@ export interface ConnectionStatus {
 
 /** What the connection needs of its surroundings; tests hand in their own. */
 export interface ConnectionOptions {
-  url: string
+  url: FeedAddress
   onFrame(frame: Frame): void
   onRefused(reason: Refusal): void
   onStatus(status: ConnectionStatus): void
@@ -45,6 +49,7 @@ export class Connection {
   private retryTimer: ReturnType<typeof setTimeout> | null = null
   private watchTimer: ReturnType<typeof setInterval> | null = null
   private attempt = 0
+  private round = 0
   private state: ConnectionState = 'connecting'
   private retryAt: number | null = null
   private closed = true
@@ -90,9 +95,29 @@ export class Connection {
     this.attempt += 1
     this.heardAt = this.now()
     this.setState('connecting')
+    // Rises with every attempt, so that an address that comes late opens nothing.
+    this.round += 1
+    const { url } = this.options
+    const address = typeof url === 'string' ? url : url()
+    if (typeof address === 'string') {
+      this.openSocket(address)
+      return
+    }
+    const round = this.round
+    address.then(
+      (found) => {
+        if (round === this.round) this.openSocket(found)
+      },
+      (error: unknown) => {
+        if (round === this.round) this.retryLater(error instanceof ApiError ? error.retryAfter : 0)
+      },
+    )
+  }
+
+  private openSocket(url: string): void {
     let socket: WebSocket
     try {
-      socket = this.open(this.options.url)
+      socket = this.open(url)
     } catch {
       // A malformed address or a policy of the browser; waiting is all there is.
       this.retryLater()
@@ -142,11 +167,13 @@ export class Connection {
     }
   }
 
-  private retryLater(): void {
+  /** At least so many seconds later, where the server asked for that. */
+  private retryLater(atLeast: number | null = 0): void {
     if (this.closed) return
     const ceiling = Math.min(LONGEST_RETRY_MS, FIRST_RETRY_MS * 2 ** Math.max(0, this.attempt - 1))
     // Half fixed, half drawn: many pages must not come back in one instant.
-    const delay = ceiling / 2 + (this.random() * ceiling) / 2
+    const drawn = ceiling / 2 + (this.random() * ceiling) / 2
+    const delay = Math.max(drawn, (atLeast ?? 0) * 1_000)
     this.retryAt = this.now() + delay
     this.setState('waiting')
     this.retryTimer = setTimeout(() => this.connect(), delay)
@@ -154,6 +181,7 @@ export class Connection {
 
   private dropSocket(): void {
     const socket = this.socket
+    this.round += 1
     this.socket = null
     socket?.close()
   }
@@ -165,7 +193,11 @@ export class Connection {
   }
 }
 
-/** Address of the live feed for a page at `location`. */
-export function feedUrl(location: { protocol: string; host: string }): string {
-  return `${location.protocol === 'https:' ? 'wss:' : 'ws:'}//${location.host}/api/v1/live`
+/** Address of the live feed for a page at `location`; a closed server takes a ticket. */
+export function feedUrl(
+  location: { protocol: string; host: string },
+  ticket: string | null = null,
+): string {
+  const base = `${location.protocol === 'https:' ? 'wss:' : 'ws:'}//${location.host}/api/v1/live`
+  return ticket === null ? base : `${base}?ticket=${encodeURIComponent(ticket)}`
 }

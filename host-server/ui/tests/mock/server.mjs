@@ -6,6 +6,7 @@ import { createServer } from 'node:http'
 import { extname, join, normalize } from 'node:path'
 import { fileURLToPath } from 'node:url'
 import { WebSocketServer } from 'ws'
+import { Refusal, createAccounts } from './accounts.mjs'
 import { jsonFrame, posesFrame } from './encode.mjs'
 import { createWorld } from './world.mjs'
 
@@ -20,10 +21,13 @@ const STEP_MS = 20
 const FEED_EVERY_MS = 100
 const LARGEST_BODY = 4_096
 /** As strict as a server may be: the page must work under it. */
-const POLICY = "default-src 'self'; connect-src 'self'; object-src 'none'; frame-ancestors 'none'"
+const POLICY =
+  "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; " +
+  "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 
 /** Starts a mock; resolves with its address and what tests may do to it. */
-export async function startMock({ robots = 50, seed = 1, port = 0 } = {}) {
+export async function startMock({ robots = 50, seed = 1, port = 0, ...options } = {}) {
+  const accounts = createAccounts(options)
   const world = createWorld({ robots, seed })
   const commands = []
   const counts = { sent: 0, answered: 0, frames: 0 }
@@ -32,15 +36,22 @@ export async function startMock({ robots = 50, seed = 1, port = 0 } = {}) {
   const clock = () => started + Math.round(performance.now() - origin)
   const origin = performance.now()
   let refuse = false
+  let down = false
 
   const server = createServer((request, response) => {
-    handle(request, response).catch(() => {
+    handle(request, response).catch((error) => {
+      if (error instanceof Refusal) {
+        const { status, code, message, headers } = error
+        return problem(response, status, 'Refused', message, code, headers)
+      }
       problem(response, 500, 'Internal error', 'the mock failed')
     })
   })
   const sockets = new WebSocketServer({ noServer: true })
   server.on('upgrade', (request, socket, head) => {
-    if (refuse || request.url !== '/api/v1/live') return socket.destroy()
+    const url = new URL(request.url, 'http://mock')
+    const admitted = accounts.admits(url.searchParams.get('ticket'))
+    if (refuse || url.pathname !== '/api/v1/live' || !admitted) return socket.destroy()
     sockets.handleUpgrade(request, socket, head, greet)
   })
 
@@ -97,9 +108,15 @@ export async function startMock({ robots = 50, seed = 1, port = 0 } = {}) {
   }
 
   async function handle(request, response) {
-    const path = new URL(request.url, 'http://mock').pathname
+    const url = new URL(request.url, 'http://mock')
+    const path = url.pathname
     if (!path.startsWith('/api/')) return page(path, response)
+    if (down) return request.socket.destroy()
     const parts = path.split('/').slice(3)
+    const body = request.method === 'GET' ? {} : await read(request)
+    const found = accounts.answer(request, url, parts, body)
+    if (found !== null) return json(response, found.status, found.body, found.headers)
+    accounts.caller(request, request.method === 'GET' ? 'viewer' : 'operator')
     if (request.method === 'GET' && parts[0] === 'robots') {
       if (parts.length === 1) return json(response, 200, { robots: world.robots.map(state) })
       const robot = world.robots.find(({ id }) => id === parts[1])
@@ -113,24 +130,12 @@ export async function startMock({ robots = 50, seed = 1, port = 0 } = {}) {
       return json(response, 200, { id: parts[1], status, reason, counts })
     }
     if (request.method === 'POST' && parts.at(-1) === 'commands') {
-      return accept(request, response, parts)
+      return accept(response, parts, body, accounts.caller(request).name)
     }
     return problem(response, 404, 'Not found', `nothing at ${path}`)
   }
 
-  async function accept(request, response, parts) {
-    let body = ''
-    for await (const chunk of request) {
-      body += chunk
-      if (body.length > LARGEST_BODY)
-        return problem(response, 413, 'Too large', 'command too large')
-    }
-    let command
-    try {
-      command = JSON.parse(body)
-    } catch {
-      return problem(response, 400, 'Malformed', 'not JSON')
-    }
+  function accept(response, parts, command, who) {
     const all = parts[0] === 'swarm'
     const targets = all ? world.robots : world.robots.filter(({ id }) => id === parts[1])
     if (targets.length === 0) return problem(response, 404, 'Not found', `no robot ${parts[1]}`)
@@ -142,6 +147,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0 } = {}) {
       counts.sent += 1
       counts.answered += 1
     }
+    if (command.command !== 'drive') accounts.audit(who, command.command, parts.at(-2))
     commands.push({ to: all ? 'swarm' : parts[1], ...command, ...outcome, counts: tally })
     if (command.command !== 'drive') {
       broadcast(
@@ -149,7 +155,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0 } = {}) {
           time: clock(),
           level: command.command === 'estop' ? 'warn' : 'info',
           robot: all ? null : parts[1],
-          text: `command ${command.command} from operator`,
+          text: `command ${command.command} from ${who}`,
         }),
       )
     }
@@ -183,12 +189,19 @@ export async function startMock({ robots = 50, seed = 1, port = 0 } = {}) {
     url: `http://127.0.0.1:${server.address().port}`,
     world,
     commands,
+    accounts,
+    /** Answers no call and keeps no feed, as a server that is being restarted. */
+    setDown(now) {
+      down = now
+      this.setFeed(!now)
+    },
     /** Cuts all feeds and refuses new ones, or lets them in again. */
     setFeed(open) {
       refuse = !open
       if (refuse) for (const socket of sockets.clients) socket.terminate()
     },
     broadcast,
+    sockets: () => sockets.clients,
     close() {
       for (const timer of timers) clearInterval(timer)
       for (const socket of sockets.clients) socket.terminate()
@@ -209,12 +222,25 @@ async function page(path, response) {
   response.end(body)
 }
 
-function json(response, status, body) {
-  response.writeHead(status, { 'content-type': 'application/json' })
-  response.end(JSON.stringify(body))
+async function read(request) {
+  let body = ''
+  for await (const chunk of request) {
+    body += chunk
+    if (body.length > LARGEST_BODY) throw new Refusal(413, 'too_large', 'the body is too large')
+  }
+  try {
+    return body === '' ? {} : JSON.parse(body)
+  } catch {
+    throw new Refusal(400, 'malformed', 'the body is not JSON')
+  }
 }
 
-function problem(response, status, title, detail) {
-  response.writeHead(status, { 'content-type': 'application/problem+json' })
-  response.end(JSON.stringify({ type: 'about:blank', title, status, detail }))
+function json(response, status, body, headers = {}) {
+  response.writeHead(status, { 'content-type': 'application/json', ...headers })
+  response.end(body === undefined ? undefined : JSON.stringify(body))
+}
+
+function problem(response, status, title, detail, code = 'refused', headers = {}) {
+  response.writeHead(status, { 'content-type': 'application/problem+json', ...headers })
+  response.end(JSON.stringify({ type: 'about:blank', title, status, detail, code }))
 }

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest'
-import { ApiError, createApi, problemText, imageAddress } from '../../src/api'
+import { ApiError, createApi, problemText, picturePath } from '../../src/api'
 import { sighting } from '../../src/strings'
 
 function answering(status: number, body: unknown) {
@@ -78,7 +78,7 @@ describe('what the server tells', () => {
     expect(sighting('object', 0.25)).toBe('object 14° left')
     expect(sighting('robot', -0.5)).toBe('robot 29° right')
     expect(sighting('obstacle', 0.001)).toBe('obstacle ahead')
-    expect(imageAddress('a/b', 5)).toBe('/api/v1/robots/a%2Fb/image?received=5')
+    expect(picturePath('a/b', 5)).toBe('/robots/a%2Fb/image?received=5')
     const { api } = answering(200, { time: 1, robots: [robot, { id: 'sim-0002', battery: null }] })
     expect([...(await api.batteries())]).toEqual([['sim-0001', 71]])
   })

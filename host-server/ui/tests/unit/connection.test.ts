@@ -2,6 +2,7 @@ import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest'
 import type { ConnectionStatus } from '../../src/feed/connection'
 import { Connection, DEAD_AFTER_MS, SILENT_AFTER_MS, feedUrl } from '../../src/feed/connection'
 import type { Frame, Refusal } from '../../src/feed/decode'
+import { ApiError } from '../../src/http'
 import { jsonFrame } from '../mock/encode.mjs'
 
 /** A socket without a network. */
@@ -125,7 +126,67 @@ describe('the connection', () => {
   })
 })
 
+describe('a feed that takes a ticket', () => {
+  function withTickets(give: () => Promise<string>) {
+    const opened: string[] = []
+    const sockets: FakeSocket[] = []
+    const statuses: ConnectionStatus[] = []
+    const connection = new Connection({
+      url: give,
+      now: () => Date.now(),
+      random: () => 1,
+      open(url) {
+        opened.push(url)
+        sockets.push(new FakeSocket())
+        return sockets.at(-1) as unknown as WebSocket
+      },
+      onFrame: () => undefined,
+      onRefused: () => undefined,
+      onStatus: (status) => statuses.push(status),
+    })
+    connection.start()
+    return { connection, opened, sockets, statuses }
+  }
+
+  it('gets a new one for every attempt', async () => {
+    let count = 0
+    const { opened, sockets } = withTickets(() => Promise.resolve(`ws://x/${String(++count)}`))
+    await vi.advanceTimersByTimeAsync(0)
+    sockets[0]?.onclose?.()
+    await vi.advanceTimersByTimeAsync(600)
+    expect(opened).toEqual(['ws://x/1', 'ws://x/2'])
+  })
+
+  it('waits when there is none to be had, as long as it is told to', async () => {
+    const fail = () => Promise.reject(new ApiError('slow down', 429, 'rate_limited', 5))
+    const { opened, statuses } = withTickets(fail)
+    await vi.advanceTimersByTimeAsync(0)
+    expect(statuses.at(-1)).toMatchObject({ state: 'waiting', retryAt: Date.now() + 5_000 })
+    expect(opened).toEqual([])
+  })
+
+  it('opens nothing with a ticket that comes after the end', async () => {
+    const { connection, opened } = withTickets(
+      () => new Promise((resolve) => setTimeout(() => resolve('ws://late'), 1_000)),
+    )
+    connection.close()
+    await vi.advanceTimersByTimeAsync(2_000)
+    expect(opened).toEqual([])
+    connection.start()
+    connection.close()
+    connection.start()
+    await vi.advanceTimersByTimeAsync(2_000)
+    expect(opened).toEqual(['ws://late'])
+  })
+})
+
 describe('feedUrl', () => {
+  it('carries a ticket', () => {
+    expect(feedUrl({ protocol: 'https:', host: 'b' }, 'a+b')).toBe(
+      'wss://b/api/v1/live?ticket=a%2Bb',
+    )
+  })
+
   it('follows the page', () => {
     expect(feedUrl({ protocol: 'http:', host: 'a:1' })).toBe('ws://a:1/api/v1/live')
     expect(feedUrl({ protocol: 'https:', host: 'b' })).toBe('wss://b/api/v1/live')

@@ -18,7 +18,9 @@ class FakeSocket {
 }
 
 const T0 = 1_700_000_000_000
+let keys: 'room' | 'page' | 'off' = 'room'
 const page = {
+  keys: () => keys,
   help: () => undefined,
   search: () => undefined,
   neighbour: () => undefined,
@@ -42,6 +44,7 @@ function setUp(
     outcome: () => Promise.resolve(outcome),
     robot: () => Promise.reject(new Error('not asked for here')),
     batteries: () => Promise.resolve(new Map()),
+    picture: () => Promise.reject(new Error('not asked for here')),
   }
   const room = new Room({
     url: 'ws://test',
@@ -97,6 +100,7 @@ function key(
 }
 
 beforeEach(() => {
+  keys = 'room'
   vi.useFakeTimers()
   document.body.innerHTML = '<button>press</button><input />'
 })
@@ -148,6 +152,29 @@ describe('Space on the page', () => {
     room.stopAll()
     await vi.advanceTimersByTimeAsync(50)
     expect(room.stopReceipt.value).toEqual({ completed: 1, expected: 2 })
+  })
+})
+
+describe('keys on other pages', () => {
+  it('stop, and do nothing else', () => {
+    const { room, sent } = setUp()
+    room.select('sim-0')
+    keys = 'page'
+    for (const code of ['ArrowUp', 'KeyW', 'Escape']) {
+      expect(key('keydown', code).defaultPrevented).toBe(false)
+    }
+    expect(room.selectedId.value).toBe('sim-0')
+    expect(sent).toEqual([])
+    key('keydown', 'Space', ' ')
+    expect(sent).toEqual(['swarm estop'])
+  })
+
+  it('do nothing at all on a page that is covered by the login', () => {
+    const { sent } = setUp()
+    keys = 'off'
+    expect(key('keydown', 'Space', ' ').defaultPrevented).toBe(false)
+    expect(key('keyup', 'Space', ' ').defaultPrevented).toBe(false)
+    expect(sent).toEqual([])
   })
 })
 

@@ -1,0 +1,117 @@
+// How the page meets people: on a phone, when they guess, when the server is away or open.
+
+import { PHONE } from './browser.mjs'
+import { axe, check, expect, pause, picture, until } from './checks.mjs'
+import { OTHER_PASSWORD, base, byMock, goTo, id, live, logIn, mock, newPage } from './steps.mjs'
+
+const TOUCH = 44
+
+export async function phone(browser) {
+  for (const colorScheme of ['light', 'dark']) {
+    const page = await newPage(browser, {
+      viewport: PHONE,
+      hasTouch: true,
+      isMobile: true,
+      colorScheme,
+      deviceScaleFactor: 2,
+      reducedMotion: 'reduce',
+    })
+    await check(
+      `on a phone, ${colorScheme}, every page fits and every target is large`,
+      async () => {
+        await page.goto(base)
+        await id(page, 'login').waitFor()
+        await measure(page, 'login')
+        await picture(page, `phone-${colorScheme}-login`)
+        await logIn(page, 'ada', OTHER_PASSWORD)
+        await live(page)
+        await measure(page, 'room')
+        await picture(page, `phone-${colorScheme}-room`)
+        for (const name of ['account', 'people', 'keys', 'audit']) {
+          await goTo(page, name)
+          await pause(300)
+          await measure(page, name)
+          await picture(page, `phone-${colorScheme}-${name}`)
+          const box = await id(page, 'stop-all').boundingBox()
+          expect(box !== null && box.y + box.height <= PHONE.height, `${name}: no stop`)
+        }
+      },
+    )
+    await page.context().close()
+  }
+}
+
+async function measure(page, name) {
+  const wide = await page.evaluate(() => document.documentElement.scrollWidth)
+  expect(wide <= PHONE.width, `${name} is ${wide} pixels wide`)
+  const small = await page.evaluate((least) => {
+    return [...document.querySelectorAll('button, select, input, a[href], summary')]
+      .map((element) => {
+        // What belongs to a tick box is its label: a finger may press anywhere on it.
+        const target = element.type === 'checkbox' ? element.closest('label') : element
+        return { element, box: target.getBoundingClientRect() }
+      })
+      .filter(({ box }) => box.width > 1 && box.height > 1)
+      .filter(({ element }) => !element.disabled && element.closest('[inert]') === null)
+      .filter(({ box }) => box.height < least - 2 || box.width < least - 2)
+      .map(({ element, box }) => {
+        const words = element.dataset.testid ?? element.textContent.trim()
+        return `${words} ${Math.round(box.width)}×${Math.round(box.height)}`
+      })
+  }, TOUCH)
+  expect(small.length === 0, `${name}: too small: ${small.join(', ')}`)
+  await axe(page, name)
+}
+
+export async function limits(browser) {
+  const page = await newPage(browser)
+  await check('too many attempts are answered with the time to wait', async () => {
+    await page.goto(base)
+    await id(page, 'login').waitFor()
+    for (let i = 0; i < 12; i++) {
+      await logIn(page, 'mallory', `guess number ${i}`)
+      await until('no answer', 5_000, async () => {
+        return (await page.locator('[aria-disabled=true]').count()) === 0
+      })
+      const words = await id(page, 'login-failure').textContent()
+      if (words.includes('too many')) return words.trim()
+    }
+    throw new Error('guessing went on')
+  })
+  await page.context().close()
+}
+
+export async function openServer(browser) {
+  if (mock === null) return
+  mock.accounts.setOpen(true)
+  const page = await newPage(browser)
+  await check('an open server shows no login and says that it is open', async () => {
+    await page.goto(base)
+    await live(page)
+    expect((await id(page, 'open-mark').textContent()).startsWith('open'), 'it does not say')
+    expect((await id(page, 'account-link').count()) === 0, 'there is an account')
+    return axe(page, 'axe-core')
+  })
+  await picture(page, 'open')
+  await page.context().close()
+}
+
+export async function troubles(browser) {
+  const page = await newPage(browser)
+  await byMock('a server that is away at the start is waited for', async () => {
+    mock.setDown(true)
+    await page.goto(base)
+    const words = page.locator('.entrance h1', { hasText: 'cannot be reached' })
+    await words.waitFor()
+    await axe(page, 'away')
+    mock.setDown(false)
+    await id(page, 'login').waitFor({ timeout: 12_000 })
+  })
+  await check('a part that does not come is named', async () => {
+    await page.route('**/assets/enter-*', (route) => route.abort())
+    await page.goto(`${base}/?again`)
+    await page.locator('.entrance h1', { hasText: 'could not be loaded' }).waitFor()
+    return axe(page, 'axe-core')
+  })
+  await page.context().close()
+}

@@ -1,0 +1,101 @@
+/** One way to call the HTTP interface, and its errors as the server words them. */
+
+/** What went wrong, in words that can be shown. */
+export class ApiError extends Error {
+  constructor(
+    message: string,
+    /** HTTP status; 0 when the server was not reached. */
+    readonly status: number,
+    /** What is wrong, for programs; `null` without a problem document. */
+    readonly code: string | null = null,
+    /** Seconds to wait before the next try, where the server named them. */
+    readonly retryAfter: number | null = null,
+    /** What is wrong with this request; `null` without a problem document. */
+    readonly detail: string | null = null,
+  ) {
+    super(message)
+  }
+}
+
+export const BASE = '/api/v1'
+/** Time for what a lock or a look-up answers. */
+export const QUICK_MS = 2_000
+/** Time for what hashes a password or reads many records. */
+export const SLOW_MS = 15_000
+
+export type Send = typeof fetch
+
+/** Sends a request and gives the answer, whatever its status; throws only when there is none. */
+export async function request(
+  send: Send,
+  method: string,
+  path: string,
+  body?: unknown,
+  milliseconds = QUICK_MS,
+): Promise<Response> {
+  try {
+    return await send(BASE + path, {
+      method,
+      headers: body === undefined ? {} : { 'content-type': 'application/json' },
+      ...(body === undefined ? {} : { body: JSON.stringify(body) }),
+      // A stop sent while the page goes away must still leave the machine, and
+      // the answer to a refresh must still reach the browser's cookies.
+      keepalive: method === 'POST',
+      cache: 'no-store',
+      signal: AbortSignal.timeout(milliseconds),
+    })
+  } catch (error) {
+    const late = error instanceof DOMException && error.name === 'TimeoutError'
+    throw new ApiError(
+      late ? 'the server did not answer in time' : 'the server cannot be reached',
+      0,
+    )
+  }
+}
+
+/** The body of a good answer; a bad one is thrown. */
+export async function payloadOf(response: Response): Promise<unknown> {
+  const payload: unknown = await response.json().catch(() => null)
+  if (!response.ok) throw failure(response, payload)
+  return payload
+}
+
+export async function call(
+  send: Send,
+  method: string,
+  path: string,
+  body?: unknown,
+  milliseconds = QUICK_MS,
+): Promise<unknown> {
+  return payloadOf(await request(send, method, path, body, milliseconds))
+}
+
+function failure(response: Response, payload: unknown): ApiError {
+  const wait = Number(response.headers.get('retry-after') ?? Number.NaN)
+  return new ApiError(
+    problemText(payload, response.status),
+    response.status,
+    text(fields(payload)['code']),
+    Number.isFinite(wait) && wait >= 0 ? Math.ceil(wait) : null,
+    text(fields(payload)['detail']),
+  )
+}
+
+/** Words of an RFC 9457 problem document, or the bare status without one. */
+export function problemText(payload: unknown, status: number): string {
+  const body = fields(payload)
+  const words = [text(body['title']), text(body['detail'])].filter((part) => part !== null)
+  return words.length > 0 ? words.join(': ') : `the server answered ${String(status)}`
+}
+
+export function fields(value: unknown): Record<string, unknown> {
+  return typeof value === 'object' && value !== null ? (value as Record<string, unknown>) : {}
+}
+
+export function text(value: unknown): string | null {
+  return typeof value === 'string' && value !== '' ? value : null
+}
+
+export function numeric(value: unknown): number | null {
+  return typeof value === 'number' && Number.isFinite(value) ? value : null
+}
