@@ -38,7 +38,8 @@ pub(crate) fn binary() -> PathBuf {
 }
 
 impl Terracrawler {
-    /// Starts `terracrawler` with `arguments` (the subcommand first) and waits until it is ready.
+    /// Starts `terracrawler` with `arguments` (the subcommand first), open to everyone, and waits
+    /// until it is ready.
     ///
     /// # Panics
     /// When it ends, or is not ready within 60 s; shows its log.
@@ -49,6 +50,7 @@ impl Terracrawler {
         let mut command = Command::new(binary());
         command
             .args(arguments)
+            .arg("--open")
             .args(["--http", &format!("127.0.0.1:{http}")]);
         // An outside broker leaves no port of ours to name.
         if !arguments.contains(&"--broker") {

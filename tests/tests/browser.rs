@@ -8,16 +8,29 @@ use crawler_tests::Terracrawler;
 
 #[test]
 fn the_control_room_shows_stops_and_drives_robots() {
-    let ui = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host-server/ui");
-    assert!(
-        ui.join("node_modules").is_dir(),
-        "the control room is not installed: cargo xtask ui"
-    );
     let server = Terracrawler::start(&["up", "--robots", "8", "--seed", "3"]);
     server.wait_online(8, Duration::from_secs(30));
-    let output = Command::new("npm")
+    run(Command::new("npm")
         .args(["run", "--silent", "e2e"])
-        .env("BASE_URL", server.url())
+        .env("BASE_URL", server.url()));
+}
+
+/// Against a server of the page's own, which can be told to end sessions and to go away.
+#[test]
+fn people_log_in_and_are_shown_what_they_may_do() {
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:accounts"])
+        .env_remove("BASE_URL"));
+}
+
+/// Runs a script of the control room and fails with what it said.
+fn run(command: &mut Command) {
+    let ui = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host-server/ui");
+    assert!(
+        ui.join("node_modules").is_dir() && ui.join("dist/index.html").is_file(),
+        "the control room is not installed and built: cargo xtask ui"
+    );
+    let output = command
         .current_dir(ui)
         .output()
         .expect("npm is missing: cargo xtask setup");

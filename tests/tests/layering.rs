@@ -40,8 +40,18 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
     (
         "crawler-server",
-        &["crawler-protocol", "crawler-sim", "crawler-detector"],
+        &[
+            "crawler-protocol",
+            "crawler-sim",
+            "crawler-detector",
+            "crawler-access",
+            "crawler-delivery",
+            "crawler-records",
+        ],
     ),
+    ("crawler-access", &["crawler-protocol"]),
+    ("crawler-delivery", &["crawler-protocol"]),
+    ("crawler-records", &["crawler-access", "crawler-protocol"]),
     ("crawler-hil", &["crawler-protocol"]),
     (
         "crawler-history",
