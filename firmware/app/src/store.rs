@@ -168,8 +168,14 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
     let deadline = clock.now() + FLASH_PATIENCE;
     let counted = with_deadline(clock, deadline, count_boot(shelf)).await;
     let mut counted = counted.unwrap_or(Err(ShelfError::Refused));
-    // Noise may pass for an empty map, or for a full one, until something is to be written.
-    if nothing_to_lose && matches!(counted, Err(ShelfError::Corrupt | ShelfError::Unfit)) {
+    // Noise may pass for an empty map, or for a full one, until something is to be written. It may
+    // even have a map written where the flash is not erased, which the flash refuses.
+    if nothing_to_lose
+        && matches!(
+            counted,
+            Err(ShelfError::Corrupt | ShelfError::Unfit | ShelfError::Refused)
+        )
+    {
         let deadline = clock.now() + FLASH_PATIENCE;
         let renewed = with_deadline(clock, deadline, shelf.renew()).await;
         if let Ok(Ok(())) = renewed {
