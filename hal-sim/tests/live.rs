@@ -139,7 +139,8 @@ fn robots_connect_report_and_say_goodbye() {
     }
     // Five robots and the tracker.
     assert_eq!(kinds[1], 6, "one CONNECT each");
-    assert_eq!(kinds[14], 6, "one DISCONNECT each");
+    // Whoever is stopped in the middle of a packet can say nothing.
+    assert!((4..=6).contains(&kinds[14]), "{} DISCONNECTs", kinds[14]);
     assert!(fixes.iter().all(|n| (3..40).contains(n)), "{fixes:?}");
     assert!(kinds[3] > 50, "telemetry of five robots for two seconds");
 }
@@ -215,6 +216,7 @@ fn robots_of_a_scenario_with_a_radio_are_heard_through_it() {
         goodbyes += i32::from(first >> 4 == 14);
     }
     assert!(with_rssi > 20, "{with_rssi}");
-    // Five robots, and the tracker; one more of the robot that knew that its link was gone.
-    assert!((6..=7).contains(&goodbyes), "{goodbyes} goodbyes");
+    // Five robots, and the tracker; one more of the robot that knew that its link was gone. Whoever
+    // is stopped in the middle of a packet can say nothing.
+    assert!((4..=7).contains(&goodbyes), "{goodbyes} goodbyes");
 }
