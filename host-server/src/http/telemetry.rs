@@ -115,7 +115,11 @@ pub(super) struct HistoryView {
 /// The query, with what it leaves out: from, to and step.
 fn stretch(query: &TelemetryQuery, now: i64) -> Result<(i64, i64, i64), Problem> {
     let bad = |detail: String| Problem::new(StatusCode::BAD_REQUEST, "bad_query", detail);
-    let to = query.to.unwrap_or(now);
+    // Whoever asks from this very moment on, or has a clock that is ahead, gets nothing yet.
+    let soonest = query
+        .from
+        .map_or(now, |from| now.max(from.saturating_add(1)));
+    let to = query.to.unwrap_or(soonest);
     let from = query.from.unwrap_or_else(|| to.saturating_sub(HOUR).max(0));
     if from < 0 || to <= from {
         return Err(bad(
@@ -181,6 +185,8 @@ mod tests {
             Some((9 * HOUR, 10 * HOUR, 10_000))
         );
         assert_eq!(verdict(None, Some(500), None), Some((0, 500, 1)));
+        let now = 10 * HOUR;
+        assert_eq!(verdict(Some(now), None, None), Some((now, now + 1, 1)));
     }
 
     #[test]
