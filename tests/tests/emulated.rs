@@ -7,6 +7,7 @@
 mod board;
 
 use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use board::{Board, listen, suite_on};
@@ -54,12 +55,20 @@ fn knows_the_time(server: &Terracrawler, id: &str) {
     });
 }
 
+/// This machine, for one test at a time: boards run in real time, and those that wait for a processor
+/// miss what their bodies tell them.
+fn machine() -> MutexGuard<'static, ()> {
+    static MACHINE: Mutex<()> = Mutex::new(());
+    MACHINE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 fn one(outcome: &str) -> impl Fn(&Value) -> bool {
     move |counts| counts[outcome] == 1
 }
 
 #[test]
 fn one_robot_joins_obeys_and_passes_the_suite() {
+    let _machine = machine();
     let server = serve();
     let board = Board::start("virt-01", server.mqtt(), &["bench=1"]);
     server.wait_online(1, JOINS);
@@ -125,6 +134,7 @@ fn stack_used(board: &Board) -> u64 {
 
 #[test]
 fn four_robots_join_pass_and_stop_together() {
+    let _machine = machine();
     let server = serve();
     let names = ["virt-01", "virt-02", "virt-03", "virt-04"];
     let _boards = names.map(|name| Board::start(name, server.mqtt(), &[]));
@@ -183,6 +193,7 @@ fn alone(bench: &mut Bench, source: &str, body: &Value) -> Result<u64, Failure> 
 /// that differs, nothing that was never asked for.
 #[test]
 fn a_lost_link_loses_no_command_and_no_answer() {
+    let _machine = machine();
     let server = serve();
     let mut board = Board::start("virt-01", server.mqtt(), &[]);
     server.wait_online(1, JOINS);
@@ -295,6 +306,7 @@ fn a_lost_link_loses_no_command_and_no_answer() {
 
 #[test]
 fn a_power_cut_keeps_parameters_and_counts_the_boot() {
+    let _machine = machine();
     let server = serve();
     let mut board = Board::start("virt-01", server.mqtt(), &[]);
     server.wait_online(1, JOINS);
@@ -332,6 +344,7 @@ fn a_power_cut_keeps_parameters_and_counts_the_boot() {
 /// What each fault of the body leads to, as the robot tells it.
 #[test]
 fn faults_lead_to_the_stated_state_and_record() {
+    let _machine = machine();
     let server = serve();
     let start = |id: &str, fault: &str| Board::start(id, server.mqtt(), &[fault]);
     let boards = [
@@ -400,6 +413,7 @@ fn logs(server: &Terracrawler, id: &str, event: &str) {
 
 #[test]
 fn a_broker_that_refuses_credentials_is_said_and_the_right_ones_work() {
+    let _machine = machine();
     let port = free_port();
     let _broker = Mosquitto::start_guarded(port, "robots", "right");
     let url = |password: &str| -> BrokerUrl {
