@@ -6,6 +6,7 @@
 
 mod broker_url;
 mod cli;
+mod engine_url;
 mod layer;
 #[cfg(test)]
 mod tests;
@@ -19,6 +20,7 @@ use crawler_protocol::Fleet;
 
 pub use broker_url::{BrokerUrl, BrokerUrlError};
 pub use cli::{Cli, Command};
+pub use engine_url::{Engine, EngineUrl, Influx, NoEngineUrl, Postgres, Redis};
 pub use layer::{Layer, LogFormat};
 pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
 
@@ -64,6 +66,12 @@ pub struct Settings {
     pub http: SocketAddr,
     /// Where the server keeps what must survive a restart.
     pub data: PathBuf,
+    /// Where the records are; `None` for a file in the data directory.
+    pub database: Option<EngineUrl<Postgres>>,
+    /// Where the history is; `None` for a file in the data directory.
+    pub timeseries: Option<EngineUrl<Influx>>,
+    /// What several servers agree on quickly is here; `None` for a server that is alone.
+    pub cache: Option<EngineUrl<Redis>>,
     /// Whether everyone who connects may do everything. Without it nobody may do anything without an
     /// account or the credential of a robot.
     pub open: bool,
@@ -212,6 +220,9 @@ impl Settings {
             broker,
             http: merged.http.unwrap_or_else(|| loopback(8080)),
             data: merged.data.unwrap_or_else(|| PathBuf::from("data")),
+            database: merged.database,
+            timeseries: merged.timeseries,
+            cache: merged.cache,
             open: merged.open.unwrap_or(false),
             robots,
             scenario: merged.scenario,

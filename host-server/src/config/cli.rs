@@ -7,7 +7,10 @@ use clap::{Args, Parser, Subcommand};
 use crawler_protocol::Fleet;
 
 use super::layer::parse_fleet;
-use super::{BrokerUrl, ConfigError, Layer, LogFormat, Role, TlsMode, TlsNames};
+use super::{
+    BrokerUrl, ConfigError, EngineUrl, Influx, Layer, LogFormat, Postgres, Redis, Role, TlsMode,
+    TlsNames,
+};
 use crate::console::{AuditArgs, BackupArgs, RestoreArgs, RobotArgs, UserArgs};
 use crate::evaluate::EvaluateArgs;
 use crate::replay::ReplayArgs;
@@ -120,10 +123,27 @@ pub struct ServerOptions {
     pub data: Option<PathBuf>,
     #[command(flatten)]
     #[allow(missing_docs)] // as above
+    pub engines: EngineOptions,
+    #[command(flatten)]
+    #[allow(missing_docs)] // as above
     pub tls: TlsOptions,
     /// No accounts: everyone who reaches the server may do everything
     #[arg(long, num_args = 0..=1, default_missing_value = "true", value_name = "BOOL")]
     pub open: Option<bool>,
+}
+
+/// Options of what outgrows one machine.
+#[derive(Debug, Args)]
+pub struct EngineOptions {
+    /// `PostgreSQL` database for accounts, credentials and audit log [default: a file in the data directory]
+    #[arg(long, value_name = "URL")]
+    pub database: Option<EngineUrl<Postgres>>,
+    /// Engine for the history that takes `InfluxDB`'s line protocol [default: a file in the data directory]
+    #[arg(long, value_name = "URL")]
+    pub timeseries: Option<EngineUrl<Influx>>,
+    /// Redis, for what several servers of one fleet must agree on quickly
+    #[arg(long, value_name = "URL")]
+    pub cache: Option<EngineUrl<Redis>>,
 }
 
 /// Options of TLS.
@@ -208,6 +228,9 @@ impl Cli {
             layer.http = server.http;
             layer.mqtt = server.mqtt;
             layer.data = server.data;
+            layer.database = server.engines.database;
+            layer.timeseries = server.engines.timeseries;
+            layer.cache = server.engines.cache;
             layer.tls = server.tls.tls;
             layer.tls_names = server.tls.tls_names;
             layer.tls_certificate = server.tls.tls_certificate;

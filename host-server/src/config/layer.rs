@@ -9,7 +9,9 @@ use std::str::FromStr;
 use crawler_protocol::Fleet;
 use serde::Deserialize;
 
-use super::{BrokerUrl, ConfigError, ENV_PREFIX, TlsMode, TlsNames};
+use super::{
+    BrokerUrl, ConfigError, ENV_PREFIX, EngineUrl, Influx, Postgres, Redis, TlsMode, TlsNames,
+};
 
 /// How log lines are written.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, clap::ValueEnum)]
@@ -35,12 +37,15 @@ impl FromStr for LogFormat {
 }
 
 /// Every key, as the file spells it.
-pub(super) const KEYS: [&str; 20] = [
+pub(super) const KEYS: [&str; 23] = [
     "fleet",
     "broker",
     "mqtt",
     "http",
     "data",
+    "database",
+    "timeseries",
+    "cache",
     "open",
     "robots",
     "scenario",
@@ -72,6 +77,12 @@ pub struct Layer {
     pub http: Option<SocketAddr>,
     /// Where the server keeps what must survive a restart.
     pub data: Option<PathBuf>,
+    /// Where the records are.
+    pub database: Option<EngineUrl<Postgres>>,
+    /// Where the history is.
+    pub timeseries: Option<EngineUrl<Influx>>,
+    /// What several servers agree on.
+    pub cache: Option<EngineUrl<Redis>>,
     /// Whether everyone may do everything.
     pub open: Option<bool>,
     /// Number of simulated robots.
@@ -168,6 +179,9 @@ impl Layer {
             "mqtt" => self.mqtt = parse(value)?,
             "http" => self.http = parse(value)?,
             "data" => self.data = Some(PathBuf::from(value)),
+            "database" => self.database = parse(value)?,
+            "timeseries" => self.timeseries = parse(value)?,
+            "cache" => self.cache = parse(value)?,
             "open" => self.open = parse(value)?,
             "robots" => self.robots = parse(value)?,
             "scenario" => self.scenario = Some(value.to_owned()),
@@ -200,6 +214,9 @@ impl Layer {
         fill(&mut self.mqtt, weaker.mqtt.as_ref());
         fill(&mut self.http, weaker.http.as_ref());
         fill(&mut self.data, weaker.data.as_ref());
+        fill(&mut self.database, weaker.database.as_ref());
+        fill(&mut self.timeseries, weaker.timeseries.as_ref());
+        fill(&mut self.cache, weaker.cache.as_ref());
         fill(&mut self.open, weaker.open.as_ref());
         fill(&mut self.robots, weaker.robots.as_ref());
         fill(&mut self.scenario, weaker.scenario.as_ref());
