@@ -22,6 +22,9 @@ pub enum NetError {
     TimedOut,
     /// The body has no room for another stream.
     NoResources,
+    /// The other end has not proved who it is, or does not speak as agreed: nothing was said to it.
+    /// A word says why, the same in every version.
+    Insecure(&'static str),
 }
 
 /// What is known of the way to the network.
