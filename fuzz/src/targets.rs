@@ -6,15 +6,16 @@
 
 use crawler_protocol::{
     Action, CellDigest, Command, DecodeError, Detections, EncodeError, Fleet, Heartbeat, LogRecord,
-    MAX_DEPTH, MAX_MESSAGE, ParametersMessage, PoseFix, Reason, Response, SimulatorCommand,
-    StatusMessage, SwarmResponse, Telemetry, TimeMessage, Topic,
+    MAX_BATCH, MAX_DEPTH, MAX_MESSAGE, ParametersMessage, PoseFix, Reason, Response,
+    SimulatorCommand, StatusMessage, SwarmResponse, Telemetry, TelemetryEncoding, TimeMessage,
+    Topic,
 };
 
 /// The body of a target. Panics when it finds a fault.
 pub type Target = fn(&[u8]);
 
 /// Name and body of every target.
-pub const TARGETS: [(&str, Target); 15] = [
+pub const TARGETS: [(&str, Target); 16] = [
     ("command", command),
     ("command_request", command_request),
     ("topic", topic),
@@ -23,6 +24,7 @@ pub const TARGETS: [(&str, Target); 15] = [
     ("status", status),
     ("heartbeat", heartbeat),
     ("telemetry", telemetry),
+    ("telemetry_cbor", telemetry_cbor),
     ("detections", detections),
     ("log_record", log_record),
     ("parameters", parameters),
@@ -145,4 +147,32 @@ message! {
     cell_digest: CellDigest, same = |read, again| {
         read.count == again.count && read.robots.starts_with(&again.robots)
     };
+}
+
+/// In whichever way telemetry is written, what was read survives being written and read again.
+fn telemetry_cbor(data: &[u8]) {
+    for how in TelemetryEncoding::ALL {
+        let read: Result<Vec<_>, _> = how.samples(data).collect();
+        let Ok(read) = read else {
+            continue;
+        };
+        assert!((1..=MAX_BATCH).contains(&read.len()));
+        let mut buf = [0; MAX_MESSAGE];
+        let written = read
+            .iter()
+            .try_fold(0, |at, sample| how.append(sample, &mut buf, at));
+        let length = match written {
+            Ok(length) => length,
+            // Numbers may have come in a shorter spelling than ours.
+            Err(error) => {
+                assert_eq!(error, EncodeError::TooLarge);
+                continue;
+            }
+        };
+        if matches!(how, TelemetryEncoding::Cbor | TelemetryEncoding::CborSeq) {
+            assert!(length <= data.len(), "there is no shorter way");
+        }
+        let again: Result<Vec<_>, _> = how.samples(&buf[..length]).collect();
+        assert_eq!(again, Ok(read));
+    }
 }

@@ -1,7 +1,8 @@
 //! Topics and messages of a fleet: the one definition that robot, server and control room share.
 //!
 //! Everything a robot and a server say to each other goes over MQTT 5, on a [`Topic`] below the name
-//! of the [`Fleet`], as one JSON object of at most [`MAX_MESSAGE`] bytes:
+//! of the [`Fleet`], as one JSON object of at most [`MAX_MESSAGE`] bytes; telemetry may also come
+//! several samples at a time, and as CBOR ([`TelemetryEncoding`]):
 //!
 //! | topic | message |
 //! |---|---|
@@ -51,9 +52,10 @@ pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, SnapshotName, Source}
 pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
     Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
-    Heartbeat, Kind, Level, LogRecord, MAX_DETECTIONS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS,
-    Neighbour, Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, Reports, Response,
-    RobotState, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
+    Heartbeat, Kind, Level, LogRecord, MAX_BATCH, MAX_DETECTIONS, MAX_NEIGHBOURS, MAX_PANIC,
+    MAX_PARAMETERS, Neighbour, Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix,
+    Reports, Response, RobotState, Samples, StatusMessage, SwarmResponse, Telemetry,
+    TelemetryEncoding, TimeMessage, Wheels,
 };
 pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]

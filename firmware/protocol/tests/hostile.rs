@@ -58,10 +58,11 @@ fn every_target_has_a_fuzzer() {
                 .into_owned()
         })
         .collect();
-    // Those of the boards' set-up page, of models and of what strangers send are held to their own
-    // lists, by `crawler-board`, `crawler-micromodel` and `crawler-access`.
-    let others = ["model", "token", "filter"];
-    fuzzers.retain(|name| !name.starts_with("provision_") && !others.contains(&name.as_str()));
+    // Those of the boards' set-up page, of TLS, of models and of what strangers send are held to their
+    // own lists, by `crawler-board`, `crawler-tls`, `crawler-micromodel` and `crawler-access`.
+    let others = ["model", "token", "filter", "credential"];
+    let elsewhere = |name: &str| name.starts_with("provision_") || name.starts_with("tls_");
+    fuzzers.retain(|name| !elsewhere(name) && !others.contains(&name.as_str()));
     fuzzers.sort();
     let mut names: Vec<_> = TARGETS.iter().map(|(name, _)| (*name).to_owned()).collect();
     names.sort();

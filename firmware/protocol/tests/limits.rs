@@ -2,10 +2,10 @@
 
 use crawler_protocol::{
     Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
-    Heartbeat, Kind, Level, LogRecord, MAX_DETECTIONS, MAX_MESSAGE, MAX_NEIGHBOURS, MAX_PANIC,
-    MAX_PARAMETERS, Neighbour, Outcomes, ParameterReport, ParameterValue, ParametersMessage, Pose,
-    PoseFix, Reason, Response, ResponseStatus, RobotId, RobotState, Source, StatusMessage,
-    SwarmResponse, Telemetry, TimeMessage, Wheels,
+    EncodeError, Heartbeat, Kind, Level, LogRecord, MAX_DETECTIONS, MAX_MESSAGE, MAX_NEIGHBOURS,
+    MAX_PANIC, MAX_PARAMETERS, Neighbour, Outcomes, ParameterReport, ParameterValue,
+    ParametersMessage, Pose, PoseFix, Reason, Response, ResponseStatus, RobotId, RobotState,
+    Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
 };
 
 fn robot() -> RobotId {
@@ -186,9 +186,10 @@ fn parameters_that_do_not_fit_lose_detail_but_no_value() {
             .map(|at| report(at, ParameterValue::Number(LONG)))
             .collect(),
     };
+    let plain = heapless::String::try_from("a".repeat(64).as_str()).unwrap();
     widest
         .values
-        .push(report(0, ParameterValue::Text(quotes())))
+        .push(report(0, ParameterValue::Text(plain)))
         .unwrap();
     let length = widest.to_json(&mut buf).expect("the longest message fits");
     let read = ParametersMessage::from_json(&buf[..length]).unwrap();
@@ -196,6 +197,11 @@ fn parameters_that_do_not_fit_lose_detail_but_no_value() {
     for (read, told) in read.values.iter().zip(&widest.values) {
         assert_eq!((&read.name, &read.value), (&told.name, &told.value));
     }
+
+    // A text full of escapes may be too much, and is said to be.
+    let last = widest.values.last_mut().unwrap();
+    last.value = ParameterValue::Text(quotes());
+    assert_eq!(widest.to_json(&mut buf), Err(EncodeError::TooLarge));
 
     // One less detail after the other goes, and no more than needed.
     let mut last = (4, 4);

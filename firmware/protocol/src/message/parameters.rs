@@ -11,8 +11,8 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::{DecodeError, EncodeError, ParameterValue, RobotId, json};
 
 /// Most parameters of one robot. As many fit a message, whatever their names and values, as long
-/// as no more than one of them is a text.
-pub const MAX_PARAMETERS: usize = 17;
+/// as no more than one of them is a text, and that one needs no escapes.
+pub const MAX_PARAMETERS: usize = 19;
 
 /// The parameters of one robot.
 pub type Reports = Vec<ParameterReport, MAX_PARAMETERS>;
@@ -53,7 +53,7 @@ pub struct ParametersMessage {
         feature = "schema",
         schemars(
             with = "std::collections::BTreeMap<std::string::String, Body>",
-            length(max = 17)
+            length(max = 19)
         )
     )]
     pub values: Reports,

@@ -3,7 +3,8 @@
 use crate::words::words;
 
 words! {
-    /// What a robot is doing, as it reports it. The order is that of the live feed.
+    /// What a robot is doing, as it reports it. The order is that of the live feed, and of
+    /// telemetry in CBOR.
     RobotState {
         /// Starting up.
         Initializing = "INITIALIZING",
@@ -71,7 +72,7 @@ words! {
 }
 
 words! {
-    /// The behaviours a robot knows by name.
+    /// The behaviours a robot knows by name. The order is that of telemetry in CBOR.
     BehaviourName {
         /// Does what it is told.
         Manual = "manual",

@@ -1,9 +1,14 @@
 //! What a robot measures, and that it lives.
 
+mod cbor;
+mod encoding;
+
 use serde::{Deserialize, Serialize};
 
 use super::{BehaviourName, Pose, RobotState, wire};
 use crate::RobotId;
+
+pub use encoding::{MAX_BATCH, Samples, TelemetryEncoding};
 
 /// What the wheels are told to do.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]

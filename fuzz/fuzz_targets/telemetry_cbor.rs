@@ -1,0 +1,4 @@
+//! Fuzzes `telemetry_cbor`; see `targets.rs`.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| crawler_fuzz::run("telemetry_cbor", data));
