@@ -60,7 +60,7 @@ async fn suite(arguments: SuiteArguments) -> ExitCode {
     println!("{} of {} at {}", target.robot, target.fleet, target.broker);
     let result = tokio::select! {
         result = suite::run(&target, &options, |case| println!("{case}")) => result,
-        _ = tokio::signal::ctrl_c() => return interrupted(target).await,
+        _ = tokio::signal::ctrl_c() => return Box::pin(interrupted(target)).await,
     };
     let report = match result {
         Ok(report) => report,

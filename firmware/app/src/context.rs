@@ -16,6 +16,7 @@ use crate::camera::Captures;
 use crate::config::Config;
 use crate::injected::Injected;
 use crate::intake::Intake;
+use crate::neighbours::Neighbours;
 use crate::order::{Halts, Order, Sender, SetRequest, Task};
 use crate::outbox::Outbox;
 use crate::parameters::{Changes, Parameters};
@@ -120,6 +121,8 @@ pub struct Robot<M: RawMutex> {
     pub(crate) link_trouble: Mutex<M, Cell<Option<LinkTrouble>>>,
     /// Link → control: the newest outside position reference.
     pub(crate) tracking: Tracking<M>,
+    /// Link → control: who is near.
+    pub(crate) neighbours: Neighbours<M>,
     /// Control → link, lamp.
     pub(crate) snapshot: Mutex<M, Cell<Snapshot>>,
     /// Store → everyone.
@@ -160,6 +163,7 @@ impl<M: RawMutex> Robot<M> {
             link_health: Mutex::new(Cell::new(LinkHealth::default())),
             link_trouble: Mutex::new(Cell::new(None)),
             tracking: Tracking::new(),
+            neighbours: Neighbours::new(),
             snapshot: Mutex::new(Cell::new(Snapshot::default())),
             parameters: Mutex::new(RefCell::new(Parameters::default())),
             parameters_changed: Signal::new(),

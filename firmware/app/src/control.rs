@@ -15,6 +15,7 @@ use rand_core::Rng;
 
 use crate::context::{Robot, Snapshot};
 use crate::controller::{Controller, Inputs, Note, Outputs, PERIOD, Tuning};
+use crate::neighbours::Near;
 use crate::order::Halt;
 use crate::parameters::Parameters;
 use crate::perception::{Charge, LinkHealth};
@@ -187,12 +188,18 @@ impl Pilot {
             self.controller.set_tuning(tuning_of(robot));
         }
         let battery = robot.battery.lock(Cell::get);
+        let near = if self.controller.wants_neighbours() {
+            robot.neighbours.at(now)
+        } else {
+            Near::new()
+        };
         let inputs = Inputs {
             reading: robot.reading.lock(Cell::get),
             charge: battery.charge,
             voltage: battery.voltage,
             fix: robot.tracking.take(),
             view: view.as_ref(),
+            near: &near,
             link: robot.link_health.lock(Cell::get),
             loaded: robot.loaded.lock(Cell::get),
             motor_fault,

@@ -29,6 +29,7 @@ use rand_core::Rng;
 
 use crate::behaviour::{Detour, Progress, Scan, ScanResult};
 use crate::motion::{Correction, Odometry, Ramp};
+use crate::neighbours::Neighbour;
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
 use crate::state::{Errand, Event, Fault, Side, State};
@@ -68,6 +69,8 @@ pub struct Inputs<'a> {
     pub fix: Option<Fix>,
     /// What the camera has shown and has not been taken in yet.
     pub view: Option<&'a View>,
+    /// Who is near, while that is needed: see [`Controller::wants_neighbours`].
+    pub near: &'a [Neighbour],
     /// Whether the session with the broker holds.
     pub link: LinkHealth,
     /// Whether the parameters are loaded, or given up.
@@ -375,7 +378,10 @@ impl Controller {
                         Err(Reason::Timeout)
                     }),
                     Errand::Goto { deadline, .. } if now >= deadline => Some(Err(Reason::Timeout)),
-                    Errand::Manual { .. } | Errand::Goto { .. } | Errand::Wander { .. } => None,
+                    Errand::Manual { .. }
+                    | Errand::Goto { .. }
+                    | Errand::Wander { .. }
+                    | Errand::Swarm(_) => None,
                 }
             }
             State::Scanning { deadline } if now >= deadline => Some(Err(Reason::Timeout)),

@@ -36,6 +36,7 @@ pub mod lamp;
 pub mod ledger;
 pub mod link;
 pub mod motion;
+pub mod neighbours;
 pub mod order;
 pub mod outbox;
 pub mod parameters;

@@ -9,6 +9,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::signal::Signal;
 use heapless::Vec;
 
+use crate::behaviour::Swarm;
 use crate::parameters::Changes;
 
 /// Most halts of one control period that can be answered one by one.
@@ -53,6 +54,8 @@ pub enum Task {
         /// Share of the permitted speed, 0 to 100.
         speed: u8,
     },
+    /// Move by where others are.
+    Swarm(Swarm),
     /// Go to a place in the odometry frame.
     Goto {
         /// Metres along the axis the robot faced at boot.
@@ -92,13 +95,11 @@ impl Task {
             }
             Action::Behave(BehaviourSpec::Manual) => Self::Manual,
             Action::Behave(BehaviourSpec::Wander { speed }) => Self::Wander { speed: *speed },
-            Action::Behave(
-                BehaviourSpec::Disperse
-                | BehaviourSpec::Gather
-                | BehaviourSpec::Flock
-                | BehaviourSpec::Formation
-                | BehaviourSpec::Policy,
-            )
+            Action::Behave(BehaviourSpec::Disperse) => Self::Swarm(Swarm::Disperse),
+            Action::Behave(BehaviourSpec::Gather) => Self::Swarm(Swarm::Gather),
+            Action::Behave(BehaviourSpec::Flock) => Self::Swarm(Swarm::Flock),
+            Action::Behave(BehaviourSpec::Formation) => Self::Swarm(Swarm::Formation),
+            Action::Behave(BehaviourSpec::Policy)
             | Action::Capture
             | Action::Stop
             | Action::Estop
@@ -118,6 +119,7 @@ impl Task {
             | Self::Drive { .. }
             | Self::Scan
             | Self::Wander { .. }
+            | Self::Swarm(_)
             | Self::Goto { .. } => true,
             Self::Manual | Self::Reset | Self::Identify | Self::Reboot => false,
         }

@@ -8,6 +8,7 @@ mod tests;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{BehaviourName, RobotState};
 
+use crate::behaviour::Swarm;
 use crate::motion::Twist;
 
 /// What a robot in motion is about.
@@ -37,6 +38,8 @@ pub enum Errand {
         /// When to give up.
         deadline: Instant,
     },
+    /// `disperse`, `gather`, `flock` and `formation`.
+    Swarm(Swarm),
 }
 
 impl Errand {
@@ -44,7 +47,7 @@ impl Errand {
     pub const fn is_autonomous(&self) -> bool {
         match self {
             Self::Manual { .. } => false,
-            Self::Wander { .. } | Self::Goto { .. } => true,
+            Self::Wander { .. } | Self::Goto { .. } | Self::Swarm(_) => true,
         }
     }
 
@@ -54,6 +57,7 @@ impl Errand {
             Self::Manual { .. } => BehaviourName::Manual,
             Self::Wander { .. } => BehaviourName::Wander,
             Self::Goto { .. } => BehaviourName::Goto,
+            Self::Swarm(swarm) => swarm.behaviour(),
         }
     }
 }

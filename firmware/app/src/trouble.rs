@@ -8,7 +8,7 @@ use crate::state::Fault;
 /// Events whose newest record is kept until the broker is known to have it, whatever else is
 /// logged meanwhile: see [`outbox`](crate::outbox). Each names one thing that can be wrong, and
 /// tells its beginning as well as its end.
-pub const KEPT_EVENTS: [&str; 15] = [
+pub const KEPT_EVENTS: [&str; 16] = [
     PANIC,
     "fault",
     "ranger",
@@ -23,6 +23,7 @@ pub const KEPT_EVENTS: [&str; 15] = [
     LinkTrouble::NoAddress.event(),
     LinkTrouble::NoBroker.event(),
     LinkTrouble::Credentials.event(),
+    LinkTrouble::Untrusted.event(),
     LINK_LOST,
 ];
 
@@ -52,16 +53,19 @@ pub enum LinkTrouble {
     NoBroker,
     /// The broker refuses name and password.
     Credentials,
+    /// The broker has not proved who it is, or somebody is in between.
+    Untrusted,
 }
 
 impl LinkTrouble {
     /// Every trouble, in the order of the way to the broker.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::NoNetwork,
         Self::Password,
         Self::NoAddress,
         Self::NoBroker,
         Self::Credentials,
+        Self::Untrusted,
     ];
 
     /// Name of its log records.
@@ -73,6 +77,7 @@ impl LinkTrouble {
             Self::NoAddress => "no-address",
             Self::NoBroker => "link-failed",
             Self::Credentials => "broker-credentials",
+            Self::Untrusted => "broker-untrusted",
         }
     }
 
@@ -85,6 +90,7 @@ impl LinkTrouble {
             Self::NoAddress => Pattern::NoAddress,
             Self::NoBroker => Pattern::NoLink,
             Self::Credentials => Pattern::BrokerRefuses,
+            Self::Untrusted => Pattern::BrokerUntrusted,
         }
     }
 }

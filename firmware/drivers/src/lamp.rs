@@ -43,6 +43,8 @@ pub enum Pattern {
     NoAddress,
     /// The broker refuses name and password.
     BrokerRefuses,
+    /// The broker has not proved who it is.
+    BrokerUntrusted,
 }
 
 /// Longest repetition of any pattern: whoever looks this long has seen all of it.
@@ -50,7 +52,7 @@ pub const LONGEST_PERIOD: Duration = Duration::from_millis(3_000);
 
 impl Pattern {
     /// Every pattern.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Initializing,
         Self::Idle,
         Self::Moving,
@@ -68,6 +70,7 @@ impl Pattern {
         Self::NetworkPassword,
         Self::NoAddress,
         Self::BrokerRefuses,
+        Self::BrokerUntrusted,
     ];
 
     /// The pattern as durations in milliseconds: lit, dark, lit, dark…, then again from the start.
@@ -80,7 +83,7 @@ impl Pattern {
     ///   two for the ranger, three for the motors;
     /// - one long flash, then short ones, count how far the way to the broker goes: one for no
     ///   network, two for a refused network password, three for no address, four for a broker
-    ///   that refuses name and password.
+    ///   that refuses name and password, five for one that has not proved who it is.
     #[must_use]
     pub const fn table_ms(self) -> &'static [u16] {
         match self {
@@ -101,6 +104,7 @@ impl Pattern {
             Self::NetworkPassword => &[600, 250, 100, 250, 100, 1_200],
             Self::NoAddress => &[600, 250, 100, 250, 100, 250, 100, 850],
             Self::BrokerRefuses => &[600, 250, 100, 250, 100, 250, 100, 250, 100, 900],
+            Self::BrokerUntrusted => &[600, 250, 100, 250, 100, 250, 100, 250, 100, 250, 100, 650],
         }
     }
 

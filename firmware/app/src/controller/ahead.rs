@@ -5,7 +5,7 @@ use crawler_protocol::Reason;
 use rand_core::Rng;
 
 use super::{Controller, Inputs, Note, Outputs, PERIOD};
-use crate::behaviour::{Detour, escape_twist, goto_twist};
+use crate::behaviour::{Detour, escape_twist, goto_twist, swarm_twist};
 use crate::motion::Twist;
 use crate::perception::{Charge, Sight};
 use crate::state::{Errand, Event, Side, State};
@@ -98,6 +98,11 @@ impl Controller {
         behaves || self.tuning.vision_always
     }
 
+    /// Whether what the robot does goes by where others are.
+    pub fn wants_neighbours(&self) -> bool {
+        matches!(self.state.errand(), Some(Errand::Swarm(_)))
+    }
+
     /// Takes in what the camera has shown.
     pub(super) fn see(&mut self, view: &View) {
         self.in_the_way = view.in_the_way;
@@ -146,7 +151,7 @@ impl Controller {
             match errand {
                 Errand::Manual { twist, .. } if twist.v <= 0.0 => return Event::Near,
                 Errand::Manual { .. } => return Event::Blocked(Side::Left),
-                Errand::Wander { .. } | Errand::Goto { .. } => {
+                Errand::Wander { .. } | Errand::Goto { .. } | Errand::Swarm(_) => {
                     return Event::Blocked(self.way_round(errand, rng, now));
                 }
             }
@@ -196,7 +201,7 @@ impl Controller {
         let twist = match self.state {
             State::Initializing | State::Idle | State::Error(_) => return Twist::ZERO,
             State::Moving(errand) | State::Caution(errand) => {
-                let twist = self.errand_twist(&errand, now);
+                let twist = self.errand_twist(&errand, inputs, now);
                 let Some(twist) = twist else {
                     self.finish(Ok(()), out);
                     self.state = self.state.step(Event::End, now);
@@ -233,7 +238,7 @@ impl Controller {
     }
 
     /// What `errand` wants on a free way; `None` when it has arrived.
-    fn errand_twist(&self, errand: &Errand, now: Instant) -> Option<Twist> {
+    fn errand_twist(&self, errand: &Errand, inputs: &Inputs<'_>, now: Instant) -> Option<Twist> {
         let max_speed = self.tuning.max_speed;
         match *errand {
             Errand::Manual { twist, .. } => Some(twist),
@@ -241,6 +246,11 @@ impl Controller {
                 v: speed * max_speed,
                 w: 0.0,
             }),
+            Errand::Swarm(swarm) => {
+                let speed = self.tuning.goto_speed * max_speed;
+                let (pose, turn) = (self.pose(), self.tuning.max_turn);
+                Some(swarm_twist(swarm, &pose, inputs.near, speed, turn))
+            }
             Errand::Goto { x, y, .. } => {
                 let speed = self.tuning.goto_speed * max_speed;
                 let twist = goto_twist(

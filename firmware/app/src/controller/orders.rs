@@ -85,6 +85,7 @@ impl Controller {
             Task::Goto { .. }
             | Task::Scan
             | Task::Wander { .. }
+            | Task::Swarm(_)
             | Task::Manual
             | Task::Reset
             | Task::Identify
@@ -132,6 +133,10 @@ impl Controller {
             Task::Wander { speed } => {
                 let speed = f32::from(speed.min(100)) * 0.01;
                 self.start_errand(Errand::Wander { speed }, out, now);
+                Answering::Now
+            }
+            Task::Swarm(swarm) => {
+                self.start_errand(Errand::Swarm(swarm), out, now);
                 Answering::Now
             }
             Task::Goto { x, y } => {
@@ -216,6 +221,7 @@ impl Controller {
             Task::Drive { v, w } => Twist { v, w },
             Task::Scan
             | Task::Wander { .. }
+            | Task::Swarm(_)
             | Task::Goto { .. }
             | Task::Manual
             | Task::Reset

@@ -5,6 +5,7 @@ use heapless::Vec;
 use rust_mqtt::session::Session;
 use rust_mqtt::types::PacketIdentifier;
 
+use super::cells::Cells;
 use crate::outbox::Ticket;
 
 /// SUBSCRIBE packets that may wait for their acknowledgement at a time.
@@ -58,6 +59,8 @@ pub(super) struct Flow {
     /// Being written. If the connection breaks meanwhile, the session knows a number for it that
     /// we were not told.
     pub(super) sending: Option<Parcel>,
+    /// Which cells the broker sends.
+    pub(super) cells: Cells,
     abandoned: bool,
 }
 
@@ -67,6 +70,7 @@ impl Flow {
             session: None,
             in_flight: Vec::new(),
             sending: None,
+            cells: Cells::new(),
             abandoned: false,
         }
     }

@@ -4,6 +4,7 @@ use core::fmt;
 
 use crawler_hal::{Elapsed, NetError};
 use crawler_protocol::LinkCut;
+use embedded_io_async::ErrorKind;
 use rust_mqtt::client::MqttError;
 use rust_mqtt::types::ReasonCode;
 
@@ -22,6 +23,8 @@ pub(super) enum Loss {
     NetworkDown,
     /// The stream broke or was closed.
     Broken,
+    /// What came is not what the broker sent.
+    Tampered,
     /// Nothing was heard for too long, not even an answer to a ping.
     Silent,
     /// The stream took no more bytes.
@@ -62,12 +65,16 @@ impl Loss {
                     | ReasonCode::ClientIdentifierNotValid
                     | ReasonCode::Banned
             ),
-            Self::Credentials(_) | Self::NotSubscribed | Self::Unsupported => true,
+            Self::Unreachable(NetError::Insecure(_))
+            | Self::Credentials(_)
+            | Self::NotSubscribed
+            | Self::Unsupported => true,
             Self::Unreachable(_)
             | Self::Unjoined
             | Self::Unanswered
             | Self::NetworkDown
             | Self::Broken
+            | Self::Tampered
             | Self::Silent
             | Self::Stalled
             | Self::Unacknowledged
@@ -85,6 +92,7 @@ impl Loss {
                 LinkTrouble::NoNetwork
             }
             Self::Credentials(_) => LinkTrouble::Credentials,
+            Self::Unreachable(NetError::Insecure(_)) | Self::Tampered => LinkTrouble::Untrusted,
             Self::Unreachable(_)
             | Self::Unanswered
             | Self::Broken
@@ -112,6 +120,10 @@ impl fmt::Display for Loss {
             Self::Unreachable(NetError::UnknownHost) => f.write_str("unknown broker host"),
             Self::Unreachable(NetError::Refused) => f.write_str("broker refuses connections"),
             Self::Unreachable(NetError::NoResources) => f.write_str("no room for a stream"),
+            Self::Unreachable(NetError::Insecure(why)) => {
+                write!(f, "broker not trusted ({why})")
+            }
+            Self::Tampered => f.write_str("connection tampered with"),
             Self::Unreachable(_) | Self::Unanswered => f.write_str("broker does not answer"),
             Self::NetworkDown => f.write_str("network down"),
             Self::Broken => f.write_str("connection broken"),
@@ -166,6 +178,8 @@ impl<const PROPERTIES: usize> From<MqttError<'_, PROPERTIES>> for Loss {
                 Self::Credentials(reason)
             }
             MqttError::Disconnect { reason, .. } => Self::Dismissed(reason),
+            // What a stream says that checks what comes.
+            MqttError::Network(ErrorKind::InvalidData) => Self::Tampered,
             MqttError::Network(_) | MqttError::RecoveryRequired => Self::Broken,
             // `Alloc`: a field longer than any packet we agreed to.
             MqttError::Server | MqttError::Alloc => Self::Protocol,

@@ -1,12 +1,13 @@
 //! The robot's own messages, composed from the shared context.
 //!
-//! Each function writes JSON to the front of `buf` and returns its length; `None` when the message
-//! cannot be written, which the caller reports.
+//! Each function but [`telemetry()`] writes JSON to the front of `buf` and returns its length; `None`
+//! when the message cannot be written, which the caller reports.
 
 use crawler_hal::{Instant, ResetCause};
 use crawler_protocol::{
-    Battery, Boot, BootCause, Capability, Heartbeat, LogRecord, PROTOCOL_VERSION, ParameterReport,
-    ParameterValue, ParametersMessage, Response, StatusMessage, Telemetry, Wheels,
+    Battery, Boot, BootCause, Capability, EncodeError, Heartbeat, LogRecord, PROTOCOL_VERSION,
+    ParameterReport, ParameterValue, ParametersMessage, Response, RobotState, StatusMessage,
+    Telemetry, TelemetryEncoding, Wheels,
 };
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
@@ -83,16 +84,28 @@ pub(super) fn heartbeat<M: RawMutex>(
     .ok()
 }
 
+/// What telemetry tells beside what the robot knows of itself.
+pub(super) struct Look {
+    pub(super) seq: u64,
+    pub(super) rssi_dbm: Option<i8>,
+    pub(super) now: Instant,
+}
+
+/// Writes a sample behind the first `at` bytes of `buf`; the length of it all, and the state that the
+/// sample tells.
+// Inlined, it would lie on the stack of the whole link, twice.
+#[inline(never)]
 pub(super) fn telemetry<M: RawMutex>(
     robot: &Robot<M>,
-    seq: u64,
-    rssi_dbm: Option<i8>,
-    now: Instant,
+    look: &Look,
+    how: TelemetryEncoding,
     buf: &mut [u8],
-) -> Option<usize> {
+    at: usize,
+) -> Result<(usize, RobotState), EncodeError> {
+    let Look { seq, rssi_dbm, now } = *look;
     let snapshot = robot.snapshot();
     let [left, right] = snapshot.wheels;
-    Telemetry {
+    let sample = Telemetry {
         robot: robot.config().id.clone(),
         seq,
         timestamp: robot.unix_ms(now).unwrap_or(0),
@@ -116,9 +129,9 @@ pub(super) fn telemetry<M: RawMutex>(
                 .map_or(0, crawler_hal::Percent::get),
         },
         rssi_dbm,
-    }
-    .to_json(buf)
-    .ok()
+    };
+    let len = how.append(&sample, buf, at)?;
+    Ok((len, sample.state))
 }
 
 /// `None` also when nothing is left to tell.

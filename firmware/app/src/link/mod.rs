@@ -28,7 +28,7 @@
 //! Retained commands are not asked for. What a session queued for a robot that was away arrives
 //! late, and meets the clock at intake like anything else; a late `stop` still stops.
 //!
-//! Memory: the packet that arrives, or the message to be sent, 1,390 bytes, write and read buffers
+//! Memory: samples of telemetry that wait for others 1,024 bytes, the packet that arrives, or the message to be sent, 1,390 bytes, write and read buffers
 //! 576, session and client a few hundred; with what the compiler keeps of each step the future of
 //! [`link`] measures about 6 KB on a 64-bit host over a plain socket, unoptimised. Outbox and
 //! intake in the shared context add 2.2 and 0.8 KB. Kept elsewhere ([`Hold`]), packet, write buffer
@@ -36,6 +36,7 @@
 
 mod backoff;
 mod buffered;
+mod cells;
 mod flow;
 mod images;
 mod letter;
@@ -43,6 +44,7 @@ mod loss;
 mod messages;
 mod outgoing;
 mod session;
+mod telemetry;
 
 #[cfg(test)]
 mod tests;
@@ -77,6 +79,8 @@ use images::{FromSlot, Images, NoImages};
 use letter::{Letter, MAX_PACKET, Mailbox};
 use loss::Loss;
 use session::{Connection, Counters, Mqtt, State};
+pub use telemetry::BATCH_AGE;
+use telemetry::Batch;
 
 /// Keep-alive announced to the broker. Some brokers add seconds to anything below six.
 pub const KEEP_ALIVE: Duration = Duration::from_secs(6);
@@ -105,6 +109,7 @@ struct Kept<'k, H: Hold> {
     letter: &'k RefCell<Letter<H>>,
     flow: &'k mut Flow,
     counters: &'k mut Counters,
+    batch: &'k mut Batch<H>,
 }
 
 /// Keeps the robot connected. Never returns.
@@ -176,6 +181,7 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
         let letter = RefCell::new(Letter::<H>::new());
         let mut flow = Flow::new();
         let mut counters = Counters::default();
+        let mut batch = Batch::<H>::new();
         let mut backoff = Backoff::new();
         let mut told = None;
         loop {
@@ -183,6 +189,7 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
                 letter: &letter,
                 flow: &mut flow,
                 counters: &mut counters,
+                batch: &mut batch,
             };
             let ended = attempt::<H, M, N, C>(robot, &mut network, &clock, kept, &mut images).await;
             let (loss, up_since) = ended;
@@ -217,6 +224,7 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
             robot.set_link_trouble(Some(trouble));
             robot.outbox.rewind_logs();
             letter.borrow_mut().discard();
+            batch.discard();
             clock.sleep(wait).await;
         }
     }
@@ -241,6 +249,7 @@ async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
         letter,
         flow,
         counters,
+        batch,
     } = kept;
     let mut mailbox = Mailbox(letter);
     let clean = flow.session.is_none();
@@ -258,6 +267,7 @@ async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
         flow,
         counters,
         images,
+        batch,
         state: State::new(clock.now()),
     };
     let loss = match connected {

@@ -2,7 +2,7 @@
 
 use core::pin::pin;
 
-use crawler_hal::{Clock, Duration, Instant, LinkMonitor, LinkState, with_deadline};
+use crawler_hal::{Clock, Duration, Instant, LinkMonitor, with_deadline};
 use crawler_protocol::{Level, Qos, Topic};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_io_async::{Read, Write};
@@ -16,9 +16,7 @@ use super::flow::{InFlight, Parcel, SEND_WINDOW};
 use super::loss::Loss;
 use super::session::Connection;
 use super::{HEARTBEAT_PERIOD, LOST_AFTER, PING_AFTER, WRITTEN_WITHIN, messages};
-use crate::context::Robot;
 use crate::hold::Hold;
-use crate::parameters::Parameter;
 
 /// Log records sent before looking at the stream again.
 const LOGS_AT_ONCE: usize = 2;
@@ -118,6 +116,7 @@ where
         {
             self.send(Parcel::Answer(ticket)).await?;
         }
+        self.follow_cells().await?;
         if self.state.up_since.is_some() {
             let boot = self.robot.boot();
             if self.state.told != Some(boot) && self.is_free_for(Parcel::Status) {
@@ -149,7 +148,7 @@ where
             let written = self.write(|page| messages::log(self.robot, &entry, page));
             if let Some(len) = written {
                 let topic = Topic::Logs(self.robot.config().id.clone());
-                self.publish(&topic, len, None).await?;
+                self.publish(&topic, len, None, None).await?;
             }
         }
         Ok(true)
@@ -178,27 +177,10 @@ where
             self.counters.heartbeats += 1;
             if let Some(len) = self.write(|page| messages::heartbeat(robot, seq, now, page)) {
                 let topic = Topic::Heartbeat(robot.config().id.clone());
-                self.publish(&topic, len, None).await?;
+                self.publish(&topic, len, None, None).await?;
             }
         }
-        let now = self.clock.now();
-        if now >= self.state.next_telemetry {
-            let period = telemetry_period(robot);
-            self.state.next_telemetry = following(self.state.next_telemetry, period, now);
-            let rssi_dbm = match self.monitor.state() {
-                LinkState::Up { rssi_dbm, .. } => rssi_dbm,
-                LinkState::Down => None,
-            };
-            let seq = self.counters.telemetry;
-            self.counters.telemetry += 1;
-            if let Some(len) =
-                self.write(|page| messages::telemetry(robot, seq, rssi_dbm, now, page))
-            {
-                let topic = Topic::Telemetry(robot.config().id.clone());
-                self.publish(&topic, len, None).await?;
-            }
-        }
-        Ok(())
+        self.send_telemetry().await
     }
 
     async fn send_detections(&mut self) -> Result<(), Loss> {
@@ -208,7 +190,7 @@ where
         if let Some(len) = self.write(|page| messages::detections(robot, seq, now, page)) {
             self.counters.detections += 1;
             let topic = Topic::Vision(robot.config().id.clone());
-            self.publish(&topic, len, None).await?;
+            self.publish(&topic, len, None, None).await?;
         }
         Ok(())
     }
@@ -225,11 +207,11 @@ where
             self.robot.log(Level::Error, "message-too-large", text, now);
             return Ok(());
         };
-        self.publish(&topic, len, Some(parcel)).await
+        self.publish(&topic, len, Some(parcel), None).await
     }
 
     /// Lets `compose` write a message to the page of the letter; its length.
-    fn write(&self, compose: impl FnOnce(&mut [u8]) -> Option<usize>) -> Option<usize> {
+    pub(super) fn write(&self, compose: impl FnOnce(&mut [u8]) -> Option<usize>) -> Option<usize> {
         compose(self.letter.borrow_mut().page())
     }
 
@@ -258,14 +240,19 @@ where
     /// Publishes the first `len` bytes of the page. Not to be dropped half-way.
     // Nothing is received while something is written, so nothing else wants the letter.
     #[allow(clippy::await_holding_refcell_ref)]
-    async fn publish(
+    pub(super) async fn publish(
         &mut self,
         topic: &Topic,
         len: usize,
         parcel: Option<Parcel>,
+        content_type: Option<&str>,
     ) -> Result<(), Loss> {
         let name = topic.render(&self.robot.config().fleet);
-        let options = publication(&name, topic.qos(), topic.retained())?;
+        let mut options = publication(&name, topic.qos(), topic.retained())?;
+        if let Some(content_type) = content_type {
+            let text = MqttString::from_str(content_type).map_err(|_| Loss::Unsupported)?;
+            options.content_type = Some(text);
+        }
         self.flow.sending = parcel;
         let deadline = self.write_deadline();
         let letter = self.letter.borrow();
@@ -306,15 +293,9 @@ where
 }
 
 /// The beat after `due`: on time while we keep up, and skipping what was missed when we do not.
-fn following(due: Instant, period: Duration, now: Instant) -> Instant {
+pub(super) fn following(due: Instant, period: Duration, now: Instant) -> Instant {
     let next = due + period;
     if next > now { next } else { now + period }
-}
-
-fn telemetry_period<M: RawMutex>(robot: &Robot<M>) -> Duration {
-    let hz = robot.with_parameters(|parameters| parameters.number(Parameter::TelemetryRate));
-    // The table keeps the rate within its range; the bounds here are only for the division.
-    Duration::from_micros((1e6 / hz.clamp(0.1, 100.0)) as u64)
 }
 
 pub(super) fn publication(

@@ -16,10 +16,12 @@ use rust_mqtt::header::FixedHeader;
 use rust_mqtt::types::PacketIdentifier;
 
 use super::buffered::Buffered;
+use super::cells::Asked;
 use super::flow::{Flow, Parcel, RECEIVE_WINDOW, SEND_WINDOW, SUBSCRIPTIONS};
 use super::images::Images;
 use super::letter::{Letter, Mailbox};
 use super::loss::Loss;
+use super::telemetry::Batch;
 use super::{ACKNOWLEDGED_WITHIN, LOST_AFTER, PING_AFTER, SUBSCRIBED_WITHIN};
 use crate::camera::Outcome;
 use crate::context::{BootRecord, Robot};
@@ -62,6 +64,7 @@ pub(super) struct Connection<'a, 'c, H: Hold, M: RawMutex, C, L, S: Read + Write
     pub(super) flow: &'a mut Flow,
     pub(super) counters: &'a mut Counters,
     pub(super) images: &'a mut dyn Images,
+    pub(super) batch: &'a mut Batch<H>,
     pub(super) state: State,
 }
 
@@ -79,6 +82,10 @@ pub(super) struct State {
     /// Boot record in the last status sent on this connection.
     pub(super) told: Option<BootRecord>,
     pub(super) parameters_due: bool,
+    /// A cell that the broker was asked about.
+    pub(super) asked: Option<Asked>,
+    /// The broker refused to send one.
+    pub(super) no_cells: bool,
     pub(super) next_heartbeat: Instant,
     pub(super) next_telemetry: Instant,
 }
@@ -94,6 +101,8 @@ impl State {
             up_since: None,
             told: None,
             parameters_due: true,
+            asked: None,
+            no_cells: false,
             next_heartbeat: now,
             next_telemetry: now,
         }
@@ -114,6 +123,7 @@ where
             H::hold(self.retransmit()).await?;
         } else {
             self.flow.in_flight.clear();
+            self.flow.cells.forget();
             self.robot.outbox.rewind();
         }
         H::hold(self.subscribe()).await?;
@@ -159,10 +169,12 @@ where
         match event {
             Event::Publish(_) => self.open_letter(now),
             Event::Suback(ack) => {
-                if ack.reason_code.is_erroneous() {
+                let confirmed = ack.packet_identifier;
+                let refused = ack.reason_code.is_erroneous();
+                self.cell_answered(confirmed, refused, now);
+                if refused && self.state.unconfirmed.contains(&confirmed) {
                     return Err(Loss::NotSubscribed);
                 }
-                let confirmed = ack.packet_identifier;
                 self.state.unconfirmed.retain(|id| *id != confirmed);
                 if self.state.unconfirmed.is_empty() && self.state.up_since.is_none() {
                     self.state.up_since = Some(now);
@@ -170,6 +182,7 @@ where
                     self.robot.set_link_trouble(None);
                 }
             }
+            Event::Unsuback(ack) => self.cell_answered(ack.packet_identifier, false, now),
             Event::Pingresp => {
                 self.state.pings = self.state.pings.saturating_sub(1);
                 self.robot.outbox.logs_proven();
@@ -219,6 +232,9 @@ where
                 // Refusals are counted and logged there.
                 let _ = robot.observe_fix(letter.payload(), now);
             }
+            Some(Topic::Cell { x, y }) => {
+                robot.observe_cell((x, y), letter.payload(), now);
+            }
             #[cfg(feature = "faults")]
             Some(Topic::SimulatorCommand) => robot.obey_simulator(letter.payload(), now),
             // Not what we subscribed to.
@@ -241,6 +257,9 @@ where
         if !self.state.unconfirmed.is_empty() && now >= self.state.opened + SUBSCRIBED_WITHIN {
             return Err(Loss::NotSubscribed);
         }
+        if self.cells_due().is_some_and(|due| now >= due) {
+            return Err(Loss::NotSubscribed);
+        }
         match self.flow.oldest() {
             Some(sent) if now >= sent + ACKNOWLEDGED_WITHIN => Err(Loss::Unacknowledged),
             Some(_) | None => Ok(()),
@@ -254,6 +273,9 @@ where
         wake = wake.min(state.next_heartbeat).min(state.next_telemetry);
         if !state.unconfirmed.is_empty() {
             wake = wake.min(state.opened + SUBSCRIBED_WITHIN);
+        }
+        if let Some(due) = self.cells_due() {
+            wake = wake.min(due);
         }
         if let Some(sent) = self.flow.oldest() {
             wake = wake.min(sent + ACKNOWLEDGED_WITHIN);

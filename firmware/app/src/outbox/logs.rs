@@ -9,7 +9,7 @@ use heapless::{String, Vec};
 use crate::trouble::{KEPT_EVENTS, is_kept};
 
 /// Log records held.
-pub const LOGS: usize = 16;
+pub const LOGS: usize = 20;
 /// Bytes for the texts of all log records held.
 pub const LOG_TEXTS: usize = 640;
 /// Least time between two records that tell of losses.

@@ -1,5 +1,7 @@
 //! The table of parameters.
 
+use crawler_protocol::MAX_BATCH;
+
 /// Index of a parameter in [`TABLE`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Parameter {
@@ -23,7 +25,7 @@ pub enum Parameter {
     ArriveTolerance,
     /// How long a behaviour goes on after the link is known to be lost.
     LinkGrace,
-    /// Telemetry messages per second.
+    /// Samples of telemetry per second.
     TelemetryRate,
     /// Factor on the duty of the left wheel.
     TrimLeft,
@@ -37,6 +39,10 @@ pub enum Parameter {
     VisionPeriod,
     /// Whether to look although nothing that the robot does needs it.
     VisionAlways,
+    /// How telemetry is written: 0 is JSON, 1 is CBOR.
+    TelemetryFormat,
+    /// Samples of telemetry that travel in one message, if as many fit.
+    TelemetryBatch,
 }
 
 /// Number of parameters.
@@ -137,7 +143,7 @@ const fn number(
 
 /// All parameters, in the order of [`Parameter`]. Ranges are written minimum, default, maximum.
 #[rustfmt::skip]
-pub const TABLE: [Definition; 17] = [
+pub const TABLE: [Definition; 19] = [
     Definition {
         parameter: Parameter::Name,
         name: "name",
@@ -181,4 +187,6 @@ pub const TABLE: [Definition; 17] = [
         persistent: true,
         key: 18,
     },
+    number(Parameter::TelemetryFormat, 19, "telemetry_format", None, [0.0, 0.0, 1.0], true),
+    number(Parameter::TelemetryBatch, 20, "telemetry_batch", None, [1.0, 1.0, MAX_BATCH as f32], true),
 ];

@@ -6,7 +6,8 @@ use std::string::String;
 
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{
-    Action, BehaviourSpec, Command, ParameterValue, Pose, PoseFix, ResponseStatus, RobotState,
+    Action, BehaviourSpec, CellDigest, Command, Neighbour, ParameterValue, Pose, PoseFix,
+    ResponseStatus, RobotId, RobotState,
 };
 use proptest::prelude::*;
 
@@ -14,6 +15,7 @@ use super::happening::{Happening, Number, Sensor};
 use crate::control::Pilot;
 use crate::controller::Outputs;
 use crate::motion::DEAD_TIME;
+use crate::neighbours::cell_at;
 use crate::order::Halt;
 use crate::perception::{Battery, Charge, LinkHealth, Reading, SensorHealth, Sight};
 use crate::testing::{TestRng, TestRobot, robot, source};
@@ -53,11 +55,12 @@ impl Meaning {
                 until: Instant::FAR_FUTURE,
                 lasting: true,
             },
-            Action::Behave(BehaviourSpec::Wander { .. }) => Self::Motion {
+            Action::Behave(BehaviourSpec::Manual) => Self::Rest,
+            Action::Behave(BehaviourSpec::Policy) => Self::Other,
+            Action::Behave(_) => Self::Motion {
                 until: Instant::FAR_FUTURE,
                 lasting: false,
             },
-            Action::Behave(BehaviourSpec::Manual) => Self::Rest,
             Action::Stop | Action::Estop => Self::Halt,
             Action::Reset => Self::Reset,
             _ => Self::Other,
@@ -164,6 +167,7 @@ impl Bench {
             Happening::Avoidance(on) => self.set_avoidance(*on),
             Happening::MotorFault(fault) => self.motor_fault = *fault,
             Happening::Fix { pose, age } => self.see(*pose, *age),
+            Happening::Neighbour(there) => self.meet(*there),
         }
         Ok(())
     }
@@ -179,6 +183,31 @@ impl Bench {
         let len = fix.to_json(&mut buffer).expect("fits");
         // Whether it is taken or refused, the rules hold.
         let _ = self.robot.observe_fix(&buffer[..len], self.now);
+    }
+
+    fn meet(&mut self, [x, y, v]: [f32; 3]) {
+        let Some((column, row)) = cell_at(x, y) else {
+            return;
+        };
+        let other = Neighbour {
+            id: RobotId::new("other").expect("legal"),
+            x,
+            y,
+            theta: 0.5,
+            v,
+            w: 0.0,
+        };
+        let digest = CellDigest {
+            x: column,
+            y: row,
+            timestamp: BOOTED_MS + self.now.as_millis(),
+            count: 1,
+            robots: core::iter::once(other).collect(),
+        };
+        let mut buffer = [0; 256];
+        let len = digest.to_json(&mut buffer).expect("fits");
+        self.robot
+            .observe_cell((column, row), &buffer[..len], self.now);
     }
 
     fn set_avoidance(&mut self, on: bool) {

@@ -47,6 +47,8 @@ pub(super) enum Happening {
     Charge(Charge),
     Avoidance(bool),
     MotorFault(bool),
+    /// Another robot is said to be there, with this speed.
+    Neighbour([f32; 3]),
     /// An outside reference puts the robot there, so many milliseconds ago.
     Fix {
         pose: Pose,
@@ -73,7 +75,11 @@ fn action() -> impl Strategy<Value = Action> {
         1 => Just(Action::Scan),
         3 => (0_u8..=100).prop_map(|speed| Action::Behave(BehaviourSpec::Wander { speed })),
         1 => Just(Action::Behave(BehaviourSpec::Manual)),
-        1 => Just(Action::Behave(BehaviourSpec::Flock)),
+        2 => Just(Action::Behave(BehaviourSpec::Flock)),
+        1 => Just(Action::Behave(BehaviourSpec::Disperse)),
+        1 => Just(Action::Behave(BehaviourSpec::Gather)),
+        1 => Just(Action::Behave(BehaviourSpec::Formation)),
+        1 => Just(Action::Behave(BehaviourSpec::Policy)),
         2 => (-2.0_f32..2.0, -2.0_f32..2.0).prop_map(|(x, y)| Action::Goto { x, y }),
         1 => Just(Action::Identify),
         1 => Just(Action::Capture),
@@ -116,8 +122,11 @@ pub(super) fn happening() -> impl Strategy<Value = Happening> {
     let pose = (coordinate(), coordinate(), -7.0_f32..7.0, sigma)
         .prop_map(|(x, y, theta, sigma)| Pose { x, y, theta, sigma });
     let fix = (pose, -1_000_i64..1_500).prop_map(|(pose, age)| Happening::Fix { pose, age });
+    let near = (-3.0_f32..3.0, -3.0_f32..3.0, -1.0_f32..1.0);
+    let near = near.prop_map(|(x, y, v)| Happening::Neighbour([x, y, v]));
     prop_oneof![
         4 => fix,
+        4 => near,
         12 => (1_u8..40).prop_map(Happening::Run),
         2 => (1_u16..3_000).prop_map(Happening::Starve),
         12 => (action(), 0_u8..3, number, age).prop_map(|(action, source, number, age)| {

@@ -3,12 +3,14 @@
 
 use std::collections::HashMap;
 use std::string::String;
+use std::vec;
 
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Direction, ResponseStatus};
 use heapless::Vec;
 use proptest::prelude::*;
 
+use crate::behaviour::Swarm;
 use crate::config::Geometry;
 use crate::controller::{Controller, Inputs, Outputs, Tuning};
 use crate::order::{Halt, Order, Sender, Task};
@@ -33,6 +35,8 @@ fn task() -> impl Strategy<Value = Task> {
         }),
         Just(Task::Scan),
         Just(Task::Wander { speed: 70 }),
+        Just(Task::Swarm(Swarm::Flock)),
+        Just(Task::Swarm(Swarm::Gather)),
         Just(Task::Goto { x: 0.1, y: 0.0 }),
         Just(Task::Goto {
             x: f32::INFINITY,
@@ -82,6 +86,7 @@ proptest! {
                     voltage: None,
                     fix: None,
                     view: None,
+                    near: &[],
                     reading: Reading {
                         sight: sees.then_some((Sight::Clear, now)),
                         health: SensorHealth::Good,

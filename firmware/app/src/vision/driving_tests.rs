@@ -53,6 +53,7 @@ impl Bench {
             voltage: None,
             fix: None,
             view,
+            near: &[],
             link: LinkHealth::Up,
             loaded: true,
             motor_fault: false,

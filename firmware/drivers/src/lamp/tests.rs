@@ -91,11 +91,12 @@ fn all_lists_every_pattern() {
         Pattern::NetworkPassword => 14,
         Pattern::NoAddress => 15,
         Pattern::BrokerRefuses => 16,
+        Pattern::BrokerUntrusted => 17,
     };
     let listed: Vec<usize> = Pattern::ALL.into_iter().map(index).collect();
     assert_eq!(
         listed,
-        (0..=index(Pattern::BrokerRefuses)).collect::<Vec<_>>()
+        (0..=index(Pattern::BrokerUntrusted)).collect::<Vec<_>>()
     );
 }
 

@@ -64,15 +64,7 @@ pub(in super::super) async fn capture(bench: &mut Bench) -> Verdict {
 }
 
 pub(in super::super) async fn unsupported(bench: &mut Bench) -> Verdict {
-    for behaviour in [
-        BehaviourSpec::Disperse,
-        BehaviourSpec::Gather,
-        BehaviourSpec::Flock,
-        BehaviourSpec::Formation,
-        BehaviourSpec::Policy,
-    ] {
-        let answer = bench.ask(Action::Behave(behaviour)).await?;
-        is(&answer, ResponseStatus::Rejected, Some(Reason::Unsupported))?;
-    }
+    let answer = bench.ask(Action::Behave(BehaviourSpec::Policy)).await?;
+    is(&answer, ResponseStatus::Rejected, Some(Reason::Unsupported))?;
     bench.stays("it stood", 2, is_standing).await
 }

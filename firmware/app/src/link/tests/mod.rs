@@ -4,6 +4,7 @@ mod harness;
 mod images;
 mod loss;
 mod peer;
+mod telemetry;
 mod traffic;
 mod trouble;
 mod wire;

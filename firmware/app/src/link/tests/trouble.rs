@@ -137,6 +137,24 @@ fn every_way_of_not_joining_has_its_name() {
 }
 
 #[test]
+fn a_broker_that_is_not_trusted_is_told_with_the_reason() {
+    run(async |broker| {
+        broker.fail_joining(Some(NetError::Insecure("expired")));
+        broker.peer().await.close();
+        broker.sleep(SECOND * 40).await;
+        let trouble = broker.robot.link_trouble();
+        assert_eq!(trouble, Some(LinkTrouble::Untrusted));
+        broker.fail_joining(None);
+        let mut peer = broker.peer().await;
+        let told = records(&mut peer).await;
+        let known = |(event, text): &(String, String)| {
+            event == "broker-untrusted" && text.contains("not trusted (expired)")
+        };
+        assert!(told.iter().any(known), "{told:?}");
+    });
+}
+
+#[test]
 fn troubles_of_one_outage_are_all_told_however_long_it_lasts() {
     run(async |broker| {
         broker.fail_joining(Some(NetError::BadCredentials));

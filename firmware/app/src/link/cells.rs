@@ -1,0 +1,225 @@
+//! Listening to the cells around the robot, while it moves by where others are.
+//!
+//! One SUBSCRIBE or UNSUBSCRIBE is under way at a time, and what the broker may still have from an
+//! earlier connection of the session is known, so that neither a lost acknowledgement nor a
+//! robot on the border of two cells leaves subscriptions behind.
+
+use core::pin::pin;
+
+use crawler_hal::{Clock, Instant, LinkMonitor, with_deadline};
+use crawler_protocol::{Level, Topic};
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embedded_io_async::{Read, Write};
+use heapless::Vec;
+use rust_mqtt::client::options::{RetainHandling, SubscriptionOptions, UnsubscriptionOptions};
+use rust_mqtt::types::{MqttString, PacketIdentifier, TopicFilter};
+
+use super::SUBSCRIBED_WITHIN;
+use super::loss::Loss;
+use super::session::Connection;
+use crate::hold::Hold;
+use crate::neighbours::{self, CELLS, Cell};
+
+/// A cell that the broker was asked about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Known {
+    cell: Cell,
+    /// Whether it was last asked for, and the broker said yes.
+    confirmed: bool,
+}
+
+/// What the session listens to: outlives a connection, as the session does.
+#[derive(Debug, Default)]
+pub(super) struct Cells {
+    known: Vec<Known, CELLS>,
+    /// The robot's own, until it is well outside.
+    centre: Option<Cell>,
+}
+
+/// What is to be asked of the broker next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Wish {
+    Listen(Cell),
+    Leave(Cell),
+}
+
+/// What the broker was asked on this connection and has not answered.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Asked {
+    id: PacketIdentifier,
+    wish: Wish,
+    pub(super) at: Instant,
+}
+
+impl Cells {
+    pub(super) const fn new() -> Self {
+        Self {
+            known: Vec::new(),
+            centre: None,
+        }
+    }
+
+    /// The session is a new one: the broker knows of no cell.
+    pub(super) fn forget(&mut self) {
+        self.known.clear();
+    }
+
+    /// What to ask for next, so that the broker sends the cells around `place` and no others.
+    fn wish(&mut self, place: Option<[f32; 2]>) -> Option<Wish> {
+        let wanted = if let Some([x, y]) = place {
+            self.centre = neighbours::centre(self.centre, x, y);
+            self.centre.map(neighbours::around).unwrap_or_default()
+        } else {
+            self.centre = None;
+            Vec::new()
+        };
+        // First leave: there is room for as many as are wanted.
+        if let Some(known) = self.known.iter_mut().find(|k| !wanted.contains(&k.cell)) {
+            known.confirmed = false;
+            return Some(Wish::Leave(known.cell));
+        }
+        let cell = wanted.into_iter().find(|cell| {
+            let mut of = self.known.iter().filter(|known| known.cell == *cell);
+            !of.any(|known| known.confirmed)
+        })?;
+        if !self.known.iter().any(|known| known.cell == cell) {
+            let new = Known {
+                cell,
+                confirmed: false,
+            };
+            self.known.push(new).ok()?;
+        }
+        Some(Wish::Listen(cell))
+    }
+
+    /// Notes the broker's answer.
+    fn settle(&mut self, wish: Wish) {
+        match wish {
+            Wish::Listen(cell) => {
+                if let Some(known) = self.known.iter_mut().find(|known| known.cell == cell) {
+                    known.confirmed = true;
+                }
+            }
+            Wish::Leave(cell) => self.known.retain(|known| known.cell != cell),
+        }
+    }
+}
+
+impl<H, M, C, L, S> Connection<'_, '_, H, M, C, L, S>
+where
+    H: Hold,
+    M: RawMutex,
+    C: Clock,
+    L: LinkMonitor,
+    S: Read + Write,
+{
+    /// Asks the broker for the next cell, when one has to be asked for.
+    pub(super) async fn follow_cells(&mut self) -> Result<(), Loss> {
+        if self.state.asked.is_some() || self.state.no_cells || self.state.up_since.is_none() {
+            return Ok(());
+        }
+        let known = self.robot.snapshot();
+        let place = neighbours::needed_for(known.behaviour).then_some([known.pose.x, known.pose.y]);
+        let Some(wish) = self.flow.cells.wish(place) else {
+            return Ok(());
+        };
+        let (Wish::Listen((x, y)) | Wish::Leave((x, y))) = wish;
+        let topic = Topic::Cell { x, y }.render(&self.robot.config().fleet);
+        let filter = MqttString::from_str(&topic)
+            .ok()
+            .and_then(TopicFilter::new)
+            .ok_or(Loss::Unsupported)?;
+        let deadline = self.write_deadline();
+        let id = match wish {
+            Wish::Listen(_) => {
+                let options = SubscriptionOptions::new().retain_handling(RetainHandling::NeverSend);
+                let work = pin!(self.client.subscribe(filter, &options));
+                with_deadline(self.clock, deadline, work).await
+            }
+            Wish::Leave(_) => {
+                let options = UnsubscriptionOptions::new();
+                let work = pin!(self.client.unsubscribe(filter, &options));
+                with_deadline(self.clock, deadline, work).await
+            }
+        }
+        .map_err(|_| Loss::Stalled)??;
+        let at = self.clock.now();
+        self.state.asked = Some(Asked { id, wish, at });
+        Ok(())
+    }
+
+    /// Takes the broker's answer, when it is one about cells. A broker that refuses is not asked
+    /// again on this connection; the robot then knows of nobody.
+    pub(super) fn cell_answered(&mut self, id: PacketIdentifier, refused: bool, now: Instant) {
+        let Some(asked) = self.state.asked.filter(|asked| asked.id == id) else {
+            return;
+        };
+        self.state.asked = None;
+        if refused && matches!(asked.wish, Wish::Listen(_)) {
+            self.state.no_cells = true;
+            let text = format_args!("the broker refuses to tell who is near");
+            self.robot.log(Level::Warn, "no-neighbours", text, now);
+        } else {
+            self.flow.cells.settle(asked.wish);
+        }
+    }
+
+    /// When the answer to what was asked about cells is overdue.
+    pub(super) fn cells_due(&self) -> Option<Instant> {
+        self.state.asked.map(|asked| asked.at + SUBSCRIBED_WITHIN)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Asks until nothing is left to ask, and counts.
+    fn follow(cells: &mut Cells, place: Option<[f32; 2]>) -> std::vec::Vec<Wish> {
+        let mut asked = std::vec::Vec::new();
+        while let Some(wish) = cells.wish(place) {
+            asked.push(wish);
+            cells.settle(wish);
+            assert!(asked.len() < 40, "no end: {asked:?}");
+        }
+        asked
+    }
+
+    #[test]
+    fn a_robot_listens_around_itself_and_leaves_what_lies_behind() {
+        let mut cells = Cells::new();
+        let first = follow(&mut cells, Some([0.5, 0.5]));
+        assert_eq!(first.len(), CELLS);
+        assert_eq!(first[0], Wish::Listen((0, 0)), "its own first");
+        assert!(follow(&mut cells, Some([1.9, 1.9])).is_empty());
+        // On the border it stays with the cell it was in.
+        assert!(follow(&mut cells, Some([2.1, 0.5])).is_empty());
+        let next = follow(&mut cells, Some([2.5, 0.5]));
+        assert_eq!(next.len(), 6, "{next:?}");
+        assert_eq!(next[0], Wish::Leave((-1, 0)), "{next:?}");
+        assert_eq!(follow(&mut cells, None).len(), CELLS, "all are left");
+        assert!(cells.known.is_empty());
+    }
+
+    #[test]
+    fn what_was_not_answered_is_asked_again() {
+        let mut cells = Cells::new();
+        let lost = cells.wish(Some([0.5, 0.5])).expect("something");
+        assert_eq!(cells.wish(Some([0.5, 0.5])), Some(lost), "asked again");
+        follow(&mut cells, Some([0.5, 0.5]));
+        // An UNSUBSCRIBE whose answer was lost may or may not have come through.
+        let Some(Wish::Leave(left)) = cells.wish(None) else {
+            panic!("something to leave");
+        };
+        let again = follow(&mut cells, Some([0.5, 0.5]));
+        assert_eq!(again, [Wish::Listen(left)]);
+        cells.forget();
+        assert_eq!(follow(&mut cells, Some([0.5, 0.5])).len(), CELLS);
+    }
+
+    #[test]
+    fn a_place_without_a_cell_has_none_around_it() {
+        let mut cells = Cells::new();
+        assert!(follow(&mut cells, Some([f32::NAN, 0.0])).is_empty());
+    }
+}

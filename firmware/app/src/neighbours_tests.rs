@@ -1,0 +1,146 @@
+//! Which neighbours are kept, for how long, and what is dropped.
+
+use std::vec::Vec;
+
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::{CellDigest, Neighbour as Told, RobotId};
+use proptest::prelude::*;
+
+use super::{AHEAD, CELLS, FARTHEST, FRESH_FOR, MOST, around, cell_at, centre, name};
+use crate::testing::{TestRobot, robot};
+
+const BOOTED_MS: u64 = 1_700_000_000_000;
+const NOW: Instant = Instant::from_millis(10_000);
+const NOW_MS: u64 = BOOTED_MS + 10_000;
+
+fn told(id: &str, x: f32, y: f32, v: f32) -> Told {
+    Told {
+        id: RobotId::new(id).expect("legal"),
+        x,
+        y,
+        theta: 0.0,
+        v,
+        w: 0.0,
+    }
+}
+
+fn json(cell: (i16, i16), timestamp: u64, robots: &[Told]) -> Vec<u8> {
+    let mut buffer = [0; 1_024];
+    let digest = CellDigest {
+        x: cell.0,
+        y: cell.1,
+        timestamp,
+        count: robots.len() as u16,
+        robots: robots.iter().cloned().collect(),
+    };
+    let len = digest.to_json(&mut buffer).expect("fits");
+    buffer[..len].to_vec()
+}
+
+fn synchronised() -> TestRobot {
+    let robot = robot("me");
+    robot.time.observe(BOOTED_MS, Instant::BOOT);
+    robot
+}
+
+#[test]
+fn a_cell_tells_all_of_itself_and_nothing_of_others() {
+    let robot = synchronised();
+    let here = [told("me", 0.5, 0.5, 0.0), told("a", 1.0, 0.0, 0.0)];
+    assert!(robot.observe_cell((0, 0), &json((0, 0), NOW_MS - 100, &here), NOW));
+    let there = [told("b", 3.0, 0.0, 0.0)];
+    assert!(robot.observe_cell((1, 0), &json((1, 0), NOW_MS - 90, &there), NOW));
+    let xs = |at| -> Vec<f32> { robot.neighbours.at(at).iter().map(|n| n.x).collect() };
+    assert_eq!(xs(NOW), [1.0, 3.0], "without itself");
+    // a has crossed the border: the newer word counts, whichever cell it is of.
+    let crossed = [told("a", 2.1, 0.0, 0.0), told("b", 3.0, 0.0, 0.0)];
+    assert!(robot.observe_cell((1, 0), &json((1, 0), NOW_MS, &crossed), NOW));
+    assert_eq!(robot.neighbours.at(NOW).len(), 2);
+    assert!(xs(NOW).contains(&2.1), "{:?}", xs(NOW));
+    assert!(robot.observe_cell((1, 0), &json((1, 0), NOW_MS, &[]), NOW));
+    assert!(xs(NOW).is_empty(), "everybody left");
+}
+
+#[test]
+fn neighbours_move_on_and_are_forgotten() {
+    let robot = synchronised();
+    let moving = [told("a", 1.0, 0.0, 0.4)];
+    assert!(robot.observe_cell((0, 0), &json((0, 0), NOW_MS, &moving), NOW));
+    let later = robot.neighbours.at(NOW + Duration::from_millis(500));
+    assert!((later[0].x - 1.2).abs() < 1e-4, "{later:?}");
+    assert_eq!(robot.neighbours.at(NOW + FRESH_FOR).len(), 1);
+    let after = NOW + FRESH_FOR + Duration::from_millis(1);
+    assert!(robot.neighbours.at(after).is_empty());
+}
+
+#[test]
+fn what_makes_no_sense_is_dropped() {
+    let robot = synchronised();
+    let one = [told("a", 1.0, 0.0, 0.0)];
+    let judge = |cell, payload: &[u8]| robot.observe_cell(cell, payload, NOW);
+    assert!(!judge((0, 0), b"{}"));
+    assert!(!judge((1, 0), &json((0, 0), NOW_MS, &one)), "another cell");
+    let stale = NOW_MS - FRESH_FOR.as_millis() - 1;
+    assert!(!judge((0, 0), &json((0, 0), stale, &one)));
+    let future = NOW_MS + AHEAD.as_millis() + 1;
+    assert!(!judge((0, 0), &json((0, 0), future, &one)));
+    assert!(judge((0, 0), &json((0, 0), NOW_MS, &one)));
+    assert!(!judge((0, 0), &json((0, 0), NOW_MS - 1, &[])), "older");
+    assert_eq!(robot.neighbours.at(NOW).len(), 1);
+    let absurd = [
+        told("b", 2_000.0, 0.0, 0.0),
+        told("c", 0.0, 0.0, 80.0),
+        told("d", 0.5, 0.0, 0.0),
+    ];
+    assert!(judge((0, 0), &json((0, 0), NOW_MS, &absurd)));
+    assert_eq!(robot.neighbours.at(NOW).len(), 1, "d alone");
+}
+
+#[test]
+fn the_nearest_are_kept() {
+    let robot = synchronised();
+    for column in 0..3_i16 {
+        let far: Vec<Told> = (0..10)
+            .map(|n| {
+                let x = 5.9 - f32::from(column) * 2.0 - n as f32 * 0.1;
+                told(&std::format!("r{column}-{n}"), x, 0.0, 0.0)
+            })
+            .collect();
+        // From the far end to the near one.
+        let cell = (2 - column, 0);
+        assert!(robot.observe_cell(cell, &json(cell, NOW_MS, &far), NOW));
+    }
+    let near = robot.neighbours.at(NOW);
+    assert_eq!(near.len(), MOST);
+    let farthest = near.iter().fold(0.0_f32, |most, n| most.max(n.x));
+    assert!(farthest < 4.0, "{farthest}");
+    assert_eq!(near.iter().filter(|n| n.x < 2.0).count(), 10);
+}
+
+#[test]
+fn cells_have_a_border_and_a_middle() {
+    assert_eq!(cell_at(-0.1, 2.0), Some((-1, 1)));
+    assert_eq!(cell_at(f32::NAN, 0.0), None);
+    assert_eq!(cell_at(FARTHEST + 1.0, 0.0), None);
+    assert_eq!(centre(Some((0, 0)), 2.2, -0.2), Some((0, 0)));
+    assert_eq!(centre(Some((0, 0)), 2.3, 0.5), Some((1, 0)));
+    assert_eq!(centre(None, 2.2, 0.5), Some((1, 0)));
+    assert_eq!(centre(Some((0, 0)), f32::INFINITY, 0.0), None);
+    let cells = around((0, 0));
+    assert_eq!(cells.len(), CELLS);
+    assert_eq!(cells[0], (0, 0));
+    assert_eq!(around((i16::MAX, 0)).len(), 6, "the edge of all cells");
+    assert_ne!(
+        name(&RobotId::new("a").expect("legal")),
+        name(&RobotId::new("b").expect("legal"))
+    );
+}
+
+proptest! {
+    #[test]
+    fn any_payload_is_taken_or_dropped(payload in prop::collection::vec(any::<u8>(), 0..300)) {
+        let robot = synchronised();
+        robot.observe_cell((0, 0), &payload, NOW);
+        prop_assert!(robot.neighbours.at(NOW).len() <= MOST);
+    }
+}
