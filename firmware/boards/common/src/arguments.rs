@@ -5,6 +5,7 @@
 //! | `id=` | `virt-01` | name of the robot |
 //! | `fleet=` | `swarm` | its fleet |
 //! | `broker=` | `10.0.2.2:1883` | host name or IPv4 address of the broker, and its port |
+//! | `authority=` | none | who has signed the broker's certificate: with it everything is said over TLS |
 //! | `user=`, `password=` | none | credentials for the broker; either alone is an error |
 //! | `fault=` | none | comma-separated faults of the body, see [`Faults`] |
 //! | `provision=` | `0` | `1` asks for set-up before anything else |
@@ -17,6 +18,7 @@ use core::fmt;
 
 use crawler_app::Credentials;
 use crawler_protocol::{Fleet, RobotId};
+use crawler_tls::Authority;
 use heapless::String;
 
 /// Port of a broker that none is said of.
@@ -35,6 +37,8 @@ pub struct Arguments {
     pub broker_host: String<64>,
     /// Its port.
     pub broker_port: u16,
+    /// Who has signed the broker's certificate; without it nothing is encrypted.
+    pub authority: Option<Authority>,
     /// What the broker asks for.
     pub credentials: Option<Credentials>,
     /// What is wrong with the body.
@@ -85,8 +89,8 @@ impl fmt::Display for ArgumentError {
         match self {
             Self::NotAPair => f.write_str("a word is not of the form key=value"),
             Self::UnknownKey => f.write_str(
-                "a key is unknown: there are id, fleet, broker, user, password, fault, provision, \
-                 bench",
+                "a key is unknown: there are id, fleet, broker, authority, user, password, fault, \
+                 provision, bench",
             ),
             Self::Twice(key) => write!(f, "{key} is there twice"),
             Self::Value(key) => write!(f, "the value of {key} makes no sense"),
@@ -103,6 +107,7 @@ struct Words<'a> {
     id: Option<&'a str>,
     fleet: Option<&'a str>,
     broker: Option<&'a str>,
+    authority: Option<&'a str>,
     user: Option<&'a str>,
     password: Option<&'a str>,
     fault: Option<&'a str>,
@@ -119,6 +124,7 @@ impl<'a> Words<'a> {
                 "id" => ("id", &mut words.id),
                 "fleet" => ("fleet", &mut words.fleet),
                 "broker" => ("broker", &mut words.broker),
+                "authority" => ("authority", &mut words.authority),
                 "user" => ("user", &mut words.user),
                 "password" => ("password", &mut words.password),
                 "fault" => ("fault", &mut words.fault),
@@ -151,6 +157,8 @@ impl Arguments {
             (Some(_), Some(_)) => return Err(ArgumentError::Value("user")),
             _ => return Err(ArgumentError::HalfACredential),
         };
+        let authority = words.authority.map(str::parse).transpose();
+        let authority = authority.map_err(|_| ArgumentError::Value("authority"))?;
         let id = RobotId::new(words.id.unwrap_or("virt-01"));
         let fleet = Fleet::new(words.fleet.unwrap_or("swarm"));
         Ok(Self {
@@ -158,6 +166,7 @@ impl Arguments {
             fleet: fleet.map_err(|_| ArgumentError::Value("fleet"))?,
             broker_host,
             broker_port,
+            authority,
             credentials,
             faults: words.fault.map_or(Ok(Faults::default()), faults)?,
             provision: switch(words.provision, "provision")?,
@@ -224,6 +233,7 @@ fn decimal(text: &str) -> Option<u16> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::testing::AUTHORITY;
     use proptest::prelude::*;
     use std::format;
 
@@ -234,7 +244,7 @@ mod tests {
         assert_eq!(arguments.fleet.as_str(), "swarm");
         assert_eq!(arguments.broker_host, "10.0.2.2");
         assert_eq!(arguments.broker_port, MQTT_PORT);
-        assert_eq!(arguments.credentials, None);
+        assert_eq!((arguments.credentials, arguments.authority), (None, None));
         assert_eq!(arguments.faults, Faults::default());
         assert!(!arguments.provision && !arguments.bench);
     }
@@ -243,7 +253,8 @@ mod tests {
     fn every_word_is_understood() {
         let line = " id=r-7  fleet=lab broker=broker.lan:8883 user=u password=p=q \
                     fault=ranger-dead,panic@5 provision=1 bench=1";
-        let arguments = Arguments::parse(line).expect("a good line");
+        let line = format!("{line} authority={AUTHORITY}");
+        let arguments = Arguments::parse(&line).expect("a good line");
         assert_eq!(arguments.id.as_str(), "r-7");
         assert_eq!(arguments.fleet.as_str(), "lab");
         assert_eq!(arguments.broker_host, "broker.lan");
@@ -251,6 +262,8 @@ mod tests {
         let credentials = arguments.credentials.expect("some");
         assert_eq!(credentials.username, "u");
         assert_eq!(credentials.password, "p=q");
+        let authority = arguments.authority.expect("some");
+        assert_eq!(format!("{authority}"), AUTHORITY);
         assert!(arguments.faults.ranger_dead && !arguments.faults.line_stuck);
         assert_eq!(arguments.faults.panic_s, Some(5));
         assert!(arguments.provision && arguments.bench);
@@ -275,6 +288,8 @@ mod tests {
             ("broker=h:+1", Value("broker")),
             ("broker=h:65536", Value("broker")),
             ("broker=mqtt://h", Value("broker")),
+            ("authority=", Value("authority")),
+            ("authority=02", Value("authority")),
             ("user=u", HalfACredential),
             ("password=p", HalfACredential),
             ("user= password=p", Value("user")),

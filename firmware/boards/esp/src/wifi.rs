@@ -13,6 +13,7 @@ use crawler_board::provision::fallback::Role;
 use crawler_board::settings::{AccessPointPassword, Kept, Settings, Vault};
 use crawler_board::{EmbassyClock, StackNetwork};
 use crawler_hal::Clock;
+use crawler_tls::{Authority, Buffers, Secured, Security};
 use embassy_executor::Spawner;
 use embassy_net::{Config, DhcpConfig, Runner, Stack, StackResources};
 use esp_hal::peripherals::WIFI;
@@ -23,6 +24,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 use crate::activities::Context;
 use crate::flash::Region;
 use crate::identity;
+use crate::randomness::Noise;
 use medium::{Antenna, Shared};
 
 /// Bytes under way in each direction of the connection to the broker.
@@ -113,10 +115,13 @@ pub(crate) async fn run(spawner: Spawner, start: Start) {
         RECEIVE.take(),
         TRANSMIT.take(),
     );
+    let authority = settings
+        .as_ref()
+        .and_then(|settings| settings.broker.authority);
     let spawned = [net(station_runner), net(access_point_runner)]
         .into_iter()
         .try_for_each(|task| task.map(|task| spawner.spawn(task)))
-        .and_then(|()| link(robot, network).map(|task| spawner.spawn(task)));
+        .and_then(|()| link(robot, network, authority).map(|task| spawner.spawn(task)));
     crate::expect(spawned, "network tasks");
 
     let role = Role::at_boot(settings.is_some(), asked, EmbassyClock.now());
@@ -178,7 +183,20 @@ async fn net(mut runner: Runner<'static, Interface>) -> ! {
 }
 
 #[embassy_executor::task]
-async fn link(robot: &'static Context, network: StackNetwork<'static, Antenna>) {
+async fn link(
+    robot: &'static Context,
+    network: StackNetwork<'static, Antenna>,
+    authority: Option<Authority>,
+) {
+    static TLS: ConstStaticCell<Buffers> = ConstStaticCell::new(Buffers::new());
+
+    let security = authority.map(|authority| Security {
+        authority,
+        rng: Noise::new(),
+        buffers: TLS.take(),
+        clock: || robot.unix_ms(EmbassyClock.now()).map(|ms| ms / 1_000),
+    });
+    let network = Secured::new(network, security);
     #[cfg(feature = "esp32s3")]
     let link = {
         let images = crate::camera::images();

@@ -122,6 +122,13 @@ impl Description {
         Ok(text.trim_end_matches('\0'))
     }
 
+    /// As much randomness from the host as keys want; `None` where this version of the machine hands
+    /// out less.
+    pub fn secret_entropy(&self) -> Option<[u8; 32]> {
+        let seed = devicetree::chosen(self.tree, "rng-seed").ok().flatten()?;
+        seed.first_chunk().copied()
+    }
+
     /// Randomness from the host; `None` where this version of the machine hands out none.
     pub fn entropy(&self) -> Option<u64> {
         let seed = devicetree::chosen(self.tree, "rng-seed").ok().flatten()?;

@@ -2,13 +2,15 @@
 #![no_std]
 #![no_main]
 
+use chacha20::ChaCha20Rng;
 use crawler_app::{Config, Robot};
 use crawler_board::arguments::{Arguments, Faults};
 use crawler_board::model::{Bench, GEOMETRY, Line, LineFault, ModelEcho, Side, seed};
 use crawler_board::network::Cable;
 use crawler_board::{EmbassyClock, StackNetwork};
-use crawler_hal::{MotorPort, RangerPort, ResetCause, System};
+use crawler_hal::{Clock, MotorPort, RangerPort, ResetCause, System};
 use crawler_protocol::Kind;
+use crawler_tls::{Authority, Buffers, Secured, Security};
 use crawler_virt::ethernet::Ethernet;
 use crawler_virt::flash::ParameterFlash;
 use crawler_virt::machine::{self, Description, ExitCode};
@@ -18,7 +20,7 @@ use embassy_executor::Spawner;
 use embassy_net::{DhcpConfig, Runner, StackResources};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::{Duration, Ticker, Timer};
-use rand_core::Rng;
+use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -39,6 +41,8 @@ static ROBOT: StaticCell<Context> = StaticCell::new();
 static BODY: StaticCell<Body> = StaticCell::new();
 static RESOURCES: ConstStaticCell<StackResources<3>> = ConstStaticCell::new(StackResources::new());
 static RECEIVE: ConstStaticCell<[u8; SOCKET_BUFFER]> = ConstStaticCell::new([0; SOCKET_BUFFER]);
+/// Of the one connection, when it is encrypted.
+static TLS: ConstStaticCell<Buffers> = ConstStaticCell::new(Buffers::new());
 static TRANSMIT: ConstStaticCell<[u8; SOCKET_BUFFER]> = ConstStaticCell::new([0; SOCKET_BUFFER]);
 
 #[riscv_rt::entry]
@@ -86,11 +90,16 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     let system = VirtSystem::new();
     let cause = system.reset_cause();
     defmt::info!(
-        "robot {} of fleet {}, broker {}:{}, started by {}",
+        "robot {} of fleet {}, broker {}:{}{}, started by {}",
         arguments.id.as_str(),
         arguments.fleet.as_str(),
         arguments.broker_host.as_str(),
         arguments.broker_port,
+        if arguments.authority.is_some() {
+            " with TLS"
+        } else {
+            ""
+        },
         defmt::Debug2Format(&cause),
     );
     if let Some(text) = system.last_panic() {
@@ -107,6 +116,9 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     let link_rng = Pcg32::new(rng.next_u64(), 0x6C69_6E6B);
     let noise_rng = Pcg32::new(rng.next_u64(), 1);
     let (network, runner) = make_network(rng.next_u64());
+    let secret = arguments
+        .authority
+        .map(|authority| (authority, secret_rng(description)));
     // SAFETY: the only one.
     let flash = unsafe { ParameterFlash::new(arguments.faults.flash_refuses) };
     let noise = arguments.faults.flash_noise.then_some(noise_rng);
@@ -117,7 +129,7 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     spawner.spawn(lamp(robot, body).expect(FIRST));
     spawner.spawn(store(robot, flash, noise).expect(FIRST));
     spawner.spawn(net(runner).expect(FIRST));
-    spawner.spawn(link(robot, network, link_rng).expect(FIRST));
+    spawner.spawn(link(robot, network, link_rng, secret).expect(FIRST));
     spawner.spawn(report(robot, body).expect(FIRST));
     // Faults of the first start alone: after the reset they lead to, the robot is to go on.
     if cause == ResetCause::PowerOn {
@@ -125,6 +137,21 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     }
     let above = executor::start_control();
     above.spawn(control(robot, body, system, rng).expect(FIRST));
+}
+
+/// What keys are drawn from. Without the host's randomness somebody could guess them: then there is
+/// no connection rather than one that only looks secret.
+#[inline(never)]
+fn secret_rng(description: Description) -> ChaCha20Rng {
+    let mut seed = description.secret_entropy().unwrap_or_else(|| {
+        defmt::error!("no randomness for keys: TLS needs 32 bytes of rng-seed");
+        machine::exit(ExitCode::Arguments)
+    });
+    // The emulator draws anew at each reset. One that did not would repeat keys: never exactly, then.
+    for (byte, tick) in seed.iter_mut().zip(time::raw_ticks().to_le_bytes()) {
+        *byte ^= tick;
+    }
+    ChaCha20Rng::from_seed(seed)
 }
 
 /// Serves the page in place of the robot.
@@ -241,7 +268,19 @@ async fn net(mut runner: Runner<'static, Ethernet>) -> ! {
 }
 
 #[embassy_executor::task]
-async fn link(robot: &'static Context, network: Network, rng: Pcg32) -> ! {
+async fn link(
+    robot: &'static Context,
+    network: Network,
+    rng: Pcg32,
+    secret: Option<(Authority, ChaCha20Rng)>,
+) -> ! {
+    let security = secret.map(|(authority, rng)| Security {
+        authority,
+        rng,
+        buffers: TLS.take(),
+        clock: || robot.unix_ms(EmbassyClock.now()).map(|ms| ms / 1_000),
+    });
+    let network = Secured::new(network, security);
     match crawler_app::link(robot, network, rng, EmbassyClock).await {}
 }
 

@@ -71,6 +71,7 @@ pub fn adopt(arguments: &mut Arguments) -> bool {
     arguments.fleet = settings.fleet;
     arguments.broker_host = settings.broker.host;
     arguments.broker_port = settings.broker.port;
+    arguments.authority = settings.broker.authority;
     arguments.credentials = settings.credentials;
     true
 }
@@ -106,6 +107,7 @@ pub fn spawn(
             broker: Broker {
                 host: arguments.broker_host.clone(),
                 port: arguments.broker_port,
+                authority: None,
             },
             fleet: arguments.fleet.clone(),
             id: arguments.id.clone(),

@@ -5,7 +5,9 @@ use crawler_protocol::{Fleet, RobotId};
 
 use super::Features;
 use super::form::{Form, Value};
-use crate::settings::{Broker, Flaw, Passphrase, RangerMode, Settings, Ssid, Wifi, credentials};
+use crate::settings::{
+    Broker, Flaw, Passphrase, RangerMode, SECURE_BROKER_PORT, Settings, Ssid, Wifi, credentials,
+};
 
 /// What is wrong, field by field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -16,6 +18,8 @@ pub struct Flaws {
     pub wifi_password: Option<Flaw>,
     /// Broker.
     pub broker: Option<Flaw>,
+    /// Key of its authority.
+    pub authority: Option<Flaw>,
     /// Name of the robot.
     pub id: Option<Flaw>,
     /// Name of the fleet.
@@ -48,13 +52,13 @@ fn read<T>(
 impl Form {
     /// Makes settings of what was entered. An empty password keeps the one in `current`, as long
     /// as it still goes to whom it was meant for: the same network; the same user at the same
-    /// broker. Otherwise a stored password could be sent to someone else by who does not know it.
+    /// broker, with the same authority or without TLS as before. Otherwise a stored password could be sent to someone else by who does not know it.
     ///
     /// # Errors
     /// All [`Flaws`] at once.
     pub fn check(&self, features: Features, current: Option<&Settings>) -> Result<Settings, Flaws> {
         let mut flaws = Flaws::default();
-        let broker = read(&self.broker, &mut flaws.broker, str::parse::<Broker>);
+        let broker = self.broker(&mut flaws);
         let id = read(&self.id, &mut flaws.id, |text| Ok(RobotId::new(text)?));
         let fleet = read(&self.fleet, &mut flaws.fleet, |text| Ok(Fleet::new(text)?));
         let wifi = if features.wifi {
@@ -83,6 +87,22 @@ impl Form {
             }
             _ => Err(flaws),
         }
+    }
+
+    fn broker(&self, flaws: &mut Flaws) -> Option<Broker> {
+        let broker = read(&self.broker, &mut flaws.broker, str::parse::<Broker>);
+        if self.authority.is_empty() {
+            return broker;
+        }
+        let authority = read(&self.authority, &mut flaws.authority, |text| {
+            text.parse().map_err(|_| Flaw::Authority)
+        });
+        let mut broker = broker?;
+        broker.authority = Some(authority?);
+        if !self.broker.as_str().contains(':') {
+            broker.port = SECURE_BROKER_PORT;
+        }
+        Some(broker)
     }
 
     fn wifi(&self, current: Option<&Settings>, flaws: &mut Flaws) -> Option<Wifi> {

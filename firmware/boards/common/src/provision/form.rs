@@ -61,12 +61,13 @@ impl Value {
 }
 
 /// Names of the fields, in the order of the page.
-pub(super) const NAMES: [&str; 10] = [
+pub(super) const NAMES: [&str; 11] = [
     "token",
     "ssid",
     "wifi_password",
     "wifi_open",
     "broker",
+    "authority",
     "id",
     "fleet",
     "username",
@@ -87,6 +88,8 @@ pub struct Form {
     pub wifi_open: Value,
     /// Broker, as `host` or `host:port`.
     pub broker: Value,
+    /// Key of the authority that has signed the broker's certificate; empty without TLS.
+    pub authority: Value,
     /// Name of the robot.
     pub id: Value,
     /// Name of the fleet.
@@ -105,6 +108,7 @@ impl fmt::Debug for Form {
             .field("ssid", &self.ssid)
             .field("wifi_open", &self.wifi_open)
             .field("broker", &self.broker)
+            .field("authority", &self.authority)
             .field("id", &self.id)
             .field("fleet", &self.fleet)
             .field("username", &self.username)
@@ -146,10 +150,11 @@ impl Form {
             2 => &mut self.wifi_password,
             3 => &mut self.wifi_open,
             4 => &mut self.broker,
-            5 => &mut self.id,
-            6 => &mut self.fleet,
-            7 => &mut self.username,
-            8 => &mut self.password,
+            5 => &mut self.authority,
+            6 => &mut self.id,
+            7 => &mut self.fleet,
+            8 => &mut self.username,
+            9 => &mut self.password,
             _ => &mut self.ranger,
         }
     }

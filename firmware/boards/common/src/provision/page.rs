@@ -72,10 +72,16 @@ pub(super) fn form_of(settings: Option<&Settings>, suggestion: &Settings) -> For
     if settings.is_some() {
         let _ = write!(broker, "{}", known.broker);
     }
+    let mut authority = heapless::String::<{ super::form::VALUE_MAX }>::new();
+    if let Some(known) = &known.broker.authority {
+        // 66 digits, which fit.
+        let _ = write!(authority, "{known}");
+    }
     Form {
         ssid: Value::shown(wifi.map_or("", |wifi| wifi.ssid.as_str())),
         wifi_open: Value::shown(if open { "1" } else { "" }),
         broker: Value::shown(&broker),
+        authority: Value::shown(&authority),
         id: Value::shown(known.id.as_str()),
         fleet: Value::shown(known.fleet.as_str()),
         username: Value::shown(account.map_or("", |account| &account.username)),
@@ -103,6 +109,7 @@ impl Page<'_> {
             "ssid" => self.flaws.ssid,
             "wifi_password" => self.flaws.wifi_password,
             "broker" => self.flaws.broker,
+            "authority" => self.flaws.authority,
             "id" => self.flaws.id,
             "fleet" => self.flaws.fleet,
             "username" => self.flaws.username,
@@ -125,7 +132,9 @@ impl Page<'_> {
             "password" if account.is_some() => {
                 "Stored, and not shown. Leave empty to keep it, as long as broker and user stay the same."
             }
-            "password" => "Sent to the broker without encryption: use it for robots only.",
+            "password" => {
+                "Without an authority it is sent to the broker unencrypted: use it for robots only."
+            }
             _ => "",
         }
     }
@@ -183,6 +192,7 @@ impl Page<'_> {
             }
             "ssid" => &self.form.ssid,
             "broker" => &self.form.broker,
+            "authority" => &self.form.authority,
             "id" => &self.form.id,
             "fleet" => &self.form.fleet,
             "username" => &self.form.username,

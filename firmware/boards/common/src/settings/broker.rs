@@ -4,28 +4,33 @@ use core::fmt;
 use core::net::Ipv4Addr;
 use core::str::FromStr;
 
+use crawler_tls::Authority;
 use heapless::String;
 
 use super::Flaw;
 
 /// Port of MQTT without TLS.
 pub const BROKER_PORT: u16 = 1883;
+/// Port of MQTT with TLS.
+pub const SECURE_BROKER_PORT: u16 = 8883;
 /// Longest host name, in bytes.
 pub const MAX_HOST: usize = 64;
 /// Longest part of a host name between two dots (RFC 1035, section 2.3.4).
 const MAX_LABEL: usize = 63;
 
-/// Host name or IPv4 address of the broker, and its port.
+/// Host name or IPv4 address of the broker, its port, and how it proves who it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Broker {
     /// Host name or IPv4 address.
     pub host: String<MAX_HOST>,
     /// TCP port; never 0.
     pub port: u16,
+    /// Who has signed its certificate: with it everything is said over TLS, and nothing without.
+    pub authority: Option<Authority>,
 }
 
 impl Broker {
-    /// Checks a host and a port.
+    /// Checks a host and a port, without TLS.
     ///
     /// # Errors
     /// The [`Flaw`] of the one or the other.
@@ -35,7 +40,11 @@ impl Broker {
         }
         check_host(host)?;
         let host = String::try_from(host).map_err(|_| Flaw::TooLong)?;
-        Ok(Self { host, port })
+        Ok(Self {
+            host,
+            port,
+            authority: None,
+        })
     }
 }
 

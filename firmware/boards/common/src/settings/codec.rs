@@ -6,6 +6,7 @@
 use core::fmt;
 
 use crawler_protocol::{Fleet, RobotId};
+use crawler_tls::Authority;
 
 use super::{
     AccessPointPassword, Broker, Kept, Passphrase, RangerMode, Settings, Ssid, Wifi, credentials,
@@ -21,12 +22,13 @@ const ID: u8 = 7;
 const USERNAME: u8 = 8;
 const PASSWORD: u8 = 9;
 const RANGER: u8 = 10;
+const AUTHORITY: u8 = 11;
 /// Tags known to this program, and the unused 0.
-const TAGS: usize = 11;
+const TAGS: usize = 12;
 
 /// Longest encoded form: each field at its longest, with its tag and length.
 pub(super) const ENCODED_MAX: usize =
-    2 * (TAGS - 1) + 14 + 32 + 64 + 64 + 2 + 32 + 32 + 32 + 64 + 1;
+    2 * (TAGS - 1) + 14 + 32 + 64 + 64 + 2 + 32 + 32 + 32 + 64 + 1 + 33;
 
 /// Bytes that pass their checksum and are not settings all the same: an older or broken program
 /// wrote them.
@@ -94,6 +96,9 @@ pub(super) fn encode<'a>(kept: &Kept, out: &'a mut [u8; ENCODED_MAX]) -> &'a [u8
         }
         writer.field(BROKER_HOST, settings.broker.host.as_bytes());
         writer.field(BROKER_PORT, &settings.broker.port.to_le_bytes());
+        if let Some(authority) = &settings.broker.authority {
+            writer.field(AUTHORITY, authority.as_bytes());
+        }
         writer.field(FLEET, settings.fleet.as_str().as_bytes());
         writer.field(ID, settings.id.as_str().as_bytes());
         if let Some(credentials) = &settings.credentials {
@@ -177,11 +182,19 @@ pub(super) fn decode(mut bytes: &[u8]) -> Result<Kept, DecodeError> {
         Some(b"p") => RangerMode::Pulse,
         Some(_) => return Err(DecodeError::Value),
     };
+    let mut broker = Broker::new(host, u16::from_le_bytes(port)).map_err(|_| DecodeError::Value)?;
+    // One that cannot be read must not turn into none: then nothing would be encrypted.
+    broker.authority = fields[usize::from(AUTHORITY)]
+        .map(|bytes| {
+            let bytes = bytes.try_into().map_err(|_| DecodeError::Value)?;
+            Authority::new(bytes).map_err(|_| DecodeError::Value)
+        })
+        .transpose()?;
     let name = |tag| text(tag)?.ok_or(DecodeError::Absent);
     Ok(Kept {
         settings: Some(Settings {
             wifi,
-            broker: Broker::new(host, u16::from_le_bytes(port)).map_err(|_| DecodeError::Value)?,
+            broker,
             fleet: Fleet::new(name(FLEET)?).map_err(|_| DecodeError::Value)?,
             id: RobotId::new(name(ID)?).map_err(|_| DecodeError::Value)?,
             credentials,

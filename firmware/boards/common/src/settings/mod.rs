@@ -15,7 +15,7 @@ mod vault;
 use crawler_app::{Config, Credentials};
 use crawler_protocol::{Fleet, RobotId};
 
-pub use broker::{BROKER_PORT, Broker, MAX_HOST};
+pub use broker::{BROKER_PORT, Broker, MAX_HOST, SECURE_BROKER_PORT};
 pub use codec::DecodeError;
 pub use text::{AccessPointPassword, Flaw, Passphrase, Ssid, credentials};
 pub use vault::{Kept, Vault, VaultError};

@@ -13,6 +13,10 @@ use rand_core::TryRng;
 
 use super::*;
 
+/// An authority of tests: a point that everybody knows, the base point of the curve.
+pub(crate) const AUTHORITY: &str =
+    "036b17d1f2e12c4247f8bce6e563a440f277037d812deb33a0f4a13945d898c296";
+
 /// Erase block of [`TestFlash`].
 pub(crate) const BLOCK: usize = 1024;
 
@@ -164,20 +168,26 @@ pub(crate) fn any_settings() -> impl Strategy<Value = Settings> {
         "[a-z0-9-]{1,32}",
         account,
         any::<bool>(),
+        any::<bool>(),
     )
-        .prop_map(|(wifi, host, port, fleet, id, account, pulse)| Settings {
-            wifi: wifi.map(|(ssid, passphrase): (String, Option<String>)| Wifi {
-                ssid: Ssid::new(&ssid).unwrap(),
-                passphrase: passphrase.map(|text| Passphrase::new(&text).unwrap()),
-            }),
-            broker: Broker::new(&host, port).unwrap(),
-            fleet: Fleet::new(&fleet).unwrap(),
-            id: RobotId::new(&id).unwrap(),
-            credentials: account.map(|(name, word)| credentials(&name, &word).unwrap()),
-            ranger: if pulse {
-                RangerMode::Pulse
-            } else {
-                RangerMode::Uart
+        .prop_map(
+            |(wifi, host, port, fleet, id, account, pulse, secure)| Settings {
+                wifi: wifi.map(|(ssid, passphrase): (String, Option<String>)| Wifi {
+                    ssid: Ssid::new(&ssid).unwrap(),
+                    passphrase: passphrase.map(|text| Passphrase::new(&text).unwrap()),
+                }),
+                broker: Broker {
+                    authority: secure.then(|| AUTHORITY.parse().unwrap()),
+                    ..Broker::new(&host, port).unwrap()
+                },
+                fleet: Fleet::new(&fleet).unwrap(),
+                id: RobotId::new(&id).unwrap(),
+                credentials: account.map(|(name, word)| credentials(&name, &word).unwrap()),
+                ranger: if pulse {
+                    RangerMode::Pulse
+                } else {
+                    RangerMode::Uart
+                },
             },
-        })
+        )
 }

@@ -23,6 +23,8 @@ pub enum Flaw {
     Host,
     /// Not a TCP port.
     Port,
+    /// Not the key of an authority.
+    Authority,
     /// None of the choices.
     Choice,
     /// A password without a user name.
@@ -42,6 +44,7 @@ impl fmt::Display for Flaw {
             Self::Character => "This contains a character that is not allowed here.",
             Self::Host => "This is neither a host name nor an IPv4 address.",
             Self::Port => "The port must be a number from 1 to 65535.",
+            Self::Authority => "This is not the key of an authority: a digit is missing or wrong.",
             Self::Choice => "Please choose one of the options.",
             Self::NoUser => "A password needs a user name.",
             Self::NoPassword => "Please enter the password. A stored one is kept only for the same network, or the same user at the same broker.",

@@ -148,6 +148,7 @@ fn suggestion() -> Settings {
         broker: Broker {
             host: heapless::String::new(),
             port: crawler_board::settings::BROKER_PORT,
+            authority: None,
         },
         fleet,
         id,

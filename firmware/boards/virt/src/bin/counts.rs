@@ -7,6 +7,9 @@
 #![no_std]
 #![no_main]
 
+#[path = "counts/handshake.rs"]
+mod handshake;
+
 use core::cell::{Cell, UnsafeCell};
 use core::convert::Infallible;
 use core::fmt::Write;
@@ -304,6 +307,7 @@ fn main(_hart: usize, _tree: usize) -> ! {
         taken: 0,
     };
     measure(&robot, &mut rig);
+    handshake::measure();
     let _ = writeln!(log::Text, "done");
     machine::exit(ExitCode::Done)
 }

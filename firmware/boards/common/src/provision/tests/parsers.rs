@@ -13,13 +13,14 @@ use super::harness::encode;
 /// Longest value that is kept.
 const KEPT: usize = 80;
 
-fn values(form: &Form) -> [&Value; 10] {
+fn values(form: &Form) -> [&Value; 11] {
     [
         &form.token,
         &form.ssid,
         &form.wifi_password,
         &form.wifi_open,
         &form.broker,
+        &form.authority,
         &form.id,
         &form.fleet,
         &form.username,
@@ -82,7 +83,7 @@ fn the_end_of_a_head_is_found_wherever_it_was_cut() {
 proptest! {
     #[test]
     fn what_a_browser_encodes_is_decoded(
-        texts in prop::collection::vec(prop::option::of("\\PC{0,30}|[ -~]{60,120}|[ä☃]{30,50}"), 10)
+        texts in prop::collection::vec(prop::option::of("\\PC{0,30}|[ -~]{60,120}|[ä☃]{30,50}"), 11)
     ) {
         let fields: Vec<(&str, &str)> = NAMES
             .iter()
