@@ -148,6 +148,7 @@ fn control_step(criterion: &mut Criterion) {
     let mut step = move |order: Option<&Order>| {
         now += PERIOD;
         let inputs = Inputs {
+            near: &[],
             reading: Reading {
                 sight: Some((Sight::Range(Millimeters(1_500)), now)),
                 health: SensorHealth::Good,

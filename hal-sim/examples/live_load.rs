@@ -27,6 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         scenario: scenario.with_robots(robots.parse()?),
         seed: 1,
         radio_proxy: None,
+        authority: None,
     })?;
     println!("| second | real-time factor | lateness ms | connected | CPU % of one core |");
     println!("|---:|---:|---:|---:|---:|");

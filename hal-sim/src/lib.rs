@@ -4,6 +4,7 @@
 //! A world is a value: the same seed and the same scenario give the same history,
 //! byte for byte, on any number of threads and however many worlds run beside it.
 
+pub mod cells;
 pub mod dataset;
 pub mod devices;
 pub mod evaluate;

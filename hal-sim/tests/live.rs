@@ -88,6 +88,7 @@ fn config(port: u16, robots: u32) -> LiveConfig {
         scenario: Scenario::built_in("arena").unwrap().with_robots(robots),
         seed: 1,
         radio_proxy: None,
+        authority: None,
     }
 }
 

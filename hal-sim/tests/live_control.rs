@@ -25,6 +25,7 @@ fn world() -> LiveHandle {
         scenario,
         seed: 4,
         radio_proxy: None,
+        authority: None,
     })
     .expect("a world")
 }

@@ -12,7 +12,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_hal::{LinkMonitor, LinkState, NetError, Network};
+use crawler_tls::{Authority, Buffers, Secured, Security};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+use getrandom::SysRng;
+use rand_core::UnwrapErr;
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, watch};
 
@@ -28,6 +31,9 @@ const OPENING: usize = 64;
 /// A clean end that still publishes the last will, which says that the robot is offline, and
 /// ends the session: MQTT 5, section 3.14; reason 0x04, session expiry interval 0.
 const GOODBYE: [u8; 9] = [0xE0, 7, 0x04, 5, 0x11, 0, 0, 0, 0];
+
+/// A robot's way, over TLS.
+pub(crate) type SecuredNetwork<T> = Secured<LiveNetwork, UnwrapErr<SysRng>, Box<Buffers>, T>;
 
 /// The way of all robots of one live world to one broker. A handle.
 #[derive(Clone, Debug)]
@@ -47,13 +53,20 @@ struct Shared {
     address: RefCell<Option<IpAddr>>,
     /// The radio between robots and broker.
     radio: Option<Arc<Proxy>>,
+    /// Who has signed the broker's certificate, when robots are to speak TLS to it.
+    authority: Option<Authority>,
     /// Links of robots that reach the broker without one.
     wires: RefCell<BTreeMap<String, Rc<Wire>>>,
 }
 
 impl Gateway {
-    /// The way to one of `broker`, by way of `radio` where there is one.
-    pub(crate) fn new(broker: Vec<SocketAddr>, radio: Option<Arc<Proxy>>) -> Self {
+    /// The way to one of `broker`, by way of `radio` where there is one, and over TLS with an
+    /// authority.
+    pub(crate) fn new(
+        broker: Vec<SocketAddr>,
+        radio: Option<Arc<Proxy>>,
+        authority: Option<Authority>,
+    ) -> Self {
         Self {
             shared: Rc::new(Shared {
                 broker,
@@ -63,6 +76,7 @@ impl Gateway {
                 outlet: Rc::default(),
                 address: RefCell::new(None),
                 radio,
+                authority,
                 wires: RefCell::default(),
             }),
         }
@@ -82,6 +96,26 @@ impl Gateway {
             robot: Some(signal),
             gate,
         }
+    }
+
+    /// Puts TLS over `network` when there is an authority; gives it back when there is none. `clock`
+    /// tells the seconds since 1970, once they are known.
+    pub(crate) fn secure<T: Fn() -> Option<u64>>(
+        &self,
+        network: LiveNetwork,
+        clock: T,
+    ) -> Result<SecuredNetwork<T>, LiveNetwork> {
+        let Some(authority) = self.shared.authority else {
+            return Err(network);
+        };
+        let security = Security {
+            authority,
+            // Keys are no part of what a seed names: nobody may be able to guess them.
+            rng: UnwrapErr(SysRng),
+            buffers: Box::new(Buffers::new()),
+            clock,
+        };
+        Ok(Secured::new(network, Some(security)))
     }
 
     /// The same for what is no robot: it has a wire, and does not count as connected.
@@ -362,7 +396,8 @@ impl Drop for LiveStream {
             gate.keep(Rc::clone(&self.tcp));
             return;
         }
-        let says = self.heard && self.boundary.is_between();
+        // Beneath TLS nobody would understand it: the broker publishes the last will as well.
+        let says = self.heard && self.boundary.is_between() && self.shared.authority.is_none();
         if self.shared.leaving.get() && says {
             // A socket that takes no nine bytes now is one the broker finds closed.
             let _ = self.tcp.try_write(&GOODBYE);

@@ -19,10 +19,11 @@ mod tests;
 
 use std::cell::RefCell;
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BTreeSet, BinaryHeap};
 use std::rc::Rc;
 
 use crawler_hal::{Clock, Duration};
+use crawler_protocol::Fleet;
 use rand_pcg::Pcg32;
 
 pub(crate) use exchange::News;
@@ -180,6 +181,11 @@ impl Air {
         let mut out = Output::default();
         state.peer.route(&message, &mut out);
         state.carry_out(out, now);
+    }
+
+    /// The cells that somebody listens to.
+    pub(crate) fn listened_cells(&self, fleet: &Fleet) -> BTreeSet<(i16, i16)> {
+        self.state.borrow().peer.listened_cells(fleet)
     }
 
     /// Tells the time on `topic` from now on: `epoch_ms` is Unix time at the beginning of the

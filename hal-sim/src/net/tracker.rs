@@ -30,7 +30,6 @@ use rust_mqtt::client::options::{
 use rust_mqtt::config::KeepAlive;
 use rust_mqtt::types::{MqttBinary, MqttString, TopicFilter, TopicName};
 
-use super::live::LiveNetwork;
 use crate::run::compose_fix;
 use crate::sched::SimClock;
 
@@ -193,14 +192,22 @@ pub(crate) async fn run(
     fleet: Fleet,
     credentials: Option<Credentials>,
     outlet: Rc<Outlet>,
-    mut network: LiveNetwork,
+    mut network: impl Network,
+    host: heapless::String<64>,
     clock: SimClock,
 ) {
     let mut wait = SHORTEST;
     loop {
         let began = clock.now();
         // Whatever ended it, the answer is to try again.
-        let _ = session(&fleet, credentials.as_ref(), &outlet, &mut network, &clock).await;
+        let _ = session(
+            &fleet,
+            credentials.as_ref(),
+            &outlet,
+            (&mut network, &host),
+            &clock,
+        )
+        .await;
         outlet.set_open(false);
         wait = if clock.now() - began >= STABLE_AFTER {
             SHORTEST
@@ -216,11 +223,11 @@ async fn session(
     fleet: &Fleet,
     credentials: Option<&Credentials>,
     outlet: &Outlet,
-    network: &mut LiveNetwork,
+    (network, host): (&mut impl Network, &str),
     clock: &SimClock,
 ) -> Option<Infallible> {
     let soon = || clock.now() + PATIENCE;
-    let stream = with_deadline(clock, soon(), network.connect("", 0));
+    let stream = with_deadline(clock, soon(), network.connect(host, 0));
     let mut stream = Gathered {
         stream: stream.await.ok()?.ok()?,
         output: Vec::new(),

@@ -33,6 +33,7 @@ use crate::world::Arena;
 use pacer::Pacer;
 
 pub use control::{ControlError, LiveDone, LiveState};
+pub use crawler_tls::Authority;
 pub use error::LiveError;
 
 use control::{MAX_ORDERS, Order, Watch};
@@ -65,6 +66,8 @@ pub struct LiveConfig {
     pub broker_host: String,
     /// TCP port of the broker.
     pub broker_port: u16,
+    /// Who has signed the broker's certificate: robots speak TLS to it with the program's own client.
+    pub authority: Option<Authority>,
     /// What the broker asks for; see [`credentials`](super::credentials).
     pub credentials: Option<Credentials>,
     /// Scenario; its number of robots counts.
@@ -372,7 +375,7 @@ fn run(
     };
     let over = radio.clone();
     let make = move |seed, given| {
-        let gateway = Gateway::new(addresses.clone(), over.clone());
+        let gateway = Gateway::new(addresses.clone(), over.clone(), config.authority);
         let simulation = Simulation::with(
             config.scenario.clone(),
             seed,

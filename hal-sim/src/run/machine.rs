@@ -117,6 +117,25 @@ pub(super) fn start<N: Network + 'static>(
     )
 }
 
+/// The same for a robot that reaches its broker by `network`, over TLS where the world has an
+/// authority.
+#[cfg(feature = "live")]
+pub(super) fn start_live(
+    sched: &mut Scheduler,
+    robot: &Rc<SimRobot>,
+    parts: BodyParts,
+    gateway: &crate::net::live::Gateway,
+    mind: Option<&Rc<Mind>>,
+) -> Program {
+    let network = gateway.network(robot.config().id.as_str());
+    let (own, clock) = (Rc::clone(robot), parts.clock.clone());
+    let unix = move || own.unix_ms(clock.now()).map(|ms| ms / 1_000);
+    match gateway.secure(network, unix) {
+        Ok(network) => start(sched, robot, parts, network, mind),
+        Err(network) => start(sched, robot, parts, network, mind),
+    }
+}
+
 /// Runs the activities of `robot` on any body in virtual time, the one of the ranger
 /// `ranger_after` the others.
 pub(super) fn launch<B>(

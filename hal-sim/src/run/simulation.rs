@@ -26,6 +26,7 @@ use super::journal::Journal;
 use super::machine::{Program, SimRobot};
 use super::parallel::Seat;
 use super::tracker::Camera;
+use crate::cells;
 use crate::net::lockstep::Air;
 use crate::scenario::{Scenario, Spawner};
 use crate::sched::{Scheduler, SimClock};
@@ -96,6 +97,8 @@ pub struct Simulation {
     /// When the next physics step ends.
     next_step: Instant,
     next_history: Instant,
+    /// When robots that listen are told who is near.
+    next_cells: Instant,
     hashes: Hashes,
     /// Number of the newest command.
     seq: u64,
@@ -273,6 +276,7 @@ impl Simulation {
             next_time,
             next_step: Instant::BOOT + PHYSICS_STEP,
             next_history: Instant::BOOT + HISTORY_PERIOD,
+            next_cells: Instant::BOOT + cells::PERIOD,
             hashes: Hashes::default(),
             seq: command::FIRST_SEQ,
             journal: Journal::default(),
@@ -302,9 +306,19 @@ impl Simulation {
             let network = gateway.service();
             let fleet = self.fleet.clone();
             let credentials = self.broker.credentials.clone();
-            let client =
-                crate::net::tracker::run(fleet, credentials, outlet, network, clock.world());
-            self.messenger = Some(self.sched.spawn(client));
+            let (host, clock) = (self.broker.host.clone(), clock.world());
+            self.messenger = Some(match gateway.secure(network, || None) {
+                Ok(network) => {
+                    let client =
+                        crate::net::tracker::run(fleet, credentials, outlet, network, host, clock);
+                    self.sched.spawn(client)
+                }
+                Err(network) => {
+                    let client =
+                        crate::net::tracker::run(fleet, credentials, outlet, network, host, clock);
+                    self.sched.spawn(client)
+                }
+            });
         }
     }
 

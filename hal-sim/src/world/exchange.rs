@@ -98,6 +98,17 @@ impl World {
         space.take_over(members, published);
     }
 
+    /// Where a robot is, and how fast forward and anticlockwise, in metres and radians per second;
+    /// member or not.
+    pub(crate) fn motion(&self, robot: RobotIndex) -> Option<(Pose, [f32; 2])> {
+        let pose = self.pose(robot)?;
+        let i = robot.0 as usize;
+        let space = self.shared.space.borrow();
+        let seen = &space.bodies.published;
+        let forward = seen.velocity.get(i)?.dot(*seen.heading.get(i)?);
+        Some((pose, [forward, *seen.spin.get(i)?]))
+    }
+
     /// Where a robot is, member or not; `None` when it never existed or was taken away.
     pub(crate) fn pose(&self, robot: RobotIndex) -> Option<Pose> {
         let i = robot.0 as usize;

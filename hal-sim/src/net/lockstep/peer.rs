@@ -9,8 +9,11 @@ mod report;
 mod routing;
 mod sessions;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::ops::Bound;
 use std::rc::Rc;
+
+use crawler_protocol::{Fleet, Topic};
 
 pub(super) use carry::{Carried, FilterChange, sort as sort_carried};
 pub use report::{Origin, PeerFault, PeerStatistics, Published};
@@ -181,6 +184,21 @@ impl Peer {
                 session.connection.is_some() && session.filters.iter().any(|f| *f.text == *topic)
             })
         })
+    }
+
+    /// The cells that somebody is subscribed to.
+    pub(super) fn listened_cells(&self, fleet: &Fleet) -> BTreeSet<(i16, i16)> {
+        let prefix = format!("{}/cell/", fleet.as_str());
+        let from = (Bound::Included(prefix.as_str()), Bound::Unbounded);
+        self.exact
+            .range::<str, _>(from)
+            .take_while(|(topic, _)| topic.starts_with(&prefix))
+            .filter(|(_, sessions)| !sessions.is_empty())
+            .filter_map(|(topic, _)| match Topic::parse(fleet, topic) {
+                Ok(Topic::Cell { x, y }) => Some((x, y)),
+                _ => None,
+            })
+            .collect()
     }
 
     pub(super) fn connected(&self) -> usize {

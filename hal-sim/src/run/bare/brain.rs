@@ -165,6 +165,7 @@ impl Brain {
             voltage: known.battery.voltage,
             fix: None,
             view: None,
+            near: &[],
             link: LinkHealth::Absent,
             loaded: true,
             motor_fault: false,

@@ -266,6 +266,7 @@ impl Recorder {
                 continue;
             };
             let told = program.snapshot();
+            let tally = program.tally();
             readings.push(json!({
                 "robot": id,
                 "range_mm": told.reading.sight.map(|(sight, _)| match sight {
@@ -281,6 +282,10 @@ impl Recorder {
                 "state": told.state.name(),
                 "behaviour": told.behaviour.name(),
                 "duty": seen.duty,
+                "carried_out": {
+                    "commands": tally.commands,
+                    "numbers": tally.numbers,
+                },
             });
             if self.decisions.get(&robot) != Some(&decision) {
                 self.decisions.insert(robot, decision.clone());

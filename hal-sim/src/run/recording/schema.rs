@@ -86,6 +86,10 @@ pub(super) fn all() -> Vec<(&'static str, Vec<u8>)> {
     }));
     let decisions = robots(json!({
         "robot": text(), "state": text(), "behaviour": text(), "duty": list(integer()),
+        "carried_out": {
+            "type": "object",
+            "properties": { "commands": integer(), "numbers": integer() },
+        },
     }));
     let message = json!({
         "at_us": integer(), "robot": text(), "boot": integer(),

@@ -84,10 +84,7 @@ impl Simulation {
                 Way::None => machine::start(sched, robot, parts, NoNetwork, mind),
                 Way::Lockstep(air) => machine::start(sched, robot, parts, air.rejoin(link), mind),
                 #[cfg(feature = "live")]
-                Way::Live(gateway) => {
-                    let network = gateway.network(id.as_str());
-                    machine::start(sched, robot, parts, network, mind)
-                }
+                Way::Live(gateway) => machine::start_live(sched, robot, parts, gateway, mind),
             });
         self.machines.push(Machine {
             id,

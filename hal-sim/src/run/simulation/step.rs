@@ -1,9 +1,10 @@
 //! Time passes: programs, physics and what comes of them, each in its turn.
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::Topic;
+use crawler_protocol::{MAX_MESSAGE, Neighbour, Topic};
 
 use super::{EPOCH_MS, HISTORY_PERIOD, Simulation, TIME_PERIOD, Way, next_start};
+use crate::cells;
 use crate::net::NoNetwork;
 use crate::run::{machine, tracker};
 use crate::world::{BodyEvent, PHYSICS_STEP};
@@ -69,8 +70,9 @@ impl Simulation {
                 self.next_history += HISTORY_PERIOD;
                 self.note_state();
             }
-            // Both have something for programs to do.
-            if self.track() | self.handle_events() {
+            let told = self.track() | self.tell_cells();
+            // All of them have something for programs to do.
+            if told | self.handle_events() {
                 return false;
             }
         }
@@ -144,6 +146,44 @@ impl Simulation {
         due > 0
     }
 
+    /// Tells robots that listen in lockstep who is near, from where bodies are. Returns whether any
+    /// did. In a live world that is up to the server, which has it from telemetry.
+    fn tell_cells(&mut self) -> bool {
+        if self.sched.now() < self.next_cells {
+            return false;
+        }
+        self.next_cells += cells::PERIOD;
+        let Way::Lockstep(air) = &self.way else {
+            return false;
+        };
+        let wanted = air.listened_cells(&self.fleet);
+        if wanted.is_empty() {
+            return false;
+        }
+        let robots = self.machines.iter().filter_map(|machine| {
+            let (pose, [v, w]) = self.world.motion(machine.index)?;
+            Some(Neighbour {
+                id: machine.id.clone(),
+                x: pose.x,
+                y: pose.y,
+                theta: pose.theta,
+                v,
+                w,
+            })
+        });
+        let unix = EPOCH_MS + self.sched.now().as_millis();
+        for digest in cells::digests(robots, &wanted, unix) {
+            let (x, y) = (digest.x, digest.y);
+            let mut buffer = [0; MAX_MESSAGE];
+            // Bodies are where numbers are.
+            if let Ok(len) = digest.to_json(&mut buffer) {
+                let topic = Topic::Cell { x, y }.render(&self.fleet);
+                air.publish(&topic, &buffer[..len], false, false);
+            }
+        }
+        true
+    }
+
     /// Gives the initial command to robots that can take it by now.
     fn start_waiting(&mut self) {
         let Some(action) = self.action.clone() else {
@@ -204,10 +244,7 @@ impl Simulation {
                     machine::start(sched, &robot, parts, air.rejoin(machine.link), mind)
                 }
                 #[cfg(feature = "live")]
-                Way::Live(gateway) => {
-                    let network = gateway.network(machine.id.as_str());
-                    machine::start(sched, &robot, parts, network, mind)
-                }
+                Way::Live(gateway) => machine::start_live(sched, &robot, parts, gateway, mind),
             });
             machine.robot = Some(robot);
             machine.history.word(self.sched.now().as_micros());

@@ -44,7 +44,7 @@ pub(super) struct Clerk<'a> {
 }
 
 impl Post for Clerk<'_> {
-    fn number(&mut self) -> u64 {
+    fn number(&mut self, _: u64, _: &RobotId, _: u64) -> u64 {
         self.desk.number += 1;
         self.desk.number
     }

@@ -1,0 +1,107 @@
+//! Telling robots who is near: what a server does, for one in the process as well.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+pub use crawler_app::neighbours::needed_for;
+use crawler_app::neighbours::{Cell, cell_at};
+use crawler_hal::Duration;
+use crawler_protocol::{CellDigest, Neighbour};
+
+/// Time between two messages about a cell: at most two a second.
+pub const PERIOD: Duration = Duration::from_millis(500);
+
+/// A message for each of the `wanted` cells, empty ones too: whoever was there has left. Robots
+/// beyond what a message holds are counted and left out, those that come last.
+#[must_use]
+pub fn digests(
+    robots: impl IntoIterator<Item = Neighbour>,
+    wanted: &BTreeSet<Cell>,
+    timestamp: u64,
+) -> Vec<CellDigest> {
+    let empty = |&(x, y): &Cell| {
+        let digest = CellDigest {
+            x,
+            y,
+            timestamp,
+            count: 0,
+            robots: heapless::Vec::new(),
+        };
+        ((x, y), digest)
+    };
+    let mut cells: BTreeMap<Cell, CellDigest> = wanted.iter().map(empty).collect();
+    for robot in robots {
+        let cell = cell_at(robot.x, robot.y).and_then(|cell| cells.get_mut(&cell));
+        if let Some(cell) = cell {
+            cell.count = cell.count.saturating_add(1);
+            // Full: it counts, and that is all.
+            let _ = cell.robots.push(robot);
+        }
+    }
+    cells.into_values().collect()
+}
+
+/// The cells that robots at `places`, in metres, listen to when they move by where others are, or
+/// are about to.
+#[must_use]
+pub fn wanted(places: impl IntoIterator<Item = [f32; 2]>) -> BTreeSet<Cell> {
+    // Near a border a robot may still listen around the cell it came from.
+    let reach = 1.5 * CellDigest::EDGE_M;
+    let steps = [-reach, -0.5 * reach, 0.0, 0.5 * reach, reach];
+    places
+        .into_iter()
+        .flat_map(|[x, y]| steps.map(move |dx| (x + dx, y)))
+        .flat_map(|(x, y)| steps.map(move |dy| cell_at(x, y + dy)))
+        .flatten()
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crawler_app::neighbours::around;
+    use crawler_protocol::{MAX_MESSAGE, MAX_NEIGHBOURS, RobotId};
+
+    fn robot(number: usize, x: f32, y: f32) -> Neighbour {
+        Neighbour {
+            id: RobotId::new(&format!("r-{number}")).expect("legal"),
+            x,
+            y,
+            theta: 0.0,
+            v: 0.0,
+            w: 0.0,
+        }
+    }
+
+    #[test]
+    fn cells_tell_their_robots_and_how_many_did_not_fit() {
+        let many = (0..20).map(|n| robot(n, 0.1, 0.1));
+        let robots = many.chain([robot(99, -0.1, 0.1), robot(98, f32::NAN, 0.0)]);
+        let cells = BTreeSet::from([(0, 0), (-1, 0), (5, 5)]);
+        let told = digests(robots, &cells, 7);
+        assert_eq!(told.len(), 3);
+        let of = |cell| told.iter().find(|d| (d.x, d.y) == cell).expect("told");
+        assert_eq!(of((0, 0)).count, 20);
+        assert_eq!(of((0, 0)).robots.len(), MAX_NEIGHBOURS);
+        assert_eq!(of((-1, 0)).robots[0].id.as_str(), "r-99");
+        assert_eq!(of((5, 5)).count, 0, "empty, and said so");
+        let mut buffer = [0; MAX_MESSAGE];
+        for digest in &told {
+            assert!(digest.to_json(&mut buffer).is_ok());
+        }
+    }
+
+    #[test]
+    fn whatever_a_robot_listens_to_is_wanted() {
+        for place in [[0.1, 0.1], [1.9, -0.1], [-3.0, 2.0]] {
+            let wanted = wanted([place]);
+            let [x, y] = place;
+            for (dx, dy) in [(0.0, 0.0), (0.25, 0.0), (-0.25, 0.25)] {
+                let centre = cell_at(x + dx, y + dy).expect("a cell");
+                for cell in around(centre) {
+                    assert!(wanted.contains(&cell), "{place:?} {cell:?}");
+                }
+            }
+        }
+        assert!(wanted([[f32::NAN, 0.0]]).is_empty());
+    }
+}
