@@ -171,6 +171,9 @@ impl Lane {
             let free = earlier.iter().all(|&class| parcel.follows(class));
             earlier.push(parcel.class);
             let halt = parcel.class == Class::Halt;
+            if !halt && !post.may_go(parcel.class) {
+                continue;
+            }
             if self.offline && !(halt && parcel.flight.is_none()) {
                 continue;
             }
@@ -185,7 +188,7 @@ impl Lane {
             let seq = match known {
                 Some(flight) => flight.seq,
                 None if parcel.numbers == 0 && parcel.id > self.highest.max(broadcast) => parcel.id,
-                None => post.number(),
+                None => post.number(parcel.id, robot, self.highest.max(broadcast)),
             };
             let sending = Sending {
                 id: parcel.id,

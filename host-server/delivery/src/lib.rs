@@ -112,8 +112,13 @@ pub enum End {
 
 /// Who carries things out.
 pub trait Post {
-    /// A number above all before it.
-    fn number(&mut self) -> u64;
+    /// The number that the command `id` is about to go to a robot under: above `above`, and above all
+    /// that were given before. What could not go under its number may get the same one again.
+    fn number(&mut self, id: u64, robot: &RobotId, above: u64) -> u64;
+    /// Whether commands of this class may go at all at the moment. Halts always may.
+    fn may_go(&self, _class: Class) -> bool {
+        true
+    }
     /// Sends a command; false when it cannot go now.
     fn send(&mut self, sending: &Sending<'_>) -> bool;
     /// The command will not be sent any more.

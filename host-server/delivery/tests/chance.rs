@@ -59,10 +59,17 @@ struct Net {
     given: BTreeMap<u64, (Class, Ms)>,
 }
 
-impl Post for Net {
-    fn number(&mut self) -> u64 {
+impl Net {
+    /// A number above all before it.
+    fn next(&mut self) -> u64 {
         self.number += 1;
         self.number
+    }
+}
+
+impl Post for Net {
+    fn number(&mut self, _: u64, _: &RobotId, _: u64) -> u64 {
+        self.next()
     }
 
     fn send(&mut self, sending: &Sending<'_>) -> bool {
@@ -129,7 +136,7 @@ impl Scene {
     fn happen(&mut self, what: &Happening) {
         match *what {
             Happening::Give(class) => {
-                let id = self.net.number();
+                let id = self.net.next();
                 let now = self.net.now;
                 if self.delivery.submit(id, &self.id, class, now).is_ok() {
                     self.net.given.insert(id, (class, now));

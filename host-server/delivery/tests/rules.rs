@@ -14,10 +14,17 @@ struct Desk {
     over: Vec<(u64, End)>,
 }
 
-impl Post for Desk {
-    fn number(&mut self) -> u64 {
+impl Desk {
+    /// A number above all before it.
+    fn next(&mut self) -> u64 {
         self.number += 1;
         self.number
+    }
+}
+
+impl Post for Desk {
+    fn number(&mut self, _: u64, _: &RobotId, _: u64) -> u64 {
+        self.next()
     }
 
     fn send(&mut self, sending: &Sending<'_>) -> bool {
@@ -60,7 +67,7 @@ impl Scene {
     }
 
     fn give(&mut self, class: Class) -> u64 {
-        let id = self.desk.number();
+        let id = self.desk.next();
         let robot = self.robot.clone();
         self.delivery.submit(id, &robot, class, self.now).unwrap();
         self.pass(0);
@@ -243,7 +250,7 @@ fn a_halt_is_not_repeated_after_something_newer() {
     let stop = scene.give(Class::Halt);
     scene.pass(RESEND_AFTER_MS);
     assert_eq!(scene.sent(), [(stop, stop, false), (stop, stop, true)]);
-    let all = scene.desk.number();
+    let all = scene.desk.next();
     let robot = scene.robot.clone();
     scene
         .delivery
@@ -270,7 +277,7 @@ fn the_swarm_hears_once_and_who_is_silent_again() {
     let mut scene = Scene::new();
     let other = RobotId::new("b").unwrap();
     scene.delivery.status(&other, true, 1, 0);
-    let id = scene.desk.number();
+    let id = scene.desk.next();
     let robots = [scene.robot.clone(), other.clone()];
     scene
         .delivery

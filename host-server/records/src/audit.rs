@@ -10,8 +10,8 @@ use std::io::Write;
 use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
-use sqlx::SqliteConnection;
 
+use crate::query::{Connection, query};
 use crate::text::{cut, hex};
 use crate::{Records, RecordsError};
 
@@ -173,28 +173,26 @@ fn stored(row: Row) -> Stored {
     }
 }
 
-async fn end(connection: &mut SqliteConnection) -> Result<(i64, Vec<u8>), RecordsError> {
-    Ok(
-        sqlx::query_as("SELECT seq, hash FROM audit_end WHERE one = 1")
-            .fetch_one(connection)
-            .await?,
-    )
+async fn end(connection: &mut Connection<'_>) -> Result<(i64, Vec<u8>), RecordsError> {
+    query("SELECT seq, hash FROM audit_end WHERE one = 1")
+        .fetch_one(connection)
+        .await
 }
 
 async fn after(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection<'_>,
     seq: i64,
     up_to: i64,
 ) -> Result<Vec<Row>, RecordsError> {
-    Ok(sqlx::query_as(
+    query(
         "SELECT seq, at, who, came_from, action, target, detail, outcome, hash FROM audit
-         WHERE seq > ? AND seq <= ? ORDER BY seq LIMIT ?",
+         WHERE seq > $1 AND seq <= $2 ORDER BY seq LIMIT $3",
     )
     .bind(seq)
     .bind(up_to)
-    .bind(PAGE)
+    .bind(i64::from(PAGE))
     .fetch_all(connection)
-    .await?)
+    .await
 }
 
 impl Records {
@@ -210,7 +208,7 @@ impl Records {
                     let (last, before) = end(connection).await?;
                     let seq = last + 1;
                     let hash = entry.hash(seq, &before).to_vec();
-                    sqlx::query("INSERT INTO audit VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)")
+                    query("INSERT INTO audit VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)")
                         .bind(seq)
                         .bind(entry.at)
                         .bind(entry.who)
@@ -219,12 +217,12 @@ impl Records {
                         .bind(entry.target)
                         .bind(entry.detail)
                         .bind(entry.outcome)
-                        .bind(&hash)
+                        .bind(hash.clone())
                         .execute(&mut *connection)
                         .await?;
-                    sqlx::query("UPDATE audit_end SET seq = ?, hash = ? WHERE one = 1")
+                    query("UPDATE audit_end SET seq = $1, hash = $2 WHERE one = 1")
                         .bind(seq)
-                        .bind(&hash)
+                        .bind(hash)
                         .execute(connection)
                         .await?;
                     Ok(seq as u64)
@@ -252,19 +250,20 @@ impl Records {
                 Box::pin(async move {
                     let fields = match who {
                         // Two statements, since one for both cases would use neither's index.
-                        Some(who) => sqlx::query_as(
+                        Some(who) => query(
                             "SELECT seq, at, who, came_from, action, target, detail, outcome, hash
-                             FROM audit WHERE seq < ? AND who = ? ORDER BY seq DESC LIMIT ?",
+                             FROM audit WHERE seq < $1 AND who = $2 ORDER BY seq DESC LIMIT $3",
                         )
                         .bind(before)
                         .bind(who),
-                        None => sqlx::query_as(
+                        None => query(
                             "SELECT seq, at, who, came_from, action, target, detail, outcome, hash
-                             FROM audit WHERE seq < ? ORDER BY seq DESC LIMIT ?",
+                             FROM audit WHERE seq < $1 ORDER BY seq DESC LIMIT $2",
                         )
                         .bind(before),
                     };
-                    let rows: Vec<Row> = fields.bind(limit).fetch_all(connection).await?;
+                    let rows: Vec<Row> =
+                        fields.bind(i64::from(limit)).fetch_all(connection).await?;
                     Ok(rows.into_iter().map(stored).collect())
                 })
             })

@@ -3,15 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
-use sqlx::{ConnectOptions as _, Connection as _};
+use sqlx::{ConnectOptions as _, Connection as _, PgConnection};
 
 use crate::db::Db;
 use crate::files::{beside, make_private, remove_if_there, rename_if_there, sync};
 use crate::history::HISTORY_FILE;
 use crate::history::start::LOCK_FILE as HISTORY_LOCK;
 use crate::lock::{Hold, Lock};
+use crate::queue::Transact as _;
 use crate::schema::{self, HISTORY, RECORDS, Schema};
-use crate::{LOCK_FILE, RECORDS_FILE, Records, RecordsError};
+use crate::store::Store;
+use crate::{LOCK_FILE, RECORDS_FILE, Records, RecordsError, postgres, transfer};
 
 /// End of the name of a file that is not complete.
 const PARTIAL: &str = ".partial";
@@ -19,13 +21,16 @@ const PARTIAL: &str = ".partial";
 impl Records {
     /// Writes a copy of both files into the directory `to`, which is made, or must be empty. The
     /// records may be used meanwhile; the copy is what they were at one moment. When this returns,
-    /// it is checked and on disk. It is itself a directory that [`Records::open`] opens.
+    /// it is checked and on disk. It is itself a directory that [`Records::open`] opens, also when
+    /// the records are in a database; a history in memory is left out then.
     ///
     /// # Errors
     /// [`RecordsError::Exists`] when there is something in `to`, [`RecordsError::Invalid`] for
     /// records in memory.
     pub async fn backup(&self, to: &Path) -> Result<(), RecordsError> {
-        if !self.db().on_disk() {
+        if let Store::Sqlite(db) = self.db()
+            && !db.on_disk()
+        {
             return Err(RecordsError::Invalid("records in memory have no backup"));
         }
         std::fs::create_dir_all(to).map_err(|error| RecordsError::io(to, error))?;
@@ -36,20 +41,56 @@ impl Records {
         if self.history().stats().keeper {
             self.history().flush().await?;
         }
-        let files = [
-            (self.db(), to.join(RECORDS_FILE), &RECORDS),
-            (self.history().db(), to.join(HISTORY_FILE), &HISTORY),
-        ];
-        for (db, file, schema) in files {
-            let partial = beside(&file, PARTIAL);
-            if let Err(error) = copy(db, &partial, schema).await {
-                // Half a backup is worse than none: somebody might rely on it.
-                remove_if_there(&partial)?;
-                return Err(error);
+        let file = to.join(RECORDS_FILE);
+        let partial = beside(&file, PARTIAL);
+        let copied = match self.db() {
+            Store::Sqlite(db) => copy(db, &partial, &RECORDS).await,
+            Store::Postgres(remote) => {
+                let mut connection = remote.patient().await?;
+                connection
+                    .run("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY")
+                    .await?;
+                dump(&mut connection, &partial).await
             }
-            std::fs::rename(&partial, &file).map_err(|error| RecordsError::io(&file, error))?;
+        };
+        finish(copied, &partial, &file)?;
+        if self.history().db().on_disk() {
+            let file = to.join(HISTORY_FILE);
+            let partial = beside(&file, PARTIAL);
+            let copied = copy(self.history().db(), &partial, &HISTORY).await;
+            finish(copied, &partial, &file)?;
         }
         sync(to)
+    }
+
+    /// Puts the records of the directory `from`, which [`Records::restore`] made, into the database
+    /// at `url`, which nobody may have open: all of them, or none. If it holds records, a backup of
+    /// those is put into the directory `aside`.
+    ///
+    /// # Errors
+    /// [`RecordsError::Exists`] when the database holds records and there is no `aside`, others as
+    /// of [`Records::connect`] and [`Records::restore`].
+    pub async fn restore_database(
+        from: &Path,
+        url: &str,
+        aside: Option<&Path>,
+    ) -> Result<(), RecordsError> {
+        let file = from.join(RECORDS_FILE);
+        if !file.is_file() {
+            return Err(RecordsError::NotFound);
+        }
+        check(&file, &RECORDS).await?;
+        let mut connection = postgres::alone(url).await?;
+        if !transfer::is_empty(&mut connection).await? {
+            let aside = aside.ok_or(RecordsError::Exists)?.join(RECORDS_FILE);
+            let partial = beside(&aside, PARTIAL);
+            finish(dump(&mut connection, &partial).await, &partial, &aside)?;
+        }
+        transfer::load(&options(&file), &mut connection).await?;
+        connection.run("COMMIT").await?;
+        // Everything is done; what has broken since is let go by the database.
+        let _ = connection.close().await;
+        Ok(())
     }
 
     /// Puts a backup in the place of the records in `dir`, which nobody may have open. It is checked
@@ -120,6 +161,25 @@ async fn check(file: &Path, schema: &Schema) -> Result<(), RecordsError> {
     .await;
     connection.close().await?;
     outcome
+}
+
+/// Gives what was made its name.
+fn finish(made: Result<(), RecordsError>, partial: &Path, file: &Path) -> Result<(), RecordsError> {
+    if let Err(error) = made {
+        // Half a backup is worse than none: somebody might rely on it.
+        remove_if_there(partial)?;
+        return Err(error);
+    }
+    std::fs::rename(partial, file).map_err(|error| RecordsError::io(file, error))
+}
+
+/// What the transaction of `from` sees, as a file.
+async fn dump(from: &mut PgConnection, to: &Path) -> Result<(), RecordsError> {
+    remove_if_there(to)?;
+    make_private(to)?;
+    transfer::dump(from, to, &options(to)).await?;
+    check(to, &RECORDS).await?;
+    sync(to)
 }
 
 async fn copy(db: &Db, to: &Path, schema: &Schema) -> Result<(), RecordsError> {

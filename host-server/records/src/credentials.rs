@@ -2,6 +2,7 @@
 
 use crawler_access::Digest;
 
+use crate::query::query;
 use crate::users::changed;
 use crate::{Records, RecordsError};
 
@@ -70,16 +71,18 @@ impl Records {
             .write(move |connection| {
                 Box::pin(async move {
                     let (others,): (i64,) =
-                        sqlx::query_as("SELECT count(*) FROM credential WHERE name <> ?")
+                        query("SELECT count(*) FROM credential WHERE name <> $1")
                             .bind(&name)
                             .fetch_one(&mut *connection)
                             .await?;
                     if others >= MAX_CREDENTIALS {
                         return Err(RecordsError::TooMany("credentials"));
                     }
-                    sqlx::query(
-                        "INSERT OR REPLACE INTO credential (name, digest, created, made_by, revoked)
-                         VALUES (?, ?, ?, ?, NULL)",
+                    query(
+                        "INSERT INTO credential (name, digest, created, made_by, revoked)
+                         VALUES ($1, $2, $3, $4, NULL)
+                         ON CONFLICT (name) DO UPDATE SET digest = excluded.digest,
+                         created = excluded.created, made_by = excluded.made_by, revoked = NULL",
                     )
                     .bind(name)
                     .bind(digest.0.to_vec())
@@ -98,13 +101,16 @@ impl Records {
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
     pub async fn credential(&self, name: &str) -> Result<Option<Credential>, RecordsError> {
+        if check_name(name).is_err() {
+            return Ok(None);
+        }
         let name = name.to_owned();
         self.db()
             .read(move |connection| {
                 Box::pin(async move {
-                    let row: Option<Row> = sqlx::query_as(
+                    let row: Option<Row> = query(
                         "SELECT name, digest, created, made_by, revoked FROM credential
-                         WHERE name = ?",
+                         WHERE name = $1",
                     )
                     .bind(name)
                     .fetch_optional(connection)
@@ -123,9 +129,9 @@ impl Records {
         self.db()
             .read(|connection| {
                 Box::pin(async move {
-                    let rows: Vec<Row> = sqlx::query_as(
+                    let rows: Vec<Row> = query(
                         "SELECT name, digest, created, made_by, revoked FROM credential
-                         ORDER BY name LIMIT ?",
+                         ORDER BY name LIMIT $1",
                     )
                     .bind(MAX_CREDENTIALS)
                     .fetch_all(connection)
@@ -141,18 +147,19 @@ impl Records {
     /// # Errors
     /// [`RecordsError::NotFound`] when there is none, or it was revoked before.
     pub async fn revoke_credential(&self, name: &str, now: i64) -> Result<(), RecordsError> {
+        check_name(name).map_err(|_| RecordsError::NotFound)?;
         let name = name.to_owned();
         self.db()
             .write(move |connection| {
                 Box::pin(async move {
-                    let done = sqlx::query(
-                        "UPDATE credential SET revoked = ? WHERE name = ? AND revoked IS NULL",
+                    let done = query(
+                        "UPDATE credential SET revoked = $1 WHERE name = $2 AND revoked IS NULL",
                     )
                     .bind(now)
                     .bind(name)
                     .execute(connection)
                     .await?;
-                    changed(done.rows_affected(), RecordsError::NotFound)
+                    changed(done, RecordsError::NotFound)
                 })
             })
             .await

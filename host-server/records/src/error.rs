@@ -4,7 +4,10 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Why records could not be read or kept. Nothing was changed when a call returns one of these.
+use sqlx::postgres::PgDatabaseError;
+
+/// Why records could not be read or kept. Nothing was changed when a call returns one of these; only
+/// after [`RecordsError::Unavailable`] it may have been, as when a connection breaks before the answer.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum RecordsError {
@@ -22,22 +25,27 @@ pub enum RecordsError {
     InUse(PathBuf),
     /// Written by a newer program: use that one, or restore a backup.
     Newer {
-        /// The file.
+        /// The file, or the address of the database.
         file: PathBuf,
         /// Version of its tables.
         found: i64,
         /// The newest version that this program knows.
         known: i64,
     },
-    /// Not a file of this program.
+    /// Not a file, or a database, of this program.
     Foreign(PathBuf),
-    /// The file is damaged: restore a backup.
+    /// The file, or the database, is damaged: restore a backup.
     Damaged {
-        /// The file.
+        /// The file, or the address of the database.
         file: PathBuf,
         /// What is wrong with it.
         why: String,
     },
+    /// The database does not answer, or is too busy: the same call may work in a moment. The text says
+    /// what happened.
+    Unavailable(String),
+    /// The database answers, and lets nobody in: the text says why and what to do.
+    Refused(String),
     /// The records were closed.
     Closed,
     /// The operating system refused.
@@ -66,6 +74,20 @@ impl RecordsError {
         }
     }
 
+    /// Nothing came back in time.
+    pub(crate) fn late() -> Self {
+        Self::Unavailable(format!(
+            "no answer within {} s",
+            crate::postgres::PATIENCE.as_secs()
+        ))
+    }
+
+    /// Whether the same call may work in a moment.
+    #[must_use]
+    pub const fn is_passing(&self) -> bool {
+        matches!(self, Self::Unavailable(_) | Self::InUse(_))
+    }
+
     /// The primary result code of `SQLite`, if it is what refused.
     pub(crate) fn sqlite_code(&self) -> Option<i32> {
         let Self::Storage(cause) = self else {
@@ -92,11 +114,13 @@ impl fmt::Display for RecordsError {
                 file.display()
             ),
             Self::Foreign(file) => {
-                write!(f, "{} is no file of this program", file.display())
+                write!(f, "{} is not of this program", file.display())
             }
             Self::Damaged { file, why } => {
                 write!(f, "{} is damaged ({why}): restore a backup", file.display())
             }
+            Self::Unavailable(why) => write!(f, "the database is not available: {why}"),
+            Self::Refused(why) => f.write_str(why),
             Self::Closed => f.write_str("the records were closed"),
             Self::Io { path, cause } => write!(f, "{}: {cause}", path.display()),
             Self::Storage(cause) => write!(f, "the records cannot be read or written: {cause}"),
@@ -116,6 +140,26 @@ impl std::error::Error for RecordsError {
 
 impl From<sqlx::Error> for RecordsError {
     fn from(cause: sqlx::Error) -> Self {
-        Self::Storage(Arc::new(cause))
+        match &cause {
+            sqlx::Error::Io(_) | sqlx::Error::Protocol(_) => Self::Unavailable(cause.to_string()),
+            sqlx::Error::PoolTimedOut => Self::late(),
+            sqlx::Error::PoolClosed => Self::Closed,
+            sqlx::Error::Database(error) if passes(&**error) => {
+                Self::Unavailable(error.message().to_owned())
+            }
+            _ => Self::Storage(Arc::new(cause)),
+        }
     }
+}
+
+/// Whether `PostgreSQL` may say something else in a moment (its documentation, appendix A).
+fn passes(error: &dyn sqlx::error::DatabaseError) -> bool {
+    let Some(error) = error.try_downcast_ref::<PgDatabaseError>() else {
+        return false;
+    };
+    let code = error.code();
+    // A broken connection; too few resources; shut down, or starting.
+    ["08", "53", "57P"].iter().any(|class| code.starts_with(class))
+        // Serialisation, deadlock, waited too long: for a lock, a statement, a transaction.
+        || ["40001", "40P01", "55P03", "57014", "25P03"].contains(&code)
 }

@@ -1,12 +1,15 @@
-//! What a server must not forget, in `SQLite`: accounts, credentials, audit log, history.
+//! What a server must not forget: accounts, credentials, audit log, history.
 //!
 //! [`Records::open`] opens a directory with two files. `records.sqlite` holds settings, [`User`]s,
 //! [`Invitation`]s, [`Session`]s, [`Credential`]s and the audit log of [`Entry`]s: a call that
 //! changes it returns when the change is on disk, also against a power cut. `history.sqlite` holds
 //! the [`history`]: samples are taken in by the thousand and reach the disk within half a second.
 //!
-//! Both files are written by one task each, which puts what waits into one transaction; reads go
-//! past it. Several processes may open the same directory: what they write to `records.sqlite` is in
+//! [`Records::connect`] has the first of the two in a `PostgreSQL` database instead, which several
+//! servers may share.
+//!
+//! Each is written by one task, which puts what waits into one transaction; reads go
+//! past it. Several processes may open the same directory: what they write to the records is in
 //! one order, and the audit log stays one chain. History is kept by the first of them.
 //!
 //! Times are Unix milliseconds and handed in. Only the history looks at a clock, for what it may
@@ -20,20 +23,24 @@ mod error;
 mod files;
 pub mod history;
 mod lock;
+mod postgres;
+mod query;
+mod queue;
 mod schema;
 mod sessions;
 mod settings;
+mod store;
 mod text;
+mod transfer;
 mod users;
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use sqlx::SqliteConnection;
-
 pub use audit::{Broken, Entry, MAX_AUDIT_PAGE, Stored};
 pub use credentials::{Credential, MAX_CREDENTIAL_NAME, MAX_CREDENTIALS};
 pub use error::RecordsError;
+pub use postgres::DatabaseStats;
 pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session};
 pub use settings::{MAX_SETTING, MAX_SETTING_KEY};
 pub use users::{Invitation, MAX_INVITATIONS, MAX_PASSWORD_HASH, MAX_USERS, User};
@@ -42,6 +49,9 @@ use db::Db;
 use history::History;
 use history::start::Running;
 use lock::{Hold, Lock};
+use postgres::Remote;
+use query::{Connection, query};
+use store::Store;
 
 /// File of accounts, credentials and the audit log, in the data directory.
 pub const RECORDS_FILE: &str = "records.sqlite";
@@ -54,7 +64,7 @@ pub struct Records(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
-    db: Db,
+    db: Store,
     history: History,
     /// None when another process keeps the history, and once it was closed.
     keeper: Mutex<Option<Running>>,
@@ -70,6 +80,19 @@ impl Records {
     /// [`RecordsError::Damaged`], [`RecordsError::Newer`] and [`RecordsError::Foreign`] say what is
     /// wrong with the file; it is left as it is. [`RecordsError::InUse`] while a backup is restored.
     pub async fn open(dir: &Path) -> Result<Self, RecordsError> {
+        Self::open_with(dir, true).await
+    }
+
+    /// Like [`Records::open`] for a server whose history is elsewhere: no file of it is made or
+    /// looked at, and [`Records::history`] takes no samples.
+    ///
+    /// # Errors
+    /// As for [`Records::open`].
+    pub async fn open_without_history(dir: &Path) -> Result<Self, RecordsError> {
+        Self::open_with(dir, false).await
+    }
+
+    async fn open_with(dir: &Path, history: bool) -> Result<Self, RecordsError> {
         std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
         let lock = Lock::take(&dir.join(LOCK_FILE), Hold::Shared)?
             .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
@@ -82,11 +105,12 @@ impl Records {
             })
             .await;
         let opened = match whole {
-            Ok(()) => History::open(dir).await,
+            Ok(()) if history => History::open(dir).await,
+            Ok(()) => History::none().await,
             Err(error) => Err(error),
         };
         match opened {
-            Ok(history) => Ok(Self::of(db, history, Some(lock))),
+            Ok(history) => Ok(Self::of(Store::Sqlite(db), history, Some(lock))),
             Err(error) => {
                 db.close().await;
                 Err(error)
@@ -102,10 +126,65 @@ impl Records {
     pub async fn in_memory() -> Result<Self, RecordsError> {
         let db = Db::in_memory(&schema::RECORDS).await?;
         let history = History::in_memory().await?;
-        Ok(Self::of(db, history, None))
+        Ok(Self::of(Store::Sqlite(db), history, None))
     }
 
-    fn of(db: Db, history: (History, Option<Running>), lock: Option<Lock>) -> Self {
+    /// Opens the records in the `PostgreSQL` database at `url`, which gets its tables if it is empty
+    /// and `make` says so. The history is in the directory `history`, or in memory. Must be called
+    /// within a Tokio runtime.
+    ///
+    /// Every call returns within about five seconds, whatever the database does; one that cannot be
+    /// reached is connected to again by the calls that follow.
+    ///
+    /// # Errors
+    /// [`RecordsError::Unavailable`] and [`RecordsError::Refused`] when the database does not answer
+    /// or lets nobody in, [`RecordsError::NotFound`] when it is empty and is to stay so,
+    /// [`RecordsError::Damaged`], [`RecordsError::Newer`] and [`RecordsError::Foreign`] for what it
+    /// holds, [`RecordsError::InUse`] while a backup is restored, and those of the history.
+    pub async fn connect(
+        url: &str,
+        history: Option<&Path>,
+        make: bool,
+    ) -> Result<Self, RecordsError> {
+        let lock = match history {
+            Some(dir) => {
+                std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
+                let lock = Lock::take(&dir.join(LOCK_FILE), Hold::Shared)?;
+                Some(lock.ok_or_else(|| RecordsError::InUse(dir.to_owned()))?)
+            }
+            None => None,
+        };
+        let remote = Remote::open(url, make).await?;
+        let opened = match history {
+            Some(dir) => History::open(dir).await,
+            None => History::in_memory().await,
+        };
+        match opened {
+            Ok(history) => Ok(Self::of(Store::Postgres(remote), history, lock)),
+            Err(error) => {
+                remote.close().await;
+                Err(error)
+            }
+        }
+    }
+
+    /// How the database is doing; `None` when the records are in a file.
+    pub fn database(&self) -> Option<DatabaseStats> {
+        match self.db() {
+            Store::Sqlite(_) => None,
+            Store::Postgres(remote) => Some(remote.stats()),
+        }
+    }
+
+    /// Where the database is, without user name and password; `None` when the records are in a file.
+    pub fn database_place(&self) -> Option<&str> {
+        match self.db() {
+            Store::Sqlite(_) => None,
+            Store::Postgres(remote) => Some(remote.shown()),
+        }
+    }
+
+    fn of(db: Store, history: (History, Option<Running>), lock: Option<Lock>) -> Self {
         let (history, keeper) = history;
         Self(Arc::new(Inner {
             db,
@@ -146,19 +225,19 @@ impl Records {
             .await
     }
 
-    fn db(&self) -> &Db {
+    fn db(&self) -> &Store {
         &self.0.db
     }
 }
 
-async fn prune(connection: &mut SqliteConnection, now: i64) -> Result<(), RecordsError> {
+async fn prune(connection: &mut Connection<'_>, now: i64) -> Result<(), RecordsError> {
     /// Longer than any access token lives: until then a revoked session must be known as such.
     const KEEP_REVOKED: i64 = 24 * 3_600_000;
-    sqlx::query("DELETE FROM invitation WHERE expires <= ?")
+    query("DELETE FROM invitation WHERE expires <= $1")
         .bind(now)
-        .execute(&mut *connection)
+        .execute(connection)
         .await?;
-    sqlx::query("DELETE FROM session WHERE expires <= ?1 OR revoked <= ?1")
+    query("DELETE FROM session WHERE expires <= $1 OR revoked <= $1")
         .bind(now.saturating_sub(KEEP_REVOKED))
         .execute(connection)
         .await?;

@@ -1,8 +1,8 @@
 //! Who is logged in: sessions, and the refresh tokens that keep them going.
 
 use crawler_access::{Digest, UserName};
-use sqlx::SqliteConnection;
 
+use crate::query::{Connection, query};
 use crate::users::{User, changed, find, name};
 use crate::{Records, RecordsError};
 
@@ -64,14 +64,14 @@ fn session((id, user, from, opened, refreshed, expires): Row) -> Result<Session,
 
 /// Revokes the sessions of `user`, all but one of them where `but` names it.
 pub(crate) async fn revoke_all(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection<'_>,
     user: &str,
     but: Option<u64>,
     now: i64,
 ) -> Result<Vec<u64>, RecordsError> {
-    let rows: Vec<(i64,)> = sqlx::query_as(
-        "UPDATE session SET revoked = ? WHERE user = ? AND revoked IS NULL AND id IS NOT ?
-         RETURNING id",
+    let rows: Vec<(i64,)> = query(
+        "UPDATE session SET revoked = $1
+         WHERE \"user\" = $2 AND revoked IS NULL AND id IS DISTINCT FROM $3 RETURNING id",
     )
     .bind(now)
     .bind(user)
@@ -82,18 +82,18 @@ pub(crate) async fn revoke_all(
 }
 
 async fn keep_digest(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection<'_>,
     digest: Digest,
     session: i64,
 ) -> Result<(), RecordsError> {
-    let done = sqlx::query(
-        "INSERT INTO refresh (digest, session, used) VALUES (?, ?, NULL) ON CONFLICT DO NOTHING",
+    let done = query(
+        "INSERT INTO refresh (digest, session, used) VALUES ($1, $2, NULL) ON CONFLICT DO NOTHING",
     )
     .bind(digest.0.to_vec())
     .bind(session)
     .execute(connection)
     .await?;
-    changed(done.rows_affected(), RecordsError::Exists)
+    changed(done, RecordsError::Exists)
 }
 
 impl Records {
@@ -123,19 +123,20 @@ impl Records {
                         Some(user) if !user.disabled => {}
                         _ => return Err(RecordsError::NotFound),
                     }
-                    sqlx::query(
-                        "UPDATE session SET revoked = ?1 WHERE revoked IS NULL AND id IN
-                         (SELECT id FROM session WHERE user = ?2 AND revoked IS NULL
-                          ORDER BY id DESC LIMIT -1 OFFSET ?3)",
+                    query(
+                        "UPDATE session SET revoked = $1
+                         WHERE \"user\" = $2 AND revoked IS NULL AND id NOT IN
+                         (SELECT id FROM session WHERE \"user\" = $2 AND revoked IS NULL
+                          ORDER BY id DESC LIMIT $3)",
                     )
                     .bind(now)
                     .bind(&user)
                     .bind(MAX_SESSIONS - 1)
                     .execute(&mut *connection)
                     .await?;
-                    let (id,): (i64,) = sqlx::query_as(
-                        "INSERT INTO session (user, came_from, opened, refreshed, expires)
-                         VALUES (?1, ?2, ?3, ?3, ?4) RETURNING id",
+                    let (id,): (i64,) = query(
+                        "INSERT INTO session (\"user\", came_from, opened, refreshed, expires)
+                         VALUES ($1, $2, $3, $3, $4) RETURNING id",
                     )
                     .bind(user)
                     .bind(from)
@@ -175,9 +176,9 @@ impl Records {
         self.db()
             .read(|connection| {
                 Box::pin(async move {
-                    let rows: Vec<Row> = sqlx::query_as(
-                        "SELECT id, user, came_from, opened, refreshed, expires FROM session
-                         WHERE revoked IS NULL AND (?1 IS NULL OR user = ?1)
+                    let rows: Vec<Row> = query(
+                        "SELECT id, \"user\", came_from, opened, refreshed, expires FROM session
+                         WHERE revoked IS NULL AND ($1 IS NULL OR \"user\" = $1)
                          ORDER BY id DESC LIMIT 10000",
                     )
                     .bind(user)
@@ -198,8 +199,8 @@ impl Records {
         self.db()
             .read(move |connection| {
                 Box::pin(async move {
-                    let rows: Vec<(i64,)> = sqlx::query_as(
-                        "SELECT id FROM session WHERE revoked IS NOT NULL AND revoked >= ?
+                    let rows: Vec<(i64,)> = query(
+                        "SELECT id FROM session WHERE revoked IS NOT NULL AND revoked >= $1
                          ORDER BY id",
                     )
                     .bind(since)
@@ -219,14 +220,13 @@ impl Records {
         self.db()
             .write(move |connection| {
                 Box::pin(async move {
-                    let done = sqlx::query(
-                        "UPDATE session SET revoked = ? WHERE id = ? AND revoked IS NULL",
-                    )
-                    .bind(now)
-                    .bind(session as i64)
-                    .execute(connection)
-                    .await?;
-                    changed(done.rows_affected(), RecordsError::NotFound)
+                    let done =
+                        query("UPDATE session SET revoked = $1 WHERE id = $2 AND revoked IS NULL")
+                            .bind(now)
+                            .bind(session as i64)
+                            .execute(connection)
+                            .await?;
+                    changed(done, RecordsError::NotFound)
                 })
             })
             .await
@@ -252,15 +252,15 @@ impl Records {
 }
 
 async fn refresh(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection<'_>,
     old: Digest,
     new: Digest,
     now: i64,
 ) -> Result<Refreshed, RecordsError> {
     type Found = (i64, Option<i64>, String, i64, i64, Option<i64>);
-    let found: Option<Found> = sqlx::query_as(
-        "SELECT s.id, r.used, s.user, s.refreshed, s.expires, s.revoked
-         FROM refresh AS r JOIN session AS s ON s.id = r.session WHERE r.digest = ?",
+    let found: Option<Found> = query(
+        "SELECT s.id, r.used, s.\"user\", s.refreshed, s.expires, s.revoked
+         FROM refresh AS r JOIN session AS s ON s.id = r.session WHERE r.digest = $1",
     )
     .bind(old.0.to_vec())
     .fetch_optional(&mut *connection)
@@ -272,7 +272,7 @@ async fn refresh(
         return Ok(Refreshed::Unknown);
     }
     if used.is_some() {
-        sqlx::query("UPDATE session SET revoked = ? WHERE id = ?")
+        query("UPDATE session SET revoked = $1 WHERE id = $2")
             .bind(now)
             .bind(id)
             .execute(connection)
@@ -286,7 +286,7 @@ async fn refresh(
     let Some(user) = account.filter(|user| !user.disabled && now < expires) else {
         return Ok(Refreshed::Unknown);
     };
-    sqlx::query("UPDATE refresh SET used = ? WHERE digest = ?")
+    query("UPDATE refresh SET used = $1 WHERE digest = $2")
         .bind(now)
         .bind(old.0.to_vec())
         .execute(&mut *connection)
@@ -294,12 +294,12 @@ async fn refresh(
     keep_digest(connection, new, id).await?;
     let lasts = expires.saturating_sub(refreshed);
     // A copy of a token is worth watching for as long as the token would have been worth something.
-    sqlx::query("DELETE FROM refresh WHERE session = ? AND used < ?")
+    query("DELETE FROM refresh WHERE session = $1 AND used < $2")
         .bind(id)
         .bind(now.saturating_sub(lasts))
         .execute(&mut *connection)
         .await?;
-    sqlx::query("UPDATE session SET refreshed = ?, expires = ? WHERE id = ?")
+    query("UPDATE session SET refreshed = $1, expires = $2 WHERE id = $3")
         .bind(now)
         .bind(now.saturating_add(lasts))
         .bind(id)

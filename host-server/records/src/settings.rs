@@ -1,6 +1,7 @@
 //! Values that must survive a restart and are of no kind of their own, such as the key that signs
 //! tokens.
 
+use crate::query::query;
 use crate::{Records, RecordsError};
 
 /// Longest key of a setting, in bytes.
@@ -18,11 +19,10 @@ impl Records {
         self.db()
             .read(move |connection| {
                 Box::pin(async move {
-                    let row: Option<(Vec<u8>,)> =
-                        sqlx::query_as("SELECT value FROM setting WHERE key = ?")
-                            .bind(key)
-                            .fetch_optional(connection)
-                            .await?;
+                    let row: Option<(Vec<u8>,)> = query("SELECT value FROM setting WHERE key = $1")
+                        .bind(key)
+                        .fetch_optional(connection)
+                        .await?;
                     Ok(row.map(|(value,)| value))
                 })
             })
@@ -44,11 +44,14 @@ impl Records {
         self.db()
             .write(move |connection| {
                 Box::pin(async move {
-                    sqlx::query("INSERT OR REPLACE INTO setting (key, value) VALUES (?, ?)")
-                        .bind(key)
-                        .bind(value)
-                        .execute(connection)
-                        .await?;
+                    query(
+                        "INSERT INTO setting (key, value) VALUES ($1, $2)
+                         ON CONFLICT (key) DO UPDATE SET value = excluded.value",
+                    )
+                    .bind(key)
+                    .bind(value)
+                    .execute(connection)
+                    .await?;
                     Ok(())
                 })
             })
@@ -71,16 +74,17 @@ impl Records {
         self.db()
             .write(move |connection| {
                 Box::pin(async move {
-                    sqlx::query("INSERT OR IGNORE INTO setting (key, value) VALUES (?, ?)")
-                        .bind(&key)
-                        .bind(value)
-                        .execute(&mut *connection)
+                    query(
+                        "INSERT INTO setting (key, value) VALUES ($1, $2) ON CONFLICT DO NOTHING",
+                    )
+                    .bind(&key)
+                    .bind(value)
+                    .execute(&mut *connection)
+                    .await?;
+                    let (value,): (Vec<u8>,) = query("SELECT value FROM setting WHERE key = $1")
+                        .bind(key)
+                        .fetch_one(connection)
                         .await?;
-                    let (value,): (Vec<u8>,) =
-                        sqlx::query_as("SELECT value FROM setting WHERE key = ?")
-                            .bind(key)
-                            .fetch_one(connection)
-                            .await?;
                     Ok(value)
                 })
             })

@@ -1,10 +1,12 @@
 //! Texts of bounded length.
 
-/// What is left of `text` in `most` bytes; an ellipsis says that something is missing.
+/// What is left of `text` in `most` bytes; an ellipsis says that something is missing. NUL, which
+/// `PostgreSQL` does not take in texts, becomes a question mark.
 pub(crate) fn cut(text: &str, most: usize) -> String {
     const MARK: &str = "…";
+    let text = text.replace('\0', "?");
     if text.len() <= most {
-        return text.to_owned();
+        return text;
     }
     let end = text.floor_char_boundary(most.saturating_sub(MARK.len()));
     format!("{}{MARK}", &text[..end])
@@ -28,6 +30,7 @@ mod tests {
     fn a_cut_text_fits_and_says_so() {
         assert_eq!(cut("short", 5), "short");
         assert_eq!(cut("longer", 5), "lo…");
+        assert_eq!(cut("a\0b", 5), "a?b");
         // The boundary falls inside of an umlaut.
         assert_eq!(cut("öööö", 6), "ö…");
         for most in 3..20 {

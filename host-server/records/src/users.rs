@@ -3,8 +3,8 @@
 use std::fmt;
 
 use crawler_access::{Digest, Role, UserName};
-use sqlx::SqliteConnection;
 
+use crate::query::{Connection, query};
 use crate::sessions::revoke_all;
 use crate::{Records, RecordsError};
 
@@ -54,7 +54,7 @@ pub struct Invitation {
     pub expires: i64,
 }
 
-type Row = (String, String, Option<String>, i64, bool);
+type Row = (String, String, Option<String>, i64, i64);
 type Invited = (Option<String>, String, i64);
 
 /// A name from the file.
@@ -74,7 +74,7 @@ fn user((user, its_role, password, created, disabled): Row) -> Result<User, Reco
         role: role(&its_role)?,
         password,
         created,
-        disabled,
+        disabled: disabled != 0,
     })
 }
 
@@ -91,11 +91,11 @@ fn invited(row: Option<Invited>, now: i64) -> Result<Option<Invitation>, Records
 
 /// The account of that name.
 pub(crate) async fn find(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection<'_>,
     name: &str,
 ) -> Result<Option<User>, RecordsError> {
     let row: Option<Row> =
-        sqlx::query_as("SELECT name, role, password, created, disabled FROM user WHERE name = ?")
+        query("SELECT name, role, password, created, disabled FROM \"user\" WHERE name = $1")
             .bind(name)
             .fetch_optional(connection)
             .await?;
@@ -103,16 +103,16 @@ pub(crate) async fn find(
 }
 
 /// Refuses when `name` is the only one who can administer the server.
-async fn not_the_last(connection: &mut SqliteConnection, name: &str) -> Result<(), RecordsError> {
+async fn not_the_last(connection: &mut Connection<'_>, name: &str) -> Result<(), RecordsError> {
     let user = find(connection, name)
         .await?
         .ok_or(RecordsError::NotFound)?;
     if user.role != Role::Admin || user.disabled || user.password.is_none() {
         return Ok(());
     }
-    let (others,): (i64,) = sqlx::query_as(
-        "SELECT count(*) FROM user
-         WHERE role = 'admin' AND disabled = 0 AND password IS NOT NULL AND name <> ?",
+    let (others,): (i64,) = query(
+        "SELECT count(*) FROM \"user\"
+         WHERE role = 'admin' AND disabled = 0 AND password IS NOT NULL AND name <> $1",
     )
     .bind(name)
     .fetch_one(connection)
@@ -141,9 +141,9 @@ impl Records {
         self.db()
             .read(|connection| {
                 Box::pin(async move {
-                    let rows: Vec<Row> = sqlx::query_as(
-                        "SELECT name, role, password, created, disabled FROM user
-                         ORDER BY name LIMIT ?",
+                    let rows: Vec<Row> = query(
+                        "SELECT name, role, password, created, disabled FROM \"user\"
+                         ORDER BY name LIMIT $1",
                     )
                     .bind(MAX_USERS)
                     .fetch_all(connection)
@@ -176,15 +176,15 @@ impl Records {
         self.db()
             .write(move |connection| {
                 Box::pin(async move {
-                    let (count,): (i64,) = sqlx::query_as("SELECT count(*) FROM user")
+                    let (count,): (i64,) = query("SELECT count(*) FROM \"user\"")
                         .fetch_one(&mut *connection)
                         .await?;
                     if count >= MAX_USERS {
                         return Err(RecordsError::TooMany("accounts"));
                     }
-                    let done = sqlx::query(
-                        "INSERT INTO user (name, role, password, created, disabled)
-                         VALUES (?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+                    let done = query(
+                        "INSERT INTO \"user\" (name, role, password, created, disabled)
+                         VALUES ($1, $2, $3, $4, $5) ON CONFLICT DO NOTHING",
                     )
                     .bind(user.name.to_string())
                     .bind(user.role.to_string())
@@ -193,7 +193,7 @@ impl Records {
                     .bind(user.disabled)
                     .execute(connection)
                     .await?;
-                    changed(done.rows_affected(), RecordsError::Exists)
+                    changed(done, RecordsError::Exists)
                 })
             })
             .await
@@ -210,12 +210,12 @@ impl Records {
         self.db()
             .write(move |connection| {
                 Box::pin(async move {
-                    let done = sqlx::query("UPDATE user SET password = ? WHERE name = ?")
+                    let done = query("UPDATE \"user\" SET password = $1 WHERE name = $2")
                         .bind(hash)
                         .bind(name)
                         .execute(connection)
                         .await?;
-                    changed(done.rows_affected(), RecordsError::NotFound)
+                    changed(done, RecordsError::NotFound)
                 })
             })
             .await
@@ -233,12 +233,12 @@ impl Records {
                     if role != Role::Admin {
                         not_the_last(connection, &name).await?;
                     }
-                    let done = sqlx::query("UPDATE user SET role = ? WHERE name = ?")
+                    let done = query("UPDATE \"user\" SET role = $1 WHERE name = $2")
                         .bind(role.to_string())
                         .bind(name)
                         .execute(connection)
                         .await?;
-                    changed(done.rows_affected(), RecordsError::NotFound)
+                    changed(done, RecordsError::NotFound)
                 })
             })
             .await
@@ -262,12 +262,12 @@ impl Records {
                     if disabled {
                         not_the_last(connection, &name).await?;
                     }
-                    let done = sqlx::query("UPDATE user SET disabled = ? WHERE name = ?")
+                    let done = query("UPDATE \"user\" SET disabled = $1 WHERE name = $2")
                         .bind(disabled)
                         .bind(&name)
                         .execute(&mut *connection)
                         .await?;
-                    changed(done.rows_affected(), RecordsError::NotFound)?;
+                    changed(done, RecordsError::NotFound)?;
                     if disabled {
                         revoke_all(connection, &name, None, now).await
                     } else {
@@ -289,11 +289,11 @@ impl Records {
             .write(move |connection| {
                 Box::pin(async move {
                     not_the_last(connection, &name).await?;
-                    sqlx::query("DELETE FROM user WHERE name = ?")
+                    query("DELETE FROM \"user\" WHERE name = $1")
                         .bind(&name)
                         .execute(&mut *connection)
                         .await?;
-                    sqlx::query("DELETE FROM invitation WHERE name = ?")
+                    query("DELETE FROM invitation WHERE name = $1")
                         .bind(&name)
                         .execute(&mut *connection)
                         .await?;
@@ -319,15 +319,15 @@ impl Records {
         self.db()
             .write(move |connection| {
                 Box::pin(async move {
-                    let (count,): (i64,) = sqlx::query_as("SELECT count(*) FROM invitation")
+                    let (count,): (i64,) = query("SELECT count(*) FROM invitation")
                         .fetch_one(&mut *connection)
                         .await?;
                     if count >= MAX_INVITATIONS {
                         return Err(RecordsError::TooMany("invitations"));
                     }
-                    let done = sqlx::query(
+                    let done = query(
                         "INSERT INTO invitation (digest, name, role, expires)
-                         VALUES (?, ?, ?, ?) ON CONFLICT DO NOTHING",
+                         VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING",
                     )
                     .bind(code.0.to_vec())
                     .bind(name)
@@ -335,7 +335,7 @@ impl Records {
                     .bind(expires)
                     .execute(connection)
                     .await?;
-                    changed(done.rows_affected(), RecordsError::Exists)
+                    changed(done, RecordsError::Exists)
                 })
             })
             .await
@@ -353,12 +353,11 @@ impl Records {
         self.db()
             .read(move |connection| {
                 Box::pin(async move {
-                    let row: Option<Invited> = sqlx::query_as(
-                        "SELECT name, role, expires FROM invitation WHERE digest = ?",
-                    )
-                    .bind(code.0.to_vec())
-                    .fetch_optional(connection)
-                    .await?;
+                    let row: Option<Invited> =
+                        query("SELECT name, role, expires FROM invitation WHERE digest = $1")
+                            .bind(code.0.to_vec())
+                            .fetch_optional(connection)
+                            .await?;
                     invited(row, now)
                 })
             })
@@ -378,8 +377,8 @@ impl Records {
         self.db()
             .write(move |connection| {
                 Box::pin(async move {
-                    let row: Option<Invited> = sqlx::query_as(
-                        "DELETE FROM invitation WHERE digest = ? RETURNING name, role, expires",
+                    let row: Option<Invited> = query(
+                        "DELETE FROM invitation WHERE digest = $1 RETURNING name, role, expires",
                     )
                     .bind(code.0.to_vec())
                     .fetch_optional(connection)

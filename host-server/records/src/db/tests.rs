@@ -29,8 +29,7 @@ async fn count(db: &Db) -> i64 {
 }
 
 async fn pragma(db: &Db, sql: &'static str) -> Result<(), RecordsError> {
-    db.write(move |connection| Box::pin(async move { run(connection, sql).await }))
-        .await
+    db.write(move |connection| connection.run(sql)).await
 }
 
 #[tokio::test]

@@ -9,13 +9,16 @@ pub(super) type Raw = [i64; 11];
 /// A stretch of time in whole numbers, of one sample or many.
 pub(super) type Bucket = [i64; 22];
 
-/// Latest time that is kept, the year 5138; a later one is a mistake of who sent it.
-const LATEST: i64 = 100_000_000_000_000;
+/// Latest time that is kept, in Unix milliseconds: the year 5138. A later one is a mistake of who sent
+/// it.
+pub const LATEST: i64 = 100_000_000_000_000;
 /// Farthest place that is kept, in millimetres.
 const FARTHEST: f32 = 1e9;
 
-/// Number of a state in the file. Spelled out, so that a new order of the variants changes nothing.
-fn number(state: RobotState) -> i64 {
+/// Number of a state where history is stored. Spelled out, so that a new order of the variants changes
+/// nothing.
+#[must_use]
+pub const fn state_number(state: RobotState) -> i64 {
     match state {
         RobotState::Initializing => 0,
         RobotState::Idle => 1,
@@ -29,16 +32,19 @@ fn number(state: RobotState) -> i64 {
 }
 
 /// The state of that number; one that a newer program knows is an error to this one.
-fn state(wanted: i64) -> RobotState {
+#[must_use]
+pub fn numbered_state(wanted: i64) -> RobotState {
     let known = RobotState::ALL.iter().copied();
     known
         .into_iter()
-        .find(|&state| number(state) == wanted)
+        .find(|&state| state_number(state) == wanted)
         .unwrap_or(RobotState::Error)
 }
 
-/// Thousandths of `value`; what is no number is 0.
-fn thousandths(value: f32) -> i64 {
+/// Thousandths of `value`, as they are stored; what is no number is 0, what is out of all bounds is
+/// brought back into them.
+#[must_use]
+pub fn thousandths(value: f32) -> i64 {
     // A cast of NaN is 0.
     (value * 1_000.0).clamp(-FARTHEST, FARTHEST).round() as i64
 }
@@ -56,7 +62,7 @@ pub(super) fn raw(sample: &Sample) -> Raw {
         i64::from(sample.battery_percent),
         sample.range_mm.map_or(0, |range| i64::from(range) + 1),
         sample.rssi.map_or(0, |rssi| i64::from(rssi) + 129),
-        number(sample.state),
+        state_number(sample.state),
     ]
 }
 
@@ -252,7 +258,7 @@ impl Fold {
             battery_percent: self.percent.span()?,
             range_mm: self.range.span(),
             rssi: self.rssi.span(),
-            state: state(self.state),
+            state: numbered_state(self.state),
         })
     }
 }

@@ -11,6 +11,7 @@ mod codec;
 mod fold;
 mod keeper;
 mod memory;
+mod points;
 mod query;
 mod retention;
 mod seal;
@@ -28,7 +29,8 @@ use crate::RecordsError;
 use crate::db::Db;
 use memory::{Inbox, Shared, Waiting};
 
-pub use query::MAX_POINTS;
+pub use fold::{LATEST, numbered_state, state_number, thousandths};
+pub use points::{MAX_POINTS, Points};
 pub use retention::Retention;
 pub(crate) use retention::now;
 

@@ -6,52 +6,21 @@ use crawler_protocol::RobotId;
 
 use super::Point;
 use super::codec;
-use super::fold::{self, Bucket, Fold};
+use super::fold;
 use super::memory::Shared;
+use super::points::{self, Points};
 use super::retention::{self, Retention};
 use super::seal::STEPS;
 use crate::RecordsError;
 use crate::db::Db;
 
-/// Most stretches in one answer.
-pub const MAX_POINTS: i64 = 10_000;
 /// Blocks in memory at a time.
 const PAGE: i64 = 256;
-
-/// The answer while it is put together: one place for each stretch.
-struct Answer {
-    /// Where the first stretch begins.
-    begin: i64,
-    step: i64,
-    from: i64,
-    to: i64,
-    folds: Vec<Fold>,
-}
-
-impl Answer {
-    fn add(&mut self, bucket: &Bucket) {
-        let at = bucket[0];
-        if at < self.from || at >= self.to {
-            return;
-        }
-        let place = (at - self.begin) / self.step;
-        if let Some(fold) = self.folds.get_mut(place as usize) {
-            fold.add(bucket);
-        }
-    }
-
-    fn points(&self) -> Vec<Point> {
-        (0..)
-            .zip(&self.folds)
-            .filter_map(|(place, fold)| fold.point(self.begin + place * self.step))
-            .collect()
-    }
-}
 
 /// The coarsest level that is fine enough, or the finest that reaches back to `from`.
 fn level(step: i64, from: i64, now: i64) -> usize {
     let keeps = Retention::default().levels();
-    let enough = STEPS.iter().rposition(|&of| of <= step).unwrap_or(0);
+    let enough = points::level(step);
     let reaches = keeps
         .iter()
         .position(|&keep| from >= now.saturating_sub(keep))
@@ -69,28 +38,9 @@ pub(super) async fn query(
     to: i64,
     step: i64,
 ) -> Result<Vec<Point>, RecordsError> {
-    if step < 1 || from < 0 || to <= from {
-        return Err(RecordsError::Invalid(
-            "a question about history has a step, and a beginning before its end",
-        ));
-    }
     let level = level(step, from, retention::now());
-    // The stretch of the level that `from` is in counts as a whole: nobody knows more of it.
-    let from = fold::floor(from, STEPS[level]);
-    let begin = fold::floor(from, step);
-    let places = (to - 1 - begin) / step + 1;
-    if places > MAX_POINTS {
-        return Err(RecordsError::Invalid(
-            "an answer about history has at most 10000 points: ask for a longer step",
-        ));
-    }
-    let mut answer = Answer {
-        begin,
-        step,
-        from,
-        to,
-        folds: vec![Fold::default(); places as usize],
-    };
+    let mut answer = Points::at_level(from, to, step, level)?;
+    let from = answer.from();
     // One moment: what is in memory then is not in the blocks that may be read, and the reverse.
     let view = shared.memory().view(robot, from, to);
     let number = match view.number {
@@ -135,9 +85,9 @@ pub(super) async fn query(
         let full = rows.len() as i64 == PAGE;
         for row in &rows {
             let read = if level == 0 {
-                codec::decode(&row.3, |raw| answer.add(&fold::bucket(raw)))
+                codec::decode(&row.3, |raw| answer.add_bucket(&fold::bucket(raw)))
             } else {
-                codec::decode(&row.3, |bucket| answer.add(bucket))
+                codec::decode(&row.3, |bucket| answer.add_bucket(bucket))
             };
             if read.is_none() {
                 shared.counts.damaged.fetch_add(1, Ordering::Relaxed);
@@ -148,12 +98,12 @@ pub(super) async fn query(
         }
     }
     for minute in minutes.iter().flat_map(|minutes| &minutes.rows) {
-        answer.add(minute);
+        answer.add_bucket(minute);
     }
     for raw in &view.rows {
-        answer.add(&fold::bucket(raw));
+        answer.add_bucket(&fold::bucket(raw));
     }
-    Ok(answer.points())
+    Ok(answer.finish())
 }
 
 async fn look_up(db: &Db, robot: &RobotId) -> Result<Option<i64>, RecordsError> {

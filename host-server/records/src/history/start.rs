@@ -70,6 +70,13 @@ impl History {
         Ok(Self::start(db, loaded, set_aside, Some(lock)))
     }
 
+    /// No history: nothing is taken, nothing is known. For a server whose history is elsewhere.
+    pub(crate) async fn none() -> Result<(Self, Option<Running>), RecordsError> {
+        let db = Db::in_memory(&HISTORY).await?;
+        let shared = Arc::new(Shared::new(Memory::default(), None));
+        Ok((Self { shared, db }, None))
+    }
+
     /// A history that is gone with the last handle.
     pub(crate) async fn in_memory() -> Result<(Self, Option<Running>), RecordsError> {
         let db = Db::in_memory(&HISTORY).await?;

@@ -1,17 +1,29 @@
 //! What several tests need.
 #![allow(dead_code, reason = "each test uses a part of it")]
 
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use crawler_access::{Digest, Role, UserName};
 use crawler_protocol::RobotState;
 use crawler_records::history::Sample;
 use crawler_records::{Entry, Records, User};
+use crawler_tests::engines::postgres::Postgres;
 use serde_json::json;
+use sqlx::Connection as _;
 
-/// A directory of its own, gone with the value.
-pub(crate) struct Folder(PathBuf);
+/// Whether this is the suite of the other engine: `on_postgres.rs` holds the same tests.
+pub(crate) fn on_postgres() -> bool {
+    env!("CARGO_CRATE_NAME") == "on_postgres"
+}
+
+/// A directory of its own, gone with the value, and a database where the records are in one.
+pub(crate) struct Folder {
+    path: PathBuf,
+    database: Option<(Arc<Postgres>, String)>,
+}
 
 impl Folder {
     pub(crate) fn new() -> Self {
@@ -25,17 +37,38 @@ impl Folder {
         // A run before may have had the same process id.
         let _ = std::fs::remove_dir_all(&path);
         std::fs::create_dir_all(&path).expect("a directory");
-        Self(path)
+        let database = on_postgres().then(|| {
+            let server = Postgres::shared();
+            let url = server.database();
+            (server, url)
+        });
+        Self { path, database }
     }
 
     pub(crate) fn path(&self) -> &Path {
-        &self.0
+        &self.path
+    }
+
+    /// What somebody does who goes past the program.
+    pub(crate) async fn tamper(&self, sql: &'static str) -> Result<(), sqlx::Error> {
+        if let Some((_, url)) = &self.database {
+            let mut connection = sqlx::PgConnection::connect(url).await?;
+            let outcome = sqlx::raw_sql(sql).execute(&mut connection).await;
+            connection.close().await?;
+            return outcome.map(|_| ());
+        }
+        let file = self.path.join(crawler_records::RECORDS_FILE);
+        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(file);
+        let mut connection = sqlx::SqliteConnection::connect_with(&options).await?;
+        let outcome = sqlx::raw_sql(sql).execute(&mut connection).await;
+        connection.close().await?;
+        outcome.map(|_| ())
     }
 }
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
+        let _ = std::fs::remove_dir_all(&self.path);
     }
 }
 
@@ -72,12 +105,39 @@ pub(crate) fn entry(n: i64) -> Entry {
     }
 }
 
-pub(crate) async fn memory() -> Records {
-    Records::in_memory().await.expect("records")
+/// Records that are gone with the value.
+pub(crate) struct Passing {
+    records: Records,
+    _folder: Option<Folder>,
+}
+
+impl Deref for Passing {
+    type Target = Records;
+    fn deref(&self) -> &Records {
+        &self.records
+    }
+}
+
+pub(crate) async fn memory() -> Passing {
+    if on_postgres() {
+        let folder = Folder::new();
+        return Passing {
+            records: open(&folder).await,
+            _folder: Some(folder),
+        };
+    }
+    Passing {
+        records: Records::in_memory().await.expect("records"),
+        _folder: None,
+    }
 }
 
 pub(crate) async fn open(folder: &Folder) -> Records {
-    Records::open(folder.path()).await.expect("records")
+    match &folder.database {
+        Some((_, url)) => Records::connect(url, None, true).await,
+        None => Records::open(folder.path()).await,
+    }
+    .expect("records")
 }
 
 pub(crate) fn now() -> i64 {

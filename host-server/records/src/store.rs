@@ -1,0 +1,76 @@
+//! Where the records are: in a file, or in a database that several servers share.
+
+use crate::RecordsError;
+use crate::db::Db;
+use crate::postgres::Remote;
+use crate::query::Connection;
+use crate::queue::Boxed;
+
+#[derive(Debug, Clone)]
+pub(crate) enum Store {
+    Sqlite(Db),
+    Postgres(Remote),
+}
+
+impl Store {
+    /// Carries out `work` in a transaction and returns when it is committed. Writes are in one order,
+    /// also those of several processes: what `work` reads holds until it is done.
+    ///
+    /// A caller that stops waiting does not undo it: the work is done all the same.
+    pub(crate) async fn write<T, F>(&self, work: F) -> Result<T, RecordsError>
+    where
+        T: Send + 'static,
+        F: for<'c> FnOnce(&'c mut Connection<'c>) -> Boxed<'c, Result<T, RecordsError>>
+            + Send
+            + 'static,
+    {
+        match self {
+            Self::Sqlite(db) => {
+                db.write(|connection| {
+                    Box::pin(async move { work(&mut Connection::Sqlite(connection)).await })
+                })
+                .await
+            }
+            Self::Postgres(remote) => {
+                remote
+                    .write(|connection| {
+                        Box::pin(async move { work(&mut Connection::Postgres(connection)).await })
+                    })
+                    .await
+            }
+        }
+    }
+
+    /// Carries out `work`, which must not write.
+    pub(crate) async fn read<T, F>(&self, work: F) -> Result<T, RecordsError>
+    where
+        T: Send + 'static,
+        F: for<'c> FnOnce(&'c mut Connection<'c>) -> Boxed<'c, Result<T, RecordsError>>
+            + Send
+            + 'static,
+    {
+        match self {
+            Self::Sqlite(db) => {
+                db.read(|connection| {
+                    Box::pin(async move { work(&mut Connection::Sqlite(connection)).await })
+                })
+                .await
+            }
+            Self::Postgres(remote) => {
+                remote
+                    .read(|connection| {
+                        Box::pin(async move { work(&mut Connection::Postgres(connection)).await })
+                    })
+                    .await
+            }
+        }
+    }
+
+    /// Lets the writer finish what waits, and lets go of the database.
+    pub(crate) async fn close(&self) {
+        match self {
+            Self::Sqlite(db) => db.close().await,
+            Self::Postgres(remote) => remote.close().await,
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! Records move from one engine to the other and back, and stay what they are; and the way to a
+//! database may be checked by certificates.
+
+mod support;
+
+use std::path::Path;
+
+use crawler_access::Role;
+use crawler_records::{Records, RecordsError, Refreshed};
+use crawler_tests::engines::postgres::Postgres;
+use support::{Folder, digest, entry, name, now, user};
+
+const HOUR: i64 = 3_600_000;
+
+/// Something of everything, more than a page of some. Returns the session.
+async fn fill(records: &Records) -> u64 {
+    records.set_setting("key", &[0, 1, 255]).await.unwrap();
+    for n in 0..250 {
+        let mut user = user(&format!("user-{n:03}"), Role::Viewer);
+        (user.disabled, user.password) = (n % 2 == 0, (n % 3 == 0).then(|| format!("hash {n}")));
+        records.add_user(&user).await.unwrap();
+    }
+    records.add_user(&user("ada", Role::Admin)).await.unwrap();
+    records
+        .invite(None, Role::Operator, digest(1), now() + HOUR)
+        .await
+        .unwrap();
+    let guest = name("user-001");
+    records
+        .invite(Some(&guest), Role::Admin, digest(2), now() + HOUR)
+        .await
+        .unwrap();
+    for n in 0..220 {
+        records
+            .enroll(&format!("rover-{n}"), digest(n), 5, "ada")
+            .await
+            .unwrap();
+    }
+    records.revoke_credential("rover-7", 9).await.unwrap();
+    for n in 1..=431 {
+        records.audit(entry(n)).await.unwrap();
+    }
+    let ada = name("ada");
+    let session = records
+        .open_session(&ada, digest(3), now(), now() + HOUR, "here")
+        .await;
+    session.unwrap()
+}
+
+/// All that was put in by [`fill`] is there, after a restore.
+async fn assert_filled(records: &Records, like: &Records, session: u64) {
+    assert_eq!(records.setting("key").await.unwrap(), Some(vec![0, 1, 255]));
+    assert_eq!(records.users().await.unwrap(), like.users().await.unwrap());
+    assert_eq!(records.users().await.unwrap().len(), 251);
+    assert_eq!(
+        records.credentials().await.unwrap(),
+        like.credentials().await.unwrap()
+    );
+    for n in [1, 2] {
+        let invitation = records.invitation(digest(n), now()).await.unwrap();
+        assert!(invitation.is_some());
+        assert_eq!(invitation, like.invitation(digest(n), now()).await.unwrap());
+    }
+    assert_eq!(records.audit_verify().await, Ok(431));
+    let (mut text, mut other) = (Vec::new(), Vec::new());
+    records.audit_export(&mut text).await.unwrap();
+    like.audit_export(&mut other).await.unwrap();
+    assert!(text == other, "the audit logs differ");
+    // A restore ends sessions, and their numbers do not come back.
+    let refreshed = records.refresh_session(digest(3), digest(4), now()).await;
+    assert_eq!(refreshed.unwrap(), Refreshed::Unknown);
+    let ada = name("ada");
+    let next = records
+        .open_session(&ada, digest(5), now(), now() + HOUR, "there")
+        .await;
+    assert!(next.unwrap() > session + 1_000);
+    // The log goes on, guarded as before.
+    assert_eq!(records.audit(entry(432)).await.unwrap(), 432);
+    assert_eq!(records.audit_verify().await, Ok(432));
+}
+
+/// Puts the backup in `from` into the database, by way of the directory `ready`.
+async fn restore(from: &Path, ready: &Path, url: &str) -> Result<(), RecordsError> {
+    Records::restore(from, ready).await?;
+    Records::restore_database(ready, url, None).await
+}
+
+#[tokio::test]
+async fn a_file_moves_into_a_database_and_back() {
+    let server = Postgres::shared();
+    let folder = Folder::new();
+    let file = Records::open(&folder.path().join("file")).await.unwrap();
+    let session = fill(&file).await;
+    let backup = folder.path().join("backup");
+    file.backup(&backup).await.unwrap();
+
+    let url = server.database();
+    restore(&backup, &folder.path().join("ready"), &url)
+        .await
+        .unwrap();
+    let dir = folder.path().join("beside");
+    let database = Records::connect(&url, Some(&dir), false).await.unwrap();
+    assert_filled(&database, &file, session).await;
+    for sql in ["UPDATE audit SET who = 'eve'", "TRUNCATE audit, audit_end"] {
+        let refused = std::panic::catch_unwind(|| server.sql(&url, sql));
+        assert!(refused.is_err(), "{sql}");
+    }
+
+    let again = folder.path().join("again");
+    database.backup(&again).await.unwrap();
+    assert!(again.join("history.sqlite").is_file() && !dir.join("records.sqlite").exists());
+    let place = folder.path().join("file-again");
+    Records::restore(&again, &place).await.unwrap();
+    let file = Records::open(&place).await.unwrap();
+    assert_eq!(file.audit_verify().await, Ok(432));
+    assert_eq!(file.users().await.unwrap(), database.users().await.unwrap());
+    let refused = sqlx_in(&place, "DELETE FROM audit")
+        .await
+        .expect_err("append-only");
+    assert!(refused.to_string().contains("append-only"), "{refused}");
+    let ada = name("ada");
+    let next = file
+        .open_session(&ada, digest(6), now(), now() + HOUR, "x")
+        .await
+        .unwrap();
+    assert!(next > session + 1_000_000_000, "{next}");
+}
+
+async fn sqlx_in(dir: &Path, sql: &'static str) -> Result<(), sqlx::Error> {
+    use sqlx::Connection as _;
+    let file = dir.join(crawler_records::RECORDS_FILE);
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(file);
+    let mut connection = sqlx::SqliteConnection::connect_with(&options).await?;
+    sqlx::raw_sql(sql).execute(&mut connection).await?;
+    connection.close().await
+}
+
+#[tokio::test]
+async fn a_database_with_records_or_readers_is_not_overwritten() {
+    let server = Postgres::shared();
+    let folder = Folder::new();
+    let file = Records::open(&folder.path().join("file")).await.unwrap();
+    file.set_setting("from", b"file").await.unwrap();
+    let (backup, ready) = (folder.path().join("backup"), folder.path().join("ready"));
+    file.backup(&backup).await.unwrap();
+    Records::restore(&backup, &ready).await.unwrap();
+
+    let url = server.database();
+    let running = Records::connect(&url, None, true).await.unwrap();
+    running.set_setting("from", b"database").await.unwrap();
+    let aside = folder.path().join("aside");
+    std::fs::create_dir(&aside).unwrap();
+    let replace = || Records::restore_database(&ready, &url, Some(&aside));
+    let error = replace().await.expect_err("a server runs");
+    assert!(matches!(error, RecordsError::InUse(_)), "{error:?}");
+    running.close().await;
+    let error = Records::restore_database(&ready, &url, None)
+        .await
+        .expect_err("it holds records");
+    assert!(matches!(error, RecordsError::Exists), "{error:?}");
+    replace().await.unwrap();
+    let there = Records::connect(&url, None, false).await.unwrap();
+    assert_eq!(
+        there.setting("from").await.unwrap().as_deref(),
+        Some(&b"file"[..])
+    );
+    // What was there is a backup.
+    let before = Records::open(&aside).await.unwrap();
+    assert_eq!(
+        before.setting("from").await.unwrap().as_deref(),
+        Some(&b"database"[..])
+    );
+}
+
+#[tokio::test]
+async fn certificates_are_checked_when_the_address_asks() {
+    use rcgen::{CertificateParams, IsCa, Issuer, KeyPair};
+    let mut server = Postgres::start();
+    let url = server.database();
+    let folder = Folder::new();
+    let authority = |file: &str| {
+        let key = KeyPair::generate().unwrap();
+        let mut parameters = CertificateParams::default();
+        parameters.is_ca = IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
+        let certificate = parameters.self_signed(&key).unwrap();
+        let path = folder.path().join(file);
+        std::fs::write(&path, certificate.pem()).unwrap();
+        (path, Issuer::new(parameters, key))
+    };
+    let (ours, issuer) = authority("ours.pem");
+    let (theirs, _) = authority("theirs.pem");
+    let key = KeyPair::generate().unwrap();
+    let names = vec!["localhost".to_owned()];
+    let certificate = CertificateParams::new(names)
+        .unwrap()
+        .signed_by(&key, &issuer)
+        .unwrap();
+    server.stop();
+    server.configure_tls(&certificate.pem(), &key.serialize_pem());
+    server.resume();
+
+    let by_name = url.replace("127.0.0.1", "localhost");
+    let with = |url: &str, mode: &str, root: &Path| {
+        format!("{url}?sslmode={mode}&sslrootcert={}", root.display())
+    };
+    let records = Records::connect(&with(&by_name, "verify-full", &ours), None, true).await;
+    let records = records.expect("the right certificate");
+    records.audit(entry(1)).await.unwrap();
+    let encrypted = server.sql(
+        &url,
+        "SELECT count(*) FROM pg_stat_ssl JOIN pg_stat_activity
+         USING (pid) WHERE ssl AND application_name = 'terracrawler'",
+    );
+    assert_ne!(encrypted, "0");
+    for (url, mode, root) in [
+        (&by_name, "verify-full", &theirs),
+        (&by_name, "verify-ca", &theirs),
+        (&url, "verify-full", &ours),
+    ] {
+        let error = Records::connect(&with(url, mode, root), None, true).await;
+        let error = error.expect_err(mode);
+        assert!(matches!(error, RecordsError::Refused(_)), "{error:?}");
+        assert!(error.to_string().contains("TLS fails"), "{error}");
+    }
+    Records::connect(&with(&url, "verify-ca", &ours), None, true)
+        .await
+        .expect("another name");
+}
