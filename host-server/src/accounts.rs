@@ -4,6 +4,7 @@
 //! last a quarter of an hour. What must survive a restart is in the records; what every request asks
 //! is in memory.
 
+mod attempts;
 mod invitations;
 mod login;
 mod people;
@@ -12,11 +13,9 @@ mod tickets;
 mod trail;
 
 use std::collections::HashSet;
-use std::net::IpAddr;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use crawler_access::limits::{Attempts, Backoff};
 use crawler_access::token::{Claims, Key, TokenError};
 use crawler_access::{Digest, Role, Secret, UserName};
 use crawler_records::{Records, RecordsError};
@@ -24,15 +23,18 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use crate::clock;
+use crate::cluster::Together;
+use crate::hex;
 use login::Rotated;
 use sessions::Alive;
 use tickets::Tickets;
 
+pub(crate) use attempts::Failures;
 pub(crate) use login::{Entered, LoginError};
 pub(crate) use people::{Change, PeopleError, UserView};
 pub(crate) use sessions::Ending;
 pub(crate) use tickets::LIFETIME as TICKET_LIFETIME;
-pub(crate) use trail::{Entry, Trail};
+pub(crate) use trail::{Entry, Notes, Trail};
 
 /// Name of the key that signs tokens, in the records.
 const KEY: &str = "token_key";
@@ -71,10 +73,8 @@ pub(crate) struct Accounts {
     alive: Mutex<Alive>,
     tickets: Mutex<Tickets>,
     rotated: Mutex<Rotated>,
-    /// Failed logins by name and address.
-    names: Mutex<Attempts<(String, IpAddr)>>,
-    /// Failed logins by address, whatever the name.
-    addresses: Mutex<Attempts<IpAddr>>,
+    /// Wrong passwords, also those at the broker.
+    failures: Arc<Failures>,
     hashing: Semaphore,
     /// Held while accounts change, so that what was checked still holds when it is written.
     changing: tokio::sync::Mutex<()>,
@@ -112,18 +112,18 @@ impl Accounts {
             alive: Mutex::default(),
             tickets: Mutex::default(),
             rotated: Mutex::default(),
-            names: Mutex::new(Attempts::new(Backoff::default())),
-            addresses: Mutex::new(Attempts::new(Backoff {
-                // A house full of people may share an address.
-                free: 30,
-                ..Backoff::default()
-            })),
+            failures: Arc::new(Failures::new()),
             hashing: Semaphore::new(HASHING),
             changing: tokio::sync::Mutex::new(()),
             first: Mutex::default(),
         };
         accounts.catch_up().await?;
         Ok(accounts)
+    }
+
+    /// Wrong passwords, for whoever checks some elsewhere.
+    pub(crate) fn failures(&self) -> Arc<Failures> {
+        Arc::clone(&self.failures)
     }
 
     /// Whether everybody who reaches the server may do everything.
@@ -180,6 +180,48 @@ impl Accounts {
         let identity = lock(&self.tickets).redeem(&secret, Instant::now())?;
         // The session may have ended since.
         (!identity.ended.is_cancelled()).then_some(identity)
+    }
+
+    /// A ticket that any of several servers takes.
+    pub(crate) async fn shared_ticket(
+        &self,
+        identity: &Identity,
+        together: &Together,
+    ) -> Option<Secret> {
+        // Also here, for as long as Redis is away.
+        let ticket = self.ticket(identity)?;
+        let lent = tickets::Lent::of(identity);
+        let name = hex(&ticket.digest().0);
+        let told = together.cluster.lend(&name, &lent, TICKET_LIFETIME).await;
+        if let Err(error) = told {
+            tracing::warn!(%error, "a ticket is good on this server alone");
+        }
+        Some(ticket)
+    }
+
+    /// Whose ticket this is, whichever server gave it. It is used up by that.
+    pub(crate) async fn redeem_shared(
+        &self,
+        ticket: &str,
+        together: &Together,
+    ) -> Option<Identity> {
+        let secret: Secret = ticket.parse().ok()?;
+        let own = lock(&self.tickets).redeem(&secret, Instant::now());
+        match together.cluster.redeem(&hex(&secret.digest().0)).await {
+            Ok(lent) => {
+                let (session, role) = tickets::Lent::read(&lent?)?;
+                let alive = lock(&self.alive);
+                let (user, ended) = alive.get(session, now_ms())?;
+                Some(Identity {
+                    user: user.clone(),
+                    role,
+                    session,
+                    ended,
+                })
+            }
+            Err(_) => own,
+        }
+        .filter(|identity| !identity.ended.is_cancelled())
     }
 
     /// Why a session that has ended did so.

@@ -19,7 +19,7 @@ mod sharing;
 #[cfg(test)]
 mod tests;
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::num::NonZeroU16;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -31,17 +31,20 @@ use rmqtt::context::ServerContext;
 use rmqtt::hook::Type;
 use rmqtt::net::Builder;
 use rmqtt::server::MqttServer;
+use tokio::net::TcpStream;
 
 pub(crate) use accounts::{Accounts, Open, RecordAccounts};
 pub(crate) use clients::LinkState;
 pub(crate) use counters::GuardCounters;
 pub(crate) use numbers::Load;
 
-use crate::tls::{Door, Front, reachable};
+use crate::accounts::Notes;
+use crate::places::{Place, Places};
+use crate::tls::{Door, Front, Note, reachable};
 use clients::Clients;
 
 /// Largest packet the broker takes: an image with its topic and properties.
-const MAX_PACKET: u32 = 256 * 1024;
+pub(crate) const LARGEST_PACKET: u32 = 256 * 1024;
 /// Sessions at a time, robots and others together.
 const MAX_CONNECTIONS: usize = 25_000;
 /// Messages waiting for the server's own session. At 10,000 robots a burst of every robot's
@@ -51,6 +54,9 @@ const SERVER_QUEUE: usize = 200_000;
 const CLIENT_QUEUE: usize = 25_000;
 /// QoS 1 messages under way to one client.
 const MAX_INFLIGHT: NonZeroU16 = NonZeroU16::new(1_000).unwrap();
+/// Clients over `WebSockets` at a time, and of those the clients at one address.
+const MAX_SOCKETS: usize = 4_096;
+const MAX_SOCKETS_OF_ONE: usize = 128;
 /// A reader that takes nothing for so long loses its session.
 const SEND_TIMEOUT: Duration = Duration::from_secs(2);
 const WORKERS: usize = 2;
@@ -90,6 +96,8 @@ pub(crate) struct BrokerHandle {
     counters: Arc<GuardCounters>,
     context: ServerContext,
     runtime: tokio::runtime::Handle,
+    address: SocketAddr,
+    sockets: Arc<Places>,
 }
 
 impl BrokerHandle {
@@ -101,6 +109,25 @@ impl BrokerHandle {
     /// How the link to a robot is, when it is not well.
     pub(crate) fn link(&self, robot: &RobotId) -> Option<LinkState> {
         self.clients.link(robot, Instant::now())
+    }
+
+    /// A place for a client over a WebSocket; `None` when there is none left for its address.
+    pub(crate) fn place(&self, from: IpAddr) -> Option<Place> {
+        self.sockets.take(from)
+    }
+
+    /// A connection to the broker for somebody at `origin`, under whose address it counts as long as
+    /// the note is kept.
+    ///
+    /// # Errors
+    /// What the operating system says when the broker takes no connection.
+    pub(crate) async fn enter(&self, origin: SocketAddr) -> std::io::Result<(TcpStream, Note)> {
+        let stream = TcpStream::connect(reachable(self.address)).await?;
+        // Only costs latency when it fails.
+        let _ = stream.set_nodelay(true);
+        // Before the first byte: the broker asks with the first packet.
+        let note = self.clients.peers().note(stream.local_addr()?, origin);
+        Ok((stream, note))
     }
 
     /// Ends every session of a name: a robot or simulator whose credential was revoked or replaced,
@@ -172,6 +199,8 @@ impl EmbeddedBroker {
                     counters,
                     context,
                     runtime: runtime.handle().clone(),
+                    address,
+                    sockets: Places::new(MAX_SOCKETS, MAX_SOCKETS_OF_ONE),
                 },
                 runtime: Some(runtime),
             }),
@@ -195,6 +224,12 @@ impl EmbeddedBroker {
     /// For a simulation in this process.
     pub(crate) const fn simulator(&self) -> &Credentials {
         &self.simulator
+    }
+
+    /// Has clients that are cut off noted in the audit log.
+    pub(crate) fn note_in(&self, notes: Notes) {
+        // Set once, when the server starts.
+        let _ = self.handle.counters.notes.set(notes);
     }
 
     pub(crate) fn handle(&self) -> BrokerHandle {
@@ -264,7 +299,7 @@ async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
         .nodelay(true)
         .allow_anonymous(false)
         .max_connections(MAX_CONNECTIONS)
-        .max_packet_size(MAX_PACKET)
+        .max_packet_size(LARGEST_PACKET)
         .max_clientid_len(128)
         .max_topic_levels(8)
         .max_subscriptions(256)

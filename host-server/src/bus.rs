@@ -20,7 +20,7 @@ use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use crate::metrics::Metrics;
+use crate::metrics::{Dropped, Metrics};
 
 /// The shortest the library allows; it finds a silent broker within twice that.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
@@ -40,6 +40,9 @@ const MAX_EARLY: usize = 40_000;
 /// What is not retained and waits longer in a broker is of no use to anybody.
 const MESSAGE_EXPIRY: Duration = Duration::from_mins(1);
 
+/// Of what comes under it each message goes to one of the servers (MQTT 5, 4.8.2).
+const SHARED: &str = "$share/terracrawler/";
+
 const FILTERS: [TopicFilter; 8] = [
     TopicFilter::Status,
     TopicFilter::Heartbeat,
@@ -58,6 +61,8 @@ pub(crate) struct Target {
     pub(crate) port: u16,
     pub(crate) client_id: String,
     pub(crate) credentials: Option<(String, String)>,
+    /// Whether other servers take part of what robots say all the time, and tell it.
+    pub(crate) shared: bool,
 }
 
 impl Target {
@@ -87,6 +92,7 @@ pub(crate) struct Incoming<'a> {
     pub(crate) topic: &'a [u8],
     pub(crate) payload: &'a [u8],
     pub(crate) retained: bool,
+    pub(crate) content_type: Option<&'a str>,
     /// User properties.
     pub(crate) properties: &'a [(String, String)],
 }
@@ -186,7 +192,10 @@ impl Bus {
                 payload.to_vec(),
                 properties,
             )
-            .map_err(|_| PublishError::Full)?;
+            .map_err(|_| {
+                self.metrics.dropped(Dropped::OutboxFull);
+                PublishError::Full
+            })?;
         self.metrics.message_out(topic);
         Ok(())
     }
@@ -247,10 +256,20 @@ async fn set_up(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
 
     let (client, mut events) = AsyncClient::new(options, OUTGOING);
     let filters = FILTERS.map(|filter| {
-        Filter::new(
-            filter.render(fleet).as_str().to_owned(),
-            quality(filter.qos()),
-        )
+        let text = filter.render(fleet).as_str().to_owned();
+        let text = match filter {
+            TopicFilter::Heartbeat
+            | TopicFilter::Telemetry
+            | TopicFilter::Vision
+            | TopicFilter::Logs
+            | TopicFilter::Image
+                if target.shared =>
+            {
+                format!("{SHARED}{text}")
+            }
+            _ => text,
+        };
+        Filter::new(text, quality(filter.qos()))
     });
     let mut early = Vec::new();
     loop {
@@ -409,6 +428,7 @@ fn deliver(receiver: &dyn Receiver, event: &Event) {
             topic: &publish.topic,
             payload: &publish.payload,
             retained: publish.retain,
+            content_type: properties.and_then(|properties| properties.content_type.as_deref()),
             properties: properties.map_or(&[], |properties| &properties.user_properties),
         });
     }

@@ -5,11 +5,17 @@ mod clerk;
 #[cfg(test)]
 mod held_tests;
 mod journal;
+mod list;
 mod record;
 mod resume;
+mod send;
 mod sequence;
+mod shared;
 #[cfg(test)]
 mod tests;
+mod together;
+#[cfg(test)]
+mod together_tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem;
@@ -17,19 +23,20 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crawler_delivery::{Class, Delivery, Ms};
-use crawler_protocol::{
-    Action, Command, MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, Topic,
-};
+#[cfg(test)]
+use crawler_protocol::{Action, Command};
+use crawler_protocol::{MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, Topic};
 
 use crate::bus::{Bus, PublishError};
 use crate::clock;
+use crate::cluster::Together;
 use crate::metrics::Metrics;
 
-use clerk::{Clerk, Desk, write};
+use clerk::{Clerk, Desk};
 pub(crate) use journal::Journal;
-use journal::Owed;
 pub(crate) use record::{CommandView, OutcomeStatus, Record};
 pub(crate) use sequence::Sequence;
+pub(crate) use together::view_of;
 
 /// Commands remembered. Steering at seven commands a second fills this in ten minutes.
 const MAX_RECORDS: usize = 4_096;
@@ -54,6 +61,11 @@ pub(crate) enum SendError {
     Full,
     /// The command does not fit a message.
     TooLarge,
+    /// The other servers cannot be told: should this one fail, nobody would go on with it.
+    NotShared {
+        /// Whether it went to the robots all the same.
+        sent: bool,
+    },
 }
 
 /// What sending needs of the bus; a seam for tests.
@@ -82,6 +94,10 @@ pub(crate) struct CommandCenter {
     /// Where the time of deliveries begins.
     start: Instant,
     book: Mutex<Book>,
+    /// The other servers, where there are any.
+    together: Option<Arc<Together>>,
+    /// Held while a command is written down for them: they go in the order of their numbers.
+    turn: tokio::sync::Mutex<()>,
 }
 
 struct Book {
@@ -113,6 +129,7 @@ impl CommandCenter {
             numbers: BTreeMap::new(),
             outcomes: 0,
             journal: None,
+            shared: None,
             over: Vec::new(),
         };
         Self {
@@ -126,6 +143,8 @@ impl CommandCenter {
                 sent: 0,
                 answered: 0,
             }),
+            together: None,
+            turn: tokio::sync::Mutex::new(()),
         }
     }
 
@@ -145,123 +164,6 @@ impl CommandCenter {
 
     fn book(&self) -> MutexGuard<'_, Book> {
         self.book.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Sends a command of the server's own; see [`Self::send_as`].
-    ///
-    /// # Errors
-    /// [`SendError`]; nothing has gone out then, and nothing will.
-    pub(crate) fn send(
-        &self,
-        action: Action,
-        target: Target,
-        expected: impl IntoIterator<Item = RobotId>,
-        now: Instant,
-    ) -> Result<CommandView, SendError> {
-        self.send_as(self.source.clone(), action, target, expected, now)
-    }
-
-    /// Sends somebody's command, or holds it for a robot that is away, and remembers whose
-    /// answers it waits for.
-    ///
-    /// # Errors
-    /// [`SendError`]; nothing has gone out then, and nothing will.
-    pub(crate) fn send_as(
-        &self,
-        source: Source,
-        action: Action,
-        target: Target,
-        expected: impl IntoIterator<Item = RobotId>,
-        now: Instant,
-    ) -> Result<CommandView, SendError> {
-        let class = Class::of(&action);
-        // Whoever steers must know that nobody hears. A setting can wait.
-        if class != Class::Setting && !self.outlet.is_up() {
-            return Err(SendError::NotConnected);
-        }
-        // Number and publish under one lock: a robot takes commands of one source only in the
-        // order of their numbers. Answers wait for the same lock, so none can come too early.
-        let mut book = self.book();
-        let book = &mut *book;
-        let seq = book.desk.sequence.peek();
-        let command = Command {
-            action,
-            timestamp: clock::unix_ms(),
-            seq,
-            source,
-        };
-        let mut buffer = [0; MAX_MESSAGE];
-        let length = write(&command, &mut buffer)?;
-        // Settings go to each robot by itself, so that none is overtaken.
-        let together = target == Target::Swarm && class != Class::Setting;
-        if together {
-            let payload = buffer.get(..length).unwrap_or_default();
-            self.outlet
-                .publish(&Topic::CommandSwarm, payload, class.life_ms())?;
-        }
-        let mut record = Record::new(command, target, expected, now);
-        let robots: Vec<RobotId> = record.outcomes.keys().cloned().collect();
-        let at = self.ms(now);
-        if together {
-            record.went_to_all(now);
-            book.delivery
-                .broadcast(seq, robots.iter().cloned(), class, at);
-        } else {
-            for robot in &robots {
-                if book.delivery.submit(seq, robot, class, at).is_err() {
-                    for robot in &robots {
-                        book.delivery.withdraw(seq, robot);
-                    }
-                    return Err(SendError::Full);
-                }
-            }
-        }
-        book.desk.sequence.advance();
-        if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.desk.journal) {
-            let legs = robots.iter();
-            let legs = legs.map(|robot| (robot.clone(), book.delivery.boot(robot)));
-            let expires = record.command.timestamp + class.life_ms();
-            if let Some(owed) = Owed::new(
-                &record.command,
-                expires,
-                record.target == Target::Swarm,
-                legs,
-            ) {
-                journal.accepted(owed);
-            }
-        }
-        let action = record.command.action.name();
-        book.desk.outcomes += robots.len();
-        book.desk.records.insert(seq, record);
-        book.desk.open.insert(seq);
-        let mut clerk = self.clerk(&mut book.desk, now);
-        if !together {
-            for robot in &robots {
-                book.delivery.poll_one(robot, at, &mut clerk);
-            }
-        }
-        // A robot that was to be told at once, and could not.
-        let refused = clerk.refused.filter(|_| class != Class::Setting);
-        if let (Some(error), [robot]) = (refused, robots.as_slice())
-            && book
-                .desk
-                .records
-                .get(&seq)
-                .is_some_and(|record| record.waited(robot))
-        {
-            book.delivery.withdraw(seq, robot);
-            book.desk.done(seq, robot);
-            book.desk.records.remove(&seq);
-            book.desk.open.remove(&seq);
-            book.desk.outcomes -= 1;
-            book.desk.sequence.take_back(seq);
-            return Err(error.into());
-        }
-        self.metrics.command_sent(action, robots.len());
-        book.sent += robots.len() as u64;
-        let view = book.desk.records.get(&seq).map(Record::view);
-        book.desk.forget(&mut book.delivery, now);
-        view.ok_or(SendError::Full)
     }
 
     /// Takes in an answer. `known` says whether the fleet knows the robot: of a swarm command,
@@ -288,9 +190,18 @@ impl CommandCenter {
         let at = self.ms(now);
         let mut clerk = self.clerk(&mut book.desk, now);
         book.delivery.poll_one(robot, at, &mut clerk);
-        let record = book.desk.records.get_mut(&id)?;
+        let Some(record) = book.desk.records.get_mut(&id) else {
+            if let Some(shared) = &mut book.desk.shared {
+                // Another server's, and perhaps ours before long.
+                shared.heard(response);
+            }
+            return None;
+        };
         let before = record.outcomes.len();
         let change = record.answer(response, known)?;
+        if let Some(shared) = &mut book.desk.shared {
+            shared.touch(id, robot);
+        }
         book.desk.outcomes += record.outcomes.len() - before;
         if change.first_final {
             book.answered += 1;
@@ -351,8 +262,16 @@ impl CommandCenter {
                 book.desk.open.remove(&id);
                 continue;
             };
-            for _ in 0..record.expire(now) {
+            let expired = record.expire(now);
+            for _ in 0..expired {
                 self.metrics.answer(OutcomeStatus::Timeout.name());
+            }
+            if let Some(shared) = &mut book.desk.shared
+                && expired > 0
+            {
+                for robot in record.outcomes.keys() {
+                    shared.touch(id, robot);
+                }
             }
             if !record.is_open() {
                 book.desk.open.remove(&id);

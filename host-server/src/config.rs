@@ -8,6 +8,7 @@ mod broker_url;
 mod cli;
 mod engine_url;
 mod layer;
+mod networks;
 #[cfg(test)]
 mod tests;
 mod tls;
@@ -19,9 +20,10 @@ use std::path::{Path, PathBuf};
 use crawler_protocol::Fleet;
 
 pub use broker_url::{BrokerUrl, BrokerUrlError};
-pub use cli::{Cli, Command};
+pub use cli::{Cli, Command, Common};
 pub use engine_url::{Engine, EngineUrl, Influx, NoEngineUrl, Postgres, Redis};
 pub use layer::{Layer, LogFormat};
+pub use networks::{Networks, NoNetwork};
 pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
 
 /// Prefix of every environment variable of this program.
@@ -72,6 +74,8 @@ pub struct Settings {
     pub timeseries: Option<EngineUrl<Influx>>,
     /// What several servers agree on quickly is here; `None` for a server that is alone.
     pub cache: Option<EngineUrl<Redis>>,
+    /// Proxies whose word on where a request came from is believed.
+    pub trusted_proxies: Networks,
     /// Whether everyone who connects may do everything. Without it nobody may do anything without an
     /// account or the credential of a robot.
     pub open: bool,
@@ -198,6 +202,12 @@ impl Settings {
                 Broker::Embedded(listen.unwrap_or_else(|| loopback(1883)))
             }
         };
+        if merged.cache.is_some() && matches!(broker, Broker::Embedded(_)) {
+            return Err(ConfigError::Conflict(
+                "`cache` is for several servers of one fleet, which need a broker that all of them \
+                 reach: name it with `broker`",
+            ));
+        }
         let tls = TlsSettings::resolve(role, &merged, &broker)?;
         // A scenario that somebody chose knows how many robots it is for.
         let robots = merged
@@ -223,6 +233,7 @@ impl Settings {
             database: merged.database,
             timeseries: merged.timeseries,
             cache: merged.cache,
+            trusted_proxies: merged.trusted_proxies.unwrap_or_default(),
             open: merged.open.unwrap_or(false),
             robots,
             scenario: merged.scenario,

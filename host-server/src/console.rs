@@ -1,7 +1,7 @@
 //! The console: accounts, credentials, audit log and backups, from the shell of the server's machine.
 //!
-//! Every command works on the data directory, beside a running server or without one: the records
-//! take several processes. A running server looks for what the console changed every few seconds.
+//! Every command works on the data directory, or on the database that `--database` names, beside a
+//! running server or without one: the records take several processes. A running server looks for what the console changed every few seconds.
 //! What a command does is written to the audit log under `console:NAME`, where NAME is the person's
 //! name on this machine.
 
@@ -9,6 +9,7 @@ mod args;
 mod audit;
 mod backup;
 mod doctor;
+mod mosquitto;
 mod robots;
 mod terminal;
 mod users;
@@ -28,6 +29,7 @@ pub use args::{
     AuditArgs, AuditTask, BackupArgs, Place, RestoreArgs, RobotArgs, RobotTask, UserArgs, UserTask,
     Whose,
 };
+pub use mosquitto::{MosquittoArgs, MosquittoTask};
 
 /// Longest name of a person on this machine that goes into the log.
 const LONGEST_NAME: usize = 48;
@@ -41,6 +43,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Audit(args) => Task::Audit(args.clone()),
         Command::Backup(args) => Task::Backup(args.clone()),
         Command::Restore(args) => Task::Restore(args.clone()),
+        Command::Mosquitto(args) => Task::Mosquitto(args.clone()),
         _ => Task::Doctor,
     };
     let settings = match Settings::resolve(cli, std::env::vars_os()) {
@@ -75,6 +78,7 @@ enum Task {
     Audit(AuditArgs),
     Backup(BackupArgs),
     Restore(RestoreArgs),
+    Mosquitto(MosquittoArgs),
     Doctor,
 }
 
@@ -86,6 +90,7 @@ impl Task {
             Self::Audit(args) => return audit::run(args.task, settings).await,
             Self::Backup(args) => backup::backup(&args.file, settings).await?,
             Self::Restore(args) => backup::restore(&args.file, args.replace, settings).await?,
+            Self::Mosquitto(args) => mosquitto::run(&args.task, settings)?,
             Self::Doctor => return Ok(doctor::run(settings).await),
         }
         Ok(ExitCode::SUCCESS)
@@ -99,9 +104,14 @@ struct Console {
 }
 
 impl Console {
-    /// Opens the records. `make` says whether they may be made: a typing mistake in `--data` must not
-    /// look like a server without accounts.
-    async fn open(data: &Path, make: bool) -> Result<Self, String> {
+    /// Opens the records. `make` says whether they may be made: a typing mistake in `--data` or
+    /// `--database` must not look like a server without accounts.
+    async fn open(settings: &Settings, make: bool) -> Result<Self, String> {
+        if settings.database.is_some() {
+            // Accounts, credentials and audit log need no data directory then.
+            return Self::connect(settings, None, make).await;
+        }
+        let data = &settings.data;
         if make && !data.exists() {
             crate::data::make_private(data)
                 .map_err(|error| format!("cannot make {}: {error}", data.display()))?;
@@ -114,10 +124,38 @@ impl Console {
             ));
         }
         let records = Records::open(data).await.map_err(|error| said(&error))?;
-        Ok(Self {
-            records,
-            who: operator(),
-        })
+        Ok(Self::of(records))
+    }
+
+    /// The same with the history, for backups.
+    async fn open_all(settings: &Settings) -> Result<Self, String> {
+        if settings.database.is_none() {
+            return Self::open(settings, false).await;
+        }
+        check_owner(&settings.data)?;
+        Self::connect(settings, Some(&settings.data), false).await
+    }
+
+    async fn connect(
+        settings: &Settings,
+        history: Option<&Path>,
+        make: bool,
+    ) -> Result<Self, String> {
+        let Some(url) = &settings.database else {
+            return Err("no database is named (--database)".to_owned());
+        };
+        match Records::connect(url.reveal(), history, make).await {
+            Ok(records) => Ok(Self::of(records)),
+            Err(RecordsError::NotFound) => Err(format!(
+                "{url} holds no records: is it the database of the server (--database)?"
+            )),
+            Err(error) => Err(said(&error)),
+        }
+    }
+
+    fn of(records: Records) -> Self {
+        let who = operator();
+        Self { records, who }
     }
 
     /// Writes down what was done, or refused, and passes the result on.

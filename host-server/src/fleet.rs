@@ -16,7 +16,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use crawler_protocol::{Fleet, Response, RobotId};
+use crawler_protocol::{Fleet, Response, RobotId, Telemetry};
 
 pub(crate) use events::{Event, EventLog, Level};
 pub(crate) use images::Image;
@@ -42,6 +42,8 @@ pub(crate) struct Presences {
 pub(crate) enum Received {
     /// Nothing for anybody else.
     Noted,
+    /// Samples of a robot, oldest first, but for the newest, which the robot's entry now has.
+    Telemetry(Vec<Telemetry>),
     /// An answer to a command.
     Response(Response),
 }
@@ -59,6 +61,8 @@ pub(crate) struct FleetState {
     /// The newest image of each robot that has sent any.
     images: images::Images,
     rejected: ingest::RejectionLog,
+    /// Whether other servers tell what they hear, so that messages of one robot come two ways.
+    relayed: bool,
     pub(crate) events: EventLog,
 }
 
@@ -93,8 +97,14 @@ impl FleetState {
             moved: Vec::new(),
             images: images::Images::default(),
             rejected: ingest::RejectionLog::default(),
+            relayed: false,
             events: EventLog::default(),
         }
+    }
+
+    /// From here on messages of one robot come two ways, and one can overtake another.
+    pub(crate) fn relayed(&mut self) {
+        self.relayed = true;
     }
 
     pub(crate) fn get(&self, id: &RobotId) -> Option<&Robot> {

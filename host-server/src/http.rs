@@ -10,6 +10,7 @@ mod guard;
 mod health;
 mod images;
 mod live;
+mod mqtt;
 mod peer;
 mod problem;
 mod rates;
@@ -30,7 +31,7 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware;
 use crawler_records::Records;
-use tokio::sync::Semaphore;
+use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
@@ -39,10 +40,12 @@ use utoipa_axum::routes;
 use crate::accounts::{Accounts, Trail};
 use crate::broker::BrokerHandle;
 use crate::bus::Bus;
+use crate::cluster::Together;
 use crate::commands::CommandCenter;
-use crate::config::BrokerUrl;
+use crate::config::{BrokerUrl, Networks};
 use crate::feed::Feed;
 use crate::fleet::SharedFleet;
+use crate::history::History;
 use crate::metrics::{Metrics, observe_http};
 use crate::simulation::Simulation;
 
@@ -71,6 +74,8 @@ pub(crate) struct App {
     pub(crate) time_wanted: AtomicBool,
     /// What must survive a restart.
     pub(crate) records: Records,
+    /// What the robots measured.
+    pub(crate) history: History,
     /// Who is who.
     pub(crate) accounts: Accounts,
     /// Who did what.
@@ -85,6 +90,10 @@ pub(crate) struct App {
     pub(crate) readers: Arc<Semaphore>,
     /// Ends the live feed's connections.
     pub(crate) stop: CancellationToken,
+    /// The other servers of the fleet, where there may be any.
+    pub(crate) together: Option<Arc<Together>>,
+    /// Another server has changed something in the records.
+    pub(crate) records_changed: Notify,
 }
 
 impl App {
@@ -116,7 +125,9 @@ impl App {
 struct Description;
 
 /// The router of everything, for a server listening at `listen`.
-pub(crate) fn router(app: Arc<App>, listen: SocketAddr) -> Router {
+///
+/// What `proxies` say of where a request came from is believed.
+pub(crate) fn router(app: Arc<App>, listen: SocketAddr, proxies: Networks) -> Router {
     let (api, document) = OpenApiRouter::with_openapi(Description::openapi())
         .nest(
             "/api/v1",
@@ -129,6 +140,7 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr) -> Router {
                 .routes(routes!(faults::inject, faults::heal))
                 .routes(routes!(commands::to_robot))
                 .routes(routes!(commands::to_swarm))
+                .routes(routes!(commands::list))
                 .routes(routes!(commands::one))
                 .routes(routes!(simulator::state))
                 .routes(routes!(simulator::command))
@@ -152,6 +164,7 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr) -> Router {
         .split_for_parts();
     api.merge(schema::document(document))
         .merge(health::routes())
+        .merge(mqtt::routes())
         .fallback(assets::serve)
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .layer(middleware::from_fn_with_state(
@@ -172,6 +185,10 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr) -> Router {
         .layer(middleware::from_fn_with_state(
             Arc::clone(&app),
             observe_http,
+        ))
+        .layer(middleware::from_fn_with_state(
+            Arc::new(proxies),
+            peer::see_through,
         ))
         .with_state(app)
 }

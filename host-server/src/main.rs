@@ -16,6 +16,7 @@ fn main() -> ExitCode {
         | Command::Audit(_)
         | Command::Backup(_)
         | Command::Restore(_)
+        | Command::Mosquitto(_)
         | Command::Doctor { .. } => return console::run(cli),
         Command::Up { .. } | Command::Serve { .. } | Command::Sim { .. } => {}
     }

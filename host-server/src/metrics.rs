@@ -2,13 +2,15 @@
 //!
 //! `docs/monitor.md` says what each of them tells and when to worry.
 
+mod cluster;
+mod dropped;
 mod http;
 mod observed;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use crawler_protocol::{ResponseStatus, Topic};
@@ -21,13 +23,14 @@ use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
 use crate::broker::GuardCounters;
+use crate::cluster::Together;
+use crate::history::History;
 
+pub(crate) use dropped::Dropped;
 pub(crate) use http::observe as observe_http;
 use observed::counter;
 pub(crate) use observed::{Observed, Robots, Simulated};
 
-/// Why a reader of the live feed was let go.
-const SLOW_READER: &str = "slow_reader";
 /// What a command comes to that nobody answers.
 const TIMEOUT: &str = "timeout";
 
@@ -76,8 +79,11 @@ pub(crate) struct Metrics {
     drops: Family<ReasonLabel, Counter>,
     /// Where the server keeps its data.
     data: OnceLock<PathBuf>,
-    /// Its database.
+    /// What the robots measured.
+    history: OnceLock<History>,
     records: OnceLock<Records>,
+    /// The other servers.
+    together: OnceLock<Arc<Together>>,
 }
 
 /// From a quarter of a millisecond to a minute: an instantaneous command takes one, `goto` the other.
@@ -107,7 +113,9 @@ impl Metrics {
             http_latency: http::Latency::new(&mut registry),
             drops: Family::default(),
             data: OnceLock::new(),
+            history: OnceLock::new(),
             records: OnceLock::new(),
+            together: OnceLock::new(),
             registry: Mutex::default(),
         };
         let r = &mut registry;
@@ -169,15 +177,16 @@ impl Metrics {
         );
         r.register(
             "drops",
-            "What the server let go because somebody was too slow or too fast, by reason",
+            "What the server let go because somebody was too slow, too fast or too late, by reason",
             metrics.drops.clone(),
         );
         // A counter that is not there before its first event has no rate at that event.
-        let reason = SLOW_READER;
-        metrics
-            .drops
-            .get_or_create(&ReasonLabel { reason })
-            .inc_by(0);
+        for reason in Dropped::ALL.map(Dropped::name) {
+            metrics
+                .drops
+                .get_or_create(&ReasonLabel { reason })
+                .inc_by(0);
+        }
         for status in [ResponseStatus::Completed.name(), TIMEOUT] {
             metrics
                 .answers
@@ -244,7 +253,7 @@ impl Metrics {
 
     pub(crate) fn live_dropped(&self) {
         self.live_dropped.inc();
-        self.dropped(SLOW_READER);
+        self.dropped(Dropped::SlowReader);
     }
 
     /// Says where the data directory is, so that its disk is watched.
@@ -253,14 +262,24 @@ impl Metrics {
         let _ = self.data.set(path.to_owned());
     }
 
-    /// Has the database watched.
+    /// Has the database of the records watched, where they are in one.
     pub(crate) fn watch_records(&self, records: &Records) {
         let _ = self.records.set(records.clone());
     }
 
-    /// Counts something that is lost because a queue is full or a budget is spent. `reason` is one
-    /// of those in `docs/monitor.md`.
-    pub(crate) fn dropped(&self, reason: &'static str) {
+    /// Has the history watched.
+    pub(crate) fn watch_history(&self, history: &History) {
+        let _ = self.history.set(history.clone());
+    }
+
+    /// Has what goes on between the servers watched.
+    pub(crate) fn watch_cluster(&self, together: &Arc<Together>) {
+        let _ = self.together.set(Arc::clone(together));
+    }
+
+    /// Counts something that is let go.
+    pub(crate) fn dropped(&self, reason: Dropped) {
+        let reason = reason.name();
         self.drops.get_or_create(&ReasonLabel { reason }).inc();
     }
 
@@ -287,9 +306,13 @@ impl Metrics {
         if let Some(data) = self.data.get() {
             observed::write_data(&mut out, data);
         }
-        if let Some(records) = self.records.get() {
-            observed::write_history(&mut out, &records.history().stats());
+        if let Some(history) = self.history.get() {
+            observed::write_history(&mut out, history);
         }
+        if let Some(stats) = self.records.get().and_then(Records::database) {
+            observed::write_database(&mut out, &stats);
+        }
+        cluster::write(&mut out, self.together.get().map(AsRef::as_ref));
         observed.write(&mut out);
         if let Some(guard) = guard {
             observed::write_broker(&mut out, guard.load());

@@ -1,6 +1,8 @@
 //! The server as a whole: started from settings, stopped in order.
 
+mod cells;
 mod clockwork;
+mod cluster;
 mod ingest;
 mod robots;
 mod start_error;
@@ -15,9 +17,8 @@ use std::time::{Duration, Instant};
 
 use crawler_access::Secret;
 use crawler_protocol::Source;
-use crawler_records::Records;
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::sync::{Notify, Semaphore};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
@@ -30,6 +31,7 @@ use crate::config::{BrokerUrl, Role, Settings};
 use crate::data::DataDir;
 use crate::feed::Feed;
 use crate::fleet::SharedFleet;
+use crate::history;
 use crate::http::{self, App};
 use crate::metrics::Metrics;
 use crate::simulation::Simulation;
@@ -63,6 +65,7 @@ pub struct Server {
     bus_task: JoinHandle<()>,
     heart_task: JoinHandle<()>,
     trail_task: JoinHandle<()>,
+    cluster_task: Option<JoinHandle<()>>,
 }
 
 impl Server {
@@ -73,10 +76,11 @@ impl Server {
     /// [`StartError`] names what cannot be had. Whatever had been started by then is stopped.
     pub async fn start(settings: &Settings) -> Result<Self, StartError> {
         let data = DataDir::open(&settings.data)?;
-        let journal =
+        let mut journal =
             Journal::open(&data.file(COMMANDS)).map_err(|cause| data.failed(COMMANDS, cause))?;
+        let name = data.file(cluster::NAME);
         let sequence = Sequence::open(data, clock::unix_ms())?;
-        let records = Records::open(&settings.data).await?;
+        let (records, history) = history::open(settings).await?;
         let accounts = Accounts::open(records.clone(), settings.open).await?;
         let invitation = accounts.invite_first().await?;
         let certificates = Certificates::of(settings)?;
@@ -94,10 +98,17 @@ impl Server {
             target,
             mqtt,
             inside,
-        } = ways::open(settings, &records, certificates.as_ref()).await?;
+        } = ways::open(
+            settings,
+            &records,
+            certificates.as_ref(),
+            accounts.failures(),
+        )
+        .await?;
         let metrics = Arc::new(Metrics::new());
         metrics.watch_data(&settings.data);
         metrics.watch_records(&records);
+        metrics.watch_history(&history);
         let connection = bus::connect(&target, &settings.fleet)
             .await
             .map_err(|reason| StartError::BrokerUnreachable {
@@ -109,16 +120,35 @@ impl Server {
         let outlet: Arc<dyn Outlet> = Arc::clone(&bus) as _;
         let source = Source::new("server").map_err(|_| StartError::Internal("source"))?;
         let stop_trail = CancellationToken::new();
-        let (trail, trail_task) = Trail::new(records.clone(), stop_trail.clone());
+        let (trail, trail_task) =
+            Trail::new(records.clone(), Arc::clone(&metrics), stop_trail.clone());
+        if let Some(broker) = &broker {
+            broker.note_in(trail.notes());
+        }
+        let commands = CommandCenter::new(outlet, Arc::clone(&metrics), source, sequence);
+        let (commands, membership) = match &settings.cache {
+            None => (commands.with_journal(journal, Instant::now()), None),
+            Some(cache) => {
+                let fleet = &settings.fleet;
+                let joined = cluster::join(cache, fleet, name, &mut journal).await?;
+                let commands = joined.commands(commands, journal).await;
+                let commands = commands.map_err(|error| StartError::Cache {
+                    cache: cache.to_string(),
+                    reason: error.to_string(),
+                })?;
+                metrics.watch_cluster(&joined.together);
+                (commands, Some(joined))
+            }
+        };
         let app = Arc::new(App {
             records,
+            history,
             accounts,
             trail,
             mqtt: mqtt.clone(),
             rates: http::Rates::new(),
             fleet: SharedFleet::new(settings.fleet.clone()),
-            commands: CommandCenter::new(outlet, Arc::clone(&metrics), source, sequence)
-                .with_journal(journal, Instant::now()),
+            commands,
             bus: Arc::clone(&bus),
             metrics,
             feed: Feed::new(settings.fleet.clone()),
@@ -128,17 +158,20 @@ impl Server {
             requests: http::RequestIds::new(),
             readers: Arc::new(Semaphore::new(http::MAX_READERS)),
             stop: CancellationToken::new(),
+            together: membership
+                .as_ref()
+                .map(|joined| Arc::clone(&joined.together)),
+            records_changed: Notify::new(),
         });
+        if membership.is_some() {
+            app.fleet.lock().relayed();
+        }
 
         let stop_bus = CancellationToken::new();
         let stop_http = CancellationToken::new();
-        let bus_task = bus::start(
-            bus,
-            target,
-            connection,
-            ingest::Ingest::new(Arc::clone(&app)),
-            stop_bus.clone(),
-        );
+        let ingest = ingest::Ingest::new(Arc::clone(&app), settings.fleet.clone());
+        let cluster_task = membership.map(|joined| joined.start(&app, &ingest, &stop_bus));
+        let bus_task = bus::start(bus, target, connection, ingest, stop_bus.clone());
         tokio::spawn(clockwork::upkeep(Arc::clone(&app), stop_bus.clone()));
         let heart_task = tokio::spawn(clockwork::heart(Arc::clone(&app), stop_bus.clone()));
         if settings.role == Role::Up {
@@ -171,7 +204,7 @@ impl Server {
         let https = door.is_some();
         let http_task = tokio::spawn(http::serve(
             listener,
-            http::router(Arc::clone(&app), http),
+            http::router(Arc::clone(&app), http, settings.trusted_proxies.clone()),
             door,
             stop_http.clone(),
         ));
@@ -195,6 +228,7 @@ impl Server {
             bus_task,
             heart_task,
             trail_task,
+            cluster_task,
         })
     }
 
@@ -250,11 +284,15 @@ impl Server {
         self.stop_bus.cancel();
         finish("the connection to the broker", self.bus_task).await;
         finish("the clockwork", self.heart_task).await;
+        if let Some(task) = self.cluster_task {
+            finish("what other servers are told", task).await;
+        }
         if let Some(broker) = self.broker {
             broker.stop().await;
         }
         self.stop_trail.cancel();
         finish("the audit log", self.trail_task).await;
+        self.app.history.close().await;
         self.app.records.close().await;
     }
 }

@@ -45,6 +45,8 @@ impl Simulation {
             scenario,
             seed: settings.seed,
             radio_proxy: settings.radio_proxy,
+            // Connections are carried over TLS on their way, all robots' together.
+            authority: None,
         };
         let record = settings.record.clone();
         let start = move || match record {

@@ -22,6 +22,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, SystemTime};
 
+use crawler_sim::run::live::Authority as Pinned;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::crypto::CryptoProvider;
 use tokio_rustls::rustls::server::{ClientHello, ResolvesServerCert, WebPkiClientVerifier};
@@ -35,16 +36,27 @@ use validity::{Validity, day_of};
 
 pub(crate) use door::{Door, Refusal};
 pub use error::TlsError;
-pub(crate) use front::{Front, Peers};
+pub(crate) use front::{Front, Note, Peers};
 pub(crate) use shown::Shown;
 pub(crate) use tunnel::{Tunnel, reachable};
 
+/// What clients may ask for by ALPN at the listener of the broker.
+pub(crate) const MQTT: &[u8] = b"mqtt";
+/// Content of a record to a robot, and its overhead.
+const ROBOT_FRAGMENT: usize = 2_048;
 /// How often files and dates are looked at.
 const LOOK: Duration = Duration::from_secs(2);
 /// How long a failed renewal is let rest, in seconds.
 const AGAIN: i64 = 60;
 /// A certificate of the user that ends so soon is worth a word, in seconds.
 const SOON: i64 = 14 * 24 * 60 * 60;
+
+/// The key of the first certificate in a file, as robots pin it; `None` when there is none that they
+/// can use.
+pub(crate) fn pin(certificate: &Path) -> Option<Pinned> {
+    let certificates = files::certificates(certificate).ok()?;
+    Pinned::of_certificate(certificates.first()?).ok()
+}
 
 /// What does the cryptography. The one that the MQTT broker's own dependencies bring.
 fn provider() -> Arc<CryptoProvider> {
@@ -267,6 +279,9 @@ impl Certificates {
         };
         let mut config = config.with_cert_resolver(Arc::clone(self) as _);
         config.alpn_protocols = vec![protocol.to_vec()];
+        // Robots have little room for a record, and the extension by which they say so is one that this
+        // library does not read.
+        config.max_fragment_size = (protocol == MQTT).then_some(ROBOT_FRAGMENT);
         Ok(TlsAcceptor::from(Arc::new(config)))
     }
 }

@@ -340,12 +340,18 @@ async fn guessing_passwords_gets_slower_and_locks_no_robot_out() {
     closed.person("ada", Role::Admin).await;
     closed.person("bob", Role::Admin).await;
     let secret = closed.enroll("rover-1").await;
-    for guess in 0..5 {
+    for guess in 0..3 {
         let password = format!("correct mule {guess}");
         assert_eq!(
             closed.refusal("x", "ada", &password).await,
             ConnectReturnCode::BadUserNamePassword
         );
+    }
+    // Those over HTTP count as well: five in all are free.
+    let body = r#"{"user": "ada", "password": "correct mule of the API"}"#;
+    for _ in 0..2 {
+        let answer = closed.fixture.post("/api/v1/session", body).await;
+        assert_eq!(answer.status, 401, "{}", answer.text());
     }
     // From here on not even the right one, for a while.
     let start = Instant::now();
@@ -423,6 +429,12 @@ async fn a_flood_is_throttled_then_cut_off_then_locked_out() {
     let took = start.elapsed();
     assert!(took > Duration::from_secs(8), "{took:?}");
     assert_eq!(closed.metric("cut_off_total").await, 1.0);
+    eventually("in the audit log", async || {
+        let page = closed.records.audit_page(None, 100, None).await;
+        let mut lines = page.expect("the audit log").into_iter();
+        lines.any(|line| line.entry.action == "broker.cut_off" && line.entry.target == "eve")
+    })
+    .await;
     assert_eq!(
         closed.refusal("eve", "eve", &secret).await,
         ConnectReturnCode::NotAuthorized

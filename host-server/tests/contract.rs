@@ -114,6 +114,7 @@ async fn a_command_goes_out_and_its_answers_come_back() {
     let stop = fixture
         .post("/api/v1/robots/ada-1/commands", r#"{"command":"stop"}"#)
         .await;
+    newest_first(&fixture).await;
     let command = robot.next_command().await;
     assert!(
         stop.json()["seq"].as_u64() > record["seq"].as_u64(),
@@ -139,6 +140,50 @@ async fn a_command_goes_out_and_its_answers_come_back() {
         .await
         .is_problem(404, "unknown_command_id");
     fixture.stop().await;
+}
+
+/// A move and a stop were sent to one robot.
+async fn newest_first(fixture: &Fixture) {
+    let ask = async |query: &str| {
+        let answer = fixture.get(&format!("/api/v1/commands{query}")).await;
+        answer.json()["commands"]
+            .as_array()
+            .expect("a list")
+            .clone()
+    };
+    let names = |list: &[serde_json::Value]| -> Vec<String> {
+        let names = list.iter().map(|one| one["command"].as_str());
+        names.map(|name| name.expect("a name").to_owned()).collect()
+    };
+    let all = ask("").await;
+    assert_eq!(names(&all), ["stop", "move"]);
+    assert_eq!(all[1]["outcomes"], serde_json::json!([]));
+    assert_eq!(all[1]["counts"]["failed"], 1);
+    let one = ask("?robot=ada-1&limit=1").await;
+    assert_eq!(names(&one), ["stop"]);
+    assert_eq!(one[0]["outcomes"][0]["robot"], "ada-1");
+    assert_eq!(
+        ask("?robot=somebody-else").await,
+        [] as [serde_json::Value; 0]
+    );
+
+    let drive = r#"{"command":"drive","parameters":{"v":0.1,"w":0.0}}"#;
+    let address = "/api/v1/robots/ada-1/commands";
+    assert_eq!(fixture.post(address, drive).await.status, 202);
+    assert_eq!(
+        names(&ask("").await),
+        ["stop", "move"],
+        "steering is left out"
+    );
+    assert_eq!(names(&ask("?drive=true").await), ["drive", "stop", "move"]);
+    for (query, status, code) in [
+        ("robot=no%20name", 404, "unknown_robot"),
+        ("limit=-1", 400, "bad_query"),
+        ("colour=red", 400, "bad_query"),
+    ] {
+        let answer = fixture.get(&format!("/api/v1/commands?{query}")).await;
+        answer.is_problem(status, code);
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -2,9 +2,40 @@
 
 mod support;
 
+use std::collections::BTreeSet;
+use std::path::Path;
+
 use hyper::Method;
-use serde_json::json;
+use serde_json::{Map, Value, json};
 use support::Fixture;
+
+/// What the types of the control room are generated from, by `npm run generate`.
+#[tokio::test(flavor = "multi_thread")]
+async fn the_control_room_knows_this_interface() {
+    let fixture = Fixture::start().await;
+    let mut document = fixture.get("/api/v1/openapi.json").await.json();
+    fixture.stop().await;
+    // The version of the program changes nothing about it.
+    document["info"]["version"] = Value::Null;
+    let messages: Map<String, Value> = crawler_protocol::schemas()
+        .into_iter()
+        .map(|(name, schema)| Ok((name.to_owned(), serde_json::to_value(schema)?)))
+        .collect::<serde_json::Result<_>>()
+        .expect("schemas");
+    let told = json!({ "openapi": document, "messages": messages });
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("ui/interface.json");
+    if std::env::var_os("UPDATE_INTERFACE").is_some() {
+        let text = serde_json::to_string_pretty(&told).expect("JSON");
+        std::fs::write(&path, text + "\n").expect("written");
+    }
+    let kept = std::fs::read(&path).unwrap_or_default();
+    let kept: Value = serde_json::from_slice(&kept).unwrap_or_default();
+    assert!(
+        kept == told,
+        "host-server/ui/interface.json is not what this server says of itself: run this test with \
+         UPDATE_INTERFACE=1, and `npm run generate` in host-server/ui"
+    );
+}
 
 #[tokio::test(flavor = "multi_thread")]
 async fn descriptions_fit_what_is_there() {
@@ -29,6 +60,7 @@ async fn descriptions_fit_what_is_there() {
             "delete /api/v1/users/{name}",
             "get /api/v1/audit",
             "get /api/v1/audit/verify",
+            "get /api/v1/commands",
             "get /api/v1/commands/{id}",
             "get /api/v1/credentials",
             "get /api/v1/live",
@@ -58,8 +90,11 @@ async fn descriptions_fit_what_is_there() {
             "put /api/v1/session/password",
         ]
     );
+    let mut names = BTreeSet::new();
     for (path, item) in paths {
         for (method, call) in item.as_object().expect("methods") {
+            let name = call["operationId"].as_str().expect("a name");
+            assert!(names.insert(name), "{name} is there twice");
             let told = call["responses"].as_object().expect("responses");
             let mut wanted = vec!["400", "401", "403", "429"];
             if !call["requestBody"].is_null() {

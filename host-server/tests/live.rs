@@ -68,7 +68,7 @@ async fn a_snapshot_comes_first_and_then_what_changes() {
     let hello = json(&next(&mut socket, 0).await);
     assert_eq!(
         (&hello["protocol"], &hello["fleet"]),
-        (&1.into(), &"swarm".into())
+        (&2.into(), &"swarm".into())
     );
     assert_eq!(hello["arena"], Value::Null);
     let roster = json(&next(&mut socket, 1).await);
@@ -76,7 +76,7 @@ async fn a_snapshot_comes_first_and_then_what_changes() {
     assert_eq!(roster["robots"][0]["kind"], "emulated");
     let poses = next(&mut socket, 2).await;
     assert_eq!(poses[1], 1, "full");
-    assert_eq!(poses.len(), 20 + 12);
+    assert_eq!(poses.len(), 20 + 2 + 8);
 
     let moved = telemetry("a", 2).replace("1.5", "2.5");
     robot.publish("swarm/telemetry/a", moved).await;

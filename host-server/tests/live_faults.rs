@@ -117,12 +117,12 @@ async fn link_is_lost_and_found(radio: bool) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_lost_link_is_found_again() {
-    link_is_lost_and_found(false).await;
+    Box::pin(link_is_lost_and_found(false)).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_link_lost_in_a_radio_is_found_again() {
-    link_is_lost_and_found(true).await;
+    Box::pin(link_is_lost_and_found(true)).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -2,11 +2,18 @@
 
 mod support;
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use crawler_protocol::{Telemetry, TelemetryEncoding};
 use crawler_server::config::Role;
+use hyper::Method;
+use rumqttc::v5::mqttbytes::QoS;
+use rumqttc::v5::mqttbytes::v5::{Packet, PublishProperties};
+use rumqttc::v5::{AsyncClient, Event, MqttOptions};
 use support::closed::VIEWER;
-use support::{Fixture, eventually, telemetry};
+use support::{FakeRobot, Fixture, eventually, telemetry};
 
 fn now() -> u64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH);
@@ -25,11 +32,6 @@ async fn what_a_robot_tells_is_kept() {
     }
     let path = format!("/api/v1/robots/a/telemetry?from={begin}&step=60000");
     let ask = async || fixture.get(&path).await.json();
-    let count = |answer: &serde_json::Value| -> u64 {
-        let points = answer["points"].as_array().expect("points");
-        let counts = points.iter().map(|point| point["count"].as_u64());
-        counts.map(|count| count.expect("a count")).sum()
-    };
     eventually("kept", async || count(&ask().await) == 20).await;
     let answer = ask().await;
     assert_eq!(answer["robot"], "a");
@@ -43,6 +45,8 @@ async fn what_a_robot_tells_is_kept() {
         ("battery_mv", 7610.0),
         ("battery_percent", 71.0),
         ("rssi_dbm", -61.0),
+        ("left", 0.5),
+        ("right", 0.5),
     ] {
         let told = point[key].as_f64().expect("a number");
         assert!((told - value).abs() < 0.01, "{key}: {told}");
@@ -93,4 +97,216 @@ async fn history_outlives_the_server() {
     let viewer = again.login(VIEWER).await.token;
     assert!(kept(&again, &viewer).await);
     again.stop().await;
+}
+
+/// The numbers of a history, added up.
+fn count(answer: &serde_json::Value) -> u64 {
+    let points = answer["points"].as_array().expect("points");
+    let counts = points.iter().map(|point| point["count"].as_u64());
+    counts.map(|count| count.expect("a count")).sum()
+}
+
+/// Samples of robot `a`, 200 ms apart, in one message.
+fn batch(how: TelemetryEncoding, numbers: std::ops::Range<u64>) -> Vec<u8> {
+    let mut bytes = [0; 1024];
+    let length = numbers.fold(0, |at, seq| {
+        let mut sample = Telemetry::from_json(telemetry("a", seq).as_bytes()).expect("telemetry");
+        sample.timestamp = 1_000_000 + 200 * seq;
+        sample.battery.mv = 7_000 + seq as u16;
+        how.append(&sample, &mut bytes, at).expect("it fits")
+    });
+    bytes[..length].to_vec()
+}
+
+async fn tell(robot: &FakeRobot, content_type: Option<&str>, payload: Vec<u8>) {
+    let properties = PublishProperties {
+        content_type: content_type.map(str::to_owned),
+        ..PublishProperties::default()
+    };
+    robot
+        .client
+        .publish_with_properties(
+            "swarm/telemetry/a",
+            QoS::AtLeastOnce,
+            false,
+            payload,
+            properties,
+        )
+        .await
+        .expect("publish");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn samples_that_come_together_are_kept_apart() {
+    let fixture = Fixture::start().await;
+    let robot = fixture.robot("a").await;
+    let begin = now() - 1_500;
+    let mut told = 0;
+    for (how, numbers) in [
+        (TelemetryEncoding::CborSeq, 0..5),
+        (TelemetryEncoding::JsonSeq, 5..7),
+        (TelemetryEncoding::Cbor, 7..8),
+        (TelemetryEncoding::Json, 8..9),
+    ] {
+        told += numbers.clone().count() as u64;
+        let newest = numbers.end - 1;
+        tell(&robot, Some(how.content_type()), batch(how, numbers)).await;
+        let path = format!("/api/v1/robots/a/telemetry?from={begin}&step=60000");
+        eventually("kept", async || {
+            count(&fixture.get(&path).await.json()) == told
+        })
+        .await;
+        let live = fixture.get("/api/v1/robots/a").await.json();
+        assert_eq!(live["battery"]["mv"], 7_000 + newest, "{live}");
+        if how == TelemetryEncoding::CborSeq {
+            // Each at its own time. All came within moments of the first, so two seconds hold them.
+            let path = format!(
+                "/api/v1/robots/a/telemetry?from={begin}&step=100&to={}",
+                now() + 1
+            );
+            let answer = fixture.get(&path).await.json();
+            let points = answer["points"].as_array().expect("points");
+            let at: Vec<_> = points.iter().map(|point| point["at"].as_i64()).collect();
+            let at: Vec<_> = at.into_iter().map(|at| at.expect("a time")).collect();
+            assert_eq!(at.len(), 5, "{answer}");
+            assert!(at.windows(2).all(|pair| pair[1] - pair[0] == 200), "{at:?}");
+            let mv: Vec<_> = points
+                .iter()
+                .map(|point| point["battery_mv"].as_f64())
+                .collect();
+            let expected = (0..5).map(|seq| Some(7_000.0 + f64::from(seq)));
+            assert!(mv.into_iter().eq(expected), "{answer}");
+        }
+    }
+
+    // What is not known, broken, or of another robot is worth nothing at all.
+    let good = batch(TelemetryEncoding::CborSeq, 20..23);
+    let mut broken = good.clone();
+    broken.truncate(good.len() - 1);
+    let mut repeated = good.clone();
+    repeated.extend(&good);
+    let mut foreign = good.clone();
+    let last = foreign
+        .iter()
+        .rposition(|byte| *byte == b'a')
+        .expect("its name");
+    foreign[last] = b'b';
+    for (content_type, payload) in [
+        (Some("application/cbor-seq"), broken),
+        (Some("application/cbor-seq"), repeated),
+        (Some("application/cbor-seq"), foreign),
+        (Some("application/cbor"), good.clone()),
+        (Some("application/json"), good.clone()),
+        (None, good.clone()),
+        (Some("text/plain"), telemetry("a", 30).into_bytes()),
+        (Some("application/protobuf"), good),
+    ] {
+        tell(&robot, content_type, payload).await;
+    }
+    let rejected = async |kind: &str| {
+        let metrics = fixture.get("/metrics").await;
+        let line = format!("terracrawler_mqtt_messages_rejected_total{{kind=\"{kind}\"}} ");
+        let found = metrics
+            .text()
+            .lines()
+            .find_map(|text| text.strip_prefix(&line));
+        found.map_or(0, |value| value.parse().expect("a number"))
+    };
+    eventually("rejected", async || {
+        let counts = [
+            rejected("malformed").await,
+            rejected("mismatch").await,
+            rejected("content_type").await,
+        ];
+        counts == [5, 1, 2]
+    })
+    .await;
+    let path = format!("/api/v1/robots/a/telemetry?from={begin}&step=60000");
+    assert_eq!(count(&fixture.get(&path).await.json()), told);
+    fixture.stop().await;
+}
+
+/// What a robot says, by anybody's client: how often in which way, and the numbers of the samples.
+#[derive(Default)]
+struct Heard {
+    ways: BTreeMap<&'static str, u64>,
+    seqs: Vec<u64>,
+}
+
+async fn listen(port: u16, robot: &str, heard: Arc<Mutex<Heard>>) {
+    let mut options = MqttOptions::new("listener", "127.0.0.1", port);
+    options.set_keep_alive(Duration::from_secs(5));
+    let (client, mut events) = AsyncClient::new(options, 16);
+    let topic = format!("swarm/telemetry/{robot}");
+    client
+        .subscribe(topic, QoS::AtMostOnce)
+        .await
+        .expect("room");
+    loop {
+        let event = events.poll().await.expect("a broker");
+        let Event::Incoming(Packet::Publish(publish)) = event else {
+            continue;
+        };
+        let properties = publish.properties.as_ref();
+        let kind = properties.and_then(|properties| properties.content_type.as_deref());
+        let how = TelemetryEncoding::of(kind).expect("a way to write telemetry");
+        let mut heard = heard.lock().expect("whole");
+        *heard.ways.entry(how.content_type()).or_default() += 1;
+        for sample in how.samples(&publish.payload) {
+            heard.seqs.push(sample.expect("a sample").seq);
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn simulated_robots_send_several_samples_at_a_time_and_none_is_lost() {
+    let begin = now();
+    let fixture = Fixture::world(false).await;
+    fixture.wait_told("sim-0001").await;
+    let heard = Arc::new(Mutex::new(Heard::default()));
+    let port = fixture.server.mqtt().port;
+    let listener = tokio::spawn(listen(port, "sim-0001", Arc::clone(&heard)));
+    let ways = |way: &str| heard.lock().expect("whole").ways.get(way).copied();
+    eventually("told as always", async || {
+        ways("application/json") > Some(2)
+    })
+    .await;
+
+    let path = "/api/v1/robots/sim-0001/parameters";
+    let json = [("content-type", "application/json")];
+    let put = async |body: &str| {
+        let answer = fixture.call(Method::PUT, path, &json, body).await;
+        assert_eq!(answer.status, 202, "{}", answer.text());
+    };
+    put(r#"{"telemetry_format": 1, "telemetry_batch": 5}"#).await;
+    eventually("several in CBOR", async || {
+        ways("application/cbor-seq") > Some(3)
+    })
+    .await;
+    let live = fixture.get("/api/v1/robots/sim-0001").await.json();
+    assert_eq!(live["presence"], "online");
+    assert!(live["pose"]["x"].is_number(), "{live}");
+    put(r#"{"telemetry_format": 0}"#).await;
+    eventually("several in JSON", async || {
+        ways("application/json-seq") > Some(3)
+    })
+    .await;
+
+    // From here on nothing more comes.
+    let pause = r#"{"command":"pause"}"#;
+    fixture.post("/api/v1/simulator/commands", pause).await;
+    let history = format!("/api/v1/robots/sim-0001/telemetry?from={begin}&step=60000");
+    eventually("everything that was heard is kept", async || {
+        let last = heard.lock().expect("whole").seqs.last().copied();
+        let kept = count(&fixture.get(&history).await.json());
+        last.map(|last| last + 1) == Some(kept)
+    })
+    .await;
+    listener.abort();
+    let seqs = heard.lock().expect("whole").seqs.clone();
+    assert!(
+        seqs.windows(2).all(|pair| pair[1] == pair[0] + 1),
+        "{seqs:?}"
+    );
+    fixture.stop().await;
 }

@@ -3,7 +3,6 @@
 use std::net::IpAddr;
 use std::time::{Duration, Instant};
 
-use crawler_access::limits::neighbourhood;
 use crawler_access::password::{self, Weak};
 use crawler_access::{Role, Secret, UserName};
 use crawler_records::{RecordsError, User};
@@ -52,9 +51,8 @@ impl Accounts {
         password: String,
         from: IpAddr,
     ) -> Result<Entered, LoginError> {
-        let place = neighbourhood(from);
-        lock(&self.addresses)
-            .check(&place, Instant::now())
+        self.failures
+            .check(from, Instant::now())
             .map_err(LoginError::Wait)?;
         let name = name
             .map(str::parse::<UserName>)
@@ -84,7 +82,7 @@ impl Accounts {
             Ok(user) => user,
             Err(error) => {
                 if matches!(error, LoginError::Invitation) {
-                    lock(&self.addresses).failed(&place, Instant::now());
+                    self.failures.failed(from, Instant::now());
                 }
                 return Err(error);
             }

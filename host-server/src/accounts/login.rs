@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 use std::net::IpAddr;
 use std::time::{Duration, Instant};
 
-use crawler_access::limits::neighbourhood;
 use crawler_access::password::{self, HashError, Weak};
 use crawler_access::{Digest, Role, Secret, UserName};
 use crawler_records::{RecordsError, Refreshed, User};
@@ -112,15 +111,10 @@ impl Accounts {
         from: IpAddr,
     ) -> Result<Entered, LoginError> {
         let name = name.parse::<UserName>().ok();
-        let place = neighbourhood(from);
-        let key = (
-            name.as_ref().map_or_else(String::new, ToString::to_string),
-            place,
-        );
         let now = Instant::now();
-        lock(&self.addresses)
-            .check(&place, now)
-            .and_then(|()| lock(&self.names).begin(&key, now))
+        self.failures
+            .check(from, now)
+            .and_then(|()| self.failures.begin(name.as_ref(), from, now))
             .map_err(LoginError::Wait)?;
         let user = match &name {
             Some(name) => self.records.user(name).await?,
@@ -139,11 +133,11 @@ impl Accounts {
             .await?;
         match user {
             Some(user) if good && !user.disabled => {
-                lock(&self.names).succeeded(&key);
+                self.failures.succeeded(name.as_ref(), from);
                 self.enter(&user, from).await
             }
             _ => {
-                lock(&self.addresses).failed(&place, Instant::now());
+                self.failures.failed(from, Instant::now());
                 Err(LoginError::Credentials)
             }
         }
@@ -282,9 +276,9 @@ impl Accounts {
     ) -> Result<(), LoginError> {
         password::check(&identity.user, &new).map_err(LoginError::Weak)?;
         // A token that was stolen is not to be good for guessing the password.
-        let key = (identity.user.to_string(), neighbourhood(from));
-        lock(&self.names)
-            .begin(&key, Instant::now())
+        let name = Some(&identity.user);
+        self.failures
+            .begin(name, from, Instant::now())
             .map_err(LoginError::Wait)?;
         let user = self.records.user(&identity.user).await?;
         let hash = user
@@ -294,7 +288,7 @@ impl Accounts {
             .hashing(move || password::verify(&old, &hash).then(|| password::hash(&new)))
             .await?
             .ok_or(LoginError::Credentials)??;
-        lock(&self.names).succeeded(&key);
+        self.failures.succeeded(name, from);
         self.records.set_password(&identity.user, &hashed).await?;
         self.end_sessions(&identity.user, Some(identity.session))
             .await?;

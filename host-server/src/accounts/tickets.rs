@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use crawler_access::{Digest, NoRandomness, Secret};
+use crawler_access::{Digest, NoRandomness, Role, Secret};
 
 use super::Identity;
 
@@ -69,9 +69,23 @@ impl Tickets {
     }
 }
 
+/// What other servers are told of a ticket. Short: it lives for half a minute.
+pub(super) struct Lent;
+
+impl Lent {
+    pub(super) fn of(identity: &Identity) -> String {
+        format!("{} {}", identity.session, identity.role)
+    }
+
+    /// The session and the role; `None` when it says something else.
+    pub(super) fn read(text: &str) -> Option<(u64, Role)> {
+        let (session, role) = text.split_once(' ')?;
+        Some((session.parse().ok()?, role.parse().ok()?))
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use crawler_access::Role;
     use tokio_util::sync::CancellationToken;
 
     use super::*;
@@ -96,6 +110,15 @@ mod tests {
         assert!(tickets.redeem(&late, now + LIFETIME).is_none(), "too old");
         let foreign = Secret::generate().expect("randomness");
         assert!(tickets.redeem(&foreign, now).is_none());
+    }
+
+    #[test]
+    fn what_other_servers_are_told_says_whose_it_is() {
+        let told = Lent::of(&identity(7));
+        assert_eq!(Lent::read(&told), Some((7, Role::Viewer)));
+        for other in ["", "7", "7 king", "x viewer"] {
+            assert_eq!(Lent::read(other), None, "{other}");
+        }
     }
 
     #[test]

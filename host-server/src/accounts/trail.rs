@@ -1,5 +1,8 @@
 //! The audit log: who did what, when, from where, and what came of it.
 
+use std::sync::Arc;
+use std::time::Duration;
+
 use crawler_records::Records;
 use serde_json::Value;
 use tokio::sync::mpsc;
@@ -7,9 +10,12 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::now_ms;
+use crate::metrics::{Dropped, Metrics};
 
 /// Entries that wait to be written.
 const QUEUE: usize = 4_096;
+/// Before an entry is tried again that a database did not take.
+const AGAIN: Duration = Duration::from_secs(1);
 
 /// One line of the log.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,34 +49,68 @@ impl Entry {
     }
 }
 
+/// Notes lines of the log, for whoever cannot wait. A handle.
+#[derive(Clone)]
+pub(crate) struct Notes {
+    queue: mpsc::Sender<crawler_records::Entry>,
+    metrics: Arc<Metrics>,
+}
+
+impl Notes {
+    /// Notes a line.
+    pub(crate) fn note(&self, entry: Entry) {
+        if let Err(error) = self.queue.try_send(entry.into_record()) {
+            self.metrics.dropped(Dropped::AuditFull);
+            missing(&error);
+        }
+    }
+}
+
 /// Writes to the log.
 pub(crate) struct Trail {
     records: Records,
-    queue: mpsc::Sender<crawler_records::Entry>,
+    notes: Notes,
 }
 
 impl Trail {
     /// A log in `records`, and the task that writes what is only noted. It ends some time after
     /// `stop`, when nothing waits any more.
-    pub(crate) fn new(records: Records, stop: CancellationToken) -> (Self, JoinHandle<()>) {
+    pub(crate) fn new(
+        records: Records,
+        metrics: Arc<Metrics>,
+        stop: CancellationToken,
+    ) -> (Self, JoinHandle<()>) {
         let (queue, waiting) = mpsc::channel(QUEUE);
         let task = tokio::spawn(keep(records.clone(), waiting, stop));
-        (Self { records, queue }, task)
+        let notes = Notes { queue, metrics };
+        (Self { records, notes }, task)
+    }
+
+    /// For others who cannot wait.
+    pub(crate) fn notes(&self) -> Notes {
+        self.notes.clone()
     }
 
     /// Writes a line and returns when it is on disk. What was done is done by then: an answer that
-    /// says otherwise would be wrong, so a failure is logged.
+    /// says otherwise would be wrong, so a failure is logged. A line that a database does not take for
+    /// now is written when it does; rather twice than never.
     pub(crate) async fn write(&self, entry: Entry) {
-        if let Err(error) = self.records.audit(entry.into_record()).await {
-            missing(&error);
+        let entry = entry.into_record();
+        match self.records.audit(entry.clone()).await {
+            Err(error) if error.is_passing() => {
+                if self.notes.queue.try_send(entry).is_err() {
+                    self.notes.metrics.dropped(Dropped::AuditFull);
+                    missing(&error);
+                }
+            }
+            Err(error) => missing(&error),
+            Ok(_) => {}
         }
     }
 
     /// Notes a line, for whoever cannot wait.
     pub(crate) fn note(&self, entry: Entry) {
-        if let Err(error) = self.queue.try_send(entry.into_record()) {
-            missing(&error);
-        }
+        self.notes.note(entry);
     }
 }
 
@@ -88,8 +128,15 @@ async fn keep(
         let Some(entry) = entry else {
             return;
         };
-        if let Err(error) = records.audit(entry).await {
-            missing(&error);
+        while let Err(error) = records.audit(entry.clone()).await {
+            if !error.is_passing() || stop.is_cancelled() {
+                missing(&error);
+                break;
+            }
+            tokio::select! {
+                () = stop.cancelled() => {}
+                () = tokio::time::sleep(AGAIN) => {}
+            }
         }
     }
 }

@@ -115,7 +115,7 @@ struct Inner {
 pub(super) struct Clients {
     fleet: Fleet,
     inner: Mutex<Inner>,
-    /// Where those come from that come through TLS.
+    /// Where those come from that come through TLS or a WebSocket.
     peers: Arc<Peers>,
 }
 

@@ -7,12 +7,13 @@ use std::time::{Duration, Instant};
 use rmqtt::context::ServerContext;
 
 use super::accounts::Refusal;
+use crate::accounts::Notes;
 
 /// A line of log about a refusal at most so often: whoever is refused comes again at once.
 const SAY_EVERY: Duration = Duration::from_secs(1);
 
 /// What the guard has done so far.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct GuardCounters {
     /// Publishes refused because of their size.
     pub(crate) oversize: AtomicU64,
@@ -30,6 +31,8 @@ pub(crate) struct GuardCounters {
     pub(crate) dropped: AtomicU64,
     /// The broker itself, once it runs.
     pub(super) broker: OnceLock<ServerContext>,
+    /// The audit log, once there is one.
+    pub(super) notes: OnceLock<Notes>,
     reasons: [AtomicU64; Refusal::ALL.len()],
     said: Mutex<Option<Instant>>,
 }

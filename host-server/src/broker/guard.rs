@@ -20,6 +20,7 @@ use rmqtt::types::{
 use super::accounts::{Access, Accounts, Login, Refusal, Who, admit};
 use super::clients::{Clients, Key, Spent};
 use super::{Credentials, GuardCounters};
+use crate::accounts::Entry;
 
 /// How long a session that has to end may be in the middle of a handshake.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -249,12 +250,24 @@ impl Shared {
             }
             Spent::CutOff => {
                 self.counters.cut_off.fetch_add(1, Ordering::Relaxed);
+                let from = id.remote_addr.map(|seen| self.clients.peers().origin(seen));
                 tracing::warn!(
                     client = %id.client_id,
                     user = id.username_ref(),
-                    from = ?id.remote_addr.map(|seen| self.clients.peers().origin(seen)),
+                    ?from,
                     "cut off a client that sends too much for too long"
                 );
+                // At most once a minute for each: it has to stay away for so long.
+                if let Some(notes) = self.counters.notes.get() {
+                    notes.note(Entry {
+                        who: id.username_ref().to_owned(),
+                        from: from.map_or_else(String::new, |from| from.ip().to_string()),
+                        action: "broker.cut_off",
+                        target: id.client_id.to_string(),
+                        detail: serde_json::Value::Null,
+                        outcome: "ok".to_owned(),
+                    });
+                }
                 // From a task: the session ends when this call has returned.
                 let (context, client) = (self.context.clone(), id.client_id.clone());
                 tokio::spawn(async move { end_session(&context, &client).await });

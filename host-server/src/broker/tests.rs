@@ -22,7 +22,10 @@ impl Bench {
     async fn new() -> Self {
         let records = Records::in_memory().await.expect("records");
         let fleet = Fleet::new("swarm").expect("a fleet");
-        let accounts = Arc::new(RecordAccounts::new(records.clone()));
+        let accounts = Arc::new(RecordAccounts::new(
+            records.clone(),
+            Arc::new(crate::accounts::Failures::new()),
+        ));
         let any = "127.0.0.1:0".parse().expect("an address");
         let broker = EmbeddedBroker::start(any, &fleet, accounts)
             .await

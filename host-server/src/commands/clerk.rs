@@ -9,9 +9,11 @@ use crawler_protocol::{Command, EncodeError, MAX_MESSAGE, RobotId, Source, Topic
 use super::journal::Journal;
 use super::record::Record;
 use super::sequence::Sequence;
+use super::shared::SharedDesk;
 use super::{CommandCenter, CommandView, MAX_AGE, MAX_OUTCOMES, MAX_RECORDS, SendError, Target};
 use crate::bus::PublishError;
 use crate::clock;
+use crate::metrics::Dropped;
 
 /// All commands that are remembered.
 pub(super) struct Desk {
@@ -22,6 +24,8 @@ pub(super) struct Desk {
     pub(super) numbers: BTreeMap<u64, u64>,
     pub(super) outcomes: usize,
     pub(super) journal: Option<Journal>,
+    /// What other servers are told of it, where there are any.
+    pub(super) shared: Option<SharedDesk>,
     /// Commands that have come to their end and that nobody has been told of.
     pub(super) over: Vec<CommandView>,
 }
@@ -30,6 +34,9 @@ impl Desk {
     pub(super) fn done(&mut self, id: u64, robot: &RobotId) {
         if let Some(journal) = &mut self.journal {
             journal.done(id, robot);
+        }
+        if let Some(shared) = &mut self.shared {
+            shared.done(id, robot);
         }
     }
 
@@ -84,14 +91,32 @@ pub(super) struct Clerk<'a> {
 }
 
 impl Post for Clerk<'_> {
-    fn number(&mut self) -> u64 {
-        let number = self.desk.sequence.peek();
-        self.desk.sequence.advance();
-        number
+    fn number(&mut self, id: u64, robot: &RobotId, above: u64) -> u64 {
+        let shared = self.desk.shared.as_ref();
+        let reserved = shared.and_then(|shared| shared.reserved(id, robot));
+        match reserved.filter(|seq| *seq > above) {
+            Some(seq) => seq,
+            None => self.desk.sequence.take(),
+        }
+    }
+
+    fn may_go(&self, _: Class) -> bool {
+        // Whoever has no lease may have lost its commands to another server.
+        let together = self.center.together.as_ref();
+        together.is_none_or(|together| together.is_member())
     }
 
     fn send(&mut self, sending: &Sending<'_>) -> bool {
         let desk = &mut *self.desk;
+        let renumbered = sending.seq != sending.id && !sending.again;
+        if renumbered
+            && let Some(shared) = &mut desk.shared
+            && !shared.is_safe(sending)
+        {
+            // Another server that takes over must not give it yet another number. It goes with the
+            // next poll after that is written down.
+            return false;
+        }
         let Some(record) = desk.records.get_mut(&sending.id) else {
             // Forgotten, and nobody waits for it.
             return true;
@@ -102,14 +127,14 @@ impl Post for Clerk<'_> {
             && let Ok(source) = Source::new(SETTINGS)
         {
             // Who gave it is in the record and in the audit log.
-            command.source = source;
+            command.source = record.settings.clone().unwrap_or(source);
         }
         // What waited is as new as its delivery; only motion must never be taken for newer than
         // it is.
         if Class::of(&command.action) != Class::Motion && record.waited(sending.robot) {
             command.timestamp = clock::unix_ms();
         }
-        if sending.seq != sending.id && !sending.again {
+        if renumbered {
             if let Some(journal) = &mut desk.journal {
                 journal.numbered(sending.id, sending.robot, sending.seq, sending.boot);
             }
@@ -144,6 +169,9 @@ impl Post for Clerk<'_> {
             return;
         };
         self.center.metrics.answer(status.name());
+        if end == End::Expired {
+            self.center.metrics.dropped(Dropped::CommandExpired);
+        }
         if !record.is_open() && self.desk.open.remove(&id) {
             let view = record.view();
             if record.target == Target::Swarm {

@@ -52,7 +52,7 @@ enum Line {
 }
 
 impl Owed {
-    /// `None` when the command cannot be written.
+    /// Of the command `command.seq`; `None` when it cannot be written.
     pub(super) fn new(
         command: &Command,
         expires: u64,
@@ -160,6 +160,24 @@ impl Journal {
             let robot = robot.as_str().to_owned();
             self.write(Line::Done { id, robot }, false);
         }
+    }
+
+    /// The commands in it.
+    pub(crate) fn ids(&self) -> Vec<u64> {
+        self.owed.keys().copied().collect()
+    }
+
+    /// Drops what another server delivers by now, or has delivered: everything that `ours` denies.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub(crate) fn keep(&mut self, ours: impl Fn(u64) -> bool) -> io::Result<()> {
+        self.owed.retain(|id, _| ours(*id));
+        self.damaged = true;
+        self.file = rewrite(&self.path, &self.owed)?;
+        self.lines = self.owed.len();
+        self.damaged = false;
+        Ok(())
     }
 
     fn is_owed(&self, id: u64, robot: &RobotId) -> bool {

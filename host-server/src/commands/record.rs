@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use crawler_delivery::End;
-use crawler_protocol::{Action, Command, Outcomes, Reason, Response, ResponseStatus, RobotId};
-use serde::Serialize;
+use crawler_protocol::{
+    Action, Command, Outcomes, Reason, Response, ResponseStatus, RobotId, Source,
+};
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::Target;
@@ -18,7 +20,7 @@ const LONGEST_SCAN: Duration = Duration::from_mins(1);
 const LONGEST_GOTO: Duration = Duration::from_mins(10);
 
 /// What a command came to with one robot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum OutcomeStatus {
     /// Done, or in force.
@@ -53,7 +55,7 @@ impl OutcomeStatus {
         }
     }
 
-    const fn is_open(self) -> bool {
+    pub(super) const fn is_open(self) -> bool {
         matches!(self, Self::Accepted | Self::Pending)
     }
 }
@@ -78,7 +80,7 @@ pub(crate) struct Outcome {
     pub(crate) reason: Option<Reason>,
     pub(crate) timestamp: Option<u64>,
     /// When the command first went to the robot.
-    went: Option<Instant>,
+    pub(super) went: Option<Instant>,
 }
 
 impl Outcome {
@@ -109,6 +111,8 @@ pub(crate) struct Record {
     pub(crate) target: Target,
     pub(crate) outcomes: BTreeMap<RobotId, Outcome>,
     pub(crate) sent_at: Instant,
+    /// The source that a setting goes under, where it is not the usual one.
+    pub(super) settings: Option<Source>,
     /// Outcomes that are not final.
     open: usize,
 }
@@ -132,6 +136,17 @@ impl Record {
             open: outcomes.len(),
             outcomes,
             sent_at: now,
+            settings: None,
+        }
+    }
+
+    /// Puts back what another server, or an earlier start, knew of a robot's outcome.
+    pub(super) fn restore(&mut self, robot: &RobotId, outcome: Outcome) {
+        if let Some(known) = self.outcomes.get_mut(robot)
+            && known.status.is_open()
+        {
+            self.open -= usize::from(!outcome.status.is_open());
+            *known = outcome;
         }
     }
 
@@ -265,6 +280,23 @@ impl Record {
     }
 
     pub(crate) fn view(&self) -> CommandView {
+        CommandView {
+            outcomes: self.outcomes.iter().map(OutcomeView::new).collect(),
+            ..self.summary()
+        }
+    }
+
+    /// What it came to with one robot; `None` for one that it was not for.
+    pub(super) fn view_of(&self, robot: &RobotId) -> Option<CommandView> {
+        let outcome = self.outcomes.get_key_value(robot)?;
+        Some(CommandView {
+            outcomes: vec![OutcomeView::new(outcome)],
+            ..self.summary()
+        })
+    }
+
+    /// Without the outcomes of single robots.
+    pub(super) fn summary(&self) -> CommandView {
         let mut counts = Counts::default();
         for outcome in self.outcomes.values() {
             *match outcome.status {
@@ -297,16 +329,7 @@ impl Record {
             status,
             reason,
             counts,
-            outcomes: self
-                .outcomes
-                .iter()
-                .map(|(id, outcome)| OutcomeView {
-                    robot: id.as_str().to_owned(),
-                    status: outcome.status,
-                    reason: outcome.reason.map(Reason::name),
-                    timestamp: outcome.timestamp,
-                })
-                .collect(),
+            outcomes: Vec::new(),
         }
     }
 }
@@ -375,4 +398,15 @@ pub(crate) struct OutcomeView {
     pub(crate) reason: Option<&'static str>,
     /// When the robot said so, in Unix milliseconds by its clock.
     pub(crate) timestamp: Option<u64>,
+}
+
+impl OutcomeView {
+    fn new((id, outcome): (&RobotId, &Outcome)) -> Self {
+        Self {
+            robot: id.as_str().to_owned(),
+            status: outcome.status,
+            reason: outcome.reason.map(Reason::name),
+            timestamp: outcome.timestamp,
+        }
+    }
 }

@@ -47,6 +47,9 @@ impl CommandCenter {
                     }
                     let (delivery, flight) = (&mut book.delivery, (leg.seq, leg.boot));
                     delivery.resume(owed.id, robot, class, flight, (at, at + left));
+                    if let Some(shared) = &mut book.desk.shared {
+                        shared.owe_one(owed.id, robot.clone(), leg.seq, leg.boot);
+                    }
                 }
                 if left > 0 {
                     book.desk.outcomes += record.outcomes.len();

@@ -1,5 +1,9 @@
-//! The numbers of commands: rising, also across restarts and clocks set back.
+//! The numbers of commands: rising, also across restarts and clocks set back, and across the servers
+//! of a fleet where there are several.
 
+use crawler_cluster::{LONGEST_BLOCK, Numbers};
+
+use crate::clock;
 use crate::data::{DataDir, DataError};
 
 const FILE: &str = "command-sequence";
@@ -12,10 +16,17 @@ const GREATEST: u64 = 1 << 53;
 ///
 /// They start at the time in Unix milliseconds, so that a server without its data directory
 /// continues above its predecessor; the file takes over when the clock was set back.
+///
+/// Of several servers each has numbers of its own, by a clock that they share. The file holds a
+/// number beyond all that went then too, so that a server that is alone again goes on above them.
 pub(crate) struct Sequence {
     next: u64,
     reserved: u64,
     data: Option<DataDir>,
+    /// How the numbers of several servers are kept apart.
+    numbers: Option<Numbers>,
+    /// What the file held at the start.
+    known: u64,
 }
 
 impl Sequence {
@@ -35,6 +46,8 @@ impl Sequence {
             next,
             reserved,
             data: Some(data),
+            numbers: None,
+            known,
         })
     }
 
@@ -44,22 +57,59 @@ impl Sequence {
             next,
             reserved: u64::MAX,
             data: None,
+            numbers: None,
+            known: 0,
         }
     }
 
-    /// The number of the next command.
-    pub(crate) const fn peek(&self) -> u64 {
-        self.next
+    /// Goes on with the numbers of one of several servers, above `greatest`.
+    pub(crate) fn share(&mut self, numbers: Numbers, greatest: u64) {
+        if self.numbers.is_none() {
+            // The shared clock knows better than the one that `next` began with. What the file says
+            // counts only where no clock that went forward can explain it.
+            let now = numbers.next(clock::unix_us(), 0);
+            self.next = if self.known > now.saturating_add(LONGEST_BLOCK) {
+                self.known
+            } else {
+                0
+            };
+            self.reserved = 0;
+        }
+        self.numbers = Some(numbers);
+        self.above(greatest);
     }
 
-    /// Uses up the number. The next one is on the disk, as one of a block that a restart skips,
-    /// before anybody can use it.
-    pub(crate) fn advance(&mut self) {
-        self.next += 1;
+    /// Goes on above a number that another server gave.
+    pub(crate) fn above(&mut self, number: u64) {
+        if number < GREATEST {
+            self.next = self.next.max(number + 1);
+        }
+    }
+
+    /// The number of the next command, now.
+    pub(crate) fn peek(&self) -> u64 {
+        match &self.numbers {
+            None => self.next,
+            Some(numbers) => numbers.next(clock::unix_us(), self.next),
+        }
+    }
+
+    /// Uses up the next number.
+    pub(crate) fn take(&mut self) -> u64 {
+        let number = self.peek();
+        self.used(number);
+        number
+    }
+
+    /// Uses up a number from [`Sequence::peek`]. What follows is on the disk, as one of a block that
+    /// a restart skips, before anybody can use it.
+    pub(crate) fn used(&mut self, number: u64) {
+        self.next = self.next.max(number + 1);
         if self.next < self.reserved {
             return;
         }
-        let reserved = self.next + BLOCK;
+        let block = self.numbers.map_or(BLOCK, |_| LONGEST_BLOCK);
+        let reserved = self.next + block;
         if let Some(data) = &self.data
             && let Err(error) = data.set_number(FILE, reserved)
         {
@@ -90,7 +140,7 @@ mod tests {
         let mut first =
             Sequence::open(DataDir::open(&path).expect("open"), 5_000_000).expect("first");
         for _ in 0..3 * BLOCK {
-            first.advance();
+            first.take();
         }
         let last = first.peek();
         drop(first);
@@ -113,7 +163,7 @@ mod tests {
             for _ in 0..numbers {
                 assert!(sequence.peek() > used || used == 0, "{numbers}");
                 used = sequence.peek();
-                sequence.advance();
+                sequence.take();
             }
             // Nothing is written at the end: dropping is as good as a crash.
         }
@@ -126,12 +176,44 @@ mod tests {
     #[test]
     fn a_number_that_went_nowhere_is_used_again() {
         let mut sequence = Sequence::in_memory(5);
-        sequence.advance();
+        sequence.take();
         sequence.take_back(5);
         assert_eq!(sequence.peek(), 5);
-        sequence.advance();
-        sequence.advance();
+        sequence.take();
+        sequence.take();
         sequence.take_back(5);
         assert_eq!(sequence.peek(), 7, "another came after it");
+    }
+
+    /// A server that was one of several and is alone again goes on above what went, by its file; one
+    /// that comes back to the others does not run ahead of them because of it.
+    #[test]
+    fn numbers_rise_into_a_cluster_and_out_of_it() {
+        let path =
+            std::env::temp_dir().join(format!("crawler-sequence-shared-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        let open = || Sequence::open(DataDir::open(&path).expect("open"), clock::unix_ms());
+        let mut sequence = open().expect("open");
+        let alone = sequence.take();
+        sequence.share(Numbers::new(3, 0), 0);
+        let first = sequence.take();
+        assert!(first > alone);
+        sequence.above(first + 160);
+        assert!(sequence.take() > first + 160);
+        let last = sequence.take();
+        drop(sequence);
+
+        let mut again = open().expect("open");
+        assert!(again.take() > last, "alone again");
+        drop(again);
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        let mut back = open().expect("open");
+        back.share(Numbers::new(4, 0), last);
+        let next = back.take();
+        assert!(next > last);
+        let clock = Numbers::new(4, 0).next(clock::unix_us(), 0);
+        assert!(next <= clock.max(last + 16), "not ahead of the others");
+        drop(back);
+        std::fs::remove_dir_all(path).expect("clean up");
     }
 }

@@ -8,10 +8,10 @@ use crawler_protocol::Fleet;
 
 use super::layer::parse_fleet;
 use super::{
-    BrokerUrl, ConfigError, EngineUrl, Influx, Layer, LogFormat, Postgres, Redis, Role, TlsMode,
-    TlsNames,
+    BrokerUrl, ConfigError, EngineUrl, Influx, Layer, LogFormat, Networks, Postgres, Redis, Role,
+    TlsMode, TlsNames,
 };
-use crate::console::{AuditArgs, BackupArgs, RestoreArgs, RobotArgs, UserArgs};
+use crate::console::{AuditArgs, BackupArgs, MosquittoArgs, RestoreArgs, RobotArgs, UserArgs};
 use crate::evaluate::EvaluateArgs;
 use crate::replay::ReplayArgs;
 
@@ -75,6 +75,8 @@ pub enum Command {
     Backup(BackupArgs),
     /// Puts a backup back
     Restore(RestoreArgs),
+    /// Configurations for the broker Mosquitto, on sites and in the middle
+    Mosquitto(MosquittoArgs),
     /// Checks everything a server needs, and says what to do
     Doctor {
         #[command(flatten)]
@@ -87,7 +89,7 @@ pub enum Command {
 }
 
 /// Options of every command.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct Common {
     /// TOML file with options
     #[arg(long, value_name = "FILE")]
@@ -124,6 +126,9 @@ pub struct ServerOptions {
     #[command(flatten)]
     #[allow(missing_docs)] // as above
     pub engines: EngineOptions,
+    /// Load balancers whose `X-Forwarded-For` is believed: addresses or networks, separated by commas
+    #[arg(long, value_name = "NETWORKS")]
+    pub trusted_proxies: Option<Networks>,
     #[command(flatten)]
     #[allow(missing_docs)] // as above
     pub tls: TlsOptions,
@@ -208,6 +213,7 @@ impl Cli {
             | Command::Restore(RestoreArgs { place, .. }) => {
                 return Ok((Role::Serve, place.layer(), place.config));
             }
+            Command::Mosquitto(args) => (Role::Sim, args.task.common(), None, None),
             Command::Sim { common, robots } => (Role::Sim, common, None, Some(robots)),
             Command::Evaluate(_) => {
                 return Err(ConfigError::Conflict("`evaluate` has options of its own"));
@@ -231,6 +237,7 @@ impl Cli {
             layer.database = server.engines.database;
             layer.timeseries = server.engines.timeseries;
             layer.cache = server.engines.cache;
+            layer.trusted_proxies = server.trusted_proxies;
             layer.tls = server.tls.tls;
             layer.tls_names = server.tls.tls_names;
             layer.tls_certificate = server.tls.tls_certificate;

@@ -10,7 +10,8 @@ use crawler_protocol::Fleet;
 use serde::Deserialize;
 
 use super::{
-    BrokerUrl, ConfigError, ENV_PREFIX, EngineUrl, Influx, Postgres, Redis, TlsMode, TlsNames,
+    BrokerUrl, ConfigError, ENV_PREFIX, EngineUrl, Influx, Networks, Postgres, Redis, TlsMode,
+    TlsNames,
 };
 
 /// How log lines are written.
@@ -37,7 +38,7 @@ impl FromStr for LogFormat {
 }
 
 /// Every key, as the file spells it.
-pub(super) const KEYS: [&str; 23] = [
+pub(super) const KEYS: [&str; 24] = [
     "fleet",
     "broker",
     "mqtt",
@@ -46,6 +47,7 @@ pub(super) const KEYS: [&str; 23] = [
     "database",
     "timeseries",
     "cache",
+    "trusted_proxies",
     "open",
     "robots",
     "scenario",
@@ -83,6 +85,8 @@ pub struct Layer {
     pub timeseries: Option<EngineUrl<Influx>>,
     /// What several servers agree on.
     pub cache: Option<EngineUrl<Redis>>,
+    /// Proxies whose word on where a request came from is believed.
+    pub trusted_proxies: Option<Networks>,
     /// Whether everyone may do everything.
     pub open: Option<bool>,
     /// Number of simulated robots.
@@ -182,6 +186,7 @@ impl Layer {
             "database" => self.database = parse(value)?,
             "timeseries" => self.timeseries = parse(value)?,
             "cache" => self.cache = parse(value)?,
+            "trusted_proxies" => self.trusted_proxies = parse(value)?,
             "open" => self.open = parse(value)?,
             "robots" => self.robots = parse(value)?,
             "scenario" => self.scenario = Some(value.to_owned()),
@@ -217,6 +222,7 @@ impl Layer {
         fill(&mut self.database, weaker.database.as_ref());
         fill(&mut self.timeseries, weaker.timeseries.as_ref());
         fill(&mut self.cache, weaker.cache.as_ref());
+        fill(&mut self.trusted_proxies, weaker.trusted_proxies.as_ref());
         fill(&mut self.open, weaker.open.as_ref());
         fill(&mut self.robots, weaker.robots.as_ref());
         fill(&mut self.scenario, weaker.scenario.as_ref());

@@ -67,6 +67,17 @@ fn command_line_over_environment_over_file() {
 }
 
 #[test]
+fn several_servers_need_a_broker_that_all_of_them_reach() {
+    let alone = resolve(&["serve", "--cache", "redis://h"], &[]);
+    assert!(matches!(alone, Err(ConfigError::Conflict(_))), "{alone:?}");
+    let several = resolve(
+        &["serve", "--cache", "redis://h", "--broker", "mqtt://b:1883"],
+        &[],
+    );
+    assert!(several.expect("settings").cache.is_some());
+}
+
+#[test]
 fn every_key_is_known_in_every_source() {
     let values = [
         ("fleet", "bench", "\"bench\""),
@@ -77,6 +88,7 @@ fn every_key_is_known_in_every_source() {
         ("database", "postgres://h/d", "\"postgres://h/d\""),
         ("timeseries", "influx://h/d", "\"influx://h/d\""),
         ("cache", "redis://h", "\"redis://h\""),
+        ("trusted_proxies", "10.0.0.0/8", "\"10.0.0.0/8\""),
         ("open", "true", "true"),
         ("robots", "7", "7"),
         ("scenario", "arena", "\"arena\""),

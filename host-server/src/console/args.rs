@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 use crawler_access::{Role, UserName};
 use crawler_protocol::RobotId;
 
-use crate::config::Layer;
+use crate::config::{EngineUrl, Layer, Postgres};
 
 /// Where the records are. Everything else comes from the environment and the file, as for `serve`.
 #[derive(Debug, Clone, Default, Args)]
@@ -14,6 +14,9 @@ pub struct Place {
     /// Data directory of the server [default: data]
     #[arg(long, value_name = "DIR", global = true)]
     pub data: Option<PathBuf>,
+    /// Database of the server, where it has one: postgres://… [default: a file in the data directory]
+    #[arg(long, value_name = "URL", global = true)]
+    pub database: Option<EngineUrl<Postgres>>,
     /// TOML file with the server's options
     #[arg(long, value_name = "FILE", global = true)]
     pub config: Option<PathBuf>,
@@ -24,6 +27,7 @@ impl Place {
     pub(crate) fn layer(&self) -> Layer {
         Layer {
             data: self.data.clone(),
+            database: self.database.clone(),
             ..Layer::default()
         }
     }
@@ -195,7 +199,7 @@ pub struct BackupArgs {
 pub struct RestoreArgs {
     /// A file made by `terracrawler backup`
     pub file: PathBuf,
-    /// Puts aside what the data directory holds now
+    /// Puts aside what the data directory, and the database, hold now
     #[arg(long)]
     pub replace: bool,
     #[command(flatten)]

@@ -13,7 +13,7 @@ use super::{Console, moment, said};
 use crate::config::Settings;
 
 pub(super) async fn run(task: AuditTask, settings: &Settings) -> Result<ExitCode, String> {
-    let console = Console::open(&settings.data, false).await?;
+    let console = Console::open(settings, false).await?;
     let result = match task {
         AuditTask::List { limit, before, who } => {
             list(&console, limit, before, who.as_deref()).await

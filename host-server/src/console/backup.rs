@@ -1,6 +1,9 @@
 //! Backups: everything of the data directory that a server cannot make again, in one file.
 //!
-//! The file is a tar archive. Records are copied by the database itself, so a running server may go
+//! The file is a tar archive, the same wherever the records are: those of a database are in it as the
+//! file that a server without one has, and so a backup is also the way from one to the other.
+//!
+//! Records are copied by the database itself, so a running server may go
 //! on writing; small files beside them (numbers, keys and certificates) are replaced whole by whoever
 //! writes them, so each is copied whole.
 
@@ -10,7 +13,7 @@ use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
 use std::path::{Component, Path, PathBuf};
 
 use crawler_records::history::HISTORY_FILE;
-use crawler_records::{RECORDS_FILE, Records};
+use crawler_records::{RECORDS_FILE, Records, RecordsError};
 use serde_json::json;
 
 use super::{Console, now, said};
@@ -50,7 +53,7 @@ const LARGEST_DATABASE: u64 = 64 * 1024 * 1024 * 1024;
 /// Makes a backup in `file`, which must not exist.
 pub(super) async fn backup(file: &Path, settings: &Settings) -> Result<(), String> {
     let data = &settings.data;
-    let console = Console::open(data, false).await?;
+    let console = Console::open_all(settings).await?;
     let cannot = |error: io::Error| format!("cannot write {}: {error}", file.display());
     let out = File::options()
         .write(true)
@@ -155,23 +158,45 @@ pub(super) async fn restore(file: &Path, replace: bool, settings: &Settings) -> 
         .map_err(|error| format!("{}: {error}", file.display()))?;
 
     let there = held_files(target)?;
-    if !there.is_empty() {
-        if !replace {
-            return Err(format!(
-                "{} holds a server's data already; --replace puts it aside first",
-                target.display()
-            ));
-        }
-        let aside = target.join(format!("{ASIDE}{}", now()));
-        let moved = fs::DirBuilder::new()
+    if !there.is_empty() && !replace {
+        return Err(format!(
+            "{} holds a server's data already; --replace puts it aside first",
+            target.display()
+        ));
+    }
+    let aside = target.join(format!("{ASIDE}{}", now()));
+    let cannot_aside = |error: io::Error| format!("cannot put the old data aside: {error}");
+    if replace {
+        fs::DirBuilder::new()
             .mode(0o700)
             .create(&aside)
-            .and_then(|()| {
-                there
-                    .iter()
-                    .try_for_each(|name| fs::rename(target.join(name), aside.join(name)))
+            .map_err(cannot_aside)?;
+    }
+    if let Some(url) = &settings.database {
+        // All or nothing, and before anything is put aside here.
+        let loaded =
+            Records::restore_database(&ready, url.reveal(), replace.then_some(aside.as_path()));
+        if let Err(error) = loaded.await {
+            // Empty, or with a copy of what is still there.
+            let _ = fs::remove_dir_all(&aside);
+            return Err(match error {
+                RecordsError::Exists => {
+                    format!(
+                        "{url} holds a server's records already; --replace puts them aside first"
+                    )
+                }
+                error => said(&error),
             });
-        moved.map_err(|error| format!("cannot put the old data aside: {error}"))?;
+        }
+        fs::remove_file(ready.join(RECORDS_FILE))
+            .map_err(|error| format!("cannot write to {}: {error}", target.display()))?;
+    }
+    there
+        .iter()
+        .try_for_each(|name| fs::rename(target.join(name), aside.join(name)))
+        .map_err(cannot_aside)?;
+    // It goes away if there was nothing to put into it.
+    if replace && fs::remove_dir(&aside).is_err() {
         println!("What was there lies in {} now.", aside.display());
     }
     let cannot = |error: io::Error| format!("cannot write to {}: {error}", target.display());
@@ -194,7 +219,7 @@ pub(super) async fn restore(file: &Path, replace: bool, settings: &Settings) -> 
 
 /// Opens what was restored, and says what a person has to put right after time went back.
 async fn settle(settings: &Settings, file: &Path) -> Result<(), String> {
-    let console = Console::open(&settings.data, false).await?;
+    let console = Console::open(settings, false).await?;
     console
         .note("restore", &file.display().to_string(), json!({}), "ok")
         .await?;

@@ -5,6 +5,7 @@
 //! so that each can be tested with what seldom happens.
 
 mod certificates;
+mod history;
 mod listeners;
 mod machine;
 mod records;
@@ -84,6 +85,7 @@ pub(super) async fn run(settings: &Settings) -> ExitCode {
     let usable = findings.iter().all(|finding| finding.grade < Grade::Fail);
     findings.extend(listeners::look(settings, running).await);
     findings.push(certificates::look(settings));
+    findings.extend(history::look(settings).await);
     // A directory that is not ours to write would only be made worse.
     if usable {
         findings.extend(records::look(settings).await);

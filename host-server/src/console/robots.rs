@@ -12,7 +12,7 @@ use crate::config::{Broker, Settings};
 
 pub(super) async fn run(task: RobotTask, settings: &Settings) -> Result<(), String> {
     let make = matches!(task, RobotTask::Enroll { .. });
-    let console = Console::open(&settings.data, make).await?;
+    let console = Console::open(settings, make).await?;
     let result = match task {
         RobotTask::Enroll { whose, address } => {
             enroll(&console, settings, &whose, address.as_deref()).await
@@ -109,20 +109,15 @@ fn advice(url: &str, name: &str, secret: &Secret, door: &Door, settings: &Settin
         write!(
             text,
             "On the robot's page (docs/provisioning.md) enter:\n  \
-             Address               {door}\n  \
+             Address               {door}\n{}  \
              User name             {name}\n  \
              Password of the user  {secret}\n  \
              Name of this robot    {name}\n  \
              Fleet                 {}\n",
+            authority(door, settings),
             settings.fleet
         )
     };
-    if door.tls && !name.starts_with("simulator-") {
-        text.push_str(
-            "\nThis listener speaks TLS, which boards of this version do not: give them one without, on a \
-             network of theirs, with --mqtt-plain (docs/tls.md).\n",
-        );
-    }
     if door.host_is_loopback() {
         text.push_str(
             "\nThe address is of this machine alone. For robots elsewhere let the broker listen on the \
@@ -130,6 +125,22 @@ fn advice(url: &str, name: &str, secret: &Secret, door: &Door, settings: &Settin
         );
     }
     text
+}
+
+/// The line about what a robot knows the broker by.
+fn authority(door: &Door, settings: &Settings) -> String {
+    if !door.tls {
+        return String::new();
+    }
+    let pinned = match &settings.broker {
+        Broker::Embedded(_) => crate::tls::pin(&settings.data.join("tls").join("ca.pem")),
+        Broker::Outside(_) => settings.tls.broker_ca.as_deref().and_then(crate::tls::pin),
+    };
+    let pinned = pinned.filter(|_| settings.tls.own.is_none());
+    pinned.map_or_else(
+        || "  Authority             the key of the one that has signed the broker's certificate (docs/tls.md)\n".into(),
+        |pinned| format!("  Authority             {pinned}\n"),
+    )
 }
 
 async fn list(console: &Console) -> Result<(), String> {
@@ -208,7 +219,7 @@ impl std::fmt::Display for Door {
 /// Where robots find the broker: as told, or by the server's own options.
 fn door(settings: &Settings, address: Option<&str>, for_board: bool) -> Result<Door, String> {
     let (host, port, tls) = match (&settings.broker, settings.tls.mqtt_plain) {
-        // Boards do not speak TLS in this version, so a listener without is there for them.
+        // Whoever opens a listener without TLS does it for boards.
         (Broker::Embedded(_), Some(listen)) if for_board => {
             (reachable(listen), listen.port(), false)
         }
@@ -325,6 +336,26 @@ mod tests {
         ] {
             assert!(door(&settings, Some(wrong), true).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn a_robot_is_told_by_what_it_knows_the_broker() {
+        let data = std::env::temp_dir().join(format!("crawler-enroll-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&data);
+        let mut settings = settings("10.1.2.3:8883");
+        settings.data.clone_from(&data);
+        let own = door(&settings, None, true).expect("an address");
+        assert!(own.tls && authority(&own, &settings).contains("docs/tls.md"));
+        crate::tls::Certificates::of(&settings).expect("certificates");
+        let told = authority(&own, &settings);
+        let digits = told.split_whitespace().next_back().expect("a key");
+        assert!(
+            digits.parse::<crawler_sim::run::live::Authority>().is_ok(),
+            "{told}"
+        );
+        let _ = std::fs::remove_dir_all(&data);
+        let plain = Door { tls: false, ..own };
+        assert_eq!(authority(&plain, &settings), "");
     }
 
     #[test]

@@ -13,7 +13,7 @@ const HOUR_MS: i64 = 3_600_000;
 pub(super) async fn run(task: UserTask, settings: &Settings) -> Result<(), String> {
     // The first account may be made before the server ever ran.
     let make = matches!(task, UserTask::Add { .. } | UserTask::Invite { .. });
-    let console = Console::open(&settings.data, make).await?;
+    let console = Console::open(settings, make).await?;
     let result = match task {
         UserTask::Add { name, role } => add(&console, name, role).await,
         UserTask::List => list(&console).await,

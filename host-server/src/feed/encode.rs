@@ -16,7 +16,18 @@ const EVENT: u8 = 3;
 const METRICS: u8 = 4;
 
 /// Version of the frames.
-const PROTOCOL: u8 = 1;
+const PROTOCOL: u8 = 2;
+/// Bytes of a frame of poses before its indices.
+const POSES_HEADER: usize = 20;
+/// Bytes that a robot takes beside its index.
+const POSE: usize = 8;
+const FULL: u8 = 1;
+/// Indices are told as a bitmap.
+const BITMAP: u8 = 2;
+/// Steps of a heading to the turn; finer than anybody can see.
+const HEADINGS: f32 = 4_096.0;
+/// Told where there is no reading of the range sensor.
+const NO_RANGE: u16 = 0x3fff;
 /// Positions are told to the millimetre as long as the fleet is within 65 m.
 const FINEST_M: f32 = 0.001;
 const LOW_BATTERY_PERCENT: u8 = 20;
@@ -27,11 +38,10 @@ pub(super) struct Sample {
     /// Millimetres, as fine as they are told.
     x_mm: i32,
     y_mm: i32,
-    /// 65,536 to the turn.
-    heading: u16,
-    state: u8,
-    flags: u8,
-    range_mm: u16,
+    /// Bits 0–11 heading, 12–14 state, 15 battery low.
+    course: u16,
+    /// Bits 0–13 range in millimetres or [`NO_RANGE`], 14–15 presence.
+    reach: u16,
 }
 
 impl Sample {
@@ -46,18 +56,22 @@ impl Sample {
         };
         let low = telemetry.battery.percent < LOW_BATTERY_PERCENT;
         let turns = telemetry.pose.theta / std::f32::consts::TAU;
+        // A turn that rounds up to a whole one is none.
+        let heading = ((turns - turns.floor()) * HEADINGS).round() as u16 & 0x0fff;
+        let state = state_code(robot.state().unwrap_or(telemetry.state));
+        let range = telemetry
+            .range_mm
+            .map_or(NO_RANGE, |mm| mm.min(NO_RANGE - 1));
         Some(Self {
             x_mm: (telemetry.pose.x * 1000.0).round() as i32,
             y_mm: (telemetry.pose.y * 1000.0).round() as i32,
-            heading: ((turns - turns.floor()) * 65_536.0) as u32 as u16,
-            state: state_code(robot.state().unwrap_or(telemetry.state)),
-            flags: presence | u8::from(telemetry.range_mm.is_some()) << 2 | u8::from(low) << 3,
-            range_mm: telemetry.range_mm.unwrap_or(0),
+            course: heading | state << 12 | u16::from(low) << 15,
+            reach: range | presence << 14,
         })
     }
 }
 
-const fn state_code(state: RobotState) -> u8 {
+const fn state_code(state: RobotState) -> u16 {
     match state {
         RobotState::Initializing => 0,
         RobotState::Idle => 1,
@@ -121,24 +135,58 @@ pub(super) fn poses(full: bool, unix_ms: u64, samples: &[(u16, Sample)]) -> Byte
     let scaled =
         |value: i32, from: i32| ((i64::from(value) - i64::from(from)) as f32 / unit).round() as u16;
 
-    let mut frame = Vec::with_capacity(20 + 12 * count);
+    let (bitmap, indices) = told_indices(samples);
+    let mut frame = Vec::with_capacity(POSES_HEADER + indices.len() + POSE * count);
     frame.push(POSES);
-    frame.push(u8::from(full));
+    frame.push(if full { FULL } else { 0 } | if bitmap { BITMAP } else { 0 });
     frame.extend((count as u16).to_le_bytes());
     frame.extend((unix_ms as u32).to_le_bytes());
     frame.extend((x0 as f32 * FINEST_M).to_le_bytes());
     frame.extend((y0 as f32 * FINEST_M).to_le_bytes());
     frame.extend((unit * FINEST_M).to_le_bytes());
-    for (index, sample) in samples {
-        frame.extend(index.to_le_bytes());
+    frame.extend(indices);
+    for (_, sample) in samples {
         frame.extend(scaled(sample.x_mm, x0).to_le_bytes());
         frame.extend(scaled(sample.y_mm, y0).to_le_bytes());
-        frame.extend(sample.heading.to_le_bytes());
-        frame.push(sample.state);
-        frame.push(sample.flags);
-        frame.extend(sample.range_mm.to_le_bytes());
+        frame.extend(sample.course.to_le_bytes());
+        frame.extend(sample.reach.to_le_bytes());
     }
     frame.into()
+}
+
+/// Which robots the poses are of, and whether it is told as a bitmap: the shorter of two bytes for
+/// each, and a bit for each index from the first to the last.
+fn told_indices(samples: &[(u16, Sample)]) -> (bool, Vec<u8>) {
+    let listed = || {
+        let indices = samples.iter().flat_map(|(index, _)| index.to_le_bytes());
+        (false, indices.collect())
+    };
+    let (Some((first, _)), Some((last, _))) = (samples.first(), samples.last()) else {
+        return listed();
+    };
+    let ascending = samples
+        .windows(2)
+        .all(|pair| matches!(pair, [(a, _), (b, _)] if a < b));
+    if !ascending {
+        return listed();
+    }
+    let length = usize::from(last - first) / 8 + 1;
+    if 4 + length >= 2 * samples.len() {
+        return listed();
+    }
+    let mut bitmap = vec![0_u8; length];
+    for (index, _) in samples {
+        let bit = usize::from(index - first);
+        if let Some(byte) = bitmap.get_mut(bit / 8) {
+            *byte |= 1 << (bit % 8);
+        }
+    }
+    let mut told = Vec::with_capacity(4 + length);
+    told.extend(first.to_le_bytes());
+    // At most 8,192, since indices have 16 bits.
+    told.extend((length as u16).to_le_bytes());
+    told.extend(bitmap);
+    (true, told)
 }
 
 pub(super) fn event(event: &Event) -> Option<Bytes> {

@@ -35,6 +35,7 @@ fn hear(fleet: &SharedFleet, topic: &str, payload: &str, now: Instant) {
                 topic: topic.as_bytes(),
                 payload: payload.as_bytes(),
                 retained: false,
+                content_type: None,
                 properties: &[],
             },
             now,
@@ -46,26 +47,44 @@ fn text(frame: &Bytes) -> Value {
     serde_json::from_slice(&frame[1..]).expect("JSON")
 }
 
-/// Index, x, y in metres, heading in turns, state, flags, range: as the contract lays them out.
+/// Index, x, y in metres, heading in turns, state, flags (presence, 4 has range, 8 battery low),
+/// range: as the contract lays them out.
 fn poses(frame: &Bytes) -> Vec<(u16, f32, f32, f32, u8, u8, u16)> {
     let u16_at = |at: usize| u16::from_le_bytes([frame[at], frame[at + 1]]);
     let f32_at =
         |at: usize| f32::from_le_bytes([frame[at], frame[at + 1], frame[at + 2], frame[at + 3]]);
     assert_eq!(frame[0], 2);
     let count = usize::from(u16_at(2));
-    assert_eq!(frame.len(), 20 + 12 * count);
+    let (indices, body): (Vec<u16>, usize) = if frame[1] & 2 == 0 {
+        (
+            (0..count).map(|row| u16_at(20 + 2 * row)).collect(),
+            20 + 2 * count,
+        )
+    } else {
+        let (first, length) = (u16_at(20), usize::from(u16_at(22)));
+        let set = |bit: &u16| frame[24 + usize::from(bit / 8)] >> (bit % 8) & 1 == 1;
+        let bits = (0..8 * length as u16).filter(set);
+        (bits.map(|bit| first + bit).collect(), 24 + length)
+    };
+    assert_eq!(indices.len(), count);
+    assert_eq!(frame.len(), body + 8 * count);
     let (x0, y0, unit) = (f32_at(8), f32_at(12), f32_at(16));
-    (0..count)
-        .map(|row| {
-            let at = 20 + 12 * row;
+    indices
+        .into_iter()
+        .enumerate()
+        .map(|(row, index)| {
+            let at = body + 8 * row;
+            let (course, reach) = (u16_at(at + 4), u16_at(at + 6));
+            let range = reach & 0x3fff;
+            let known = u16::from(range != 0x3fff);
             (
-                u16_at(at),
-                x0 + f32::from(u16_at(at + 2)) * unit,
-                y0 + f32::from(u16_at(at + 4)) * unit,
-                f32::from(u16_at(at + 6)) / 65_536.0,
-                frame[at + 8],
-                frame[at + 9],
-                u16_at(at + 10),
+                index,
+                x0 + f32::from(u16_at(at)) * unit,
+                y0 + f32::from(u16_at(at + 2)) * unit,
+                f32::from(course & 0xfff) / 4_096.0,
+                (course >> 12 & 7) as u8,
+                (reach >> 14 | known << 2 | course >> 15 << 3) as u8,
+                range,
             )
         })
         .collect()
@@ -94,7 +113,7 @@ fn a_new_reader_gets_everything_there_is() {
     let (frames, _) = feed.connect(&fleet);
     let hello = text(&frames[0]);
     assert_eq!(frames[0][0], 0);
-    assert_eq!(hello["protocol"], 1);
+    assert_eq!(hello["protocol"], 2);
     assert_eq!(hello["fleet"], "swarm");
     assert_eq!(hello["arena"]["width"], 4.0);
     let roster = text(&frames[1]);
@@ -138,6 +157,41 @@ fn positions_survive_any_distance() {
     for (row, expected) in rows.iter().zip([-900_000.0, 0.0, 900_000.0]) {
         // 1,800 km in 65,535 steps.
         close(row.1, expected, 28.0);
+    }
+}
+
+#[test]
+fn a_robot_takes_less_than_ten_bytes() {
+    let now = Instant::now();
+    let fleet = SharedFleet::new(Fleet::default());
+    for number in 0..300 {
+        let robot = format!("r{number}");
+        hear(
+            &fleet,
+            &format!("swarm/status/{robot}"),
+            &status(&robot),
+            now,
+        );
+        // Some have told nothing of themselves yet, so that indices have gaps.
+        if number % 7 != 3 {
+            let told = telemetry(&robot, number as f32 / 100.0, number as f32 / 50.0);
+            hear(&fleet, &format!("swarm/telemetry/{robot}"), &told, now);
+        }
+    }
+    let (frames, _) = Feed::new(Fleet::default()).connect(&fleet);
+    let rows = poses(&frames[2]);
+    assert_eq!(rows.len(), 257);
+    assert!(
+        frames[2].len() < 10 * rows.len(),
+        "{} bytes",
+        frames[2].len()
+    );
+    for (index, x, _, turns, _, _, range) in rows {
+        assert_ne!(index % 7, 3);
+        close(x, f32::from(index) / 100.0, 0.001);
+        let expected = (f32::from(index) / 50.0 / std::f32::consts::TAU).fract();
+        close(turns, expected, 1.0 / 8_192.0);
+        assert_eq!(range, 812);
     }
 }
 

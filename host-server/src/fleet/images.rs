@@ -134,6 +134,7 @@ mod tests {
                 topic: b"swarm/image/a",
                 payload,
                 retained: false,
+                content_type: None,
                 properties,
             };
             Image::read(&message, 9)

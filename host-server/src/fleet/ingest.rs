@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use crawler_protocol::{
     Detection, Detections, Heartbeat, LogRecord, MAX_IMAGE, MAX_MESSAGE, ParametersMessage,
-    Response, RobotId, StatusMessage, Telemetry, Topic, TopicError,
+    Response, RobotId, StatusMessage, Telemetry, TelemetryEncoding, Topic, TopicError,
 };
 
 use super::images::Image;
@@ -15,6 +15,8 @@ use crate::clock;
 
 /// Positions beyond this are no positions. A coordinate in `f32` is good to 6 cm there.
 const FARTHEST_M: f32 = 1.0e6;
+/// A message that comes by way of another server is this much later at most.
+const OVERTAKEN_MS: u64 = 5_000;
 /// One line per cause and interval tells of rejected messages.
 const REPORT_EVERY: Duration = Duration::from_secs(5);
 
@@ -31,6 +33,8 @@ pub(crate) enum Rejection {
     Malformed,
     /// It says another robot's id than its topic.
     Mismatch,
+    /// Its content type is none that belongs on this topic.
+    ContentType,
     /// A number no robot can mean.
     Absurd,
     /// The fleet is full.
@@ -38,12 +42,13 @@ pub(crate) enum Rejection {
 }
 
 impl Rejection {
-    const ALL: [Self; 7] = [
+    const ALL: [Self; 8] = [
         Self::Topic,
         Self::RobotId,
         Self::TooLarge,
         Self::Malformed,
         Self::Mismatch,
+        Self::ContentType,
         Self::Absurd,
         Self::Full,
     ];
@@ -56,6 +61,7 @@ impl Rejection {
             Self::TooLarge => "too_large",
             Self::Malformed => "malformed",
             Self::Mismatch => "mismatch",
+            Self::ContentType => "content_type",
             Self::Absurd => "absurd",
             Self::Full => "full",
         }
@@ -70,6 +76,7 @@ impl fmt::Display for Rejection {
             Self::TooLarge => "larger than a message may be",
             Self::Malformed => "not the message that belongs on its topic",
             Self::Mismatch => "names another robot than its topic",
+            Self::ContentType => "written in a way that is not known",
             Self::Absurd => "a position that cannot be one",
             Self::Full => "from a robot beyond the largest fleet",
         })
@@ -163,16 +170,15 @@ impl FleetState {
                 Received::Noted
             }
             Topic::Telemetry(id) => {
-                let message = decode(Telemetry::from_json(payload))?;
-                same(id, &message.robot)?;
-                let pose = &message.pose;
-                if !(pose.x.abs() <= FARTHEST_M && pose.y.abs() <= FARTHEST_M) {
-                    return Err(Rejection::Absurd);
-                }
+                let (earlier, newest) = samples(id, incoming)?;
+                let relayed = self.relayed;
                 let robot = self.entry(id, now).ok_or(Rejection::Full)?;
-                robot.telemetry = Some(message);
+                let last = robot.telemetry.as_ref().map(|last| last.timestamp);
+                if !(relayed && was_overtaken(newest.timestamp, last)) {
+                    robot.telemetry = Some(newest);
+                }
                 self.spoke(id, now);
-                Received::Noted
+                Received::Telemetry(earlier)
             }
             Topic::Vision(id) => {
                 let message = decode(Detections::from_json(payload))?;
@@ -186,8 +192,12 @@ impl FleetState {
                 if !message.objects.iter().all(within) {
                     return Err(Rejection::Absurd);
                 }
+                let relayed = self.relayed;
                 let robot = self.entry(id, now).ok_or(Rejection::Full)?;
-                robot.sees = Some(Box::new(message));
+                let last = robot.sees.as_ref().map(|last| last.timestamp);
+                if !(relayed && was_overtaken(message.timestamp, last)) {
+                    robot.sees = Some(Box::new(message));
+                }
                 self.spoke(id, now);
                 Received::Noted
             }
@@ -261,8 +271,14 @@ impl FleetState {
         message: Heartbeat,
         now: Instant,
     ) -> Result<(), Rejection> {
+        let relayed = self.relayed;
         let robot = self.entry(id, now).ok_or(Rejection::Full)?;
         let index = robot.index;
+        let last = robot.heartbeat.as_ref().map(|last| last.uptime_ms);
+        if relayed && was_overtaken(message.uptime_ms, last) {
+            self.spoke(id, now);
+            return Ok(());
+        }
         if robot.beat(message, now) {
             self.changed.insert(index);
             tracing::error!(robot = %id, "two robots use this id, or it restarts all the time");
@@ -318,6 +334,33 @@ impl FleetState {
             }
         }
     }
+}
+
+/// The samples of a message of telemetry: those before the newest, oldest first, and the newest. All
+/// of them are good, or none is taken.
+fn samples(id: &RobotId, message: &Incoming<'_>) -> Result<(Vec<Telemetry>, Telemetry), Rejection> {
+    let encoding = TelemetryEncoding::of(message.content_type).ok_or(Rejection::ContentType)?;
+    let mut earlier = Vec::new();
+    let mut newest = None;
+    for sample in encoding.samples(message.payload) {
+        let sample = decode(sample)?;
+        same(id, &sample.robot)?;
+        let pose = &sample.pose;
+        if !(pose.x.abs() <= FARTHEST_M && pose.y.abs() <= FARTHEST_M) {
+            return Err(Rejection::Absurd);
+        }
+        earlier.extend(newest.replace(sample));
+    }
+    newest
+        .map(|newest| (earlier, newest))
+        .ok_or(Rejection::Malformed)
+}
+
+/// Whether a message of the time `this` is older than one of the time `last` that has come already,
+/// in milliseconds of the robot. A robot that has started anew, or whose clock was set, is further
+/// behind than messages can overtake each other.
+fn was_overtaken(this: u64, last: Option<u64>) -> bool {
+    last.is_some_and(|last| this < last && last - this < OVERTAKEN_MS)
 }
 
 fn decode<T, E>(result: Result<T, E>) -> Result<T, Rejection> {

@@ -33,6 +33,7 @@ fn message<'a>(topic: &'a [u8], payload: &'a [u8], retained: bool) -> Incoming<'
         topic,
         payload,
         retained,
+        content_type: None,
         properties: &[],
     }
 }

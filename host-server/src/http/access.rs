@@ -17,6 +17,8 @@ use super::App;
 use super::peer::Peer;
 use super::problem::Problem;
 use crate::accounts::{Identity, Stranger};
+use crate::cluster::Together;
+use crate::metrics::Dropped;
 
 /// What a call asks of whoever makes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +45,8 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/healthz", Need::Nothing),
     ("GET", "/readyz", Need::Nothing),
     ("GET", "/metrics", Need::LocalOrViewer),
+    // The broker asks for name and password itself.
+    ("GET", "/mqtt", Need::Nothing),
     ("GET", "/api/v1/openapi.json", Need::Nothing),
     ("GET", "/api/v1/schema/{message}", Need::Nothing),
     ("POST", "/api/v1/session", Need::Nothing),
@@ -61,6 +65,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/robots/{id}/image", VIEWER),
     ("GET", "/api/v1/robots/{id}/parameters", VIEWER),
     ("GET", "/api/v1/robots/{id}/telemetry", VIEWER),
+    ("GET", "/api/v1/commands", VIEWER),
     ("GET", "/api/v1/commands/{id}", VIEWER),
     ("GET", "/api/v1/simulator", VIEWER),
     ("POST", "/api/v1/robots/{id}/commands", OPERATOR),
@@ -189,9 +194,15 @@ fn ticket(request: &Request) -> Option<&str> {
         .find_map(|pair| pair.strip_prefix("ticket="))
 }
 
-fn known(app: &App, request: &Request, tickets: bool) -> Result<Identity, Problem> {
+fn known(
+    app: &App,
+    request: &Request,
+    tickets: bool,
+    redeemed: Option<Identity>,
+) -> Result<Identity, Problem> {
     match (bearer(request.headers())?, ticket(request)) {
         (Some(token), _) => app.accounts.who(token).map_err(strange),
+        (None, Some(_)) if tickets && redeemed.is_some() => redeemed.ok_or_else(unauthenticated),
         (None, Some(ticket)) if tickets => app.accounts.redeem(ticket).ok_or_else(|| {
             Problem::new(
                 StatusCode::UNAUTHORIZED,
@@ -203,7 +214,17 @@ fn known(app: &App, request: &Request, tickets: bool) -> Result<Identity, Proble
     }
 }
 
-fn admit(app: &App, request: &Request) -> Result<Caller, Problem> {
+/// Whose ticket a request shows, where any of several servers may have given it.
+fn shared_ticket<'a>(app: &'a App, request: &Request) -> Option<(&'a Together, String)> {
+    let together = app.together.as_deref()?;
+    let path = request.extensions().get::<MatchedPath>()?;
+    let wanted = need(request.method(), path.as_str()) == Need::Ticket
+        && !request.headers().contains_key(header::AUTHORIZATION);
+    let ticket = ticket(request).filter(|_| wanted)?;
+    Some((together, ticket.to_owned()))
+}
+
+fn admit(app: &App, request: &Request, redeemed: Option<Identity>) -> Result<Caller, Problem> {
     let peer = Peer::of(request);
     let caller = |identity: Option<Identity>, role| Caller {
         identity,
@@ -231,7 +252,7 @@ fn admit(app: &App, request: &Request) -> Result<Caller, Problem> {
         Need::LocalOrViewer | Need::Ticket => Role::Viewer,
         Need::Role(role) => role,
     };
-    let identity = known(app, request, need == Need::Ticket)?;
+    let identity = known(app, request, need == Need::Ticket, redeemed)?;
     if identity.role < role {
         return Err(Problem::new(
             StatusCode::FORBIDDEN,
@@ -254,16 +275,24 @@ pub(super) async fn check(
 ) -> Response {
     // Before the token is looked at: guessing tokens is to be no quicker than anything else.
     let peer = Peer::of(&request);
-    if let Err(problem) = app.rates.address(peer.ip()) {
+    let together = app.together.as_deref();
+    if let Err(problem) = app.rates.address(peer.ip(), together).await {
+        app.metrics.dropped(Dropped::RateLimited);
         return problem.into_response();
     }
-    let caller = match admit(&app, &request) {
+    let shared = shared_ticket(&app, &request);
+    let redeemed = match shared {
+        Some((together, ticket)) => app.accounts.redeem_shared(&ticket, together).await,
+        None => None,
+    };
+    let caller = match admit(&app, &request, redeemed) {
         Ok(caller) => caller,
         Err(problem) => return problem.into_response(),
     };
     if let Some(identity) = &caller.identity
-        && let Err(problem) = app.rates.user(&identity.user)
+        && let Err(problem) = app.rates.user(&identity.user, together).await
     {
+        app.metrics.dropped(Dropped::RateLimited);
         return problem.into_response();
     }
     tracing::debug!(user = caller.name(), "let in");

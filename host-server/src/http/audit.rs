@@ -59,6 +59,18 @@ impl App {
             outcome: outcome.to_owned(),
         };
         self.trail.write(entry).await;
+        // Whoever logs in here, or is locked out, is so everywhere. What is not told is found by
+        // looking, some seconds later.
+        if let Some(together) = self.together.clone()
+            && result.is_ok()
+            && !action.starts_with("command.")
+        {
+            tokio::spawn(async move {
+                if let Err(error) = together.cluster.changed().await {
+                    tracing::debug!(%error, "the other servers are not told of a change");
+                }
+            });
+        }
     }
 }
 

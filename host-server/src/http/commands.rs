@@ -1,21 +1,22 @@
 //! Telling robots what to do.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use axum::Json;
-use axum::extract::{Path, State};
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use crawler_protocol::{Action, Reason, RobotId};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
 use super::App;
 use super::access::Caller;
 use super::guard::JsonBody;
 use super::problem::Problem;
-use crate::commands::{CommandView, SendError, Target};
+use crate::commands::{CommandView, SendError, Target, view_of};
 use crate::fleet::Presence;
 
 /// A command on its way: the same document as `GET /api/v1/commands/{id}`, whose address is in
@@ -117,23 +118,31 @@ fn failed(error: SendError) -> Problem {
             Reason::TooLarge.name(),
             "the command is too large for a message",
         ),
+        SendError::NotShared { sent: false } => Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "not_shared",
+            "the other servers cannot be told; the command was not sent",
+        ),
+        SendError::NotShared { sent: true } => Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "sent_not_shared",
+            "the command was sent, but the other servers cannot be told: should this one fail, \
+             nobody goes on with it",
+        ),
     }
 }
 
 /// Sends a command under the caller's name.
-fn send(
+async fn send(
     app: &App,
     caller: &Caller,
     action: Action,
     target: Target,
     expected: Vec<RobotId>,
 ) -> Result<Accepted, Problem> {
-    let now = Instant::now();
-    let sent = match caller.source() {
-        Some(source) => app.commands.send_as(source, action, target, expected, now),
-        None => app.commands.send(action, target, expected, now),
-    };
-    sent.map(Accepted).map_err(failed)
+    let commands = &app.commands;
+    let given = commands.give(caller.source(), action, target, expected);
+    given.await.map(Accepted).map_err(failed)
 }
 
 /// Reads a command and sends it to one robot; writes down that it was given.
@@ -143,12 +152,12 @@ pub(super) async fn send_to_robot(
     id: &str,
     body: &[u8],
 ) -> Result<Accepted, Problem> {
-    let result = try_robot(app, caller, id, body);
+    let result = try_robot(app, caller, id, body).await;
     audit(app, caller, id, body, &result).await;
     result
 }
 
-fn try_robot(app: &App, caller: &Caller, id: &str, body: &[u8]) -> Result<Accepted, Problem> {
+async fn try_robot(app: &App, caller: &Caller, id: &str, body: &[u8]) -> Result<Accepted, Problem> {
     let action = parse(body)?;
     let unknown = || Problem::unknown_robot(id);
     let robot = RobotId::new(id).map_err(|_| unknown())?;
@@ -156,10 +165,10 @@ fn try_robot(app: &App, caller: &Caller, id: &str, body: &[u8]) -> Result<Accept
         return Err(unknown());
     }
     let target = Target::Robot(robot.clone());
-    send(app, caller, action, target, vec![robot])
+    send(app, caller, action, target, vec![robot]).await
 }
 
-fn try_swarm(app: &App, caller: &Caller, body: &[u8]) -> Result<Accepted, Problem> {
+async fn try_swarm(app: &App, caller: &Caller, body: &[u8]) -> Result<Accepted, Problem> {
     let action = parse(body)?;
     let expected: Vec<RobotId> = {
         let fleet = app.fleet.lock();
@@ -175,7 +184,7 @@ fn try_swarm(app: &App, caller: &Caller, body: &[u8]) -> Result<Accepted, Proble
             "no robot is online; only stop and estop are sent all the same",
         ));
     }
-    send(app, caller, action, Target::Swarm, expected)
+    send(app, caller, action, Target::Swarm, expected).await
 }
 
 /// Writes down a command that was one. It has gone out by then: no stop waits for a disk.
@@ -248,9 +257,61 @@ pub(super) async fn to_swarm(
     caller: Caller,
     JsonBody(body): JsonBody,
 ) -> Result<Accepted, Problem> {
-    let result = try_swarm(&app, &caller, &body);
+    let result = try_swarm(&app, &caller, &body).await;
     audit(&app, &caller, "swarm", &body, &result).await;
     result
+}
+
+/// Commands of one answer.
+const MOST_LISTED: usize = 500;
+
+/// Which commands are wanted.
+#[derive(Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct ListQuery {
+    /// Those that went to this robot, with its outcome; all, without outcomes, when not given.
+    robot: Option<String>,
+    /// At most so many, up to 500; 50 when not given.
+    limit: Option<usize>,
+    /// With the `drive` commands, of which steering sends many a second.
+    drive: Option<bool>,
+}
+
+/// Commands, newest first.
+#[derive(Serialize, ToSchema)]
+#[schema(as = CommandRecords)]
+pub(super) struct CommandList {
+    /// Newest first.
+    commands: Vec<CommandView>,
+}
+
+/// The newest commands and what they came to, newest first
+///
+/// The server remembers the last 4,096 commands for up to an hour.
+#[utoipa::path(get, path = "/commands", tag = "commands",
+    params(ListQuery),
+    responses(
+        (status = 200, description = "The commands", body = CommandList),
+        (status = 400, description = "The query is not valid", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 404, description = "Not a robot's name", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn list(
+    State(app): State<Arc<App>>,
+    query: Result<Query<ListQuery>, QueryRejection>,
+) -> Result<Json<CommandList>, Problem> {
+    let Query(query) = query
+        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
+    let robot = query.robot.as_deref().map(|id| {
+        let robot = RobotId::new(id);
+        robot.map_err(|_| Problem::unknown_robot(id))
+    });
+    let robot = robot.transpose()?;
+    let limit = query.limit.unwrap_or(50).min(MOST_LISTED);
+    let drive = query.drive.unwrap_or(false);
+    let commands = app.commands.newest(robot.as_ref(), drive, limit);
+    Ok(Json(CommandList { commands }))
 }
 
 /// What a command came to
@@ -261,20 +322,32 @@ pub(super) async fn to_swarm(
     responses(
         (status = 200, description = "What it came to so far", body = CommandView),
         (status = 404, description = "Not known, or no longer", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 503, description = "The other servers cannot be asked", body = Problem,
             content_type = "application/problem+json")))]
 pub(super) async fn one(
     State(app): State<Arc<App>>,
     Path(id): Path<String>,
 ) -> Result<Json<CommandView>, Problem> {
-    id.parse()
-        .ok()
-        .and_then(|seq| app.commands.view(seq))
-        .map(Json)
-        .ok_or_else(|| {
-            Problem::new(
-                StatusCode::NOT_FOUND,
-                "unknown_command_id",
-                "no such command is remembered",
-            )
-        })
+    let unknown = || {
+        Problem::new(
+            StatusCode::NOT_FOUND,
+            "unknown_command_id",
+            "no such command is remembered",
+        )
+    };
+    let id: u64 = id.parse().map_err(|_| unknown())?;
+    if let Some(view) = app.commands.view(id) {
+        return Ok(Json(view));
+    }
+    let together = app.together.as_ref().ok_or_else(unknown)?;
+    let fields = together.cluster.read(id).await.map_err(|error| {
+        tracing::warn!(%error, "cannot look up a command of another server");
+        Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "not_shared",
+            "this server does not know the command, and the others cannot be asked",
+        )
+    })?;
+    view_of(id, &fields).map(Json).ok_or_else(unknown)
 }

@@ -29,20 +29,39 @@ async fn alive() -> &'static str {
 struct Readiness {
     ready: bool,
     broker: bool,
+    /// Whether the database of the records answers, where they are in one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    database: Option<bool>,
+    /// Whether what several servers share can be written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cache: Option<bool>,
     #[serde(skip_serializing_if = "Option::is_none")]
     simulation: Option<bool>,
+    /// Whether the engine that keeps the history answers, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    history: Option<bool>,
 }
 
-/// 200 when commands reach robots: the broker is connected, and the simulation, where there is one,
-/// is running. 503 otherwise, with what is missing.
+/// 200 when commands reach robots: the broker is connected, what several servers share can be written
+/// where there are several, and the simulation, where there is one, is running. 503 otherwise, with
+/// what is missing.
+///
+/// A database that does not answer is told and does not make it 503: whoever is logged in can still
+/// stop robots, and several servers that share it must not all be taken out of service at once. Robots
+/// can be steered without their history, so an engine that is away is told of and no more.
 async fn ready(State(app): State<Arc<App>>) -> Response {
     let broker = app.bus.is_up();
     let simulation = app.simulation.get().map(|world| world.is_running());
-    let ready = broker && simulation != Some(false);
+    let together = app.together.as_ref();
+    let cache = together.map(|together| together.is_member());
+    let ready = broker && cache != Some(false) && simulation != Some(false);
     let body = Json(Readiness {
         ready,
         broker,
+        database: app.records.database().map(|stats| stats.up),
+        cache,
         simulation,
+        history: app.history.engine_up(),
     });
     if ready {
         return body.into_response();

@@ -1,8 +1,15 @@
 //! Whom a request came from, as far as the connection tells.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::Arc;
 
-use axum::http::{HeaderMap, Request, header};
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, Request, header};
+use axum::middleware::Next;
+use axum::response::Response;
+
+use crate::config::Networks;
 
 /// The other end of a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +36,27 @@ impl Peer {
         })
     }
 
+    fn behind(mut self, proxies: &Networks, headers: &HeaderMap) -> Self {
+        if !proxies.contains(self.ip()) {
+            return self;
+        }
+        let https = |value: &HeaderValue| value.as_bytes().eq_ignore_ascii_case(b"https");
+        self.tls |= headers.get("x-forwarded-proto").is_some_and(https);
+        let lines: Vec<&HeaderValue> = headers.get_all("x-forwarded-for").iter().collect();
+        let lines = lines.into_iter().rev();
+        let hops = lines.flat_map(|line| line.to_str().unwrap_or_default().rsplit(','));
+        for hop in hops {
+            let Ok(address) = hop.trim().parse::<IpAddr>() else {
+                break;
+            };
+            self.address = SocketAddr::new(address, 0);
+            if !proxies.contains(address) {
+                break;
+            }
+        }
+        self
+    }
+
     /// Its address, in the form that people know: IPv4 also where it came through an IPv6 socket.
     pub(super) fn ip(self) -> IpAddr {
         self.address.ip().to_canonical()
@@ -41,6 +69,18 @@ impl Peer {
             && !headers.contains_key(header::FORWARDED)
             && !headers.contains_key("x-forwarded-for")
     }
+}
+
+/// Who asked a proxy, where that is one of ours: what the last of them says that is not one of ours
+/// itself. What stands before that in the header anybody can have written.
+pub(super) async fn see_through(
+    State(proxies): State<Arc<Networks>>,
+    mut request: Request<Body>,
+    next: Next,
+) -> Response {
+    let peer = Peer::of(&request).behind(&proxies, request.headers());
+    peer.mark(&mut request);
+    next.run(request).await
 }
 
 #[cfg(test)]
@@ -63,6 +103,33 @@ mod tests {
         assert!(!peer("10.0.0.1:5").is_local(&headers));
         headers.insert("x-forwarded-for", "10.0.0.1".parse().expect("value"));
         assert!(!peer("127.0.0.1:5").is_local(&headers));
+    }
+
+    #[test]
+    fn a_trusted_proxy_is_believed_and_nobody_before_it() {
+        let proxies: Networks = "10.0.0.0/8".parse().expect("networks");
+        let behind = |address: &str, lines: &[&str]| {
+            let mut headers = HeaderMap::new();
+            for line in lines {
+                headers.append("x-forwarded-for", line.parse().expect("value"));
+            }
+            peer(address).behind(&proxies, &headers).ip().to_string()
+        };
+        for (address, lines, who) in [
+            ("10.0.0.1:5", &["192.0.2.7"][..], "192.0.2.7"),
+            ("10.0.0.1:5", &["1.2.3.4, 192.0.2.7, 10.0.0.2"], "192.0.2.7"),
+            ("10.0.0.1:5", &["1.2.3.4", "192.0.2.7"], "192.0.2.7"),
+            ("10.0.0.1:5", &["1.2.3.4, nonsense"], "10.0.0.1"),
+            ("10.0.0.1:5", &[], "10.0.0.1"),
+            ("192.0.2.9:5", &["1.2.3.4"], "192.0.2.9"),
+        ] {
+            assert_eq!(behind(address, lines), who, "{address} {lines:?}");
+        }
+        // A browser on this machine that comes through a proxy is not this machine asking.
+        let mut headers = HeaderMap::new();
+        headers.insert("x-forwarded-for", "127.0.0.1".parse().expect("value"));
+        let local = peer("10.0.0.1:5").behind(&proxies, &headers);
+        assert!(!local.is_local(&headers));
     }
 
     #[test]

@@ -9,8 +9,10 @@ use std::time::{Duration, Instant};
 use axum::http::StatusCode;
 use crawler_access::UserName;
 use crawler_access::limits::{Allowance, Flood, Verdict, neighbourhood};
+use crawler_cluster::{Bucket, Spent};
 
 use super::problem::Problem;
+use crate::cluster::Together;
 
 /// For one address, which a house full of people may share.
 const ADDRESS: Allowance = Allowance {
@@ -84,15 +86,60 @@ impl Rates {
         }
     }
 
-    /// Counts a request from `address`.
-    pub(super) fn address(&self, address: IpAddr) -> Result<(), Problem> {
-        spend(&self.addresses, neighbourhood(address), "address", ADDRESS)
+    /// Counts a request from `address`, on all servers together.
+    pub(super) async fn address(
+        &self,
+        address: IpAddr,
+        together: Option<&Together>,
+    ) -> Result<(), Problem> {
+        let place = neighbourhood(address);
+        spend(&self.addresses, place, "address", ADDRESS)?;
+        spend_together(together, &place.to_string(), "address", ADDRESS).await
     }
 
-    /// Counts a request of `user`.
-    pub(super) fn user(&self, user: &UserName) -> Result<(), Problem> {
-        spend(&self.users, user.clone(), "user", USER)
+    /// Counts a request of `user`, on all servers together.
+    pub(super) async fn user(
+        &self,
+        user: &UserName,
+        together: Option<&Together>,
+    ) -> Result<(), Problem> {
+        spend(&self.users, user.clone(), "user", USER)?;
+        spend_together(together, user.as_str(), "user", USER).await
     }
+}
+
+/// Without Redis every server counts for itself: that more is let through is better than that nothing
+/// is.
+async fn spend_together(
+    together: Option<&Together>,
+    name: &str,
+    whose: &str,
+    allowance: Allowance,
+) -> Result<(), Problem> {
+    let Some(together) = together.filter(|together| together.is_member()) else {
+        return Ok(());
+    };
+    let bucket = Bucket {
+        per_second: allowance.per_second,
+        burst: allowance.burst,
+    };
+    let name = format!("{whose}:{name}");
+    match together.cluster.spend(&name, bucket, 1).await {
+        Ok(Spent::Refused) => Err(too_many(whose, allowance)),
+        Ok(Spent::Passed) | Err(_) => Ok(()),
+    }
+}
+
+fn too_many(whose: &str, allowance: Allowance) -> Problem {
+    Problem::later(
+        StatusCode::TOO_MANY_REQUESTS,
+        "rate_limited",
+        format!(
+            "too many requests: one {whose} may make {} a second",
+            allowance.per_second
+        ),
+        Duration::from_secs(1),
+    )
 }
 
 fn spend<K: Hash + Eq>(
@@ -105,15 +152,7 @@ fn spend<K: Hash + Eq>(
     if buckets.spend(key, Instant::now()) {
         return Ok(());
     }
-    Err(Problem::later(
-        StatusCode::TOO_MANY_REQUESTS,
-        "rate_limited",
-        format!(
-            "too many requests: one {whose} may make {} a second",
-            allowance.per_second
-        ),
-        Duration::from_secs(1),
-    ))
+    Err(too_many(whose, allowance))
 }
 
 #[cfg(test)]

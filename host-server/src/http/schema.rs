@@ -74,15 +74,17 @@ const WITH_BODY: [(&str, &str); 2] = [
 
 /// Adds the answers that every call can give to those that it tells of itself.
 fn complete(document: &mut OpenApi) {
-    for item in document.paths.paths.values_mut() {
+    for (path, item) in &mut document.paths.paths {
         let operations = [
-            &mut item.get,
-            &mut item.put,
-            &mut item.post,
-            &mut item.delete,
-            &mut item.patch,
+            ("get", &mut item.get),
+            ("put", &mut item.put),
+            ("post", &mut item.post),
+            ("delete", &mut item.delete),
+            ("patch", &mut item.patch),
         ];
-        for operation in operations.into_iter().flatten() {
+        for (method, operation) in operations {
+            let Some(operation) = operation else { continue };
+            operation.operation_id = Some(operation_id(method, path));
             let with_body = operation.request_body.is_some();
             add(operation, &ALWAYS);
             if with_body {
@@ -90,6 +92,16 @@ fn complete(document: &mut OpenApi) {
             }
         }
     }
+}
+
+/// `get /api/v1/robots/{id}` to `get_robots_id`: a name must be the only one of its kind, which those
+/// of handlers are not.
+fn operation_id(method: &str, path: &str) -> String {
+    let path = path.strip_prefix("/api/v1").unwrap_or(path);
+    let words = path.split(|c: char| !c.is_ascii_alphanumeric());
+    words
+        .filter(|word| !word.is_empty())
+        .fold(method.to_owned(), |name, word| name + "_" + word)
 }
 
 fn add(operation: &mut Operation, answers: &[(&str, &str)]) {

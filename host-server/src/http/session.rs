@@ -174,11 +174,12 @@ impl Problem {
     pub(super) fn records(error: &crawler_records::RecordsError) -> Self {
         // Paths and the database's words are for the log.
         tracing::error!(%error, "the records cannot be used");
-        Self::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "records_unavailable",
-            "the records cannot be read or written",
-        )
+        let (status, code) = (StatusCode::SERVICE_UNAVAILABLE, "records_unavailable");
+        if error.is_passing() {
+            let detail = "the database of the records does not answer";
+            return Self::later(status, code, detail, std::time::Duration::from_secs(2));
+        }
+        Self::new(status, code, "the records cannot be read or written")
     }
 
     pub(super) fn internal(what: &'static str) -> Self {
@@ -211,6 +212,8 @@ fn told_name(name: &str) -> String {
         (status = 401, description = "Name or password are wrong", body = Problem,
             content_type = "application/problem+json"),
         (status = 409, description = "The server is open", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 422, description = "Not a login", body = Problem,
             content_type = "application/problem+json"),
         (status = 429, description = "Too many failures", body = Problem,
             content_type = "application/problem+json")))]
@@ -420,10 +423,11 @@ pub(super) async fn ticket(
     caller: Caller,
 ) -> Result<Json<TicketView>, Problem> {
     let identity = caller.identity()?;
-    let ticket = app
-        .accounts
-        .ticket(identity)
-        .ok_or_else(|| Problem::internal("no randomness"))?;
+    let ticket = match &app.together {
+        Some(together) => app.accounts.shared_ticket(identity, together).await,
+        None => app.accounts.ticket(identity),
+    };
+    let ticket = ticket.ok_or_else(|| Problem::internal("no randomness"))?;
     Ok(Json(TicketView {
         ticket: ticket.to_string(),
         expires_in: TICKET_LIFETIME.as_secs(),

@@ -1,19 +1,24 @@
 //! What a robot has told of itself over time.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::Json;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
 use crawler_protocol::{RobotId, Telemetry};
 use crawler_records::history::{Point, Sample};
+use crawler_timeseries::EngineError;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::App;
 use super::problem::Problem;
 use crate::accounts::now_ms;
+use crate::history::HistoryError;
 
+/// When another try may find the engine back.
+const RETRY: Duration = Duration::from_secs(5);
 /// How far back an answer goes when nobody says.
 const HOUR: i64 = 3_600_000;
 /// Points of one answer.
@@ -75,6 +80,10 @@ pub(super) struct PointView {
     battery_percent: f32,
     /// Strength of the radio link.
     rssi_dbm: Option<f32>,
+    /// Duty of the left wheel, −1 to 1.
+    left: f32,
+    /// Duty of the right wheel, −1 to 1.
+    right: f32,
     /// The state, like `MOVING`.
     state: &'static str,
 }
@@ -91,6 +100,8 @@ impl From<Point> for PointView {
             battery_mv: point.battery_mv.mean,
             battery_percent: point.battery_percent.mean,
             rssi_dbm: point.rssi.map(|span| span.mean),
+            left: point.left,
+            right: point.right,
             state: point.state.name(),
         }
     }
@@ -138,9 +149,35 @@ fn stretch(query: &TelemetryQuery, now: i64) -> Result<(i64, i64, i64), Problem>
     Ok((from, to, step))
 }
 
+fn problem(error: &HistoryError) -> Problem {
+    let error = match error {
+        HistoryError::Local(error) => return Problem::records(error),
+        HistoryError::Remote(error) => error,
+    };
+    match error {
+        EngineError::Invalid(why) => Problem::new(StatusCode::BAD_REQUEST, "bad_query", why),
+        EngineError::Unreadable => Problem::new(
+            StatusCode::NOT_IMPLEMENTED,
+            "history_not_readable",
+            "the engine that keeps the history cannot be asked here: use its own tools",
+        ),
+        error => {
+            // Addresses and the engine's words are for the log.
+            tracing::warn!(%error, "the history cannot be read: {}", error.advice());
+            Problem::later(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "history_unavailable",
+                "the engine that keeps the history cannot be asked for now",
+                RETRY,
+            )
+        }
+    }
+}
+
 /// What a robot has told over time
 ///
-/// Kept as it came for a day, by the second for a week and by the minute for 400 days.
+/// Kept as it came for a day, by the second for a week and by the minute for 400 days. Where a
+/// time-series engine keeps the history, it keeps every sample for as long as it is told to.
 #[utoipa::path(get, path = "/robots/{id}/telemetry", tag = "robots",
     params(("id" = String, Path, description = "Robot id"), TelemetryQuery),
     responses(
@@ -149,6 +186,10 @@ fn stretch(query: &TelemetryQuery, now: i64) -> Result<(i64, i64, i64), Problem>
         (status = 400, description = "The query is not valid", body = Problem,
             content_type = "application/problem+json"),
         (status = 404, description = "Not a robot's name", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 501, description = "The engine that keeps the history cannot be asked here",
+            body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The history cannot be read for now", body = Problem,
             content_type = "application/problem+json")))]
 pub(super) async fn history(
     State(app): State<Arc<App>>,
@@ -159,8 +200,8 @@ pub(super) async fn history(
         .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
     let robot = RobotId::new(&id).map_err(|_| Problem::unknown_robot(&id))?;
     let (from, to, step) = stretch(&query, now_ms())?;
-    let points = app.records.history().query(&robot, from, to, step).await;
-    let points = points.map_err(|error| Problem::records(&error))?;
+    let points = app.history.query(&robot, from, to, step).await;
+    let points = points.map_err(|error| problem(&error))?;
     Ok(Json(HistoryView {
         robot: robot.as_str().to_owned(),
         from,

@@ -4,10 +4,11 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use crawler_protocol::RobotState;
-use crawler_records::history::Stats;
+use crawler_records::DatabaseStats;
 
 use crate::broker::Load;
 use crate::fleet::{FleetState, Presence};
+use crate::history::History;
 use crate::process;
 
 /// The state of robots that have not told theirs.
@@ -208,26 +209,57 @@ pub(super) fn write_data(out: &mut String, data: &Path) {
     }
 }
 
-/// How the database of telemetry is doing.
-pub(super) fn write_history(out: &mut String, stats: &Stats) {
+/// How the history of telemetry is doing, in this process or outside.
+pub(super) fn write_history(out: &mut String, history: &History) {
+    let (counters, queued) = match history {
+        History::Local(local) => {
+            let stats = local.stats();
+            gauge(
+                out,
+                "terracrawler_history_kept",
+                "1 while this process writes the history",
+                f64::from(u8::from(stats.keeper)),
+            );
+            let damaged = ("damaged", "Blocks that could not be read", stats.damaged);
+            let taken = [stats.accepted, stats.written, stats.dropped, stats.failures];
+            ((taken, damaged), stats.queued)
+        }
+        History::Remote(remote) => {
+            let stats = remote.stats();
+            gauge(
+                out,
+                "terracrawler_history_engine_up",
+                "1 while the engine outside takes samples",
+                f64::from(u8::from(stats.up)),
+            );
+            let refused = ("refused", "Samples that the engine refused", stats.refused);
+            let taken = [stats.accepted, stats.written, stats.dropped, stats.failures];
+            ((taken, refused), stats.queued)
+        }
+    };
+    let ([accepted, written, dropped, failures], own) = counters;
     for (name, help, value) in [
         (
             "accepted",
             "Telemetry samples taken for the history",
-            stats.accepted,
+            accepted,
         ),
-        ("written", "Samples that are on disk", stats.written),
+        (
+            "written",
+            "Samples that are on disk, or with the engine outside",
+            written,
+        ),
         (
             "dropped",
             "Samples let go because too many were waiting",
-            stats.dropped,
+            dropped,
         ),
         (
             "failures",
             "Writes that failed and were tried again",
-            stats.failures,
+            failures,
         ),
-        ("damaged", "Blocks that could not be read", stats.damaged),
+        own,
     ] {
         counter(
             out,
@@ -240,14 +272,43 @@ pub(super) fn write_history(out: &mut String, stats: &Stats) {
         out,
         "terracrawler_history_queued",
         "Samples waiting to be written",
-        stats.queued as f64,
+        queued as f64,
+    );
+}
+
+/// How the database of the records is doing, where they are in one.
+pub(super) fn write_database(out: &mut String, stats: &DatabaseStats) {
+    gauge(
+        out,
+        "terracrawler_database_up",
+        "1 while the database of the records answers",
+        f64::from(u8::from(stats.up)),
     );
     gauge(
         out,
-        "terracrawler_history_kept",
-        "1 while this process writes the history",
-        f64::from(u8::from(stats.keeper)),
+        "terracrawler_database_queued",
+        "Changes waiting to be written to it",
+        stats.queued as f64,
     );
+    for (name, help, value) in [
+        (
+            "transactions",
+            "Transactions that it committed for this server",
+            stats.transactions as f64,
+        ),
+        (
+            "transaction_seconds",
+            "Time that those took, with the wait for other servers",
+            stats.waited.as_secs_f64(),
+        ),
+        (
+            "failures",
+            "Calls that failed because it was not available",
+            stats.failures as f64,
+        ),
+    ] {
+        counter(out, &format!("terracrawler_database_{name}"), help, value);
+    }
 }
 
 /// What this process costs and what program it is.
@@ -304,7 +365,7 @@ pub(super) fn counter(out: &mut String, name: &str, help: &str, value: f64) {
     );
 }
 
-fn gauge(out: &mut String, name: &str, help: &str, value: f64) {
+pub(super) fn gauge(out: &mut String, name: &str, help: &str, value: f64) {
     let _ = write!(
         out,
         "# HELP {name} {help}.\n# TYPE {name} gauge\n{name} {value}\n"

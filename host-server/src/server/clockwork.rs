@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use crawler_protocol::{MAX_MESSAGE, TimeMessage, Topic};
 use tokio_util::sync::CancellationToken;
 
+use super::cells::Cells;
 use super::ingest;
 use super::watch::Watch;
 use crate::accounts;
@@ -24,11 +25,12 @@ const CATCH_UP: Duration = Duration::from_secs(5);
 /// How often what is over is taken out of the records.
 const PRUNE: Duration = Duration::from_hours(1);
 
-/// What happens by the clock: the feed, overdue answers, the time for robots.
+/// What happens by the clock: the feed, overdue answers, the time for robots and who is near them.
 pub(super) async fn heart(app: Arc<App>, stop: CancellationToken) {
     let mut tick = tokio::time::interval(feed::INTERVAL);
     tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
     let mut time_sent: Option<Instant> = None;
+    let mut cells = Cells::default();
     loop {
         tokio::select! {
             () = stop.cancelled() => return,
@@ -52,13 +54,21 @@ pub(super) async fn heart(app: Arc<App>, stop: CancellationToken) {
             TIME_EVERY
         };
         let due = time_sent.is_none_or(|at| now.saturating_duration_since(at) >= wait);
+        // Of several servers one tells robots who is near, and the time.
+        let together = app.together.as_ref();
+        let leads = together.is_none_or(|together| together.leads());
+        if leads {
+            cells.tell(&app, now);
+        }
         // After a reconnect the first message goes out with the next tick.
         if !app.bus.is_up() {
             time_sent = None;
         } else if due {
             time_sent = Some(now);
             app.time_wanted.store(false, Ordering::Relaxed);
-            publish_time(&app.bus);
+            if leads {
+                publish_time(&app.bus);
+            }
         }
     }
 }
@@ -73,6 +83,8 @@ pub(super) async fn upkeep(app: Arc<App>, stop: CancellationToken) {
         tokio::select! {
             () = stop.cancelled() => return,
             () = tokio::time::sleep(CATCH_UP) => {}
+            // Another server tells that it has changed something.
+            () = app.records_changed.notified() => {}
         }
         if let Err(error) = app.accounts.catch_up().await {
             tracing::warn!(%error, "cannot read which sessions are alive");

@@ -4,27 +4,55 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use crawler_protocol::Topic;
+use crawler_cluster::frame::{Message, Told};
+use crawler_protocol::{Fleet, Telemetry, Topic};
 use serde_json::json;
 
 use crate::accounts::{self, Entry};
 use crate::bus::{Incoming, Receiver};
+use crate::cluster::is_shared;
 use crate::commands::{CommandView, OutcomeStatus};
 use crate::fleet::{Level, Received};
 use crate::http::{self, App};
+use crate::metrics::Dropped;
+
+/// What a sample may be older than the newest one of its message, in milliseconds. Robots send
+/// nothing older than 2 s, unless their link is busy.
+const OLDEST: u64 = 10_000;
 
 /// Takes what the bus receives.
 pub(super) struct Ingest {
     app: Arc<App>,
+    fleet: Fleet,
 }
 
 impl Ingest {
-    pub(super) fn new(app: Arc<App>) -> Arc<Self> {
-        Arc::new(Self { app })
+    pub(super) fn new(app: Arc<App>, fleet: Fleet) -> Arc<Self> {
+        Arc::new(Self { app, fleet })
     }
-}
 
-impl Ingest {
+    /// Takes in what another server has heard and told. It has written it to the history, and
+    /// counted it.
+    pub(super) fn relayed(&self, message: &Message) {
+        let text = std::str::from_utf8(&message.topic).unwrap_or_default();
+        let topic = Topic::parse(&self.fleet, text);
+        if !topic.as_ref().is_ok_and(is_shared) {
+            return;
+        }
+        let now = Instant::now();
+        let incoming = Incoming {
+            topic: &message.topic,
+            payload: &message.payload,
+            retained: message.retained,
+            content_type: message.content_type.as_deref(),
+            properties: &message.properties,
+        };
+        let received = self.app.fleet.lock().receive(&incoming, now);
+        if let Ok((topic, _)) = received {
+            self.note(&topic, now);
+        }
+    }
+
     /// Tells the commands which robots are there: some wait for theirs.
     fn note(&self, topic: &Topic, now: Instant) {
         match topic {
@@ -51,13 +79,17 @@ impl Receiver for Ingest {
             let mut fleet = self.app.fleet.lock();
             let received = fleet.receive(message, now);
             // A retained one is of long ago.
-            if let Ok((Topic::Telemetry(robot), _)) = &received
+            if let Ok((Topic::Telemetry(robot), Received::Telemetry(earlier))) = &received
                 && !message.retained
-                && let Some(telemetry) = fleet.get(robot).and_then(|robot| robot.telemetry.as_ref())
+                && let Some(newest) = fleet.get(robot).and_then(|robot| robot.telemetry.as_ref())
             {
-                let sample = http::sample(telemetry, accounts::now_ms());
-                // What it cannot take, it counts.
-                let _ = self.app.records.history().push(sample);
+                let now = accounts::now_ms();
+                for telemetry in earlier.iter().chain([newest]) {
+                    let sample = http::sample(telemetry, now - age(telemetry, newest));
+                    if self.app.history.push(sample).is_err() {
+                        self.app.metrics.dropped(Dropped::HistoryFull);
+                    }
+                }
             }
             let known = match &received {
                 Ok((_, Received::Response(response))) => fleet.get(&response.robot).is_some(),
@@ -68,6 +100,17 @@ impl Receiver for Ingest {
         match received {
             Ok((topic, received)) => {
                 self.app.metrics.message_in(&topic);
+                if let Some(together) = &self.app.together
+                    && is_shared(&topic)
+                {
+                    together.queue.push(Told {
+                        topic: message.topic,
+                        payload: message.payload,
+                        retained: message.retained,
+                        content_type: message.content_type,
+                        properties: message.properties,
+                    });
+                }
                 // A robot subscribes before it tells its status, so the time will reach it.
                 if matches!(topic, Topic::Status(_)) && !message.retained {
                     self.app.time_wanted.store(true, Ordering::Relaxed);
@@ -93,6 +136,13 @@ impl Receiver for Ingest {
         };
         self.app.fleet.lock().events.push(level, None, text);
     }
+}
+
+/// How many milliseconds a sample is older than the newest one of its message. The clock of a robot may
+/// be wrong, or set in between; what passes on it is good for so short a time.
+fn age(sample: &Telemetry, newest: &Telemetry) -> i64 {
+    let age = newest.timestamp.saturating_sub(sample.timestamp);
+    age.min(OLDEST) as i64
 }
 
 /// Tells of a command that is over, where it is worth a line: those to the swarm, and those that

@@ -38,6 +38,20 @@ pub enum StartError {
         /// What came instead.
         reason: String,
     },
+    /// The history cannot be kept in this engine, whether it answers or not.
+    Timeseries {
+        /// Its address.
+        engine: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// Other servers cannot be joined.
+    Cache {
+        /// Where they were to be met.
+        cache: String,
+        /// Why not.
+        reason: String,
+    },
     /// The simulated robots cannot be started.
     Simulation(String),
     /// Something that cannot happen did.
@@ -115,6 +129,15 @@ impl fmt::Display for StartError {
             } => write!(f, "{what} cannot listen at {address} ({option}): {cause}"),
             Self::BrokerUnreachable { broker, reason } => {
                 write!(f, "the broker at {broker} cannot be used: {reason}")
+            }
+            Self::Timeseries { engine, reason } => {
+                write!(
+                    f,
+                    "the history cannot be kept at {engine} (--timeseries): {reason}"
+                )
+            }
+            Self::Cache { cache, reason } => {
+                write!(f, "the other servers cannot be joined at {cache}: {reason}")
             }
             Self::Simulation(reason) => {
                 write!(f, "the simulated robots cannot be started: {reason}")

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use crawler_records::Records;
 
 use super::StartError;
+use crate::accounts::Failures;
 use crate::broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
 use crate::bus::Target;
 use crate::config::{Broker, BrokerUrl, Settings};
@@ -28,15 +29,21 @@ pub(super) async fn open(
     settings: &Settings,
     records: &Records,
     certificates: Option<&Arc<Certificates>>,
+    failures: Arc<Failures>,
 ) -> Result<Ways, StartError> {
     match &settings.broker {
-        Broker::Embedded(listen) => embedded(settings, *listen, records, certificates).await,
+        Broker::Embedded(listen) => {
+            embedded(settings, *listen, records, certificates, failures).await
+        }
         Broker::Outside(mqtt) => {
             let tunnel = open_tunnel(settings, mqtt).await?;
             let inside = tunnel.as_ref().map_or(mqtt, Tunnel::inside).clone();
             Ok(Ways {
                 broker: None,
-                target: outside(&inside)?,
+                target: Target {
+                    shared: settings.cache.is_some(),
+                    ..outside(&inside)?
+                },
                 tunnel,
                 mqtt: mqtt.clone(),
                 inside,
@@ -50,6 +57,7 @@ async fn embedded(
     listen: SocketAddr,
     records: &Records,
     certificates: Option<&Arc<Certificates>>,
+    failures: Arc<Failures>,
 ) -> Result<Ways, StartError> {
     let tls = &settings.tls;
     let certificates = certificates.filter(|_| tls.covers(listen));
@@ -62,7 +70,7 @@ async fn embedded(
     let accounts: Arc<dyn Accounts> = if settings.open {
         Arc::new(Open)
     } else {
-        Arc::new(RecordAccounts::new(records.clone()))
+        Arc::new(RecordAccounts::new(records.clone(), failures))
     };
     let broker = EmbeddedBroker::start(plain, &settings.fleet, accounts)
         .await
@@ -72,7 +80,7 @@ async fn embedded(
         None => inside.clone(),
         Some(certificates) => {
             let client_ca = tls.client_ca.as_deref();
-            let door = Door::new(certificates.acceptor(b"mqtt", client_ca)?);
+            let door = Door::new(certificates.acceptor(crate::tls::MQTT, client_ca)?);
             let front = broker.front(listen, door).await;
             let front = front.map_err(|cause| StartError::mqtt(listen, cause))?;
             url(front.address(), true)
@@ -84,6 +92,7 @@ async fn embedded(
         port: inside.port,
         client_id: server.user.clone(),
         credentials: Some((server.user.clone(), server.password.to_string())),
+        shared: false,
     };
     Ok(Ways {
         broker: Some(broker),
@@ -148,6 +157,7 @@ pub(crate) fn outside(url: &BrokerUrl) -> Result<Target, StartError> {
         port: url.port,
         client_id: format!("server-{}", crate::hex(&id)),
         credentials: url.credentials.clone(),
+        shared: false,
     })
 }
 

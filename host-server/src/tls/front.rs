@@ -32,7 +32,8 @@ impl Peers {
         peers.get(&seen).copied().unwrap_or(seen)
     }
 
-    fn note(self: &Arc<Self>, seen: SocketAddr, origin: SocketAddr) -> Note {
+    /// Notes where a connection comes from that the broker sees at `seen`.
+    pub(crate) fn note(self: &Arc<Self>, seen: SocketAddr, origin: SocketAddr) -> Note {
         let mut peers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         peers.insert(seen, origin);
         Note {
@@ -42,7 +43,8 @@ impl Peers {
     }
 }
 
-struct Note {
+/// What is noted of a connection, until it is dropped.
+pub(crate) struct Note {
     peers: Arc<Peers>,
     seen: SocketAddr,
 }

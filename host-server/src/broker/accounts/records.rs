@@ -1,17 +1,17 @@
 //! Accounts as the records have them.
 
 use std::net::IpAddr;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
-use crawler_access::limits::{Attempts, Backoff, neighbourhood};
 use crawler_access::{Secret, UserName, password};
 use crawler_protocol::RobotId;
 use crawler_records::{Entry, Records, RecordsError};
 use tokio::sync::{Semaphore, SemaphorePermit};
 
 use super::{Accounts, Login, Refusal, SIMULATOR, Who};
+use crate::accounts::Failures;
 use crate::clock;
 
 /// Passwords that are checked at a time. Each takes 19 MiB and some tens of milliseconds.
@@ -20,31 +20,21 @@ const HASHING: usize = 2;
 /// holds one of the broker's places for handshakes, and robots need those.
 const QUEUE: usize = 16;
 const PATIENCE: Duration = Duration::from_secs(3);
-/// Wrong names and passwords from one address, whatever the names. Robots do not count: their
-/// secrets cannot be guessed, and many of them may live behind one address.
-const PER_ADDRESS: Backoff = Backoff {
-    free: 30,
-    first: Duration::from_secs(2),
-    longest: Duration::from_mins(5),
-    forget: Duration::from_mins(15),
-    most: 8_192,
-};
 
 /// Robots and simulators by the digests of their secrets, people by their passwords.
 pub(crate) struct RecordAccounts {
     records: Records,
-    by_name: Mutex<Attempts<(UserName, IpAddr)>>,
-    by_address: Mutex<Attempts<IpAddr>>,
+    failures: Arc<Failures>,
     hashing: Semaphore,
     queue: Semaphore,
 }
 
 impl RecordAccounts {
-    pub(crate) fn new(records: Records) -> Self {
+    /// Robots and people of `records`; wrong passwords count among `failures`.
+    pub(crate) fn new(records: Records, failures: Arc<Failures>) -> Self {
         Self {
             records,
-            by_name: Mutex::new(Attempts::new(Backoff::default())),
-            by_address: Mutex::new(Attempts::new(PER_ADDRESS)),
+            failures,
             hashing: Semaphore::new(HASHING),
             queue: Semaphore::new(QUEUE),
         }
@@ -79,20 +69,18 @@ impl RecordAccounts {
 
     /// A person with this password.
     async fn person(&self, name: UserName, given: &str, from: IpAddr) -> Result<Who, Refusal> {
-        let from = neighbourhood(from);
-        let key = (name.clone(), from);
         let now = Instant::now();
-        lock(&self.by_address)
-            .check(&from, now)
+        self.failures
+            .check(from, now)
             .map_err(|_| Refusal::Attempts)?;
         let _place = self.queue.try_acquire().map_err(|_| Refusal::Busy)?;
-        lock(&self.by_name)
-            .begin(&key, now)
+        self.failures
+            .begin(Some(&name), from, now)
             .map_err(|_| Refusal::Attempts)?;
         let result = self.check(&name, given).await;
         match &result {
-            Ok(_) => lock(&self.by_name).succeeded(&key),
-            Err(Refusal::Credentials) => lock(&self.by_address).failed(&from, Instant::now()),
+            Ok(_) => self.failures.succeeded(Some(&name), from),
+            Err(Refusal::Credentials) => self.failures.failed(from, Instant::now()),
             // Not the fault of whoever came.
             Err(_) => {}
         }
@@ -152,10 +140,6 @@ impl RecordAccounts {
             tracing::error!(%error, "a login is missing in the audit log");
         }
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn unreadable(error: &RecordsError) -> Refusal {

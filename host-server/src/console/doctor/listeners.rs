@@ -4,12 +4,13 @@ use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::time::Duration;
 
+use crawler_cluster::Cluster;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 
 use super::Finding;
 use crate::bus;
-use crate::config::{Broker, BrokerUrl, Settings};
+use crate::config::{Broker, BrokerUrl, EngineUrl, Redis, Settings};
 use crate::tls::Tunnel;
 
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -43,7 +44,28 @@ pub(super) async fn look(settings: &Settings, running: bool) -> Vec<Finding> {
             ),
         },
     });
+    if let Some(url) = &settings.cache {
+        findings.push(cache(url).await);
+    }
     findings
+}
+
+/// Asks Redis, as the server does.
+async fn cache(url: &EngineUrl<Redis>) -> Finding {
+    const WHAT: &str = "cache";
+    // A name that nobody has: nothing is changed.
+    let asked = async {
+        let cluster = Cluster::open(url.reveal(), "doctor", Cluster::new_name()?)?;
+        cluster.mine().await
+    };
+    match asked.await {
+        Ok(_) => Finding::ok(WHAT, format!("{url} answers")),
+        Err(error) => Finding::fail(
+            WHAT,
+            format!("{url}: {error}"),
+            "is Redis running, reachable from here, and does it know this user and password?",
+        ),
+    }
 }
 
 /// Connects to an outside broker as the server does.

@@ -1,20 +1,26 @@
 //! The records, the audit log in them, and who has an account.
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use crawler_access::Role;
 use crawler_records::{RECORDS_FILE, Records, RecordsError, User};
 
 use super::Finding;
-use crate::config::Settings;
+use crate::config::{EngineUrl, Postgres, Settings};
 
 /// A clock that is this much behind the newest entry went back.
 const BACK_MS: i64 = 60_000;
+/// A database that takes longer for a list of accounts is felt.
+const SLOW: Duration = Duration::from_millis(250);
 /// A log of changes this large is not written back any more.
 const LONG_LOG: u64 = 256 * 1024 * 1024;
 
 pub(super) async fn look(settings: &Settings) -> Vec<Finding> {
     const WHAT: &str = "records";
+    if let Some(url) = &settings.database {
+        return database(settings, url).await;
+    }
     let file = settings.data.join(RECORDS_FILE);
     if !file.exists() {
         return vec![Finding::warn(
@@ -23,13 +29,88 @@ pub(super) async fn look(settings: &Settings) -> Vec<Finding> {
             "the first start makes it; if the server has run before, restore a backup",
         )];
     }
-    let records = match Records::open(&settings.data).await {
+    let opened = if settings.timeseries.is_some() {
+        Records::open_without_history(&settings.data).await
+    } else {
+        Records::open(&settings.data).await
+    };
+    let records = match opened {
         Ok(records) => records,
         Err(error) => return vec![damaged(&error)],
     };
     let mut findings = vec![sizes(&file)];
-    findings.push(audit(&records).await);
-    findings.extend(newest(&records).await);
+    findings.extend(inside(&records, settings).await);
+    records.close().await;
+    findings
+}
+
+/// The database, and what is in it.
+async fn database(settings: &Settings, url: &EngineUrl<Postgres>) -> Vec<Finding> {
+    let records = match Records::connect(url.reveal(), None, false).await {
+        Ok(records) => records,
+        Err(error) => return vec![judge_database(&url.to_string(), &error)],
+    };
+    let began = Instant::now();
+    let asked = records.users().await;
+    let took = began.elapsed();
+    let mut findings = vec![match asked {
+        Ok(_) => judge_latency(&url.to_string(), took),
+        Err(error) => judge_database(&url.to_string(), &error),
+    }];
+    if settings.data.join(RECORDS_FILE).exists() {
+        findings.push(Finding::warn(
+            "records",
+            "there are records in the data directory as well, which are not used",
+            "move them with `terracrawler backup` and `restore --database` (docs/operate.md), or remove them",
+        ));
+    }
+    findings.extend(inside(&records, settings).await);
+    records.close().await;
+    findings
+}
+
+fn judge_latency(place: &str, took: Duration) -> Finding {
+    const WHAT: &str = "database";
+    let found = format!("{place} answers in {} ms", took.as_millis());
+    if took > SLOW {
+        return Finding::warn(
+            WHAT,
+            found,
+            "every login waits for it: move it nearer, or find out what else it does",
+        );
+    }
+    Finding::ok(WHAT, found)
+}
+
+fn judge_database(place: &str, error: &RecordsError) -> Finding {
+    const WHAT: &str = "database";
+    let advice = match error {
+        RecordsError::NotFound => {
+            return Finding::warn(
+                WHAT,
+                format!("{place} answers and is empty"),
+                "the first start makes its tables; if the server has run before, name its database",
+            );
+        }
+        RecordsError::Unavailable(_) => {
+            "is it running, and can this machine reach it? `pg_isready -h HOST -p PORT` tells"
+        }
+        RecordsError::Refused(_) => "put right what it says, in the address or in the database",
+        RecordsError::Foreign(_) => "make a database for the server alone, and name that",
+        RecordsError::Newer { .. } => {
+            "start the newer program again, or restore a backup of this one"
+        }
+        RecordsError::InUse(_) => "a restore is under way: wait for its end",
+        _ => {
+            "stop the servers, `pg_dump` the database, then `terracrawler restore --replace BACKUP --database URL`"
+        }
+    };
+    Finding::fail(WHAT, error.to_string(), advice)
+}
+
+async fn inside(records: &Records, settings: &Settings) -> Vec<Finding> {
+    let mut findings = vec![audit(records).await];
+    findings.extend(newest(records).await);
     match records.users().await {
         Ok(users) => findings.push(judge_users(settings.open, &users)),
         Err(error) => findings.push(damaged(&error)),
@@ -50,7 +131,6 @@ pub(super) async fn look(settings: &Settings) -> Vec<Finding> {
         }
         Err(error) => findings.push(damaged(&error)),
     }
-    records.close().await;
     findings
 }
 
@@ -167,6 +247,33 @@ mod tests {
         assert_eq!(judge_users(true, &[]).grade, Grade::Ok);
         let one = [user("ada", Role::Admin, true, false)];
         assert_eq!(judge_users(false, &one).grade, Grade::Ok);
+    }
+
+    #[test]
+    fn a_database_that_does_not_work_says_what_to_do() {
+        let place = "postgres://db:5432/fleet";
+        let failed = [
+            RecordsError::Unavailable("no answer within 5 s".into()),
+            RecordsError::Refused("the database lets `ada` not in".into()),
+            RecordsError::Foreign(place.into()),
+        ];
+        for error in failed {
+            let finding = judge_database(place, &error);
+            assert_eq!(finding.grade, Grade::Fail, "{error}");
+            assert!(finding.advice.is_some(), "{error}");
+        }
+        assert_eq!(
+            judge_database(place, &RecordsError::NotFound).grade,
+            Grade::Warn
+        );
+        assert_eq!(
+            judge_latency(place, Duration::from_millis(3)).grade,
+            Grade::Ok
+        );
+        assert_eq!(
+            judge_latency(place, Duration::from_secs(1)).grade,
+            Grade::Warn
+        );
     }
 
     #[test]

@@ -1,0 +1,284 @@
+//! Sending commands: numbered, written down, handed to the delivery.
+
+use std::time::Instant;
+
+use crawler_delivery::Class;
+use crawler_protocol::{Action, Command, MAX_MESSAGE, RobotId, Source, Topic};
+
+use super::clerk::write;
+use super::journal::Owed;
+use super::shared::fields;
+use super::{Book, CommandCenter, CommandView, Record, SendError, Target};
+use crate::clock;
+use crate::cluster::Together;
+use crate::metrics::Dropped;
+
+/// A command that the other servers were told of and nobody else was. Taken back when dropped.
+struct Promise<'a> {
+    center: &'a CommandCenter,
+    id: Option<u64>,
+}
+
+impl Promise<'_> {
+    fn keep(mut self) {
+        self.id = None;
+    }
+}
+
+impl Drop for Promise<'_> {
+    fn drop(&mut self) {
+        if let Some(id) = self.id
+            && let Some(shared) = &mut self.center.book().desk.shared
+        {
+            shared.retract(id);
+        }
+    }
+}
+
+impl CommandCenter {
+    /// Sends somebody's command, or the server's own, and has it written down where the other
+    /// servers find it, if there are any. What this returns outlives this server.
+    ///
+    /// # Errors
+    /// [`SendError`]; nothing has gone out then, and nothing will, but for a halt that is not
+    /// written down: halts go first.
+    ///
+    /// # Cancellation safety
+    /// Dropped half way, the command does not go, or has gone whole.
+    pub(crate) async fn give(
+        &self,
+        source: Option<Source>,
+        action: Action,
+        target: Target,
+        expected: Vec<RobotId>,
+    ) -> Result<CommandView, SendError> {
+        let source = source.unwrap_or_else(|| self.source.clone());
+        let Some(together) = &self.together else {
+            return self.send_as(source, action, target, expected, Instant::now());
+        };
+        if Class::of(&action) == Class::Halt {
+            return self.halt(together, source, action, target, expected).await;
+        }
+        let _turn = self.turn.lock().await;
+        if !together.is_member() {
+            return Err(SendError::NotShared { sent: false });
+        }
+        if Class::of(&action) != Class::Setting && !self.outlet.is_up() {
+            return Err(SendError::NotConnected);
+        }
+        let (command, fields) = {
+            let mut book = self.book();
+            let book = &mut *book;
+            let command = Command {
+                action,
+                timestamp: clock::unix_ms(),
+                seq: book.desk.sequence.take(),
+                source,
+            };
+            let settings = book.desk.shared.as_ref();
+            let settings = settings.and_then(|shared| shared.settings.as_ref());
+            let boots = expected.iter();
+            let boots = boots.map(|robot| (robot, book.delivery.boot(robot)));
+            let fields = fields(&command, target == Target::Swarm, settings, boots);
+            (command, fields.ok_or(SendError::TooLarge)?)
+        };
+        let promise = Promise {
+            center: self,
+            id: Some(command.seq),
+        };
+        let told = together.cluster.accept(command.seq, &fields).await;
+        let greatest = told.map_err(|error| {
+            tracing::warn!(%error, "a command cannot be shared");
+            SendError::NotShared { sent: false }
+        })?;
+        let view = {
+            let mut book = self.book();
+            book.desk.sequence.above(greatest);
+            self.dispatch(&mut book, command, target, expected, Instant::now())?
+        };
+        promise.keep();
+        Ok(view)
+    }
+
+    /// A halt goes first and is written down then.
+    async fn halt(
+        &self,
+        together: &Together,
+        source: Source,
+        action: Action,
+        target: Target,
+        expected: Vec<RobotId>,
+    ) -> Result<CommandView, SendError> {
+        let view = self.send_as(source, action, target, expected, Instant::now())?;
+        let fields = {
+            let mut book = self.book();
+            let book = &mut *book;
+            let shared = book.desk.shared.as_ref();
+            let record = book.desk.records.get(&view.seq);
+            let fields = shared
+                .zip(record)
+                .and_then(|(shared, record)| shared.all(record));
+            // One that was answered and forgotten in the meantime.
+            let Some(fields) = fields else {
+                return Ok(view);
+            };
+            fields
+        };
+        match together.cluster.accept(view.seq, &fields).await {
+            Ok(greatest) => {
+                let mut book = self.book();
+                book.desk.sequence.above(greatest);
+                // Answers that came before it was there.
+                if let Some(shared) = &mut book.desk.shared {
+                    shared.touch_all(view.seq);
+                }
+                Ok(view)
+            }
+            Err(error) => {
+                tracing::warn!(%error, "a halt cannot be shared");
+                Err(SendError::NotShared { sent: true })
+            }
+        }
+    }
+
+    /// Sends a command of the server's own; see [`Self::send_as`].
+    ///
+    /// # Errors
+    /// [`SendError`]; nothing has gone out then, and nothing will.
+    #[cfg(test)]
+    pub(crate) fn send(
+        &self,
+        action: Action,
+        target: Target,
+        expected: impl IntoIterator<Item = RobotId>,
+        now: Instant,
+    ) -> Result<CommandView, SendError> {
+        self.send_as(self.source.clone(), action, target, expected, now)
+    }
+
+    /// Sends somebody's command, or holds it for a robot that is away, and remembers whose
+    /// answers it waits for.
+    ///
+    /// # Errors
+    /// [`SendError`]; nothing has gone out then, and nothing will.
+    pub(crate) fn send_as(
+        &self,
+        source: Source,
+        action: Action,
+        target: Target,
+        expected: impl IntoIterator<Item = RobotId>,
+        now: Instant,
+    ) -> Result<CommandView, SendError> {
+        let class = Class::of(&action);
+        // Whoever steers must know that nobody hears. A setting can wait.
+        if class != Class::Setting && !self.outlet.is_up() {
+            return Err(SendError::NotConnected);
+        }
+        // Number and publish under one lock: a robot takes commands of one source only in the
+        // order of their numbers. Answers wait for the same lock, so none can come too early.
+        let mut book = self.book();
+        let book = &mut *book;
+        let command = Command {
+            action,
+            timestamp: clock::unix_ms(),
+            seq: book.desk.sequence.peek(),
+            source,
+        };
+        self.dispatch(book, command, target, expected, now)
+    }
+
+    /// Sends a command that has its number; see [`Self::send_as`].
+    fn dispatch(
+        &self,
+        book: &mut Book,
+        command: Command,
+        target: Target,
+        expected: impl IntoIterator<Item = RobotId>,
+        now: Instant,
+    ) -> Result<CommandView, SendError> {
+        let (seq, class) = (command.seq, Class::of(&command.action));
+        let mut buffer = [0; MAX_MESSAGE];
+        let length = write(&command, &mut buffer)?;
+        // Settings go to each robot by itself, so that none is overtaken.
+        let together = target == Target::Swarm && class != Class::Setting;
+        if together {
+            let payload = buffer.get(..length).unwrap_or_default();
+            self.outlet
+                .publish(&Topic::CommandSwarm, payload, class.life_ms())?;
+        }
+        let mut record = Record::new(command, target, expected, now);
+        if let Some(shared) = &book.desk.shared {
+            record.settings.clone_from(&shared.settings);
+        }
+        let robots: Vec<RobotId> = record.outcomes.keys().cloned().collect();
+        let at = self.ms(now);
+        if together {
+            record.went_to_all(now);
+            book.delivery
+                .broadcast(seq, robots.iter().cloned(), class, at);
+        } else {
+            for robot in &robots {
+                if book.delivery.submit(seq, robot, class, at).is_err() {
+                    for robot in &robots {
+                        book.delivery.withdraw(seq, robot);
+                    }
+                    self.metrics.dropped(Dropped::CommandsFull);
+                    return Err(SendError::Full);
+                }
+            }
+        }
+        book.desk.sequence.used(seq);
+        if let Some(shared) = &mut book.desk.shared {
+            let legs = robots.iter();
+            shared.owe(
+                seq,
+                legs.map(|robot| (robot.clone(), book.delivery.boot(robot))),
+            );
+        }
+        if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.desk.journal) {
+            let legs = robots.iter();
+            let legs = legs.map(|robot| (robot.clone(), book.delivery.boot(robot)));
+            let expires = record.command.timestamp + class.life_ms();
+            if let Some(owed) = Owed::new(
+                &record.command,
+                expires,
+                record.target == Target::Swarm,
+                legs,
+            ) {
+                journal.accepted(owed);
+            }
+        }
+        let action = record.command.action.name();
+        book.desk.outcomes += robots.len();
+        book.desk.records.insert(seq, record);
+        book.desk.open.insert(seq);
+        let mut clerk = self.clerk(&mut book.desk, now);
+        if !together {
+            for robot in &robots {
+                book.delivery.poll_one(robot, at, &mut clerk);
+            }
+        }
+        // A robot that was to be told at once, and could not.
+        let refused = clerk.refused.filter(|_| class != Class::Setting);
+        if let (Some(error), [robot]) = (refused, robots.as_slice())
+            && book
+                .desk
+                .records
+                .get(&seq)
+                .is_some_and(|record| record.waited(robot))
+        {
+            book.delivery.withdraw(seq, robot);
+            book.desk.done(seq, robot);
+            book.desk.records.remove(&seq);
+            book.desk.open.remove(&seq);
+            book.desk.outcomes -= 1;
+            book.desk.sequence.take_back(seq);
+            return Err(error.into());
+        }
+        self.metrics.command_sent(action, robots.len());
+        book.sent += robots.len() as u64;
+        let view = book.desk.records.get(&seq).map(Record::view);
+        book.desk.forget(&mut book.delivery, now);
+        view.ok_or(SendError::Full)
+    }
+}

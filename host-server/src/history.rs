@@ -1,0 +1,98 @@
+//! The history of telemetry, wherever it is: in the data directory, or in an engine outside.
+
+use crawler_protocol::RobotId;
+use crawler_records::history::{Full, History as Local, Point, Sample};
+use crawler_records::{Records, RecordsError};
+use crawler_timeseries::{Address, EngineError, QUEUE, Remote};
+
+use crate::config::Settings;
+use crate::data;
+use crate::server::StartError;
+
+/// The history of the fleet. A clone is another handle of the same.
+#[derive(Debug, Clone)]
+pub(crate) enum History {
+    /// In a file of the data directory; it goes with the records.
+    Local(Local),
+    /// In an engine.
+    Remote(Remote),
+}
+
+/// Why a question about history has no answer.
+#[derive(Debug)]
+pub(crate) enum HistoryError {
+    /// The records failed.
+    Local(RecordsError),
+    /// The engine failed.
+    Remote(EngineError),
+}
+
+/// The records, and where the history is. An engine need not be there yet.
+pub(crate) async fn open(settings: &Settings) -> Result<(Records, History), StartError> {
+    let records = data::open_records(settings).await?;
+    let Some(engine) = &settings.timeseries else {
+        let history = History::Local(records.history().clone());
+        return Ok((records, history));
+    };
+    let wrong = |why: &dyn std::fmt::Display| StartError::Timeseries {
+        engine: engine.to_string(),
+        reason: why.to_string(),
+    };
+    let address: Address = engine.reveal().parse().map_err(|error| wrong(&error))?;
+    let remote = Remote::start(address, settings.fleet.as_str(), QUEUE);
+    Ok((
+        records,
+        History::Remote(remote.map_err(|error| wrong(&error))?),
+    ))
+}
+
+impl History {
+    /// Takes a sample, without waiting.
+    ///
+    /// # Errors
+    /// [`Full`] when it cannot be taken; it is counted as dropped.
+    pub(crate) fn push(&self, sample: Sample) -> Result<(), Full> {
+        match self {
+            Self::Local(local) => local.push(sample),
+            Self::Remote(remote) => remote.push(sample),
+        }
+    }
+
+    /// What `robot` measured from `from` until before `to`, in stretches of `step` milliseconds.
+    ///
+    /// # Errors
+    /// [`HistoryError`] of where the history is.
+    pub(crate) async fn query(
+        &self,
+        robot: &RobotId,
+        from: i64,
+        to: i64,
+        step: i64,
+    ) -> Result<Vec<Point>, HistoryError> {
+        match self {
+            Self::Local(local) => local
+                .query(robot, from, to, step)
+                .await
+                .map_err(HistoryError::Local),
+            Self::Remote(remote) => remote
+                .query(robot, from, to, step)
+                .await
+                .map_err(HistoryError::Remote),
+        }
+    }
+
+    /// Whether the engine takes samples; `None` where there is none.
+    pub(crate) fn engine_up(&self) -> Option<bool> {
+        match self {
+            Self::Local(_) => None,
+            Self::Remote(remote) => Some(remote.stats().up),
+        }
+    }
+
+    /// Finishes what waits for an engine. A local history ends with the records.
+    pub(crate) async fn close(&self) {
+        if let Self::Remote(remote) = self {
+            remote.close().await;
+        }
+    }
+}

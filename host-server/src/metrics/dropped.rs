@@ -1,0 +1,70 @@
+//! Why something was let go.
+
+/// Why the server let something go, because a queue was full, a budget was spent, or it came too late.
+/// `docs/monitor.md` says what each means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Dropped {
+    /// A reader of the live feed fell behind.
+    SlowReader,
+    /// Too many samples wait to be written into the history.
+    HistoryFull,
+    /// Too many messages wait for the connection to the broker.
+    OutboxFull,
+    /// Too many commands wait for robots.
+    CommandsFull,
+    /// A command found no robot while it was worth something.
+    CommandExpired,
+    /// Too many lines wait to be written into the audit log.
+    AuditFull,
+    /// An address or a user asks for too much.
+    RateLimited,
+}
+
+impl Dropped {
+    /// Every reason.
+    pub(super) const ALL: [Self; 7] = [
+        Self::SlowReader,
+        Self::HistoryFull,
+        Self::OutboxFull,
+        Self::CommandsFull,
+        Self::CommandExpired,
+        Self::AuditFull,
+        Self::RateLimited,
+    ];
+
+    /// The value of the label.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::SlowReader => "slow_reader",
+            Self::HistoryFull => "history_full",
+            Self::OutboxFull => "outbox_full",
+            Self::CommandsFull => "commands_full",
+            Self::CommandExpired => "command_expired",
+            Self::AuditFull => "audit_full",
+            Self::RateLimited => "rate_limited",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn every_reason_is_explained_and_there_before_it_happens() {
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/monitor.md");
+        let page = std::fs::read_to_string(page).expect("docs/monitor.md");
+        let metrics = crate::metrics::Metrics::new();
+        metrics.dropped(Dropped::AuditFull);
+        let text = metrics.encode(&crate::metrics::Observed::default(), None);
+        for reason in Dropped::ALL {
+            let name = reason.name();
+            assert!(page.contains(&format!("| `{name}` |")), "{name}");
+            let count = u32::from(reason == Dropped::AuditFull);
+            let line = format!("terracrawler_drops_total{{reason=\"{name}\"}} {count}\n");
+            assert!(text.contains(&line), "{line} is not in {text}");
+        }
+    }
+}
