@@ -5,7 +5,7 @@ import { defineConfig } from 'eslint/config'
 import ts from 'typescript-eslint'
 
 export default defineConfig([
-  { ignores: ['dist/'] },
+  { ignores: ['dist/', 'src/.generated/'] },
   { linterOptions: { reportUnusedDisableDirectives: 'error' } },
   js.configs.recommended,
   ts.configs.strict,
@@ -19,7 +19,8 @@ export default defineConfig([
     languageOptions: { globals: globals.browser },
     rules: {
       'no-console': 'error',
-      eqeqeq: 'error',
+      // What the server leaves out is `null` or not there at all.
+      eqeqeq: ['error', 'always', { null: 'ignore' }],
       '@typescript-eslint/consistent-type-imports': 'error',
       // Prettier decides how markup is laid out.
       'vue/html-self-closing': 'off',
@@ -30,7 +31,7 @@ export default defineConfig([
     },
   },
   {
-    files: ['tests/mock/**', 'e2e/**', '*.config.*'],
+    files: ['tests/mock/**', 'e2e/**', 'bench/**', 'scripts/**', '*.config.*'],
     // Browser names too: functions handed to `page.evaluate` run there.
     languageOptions: { globals: { ...globals.node, ...globals.browser } },
   },

@@ -15,7 +15,11 @@ export default defineConfig({
   },
   server: {
     host: '127.0.0.1',
-    proxy: { '/api': { target: backend, ws: true } },
+    proxy: {
+      '/api': { target: backend, ws: true },
+      '/readyz': { target: backend },
+      '/metrics': { target: backend },
+    },
   },
   test: {
     include: ['tests/unit/**/*.test.ts'],

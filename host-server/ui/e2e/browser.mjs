@@ -24,3 +24,4 @@ export function launch() {
 
 export const DESKTOP = { width: 1440, height: 900 }
 export const PHONE = { width: 390, height: 844 }
+export const WALL = { width: 2560, height: 1440 }

@@ -55,6 +55,33 @@ export async function axe(page, name) {
   return name
 }
 
+/** Side of what a finger can press, pixels. */
+const TOUCH = 44
+
+/** On a phone: nothing is cut off, every target is large, nothing violates accessibility. */
+export async function measure(page, name) {
+  const { width } = page.viewportSize()
+  const wide = await page.evaluate(() => document.documentElement.scrollWidth)
+  expect(wide <= width, `${name} is ${wide} pixels wide`)
+  const small = await page.evaluate((least) => {
+    return [...document.querySelectorAll('button, select, input, a[href], summary')]
+      .map((element) => {
+        // What belongs to a tick box is its label: a finger may press anywhere on it.
+        const target = element.type === 'checkbox' ? element.closest('label') : element
+        return { element, box: target.getBoundingClientRect() }
+      })
+      .filter(({ box }) => box.width > 1 && box.height > 1)
+      .filter(({ element }) => !element.disabled && element.closest('[inert]') === null)
+      .filter(({ box }) => box.height < least - 2 || box.width < least - 2)
+      .map(({ element, box }) => {
+        const words = element.dataset.testid ?? element.textContent.trim()
+        return `${words} ${Math.round(box.width)}×${Math.round(box.height)}`
+      })
+  }, TOUCH)
+  expect(small.length === 0, `${name}: too small: ${small.join(', ')}`)
+  await axe(page, name)
+}
+
 /** Keeps a picture where SCREENSHOTS names a folder. */
 export async function picture(page, name) {
   const directory = process.env.SCREENSHOTS

@@ -1,10 +1,8 @@
 // How the page meets people: on a phone, when they guess, when the server is away or open.
 
 import { PHONE } from './browser.mjs'
-import { axe, check, expect, pause, picture, until } from './checks.mjs'
+import { axe, check, expect, measure, pause, picture, until } from './checks.mjs'
 import { OTHER_PASSWORD, base, byMock, goTo, id, live, logIn, mock, newPage } from './steps.mjs'
-
-const TOUCH = 44
 
 export async function phone(browser) {
   for (const colorScheme of ['light', 'dark']) {
@@ -39,28 +37,6 @@ export async function phone(browser) {
     )
     await page.context().close()
   }
-}
-
-async function measure(page, name) {
-  const wide = await page.evaluate(() => document.documentElement.scrollWidth)
-  expect(wide <= PHONE.width, `${name} is ${wide} pixels wide`)
-  const small = await page.evaluate((least) => {
-    return [...document.querySelectorAll('button, select, input, a[href], summary')]
-      .map((element) => {
-        // What belongs to a tick box is its label: a finger may press anywhere on it.
-        const target = element.type === 'checkbox' ? element.closest('label') : element
-        return { element, box: target.getBoundingClientRect() }
-      })
-      .filter(({ box }) => box.width > 1 && box.height > 1)
-      .filter(({ element }) => !element.disabled && element.closest('[inert]') === null)
-      .filter(({ box }) => box.height < least - 2 || box.width < least - 2)
-      .map(({ element, box }) => {
-        const words = element.dataset.testid ?? element.textContent.trim()
-        return `${words} ${Math.round(box.width)}×${Math.round(box.height)}`
-      })
-  }, TOUCH)
-  expect(small.length === 0, `${name}: too small: ${small.join(', ')}`)
-  await axe(page, name)
 }
 
 export async function limits(browser) {

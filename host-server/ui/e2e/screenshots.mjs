@@ -1,10 +1,10 @@
-// `npm run screenshots -- DIR`: pictures of the page at BASE_URL, desktop and
-// phone, light and dark, to look at. LOGIN=name:password logs in and adds the
-// pages for accounts, keys and the audit log.
+// `npm run screenshots -- DIR`: pictures of the pages at BASE_URL, desktop, phone and
+// wall display, light and dark, to look at. LOGIN=name:password logs in and adds the
+// pages for accounts, keys and the audit log. ONLY=desktop-light takes these alone.
 
 import { mkdir } from 'node:fs/promises'
 import { join } from 'node:path'
-import { DESKTOP, PHONE, launch } from './browser.mjs'
+import { DESKTOP, PHONE, WALL, launch } from './browser.mjs'
 
 const directory = process.argv[2]
 const base = process.env.BASE_URL
@@ -15,8 +15,9 @@ if (directory === undefined || base === undefined) {
 }
 await mkdir(directory, { recursive: true })
 const browser = await launch()
-for (const [size, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE })) {
+for (const [size, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE, wall: WALL })) {
   for (const colorScheme of ['light', 'dark']) {
+    if (!`${size}-${colorScheme}`.startsWith(process.env.ONLY ?? '')) continue
     const context = await browser.newContext({
       viewport,
       colorScheme,
@@ -52,6 +53,25 @@ for (const [size, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE }
     await page.getByTestId('rearm').click()
     await page.waitForTimeout(300)
     await page.getByTestId('wander-all').click()
+    const robot = await page.evaluate(() => globalThis.terracrawler.robots()[4].id)
+    const places = {
+      dashboard: 'dashboard',
+      table: 'robots?as=table&sort=state',
+      cards: 'robots?as=cards',
+      robot: `robots/${robot}?range=1m`,
+      parameters: `robots/${robot}?tab=parameters`,
+      log: `robots/${robot}?tab=log`,
+      command: 'command',
+      simulation: 'simulation',
+    }
+    for (const [name, place] of Object.entries(places)) {
+      await page.goto(`${base}/#/${place}`)
+      await page.locator('#page-title').waitFor()
+      await page.waitForTimeout(1_800)
+      if (name === 'command') await page.getByTestId('tell-gather').click()
+      await page.waitForTimeout(600)
+      await shot(name)
+    }
     for (const name of user === undefined ? [] : ['account', 'people', 'keys', 'audit']) {
       await page.goto(`${base}/#/${name}`)
       await page.locator(`[data-page=${name}]`).waitFor()

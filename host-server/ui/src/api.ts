@@ -1,7 +1,19 @@
 /** The calls that watching and steering robots take. */
 
+import type { CommandRecord, RobotBody } from './api-types'
+import type { RobotSummary } from './fleet/order'
+import type { Readiness } from './fleet/health'
 import type { Send } from './http'
-import { call as callWith, fields, numeric, payloadOf, request, text } from './http'
+import {
+  ApiError,
+  SLOW_MS,
+  call as callWith,
+  fields,
+  numeric,
+  payloadOf,
+  request,
+  text,
+} from './http'
 
 export { ApiError, problemText } from './http'
 
@@ -15,6 +27,8 @@ export interface Seen {
   kind: string
   /** From where it headed, in radians, positive to the left. */
   bearing: number
+  /** Where in the picture, as shares of width and height; `null` where it is not told. */
+  at: { x: number; y: number } | null
 }
 
 /** Details of one robot that the live feed does not carry. */
@@ -30,6 +44,18 @@ export interface RobotDetails {
   image: number | null
   /** What it saw last; `null` when it has no eyes or told of nothing yet. */
   sees: Seen[] | null
+  /** Duty of the wheels, −1 to 1. */
+  wheels: { left: number; right: number } | null
+  /** How sure it is of where it is, in metres. */
+  sigma: number | null
+  uptime: number | null
+  /** Unix milliseconds. */
+  lastSeen: number | null
+  boot: { count: number; cause: string } | null
+  protocol: number | null
+  capabilities: readonly string[]
+  /** What the broker thinks of how much it sends; `null` when all is well. */
+  link: string | null
   /** Two robots seem to use this id. */
   duplicate: boolean
 }
@@ -49,7 +75,10 @@ export interface Api {
   commandSwarm(command: Command): Promise<string | null>
   outcome(commandId: string): Promise<Outcome>
   robot(id: string): Promise<RobotDetails>
-  batteries(): Promise<Map<string, number>>
+  summaries(): Promise<Map<string, RobotSummary>>
+  readiness(): Promise<Readiness>
+  /** What the server says of itself, as OpenMetrics. */
+  metrics(): Promise<string>
   /** The newest picture of a robot; `image` is when it arrived. */
   picture(id: string, image: number): Promise<Blob>
 }
@@ -65,13 +94,14 @@ export function createApi(send: Send = (...args) => fetch(...args)): Api {
       return commandId(await call('POST', '/swarm/commands', command))
     },
     async outcome(id) {
-      const body = fields(await call('GET', `/commands/${encodeURIComponent(id)}`))
-      const counts = Object.entries(fields(body['counts'])).map(
+      const path = `/commands/${encodeURIComponent(id)}`
+      const body = told<CommandRecord>(await call('GET', path))
+      const counts = Object.entries(fields(body.counts)).map(
         ([name, count]) => [name, numeric(count) ?? 0] as const,
       )
       return {
-        status: text(body['status']),
-        reason: text(body['reason']),
+        status: text(body.status),
+        reason: text(body.reason),
         completed: counts.find(([name]) => name === 'completed')?.[1] ?? 0,
         expected: counts.reduce((sum, [, count]) => sum + count, 0),
       }
@@ -79,17 +109,37 @@ export function createApi(send: Send = (...args) => fetch(...args)): Api {
     async robot(id) {
       return details(await call('GET', `/robots/${encodeURIComponent(id)}`))
     },
-    async batteries() {
-      const body = fields(await call('GET', '/robots'))
-      const list = body['robots']
-      const found = new Map<string, number>()
+    async summaries() {
+      const list = fields(await call('GET', '/robots'))['robots']
+      const found = new Map<string, RobotSummary>()
       if (!Array.isArray(list)) return found
-      for (const item of list) {
-        const id = text(fields(item)['id'])
-        const percent = details(item).batteryPercent
-        if (id !== null && percent !== null) found.set(id, percent)
+      for (const item of list as Partial<RobotBody>[]) {
+        const id = text(item.id)
+        if (id === null) continue
+        found.set(id, {
+          battery: numeric(fields(item.battery)['percent']),
+          rssi: numeric(item.rssi_dbm),
+          behaviour: text(item.behaviour),
+          lastSeen: numeric(item.last_seen),
+        })
       }
       return found
+    },
+    async readiness() {
+      // Not ready is an answer too.
+      const response = await bare(send, '/readyz')
+      const body = fields(await response.json().catch(() => null))
+      if (typeof body['broker'] !== 'boolean') throw new ApiError('an odd answer', response.status)
+      const simulation = body['simulation']
+      return {
+        broker: body['broker'],
+        simulation: typeof simulation === 'boolean' ? simulation : null,
+      }
+    },
+    async metrics() {
+      const response = await bare(send, '/metrics')
+      if (!response.ok) await payloadOf(response)
+      return response.text()
     },
     async picture(id, image) {
       const response = await request(send, 'GET', picturePath(id, image))
@@ -104,19 +154,49 @@ export function picturePath(id: string, image: number): string {
   return `/robots/${encodeURIComponent(id)}/image?received=${String(image)}`
 }
 
+/** What lies outside the API. */
+async function bare(send: Send, path: string): Promise<Response> {
+  try {
+    return await send(path, { cache: 'no-store', signal: AbortSignal.timeout(SLOW_MS) })
+  } catch {
+    throw new ApiError('the server cannot be reached', 0)
+  }
+}
+
+/** The fields of a body that should be one of these, none of which can be relied on. */
+function told<T>(value: unknown): { readonly [K in keyof T]?: unknown } {
+  return fields(value) as { readonly [K in keyof T]?: unknown }
+}
+
 function details(value: unknown): RobotDetails {
-  const body = fields(value)
-  const battery = fields(body['battery'])
+  const body = told<RobotBody>(value)
+  const battery = fields(body.battery)
+  const [left, right] = [
+    numeric(fields(body.wheels)['left']),
+    numeric(fields(body.wheels)['right']),
+  ]
+  const boot = fields(body.boot)
+  const count = numeric(boot['count'])
   return {
-    behaviour: text(body['behaviour']),
+    behaviour: text(body.behaviour),
     batteryPercent: numeric(battery['percent']),
     batteryMillivolts: numeric(battery['mv']),
-    temperature: numeric(body['temperature_c']),
-    rssi: numeric(body['rssi_dbm']),
-    camera: Array.isArray(body['capabilities']) && body['capabilities'].includes('camera'),
-    image: numeric(body['image']),
-    sees: seen(body['sees']),
-    duplicate: body['duplicate'] === true,
+    temperature: numeric(body.temperature_c),
+    rssi: numeric(body.rssi_dbm),
+    camera: Array.isArray(body.capabilities) && body.capabilities.includes('camera'),
+    image: numeric(body.image),
+    sees: seen(body.sees),
+    wheels: left === null || right === null ? null : { left, right },
+    sigma: numeric(fields(body.pose)['sigma']),
+    uptime: numeric(body.uptime_ms),
+    lastSeen: numeric(body.last_seen),
+    boot: count === null ? null : { count, cause: text(boot['cause']) ?? '' },
+    protocol: numeric(body.protocol),
+    capabilities: Array.isArray(body.capabilities)
+      ? body.capabilities.filter((name): name is string => typeof name === 'string')
+      : [],
+    link: text(body.link),
+    duplicate: body.duplicate === true,
   }
 }
 
@@ -125,7 +205,9 @@ function seen(value: unknown): Seen[] | null {
   if (!Array.isArray(objects)) return null
   return objects.map(fields).flatMap((object) => {
     const [kind, bearing] = [text(object['class']), numeric(object['bearing'])]
-    return kind === null || bearing === null ? [] : [{ kind, bearing }]
+    const [x, y] = [numeric(object['x']), numeric(object['y'])]
+    const at = x === null || y === null ? null : { x, y }
+    return kind === null || bearing === null ? [] : [{ kind, bearing, at }]
   })
 }
 

@@ -43,6 +43,11 @@ const reasons: Readonly<Record<string, string>> = {
   fault: 'it reports a fault',
 }
 
+/** Why a robot did not do it; nothing where it gave no reason. */
+export function reasonWords(reason: string | null): string {
+  return reason === null ? '' : (reasons[reason] ?? reason)
+}
+
 const outcomes: Readonly<Record<string, string>> = {
   rejected: 'was refused',
   expired: 'came too late',
@@ -127,6 +132,10 @@ export const text = {
     battery: (percent: number) => `Battery ${String(percent)} %`,
     batteryLow: 'Battery low',
     low: 'low',
+    chosen: 'in the selection',
+    chosenCount: (count: number) => `${String(count)} selected`,
+    command: 'Command',
+    chooseNone: 'None',
   },
 
   arena: {
@@ -154,6 +163,8 @@ export const text = {
     label: 'Selected robot',
     none: 'Select a robot in the arena or in the list to see and drive it.',
     clear: 'Clear selection',
+    page: 'More',
+    pageHint: (id: string) => `Everything about ${id}`,
     position: 'Position',
     heading: 'Heading',
     range: 'Range',
@@ -195,13 +206,20 @@ export const text = {
       gone: 'This robot is no longer in the fleet.',
       starting: 'This robot is still starting.',
       updating: 'This robot is being updated.',
+      error: 'This robot reports an error. Reset it to drive.',
     },
   },
 
   log: {
     label: 'Events',
     empty: 'Nothing yet.',
-    errorsOnly: 'Problems only',
+    levels: 'Show events',
+    least: { info: 'All', warn: 'Warnings', error: 'Errors' },
+    find: 'Find',
+    search: 'Search events',
+    none: 'No event matches.',
+    pin: 'Pin to the top',
+    unpin: 'Take from the top',
     clear: 'Clear',
     level: { info: 'Info', warn: 'Warning', error: 'Error' },
     commandFailed: (what: string, who: string, why: string) =>
@@ -232,10 +250,24 @@ export const text = {
         'Drive the selected robot while held. Letting go, leaving the window or losing the connection stops it.',
       ],
       ['Esc', 'Leaves a text field; otherwise stops driving; pressed again, clears the selection.'],
-      ['[  and  ]', 'Previous and next robot.'],
-      ['↑ ↓ in the list, Enter', 'Move through the list; select the robot and go to its controls.'],
+      [
+        '[  and  ]',
+        'Previous and next robot; Tab and Shift Tab too, while the drive pad has the keyboard.',
+      ],
+      ['Enter, on the drive pad', 'Gives the pad the keyboard; Esc takes it back.'],
+      [
+        '↑ ↓ in the list, Enter',
+        'Move through the list; go to the controls of the robot. With Shift, Enter takes it into the selection.',
+      ],
       ['/', 'Search robots.'],
       ['+  −  0', 'Zoom in, zoom out, show everything.'],
+      [
+        '↑ ↓ ← →  in the arena',
+        'Move the view. Enter selects the robot nearest to the cross, Shift Enter adds it to the group, Home shows everything.',
+      ],
+      ['F', 'Follow the selected robot, or stop following.'],
+      ['G', 'Go here: then click in the arena, or press Enter, to send the chosen robots there.'],
+      ['L', 'Lasso: then draw around robots to choose them; dragging with Shift does the same.'],
       ['?', 'This help.'],
     ],
     note: 'After an emergency stop robots refuse motion until you re-arm. Re-arming does not move them.',

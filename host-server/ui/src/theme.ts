@@ -2,6 +2,7 @@
 
 import { ref } from 'vue'
 import type { Palette, Rgb } from './arena/renderer'
+import { COLOURS } from './feed/arena'
 import { STATES } from './feed/decode'
 
 export const THEMES = ['system', 'light', 'dark'] as const
@@ -36,9 +37,13 @@ export function readPalette(element: Element): Palette {
     wall: tone('--arena-wall'),
     obstacle: tone('--arena-obstacle'),
     edge: tone('--arena-edge'),
+    cell: tone('--arena-cell'),
+    patch: tone('--arena-patch'),
+    things: COLOURS.map((colour) => tone(`--thing-${colour}`)),
     states: STATES.map((state) => tone(`--state-${state.toLowerCase()}`)),
     mark: tone('--arena-mark'),
     outline: tone('--arena-outline'),
+    frame: tone('--arena-frame'),
     gone: tone('--state-gone'),
     accent: tone('--arena-accent'),
   }

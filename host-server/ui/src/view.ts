@@ -1,17 +1,65 @@
-/** Which page is shown; it stands in the address, so that "back" works. */
+/**
+ * Which page is shown, of which robot, filtered how: all of it stands in the
+ * address, so that "back" works and a link shows a colleague the same.
+ */
 
-import type { Ref } from 'vue'
-import { ref } from 'vue'
+import type { InjectionKey, Ref } from 'vue'
+import { inject, ref } from 'vue'
 import type { Role } from './account/roles'
 
+/** What an operator goes between all day; the first is the home page. */
+export const PLACES = ['room', 'dashboard', 'robots', 'command', 'simulation'] as const
+/** Accounts and administration. */
 export const PAGES = ['account', 'people', 'keys', 'audit'] as const
+export type Place = (typeof PLACES)[number]
 export type Page = (typeof PAGES)[number]
-export type View = 'room' | Page
+export type View = Place | Page
 
 const ADMIN_PAGES: ReadonlySet<View> = new Set(['people', 'keys', 'audit'])
+const VIEWS: readonly View[] = [...PLACES, ...PAGES]
+
+export type Query = Readonly<Record<string, string>>
+
+export interface Route {
+  view: View
+  /** The robot whose page it is; only of the view `robots`. */
+  robot: string | null
+  query: Query
+}
+
+/** Never throws: a link may be cut off anywhere. */
+export function parseRoute(hash: string): Route {
+  const [path = '', search = ''] = hash.replace(/^#\/?/, '').split(/\?(.*)/s)
+  const [name = '', robot = ''] = path.split('/')
+  const view = VIEWS.find((known) => known === name) ?? 'room'
+  return {
+    view,
+    robot: view === 'robots' && robot !== '' ? decoded(robot) : null,
+    query: Object.fromEntries(new URLSearchParams(search)),
+  }
+}
+
+export function formatRoute({ view, robot, query }: Route): string {
+  const path = view === 'room' ? '' : view
+  const of = robot === null ? '' : `/${encodeURIComponent(robot)}`
+  const set = Object.entries(query).filter(([, value]) => value !== '')
+  const search = new URLSearchParams(set).toString()
+  return `#/${path}${of}${search === '' ? '' : `?${search}`}`
+}
+
+/** A link to a page. */
+export function linkTo(view: View, query: Query = {}, robot: string | null = null): string {
+  return formatRoute({ view, robot, query })
+}
+
+export const robotLink = (id: string, query: Query = {}): string => linkTo('robots', query, id)
 
 export function viewOf(hash: string): View {
-  return PAGES.find((page) => hash === `#/${page}`) ?? 'room'
+  return parseRoute(hash).view
+}
+
+export function isPage(view: View): view is Page {
+  return (PAGES as readonly View[]).includes(view)
 }
 
 /** Pages that somebody may see; nobody has an account where there are none. */
@@ -22,6 +70,9 @@ export function pagesFor(role: Role): readonly Page[] {
 export interface Address {
   view: Ref<View>
   hash: Ref<string>
+  route: Ref<Route>
+  /** Changes what the page is asked for, in place: going back leaves the page. */
+  change(query: Query): void
   /** Takes what stands behind the `#` away, and out of the history. */
   clear(): void
   close(): void
@@ -29,19 +80,44 @@ export interface Address {
 
 export function useView(): Address {
   const hash = ref(location.hash)
-  const view = ref(viewOf(hash.value))
+  const route = ref(parseRoute(hash.value))
+  const view = ref(route.value.view)
   const follow = (): void => {
     hash.value = location.hash
-    view.value = viewOf(hash.value)
+    route.value = parseRoute(hash.value)
+    view.value = route.value.view
   }
   window.addEventListener('hashchange', follow)
   return {
     view,
     hash,
+    route,
+    change(query) {
+      const next = formatRoute({ ...route.value, query: { ...route.value.query, ...query } })
+      if (next === hash.value || (next === '#/' && hash.value === '')) return
+      history.replaceState(history.state, '', next)
+      follow()
+    },
     clear() {
       history.replaceState(null, '', location.pathname)
       follow()
     },
     close: () => window.removeEventListener('hashchange', follow),
+  }
+}
+
+export const ADDRESS: InjectionKey<Address> = Symbol('address')
+
+export function useAddress(): Address {
+  const address = inject(ADDRESS)
+  if (address === undefined) throw new Error('no address is provided')
+  return address
+}
+
+function decoded(text: string): string {
+  try {
+    return decodeURIComponent(text)
+  } catch {
+    return text
   }
 }

@@ -1,4 +1,7 @@
-/** Mouse, pen and fingers on the arena: drag pans, wheel and pinch zoom, a tap picks. */
+/**
+ * Mouse, pen and fingers on the arena: drag pans, wheel and pinch zoom, a tap picks. A drag with
+ * Shift, or while `lassoing` says so, draws a line around robots instead.
+ */
 
 import type { Ref } from 'vue'
 import { onBeforeUnmount, onMounted } from 'vue'
@@ -6,7 +9,20 @@ import { onBeforeUnmount, onMounted } from 'vue'
 export interface Gestures {
   pan(dx: number, dy: number): void
   zoom(x: number, y: number, factor: number): void
-  tap(x: number, y: number): void
+  tap(x: number, y: number, keys: Keys): void
+  /** Whether a drag that starts now draws a line. */
+  lassoing(): boolean
+  /** A line begins, goes on, ends (with something, or given up). */
+  lassoStart(x: number, y: number): void
+  lassoMove(x: number, y: number): void
+  lassoEnd(done: boolean, keys: Keys): void
+}
+
+/** Keys that say that robots are added to those chosen. */
+export interface Keys {
+  shiftKey: boolean
+  ctrlKey: boolean
+  metaKey: boolean
 }
 
 /** A pointer that moved less than this is a tap, pixels. */
@@ -23,6 +39,8 @@ interface Finger {
 export function useGestures(target: Readonly<Ref<HTMLElement | null>>, act: Gestures): void {
   const fingers = new Map<number, Finger>()
   let travelled = 0
+  /** The pointer that draws a line. */
+  let drawing: number | null = null
   let element: HTMLElement | null = null
 
   function at(event: MouseEvent): Finger {
@@ -33,7 +51,16 @@ export function useGestures(target: Readonly<Ref<HTMLElement | null>>, act: Gest
   function down(event: PointerEvent): void {
     if (event.button !== 0) return
     if (fingers.size === 0) travelled = 0
-    fingers.set(event.pointerId, at(event))
+    const here = at(event)
+    fingers.set(event.pointerId, here)
+    if (fingers.size === 1 && (event.shiftKey || act.lassoing())) {
+      drawing = event.pointerId
+      act.lassoStart(here.x, here.y)
+    } else if (drawing !== null) {
+      // A second finger means to pinch.
+      drawing = null
+      act.lassoEnd(false, event)
+    }
     ;(event.currentTarget as HTMLElement).setPointerCapture(event.pointerId)
   }
 
@@ -42,6 +69,11 @@ export function useGestures(target: Readonly<Ref<HTMLElement | null>>, act: Gest
     if (before === undefined) return
     const now = at(event)
     travelled += Math.hypot(now.x - before.x, now.y - before.y)
+    if (event.pointerId === drawing) {
+      fingers.set(event.pointerId, now)
+      act.lassoMove(now.x, now.y)
+      return
+    }
     const other = [...fingers].find(([id]) => id !== event.pointerId)?.[1]
     if (other !== undefined) {
       const spread = Math.hypot(before.x - other.x, before.y - other.y)
@@ -58,11 +90,24 @@ export function useGestures(target: Readonly<Ref<HTMLElement | null>>, act: Gest
     const finger = fingers.get(event.pointerId)
     if (finger === undefined) return
     fingers.delete(event.pointerId)
-    if (fingers.size === 0 && travelled <= TAP_SLOP) act.tap(finger.x, finger.y)
+    const tapped = fingers.size === 0 && travelled <= TAP_SLOP
+    if (event.pointerId === drawing) {
+      drawing = null
+      act.lassoEnd(!tapped, event)
+    }
+    if (tapped) act.tap(finger.x, finger.y, event)
   }
 
   function cancel(event: PointerEvent): void {
     fingers.delete(event.pointerId)
+    if (event.pointerId !== drawing) return
+    drawing = null
+    act.lassoEnd(false, event)
+  }
+
+  /** A drag must not take the focus off the drive pad: whoever drives goes on driving. */
+  function keepFocus(event: MouseEvent): void {
+    event.preventDefault()
   }
 
   function wheel(event: WheelEvent): void {
@@ -75,6 +120,7 @@ export function useGestures(target: Readonly<Ref<HTMLElement | null>>, act: Gest
   onMounted(() => {
     element = target.value
     element?.addEventListener('pointerdown', down)
+    element?.addEventListener('mousedown', keepFocus)
     element?.addEventListener('pointermove', move)
     element?.addEventListener('pointerup', up)
     element?.addEventListener('pointercancel', cancel)
@@ -82,6 +128,7 @@ export function useGestures(target: Readonly<Ref<HTMLElement | null>>, act: Gest
   })
   onBeforeUnmount(() => {
     element?.removeEventListener('pointerdown', down)
+    element?.removeEventListener('mousedown', keepFocus)
     element?.removeEventListener('pointermove', move)
     element?.removeEventListener('pointerup', up)
     element?.removeEventListener('pointercancel', cancel)

@@ -1,9 +1,10 @@
 /** Draws the arena with raw WebGL2. Knows no Vue and no document. */
 
 import type { Arena } from '../feed/decode'
-import { KINDS, PRESENCES, STATES } from '../feed/decode'
 import type { Robot } from '../fleet/fleet'
 import type { Camera, Size } from './camera'
+import type { Program } from './gl'
+import { createArray, createProgram, drawsOnProcessor, made } from './gl'
 import type { Scene } from './scene'
 import { buildScene } from './scene'
 import {
@@ -12,11 +13,14 @@ import {
   CONE_VERTEX,
   ROBOT_FRAGMENT,
   ROBOT_VERTEX,
-  ROW,
   SCENE_FRAGMENT,
   SCENE_VERTEX,
-  TEXELS,
+  TRAIL_CORNERS,
+  TRAIL_FRAGMENT,
+  TRAIL_VERTEX,
 } from './shaders'
+import { ROW, TEXELS, Texels } from './texels'
+import { TRAIL, Trails } from './trails'
 
 export type Rgb = readonly [number, number, number]
 
@@ -28,11 +32,18 @@ export interface Palette {
   wall: Rgb
   obstacle: Rgb
   edge: Rgb
+  /** Borders of the cells that robots listen in. */
+  cell: Rgb
+  patch: Rgb
+  /** Colours of things, in the order of the feed. */
+  things: readonly Rgb[]
   /** One per state, in the order of the wire. */
   states: readonly Rgb[]
   /** Marks inside a robot. */
   mark: Rgb
   outline: Rgb
+  /** Heavy frame of a physical robot. */
+  frame: Rgb
   gone: Rgb
   accent: Rgb
 }
@@ -51,19 +62,25 @@ export interface View {
   time: number
   /** Smallest radius of a robot, CSS pixels. */
   smallest: number
-  cones: 'all' | 'selected' | 'none'
+  cones: Extent
+  trails: Extent
+  /** Robots are drawn as points: clusters say what there is. */
+  points: boolean
 }
 
-interface Program {
-  program: WebGLProgram
-  uniform(name: string): WebGLUniformLocation | null
-}
+/** Of which robots something is drawn. */
+export type Extent = 'all' | 'selected' | 'none'
+
+/** Robots drawn with what only selected ones have, at most. */
+const MOST_CHOSEN = 64
 
 interface Resources {
   robots: Program
   cones: Program
+  trails: Program
   scene: Program
   texture: WebGLTexture
+  history: WebGLTexture
   triangles: WebGLBuffer
   lines: WebGLBuffer
   sceneArray: WebGLVertexArrayObject
@@ -75,10 +92,13 @@ export class Renderer {
   private resources: Resources | null = null
   private palette: Palette | null = null
   private scene: Scene | null = null
-  /** Contents of the robot texture; grown in steps, so that uploads reuse it. */
-  private texels = new Float32Array(0)
+  private readonly texels = new Texels()
+  private readonly trails = new Trails()
+  /** Rows of the textures as they were last made. */
   private rows = 0
-  private count = 0
+  private historyRows = 0
+  /** Slots of the robots that are selected, the one that is driven last. */
+  private chosen: readonly number[] = []
   /** Server time that texel times are relative to. */
   private base = 0
 
@@ -112,6 +132,8 @@ export class Renderer {
   restore(): void {
     this.resources = createResources(this.gl)
     this.rows = 0
+    this.historyRows = 0
+    this.upload()
     this.uploadScene()
   }
 
@@ -124,24 +146,25 @@ export class Renderer {
     this.uploadScene()
   }
 
-  /** Takes over poses and states; call once per feed frame, not per picture. */
-  setRobots(robots: Iterable<Robot>, most: number, selected: string | null, base: number): void {
-    this.reserve(most)
+  /**
+   * Takes over poses and states; call once per feed frame, not per picture. `base` is the server's
+   * time now, `now` the page's.
+   */
+  setRobots(
+    robots: () => Iterable<Robot>,
+    selected: string | null,
+    group: ReadonlySet<string>,
+    base: number,
+    now: number,
+  ): void {
     this.base = base
-    let chosen: Robot | null = null
-    let row = 0
-    for (const robot of robots) {
-      if (!robot.placed) continue
-      if (robot.id === selected) chosen = robot
-      else this.write(row++, robot, false)
-    }
-    // Last, so that it is drawn on top.
-    if (chosen !== null) this.write(row++, chosen, true)
-    this.count = row
+    this.chosen = this.texels.write(robots(), selected, group, base).slice(-MOST_CHOSEN)
+    this.trails.reserve(this.texels.capacity)
+    this.trails.record(robots(), now)
     this.upload()
   }
 
-  draw(view: View, selectedOnTop: boolean): void {
+  draw(view: View): void {
     const { gl, resources, palette } = this
     if (resources === null || palette === null || gl.isContextLost()) return
     gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight)
@@ -150,13 +173,14 @@ export class Renderer {
     gl.clear(gl.COLOR_BUFFER_BIT)
     gl.disable(gl.BLEND)
     if (this.scene !== null) this.drawScene(resources, palette, view, this.scene)
-    if (this.count === 0) return
+    if (this.texels.slots === 0) return
     gl.enable(gl.BLEND)
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA)
     gl.bindVertexArray(resources.emptyArray)
     gl.activeTexture(gl.TEXTURE0)
     gl.bindTexture(gl.TEXTURE_2D, resources.texture)
-    this.drawCones(resources, palette, view, selectedOnTop)
+    this.drawTrails(resources, palette, view)
+    this.drawCones(resources, palette, view)
     this.drawRobots(resources, palette, view)
   }
 
@@ -164,7 +188,8 @@ export class Renderer {
     const { gl } = this
     gl.useProgram(resources.scene.program)
     setView(gl, resources.scene, view)
-    const tones = [palette.floor, palette.grid, palette.wall, palette.obstacle, palette.edge]
+    const { floor, grid, wall, obstacle, edge, cell, patch, things } = palette
+    const tones = [floor, grid, wall, obstacle, edge, cell, patch, ...things]
     gl.uniform3fv(resources.scene.uniform('uTones'), tones.flat())
     gl.bindVertexArray(resources.sceneArray)
     gl.drawArrays(gl.TRIANGLES, 0, scene.floorVertices)
@@ -177,77 +202,97 @@ export class Renderer {
     if (rest > 0) gl.drawArrays(gl.TRIANGLES, scene.floorVertices, rest)
   }
 
-  private drawCones(resources: Resources, palette: Palette, view: View, chosen: boolean): void {
+  private drawTrails(resources: Resources, palette: Palette, view: View): void {
+    if (view.trails === 'none') return
     const { gl } = this
-    const perRobot = 3 * CONE_STEPS
-    const first = view.cones === 'all' ? 0 : this.count - 1
-    if (view.cones === 'none' || (view.cones === 'selected' && !chosen)) return
-    gl.useProgram(resources.cones.program)
-    setView(gl, resources.cones, view)
-    gl.uniform1f(resources.cones.uniform('uTime'), view.time - this.base)
+    const program = resources.trails
+    this.begin(program, palette, view)
+    gl.activeTexture(gl.TEXTURE1)
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, resources.history)
+    gl.uniform1i(program.uniform('uHistory'), 1)
+    gl.uniform1i(program.uniform('uHead'), this.trails.head)
+    gl.uniform1f(program.uniform('uWidth'), 1.25 / view.camera.scale)
+    this.each(view.trails, TRAIL_CORNERS)
+    gl.activeTexture(gl.TEXTURE0)
+  }
+
+  private drawCones(resources: Resources, palette: Palette, view: View): void {
+    if (view.cones === 'none') return
+    const { gl } = this
+    this.begin(resources.cones, palette, view)
     gl.uniform1f(resources.cones.uniform('uHalfAngle'), CONE_HALF_ANGLE)
     gl.uniform1f(resources.cones.uniform('uLongest'), LONGEST_CONE)
-    gl.uniform3fv(resources.cones.uniform('uStates'), palette.states.flat())
-    gl.uniform3fv(resources.cones.uniform('uGone'), palette.gone)
-    gl.drawArrays(gl.TRIANGLES, first * perRobot, (this.count - first) * perRobot)
+    this.each(view.cones, 3 * CONE_STEPS)
+  }
+
+  private begin(program: Program, palette: Palette, view: View): void {
+    const { gl } = this
+    gl.useProgram(program.program)
+    setView(gl, program, view)
+    gl.uniform1i(program.uniform('uRobots'), 0)
+    gl.uniform1f(program.uniform('uTime'), view.time - this.base)
+    gl.uniform3fv(program.uniform('uStates'), palette.states.flat())
+    gl.uniform3fv(program.uniform('uGone'), palette.gone)
+  }
+
+  /** Draws so many vertices for each robot, or for each that is selected. */
+  private each(extent: Extent, vertices: number): void {
+    const { gl, texels } = this
+    if (extent === 'all') gl.drawArrays(gl.TRIANGLES, 0, texels.slots * vertices)
+    else for (const slot of this.chosen) gl.drawArrays(gl.TRIANGLES, slot * vertices, vertices)
   }
 
   private drawRobots(resources: Resources, palette: Palette, view: View): void {
     const { gl } = this
     const program = resources.robots
-    gl.useProgram(program.program)
-    setView(gl, program, view)
-    gl.uniform1f(program.uniform('uTime'), view.time - this.base)
+    this.begin(program, palette, view)
     gl.uniform1f(program.uniform('uRadius'), drawnRadius(view))
-    gl.uniform3fv(program.uniform('uStates'), palette.states.flat())
+    gl.uniform1f(program.uniform('uPoints'), view.points ? 1 : 0)
     gl.uniform3fv(program.uniform('uMark'), palette.mark)
     gl.uniform3fv(program.uniform('uOutline'), palette.outline)
-    gl.uniform3fv(program.uniform('uGone'), palette.gone)
+    gl.uniform3fv(program.uniform('uFrame'), palette.frame)
     gl.uniform3fv(program.uniform('uAccent'), palette.accent)
-    gl.drawArrays(gl.TRIANGLES, 0, this.count * 6)
-  }
-
-  private reserve(robots: number): void {
-    const rows = Math.max(1, Math.ceil(robots / ROW))
-    if (this.texels.length < rows * ROW * TEXELS * 4) {
-      this.texels = new Float32Array(rows * ROW * TEXELS * 4)
-    }
-  }
-
-  private write(row: number, robot: Robot, selected: boolean): void {
-    this.texels.set(
-      [
-        robot.fromX,
-        robot.fromY,
-        robot.fromHeading,
-        robot.fromTime - this.base,
-        robot.x,
-        robot.y,
-        robot.heading,
-        robot.time - this.base,
-        STATES.indexOf(robot.state),
-        PRESENCES.indexOf(robot.presence),
-        KINDS.indexOf(robot.kind) + (selected ? 4 : 0),
-        robot.range === null ? -1 : robot.range / 1_000,
-      ],
-      row * TEXELS * 4,
-    )
+    this.each('all', 6)
+    // Once more, so that they are on top and never points.
+    if (this.chosen.length === 0) return
+    gl.uniform1f(program.uniform('uPoints'), 0)
+    this.each('selected', 6)
   }
 
   private upload(): void {
-    const { gl, resources } = this
-    if (resources === null) return
+    const { gl, resources, texels, trails } = this
     const width = ROW * TEXELS
-    const rows = this.texels.length / (width * 4)
-    if (rows === 0) return
+    const rows = texels.capacity / ROW
+    if (resources === null || rows === 0) return
+    gl.activeTexture(gl.TEXTURE0)
     gl.bindTexture(gl.TEXTURE_2D, resources.texture)
     if (rows !== this.rows) {
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, rows, 0, gl.RGBA, gl.FLOAT, this.texels)
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, rows, 0, gl.RGBA, gl.FLOAT, texels.data)
       this.rows = rows
     } else {
-      const used = Math.max(1, Math.ceil(this.count / ROW))
-      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, used, gl.RGBA, gl.FLOAT, this.texels)
+      const used = Math.max(1, Math.ceil(texels.slots / ROW))
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, used, gl.RGBA, gl.FLOAT, texels.data)
     }
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, resources.history)
+    if (rows !== this.historyRows) {
+      gl.texImage3D(
+        gl.TEXTURE_2D_ARRAY,
+        ...([0, gl.RG32F, ROW, rows, TRAIL, 0, gl.RG, gl.FLOAT] as const),
+        null,
+      )
+      this.historyRows = rows
+      trails.layers.forEach((_, number) => trails.dirty.add(number))
+    }
+    for (const number of trails.dirty) {
+      const layer = trails.layers[number]
+      if (layer === undefined) continue
+      gl.texSubImage3D(
+        gl.TEXTURE_2D_ARRAY,
+        ...([0, 0, 0, number, ROW, rows, 1, gl.RG, gl.FLOAT] as const),
+        layer,
+      )
+    }
+    trails.dirty.clear()
   }
 
   private uploadScene(): void {
@@ -258,16 +303,6 @@ export class Renderer {
     gl.bindBuffer(gl.ARRAY_BUFFER, resources.lines)
     gl.bufferData(gl.ARRAY_BUFFER, scene.lines, gl.STATIC_DRAW)
   }
-}
-
-/** Whether WebGL runs without a graphics card, by the name of what draws. */
-function drawsOnProcessor(): boolean {
-  const gl = document.createElement('canvas').getContext('webgl2')
-  if (gl === null) return false
-  const names = gl.getExtension('WEBGL_debug_renderer_info')
-  const name: unknown = gl.getParameter(names?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER)
-  gl.getExtension('WEBGL_lose_context')?.loseContext()
-  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(String(name))
 }
 
 /** Radius at which a robot is drawn, metres. */
@@ -285,20 +320,29 @@ function setView(gl: WebGL2RenderingContext, program: Program, view: View): void
   )
 }
 
+/** A texture that holds numbers rather than a picture. */
+function createTable(gl: WebGL2RenderingContext, target: GLenum): WebGLTexture {
+  const texture = made(gl.createTexture())
+  gl.bindTexture(target, texture)
+  for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
+    gl.texParameteri(target, name, gl.NEAREST)
+  }
+  return texture
+}
+
 function createResources(gl: WebGL2RenderingContext): Resources | null {
   try {
-    const texture = made(gl.createTexture())
-    gl.bindTexture(gl.TEXTURE_2D, texture)
-    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
-      gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST)
-    }
+    const texture = createTable(gl, gl.TEXTURE_2D)
+    const history = createTable(gl, gl.TEXTURE_2D_ARRAY)
     const triangles = made(gl.createBuffer())
     const lines = made(gl.createBuffer())
     return {
       robots: createProgram(gl, ROBOT_VERTEX, ROBOT_FRAGMENT),
       cones: createProgram(gl, CONE_VERTEX, CONE_FRAGMENT),
+      trails: createProgram(gl, TRAIL_VERTEX, TRAIL_FRAGMENT),
       scene: createProgram(gl, SCENE_VERTEX, SCENE_FRAGMENT),
       texture,
+      history,
       triangles,
       lines,
       sceneArray: createArray(gl, triangles),
@@ -311,51 +355,4 @@ function createResources(gl: WebGL2RenderingContext): Resources | null {
     if (gl.isContextLost()) return null
     throw error
   }
-}
-
-function createArray(gl: WebGL2RenderingContext, buffer: WebGLBuffer): WebGLVertexArrayObject {
-  const array = made(gl.createVertexArray())
-  gl.bindVertexArray(array)
-  gl.bindBuffer(gl.ARRAY_BUFFER, buffer)
-  gl.enableVertexAttribArray(0)
-  gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0)
-  gl.bindVertexArray(null)
-  return array
-}
-
-function createProgram(gl: WebGL2RenderingContext, vertex: string, fragment: string): Program {
-  const program = made(gl.createProgram())
-  for (const [type, source] of [
-    [gl.VERTEX_SHADER, vertex],
-    [gl.FRAGMENT_SHADER, fragment],
-  ] as const) {
-    const shader = made(gl.createShader(type))
-    gl.shaderSource(shader, source)
-    gl.compileShader(shader)
-    gl.attachShader(program, shader)
-    if (gl.getShaderParameter(shader, gl.COMPILE_STATUS) === false) {
-      throw new Error(gl.getShaderInfoLog(shader) ?? 'shader')
-    }
-  }
-  gl.linkProgram(program)
-  if (gl.getProgramParameter(program, gl.LINK_STATUS) === false) {
-    throw new Error(gl.getProgramInfoLog(program) ?? 'program')
-  }
-  const known = new Map<string, WebGLUniformLocation | null>()
-  return {
-    program,
-    uniform(name) {
-      let location = known.get(name)
-      if (location === undefined) {
-        location = gl.getUniformLocation(program, name)
-        known.set(name, location)
-      }
-      return location
-    },
-  }
-}
-
-function made<T>(value: T | null): T {
-  if (value === null) throw new Error('the graphics context gave nothing')
-  return value
 }

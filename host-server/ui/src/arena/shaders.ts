@@ -3,16 +3,17 @@
  * shader fetches each robot's three texels by `gl_VertexID` and blends between
  * its poses itself, so a frame costs the processor two draw calls.
  *
- * Texels of robot i, RGBA32F, at (3·(i mod ROW), i div ROW):
+ * Texels of the robot in slot i, RGBA32F, at (3·(i mod ROW), i div ROW):
  *   0  x, y, heading, time: where the robot was on the screen when its newest pose came
  *   1  x, y, heading, time: that pose, and when it is reached
- *   2  state, presence, kind + 4·selected, range in metres (−1: none)
+ *   2  state, 1 + presence (0: an empty slot), kind + 4·selected + 8·in the group,
+ *      range in metres (−1: none)
  * Times are milliseconds from the latest upload, so that f32 holds them.
  */
 
-export const TEXELS = 3
-/** Robots per texture row. */
-export const ROW = 256
+import { TONES } from './scene'
+import { ROW, TEXELS } from './texels'
+import { TRAIL } from './trails'
 
 const COMMON = `#version 300 es
 precision highp float;
@@ -21,7 +22,7 @@ uniform highp sampler2D uRobots;
 uniform vec2 uCentre;
 uniform vec2 uToClip;
 uniform float uTime;
-struct Robot { vec2 at; float heading; int state; int presence; int kind; bool selected; float range; };
+struct Robot { vec2 at; float heading; int state; int presence; int kind; bool selected; bool group; float range; };
 Robot robot(int i) {
   ivec2 p = ivec2((i % ${String(ROW)}) * ${String(TEXELS)}, i / ${String(ROW)});
   vec4 a = texelFetch(uRobots, p, 0);
@@ -31,7 +32,8 @@ Robot robot(int i) {
   float t = span > 0.0 ? clamp((uTime - a.w) / span, 0.0, 1.0) : 1.0;
   float turn = mod(b.z - a.z + 3.14159265, 6.28318531) - 3.14159265;
   int packed = int(c.z);
-  return Robot(mix(a.xy, b.xy, t), a.z + turn * t, int(c.x), int(c.y), packed % 4, packed >= 4, c.w);
+  return Robot(mix(a.xy, b.xy, t), a.z + turn * t, int(c.x), int(c.y) - 1, packed & 3,
+    (packed & 4) != 0, (packed & 8) != 0, c.w);
 }
 vec4 clip(vec2 world) { return vec4((world - uCentre) * uToClip, 0.0, 1.0); }
 `
@@ -39,6 +41,7 @@ vec4 clip(vec2 world) { return vec4((world - uCentre) * uToClip, 0.0, 1.0); }
 /** Six corners of a square per robot; the outline is drawn by distance. */
 export const ROBOT_VERTEX = `${COMMON}
 uniform float uRadius;
+uniform float uPoints;
 out vec2 vAt;
 out vec2 vAhead;
 flat out ivec4 vWhat;
@@ -46,11 +49,13 @@ const vec2 CORNERS[6] = vec2[6](
   vec2(-1.0, -1.0), vec2(1.0, -1.0), vec2(-1.0, 1.0), vec2(-1.0, 1.0), vec2(1.0, -1.0), vec2(1.0, 1.0));
 void main() {
   Robot r = robot(gl_VertexID / 6);
-  /* Room for the ring around the selected robot; for the others, for the nose. */
-  vec2 corner = CORNERS[gl_VertexID % 6] * (r.selected ? 2.3 : 1.75);
+  /* Room for the rings around selected robots; for the others, for the nose. */
+  bool point = uPoints > 0.5;
+  vec2 corner = CORNERS[gl_VertexID % 6] * (point ? 0.6 : r.selected || r.group ? 2.3 : 1.75);
+  if (r.presence < 0) corner = vec2(0.0);
   vAt = corner;
   vAhead = vec2(cos(r.heading), sin(r.heading));
-  vWhat = ivec4(r.state, r.presence, r.kind, int(r.selected));
+  vWhat = ivec4(r.state, r.presence, point ? 3 : r.kind, int(r.selected) + 2 * int(r.group));
   gl_Position = clip(r.at + corner * uRadius);
 }`
 
@@ -63,6 +68,7 @@ flat in ivec4 vWhat;
 uniform vec3 uStates[8];
 uniform vec3 uMark;
 uniform vec3 uOutline;
+uniform vec3 uFrame;
 uniform vec3 uGone;
 uniform vec3 uAccent;
 out vec4 colour;
@@ -96,6 +102,10 @@ float mark(int state, vec2 p, vec2 q) {
 }
 void main() {
   vec2 q = vAt;
+  if (vWhat.z == 3) {
+    colour = vec4(vWhat.y == 0 ? uStates[vWhat.x] : uGone, 1.0) * 0.55;
+    return;
+  }
   vec2 p = vec2(dot(q, vAhead), dot(q, vec2(-vAhead.y, vAhead.x)));
   float soft = fwidth(q.x);
   float hull = min(body(vWhat.z, p), dart(p, 0.7, 1.55, 0.55));
@@ -112,13 +122,69 @@ void main() {
   float fill = inside * (gone ? 0.0 : (vWhat.y == 1 ? mix(0.25, 0.8, hatch) : 1.0));
   vec4 c = vec4(tone, fill);
   c = mix(c, vec4(gone ? uGone : uMark, 1.0), sign_);
-  c = mix(c, vec4(gone ? uGone : uOutline, 1.0), rim);
-  if (vWhat.w == 1) {
+  c = mix(c, vec4(gone ? uGone : vWhat.z == 2 ? uFrame : uOutline, 1.0), rim);
+  /* A dashed ring for those of the group, a whole one outside it for the one that is driven. */
+  if (vWhat.w >= 2) {
+    /* Dashes that are smaller than pixels would be noise. */
+    float dashes = soft > 0.17 ? 1.0 : step(0.4, fract(atan(q.y, q.x) * 1.27324));
+    float ring = dashes * (1.0 - smoothstep(-soft, soft, abs(length(q) - 1.6) - max(0.12, soft)));
+    c = mix(c, vec4(uAccent, 1.0), ring);
+  }
+  if ((vWhat.w & 1) == 1) {
     float ring = 1.0 - smoothstep(-soft, soft, abs(length(q) - 1.95) - max(0.11, soft));
     c = mix(c, vec4(uAccent, 1.0), ring);
   }
   if (c.a < 0.01) discard;
   colour = vec4(c.rgb * c.a, c.a);
+}`
+
+/** Corners of the trail of one robot: two triangles for each piece. */
+export const TRAIL_CORNERS = 6 * (TRAIL - 1)
+
+export const TRAIL_VERTEX = `${COMMON}
+uniform highp sampler2DArray uHistory;
+uniform int uHead;
+uniform float uWidth;
+flat out int vState;
+flat out float vStrength;
+out float vAge;
+const ivec2 CORNERS[6] = ivec2[6](
+  ivec2(0, -1), ivec2(1, -1), ivec2(0, 1), ivec2(0, 1), ivec2(1, -1), ivec2(1, 1));
+vec2 place(int slot, int age) {
+  int layer = (uHead - age + ${String(TRAIL)}) % ${String(TRAIL)};
+  return texelFetch(uHistory, ivec3(slot % ${String(ROW)}, slot / ${String(ROW)}, layer), 0).xy;
+}
+void main() {
+  int slot = gl_VertexID / ${String(TRAIL_CORNERS)};
+  int v = gl_VertexID % ${String(TRAIL_CORNERS)};
+  int piece = v / 6;
+  ivec2 corner = CORNERS[v % 6];
+  Robot r = robot(slot);
+  /* The newest piece ends where the robot is drawn; the newest place is left out, since the
+     picture is behind it. */
+  vec2 from = piece == 0 ? r.at : place(slot, piece);
+  vec2 to = place(slot, piece + 1);
+  vec2 along = to - from;
+  float far = length(along);
+  vec2 aside = far > 0.001 ? vec2(-along.y, along.x) / far * uWidth * float(corner.y) : vec2(0.0);
+  vAge = float(piece + corner.x) / ${String(TRAIL - 1)}.0;
+  vState = r.presence == 0 ? r.state : -1;
+  vStrength = r.selected ? 1.0 : 0.7;
+  gl_Position = r.presence < 0 ? vec4(0.0) : clip(mix(from, to, float(corner.x)) + aside);
+}`
+
+export const TRAIL_FRAGMENT = `#version 300 es
+precision highp float;
+precision highp int;
+flat in int vState;
+flat in float vStrength;
+in float vAge;
+uniform vec3 uStates[8];
+uniform vec3 uGone;
+out vec4 colour;
+void main() {
+  float a = (1.0 - vAge) * 0.75 * vStrength;
+  colour = vec4((vState < 0 ? uGone : uStates[vState]) * a, a);
 }`
 
 /** Triangles of one sensor cone. */
@@ -177,7 +243,7 @@ precision highp float;
 layout(location = 0) in vec3 aVertex;
 uniform vec2 uCentre;
 uniform vec2 uToClip;
-uniform vec3 uTones[5];
+uniform vec3 uTones[${String(TONES)}];
 flat out vec3 vTone;
 void main() {
   vTone = uTones[int(aVertex.z)];

@@ -14,6 +14,17 @@ export interface PageActions {
   fit(): void
 }
 
+/** What the arena offers keys; it says so itself, by the room. */
+export interface ArenaKeys {
+  pan(x: number, y: number): void
+  aim(add: boolean): void
+  follow(): void
+  go(): void
+  lasso(): void
+  /** True when there was something to leave: a tool, for instance. */
+  leave(): boolean
+}
+
 /** Installs all listeners; the result removes them again. */
 export function installControls(room: Room, page: PageActions): () => void {
   function keyDown(event: KeyboardEvent): void {
@@ -43,7 +54,11 @@ export function installControls(room: Room, page: PageActions): () => void {
         ;(document.activeElement as HTMLElement | null)?.blur()
         break
       case 'let-go':
+        // From what moves to what is only chosen, one at a time.
         if (room.driver.driving) room.driver.releaseAll()
+        else if (room.arenaKeys?.leave() === true) break
+        else if (room.captured.value) room.captured.value = false
+        else if (room.selection.size > 0) room.selection.clear()
         else room.select(null)
         break
       case 'help':
@@ -60,6 +75,17 @@ export function installControls(room: Room, page: PageActions): () => void {
         break
       case 'fit':
         page.fit()
+        break
+      case 'pan':
+        room.arenaKeys?.pan(intent.x, intent.y)
+        break
+      case 'aim':
+        room.arenaKeys?.aim(intent.add)
+        break
+      case 'follow':
+      case 'go':
+      case 'lasso':
+        if (!event.repeat) room.arenaKeys?.[intent.do]()
         break
     }
     event.preventDefault()

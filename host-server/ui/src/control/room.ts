@@ -15,9 +15,13 @@ import type { Arena, Frame, Level, MetricsFrame } from '../feed/decode'
 import { FEED_PROTOCOL } from '../feed/decode'
 import type { Robot } from '../fleet/fleet'
 import { Fleet, MOVING_FOR_MS } from '../fleet/fleet'
+import type { Summaries } from '../fleet/order'
+import { Selection } from '../fleet/selection'
 import type { Direction } from '../drive/driver'
 import { Driver } from '../drive/driver'
 import { text } from '../strings'
+import type { ArenaKeys } from './controls'
+import { isOpen, message, named } from './told'
 import type { StopState } from './stop'
 import { EmergencyStop } from './stop'
 import type { LogEntry } from './log'
@@ -30,7 +34,7 @@ export type Blocked = keyof typeof text.drive.blocked
 /** The list and all figures are brought up to date this often, not at feed rate. */
 const REFRESH_MS = 200
 const DETAILS_EVERY_MS = 1_000
-const BATTERIES_EVERY_MS = 5_000
+const SUMMARIES_EVERY_MS = 5_000
 /** Time after which the outcome of a command that matters is asked for. */
 const OUTCOME_AFTER_MS = 600
 /** Time between two looks at who has confirmed a stop. */
@@ -75,14 +79,22 @@ export class Room {
   readonly log: ShallowRef<readonly LogEntry[]>
   readonly selectedId: Ref<string | null> = ref(null)
   readonly details: ShallowRef<RobotDetails | null> = shallowRef(null)
-  readonly batteries: ShallowRef<ReadonlyMap<string, number>> = shallowRef(new Map())
+  readonly summaries: ShallowRef<Summaries> = shallowRef(new Map())
+  /** Robots to act on together; the lasso in the arena chooses too. */
+  readonly selection = new Selection()
   readonly stopState: Ref<StopState> = ref('armed')
   readonly stopError: Ref<string | null> = ref(null)
   /** Robots that have confirmed the stop, and robots it went to. */
   readonly stopReceipt: ShallowRef<{ completed: number; expected: number } | null> =
     shallowRef(null)
   readonly directions: ShallowRef<ReadonlySet<Direction>> = shallowRef(new Set())
+  /** Something is held or pushed. */
+  readonly driving = ref(false)
+  /** What a gamepad calls itself, and whether its stick must be let go before it drives. */
+  readonly gamepad = { name: ref<string | null>(null), waits: ref(false) }
   readonly speed = ref(0.6)
+  /** The drive pad has the keyboard: Tab goes to the next robot rather than on. */
+  readonly captured = ref(false)
   /** Last refusal of a drive command, until driving works again. */
   readonly driveError: Ref<string | null> = ref(null)
   readonly announcement = ref('')
@@ -99,11 +111,14 @@ export class Room {
     if (robot.presence !== 'online') return robot.presence
     if (robot.state === 'INITIALIZING') return 'starting'
     if (robot.state === 'UPDATING') return 'updating'
+    if (robot.state === 'ERROR') return 'error'
     return null
   })
 
   /** Called with every change of a pose; the arena hangs on it. */
   onPoses: () => void = () => undefined
+  /** What keys do in the arena; null while there is none. */
+  arenaKeys: ArenaKeys | null = null
 
   private dirty = true
   /** Server clock minus page clock: the smallest seen, so network delay drops out. */
@@ -135,6 +150,7 @@ export class Room {
       },
       onChange: () => {
         this.directions.value = this.driver.directions
+        this.driving.value = this.driver.driving
       },
     })
     this.driver.setSpeed(this.speed.value)
@@ -150,7 +166,7 @@ export class Room {
     this.timers.push(
       setInterval(() => this.refresh(), REFRESH_MS),
       setInterval(() => void this.fetchDetails(), DETAILS_EVERY_MS),
-      setInterval(() => void this.fetchBatteries(), BATTERIES_EVERY_MS),
+      setInterval(() => void this.fetchSummaries(), SUMMARIES_EVERY_MS),
       setInterval(() => void this.askOutcome(), OUTCOME_AFTER_MS),
     )
   }
@@ -272,7 +288,7 @@ export class Room {
       case 'poses':
         this.keepTime(this.fleet.timeOf(frame))
         this.fleet.applyPoses(frame, this.serverNow())
-        if (frame.full) void this.fetchBatteries()
+        if (frame.full) void this.fetchSummaries()
         this.onPoses()
         break
       case 'event':
@@ -404,10 +420,10 @@ export class Room {
     if (id === this.selectedId.value) this.details.value = details
   }
 
-  private async fetchBatteries(): Promise<void> {
+  private async fetchSummaries(): Promise<void> {
     if (document.hidden || this.status.value.state !== 'live' || this.fleet.size === 0) return
-    const found = await this.api.batteries().catch(() => null)
-    if (found !== null) this.batteries.value = found
+    const found = await this.api.summaries().catch(() => null)
+    if (found !== null) this.summaries.value = found
   }
 }
 
@@ -419,17 +435,4 @@ export function useRoom(): Room {
   const room = inject(ROOM)
   if (room === undefined) throw new Error('no control room is provided')
   return room
-}
-
-function isOpen(status: string | null): boolean {
-  return status === null || status === 'pending' || status === 'accepted'
-}
-
-function named(command: Command): string {
-  const behaviour = command.parameters?.['behaviour']
-  return behaviour === undefined ? command.command : String(behaviour)
-}
-
-function message(error: unknown): string {
-  return error instanceof Error ? error.message : String(error)
 }

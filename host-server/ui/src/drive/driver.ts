@@ -21,6 +21,23 @@ export interface Twist {
   w: number
 }
 
+/** How far something is pushed, −1 to 1: ahead, and to the left. */
+export interface Push {
+  ahead: number
+  left: number
+}
+
+const PUSHES: Readonly<Record<Direction, Push>> = {
+  forward: { ahead: 1, left: 0 },
+  backward: { ahead: -1, left: 0 },
+  left: { ahead: 0, left: 1 },
+  right: { ahead: 0, left: -1 },
+}
+/** A stick that moved less than this since it was last told can wait for the next turn. */
+const STICK_GRAIN = 0.08
+/** `drive` commands on their way at a time, at most. */
+const MOST_IN_FLIGHT = 2
+
 export interface DriverOptions {
   /** Sends a command to a robot; rejects when the server does not take it. */
   send(robot: string, command: Command): Promise<unknown>
@@ -36,8 +53,13 @@ export class Driver {
   private speed = 0.5
   /** What holds which direction: a key or a finger, by name. */
   private readonly held = new Map<string, Direction>()
+  /** Sticks that are pushed, by name. */
+  private readonly sticks = new Map<string, Push>()
+  private told: Push = { ahead: 0, left: 0 }
   private timer: ReturnType<typeof setInterval> | null = null
-  private driveInFlight = false
+  private drivesInFlight = 0
+  /** Something was to be told while the last command was still on its way. */
+  private overdue = false
   /** Rises with every release, so that a late `drive` can be told from a current one. */
   private turn = 0
 
@@ -49,6 +71,11 @@ export class Driver {
 
   get driving(): boolean {
     return this.timer !== null
+  }
+
+  /** Rises with every stop, so that whoever held on can tell. */
+  get stops(): number {
+    return this.turn
   }
 
   /** Directions now held, each once. */
@@ -85,48 +112,78 @@ export class Driver {
     this.held.set(source, direction)
     this.timer ??= setInterval(() => this.tick(), REPEAT_MS)
     this.options.onChange()
-    this.tick()
+    this.tick(true)
+    return true
+  }
+
+  /** A stick is pushed so far. False when driving is not possible. */
+  push(source: string, push: Push): boolean {
+    if (this.robot === null || this.blockedBy !== null) return false
+    const first = !this.sticks.has(source)
+    this.sticks.set(source, push)
+    this.timer ??= setInterval(() => this.tick(), REPEAT_MS)
+    if (first) this.options.onChange()
+    const far = Math.abs(push.ahead - this.told.ahead) + Math.abs(push.left - this.told.left)
+    if (first || far > STICK_GRAIN) this.tick(true)
     return true
   }
 
   release(source: string): void {
-    if (!this.held.delete(source)) return
-    if (this.held.size === 0) this.halt()
-    else this.tick()
+    if (!this.held.delete(source) && !this.sticks.delete(source)) return
+    if (this.held.size + this.sticks.size === 0) this.halt()
+    else this.tick(true)
     this.options.onChange()
   }
 
   /** Dead man: nothing is held any more. */
   releaseAll(): void {
-    if (this.held.size === 0) return
+    if (this.held.size + this.sticks.size === 0) return
     this.held.clear()
+    this.sticks.clear()
     this.halt()
     this.options.onChange()
   }
 
-  /** What the held directions ask for. Left is a positive turn. */
+  /** What is held and pushed asks for. Left is a positive turn. */
   twist(): Twist {
-    const directions = this.directions
-    const ahead = Number(directions.has('forward')) - Number(directions.has('backward'))
-    const aside = Number(directions.has('left')) - Number(directions.has('right'))
+    const { ahead, left } = this.pushed()
     return {
       v: round(ahead * this.speed * FULL_SPEED_M_PER_S),
-      w: round(aside * this.speed * FULL_TURN_RAD_PER_S),
+      w: round(left * this.speed * FULL_TURN_RAD_PER_S),
     }
   }
 
-  private tick(): void {
+  private pushed(): Push {
+    let [ahead, left] = [0, 0]
+    for (const push of [...[...this.directions].map((d) => PUSHES[d]), ...this.sticks.values()]) {
+      ahead += push.ahead
+      left += push.left
+    }
+    const cut = (value: number): number => Math.min(1, Math.max(-1, value))
+    return { ahead: cut(ahead), left: cut(left) }
+  }
+
+  private tick(fresh = false): void {
     const robot = this.robot
-    // One at a time: on a slow network commands must not pile up and play out later.
-    if (robot === null || this.driveInFlight) return
+    if (robot === null) return
+    // On a slow network commands must not pile up and play out later. What a hand did just now
+    // does not wait for the answer to what came before, though.
+    if (this.drivesInFlight >= (fresh ? MOST_IN_FLIGHT : 1)) {
+      this.overdue = true
+      return
+    }
+    this.overdue = false
     const turn = this.turn
+    this.told = this.pushed()
     const command: Command = { command: 'drive', parameters: { ...this.twist() } }
-    this.driveInFlight = true
+    this.drivesInFlight += 1
     this.options
       .send(robot, command)
       .catch((error: unknown) => this.options.onFailure(robot, command, error))
       .finally(() => {
-        this.driveInFlight = false
+        this.drivesInFlight -= 1
+        // What was asked for meanwhile waits no longer than it must.
+        if (this.overdue && this.driving) this.tick()
         // It may have overtaken the stop on the way, so the stop goes out again.
         if (turn !== this.turn && (!this.driving || this.robot !== robot)) this.sendStop(robot)
       })

@@ -6,8 +6,11 @@
 
 import type { Direction } from './driver'
 
-/** Where the focus is, as far as keys care. */
-export type Focus = 'text' | 'choice' | 'slider' | 'list' | 'dialog' | 'elsewhere'
+/**
+ * Where the focus is, as far as keys care. `pad`: on a drive pad that has the keyboard; one that
+ * has not is `elsewhere`.
+ */
+export type Focus = 'text' | 'choice' | 'slider' | 'list' | 'dialog' | 'arena' | 'pad' | 'elsewhere'
 
 export type Intent =
   | { do: 'stop-all' }
@@ -19,6 +22,11 @@ export type Intent =
   | { do: 'neighbour'; step: 1 | -1 }
   | { do: 'zoom'; factor: number }
   | { do: 'fit' }
+  | { do: 'pan'; x: -1 | 0 | 1; y: -1 | 0 | 1 }
+  | { do: 'aim'; add: boolean }
+  | { do: 'follow' }
+  | { do: 'go' }
+  | { do: 'lasso' }
 
 export interface KeyPress {
   key: string
@@ -26,6 +34,7 @@ export interface KeyPress {
   ctrlKey: boolean
   altKey: boolean
   metaKey: boolean
+  shiftKey: boolean
 }
 
 const ARROWS: Readonly<Record<string, Direction>> = {
@@ -40,6 +49,13 @@ const LETTERS: Readonly<Record<string, Direction>> = {
   KeyS: 'backward',
   KeyA: 'left',
   KeyD: 'right',
+}
+/** What an arrow does to the view: y is up in the world. */
+const PANS: Readonly<Record<Direction, readonly [-1 | 0 | 1, -1 | 0 | 1]>> = {
+  forward: [0, 1],
+  backward: [0, -1],
+  left: [-1, 0],
+  right: [1, 0],
 }
 export const ZOOM_STEP = 1.25
 
@@ -62,10 +78,19 @@ export function intentOf(press: KeyPress, focus: Focus): Intent | null {
     return { do: focus === 'text' ? 'leave-field' : 'let-go' }
   }
   if (focus === 'text' || focus === 'choice' || focus === 'dialog') return null
+  // Whoever drives goes from robot to robot; Esc gives Tab back its own meaning.
+  if (press.key === 'Tab') {
+    return focus === 'pad' ? { do: 'neighbour', step: press.shiftKey ? -1 : 1 } : null
+  }
   const arrow = ARROWS[press.code]
+  if (focus === 'arena') {
+    if (arrow !== undefined) return { do: 'pan', x: PANS[arrow][0], y: PANS[arrow][1] }
+    if (press.key === 'Enter') return { do: 'aim', add: press.shiftKey }
+    if (press.key === 'Home') return { do: 'fit' }
+  }
   // A slider and a list have their own use for arrows.
   if (arrow !== undefined) {
-    return focus === 'elsewhere' ? { do: 'drive', direction: arrow } : null
+    return focus === 'elsewhere' || focus === 'pad' ? { do: 'drive', direction: arrow } : null
   }
   const letter = LETTERS[press.code]
   if (letter !== undefined) return { do: 'drive', direction: letter }
@@ -85,6 +110,15 @@ export function intentOf(press: KeyPress, focus: Focus): Intent | null {
       return { do: 'zoom', factor: 1 / ZOOM_STEP }
     case '0':
       return { do: 'fit' }
+    case 'f':
+    case 'F':
+      return { do: 'follow' }
+    case 'g':
+    case 'G':
+      return { do: 'go' }
+    case 'l':
+    case 'L':
+      return { do: 'lasso' }
     default:
       return null
   }
@@ -115,5 +149,7 @@ export function focusOf(element: Element | null): Focus {
   if (name === 'SELECT') return 'choice'
   if (element.closest('dialog') !== null) return 'dialog'
   if (element.closest('[role="listbox"]') !== null) return 'list'
+  if (element.closest('[data-keys="arena"]') !== null) return 'arena'
+  if (element.closest('[data-captured="true"]') !== null) return 'pad'
   return 'elsewhere'
 }

@@ -4,41 +4,25 @@
  * full is refused with a reason, so that one bad frame costs that frame only.
  */
 
+import type { Arena } from './arena'
+import { readArena } from './arena'
+import type { Fields, Refusal } from './fields'
+import { Refused, array, number, object, oneOf, slot, string } from './fields'
+import type { PosesFrame, Presence, RobotState } from './poses'
+import { PRESENCES, STATES, readPoses } from './poses'
+
+export type { Arena, Obstacle } from './arena'
+export type { Refusal } from './fields'
+export type { PosesFrame, Presence, RobotState } from './poses'
+export { PRESENCES, STATES } from './poses'
+
 /** Protocol version in the hello frame that this page understands. */
-export const FEED_PROTOCOL = 1
-/** Frames above this size are refused unread: 65,536 poses are 786 kB. */
+export const FEED_PROTOCOL = 2
+/** Frames above this size are refused unread: 65,536 poses are 533 kB. */
 export const MAX_FRAME_BYTES = 8 * 1024 * 1024
-
-/** States as robots report them; the order is the code on the wire. */
-export const STATES = [
-  'INITIALIZING',
-  'IDLE',
-  'MOVING',
-  'SCANNING',
-  'CAUTION',
-  'AVOIDING',
-  'UPDATING',
-  'ERROR',
-] as const
-export type RobotState = (typeof STATES)[number]
-
-/** Presence of a robot; the order is the code on the wire. */
-export const PRESENCES = ['online', 'stale', 'offline'] as const
-export type Presence = (typeof PRESENCES)[number]
 
 export const KINDS = ['simulated', 'emulated', 'physical'] as const
 export type Kind = (typeof KINDS)[number]
-
-export type Obstacle =
-  | { shape: 'circle'; x: number; y: number; r: number }
-  | { shape: 'box'; x: number; y: number; w: number; h: number; theta: number }
-
-/** Arena centred on the origin, lengths in metres. */
-export interface Arena {
-  width: number
-  height: number
-  obstacles: Obstacle[]
-}
 
 export interface HelloFrame {
   kind: 'hello'
@@ -64,29 +48,6 @@ export interface RosterFrame {
   removed: number[]
 }
 
-/** Columns rather than objects: a full snapshot may hold 10,000 robots. */
-export interface PosesFrame {
-  kind: 'poses'
-  full: boolean
-  count: number
-  /** Low 32 bits of the server's Unix milliseconds; see {@link expandTime}. */
-  ms: number
-  index: Uint16Array
-  /** Metres. */
-  x: Float32Array
-  y: Float32Array
-  /** Radians, 0 ≤ heading < 2π. */
-  heading: Float32Array
-  /** Indices into {@link STATES}. */
-  state: Uint8Array
-  /** Indices into {@link PRESENCES}. */
-  presence: Uint8Array
-  /** Millimetres, or −1 when there is no reading. */
-  range: Int32Array
-  /** 1 when the battery is below 20 %. */
-  lowBattery: Uint8Array
-}
-
 export type Level = 'info' | 'warn' | 'error'
 
 export interface EventFrame {
@@ -109,29 +70,7 @@ export interface MetricsFrame {
 
 export type Frame = HelloFrame | RosterFrame | PosesFrame | EventFrame | MetricsFrame
 
-/** Why a frame was refused. */
-export type Refusal =
-  | 'empty'
-  | 'too-large'
-  | 'unknown-kind'
-  | 'truncated'
-  | 'trailing-bytes'
-  | 'not-utf8'
-  | 'not-json'
-  | 'bad-shape'
-
 export type Decoded = { ok: true; frame: Frame } | { ok: false; reason: Refusal }
-
-const POSES_HEADER_BYTES = 20
-const POSE_BYTES = 12
-const HEADING_TO_RADIANS = (2 * Math.PI) / 65_536
-
-/** Carries a refusal out of nested readers; never leaves this module. */
-class Refused extends Error {
-  constructor(readonly reason: Refusal) {
-    super(reason)
-  }
-}
 
 /** Reads one frame. Never throws. */
 export function decodeFrame(buffer: ArrayBuffer): Decoded {
@@ -174,51 +113,6 @@ function readFrame(buffer: ArrayBuffer): Frame {
   }
 }
 
-function readPoses(view: DataView): PosesFrame {
-  if (view.byteLength < POSES_HEADER_BYTES) throw new Refused('truncated')
-  const count = view.getUint16(2, true)
-  const expected = POSES_HEADER_BYTES + count * POSE_BYTES
-  if (view.byteLength < expected) throw new Refused('truncated')
-  if (view.byteLength > expected) throw new Refused('trailing-bytes')
-  const x0 = finite(view.getFloat32(8, true))
-  const y0 = finite(view.getFloat32(12, true))
-  const unit = finite(view.getFloat32(16, true))
-  // A unit of zero would put every robot on one spot.
-  if (unit <= 0) throw new Refused('bad-shape')
-  const frame: PosesFrame = {
-    kind: 'poses',
-    full: (view.getUint8(1) & 1) === 1,
-    count,
-    ms: view.getUint32(4, true),
-    index: new Uint16Array(count),
-    x: new Float32Array(count),
-    y: new Float32Array(count),
-    heading: new Float32Array(count),
-    state: new Uint8Array(count),
-    presence: new Uint8Array(count),
-    range: new Int32Array(count),
-    lowBattery: new Uint8Array(count),
-  }
-  for (let row = 0; row < count; row++) {
-    const at = POSES_HEADER_BYTES + row * POSE_BYTES
-    const state = view.getUint8(at + 8)
-    const flags = view.getUint8(at + 9)
-    const presence = flags & 0b11
-    if (state >= STATES.length || presence >= PRESENCES.length) throw new Refused('bad-shape')
-    frame.index[row] = view.getUint16(at, true)
-    frame.x[row] = x0 + view.getUint16(at + 2, true) * unit
-    frame.y[row] = y0 + view.getUint16(at + 4, true) * unit
-    frame.heading[row] = view.getUint16(at + 6, true) * HEADING_TO_RADIANS
-    frame.state[row] = state
-    frame.presence[row] = presence
-    frame.range[row] = flags & 0b100 ? view.getUint16(at + 10, true) : -1
-    frame.lowBattery[row] = flags & 0b1000 ? 1 : 0
-  }
-  return frame
-}
-
-type Fields = Record<string, unknown>
-
 function readJson(buffer: ArrayBuffer): Fields {
   let text: string
   try {
@@ -242,34 +136,6 @@ function readHello(body: Fields): HelloFrame {
     fleet: string(body['fleet']),
     time: number(body['time']),
     arena: body['arena'] === null ? null : readArena(object(body['arena'])),
-  }
-}
-
-function readArena(body: Fields): Arena {
-  return {
-    width: positive(body['width']),
-    height: positive(body['height']),
-    obstacles: array(body['obstacles']).map((item) => readObstacle(object(item))),
-  }
-}
-
-function readObstacle(body: Fields): Obstacle {
-  const x = number(body['x'])
-  const y = number(body['y'])
-  switch (body['shape']) {
-    case 'circle':
-      return { shape: 'circle', x, y, r: positive(body['r']) }
-    case 'box':
-      return {
-        shape: 'box',
-        x,
-        y,
-        w: positive(body['w']),
-        h: positive(body['h']),
-        theta: number(body['theta']),
-      }
-    default:
-      throw new Refused('bad-shape')
   }
 }
 
@@ -318,49 +184,4 @@ function readMetrics(body: Fields): MetricsFrame {
     commands: { sent: number(commands['sent']), answered: number(commands['answered']) },
     realTimeFactor: body['real_time_factor'] === null ? null : number(body['real_time_factor']),
   }
-}
-
-function object(value: unknown): Fields {
-  if (typeof value !== 'object' || value === null || Array.isArray(value)) {
-    throw new Refused('bad-shape')
-  }
-  return value as Fields
-}
-
-function array(value: unknown): unknown[] {
-  if (!Array.isArray(value)) throw new Refused('bad-shape')
-  return value
-}
-
-function string(value: unknown): string {
-  if (typeof value !== 'string') throw new Refused('bad-shape')
-  return value
-}
-
-function number(value: unknown): number {
-  if (typeof value !== 'number') throw new Refused('bad-shape')
-  return finite(value)
-}
-
-function finite(value: number): number {
-  if (!Number.isFinite(value)) throw new Refused('bad-shape')
-  return value
-}
-
-function positive(value: unknown): number {
-  const read = number(value)
-  if (read <= 0) throw new Refused('bad-shape')
-  return read
-}
-
-function slot(value: unknown): number {
-  const read = number(value)
-  if (!Number.isInteger(read) || read < 0 || read > 0xffff) throw new Refused('bad-shape')
-  return read
-}
-
-function oneOf<const T extends readonly string[]>(allowed: T, value: unknown): T[number] {
-  const found = allowed.find((item) => item === value)
-  if (found === undefined) throw new Refused('bad-shape')
-  return found
 }

@@ -59,6 +59,8 @@ const NAMES = new Intl.Collator('en', { numeric: true })
 
 export class Fleet {
   private readonly byIndex = new Map<number, Robot>()
+  /** The same by place in a list, which is found faster. */
+  private readonly slots: (Robot | undefined)[] = []
   private readonly byId = new Map<string, Robot>()
   private expectFullRoster = true
   private sorted: readonly Robot[] | null = null
@@ -119,6 +121,7 @@ export class Fleet {
       if (elsewhere !== undefined) this.remove(elsewhere.index)
       const robot = newRobot(entry)
       this.byIndex.set(robot.index, robot)
+      this.slots[robot.index] = robot
       this.byId.set(robot.id, robot)
     }
   }
@@ -133,17 +136,16 @@ export class Fleet {
     const time = this.timeOf(frame)
     this.newest = Math.max(this.newest, time)
     for (let row = 0; row < frame.count; row++) {
-      const robot = this.byIndex.get(frame.index[row] as number)
+      const robot = this.slots[frame.index[row] as number]
       if (robot === undefined) {
         this.strangers += 1
         continue
       }
       const x = frame.x[row] as number
       const y = frame.y[row] as number
-      const heading = frame.heading[row] as number
       const range = frame.range[row] as number
-      if (!place(robot, { x, y, heading }, time, now)) continue
-      this.settledAt = Math.max(this.settledAt, robot.time)
+      if (!place(robot, x, y, frame.heading[row] as number, time, now)) continue
+      if (robot.time > this.settledAt) this.settledAt = robot.time
       robot.state = STATES[frame.state[row] as number] ?? robot.state
       robot.presence = PRESENCES[frame.presence[row] as number] ?? robot.presence
       robot.range = range < 0 ? null : range
@@ -162,6 +164,7 @@ export class Fleet {
     const robot = this.byIndex.get(index)
     if (robot === undefined) return
     this.byIndex.delete(index)
+    this.slots[index] = undefined
     if (this.byId.get(robot.id) === robot) this.byId.delete(robot.id)
   }
 }
@@ -183,34 +186,48 @@ export function poseAt(robot: Robot, time: number): Pose {
 
 /** Signed angle from `from` to `to`, −π ≤ angle < π. */
 export function shortestTurn(from: number, to: number): number {
-  const turn = (((to - from + Math.PI) % TURN) + TURN) % TURN
-  return turn - Math.PI
+  const turn = to - from + Math.PI
+  return turn - Math.floor(turn / TURN) * TURN - Math.PI
 }
 
-/** False when the pose is older than what is known: the feed is ordered. */
-function place(robot: Robot, pose: Pose, time: number, now: number): boolean {
+/**
+ * False when the pose is older than what is known: the feed is ordered. Called for every robot
+ * of every frame, so it makes no objects.
+ */
+function place(
+  robot: Robot,
+  x: number,
+  y: number,
+  heading: number,
+  time: number,
+  now: number,
+): boolean {
   if (!robot.placed) {
     robot.placed = true
-    Object.assign(robot, { fromX: pose.x, fromY: pose.y, fromHeading: pose.heading })
+    robot.fromX = x
+    robot.fromY = y
+    robot.fromHeading = heading
     robot.fromTime = now
     robot.time = now
   } else {
     if (time < robot.sampledAt) return false
+    const [dx, dy] = [x - robot.x, y - robot.y]
     const moved =
-      Math.hypot(pose.x - robot.x, pose.y - robot.y) > MOVED_METRES ||
-      Math.abs(shortestTurn(robot.heading, pose.heading)) > MOVED_RADIANS
+      dx * dx + dy * dy > MOVED_METRES * MOVED_METRES ||
+      Math.abs(shortestTurn(robot.heading, heading)) > MOVED_RADIANS
     if (moved) robot.movedAt = time
-    const shown = poseAt(robot, now)
     const span = Math.min(LONGEST_BLEND_MS, Math.max(SHORTEST_BLEND_MS, time - robot.sampledAt))
-    robot.fromX = shown.x
-    robot.fromY = shown.y
-    robot.fromHeading = shown.heading
+    const blend = robot.time - robot.fromTime
+    const share = blend > 0 ? Math.min(1, Math.max(0, (now - robot.fromTime) / blend)) : 1
+    robot.fromX += (robot.x - robot.fromX) * share
+    robot.fromY += (robot.y - robot.fromY) * share
+    robot.fromHeading += shortestTurn(robot.fromHeading, robot.heading) * share
     robot.fromTime = now
     robot.time = now + span
   }
-  robot.x = pose.x
-  robot.y = pose.y
-  robot.heading = pose.heading
+  robot.x = x
+  robot.y = y
+  robot.heading = heading
   robot.sampledAt = time
   return true
 }

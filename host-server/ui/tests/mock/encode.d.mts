@@ -21,4 +21,5 @@ export function posesFrame(frame: {
   y0?: number
   unit?: number
   robots: readonly PoseRow[]
+  bitmap?: boolean
 }): ArrayBuffer

@@ -8,6 +8,7 @@ import { fileURLToPath } from 'node:url'
 import { WebSocketServer } from 'ws'
 import { Refusal, createAccounts } from './accounts.mjs'
 import { jsonFrame, posesFrame } from './encode.mjs'
+import { createFleet } from './fleet.mjs'
 import { createWorld } from './world.mjs'
 
 const DIST = fileURLToPath(new URL('../../dist/', import.meta.url))
@@ -30,11 +31,14 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   const accounts = createAccounts(options)
   const world = createWorld({ robots, seed })
   const commands = []
+  const faults = []
   const counts = { sent: 0, answered: 0, frames: 0 }
   const shown = new Map()
   const started = Date.now()
   const clock = () => started + Math.round(performance.now() - origin)
   const origin = performance.now()
+  const fleet = createFleet({ world, commands, clock })
+  const ready = { ready: true, broker: true, simulation: true }
   let refuse = false
   let down = false
 
@@ -57,7 +61,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
 
   function greet(socket) {
     socket.send(
-      jsonFrame('hello', { protocol: 1, fleet: 'swarm', time: clock(), arena: world.arena }),
+      jsonFrame('hello', { protocol: 2, fleet: 'swarm', time: clock(), arena: world.arena }),
     )
     socket.send(jsonFrame('roster', { robots: world.robots.map(entry), removed: [] }))
     socket.send(poses(world.robots, true))
@@ -110,27 +114,41 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   async function handle(request, response) {
     const url = new URL(request.url, 'http://mock')
     const path = url.pathname
+    if (down && (path.startsWith('/api/') || path === '/readyz')) return request.socket.destroy()
+    if (path === '/readyz') return json(response, ready.broker ? 200 : 503, ready)
+    if (path === '/metrics') return plain(response, fleet.metrics(counts))
     if (!path.startsWith('/api/')) return page(path, response)
-    if (down) return request.socket.destroy()
     const parts = path.split('/').slice(3)
     const body = request.method === 'GET' ? {} : await read(request)
     const found = accounts.answer(request, url, parts, body)
     if (found !== null) return json(response, found.status, found.body, found.headers)
-    accounts.caller(request, request.method === 'GET' ? 'viewer' : 'operator')
+    const { name } = accounts.caller(request, request.method === 'GET' ? 'viewer' : 'operator')
+    if (request.method === 'GET' && parts[2] === 'image') {
+      response.writeHead(200, { 'content-type': 'image/svg+xml' })
+      return response.end(fleet.picture)
+    }
+    const told = request.method === 'GET' ? fleet.read(parts, url) : null
+    if (told !== null) return json(response, 200, told)
     if (request.method === 'GET' && parts[0] === 'robots') {
       if (parts.length === 1) return json(response, 200, { robots: world.robots.map(state) })
       const robot = world.robots.find(({ id }) => id === parts[1])
       if (robot === undefined) return problem(response, 404, 'Not found', `no robot ${parts[1]}`)
       return json(response, 200, state(robot))
     }
-    if (request.method === 'GET' && parts[0] === 'commands') {
-      const found = commands[Number(parts[1])]
-      if (found === undefined) return problem(response, 404, 'Not found', 'no such command')
-      const { status, reason, counts } = found
-      return json(response, 200, { id: parts[1], status, reason, counts })
+    if (request.method === 'PUT' && parts[2] === 'parameters') {
+      const command = { command: 'set', parameters: body }
+      return accept(response, ['robots', parts[1], 'commands'], command, name)
+    }
+    if (parts[2] === 'faults') {
+      fleet.find(parts[1])
+      faults.push({ robot: parts[1], method: request.method, ...body })
+      return json(response, 202, undefined)
+    }
+    if (request.method === 'POST' && parts[0] === 'simulator') {
+      return json(response, 200, fleet.simulate(body))
     }
     if (request.method === 'POST' && parts.at(-1) === 'commands') {
-      return accept(response, parts, body, accounts.caller(request).name)
+      return accept(response, parts, body, name)
     }
     return problem(response, 404, 'Not found', `nothing at ${path}`)
   }
@@ -139,16 +157,35 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     const all = parts[0] === 'swarm'
     const targets = all ? world.robots : world.robots.filter(({ id }) => id === parts[1])
     if (targets.length === 0) return problem(response, 404, 'Not found', `no robot ${parts[1]}`)
-    let outcome = { status: 'completed', reason: null }
-    const tally = {}
-    for (const robot of targets.filter(({ presence }) => presence === 'online')) {
-      outcome = world.obey(robot, command, clock())
-      tally[outcome.status] = (tally[outcome.status] ?? 0) + 1
+    const outcomes = []
+    for (const { presence, id } of targets) {
+      if (presence !== 'online' && all) continue
+      const robot = fleet.find(id)
+      const outcome = { robot: id }
+      const done = (status, reason) => Object.assign(outcome, { status, reason })
+      Object.assign(
+        outcome,
+        presence === 'offline'
+          ? { status: 'expired', reason: null }
+          : command.command === 'set'
+            ? fleet.set(id, command.parameters)
+            : world.obey(robot, command, clock(), done),
+      )
+      outcomes.push(outcome)
       counts.sent += 1
       counts.answered += 1
     }
     if (command.command !== 'drive') accounts.audit(who, command.command, parts.at(-2))
-    commands.push({ to: all ? 'swarm' : parts[1], ...command, ...outcome, counts: tally })
+    const record = {
+      ...command,
+      id: String(commands.length),
+      to: all ? 'swarm' : parts[1],
+      source: `operator:${who}`,
+      timestamp: clock(),
+      slow: all && command.command === 'behave',
+      outcomes,
+    }
+    commands.push(record)
     if (command.command !== 'drive') {
       broadcast(
         jsonFrame('event', {
@@ -159,7 +196,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
         }),
       )
     }
-    return json(response, 202, { id: String(commands.length - 1) })
+    return json(response, 202, { ...fleet.view(record), ...(all ? { outcomes: [] } : {}) })
   }
 
   function state(robot) {
@@ -173,6 +210,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
       battery: { mv: 6_400 + 20 * robot.battery, percent: robot.battery },
       temperature_c: 22.5,
       rssi_dbm: -58,
+      ...fleet.details(robot),
     }
   }
 
@@ -189,7 +227,10 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     url: `http://127.0.0.1:${server.address().port}`,
     world,
     commands,
+    faults,
     accounts,
+    /** What `/readyz` says. */
+    ready,
     /** Answers no call and keeps no feed, as a server that is being restarted. */
     setDown(now) {
       down = now
@@ -201,6 +242,9 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
       if (refuse) for (const socket of sockets.clients) socket.terminate()
     },
     broadcast,
+    broadcastEvent(level, robot, text) {
+      broadcast(jsonFrame('event', { time: clock(), level, robot, text }))
+    },
     sockets: () => sockets.clients,
     close() {
       for (const timer of timers) clearInterval(timer)
@@ -238,6 +282,11 @@ async function read(request) {
 function json(response, status, body, headers = {}) {
   response.writeHead(status, { 'content-type': 'application/json', ...headers })
   response.end(body === undefined ? undefined : JSON.stringify(body))
+}
+
+function plain(response, text) {
+  response.writeHead(200, { 'content-type': 'application/openmetrics-text; version=1.0.0' })
+  response.end(text)
 }
 
 function problem(response, status, title, detail, code = 'refused', headers = {}) {

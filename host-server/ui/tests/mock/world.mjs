@@ -4,6 +4,7 @@
 const WANDER_SPEED = 0.25
 const FAILSAFE_MS = 500
 const LOW_BATTERY = 20
+const REACHED = 0.05
 const MOST_OBSTACLES = 24
 /** Robots look ahead every so many steps, in turns: a thousand of them cost too much otherwise. */
 const LOOK_EVERY = 10
@@ -99,6 +100,17 @@ export function createWorld({ robots: count = 50, seed = 1 } = {}) {
       if (now - robot.drivenAt > FAILSAFE_MS) return ['IDLE', 0, 0]
       return [robot.v !== 0 || robot.w !== 0 ? 'MOVING' : 'IDLE', robot.v, robot.w]
     }
+    if (robot.behaviour === 'goto') {
+      const [dx, dy] = [robot.goal.x - robot.x, robot.goal.y - robot.y]
+      if (Math.hypot(dx, dy) < REACHED) {
+        robot.behaviour = 'manual'
+        robot.goal.done('completed', null)
+        return ['IDLE', 0, 0]
+      }
+      const off = Math.atan2(dy, dx) - robot.heading
+      const turn = Math.atan2(Math.sin(off), Math.cos(off))
+      return ['MOVING', Math.abs(turn) < 0.5 ? WANDER_SPEED : 0, 3 * turn]
+    }
     if (robot.behaviour !== 'wander') return ['IDLE', 0, 0]
     const range = robot.rangeMm ?? 9_999
     if (robot.avoiding > 0 || range < 300) {
@@ -127,11 +139,26 @@ export function createWorld({ robots: count = 50, seed = 1 } = {}) {
         robot.lowBattery = robot.battery < LOW_BATTERY
       }
     },
-    /** Obeys one command; the answer is a status and a reason as on the wire. */
-    obey(robot, { command, parameters = {} }, now) {
+    /** Obeys one command; `done` is told later what came of one that takes time. The answer is a status and a reason as on the wire. */
+    obey(robot, { command, parameters = {} }, now, done = () => undefined) {
       const moves = ['drive', 'move', 'behave', 'goto', 'scan'].includes(command)
       if (moves && robot.estopped) return { status: 'rejected', reason: 'estopped' }
+      if (command !== 'identify' && command !== 'goto') {
+        robot.goal?.done('failed', 'interrupted')
+        robot.goal = null
+      }
       switch (command) {
+        case 'goto':
+          if (
+            Math.abs(parameters.x) > arena.width / 2 ||
+            Math.abs(parameters.y) > arena.height / 2
+          ) {
+            return { status: 'rejected', reason: 'out_of_range' }
+          }
+          robot.goal?.done('failed', 'interrupted')
+          robot.behaviour = 'goto'
+          robot.goal = { x: parameters.x, y: parameters.y, done }
+          return { status: 'accepted', reason: null }
         case 'drive':
           Object.assign(robot, {
             behaviour: 'manual',
@@ -159,6 +186,9 @@ export function createWorld({ robots: count = 50, seed = 1 } = {}) {
           robot.behaviour = parameters.behaviour
           break
         case 'identify':
+        case 'reboot':
+        case 'scan':
+        case 'capture':
           break
         default:
           return { status: 'rejected', reason: 'unknown_command' }

@@ -124,7 +124,7 @@ describe('what went wrong', () => {
         }),
       ),
     )
-    await expect(api.batteries()).rejects.toMatchObject({ code: 'rate_limited', retryAfter: 7 })
+    await expect(api.summaries()).rejects.toMatchObject({ code: 'rate_limited', retryAfter: 7 })
   })
 })
 

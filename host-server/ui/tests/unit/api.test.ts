@@ -59,7 +59,7 @@ describe('what the server tells', () => {
         objects: [{ class: 'object', x: 0.5, y: 0.5, bearing: 0.25, margin: 40 }, { class: 5 }],
       },
     }
-    expect(await answering(200, robot).api.robot('sim-0001')).toEqual({
+    expect(await answering(200, robot).api.robot('sim-0001')).toMatchObject({
       behaviour: 'wander',
       batteryPercent: 71,
       batteryMillivolts: 7_610,
@@ -67,7 +67,7 @@ describe('what the server tells', () => {
       rssi: null,
       camera: true,
       image: 1_800_000_000_000,
-      sees: [{ kind: 'object', bearing: 0.25 }],
+      sees: [{ kind: 'object', bearing: 0.25, at: { x: 0.5, y: 0.5 } }],
       duplicate: false,
     })
     expect(await answering(200, {}).api.robot('sim-0001')).toMatchObject({
@@ -80,7 +80,9 @@ describe('what the server tells', () => {
     expect(sighting('obstacle', 0.001)).toBe('obstacle ahead')
     expect(picturePath('a/b', 5)).toBe('/robots/a%2Fb/image?received=5')
     const { api } = answering(200, { time: 1, robots: [robot, { id: 'sim-0002', battery: null }] })
-    expect([...(await api.batteries())]).toEqual([['sim-0001', 71]])
+    const summaries = await api.summaries()
+    expect(summaries.get('sim-0001')).toMatchObject({ battery: 71, behaviour: 'wander' })
+    expect(summaries.get('sim-0002')?.battery).toBe(null)
   })
 
   it('adds up the outcomes of a command', async () => {

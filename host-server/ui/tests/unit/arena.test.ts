@@ -2,7 +2,8 @@ import { describe, expect, it } from 'vitest'
 import type { Camera } from '../../src/arena/camera'
 import { fit, panBy, scaleBar, toScreen, toWorld, zoomAt } from '../../src/arena/camera'
 import { boundsOf, nearest, smallestRadius, union } from '../../src/arena/pick'
-import { buildScene } from '../../src/arena/scene'
+import { TONES, buildScene } from '../../src/arena/scene'
+import { OBJECT_SHAPES } from '../../src/feed/arena'
 import { Fleet } from '../../src/fleet/fleet'
 import { decodeFrame } from '../../src/feed/decode'
 import { posesFrame } from '../mock/encode.mjs'
@@ -77,7 +78,15 @@ describe('picking', () => {
     fleet.applyPoses(decoded.frame, 1_000)
     return fleet
   }
-  const view = { camera, size, time: 2_000, smallest: 8, cones: 'none' as const }
+  const view = {
+    camera,
+    size,
+    time: 2_000,
+    smallest: 8,
+    cones: 'none' as const,
+    trails: 'none' as const,
+    points: false,
+  }
 
   it('takes the nearest robot, and none when all are far', () => {
     const fleet = fleetAt([1, -2], [1.5, -2])
@@ -111,17 +120,36 @@ describe('the scene', () => {
         { shape: 'circle', x: 0, y: 0, r: 0.2 },
         { shape: 'box', x: 2, y: 1, w: 0.01, h: 1, theta: 0.3 },
       ],
+      movers: [
+        {
+          body: { shape: 'circle', x: 1, y: 1, r: 0.1 },
+          path: [
+            [3, 1],
+            [3, 1],
+          ],
+        },
+      ],
+      patches: [{ x: -2, y: 0, w: 1, h: 0.4, theta: 0.5, grip: 0.3 }],
+      objects: OBJECT_SHAPES.map((shape, x) => ({ shape, colour: 'blue', x, y: 2, size: 0.2 })),
     })
     for (const list of [scene.triangles, scene.lines]) {
       expect(list.length % 3).toBe(0)
       expect(list.every(Number.isFinite)).toBe(true)
     }
-    const tones = scene.triangles.filter((_, at) => at % 3 === 2)
-    expect(new Set(tones)).toEqual(new Set([0, 2, 3, 4]))
+    const tones = new Set([...scene.triangles, ...scene.lines].filter((_, at) => at % 3 === 2))
+    expect([...tones].sort((a, b) => a - b)).toEqual([0, 1, 2, 3, 4, 5, 6, 9])
+    expect(Math.max(...tones)).toBeLessThan(TONES)
   })
 
   it('bounds the number of grid lines', () => {
-    const huge = buildScene({ width: 100_000, height: 100_000, obstacles: [] })
-    expect(huge.lines.length / 6).toBeLessThan(1_000)
+    const huge = buildScene({
+      width: 100_000,
+      height: 100_000,
+      obstacles: [],
+      movers: [],
+      patches: [{ x: 0, y: 0, w: 90_000, h: 90_000, theta: 0, grip: 0.05 }],
+      objects: [],
+    })
+    expect(huge.lines.length / 6).toBeLessThan(2_000)
   })
 })

@@ -18,7 +18,7 @@ class FakeSocket {
 }
 
 const hello = () =>
-  jsonFrame('hello', { protocol: 1, fleet: 'swarm', time: 1_700_000_000_000, arena: null })
+  jsonFrame('hello', { protocol: 2, fleet: 'swarm', time: 1_700_000_000_000, arena: null })
 const event = () => jsonFrame('event', { time: 1, level: 'info', robot: null, text: 'x' })
 
 function setUp() {

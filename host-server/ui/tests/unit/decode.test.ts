@@ -22,7 +22,7 @@ const poses = () =>
   posesFrame({ full: true, ms: 1_700_000_000_123, x0: -5, y0: -5, unit: 0.001, robots: [robot] })
 
 const hello = {
-  protocol: 1,
+  protocol: 2,
   fleet: 'swarm',
   time: 1_700_000_000_000,
   arena: {
@@ -32,6 +32,9 @@ const hello = {
       { shape: 'circle', x: 1, y: 2, r: 0.3 },
       { shape: 'box', x: -1, y: 0, w: 0.5, h: 0.2, theta: 0.7 },
     ],
+    movers: [{ body: { shape: 'circle', x: 2, y: 0, r: 0.1 }, path: [[2, 1]], speed: 0.2 }],
+    patches: [{ x: 0, y: 3, w: 1, h: 2, theta: 0, grip: 0.4 }],
+    objects: [{ shape: 'cone', x: 3, y: 3, size: 0.2, colour: 'orange' }],
   },
 }
 const roster = {
@@ -78,8 +81,29 @@ describe('poses', () => {
     expect([without.frame.range[0], zero.frame.range[0]]).toEqual([-1, 0])
   })
 
-  it('refuses every truncation', () => {
-    const whole = poses()
+  it.each([true, false])('reads indices, as a bitmap: %s', (bitmap) => {
+    const robots = [3, 4, 11, 19, 40].map((index) => ({ ...robot, index, x: index, y: 0 }))
+    const decoded = decodeFrame(posesFrame({ ms: 0, robots, bitmap }))
+    if (!decoded.ok || decoded.frame.kind !== 'poses') throw new Error('not poses')
+    expect([...decoded.frame.index]).toEqual([3, 4, 11, 19, 40])
+    expect(decoded.frame.x[4]).toBeCloseTo(40, 3)
+  })
+
+  it('takes less than ten bytes for a robot', () => {
+    const robots = Array.from({ length: 1_000 }, (_, index) => ({ ...robot, index, y: 0 }))
+    expect(posesFrame({ ms: 0, robots }).byteLength / robots.length).toBeLessThan(8.2)
+  })
+
+  it('refuses a bitmap that does not match the count', () => {
+    const buffer = posesFrame({ ms: 0, robots: [{ ...robot, y: 0 }], bitmap: true })
+    for (const bits of [0, 3]) {
+      new DataView(buffer).setUint8(24, bits)
+      expect(reason(buffer)).toBe('bad-shape')
+    }
+  })
+
+  it.each([true, false])('refuses every truncation, as a bitmap: %s', (bitmap) => {
+    const whole = posesFrame({ ms: 5, robots: [{ ...robot, y: 0 }], bitmap })
     for (let length = 1; length < whole.byteLength; length++) {
       expect(reason(whole.slice(0, length)), `${String(length)} bytes`).toBe('truncated')
     }
@@ -92,10 +116,7 @@ describe('poses', () => {
     expect(reason(longer.buffer)).toBe('trailing-bytes')
   })
 
-  it.each([
-    ['an unknown state', 20 + 8, 8],
-    ['an unknown presence', 20 + 9, 3],
-  ])('refuses %s', (_, at, value) => {
+  it.each([['an unknown presence', 20 + 2 + 7, 0xc0]])('refuses %s', (_, at, value) => {
     const buffer = poses()
     new DataView(buffer).setUint8(at, value)
     expect(reason(buffer)).toBe('bad-shape')
@@ -143,6 +164,8 @@ describe('JSON frames', () => {
   it.each([
     ['hello', { ...hello, arena: { ...hello.arena, width: 0 } }],
     ['hello', { ...hello, arena: { ...hello.arena, obstacles: [{ shape: 'star', x: 0, y: 0 }] } }],
+    ['hello', { ...hello, arena: { ...hello.arena, objects: [{ shape: 'cone', x: 0, y: 0 }] } }],
+    ['hello', { ...hello, arena: { ...hello.arena, movers: [{ path: [] }] } }],
     ['hello', { ...hello, time: '5' }],
     ['roster', { robots: [{ ...roster.robots[0], index: 65_536 }], removed: [] }],
     ['roster', { robots: [{ ...roster.robots[0], index: 1.5 }], removed: [] }],

@@ -138,11 +138,30 @@ describe('driving', () => {
     driver.hold('a', 'forward')
     driver.release('a')
     driver.hold('a', 'forward')
+    // A hand does not wait for the answer to what it did before.
+    expect(names()).toEqual(['drive', 'stop', 'drive'])
     arrivals[0]?.()
     await vi.advanceTimersByTimeAsync(0)
-    expect(names()).toEqual(['drive', 'stop'])
-    await vi.advanceTimersByTimeAsync(REPEAT_MS)
     expect(names()).toEqual(['drive', 'stop', 'drive'])
+  })
+
+  it('has no more than two commands on their way, and catches up as soon as it may', async () => {
+    const arrivals: (() => void)[] = []
+    const { driver, names } = setUp(({ command }) =>
+      command.command === 'drive'
+        ? new Promise<void>((resolve) => arrivals.push(resolve))
+        : Promise.resolve(),
+    )
+    driver.hold('a', 'forward')
+    driver.hold('b', 'left')
+    driver.hold('c', 'right')
+    await vi.advanceTimersByTimeAsync(10 * REPEAT_MS)
+    expect(names()).toEqual(['drive', 'drive'])
+    arrivals[0]?.()
+    arrivals[1]?.()
+    await vi.advanceTimersByTimeAsync(0)
+    expect(names()).toEqual(['drive', 'drive', 'drive'])
+    driver.releaseAll()
   })
 
   it('reports a command that was not taken, and goes on trying while held', async () => {

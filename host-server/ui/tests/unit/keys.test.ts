@@ -5,10 +5,19 @@ import type { Focus, KeyPress } from '../../src/drive/keys'
 import { focusOf, intentOf } from '../../src/drive/keys'
 
 function press(key: string, code = key, held: Partial<KeyPress> = {}): KeyPress {
-  return { key, code, ctrlKey: false, altKey: false, metaKey: false, ...held }
+  return { key, code, ctrlKey: false, altKey: false, metaKey: false, shiftKey: false, ...held }
 }
 
-const EVERYWHERE: Focus[] = ['text', 'choice', 'slider', 'list', 'dialog', 'elsewhere']
+const EVERYWHERE: Focus[] = [
+  'text',
+  'choice',
+  'slider',
+  'list',
+  'dialog',
+  'arena',
+  'pad',
+  'elsewhere',
+]
 
 describe('Space', () => {
   it.each(EVERYWHERE.filter((focus) => focus !== 'text'))(
@@ -82,5 +91,57 @@ describe('focusOf', () => {
   it('knows what is inside a dialog', () => {
     document.body.innerHTML = '<dialog open><button></button></dialog>'
     expect(focusOf(document.querySelector('button'))).toBe('dialog')
+  })
+})
+
+describe('keys in the arena', () => {
+  it.each([
+    ['ArrowUp', { do: 'pan', x: 0, y: 1 }],
+    ['ArrowLeft', { do: 'pan', x: -1, y: 0 }],
+    ['Enter', { do: 'aim', add: false }],
+    ['Home', { do: 'fit' }],
+  ] as const)('%s', (key, intent) => {
+    expect(intentOf(press(key), 'arena')).toEqual(intent)
+  })
+
+  it('Shift and Enter add to the group', () => {
+    expect(intentOf(press('Enter', 'Enter', { shiftKey: true }), 'arena')).toEqual({
+      do: 'aim',
+      add: true,
+    })
+  })
+
+  it.each(['f', 'g', 'l'] as const)('%s is a tool, but a letter in a field', (key) => {
+    expect(intentOf(press(key), 'elsewhere')).not.toBeNull()
+    expect(intentOf(press(key.toUpperCase()), 'arena')).not.toBeNull()
+    expect(intentOf(press(key), 'text')).toBeNull()
+    expect(intentOf(press(key, key, { ctrlKey: true }), 'elsewhere')).toBeNull()
+  })
+
+  it('WASD drives there too, arrows do not', () => {
+    expect(intentOf(press('w', 'KeyW'), 'arena')).toEqual({ do: 'drive', direction: 'forward' })
+    expect(intentOf(press('ArrowUp'), 'arena')).not.toHaveProperty('direction')
+  })
+})
+
+describe('Tab', () => {
+  it('goes to the next robot on a pad that has the keyboard, and nowhere else', () => {
+    expect(intentOf(press('Tab'), 'pad')).toEqual({ do: 'neighbour', step: 1 })
+    expect(intentOf(press('Tab', 'Tab', { shiftKey: true }), 'pad')).toEqual({
+      do: 'neighbour',
+      step: -1,
+    })
+    for (const focus of EVERYWHERE.filter((where) => where !== 'pad')) {
+      expect(intentOf(press('Tab'), focus)).toBeNull()
+    }
+  })
+
+  it('leaves a pad that has not', () => {
+    document.body.innerHTML = `
+      <div data-keys="arena" id="a"></div>
+      <div data-captured="true"><button id="b"></button></div>
+      <div data-captured="false"><button id="c"></button></div>`
+    const at = (id: string) => focusOf(document.getElementById(id))
+    expect([at('a'), at('b'), at('c')]).toEqual(['arena', 'pad', 'elsewhere'])
   })
 })

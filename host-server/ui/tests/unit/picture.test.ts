@@ -16,6 +16,14 @@ const details = (image: number | null): RobotDetails => ({
   camera: true,
   image,
   sees: null,
+  wheels: null,
+  sigma: null,
+  uptime: null,
+  lastSeen: null,
+  boot: null,
+  protocol: null,
+  capabilities: [],
+  link: null,
   duplicate: false,
 })
 

@@ -43,7 +43,9 @@ function setUp(
     commandSwarm: (command) => record('swarm', command),
     outcome: () => Promise.resolve(outcome),
     robot: () => Promise.reject(new Error('not asked for here')),
-    batteries: () => Promise.resolve(new Map()),
+    summaries: () => Promise.resolve(new Map()),
+    readiness: () => Promise.resolve({ broker: true, simulation: null }),
+    metrics: () => Promise.resolve(''),
     picture: () => Promise.reject(new Error('not asked for here')),
   }
   const room = new Room({
@@ -67,7 +69,7 @@ function setUp(
     presence: 'online',
     ...change,
   })
-  receive(jsonFrame('hello', { protocol: 1, fleet: 'swarm', time: T0, arena: null }))
+  receive(jsonFrame('hello', { protocol: 2, fleet: 'swarm', time: T0, arena: null }))
   receive(
     jsonFrame('roster', {
       removed: [],
@@ -279,7 +281,7 @@ describe('frames that cannot be read', () => {
 describe('a feed of another version', () => {
   it('is named', () => {
     const { room, receive } = setUp()
-    receive(jsonFrame('hello', { protocol: 2, fleet: 'swarm', time: T0, arena: null }))
-    expect(room.mismatch.value).toBe(2)
+    receive(jsonFrame('hello', { protocol: 3, fleet: 'swarm', time: T0, arena: null }))
+    expect(room.mismatch.value).toBe(3)
   })
 })

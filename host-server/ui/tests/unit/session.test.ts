@@ -156,7 +156,7 @@ describe('the token', () => {
     const session = new Session({ send, exclusive: alone, channel: null })
     await session.start()
     const api = createApi(session.send)
-    await Promise.all([api.batteries(), api.batteries(), api.batteries()])
+    await Promise.all([api.summaries(), api.summaries(), api.summaries()])
     expect(fake.count('POST /session/refresh')).toBe(2)
     expect(session.state.value).toBe('in')
   })
@@ -169,7 +169,7 @@ describe('the token', () => {
     })
     await started
     ended = true
-    await expect(createApi(session.send).batteries()).rejects.toMatchObject({ status: 401 })
+    await expect(createApi(session.send).summaries()).rejects.toMatchObject({ status: 401 })
     expect([session.state.value, session.why.value, session.user.value]).toEqual([
       'out',
       'ended',
@@ -217,7 +217,7 @@ describe('the token', () => {
     await started
     open = true
     await createApi(session.send)
-      .batteries()
+      .summaries()
       .catch(() => null)
     expect(session.state.value).toBe('open')
   })

@@ -1,0 +1,75 @@
+// What the rounds in the arena share: a page on the mock, where things are, who stands where.
+
+import { startMock } from '../tests/mock/server.mjs'
+import { DESKTOP, launch } from './browser.mjs'
+import { axeSource, fail, until } from './checks.mjs'
+
+/** Generous: machines that run tests are busy. */
+export const PATIENCE_MS = 30_000
+
+export const mock = await startMock({ robots: 24, seed: 5 })
+export const browser = await launch()
+export const id = (page, name) => page.getByTestId(name)
+export const soon = (reason, probe) => until(reason, PATIENCE_MS, probe)
+
+export async function open(options = {}) {
+  const context = await browser.newContext({ viewport: DESKTOP, ...options })
+  await context.addInitScript(await axeSource())
+  const page = await context.newPage()
+  page.setDefaultTimeout(PATIENCE_MS)
+  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
+  await page.goto(mock.url)
+  await page.locator('[data-testid=robot-row][data-x]').first().waitFor()
+  await soon('no picture', async () => Number(await arena(page, 'drawn')) > 0)
+  return { context, page }
+}
+
+export const arena = (page, name) => id(page, 'arena').getAttribute(`data-${name}`)
+
+export async function camera(page) {
+  const [x, y, scale] = (await arena(page, 'camera')).split(' ').map(Number)
+  return { x, y, scale }
+}
+
+/** Where a point of the world is on the page. */
+export async function onPage(page, x, y) {
+  const [view, box] = [await camera(page), await id(page, 'arena').boundingBox()]
+  return [
+    box.x + box.width / 2 + (x - view.x) * view.scale,
+    box.y + box.height / 2 - (y - view.y) * view.scale,
+  ]
+}
+
+export const stand = () => {
+  for (const robot of mock.world.robots) mock.world.obey(robot, { command: 'stop' }, Date.now())
+}
+export const sent = (command) => mock.commands.filter((entry) => entry.command === command)
+export const selected = (page) => id(page, 'robot-panel').getAttribute('data-robot-id')
+export const online = () => mock.world.robots.filter(({ presence }) => presence === 'online')
+
+/** A robot that stands apart from others, so that a click means it alone. */
+export function apart() {
+  const far = (robot) =>
+    Math.min(
+      ...mock.world.robots
+        .filter((other) => other !== robot)
+        .map((other) => Math.hypot(other.x - robot.x, other.y - robot.y)),
+    )
+  return online().sort((a, b) => far(b) - far(a))[0]
+}
+
+export async function lasso(page, middle, radius) {
+  const points = Array.from({ length: 16 }, (_, i) => {
+    const angle = (i / 16) * 2 * Math.PI
+    return [middle[0] + radius * Math.cos(angle), middle[1] + radius * Math.sin(angle)]
+  })
+  await page.mouse.move(...points[0])
+  await page.mouse.down()
+  for (const point of points.slice(1)) await page.mouse.move(...point)
+  await page.mouse.up()
+}
+
+export const goals = async (page) => {
+  const element = id(page, 'goals')
+  return (await element.count()) === 0 ? [] : JSON.parse(await element.getAttribute('data-goals'))
+}

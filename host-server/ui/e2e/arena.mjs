@@ -1,0 +1,22 @@
+// `npm run e2e:arena`: the arena and driving, by mouse, finger, keyboard and gamepad, against the
+// mock, which can be cut off. Prints one line per check; exits non-zero when anything failed.
+
+import { byFinger, byGamepad, byKeyboard } from './arena-hands.mjs'
+import { byMouse, byThousands, cutOff } from './arena-mouse.mjs'
+import { browser, mock } from './arena-steps.mjs'
+import { endBy, fail, finish } from './checks.mjs'
+
+/** Everything together ends by then, whatever hangs. */
+const DEADLINE_MS = 240_000
+const ROUNDS = [byMouse, byKeyboard, byGamepad, cutOff, byFinger, byThousands]
+
+const guard = endBy(DEADLINE_MS)
+try {
+  for (const round of ROUNDS) await round()
+  await browser.close()
+} catch (error) {
+  fail(`the browser: ${String(error.message).split('\n')[0]}`)
+}
+await mock.close()
+clearTimeout(guard)
+finish()

@@ -1,0 +1,62 @@
+/** Words of the arena and of driving; those shared with other views are in `strings.ts`. */
+
+import { millimetres } from './strings'
+
+export const words = {
+  picture:
+    'Live picture of the arena. With the focus here: arrow keys move the view, plus and minus zoom, Home shows everything, Enter selects the robot nearest to the cross, Shift and Enter adds it to the group, G sends robots to the cross. The text below says the same as the picture.',
+  tools: 'Arena tools',
+  follow: 'Follow',
+  followHint: 'Keep the selected robot in the middle (F)',
+  lasso: 'Lasso',
+  lassoHint: 'Draw around robots to choose them (L, or drag with Shift)',
+  go: 'Go here',
+  goHint: 'Then click where the chosen robots shall go (G)',
+  goFirst: 'Choose a robot or a group first.',
+  goMany: (most: number) => `No more than ${String(most)} robots can be sent to one point.`,
+  layers: 'Layers',
+  cones: 'Sensor cones',
+  trails: 'Trails',
+  extent: { all: 'All', selected: 'Selected', none: 'None' },
+  group: (count: number) => `${String(count)} robot${count === 1 ? '' : 's'} chosen`,
+  ungroup: 'Clear the choice',
+  nobody: 'No robot is inside the line.',
+  aim: (count: number) =>
+    `Click where ${count === 1 ? 'the robot' : `${String(count)} robots`} shall go. Esc: not now.`,
+  draw: 'Draw a line around robots. Esc: not now.',
+  reading: (id: string, range: number | null) =>
+    range === null ? id : `${id} · ${millimetres(range)}`,
+  empty: 'No robots yet. They appear here as soon as one connects.',
+  connecting: 'Waiting for the live picture…',
+  sent: (count: number, x: string) =>
+    `${count === 1 ? '“goto”' : `“goto” for ${String(count)} robots`} sent: ${x}`,
+  skipped: (count: number) =>
+    `${String(count)} ${count === 1 ? 'is' : 'are'} not reachable and ${count === 1 ? 'was' : 'were'} left out`,
+  reached: 'reached its goal',
+  goals: (going: number, reached: number, failed: number) =>
+    [
+      going > 0 ? `${String(going)} on the way` : '',
+      reached > 0 ? `${String(reached)} arrived` : '',
+      failed > 0 ? `${String(failed)} failed` : '',
+    ]
+      .filter((part) => part !== '')
+      .join(', '),
+  goalsLabel: 'Goals: ',
+  clusters: 'Numbers count robots that are too close together to draw; zoom in to see them.',
+  minimap: 'Overview of the arena: click or drag to move the view',
+  legend: {
+    cells: 'Grid lines every metre; the stronger ones border the cells in which robots listen.',
+    cone: 'A cone reaches as far as the range sensor sees; its far edge is the echo.',
+    trail: 'A trail is where a robot was in the last ten seconds.',
+    ring: 'A whole ring: selected to drive. A dashed ring: chosen as a group.',
+    patch: 'Hatched floor grips differently; a dashed way is that of something that moves.',
+    stale: 'Hatched: not heard of for a while. Hollow: offline.',
+  },
+  pad: {
+    capture: 'Press Enter to drive with the keyboard.',
+    captured: 'Tab: next robot. Esc: leave the pad.',
+    stick: (name: string) => `Gamepad: ${name}`,
+    stickWaits: 'Let go of the stick once before it drives.',
+    stickHelp: 'Stick drives; A stops the robot, B stops all, shoulder buttons change robots.',
+  },
+} as const
