@@ -1,16 +1,20 @@
-//! Fuzz targets of what strangers send to get in: tokens, and filters of topics. The fuzzer and the
-//! replay of its corpus in the tests of `crawler-access` include this file.
+//! Fuzz targets of what strangers send to get in: names, secrets, tokens, and filters of topics. The
+//! fuzzer and the replay of its corpus in the tests of `crawler-access` include this file.
 
 use crawler_access::token::{Claims, Key, TokenError};
 use crawler_access::topics::{Act, Principal, may};
-use crawler_access::{Role, Secret};
+use crawler_access::{Role, Secret, UserName};
 use crawler_protocol::{Fleet, RobotId};
 
 /// The body of a target. Panics when it finds a fault.
 pub type Target = fn(&[u8]);
 
 /// Name and body of every target.
-pub const TARGETS: [(&str, Target); 2] = [("token", token), ("filter", filter)];
+pub const TARGETS: [(&str, Target); 3] = [
+    ("token", token),
+    ("filter", filter),
+    ("credential", credential),
+];
 
 /// When the tokens of the corpus are good.
 const NOW: i64 = 1_700_000_000;
@@ -54,6 +58,35 @@ fn token(data: &[u8]) {
         && text != good
     {
         assert!(key.verify(text, NOW).is_err(), "a damaged token verifies");
+    }
+}
+
+/// A name, and a secret on the next line, as they stand in a login, a ticket or an invitation: each has
+/// one spelling, and none looks like one of the server's own.
+fn credential(data: &[u8]) {
+    let Ok(text) = core::str::from_utf8(data) else {
+        return;
+    };
+    let (name, secret) = text.split_once('\n').unwrap_or((text, text));
+    if let Ok(parsed) = name.parse::<UserName>() {
+        assert_eq!(parsed.to_string(), name);
+        assert!(name.len() <= 32 && !name.starts_with("server-"));
+        let json = serde_json::to_string(&parsed).expect("a name in JSON");
+        assert_eq!(serde_json::from_str(&json).ok(), Some(parsed));
+    } else {
+        let json = serde_json::to_string(name).expect("a text in JSON");
+        assert!(serde_json::from_str::<UserName>(&json).is_err());
+    }
+    if let Ok(parsed) = secret.parse::<Secret>() {
+        assert_eq!(parsed.to_string(), secret);
+        assert!(parsed.digest().matches(&parsed));
+        let other = Secret::from([7; 32]);
+        let same = parsed.as_bytes() == other.as_bytes();
+        assert_eq!(parsed.digest().matches(&other), same);
+    }
+    if let Ok(role) = serde_json::from_slice::<Role>(data) {
+        let json = serde_json::to_string(&role).expect("a role in JSON");
+        assert_eq!(serde_json::from_str(&json).ok(), Some(role));
     }
 }
 

@@ -46,6 +46,7 @@ fn form(data: &[u8]) {
         ("wifi_password", &read.wifi_password),
         ("wifi_open", &read.wifi_open),
         ("broker", &read.broker),
+        ("authority", &read.authority),
         ("id", &read.id),
         ("fleet", &read.fleet),
         ("username", &read.username),

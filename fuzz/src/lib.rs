@@ -4,6 +4,7 @@ mod access;
 mod board;
 mod models;
 mod targets;
+mod tls;
 
 pub use targets::{TARGETS, Target};
 
@@ -17,6 +18,7 @@ pub fn run(target: &str, data: &[u8]) {
         .chain(&access::TARGETS)
         .chain(&board::TARGETS)
         .chain(&models::TARGETS)
+        .chain(&tls::TARGETS)
         .find(|(name, _)| *name == target)
         .expect("a target of this name");
     body(data);

@@ -7,9 +7,10 @@
 
 use std::collections::HashMap;
 use std::sync::mpsc;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
-use crawler_tests::{Terracrawler, wait_for};
+use crawler_tests::measure::{cpu_seconds, milliseconds, percentile, resident_mib, sum, unix_ms};
+use crawler_tests::{Terracrawler, measure, wait_for};
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::Packet;
 use rumqttc::v5::{Client, Connection, Event, MqttOptions};
@@ -50,11 +51,11 @@ fn main() {
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for robots in sizes {
-        println!("{}", measure(robots, commanding));
+        println!("{}", run(robots, commanding));
     }
 }
 
-fn measure(robots: usize, commanding: Duration) -> String {
+fn run(robots: usize, commanding: Duration) -> String {
     let began = Instant::now();
     let server = Terracrawler::start(&["up", "--robots", &robots.to_string(), "--seed", "1"]);
     wait_for("all robots online", Duration::from_mins(2), || {
@@ -92,9 +93,9 @@ fn measure(robots: usize, commanding: Duration) -> String {
         online.as_secs_f64(),
         factors.iter().sum::<f64>() / factors.len() as f64,
         factors.iter().copied().fold(f64::INFINITY, f64::min),
-        milliseconds(percentile(&latencies, 50)),
-        milliseconds(percentile(&latencies, 99)),
-        milliseconds(percentile(&latencies, 100)),
+        at_percent(&latencies, 50),
+        at_percent(&latencies, 99),
+        at_percent(&latencies, 100),
         milliseconds(swarm),
     )
 }
@@ -220,25 +221,14 @@ impl Operator {
     }
 }
 
-fn unix_ms() -> u64 {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH);
-    now.expect("a clock after 1970").as_millis() as u64
-}
-
-fn milliseconds(span: Duration) -> f64 {
-    span.as_secs_f64() * 1e3
-}
-
-/// Nearest-rank percentile of a sorted list.
-fn percentile(sorted: &[Duration], percent: usize) -> Duration {
-    let rank = (sorted.len() * percent).div_ceil(100).max(1);
-    sorted.get(rank - 1).copied().unwrap_or(Duration::MAX)
+/// A percentile in milliseconds; infinite where nothing was answered.
+fn at_percent(latencies: &[Duration], percent: usize) -> f64 {
+    percentile(latencies, percent).map_or(f64::INFINITY, milliseconds)
 }
 
 /// The value of one line of `/metrics`.
 fn metric(server: &Terracrawler, name: &str) -> f64 {
-    let (_, text) = server.get("/metrics");
-    let text = text.as_str().expect("Prometheus text");
+    let text = measure::metrics(server);
     text.lines()
         .find_map(|line| line.strip_prefix(name)?.trim().parse().ok())
         .unwrap_or_else(|| panic!("{name} is not in /metrics:\n{text}"))
@@ -246,28 +236,8 @@ fn metric(server: &Terracrawler, name: &str) -> f64 {
 
 /// Messages from robots so far, over all topics.
 fn messages(server: &Terracrawler) -> f64 {
-    let (_, text) = server.get("/metrics");
-    let text = text.as_str().expect("Prometheus text");
-    text.lines()
-        .filter(|line| line.starts_with("terracrawler_mqtt_messages_in_total{"))
-        .filter_map(|line| line.rsplit_once(' ')?.1.parse::<f64>().ok())
-        .sum()
-}
-
-/// User and system time of a process so far, from `/proc/<id>/stat` (proc(5): fields 14 and 15 in
-/// clock ticks of 1/100 s).
-fn cpu_seconds(id: u32) -> f64 {
-    let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).expect("/proc");
-    let (_, after_name) = stat.rsplit_once(") ").expect("a process name");
-    let fields: Vec<&str> = after_name.split(' ').collect();
-    let ticks = |index: usize| fields[index].parse::<f64>().expect("a number");
-    (ticks(11) + ticks(12)) / 100.0
-}
-
-/// Resident memory of a process, from `/proc/<id>/status`.
-fn resident_mib(id: u32) -> f64 {
-    let status = std::fs::read_to_string(format!("/proc/{id}/status")).expect("/proc");
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kib = line.and_then(|line| line.trim().strip_suffix(" kB"));
-    kib.expect("VmRSS").parse::<f64>().expect("a number") / 1024.0
+    sum(
+        &measure::metrics(server),
+        "terracrawler_mqtt_messages_in_total",
+    )
 }

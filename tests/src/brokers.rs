@@ -52,6 +52,34 @@ impl Mosquitto {
         Self::start_with(port, folder, &["allow_anonymous false", &named])
     }
 
+    /// Starts a broker on `port` for everybody who speaks TLS 1.3, with this certificate and key in
+    /// PEM.
+    ///
+    /// # Panics
+    /// As [`Mosquitto::start`].
+    pub fn start_encrypted(port: u16, certificate: &str, key: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a folder for its configuration");
+        let file = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).expect(name);
+            path
+        };
+        let (certificate, key) = (file("server.pem", certificate), file("server.key", key));
+        // As root the broker becomes a user of its own before it reads the files.
+        let open = Command::new("chmod")
+            .args(["a+rX"])
+            .args([folder.path(), &certificate, &key])
+            .status();
+        assert!(open.expect("chmod").success());
+        let lines = [
+            "allow_anonymous true".to_owned(),
+            format!("certfile {}", certificate.display()),
+            format!("keyfile {}", key.display()),
+            "tls_version tlsv1.3".to_owned(),
+        ];
+        Self::start_with(port, folder, &lines.each_ref().map(String::as_str))
+    }
+
     fn start_with(port: u16, folder: TempDir, access: &[&str]) -> Self {
         let configuration = folder.path().join("mosquitto.conf");
         let mut text = String::new();
@@ -87,6 +115,11 @@ impl Mosquitto {
             TcpStream::connect(("127.0.0.1", port)).ok()
         });
         broker
+    }
+
+    /// Its process.
+    pub fn id(&self) -> u32 {
+        self.child.id()
     }
 
     /// Ends it, as a power cut would. Start another one on the same port to bring it back.

@@ -2,10 +2,18 @@
 //! by its own id, each wait bounded.
 
 mod brokers;
+mod certificates;
+pub mod chaos;
+pub mod engines;
+pub mod load;
+pub mod measure;
 mod server;
+mod tamper;
 
 pub use brokers::{Mosquitto, publish, subscribe, subscribe_with};
-pub use server::{Simulated, Terracrawler};
+pub use certificates::TestAuthority;
+pub use server::{Simulated, Terracrawler, binary};
+pub use tamper::Tamper;
 
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -20,6 +28,14 @@ pub fn root() -> PathBuf {
         .parent()
         .expect("the tests lie in the repository")
         .to_owned()
+}
+
+/// The binary `terracrawler` that cargo built next to the running test.
+///
+/// # Panics
+/// When it was not built.
+pub fn terracrawler() -> PathBuf {
+    server::binary()
 }
 
 /// A port of loopback that is free right now.

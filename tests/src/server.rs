@@ -1,5 +1,7 @@
 //! The binary `terracrawler`, started as a user would.
 
+use std::fs::File;
+use std::net::TcpStream;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Duration;
@@ -16,13 +18,15 @@ pub struct Terracrawler {
     http: u16,
     mqtt: u16,
     folder: TempDir,
+    /// What it was started with.
+    arguments: Vec<String>,
 }
 
 /// The binary that cargo built next to the running test.
 ///
 /// # Panics
 /// When it was not built.
-pub(crate) fn binary() -> PathBuf {
+pub fn binary() -> PathBuf {
     let test = std::env::current_exe().expect("the path of this test");
     let built = test
         .ancestors()
@@ -37,6 +41,24 @@ pub(crate) fn binary() -> PathBuf {
     built
 }
 
+/// Starts the binary; what it says goes behind what is in the log already.
+fn spawn(arguments: &[String], folder: &TempDir) -> Child {
+    let log = File::options()
+        .create(true)
+        .append(true)
+        .open(folder.path().join("log"))
+        .expect("a log file");
+    Command::new(binary())
+        .args(arguments)
+        .arg("--data")
+        .arg(folder.path().join("data"))
+        .stdin(Stdio::null())
+        .stdout(log.try_clone().expect("a log file"))
+        .stderr(log)
+        .spawn()
+        .expect("terracrawler starts")
+}
+
 impl Terracrawler {
     /// Starts `terracrawler` with `arguments` (the subcommand first), open to everyone, and waits
     /// until it is ready.
@@ -44,39 +66,103 @@ impl Terracrawler {
     /// # Panics
     /// When it ends, or is not ready within 60 s; shows its log.
     pub fn start(arguments: &[&str]) -> Self {
+        let mut server = Self::launch(arguments);
+        server.wait_ready();
+        server
+    }
+
+    /// Starts `terracrawler` with TLS at all its listeners, which takes no request of ours over HTTP
+    /// then, and waits until its broker listens.
+    ///
+    /// # Panics
+    /// When it ends, or does not listen within 60 s; shows its log.
+    pub fn start_encrypted(arguments: &[&str]) -> Self {
+        let mut server = Self::launch(&[arguments, &["--tls", "on"]].concat());
+        wait_for("the broker listens", Duration::from_mins(1), || {
+            server.check();
+            TcpStream::connect(("127.0.0.1", server.mqtt)).ok()
+        });
+        server
+    }
+
+    /// The certificate of its own authority.
+    pub fn authority(&self) -> PathBuf {
+        self.folder.path().join("data/tls/ca.pem")
+    }
+
+    /// Fails the test when it has ended.
+    fn check(&mut self) {
+        if let Ok(Some(status)) = self.child.try_wait() {
+            panic!("terracrawler ended with {status}:\n{}", self.log());
+        }
+    }
+
+    fn launch(arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().expect("a data directory");
         let (http, mqtt) = (free_port(), free_port());
-        let log = std::fs::File::create(folder.path().join("log")).expect("a log file");
-        let mut command = Command::new(binary());
-        command
-            .args(arguments)
-            .arg("--open")
-            .args(["--http", &format!("127.0.0.1:{http}")]);
+        let mut arguments: Vec<String> = arguments.iter().map(|&word| word.to_owned()).collect();
+        arguments.push("--open".to_owned());
+        arguments.extend(["--http".to_owned(), format!("127.0.0.1:{http}")]);
         // An outside broker leaves no port of ours to name.
-        if !arguments.contains(&"--broker") {
-            command.args(["--mqtt", &format!("127.0.0.1:{mqtt}")]);
+        if !arguments.iter().any(|word| word == "--broker") {
+            arguments.extend(["--mqtt".to_owned(), format!("127.0.0.1:{mqtt}")]);
         }
-        let child = command
-            .arg("--data")
-            .arg(folder.path().join("data"))
-            .stdin(Stdio::null())
-            .stdout(log.try_clone().expect("a log file"))
-            .stderr(log)
-            .spawn()
-            .expect("terracrawler starts");
-        let mut server = Self {
-            child,
+        Self {
+            child: spawn(&arguments, &folder),
+            arguments,
             http,
             mqtt,
             folder,
-        };
+        }
+    }
+
+    /// Starts it again, with the data and at the ports that it had, and waits until it is ready.
+    ///
+    /// # Panics
+    /// As [`Terracrawler::start`].
+    pub fn resume(&mut self) {
+        self.restart();
+        self.wait_ready();
+    }
+
+    /// Ends it, as a power cut would. Its data and its ports are kept for [`Terracrawler::restart`].
+    ///
+    /// # Panics
+    /// When the process cannot be ended.
+    pub fn kill(&mut self) {
+        self.child.kill().expect("our own process");
+        self.child.wait().expect("our own process");
+    }
+
+    /// Starts it again on the same data and ports; it need not be ready when this returns.
+    ///
+    /// # Panics
+    /// When it still runs, or cannot be started.
+    pub fn restart(&mut self) {
+        let ended = self.child.try_wait().expect("our own process");
+        assert!(ended.is_some(), "it still runs");
+        self.child = spawn(&self.arguments, &self.folder);
+    }
+
+    /// Its data directory.
+    pub fn data(&self) -> PathBuf {
+        self.folder.path().join("data")
+    }
+
+    /// Waits until it is ready.
+    ///
+    /// # Panics
+    /// When it ends, or is not ready within 60 s; shows its log.
+    pub fn wait_ready(&mut self) {
         wait_for("the server is ready", Duration::from_mins(1), || {
-            if let Ok(Some(status)) = server.child.try_wait() {
-                panic!("terracrawler ended with {status}:\n{}", server.log());
-            }
-            (server.try_get("/readyz")?.0 == 200).then_some(())
+            self.check();
+            (self.try_get("/readyz")?.0 == 200).then_some(())
         });
-        server
+    }
+
+    /// The port of its API.
+    pub fn http(&self) -> u16 {
+        self.http
     }
 
     /// The port of its broker.
@@ -108,7 +194,8 @@ impl Terracrawler {
             .unwrap_or_else(|| panic!("no answer to GET {path}:\n{}", self.log()))
     }
 
-    fn try_get(&self, path: &str) -> Option<(u16, Value)> {
+    /// As [`Terracrawler::get`]; `None` when there is no answer within 10 s.
+    pub fn try_get(&self, path: &str) -> Option<(u16, Value)> {
         read(agent().get(format!("{}{path}", self.url())).call().ok()?)
     }
 
@@ -160,14 +247,19 @@ impl Terracrawler {
     /// # Panics
     /// When it has not ended within 20 s.
     pub fn interrupt(mut self) -> (ExitStatus, String) {
-        let id = self.child.id().to_string();
-        let sent = Command::new("kill").args(["-INT", &id]).status();
-        assert!(sent.expect("kill").success());
-        let status = wait_for("the server ends", Duration::from_secs(20), || {
-            self.child.try_wait().expect("our own process")
-        });
+        let status = interrupt(&mut self.child, Duration::from_secs(20));
         (status, self.log())
     }
+}
+
+/// Asks a process to end, as Ctrl-C does, and waits for it.
+fn interrupt(child: &mut Child, limit: Duration) -> ExitStatus {
+    let id = child.id().to_string();
+    let sent = Command::new("kill").args(["-INT", &id]).status();
+    assert!(sent.expect("kill").success());
+    wait_for("the process ends", limit, || {
+        child.try_wait().expect("our own process")
+    })
 }
 
 /// A running `terracrawler sim`: simulated robots without a server.
@@ -195,6 +287,15 @@ impl Simulated {
             .spawn()
             .expect("terracrawler starts");
         Self { child, folder }
+    }
+
+    /// Asks it to end, as Ctrl-C does, and waits for it; a recording is whole then.
+    ///
+    /// # Panics
+    /// When it has not ended within a minute, or says that something went wrong.
+    pub fn interrupt(mut self) {
+        let status = interrupt(&mut self.child, Duration::from_mins(1));
+        assert!(status.success(), "the robots ended with {status}");
     }
 }
 

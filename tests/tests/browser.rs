@@ -23,6 +23,22 @@ fn people_log_in_and_are_shown_what_they_may_do() {
         .env_remove("BASE_URL"));
 }
 
+/// Against a server of the page's own as well: robots are drawn around, sent and driven.
+#[test]
+fn the_arena_obeys_mouse_fingers_keys_and_gamepads() {
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:arena"])
+        .env_remove("BASE_URL"));
+}
+
+/// Against the same, with a hundred robots.
+#[test]
+fn an_operator_finds_looks_at_and_commands_robots() {
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:fleet"])
+        .env_remove("BASE_URL"));
+}
+
 /// Runs a script of the control room and fails with what it said.
 fn run(command: &mut Command) {
     let ui = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host-server/ui");

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use crawler_tests::engines::influx::Influx;
+use crawler_tests::engines::postgres::Postgres;
 use crawler_tests::{Terracrawler, root, wait_for};
 use serde_json::{Value, json};
 
@@ -71,7 +73,15 @@ fn panel_expressions(dashboard: &Value, expressions: &mut Vec<String>) {
 
 /// The metrics of a server that has seen a bit of everything.
 fn served() -> BTreeSet<String> {
-    let server = Terracrawler::start(&["up", "--robots", "2", "--scenario", "empty"]);
+    let (database, history) = (Postgres::shared(), Influx::start());
+    let server = Terracrawler::start(&[
+        "up",
+        "--robots=2",
+        "--scenario=empty",
+        &format!("--database={}", database.database()),
+    ]);
+    let other =
+        Terracrawler::start(&["serve", &format!("--timeseries={}", history.url("metrics"))]);
     server.wait_online(2, Duration::from_mins(1));
     let (status, _) = server.post("/api/v1/swarm/commands", &json!({ "command": "stop" }));
     assert_eq!(status, 202);
@@ -87,8 +97,10 @@ fn served() -> BTreeSet<String> {
         ]
         .iter()
         .all(|name| text.contains(name));
+        let (_, more) = other.get("/metrics");
         there.then(|| {
             text.lines()
+                .chain(more.as_str().unwrap_or_default().lines())
                 .filter(|line| !line.starts_with('#'))
                 .filter_map(|line| line.split(['{', ' ']).next())
                 .map(str::to_owned)

@@ -5,6 +5,8 @@
 
 #[path = "emulated/board.rs"]
 mod board;
+#[path = "emulated/tls.rs"]
+mod tls;
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -372,7 +374,7 @@ fn faults_lead_to_the_stated_state_and_record() {
         logs(&server, id, "fault");
     }
     // Noise in flash is no robot's end: it starts anew, counts, and keeps what it is told next.
-    wait_for("noise starts anew", Duration::from_secs(15), || {
+    wait_for("noise starts anew", JOINS, || {
         let seen = robot(&server, "noise");
         (seen["state"] == "IDLE" && seen["boot"]["count"] == 1).then_some(())
     });

@@ -24,6 +24,7 @@ const LICENCES: &[&str] = &[
     "CDLA-Permissive-2.0",
     "IJG",
     "Unlicense",
+    "BlueOak-1.0.0",
 ];
 
 /// Longest source file: beyond this, tests or a part of it move to a file of their own.
@@ -158,4 +159,30 @@ fn measure(folder: &Path, long: &mut Vec<String>) {
             }
         }
     }
+}
+
+/// What tries the parsers is listed where people look for it, and has something to begin with.
+#[test]
+fn every_fuzz_target_is_listed_and_has_a_corpus() {
+    let page = std::fs::read_to_string(root().join("docs/fuzzing.md")).expect("docs/fuzzing.md");
+    let names = |folder: &str| -> BTreeSet<String> {
+        let entries = std::fs::read_dir(root().join("fuzz").join(folder)).expect(folder);
+        let paths = entries.map(|entry| entry.expect("an entry").path());
+        let stem = |path: PathBuf| {
+            path.file_stem()
+                .map(|stem| stem.to_string_lossy().into_owned())
+        };
+        paths.filter_map(stem).collect()
+    };
+    let targets = names("fuzz_targets");
+    assert_eq!(targets, names("corpus"));
+    let rows = page.lines().filter(|line| line.starts_with("| "));
+    let listed: BTreeSet<String> = rows
+        .filter_map(|row| row.trim_end_matches(" |").rsplit(" | ").next())
+        .flat_map(|cell| cell.split(", "))
+        .filter_map(|word| word.strip_prefix('`')?.strip_suffix('`'))
+        .filter(|word| !word.contains(' '))
+        .map(str::to_owned)
+        .collect();
+    assert_eq!(listed, targets, "docs/fuzzing.md and fuzz/fuzz_targets");
 }

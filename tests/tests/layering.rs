@@ -16,6 +16,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-detector", &[]),
     ("crawler-drivers", &["crawler-hal"]),
     ("crawler-protocol", &["crawler-hal"]),
+    ("crawler-tls", &["crawler-hal"]),
     (
         "crawler-app",
         &[
@@ -31,12 +32,18 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-hal",
             "crawler-drivers",
             "crawler-protocol",
+            "crawler-tls",
             "crawler-app",
         ],
     ),
     (
         "crawler-board",
-        &["crawler-hal", "crawler-protocol", "crawler-app"],
+        &[
+            "crawler-hal",
+            "crawler-protocol",
+            "crawler-tls",
+            "crawler-app",
+        ],
     ),
     (
         "crawler-server",
@@ -45,13 +52,20 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-sim",
             "crawler-detector",
             "crawler-access",
+            "crawler-cluster",
             "crawler-delivery",
             "crawler-records",
+            "crawler-timeseries",
         ],
     ),
+    ("crawler-cluster", &[]),
     ("crawler-access", &["crawler-protocol"]),
     ("crawler-delivery", &["crawler-protocol"]),
     ("crawler-records", &["crawler-access", "crawler-protocol"]),
+    (
+        "crawler-timeseries",
+        &["crawler-protocol", "crawler-records"],
+    ),
     ("crawler-hil", &["crawler-protocol"]),
     (
         "crawler-history",
@@ -65,6 +79,7 @@ const BARE: &[(&str, &str)] = &[
     ("crawler-hal", "firmware/hal"),
     ("crawler-drivers", "firmware/drivers"),
     ("crawler-protocol", "firmware/protocol"),
+    ("crawler-tls", "firmware/tls"),
     ("crawler-app", "firmware/app"),
     ("crawler-micromodel", "models/micromodel"),
     ("crawler-detector", "models/detector"),

@@ -1,0 +1,182 @@
+//! Mosquitto as somebody runs it who has read its manual: passwords, rules, TLS, a bridge.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+use super::{Process, program};
+use crate::free_port;
+
+/// A broker with a configuration of one's own, on a loopback port. It ends with this value.
+#[derive(Debug)]
+pub struct Mosquitto {
+    _process: Process,
+    port: u16,
+    folder: Folder,
+}
+
+/// What its configuration is made of.
+#[derive(Debug)]
+pub struct Folder {
+    place: TempDir,
+    lines: Vec<String>,
+    tls: bool,
+}
+
+impl Folder {
+    /// Nothing yet.
+    ///
+    /// # Panics
+    /// When there is no room for a folder.
+    pub fn new() -> Self {
+        Self {
+            place: tempfile::tempdir().expect("a folder for its configuration"),
+            lines: Vec::new(),
+            tls: false,
+        }
+    }
+
+    /// Lines of its configuration.
+    #[must_use]
+    pub fn with(mut self, lines: &str) -> Self {
+        self.lines.push(lines.to_owned());
+        self
+    }
+
+    /// Lets in these users alone, with these passwords.
+    ///
+    /// # Panics
+    /// When `mosquitto_passwd` is missing.
+    #[must_use]
+    pub fn users(self, users: &[(&str, &str)]) -> Self {
+        let file = self.file("passwords", "");
+        for (user, password) in users {
+            let made = Command::new(program("mosquitto_passwd"))
+                .arg("-b")
+                .arg(&file)
+                .args([user, password])
+                .status();
+            assert!(made.expect("mosquitto_passwd").success(), "{user}");
+        }
+        let line = format!("allow_anonymous false\npassword_file {}", file.display());
+        self.with(&line)
+    }
+
+    /// Lets everybody do what these rules say and nothing else.
+    #[must_use]
+    pub fn rules(self, text: &str) -> Self {
+        let file = self.file("acl", text);
+        let line = format!("acl_file {}", file.display());
+        self.with(&line)
+    }
+
+    /// Has it speak TLS, with a certificate for 127.0.0.1 that is made here.
+    ///
+    /// # Panics
+    /// When `openssl` is missing.
+    #[must_use]
+    pub fn tls(mut self) -> Self {
+        let key = self.place.path().join("key.pem");
+        let made = Command::new(program("openssl"))
+            .args(["req", "-x509", "-newkey", "ec", "-nodes", "-days", "2"])
+            .args(["-pkeyopt", "ec_paramgen_curve:prime256v1"])
+            .args(["-subj", "/CN=broker of a test"])
+            .args(["-addext", "subjectAltName=IP:127.0.0.1"])
+            .args(["-addext", "basicConstraints=critical,CA:FALSE"])
+            .arg("-keyout")
+            .arg(&key)
+            .arg("-out")
+            .arg(self.certificate())
+            .output()
+            .expect("openssl");
+        assert!(made.status.success(), "{made:?}");
+        let line = format!(
+            "certfile {}\nkeyfile {}",
+            self.certificate().display(),
+            key.display()
+        );
+        self.tls = true;
+        self.with(&line)
+    }
+
+    fn certificate(&self) -> PathBuf {
+        self.place.path().join("certificate.pem")
+    }
+
+    fn file(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.place.path().join(name);
+        std::fs::write(&path, text).expect("a file");
+        path
+    }
+
+    /// Starts the broker.
+    ///
+    /// # Panics
+    /// When Mosquitto is not installed or does not start.
+    pub fn start(self) -> Mosquitto {
+        let port = free_port();
+        let text = format!(
+            "listener {port} 127.0.0.1\n{}\npersistence false\nlog_type all\n\
+             max_queued_messages 100000\nmax_inflight_messages 1000\n",
+            self.lines.join("\n")
+        );
+        let configuration = self.file("mosquitto.conf", &text);
+        // As root it becomes a user of its own before it reads some of its files.
+        let open = Command::new("chmod")
+            .args(["-R", "a+rX"])
+            .arg(self.place.path())
+            .status();
+        assert!(open.expect("chmod").success());
+        let mut command = Command::new(program("mosquitto"));
+        command.arg("-c").arg(configuration);
+        let mut process = Process::start(command, &self.place.path().join("log"));
+        process.wait_port(port);
+        Mosquitto {
+            _process: process,
+            port,
+            folder: self,
+        }
+    }
+}
+
+impl Default for Folder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Mosquitto {
+    /// Its port.
+    pub fn port(&self) -> u16 {
+        self.port
+    }
+
+    /// The certificate that it shows, if it speaks TLS.
+    pub fn certificate(&self) -> PathBuf {
+        self.folder.certificate()
+    }
+
+    /// Publishes as `user` at QoS 1 with `mosquitto_pub`, and returns what came of it.
+    ///
+    /// # Panics
+    /// When the tool is missing.
+    pub fn publish(&self, (user, password): (&str, &str), topic: &str, text: &str) -> Output {
+        let mut command = Command::new(program("mosquitto_pub"));
+        command
+            .args(["-V", "mqttv5", "-h", "127.0.0.1"])
+            .args(["-p", &self.port.to_string(), "-i", user])
+            .args(["-u", user, "-P", password])
+            .args(["-q", "1", "-t", topic, "-m", text]);
+        if self.folder.tls {
+            command.arg("--cafile").arg(self.certificate());
+        }
+        command.output().expect("mosquitto_pub")
+    }
+
+    /// Everything that it said.
+    pub fn log(&self) -> String {
+        let log: &Path = self.folder.place.path();
+        std::fs::read_to_string(log.join("log")).unwrap_or_default()
+    }
+}

@@ -1,0 +1,105 @@
+//! The configurations that `terracrawler mosquitto` prints, taken at their word by Mosquitto.
+
+use std::process::Command;
+use std::time::Duration;
+
+use crawler_tests::engines::mosquitto::Folder;
+use crawler_tests::{Simulated, Terracrawler, wait_for};
+use serde_json::json;
+
+const LIMIT: Duration = Duration::from_mins(2);
+
+/// What `terracrawler mosquitto` prints.
+fn printed(arguments: &[&str]) -> String {
+    let output = Command::new(crawler_tests::terracrawler())
+        .arg("mosquitto")
+        .args(arguments)
+        .output()
+        .expect("terracrawler starts");
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8(output.stdout).expect("text")
+}
+
+fn status(robot: &str) -> String {
+    format!(
+        r#"{{"robot":"{robot}","online":true,"kind":"physical","firmware":"0.1.0","board":"test","capabilities":[],"boot":{{"count":1,"cause":"power-on"}},"protocol":1}}"#
+    )
+}
+
+#[test]
+fn with_passwords_rules_and_tls_a_robot_speaks_for_itself_alone() {
+    let broker = Folder::new()
+        .users(&[
+            ("server", "of-this-fleet"),
+            ("rover-1", "one"),
+            ("rover-2", "two"),
+        ])
+        .rules(&printed(&["acl"]))
+        .tls()
+        .start();
+    let url = format!("mqtts://server:of-this-fleet@127.0.0.1:{}", broker.port());
+    let certificate = broker.certificate();
+    let authority = certificate.to_str().expect("a path");
+    let server = Terracrawler::start(&["serve", "--broker", &url, "--broker-ca", authority]);
+
+    let known = |robot: &str| server.get(&format!("/api/v1/robots/{robot}")).0 == 200;
+    // Another's status, and then its own: who sees the second would have seen the first.
+    let first = ("rover-1", "one");
+    broker.publish(first, "swarm/status/rover-2", &status("rover-2"));
+    let own = broker.publish(first, "swarm/status/rover-1", &status("rover-1"));
+    assert!(own.status.success(), "{own:?}");
+    wait_for("the robot is known", LIMIT, || {
+        known("rover-1").then_some(())
+    });
+    assert!(!known("rover-2"), "{}", broker.log());
+    let stranger = broker.publish(("rover-1", "two"), "swarm/status/rover-1", "");
+    assert!(!stranger.status.success(), "{stranger:?}");
+    // Nor does it command.
+    let command = r#"{"command":"stop","timestamp":1,"seq":1,"source":"rover-1"}"#;
+    broker.publish(first, "swarm/command/swarm", command);
+    assert!(
+        broker.log().contains("Denied PUBLISH from rover-1"),
+        "{}",
+        broker.log()
+    );
+}
+
+#[test]
+fn a_bridge_carries_robots_of_a_site_up_and_commands_down() {
+    let middle = Folder::new()
+        .users(&[("server", "of-this-fleet"), ("north", "a-site")])
+        .rules(&printed(&["acl", "--bridge", "north"]))
+        .tls()
+        .start();
+    let url = format!("mqtts://north:a-site@127.0.0.1:{}", middle.port());
+    let certificate = middle.certificate();
+    let authority = certificate.to_str().expect("a path");
+    let bridge = [
+        "bridge",
+        "north",
+        "--broker",
+        &url,
+        "--broker-ca",
+        authority,
+    ];
+    let site = Folder::new()
+        .with("allow_anonymous true")
+        .with(&printed(&bridge))
+        .start();
+    let _robots = Simulated::start(site.port(), &["--robots", "3"]);
+
+    let url = format!("mqtts://server:of-this-fleet@127.0.0.1:{}", middle.port());
+    let server = Terracrawler::start(&["serve", "--broker", &url, "--broker-ca", authority]);
+    server.wait_online(3, LIMIT);
+    let (status, body) = server.post("/api/v1/swarm/commands", &json!({"command": "identify"}));
+    assert_eq!(status, 202, "{body}");
+    let path = format!("/api/v1/commands/{}", body["id"].as_str().expect("an id"));
+    wait_for("every robot answers", LIMIT, || {
+        let (_, command) = server.get(&path);
+        (command["counts"]["completed"] == 3).then_some(())
+    });
+    wait_for("telemetry comes through", LIMIT, || {
+        let (_, robot) = server.get("/api/v1/robots/sim-0001");
+        (!robot["pose"].is_null()).then_some(())
+    });
+}
