@@ -1,8 +1,10 @@
 //! Measurements, as tables.
 
+use crate::bench_server;
 use crate::bench_sim;
 use crate::bench_vision;
 use crate::run::{self, Failure, Outcome};
+use crate::ui;
 
 /// Runs the measurements named, or all of them.
 ///
@@ -16,11 +18,17 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
         "sim" => bench_sim::table(rest),
         "fleet" => fleet(rest),
         "vision" => bench_vision::tables(rest),
+        "ui" => control_room(rest),
+        "server" => bench_server::load(rest),
+        "chaos" => bench_server::chaos(rest),
         "all" => bench_sim::table(&[])
             .and_then(|()| fleet(&[]))
-            .and_then(|()| bench_vision::tables(&[])),
+            .and_then(|()| bench_vision::tables(&[]))
+            .and_then(|()| control_room(&[]))
+            .and_then(|()| bench_server::load(&[]))
+            .and_then(|()| bench_server::chaos(&[])),
         other => Err(Failure(format!(
-            "there is no measurement '{other}': sim, fleet, vision"
+            "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos"
         ))),
     }
 }
@@ -39,4 +47,12 @@ fn fleet(arguments: &[String]) -> Outcome {
     let mut line: Vec<&str> = bench.split(' ').collect();
     line.extend(arguments.iter().map(String::as_str));
     run::cargo(&line)
+}
+
+/// The control room in a real browser: what it costs the page's main thread.
+fn control_room(arguments: &[String]) -> Outcome {
+    ui::build()?;
+    let mut line = vec!["run", "--silent", "bench", "--"];
+    line.extend(arguments.iter().map(String::as_str));
+    run::run(&ui::folder(), "npm", &line)
 }

@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use crate::fuzz_api;
 use crate::run::{self, Failure, Outcome};
 
 /// Seconds per target when none are given.
@@ -19,12 +20,21 @@ const LONGEST: &str = "-max_len=1100";
 /// # Errors
 /// When an argument is unknown, cargo-fuzz cannot be installed, or a target finds something.
 pub(crate) fn all(arguments: &[String]) -> Outcome {
+    if let Some((name, rest)) = arguments.split_first()
+        && name == "api"
+    {
+        return fuzz_api::command(rest);
+    }
     let seconds = match arguments {
         [] => DEFAULT_SECONDS,
         [name, value] if name == "--seconds" => value
             .parse()
             .map_err(|_| Failure(format!("'{value}' is not a number of seconds")))?,
-        _ => return Err(Failure("cargo xtask fuzz [--seconds N]".to_owned())),
+        _ => {
+            return Err(Failure(
+                "cargo xtask fuzz [--seconds N], or fuzz api".to_owned(),
+            ));
+        }
     };
     if run::output("cargo", &["fuzz", "--version"]).is_none() {
         println!("installing cargo-fuzz");

@@ -1,6 +1,7 @@
 //! Every command of the house: `cargo xtask` lists them.
 
 mod bench;
+mod bench_server;
 mod bench_sim;
 mod bench_vision;
 mod boards;
@@ -12,6 +13,7 @@ mod detector;
 mod files;
 mod flash;
 mod fuzz;
+mod fuzz_api;
 mod hil;
 mod histories;
 mod image;
@@ -109,8 +111,8 @@ const TASKS: &[Task] = &[
     },
     Task {
         name: "fuzz",
-        arguments: "[--seconds N]",
-        about: "run every fuzz target for N seconds (default 30)",
+        arguments: "[--seconds N|api [--examples N] [--seed N]]",
+        about: "run every fuzz target for N seconds (default 30); or the API from its description",
         run: fuzz::all,
     },
     Task {
@@ -127,7 +129,7 @@ const TASKS: &[Task] = &[
     },
     Task {
         name: "bench",
-        arguments: "[sim [ROBOTS...]|fleet [--seconds N] [ROBOTS...]|vision [FRAMES]]",
+        arguments: "[sim [ROBOTS...]|fleet [--seconds N] [ROBOTS...]|vision [FRAMES]|server [OPTIONS]|chaos [OPTIONS]]",
         about: "measure, and print tables in the form of docs/numbers.md",
         run: bench::all,
     },

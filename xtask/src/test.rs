@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::boards::{self, C3, C6, PROGRAM, VIRT};
 use crate::run::{self, Failure, Outcome};
-use crate::{check_s3, counts, cross, histories, image, size, tools, ui};
+use crate::{check_s3, counts, cross, fuzz_api, histories, image, size, tools, ui};
 
 /// What is done, and what does it.
 type Step = (&'static str, fn() -> Outcome);
@@ -14,7 +14,7 @@ type Step = (&'static str, fn() -> Outcome);
 /// # Errors
 /// Names the steps that failed.
 pub(crate) fn all() -> Outcome {
-    let steps: [Step; 13] = [
+    let steps: [Step; 14] = [
         ("tools", tools::setup),
         ("format", format),
         ("control room", || ui::check().and_then(|()| ui::build())),
@@ -31,6 +31,8 @@ pub(crate) fn all() -> Outcome {
                 "--no-fail-fast",
             ])
         }),
+        // Sends to the server that the tests have built.
+        ("API from its description", fuzz_api::step),
         ("histories on other targets", || histories::command(&[])),
         ("instruction counts", || counts::command(&[])),
         // Builds the images of the boards.

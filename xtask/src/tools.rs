@@ -32,11 +32,42 @@ pub(crate) const MOSQUITTO: Tool = Tool {
     package: "mosquitto",
     purpose: "testing against an outside broker",
 };
+/// What several servers of a fleet share.
+pub(crate) const REDIS: Tool = Tool {
+    program: "redis-server",
+    package: "redis-server",
+    purpose: "testing several servers of one fleet",
+};
+/// Makes certificates that we did not.
+pub(crate) const OPENSSL: Tool = Tool {
+    program: "openssl",
+    package: "openssl",
+    purpose: "testing against an outside broker with TLS",
+};
 /// An MQTT client that we did not write.
 pub(crate) const MOSQUITTO_PUB: Tool = Tool {
     program: "mosquitto_pub",
     package: "mosquitto-clients",
     purpose: "testing the embedded broker",
+};
+/// A database that we did not write.
+pub(crate) const POSTGRES: Tool = Tool {
+    program: "initdb",
+    package: "postgresql",
+    purpose: "testing with records in PostgreSQL",
+};
+
+/// A time-series engine that takes line protocol.
+pub(crate) const INFLUXDB: Tool = Tool {
+    program: "influxd",
+    package: "influxdb",
+    purpose: "testing history in an outside engine",
+};
+/// Another, which is asked in another language.
+pub(crate) const VICTORIA_METRICS: Tool = Tool {
+    program: "victoria-metrics",
+    package: "victoria-metrics",
+    purpose: "testing history in an outside engine",
 };
 
 /// The machine that the emulated robot runs on.
@@ -75,11 +106,16 @@ const COMPILER: [&str; 5] = [
     "lld-22",
 ];
 
-const ALL: [&Tool; 8] = [
+const ALL: [&Tool; 13] = [
     &NPM,
     &CHROMIUM,
     &MOSQUITTO,
     &MOSQUITTO_PUB,
+    &POSTGRES,
+    &INFLUXDB,
+    &VICTORIA_METRICS,
+    &REDIS,
+    &OPENSSL,
     &QEMU,
     &NODE,
     &RISCV_LINKER,
@@ -88,12 +124,18 @@ const ALL: [&Tool; 8] = [
 
 impl Tool {
     /// Whether the program is on the search path. Debian puts servers where a user's path does
-    /// not look.
+    /// not look, and `PostgreSQL` into a folder of each version.
     pub(crate) fn present(&self) -> bool {
         std::env::var_os("PATH")
             .iter()
             .flat_map(std::env::split_paths)
             .chain(["/usr/sbin".into(), "/usr/local/sbin".into()])
+            .chain(
+                std::fs::read_dir("/usr/lib/postgresql")
+                    .into_iter()
+                    .flatten()
+                    .filter_map(|version| Some(version.ok()?.path().join("bin"))),
+            )
             .any(|folder| folder.join(self.program).is_file())
     }
 
