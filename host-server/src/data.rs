@@ -61,7 +61,7 @@ pub(crate) fn make_private(path: &Path) -> io::Result<()> {
 }
 
 /// Opens the records where `settings` have them: in a database, or in the data directory. The history
-/// is in the directory.
+/// is in the directory, unless an engine outside keeps it.
 pub(crate) async fn open_records(settings: &Settings) -> Result<Records, RecordsError> {
     let elsewhere = settings.timeseries.is_some();
     let Some(url) = &settings.database else {

@@ -81,6 +81,7 @@ pub(crate) struct Metrics {
     data: OnceLock<PathBuf>,
     /// What the robots measured.
     history: OnceLock<History>,
+    /// What its database holds, where it has one.
     records: OnceLock<Records>,
     /// The other servers.
     together: OnceLock<Arc<Together>>,
