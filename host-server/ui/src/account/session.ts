@@ -291,7 +291,8 @@ export class Session {
   /** What another tab of this browser tells. */
   private hear(message: Record<string, unknown>): void {
     if (message['kind'] === 'out') {
-      if (this.state.value === 'in') this.leave('elsewhere')
+      // The server may have told this tab first, that its session has ended: nothing is kept now.
+      if (this.state.value === 'in' || this.why.value === 'ended') this.leave('elsewhere')
       return
     }
     const [token, user, role] = [

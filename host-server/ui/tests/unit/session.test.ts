@@ -1,4 +1,5 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest'
+import { watch } from 'vue'
 import { createApi } from '../../src/api'
 import type { Exclusive, Store } from '../../src/account/exclusive'
 import { exclusively } from '../../src/account/exclusive'
@@ -340,6 +341,35 @@ describe('two tabs', () => {
     expect([second.session.state.value, second.session.user.value]).toEqual(['in', 'ada'])
     await first.session.logOut()
     expect([second.session.state.value, second.session.why.value]).toEqual(['out', 'elsewhere'])
+  })
+
+  it('keep nothing after a logout, also where the server told of the end first', async () => {
+    const [one, two] = channels()
+    const routes = {
+      'GET /session': () => closed,
+      'POST /session/refresh': () => noSession,
+      'POST /session': () => grant(),
+    }
+    let second: ReturnType<typeof start> | null = null
+    const first = start(
+      {
+        ...routes,
+        // The other tab finds out while the answer is on its way to this one.
+        'DELETE /session': () => {
+          void second?.session.renew()
+          return { status: 204 }
+        },
+      },
+      { channel: one },
+    )
+    second = start(routes, { channel: two })
+    await Promise.all([first.started, second.started])
+    await first.session.logIn('ada', 'correct horse')
+    const said: unknown[] = []
+    watch(second.session.why, (why) => said.push(why), { flush: 'sync' })
+    await first.session.logOut()
+    expect(said).toEqual(['ended', 'elsewhere'])
+    expect([second.session.state.value, second.session.user.value]).toEqual(['out', null])
   })
 
   it('never use one refresh token twice', async () => {
