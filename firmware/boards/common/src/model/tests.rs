@@ -97,7 +97,8 @@ fn an_absent_ranger_and_a_stuck_line_are_told_as_such() {
         let started = EmbassyClock.now();
         let told = block_on(ranger.measure(&EmbassyClock, Celsius(20)));
         assert_eq!(told, Err(RangeError::Link(error)), "{fault:?}");
-        assert!(EmbassyClock.now() - started < Duration::from_millis(200));
+        // Real time, on whatever machine this is: only that it ends.
+        assert!(EmbassyClock.now() - started < Duration::from_millis(10_000));
     }
 }
 
