@@ -168,6 +168,11 @@ name!(
     "a name of a snapshot: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
 );
 name!(
+    /// The name of a scenario: same alphabet as [`RobotId`].
+    ScenarioName, MAX_ID, is_id_byte,
+    "a name of a scenario: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
+);
+name!(
     /// Who sent a command, such as `operator:ada`: 1 to 48 characters of printable ASCII
     /// without quotation mark and backslash.
     Source, MAX_SOURCE, is_source_byte,

@@ -48,7 +48,7 @@ pub use command::{
     MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
     ParameterValues,
 };
-pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, SnapshotName, Source};
+pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, ScenarioName, SnapshotName, Source};
 pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
     Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
@@ -61,9 +61,9 @@ pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]
 pub use schema::schemas;
 pub use simulator::{
-    FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS, MAX_NOISE_MM,
-    MAX_PACKETS_PER_S, MAX_SAG_OHM, MAX_STEPS, Place, SPEED_RANGE, SimulatorCommand,
-    SimulatorCommandName, Wheel,
+    Colour, Dropped, EXTENT_RANGE, FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS,
+    MAX_LASTING_MS, MAX_LOADED, MAX_NOISE_MM, MAX_PACKETS_PER_S, MAX_SAG_OHM, MAX_STEPS, Obstacle,
+    Place, SPEED_RANGE, SimulatorCommand, SimulatorCommandName, Thing, ThingShape, Wheel,
 };
 pub use topic::{Qos, Topic, TopicError, TopicFilter, TopicString};
 

@@ -6,25 +6,29 @@
 //! type, then what the command makes of them.
 
 mod fault;
+mod read;
 #[cfg(feature = "schema")]
 pub(crate) mod schema;
+mod thing;
 
-use serde::de::{Deserialize, Deserializer, Error, Unexpected};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 pub use fault::{
     FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_NOISE_MM, MAX_PACKETS_PER_S,
     MAX_SAG_OHM, Wheel,
 };
+pub use thing::{Colour, Dropped, EXTENT_RANGE, Obstacle, Thing, ThingShape};
 
 use crate::message::wire;
 use crate::words::words;
-use crate::{MAX_COORDINATE, RobotId, SnapshotName};
+use crate::{MAX_COORDINATE, RobotId, ScenarioName, SnapshotName};
 
 /// Most physics steps of one `step`.
 pub const MAX_STEPS: u32 = 1_000_000;
 /// Slowest and fastest a world can be told to run, as multiples of real time.
 pub const SPEED_RANGE: (f32, f32) = (0.01, 1_000.0);
+/// Most robots that a scenario is loaded with.
+pub const MAX_LOADED: u32 = 65_535;
 /// Longest time for which a fault can be ordered: a day, in milliseconds.
 pub const MAX_LASTING_MS: u32 = 86_400_000;
 
@@ -53,6 +57,14 @@ words! {
         Inject = "inject",
         /// See [`SimulatorCommand::Heal`].
         Heal = "heal",
+        /// See [`SimulatorCommand::Load`].
+        Load = "load",
+        /// See [`SimulatorCommand::Drop`].
+        Drop = "drop",
+        /// See [`SimulatorCommand::Take`].
+        Take = "take",
+        /// See [`SimulatorCommand::Forget`].
+        Forget = "forget",
     }
 }
 
@@ -116,10 +128,10 @@ pub enum SimulatorCommand {
     },
     /// Keep the world as it is now.
     Snapshot {
-        /// Under this name.
+        /// Under this name; what was kept under it before is gone.
         name: SnapshotName,
     },
-    /// Go back to a world that was kept.
+    /// Go back to a world that was kept. Programs begin anew there, as after a power cut.
     Restore {
         /// Under this name.
         name: SnapshotName,
@@ -138,6 +150,30 @@ pub enum SimulatorCommand {
     Heal {
         /// This one.
         robot: RobotId,
+    },
+    /// Begin another scenario, one that comes with the simulator.
+    Load {
+        /// This one.
+        scenario: ScenarioName,
+        /// With so many robots, 1 to [`MAX_LOADED`]; as many as it says where there is none.
+        robots: Option<u32>,
+        /// With this seed; with the same as before where there is none.
+        seed: Option<u64>,
+    },
+    /// Put something solid into the running world.
+    Drop {
+        /// This.
+        what: Dropped,
+    },
+    /// Take away what was dropped.
+    Take {
+        /// Its number, as the answer to `drop` told it.
+        item: u32,
+    },
+    /// Keep a world no longer.
+    Forget {
+        /// The one of this name.
+        name: SnapshotName,
     },
 }
 wire!(SimulatorCommand);
@@ -158,6 +194,10 @@ impl SimulatorCommand {
             Self::Restore { .. } => SimulatorCommandName::Restore,
             Self::Inject { .. } => SimulatorCommandName::Inject,
             Self::Heal { .. } => SimulatorCommandName::Heal,
+            Self::Load { .. } => SimulatorCommandName::Load,
+            Self::Drop { .. } => SimulatorCommandName::Drop,
+            Self::Take { .. } => SimulatorCommandName::Take,
+            Self::Forget { .. } => SimulatorCommandName::Forget,
         }
     }
 }
@@ -172,133 +212,12 @@ impl SimulatorCommandName {
             Self::Reset => &["seed"],
             Self::Add => &["pose"],
             Self::Remove | Self::Heal => &["robot"],
-            Self::Snapshot | Self::Restore => &["name"],
+            Self::Snapshot | Self::Restore | Self::Forget => &["name"],
             Self::Inject => &["robot", "fault", "lasting_ms"],
+            Self::Load => &["scenario", "robots", "seed"],
+            Self::Drop => &["obstacle", "object"],
+            Self::Take => &["item"],
         }
-    }
-}
-
-/// A field that is there has a value: `null` is another type.
-fn given<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
-    deserializer: D,
-) -> Result<Option<T>, D::Error> {
-    T::deserialize(deserializer).map(Some)
-}
-
-/// The value of a field that must be there.
-fn must<T, E: Error>(value: Option<T>, name: &'static str) -> Result<T, E> {
-    value.ok_or_else(|| E::missing_field(name))
-}
-
-/// Refuses a field that is there and does not belong.
-fn only<const N: usize, E: Error>(
-    there: [(&'static str, bool); N],
-    allowed: &'static [&'static str],
-) -> Result<(), E> {
-    match there
-        .iter()
-        .find(|(name, there)| *there && !allowed.contains(name))
-    {
-        None => Ok(()),
-        Some((name, _)) => Err(E::unknown_field(name, allowed)),
-    }
-}
-
-/// Every field that a command can have.
-#[derive(serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Fields {
-    command: SimulatorCommandName,
-    #[serde(default, deserialize_with = "given")]
-    steps: Option<u32>,
-    #[serde(default, deserialize_with = "given")]
-    factor: Option<f32>,
-    #[serde(default, deserialize_with = "given")]
-    seed: Option<u64>,
-    #[serde(default, deserialize_with = "given")]
-    pose: Option<Place>,
-    #[serde(default, deserialize_with = "given")]
-    robot: Option<RobotId>,
-    #[serde(default, deserialize_with = "given")]
-    name: Option<SnapshotName>,
-    #[serde(default, deserialize_with = "given")]
-    fault: Option<FaultSpec>,
-    #[serde(default, deserialize_with = "given")]
-    lasting_ms: Option<u32>,
-}
-
-impl Fields {
-    fn meaning<E: Error>(self) -> Result<SimulatorCommand, E> {
-        let there = [
-            ("steps", self.steps.is_some()),
-            ("factor", self.factor.is_some()),
-            ("seed", self.seed.is_some()),
-            ("pose", self.pose.is_some()),
-            ("robot", self.robot.is_some()),
-            ("name", self.name.is_some()),
-            ("fault", self.fault.is_some()),
-            ("lasting_ms", self.lasting_ms.is_some()),
-        ];
-        only(there, self.command.fields())?;
-        Ok(match self.command {
-            SimulatorCommandName::Pause => SimulatorCommand::Pause,
-            SimulatorCommandName::Resume => SimulatorCommand::Resume,
-            SimulatorCommandName::Step => SimulatorCommand::Step {
-                steps: whole(must(self.steps, "steps")?, MAX_STEPS, &"1 to 1000000 steps")?,
-            },
-            SimulatorCommandName::Speed => {
-                let factor = must(self.factor, "factor")?;
-                if !(SPEED_RANGE.0..=SPEED_RANGE.1).contains(&factor) {
-                    let number = Unexpected::Float(factor.into());
-                    return Err(E::invalid_value(number, &"0.01 to 1000"));
-                }
-                SimulatorCommand::Speed { factor }
-            }
-            SimulatorCommandName::Reset => SimulatorCommand::Reset { seed: self.seed },
-            SimulatorCommandName::Add => {
-                if self.pose.is_some_and(|pose| !pose.is_sound()) {
-                    let pose = Unexpected::Other("a pose out of range");
-                    return Err(E::invalid_value(pose, &"a pose within 10 km and 7 rad"));
-                }
-                SimulatorCommand::Add { pose: self.pose }
-            }
-            SimulatorCommandName::Remove => SimulatorCommand::Remove {
-                robot: must(self.robot, "robot")?,
-            },
-            SimulatorCommandName::Heal => SimulatorCommand::Heal {
-                robot: must(self.robot, "robot")?,
-            },
-            SimulatorCommandName::Snapshot => SimulatorCommand::Snapshot {
-                name: must(self.name, "name")?,
-            },
-            SimulatorCommandName::Restore => SimulatorCommand::Restore {
-                name: must(self.name, "name")?,
-            },
-            SimulatorCommandName::Inject => SimulatorCommand::Inject {
-                robot: must(self.robot, "robot")?,
-                fault: must(self.fault, "fault")?,
-                lasting_ms: match self.lasting_ms {
-                    None => None,
-                    Some(ms) => Some(whole(ms, MAX_LASTING_MS, &"1 ms to a day")?),
-                },
-            },
-        })
-    }
-}
-
-/// A number from 1 to `most`.
-fn whole<E: Error>(value: u32, most: u32, expected: &'static &'static str) -> Result<u32, E> {
-    if (1..=most).contains(&value) {
-        Ok(value)
-    } else {
-        let number = Unexpected::Unsigned(value.into());
-        Err(E::invalid_value(number, expected))
-    }
-}
-
-impl<'de> Deserialize<'de> for SimulatorCommand {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Fields::deserialize(deserializer)?.meaning()
     }
 }
 
@@ -313,7 +232,7 @@ impl Serialize for SimulatorCommand {
             Self::Reset { seed: Some(seed) } => map.serialize_entry("seed", seed)?,
             Self::Add { pose: Some(pose) } => map.serialize_entry("pose", pose)?,
             Self::Remove { robot } | Self::Heal { robot } => map.serialize_entry("robot", robot)?,
-            Self::Snapshot { name } | Self::Restore { name } => {
+            Self::Snapshot { name } | Self::Restore { name } | Self::Forget { name } => {
                 map.serialize_entry("name", name)?;
             }
             Self::Inject {
@@ -327,6 +246,24 @@ impl Serialize for SimulatorCommand {
                     map.serialize_entry("lasting_ms", ms)?;
                 }
             }
+            Self::Load {
+                scenario,
+                robots,
+                seed,
+            } => {
+                map.serialize_entry("scenario", scenario)?;
+                if let Some(robots) = robots {
+                    map.serialize_entry("robots", robots)?;
+                }
+                if let Some(seed) = seed {
+                    map.serialize_entry("seed", seed)?;
+                }
+            }
+            Self::Drop { what } => match what {
+                Dropped::Obstacle(obstacle) => map.serialize_entry("obstacle", obstacle)?,
+                Dropped::Object(object) => map.serialize_entry("object", object)?,
+            },
+            Self::Take { item } => map.serialize_entry("item", item)?,
         }
         map.end()
     }

@@ -1,7 +1,8 @@
 //! Commands to a simulated world: what is one, and what is refused and why.
 
 use crawler_protocol::{
-    DecodeError, FaultName, FaultSpec, LinkCut, MAX_MESSAGE, SimulatorCommand, SimulatorCommandName,
+    DecodeError, Dropped, FaultName, FaultSpec, LinkCut, MAX_MESSAGE, Obstacle, SimulatorCommand,
+    SimulatorCommandName,
 };
 
 fn read(text: &str) -> Result<SimulatorCommand, DecodeError> {
@@ -9,7 +10,7 @@ fn read(text: &str) -> Result<SimulatorCommand, DecodeError> {
 }
 
 /// One command of every name, as short as it can be.
-const SHORTEST: [&str; 11] = [
+const SHORTEST: [&str; 15] = [
     r#"{"command":"pause"}"#,
     r#"{"command":"resume"}"#,
     r#"{"command":"step","steps":1}"#,
@@ -21,6 +22,10 @@ const SHORTEST: [&str; 11] = [
     r#"{"command":"restore","name":"before"}"#,
     r#"{"command":"inject","robot":"sim-0001","fault":{"fault":"ranger-dead"}}"#,
     r#"{"command":"heal","robot":"sim-0001"}"#,
+    r#"{"command":"load","scenario":"empty"}"#,
+    r#"{"command":"drop","obstacle":{"shape":"circle","x":1,"y":2,"r":0.5}}"#,
+    r#"{"command":"take","item":3}"#,
+    r#"{"command":"forget","name":"before"}"#,
 ];
 
 #[test]
@@ -48,12 +53,20 @@ fn no_field_may_be_missing_null_or_of_another_command() {
             r#""name":"before""#,
             r#""fault":{"fault":"ranger-dead"}"#,
             r#""lasting_ms":1"#,
+            r#""scenario":"empty""#,
+            r#""robots":2"#,
+            r#""obstacle":{"shape":"circle","x":1,"y":2,"r":0.5}"#,
+            r#""object":{"shape":"ball","x":1,"y":2,"size":0.5,"colour":"red"}"#,
+            r#""item":3"#,
         ] {
             let name = &field[..field.find(':').unwrap()];
             let more = format!("{},{field}}}", &text[..end]);
             let optional = matches!(
                 (read(text).unwrap().name(), name),
-                (SimulatorCommandName::Reset, r#""seed""#)
+                (
+                    SimulatorCommandName::Reset | SimulatorCommandName::Load,
+                    r#""seed""#
+                ) | (SimulatorCommandName::Load, r#""robots""#)
                     | (SimulatorCommandName::Add, r#""pose""#)
                     | (SimulatorCommandName::Inject, r#""lasting_ms""#)
             );
@@ -113,6 +126,19 @@ fn numbers_out_of_range_and_other_types_are_refused() {
         (r#"{"command":"remove","robot":"No"}"#, OutOfRange),
         (r#"{"command":"snapshot","name":"../up"}"#, OutOfRange),
         (r#"{"command":"snapshot","name":""}"#, OutOfRange),
+        (r#"{"command":"load","scenario":"../../etc"}"#, OutOfRange),
+        (
+            r#"{"command":"load","scenario":"empty","robots":0}"#,
+            OutOfRange,
+        ),
+        (
+            r#"{"command":"load","scenario":"empty","robots":65536}"#,
+            OutOfRange,
+        ),
+        (r#"{"command":"take","item":-1}"#, OutOfRange),
+        (r#"{"command":"take","item":4294967296}"#, OutOfRange),
+        (r#"{"command":"drop"}"#, MissingField),
+        (r#"{"command":"drop","obstacle":"box"}"#, WrongType),
     ] {
         assert_eq!(read(text), Err(expected), "{text}");
     }
@@ -181,4 +207,95 @@ fn a_link_is_lost_by_its_radio_unless_told_otherwise() {
         assert_eq!(fault, FaultSpec::LinkLoss { how });
         assert_eq!(fault.name(), FaultName::LinkLoss);
     }
+}
+
+#[test]
+fn what_is_dropped_is_whole_and_of_its_kind() {
+    use DecodeError::{DuplicateField, MissingField, OutOfRange, UnknownField, WrongType};
+    let drop = |kind: &str, fields: &str| {
+        let at = r#""x":1,"y":-2"#;
+        read(&format!(
+            r#"{{"command":"drop","{kind}":{{{at},{fields}}}}}"#
+        ))
+    };
+    for (kind, fields) in [
+        ("obstacle", r#""shape":"circle","r":0.01"#),
+        ("obstacle", r#""shape":"box","w":1,"h":500,"theta":7"#),
+        ("object", r#""shape":"cone","size":0.3,"colour":"purple""#),
+        ("object", r#""shape":"box","size":0.3,"colour":"black""#),
+    ] {
+        assert!(drop(kind, fields).is_ok(), "{kind} {fields}");
+    }
+    // A turn that is not told is none.
+    assert_eq!(
+        drop("obstacle", r#""shape":"box","w":1,"h":2"#),
+        Ok(SimulatorCommand::Drop {
+            what: Dropped::Obstacle(Obstacle::Box {
+                x: 1.0,
+                y: -2.0,
+                w: 1.0,
+                h: 2.0,
+                theta: 0.0
+            })
+        })
+    );
+    for (kind, fields, expected) in [
+        ("obstacle", r#""shape":"circle""#, MissingField),
+        ("obstacle", r#""shape":"box","w":1"#, MissingField),
+        ("obstacle", r#""r":1"#, MissingField),
+        ("obstacle", r#""shape":"pyramid","r":1"#, OutOfRange),
+        ("obstacle", r#""shape":"ball","r":1"#, OutOfRange),
+        ("obstacle", r#""shape":"circle","r":0"#, OutOfRange),
+        ("obstacle", r#""shape":"circle","r":-1"#, OutOfRange),
+        ("obstacle", r#""shape":"circle","r":501"#, OutOfRange),
+        ("obstacle", r#""shape":"circle","r":1e99"#, OutOfRange),
+        ("obstacle", r#""shape":"circle","r":"1""#, WrongType),
+        ("obstacle", r#""shape":"circle","r":null"#, WrongType),
+        (
+            "obstacle",
+            r#""shape":"circle","r":1,"r":1"#,
+            DuplicateField,
+        ),
+        (
+            "obstacle",
+            r#""shape":"circle","r":1,"x":1"#,
+            DuplicateField,
+        ),
+        ("obstacle", r#""shape":"circle","r":1,"w":1"#, UnknownField),
+        (
+            "obstacle",
+            r#""shape":"circle","r":1,"colour":"red""#,
+            UnknownField,
+        ),
+        (
+            "obstacle",
+            r#""shape":"box","w":1,"h":1,"theta":8"#,
+            OutOfRange,
+        ),
+        ("object", r#""shape":"ball","size":1"#, MissingField),
+        (
+            "object",
+            r#""shape":"circle","size":1,"colour":"red""#,
+            OutOfRange,
+        ),
+        (
+            "object",
+            r#""shape":"ball","size":1,"colour":"mauve""#,
+            OutOfRange,
+        ),
+        (
+            "object",
+            r#""shape":"ball","size":0.001,"colour":"red""#,
+            OutOfRange,
+        ),
+        (
+            "object",
+            r#""shape":"ball","size":1,"colour":"red","theta":1"#,
+            UnknownField,
+        ),
+    ] {
+        assert_eq!(drop(kind, fields), Err(expected), "{kind} {fields}");
+    }
+    let far = r#"{"command":"drop","obstacle":{"shape":"circle","x":10001,"y":0,"r":1}}"#;
+    assert_eq!(read(far), Err(OutOfRange));
 }

@@ -5,7 +5,7 @@ use core::fmt;
 use serde::de::{Deserialize, Deserializer, Error, Unexpected};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use super::{given, must, only};
+use super::read::{given, must, only};
 use crate::words::words;
 
 /// Most that a noisy ranger is off by, as one standard deviation in millimetres.

@@ -1,17 +1,18 @@
 //! JSON Schemas of faults and of commands to a simulated world.
 
 use std::borrow::Cow;
+use std::vec;
 use std::vec::Vec;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 
 use super::{
-    FaultName, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS, MAX_NOISE_MM,
-    MAX_PACKETS_PER_S, MAX_SAG_OHM, MAX_STEPS, Place, SPEED_RANGE, SimulatorCommand,
-    SimulatorCommandName, Wheel,
+    Colour, EXTENT_RANGE, FaultName, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS,
+    MAX_LOADED, MAX_NOISE_MM, MAX_PACKETS_PER_S, MAX_SAG_OHM, MAX_STEPS, Obstacle, Place,
+    SPEED_RANGE, SimulatorCommand, SimulatorCommandName, Thing, ThingShape, Wheel,
 };
 use crate::schema::{object, within};
-use crate::{MAX_COORDINATE, RobotId, SnapshotName};
+use crate::{MAX_COORDINATE, RobotId, ScenarioName, SnapshotName};
 
 impl JsonSchema for Place {
     fn schema_name() -> Cow<'static, str> {
@@ -129,6 +130,54 @@ impl JsonSchema for FaultSpec {
     }
 }
 
+/// A place and a length, as everything that is dropped has.
+fn placed(more: Vec<(&'static str, Schema, bool)>) -> Vec<(&'static str, Schema, bool)> {
+    let mut members = vec![
+        ("x", within(MAX_COORDINATE, "Metres, of the centre."), true),
+        ("y", within(MAX_COORDINATE, "Metres, of the centre."), true),
+    ];
+    members.extend(more);
+    members
+}
+
+fn length(description: &str) -> Schema {
+    number(EXTENT_RANGE.0, EXTENT_RANGE.1, description)
+}
+
+impl JsonSchema for Obstacle {
+    fn schema_name() -> Cow<'static, str> {
+        "Obstacle".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let circle = placed(vec![("r", length("Radius, metres."), true)]);
+        let theta = within(Place::MAX_THETA, "Radians, anticlockwise; 0 when left out.");
+        let boxed = placed(vec![
+            ("w", length("Metres along its own x axis."), true),
+            ("h", length("Metres along its own y axis."), true),
+            ("theta", theta, false),
+        ]);
+        json_schema!({
+            "description": "Something solid that does not move.",
+            "oneOf": [tagged("shape", "circle", circle), tagged("shape", "box", boxed)],
+        })
+    }
+}
+
+impl JsonSchema for Thing {
+    fn schema_name() -> Cow<'static, str> {
+        "Thing".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        object(placed(vec![
+            ("shape", generator.subschema_for::<ThingShape>(), true),
+            ("size", length("Width and height, metres."), true),
+            ("colour", generator.subschema_for::<Colour>(), true),
+        ]))
+    }
+}
+
 fn command_field(field: &'static str, generator: &mut SchemaGenerator) -> (Schema, bool) {
     match field {
         "steps" => (integer(1, MAX_STEPS.into(), "Physics steps."), true),
@@ -144,6 +193,14 @@ fn command_field(field: &'static str, generator: &mut SchemaGenerator) -> (Schem
         "robot" => (generator.subschema_for::<RobotId>(), true),
         "name" => (generator.subschema_for::<SnapshotName>(), true),
         "fault" => (generator.subschema_for::<FaultSpec>(), true),
+        "scenario" => (generator.subschema_for::<ScenarioName>(), true),
+        "robots" => (integer(1, MAX_LOADED.into(), "How many robots."), false),
+        "obstacle" => (generator.subschema_for::<Obstacle>(), true),
+        "object" => (generator.subschema_for::<Thing>(), true),
+        "item" => (
+            integer(0, u32::MAX.into(), "Number of what was dropped."),
+            true,
+        ),
         // `lasting_ms`.
         _ => (
             integer(1, MAX_LASTING_MS.into(), "Milliseconds of the world."),
@@ -158,20 +215,27 @@ impl JsonSchema for SimulatorCommand {
     }
 
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let alternatives: Vec<Schema> = SimulatorCommandName::ALL
-            .iter()
-            .map(|command| {
-                let members = command
-                    .fields()
-                    .iter()
-                    .map(|field| {
-                        let (schema, must) = command_field(field, generator);
-                        (*field, schema, must)
-                    })
-                    .collect();
-                tagged("command", command.name(), members)
-            })
-            .collect();
+        let mut alternative = |command: SimulatorCommandName, fields: &[&'static str]| {
+            let members = fields
+                .iter()
+                .map(|field| {
+                    let (schema, must) = command_field(field, generator);
+                    (*field, schema, must)
+                })
+                .collect();
+            tagged("command", command.name(), members)
+        };
+        let mut alternatives = Vec::new();
+        for &command in SimulatorCommandName::ALL {
+            if command == SimulatorCommandName::Drop {
+                // One of the two, and not both.
+                for field in command.fields() {
+                    alternatives.push(alternative(command, &[field]));
+                }
+            } else {
+                alternatives.push(alternative(command, command.fields()));
+            }
+        }
         json_schema!({
             "description": "What a simulated world is told to do.",
             "oneOf": alternatives,

@@ -1,8 +1,9 @@
 //! What a simulated world is told, and faults.
 
 use crawler_protocol::{
-    FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS, MAX_NOISE_MM, MAX_PACKETS_PER_S,
-    MAX_SAG_OHM, MAX_STEPS, Place, SPEED_RANGE, SimulatorCommand, SnapshotName, Wheel,
+    Colour, Dropped, EXTENT_RANGE, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS,
+    MAX_LOADED, MAX_NOISE_MM, MAX_PACKETS_PER_S, MAX_SAG_OHM, MAX_STEPS, Obstacle, Place,
+    SPEED_RANGE, ScenarioName, SimulatorCommand, SnapshotName, Thing, ThingShape, Wheel,
 };
 use proptest::option;
 use proptest::prelude::*;
@@ -41,6 +42,30 @@ fn fault() -> impl Strategy<Value = FaultSpec> {
     ]
 }
 
+fn dropped() -> impl Strategy<Value = Dropped> {
+    let length = || EXTENT_RANGE.0..=EXTENT_RANGE.1;
+    let theta = -Place::MAX_THETA..=Place::MAX_THETA;
+    prop_oneof![
+        (place(), length()).prop_map(|((x, y), r)| Dropped::Obstacle(Obstacle::Circle { x, y, r })),
+        (place(), length(), length(), theta).prop_map(|((x, y), w, h, theta)| {
+            Dropped::Obstacle(Obstacle::Box { x, y, w, h, theta })
+        }),
+        (
+            place(),
+            length(),
+            select(ThingShape::ALL),
+            select(Colour::ALL)
+        )
+            .prop_map(|((x, y), size, shape, colour)| Dropped::Object(Thing {
+                shape,
+                x,
+                y,
+                size,
+                colour
+            })),
+    ]
+}
+
 pub(crate) fn simulator_command() -> impl Strategy<Value = SimulatorCommand> {
     let name = || "[a-z0-9-]{1,32}".prop_map(|text| SnapshotName::new(&text).unwrap());
     let there = (place(), -Place::MAX_THETA..=Place::MAX_THETA).prop_map(|((x, y), theta)| Place {
@@ -65,5 +90,18 @@ pub(crate) fn simulator_command() -> impl Strategy<Value = SimulatorCommand> {
             }
         ),
         robot().prop_map(|robot| SimulatorCommand::Heal { robot }),
+        (
+            "[a-z0-9-]{1,32}".prop_map(|text| ScenarioName::new(&text).unwrap()),
+            option::of(1..=MAX_LOADED),
+            option::of(any::<u64>()),
+        )
+            .prop_map(|(scenario, robots, seed)| SimulatorCommand::Load {
+                scenario,
+                robots,
+                seed
+            }),
+        dropped().prop_map(|what| SimulatorCommand::Drop { what }),
+        any::<u32>().prop_map(|item| SimulatorCommand::Take { item }),
+        name().prop_map(|name| SimulatorCommand::Forget { name }),
     ]
 }
