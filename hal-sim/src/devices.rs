@@ -30,6 +30,8 @@ pub use trigger::{SimEcho, SimTrigger};
 pub use uart::{SimUart, UartError};
 
 pub(crate) use ear::Ear;
+#[cfg(feature = "live")]
+pub(crate) use flash::Contents;
 pub(crate) use meter::Meter;
 pub(crate) use sonar::Sonar;
 pub(crate) use trigger::BURST;

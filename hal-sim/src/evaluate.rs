@@ -18,11 +18,11 @@ mod trial;
 mod verdict;
 
 pub use adversary::{Find, Search, invariants};
-pub use batch::{Job, run_all};
-pub use metrics::{Measured, Metric};
+pub use batch::{Job, run_all, run_unless};
+pub use metrics::{Better, Measured, Metric};
 pub use report::{Evaluation, Line, Verdict};
 pub use shrink::{Shrunk, shrink};
 pub use statistics::{Estimate, of_mean, of_share, rank_correlation};
 pub use sweep::{Axis, Cell, Influence, drawn, grid, influences, jobs};
-pub use trial::{Trial, run_trial};
+pub use trial::{Trial, run_trial, run_trial_unless};
 pub use verdict::{Criterion, Failure};

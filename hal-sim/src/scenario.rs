@@ -11,6 +11,7 @@ mod generate;
 mod ground;
 mod passable;
 mod place;
+mod preview;
 mod radio;
 mod select;
 mod spawn;
@@ -34,6 +35,7 @@ pub use generate::{Generate, Layout};
 pub use ground::{Ground, Scatter};
 pub use passable::Passable;
 pub use place::Place;
+pub use preview::Preview;
 pub use select::{Quota, Selector};
 pub use spawn::{Line, Spawn, SpawnPose, Spawner, Zone};
 pub use success::{Success, Threshold};
@@ -74,6 +76,9 @@ const BUILT_IN: [(&str, &str); 9] = [
 pub struct Scenario {
     /// Name, for people.
     pub name: String,
+    /// What it is, in one sentence.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub about: String,
     /// Number of robots, unless the run says otherwise.
     #[serde(default = "one")]
     pub robots: u32,
@@ -207,6 +212,7 @@ impl Scenario {
     pub(crate) fn plain(name: String) -> Self {
         Self {
             name,
+            about: String::new(),
             robots: one(),
             duration_s: two_minutes(),
             arena: Ground::default(),

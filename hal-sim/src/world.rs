@@ -9,6 +9,7 @@
 mod arena;
 mod battery;
 mod bodies;
+mod dropped;
 mod error;
 mod exchange;
 mod geometry;
@@ -16,6 +17,8 @@ mod grid;
 mod hash;
 mod hearing;
 mod inhabit;
+#[cfg(feature = "live")]
+mod kept;
 mod members;
 mod movers;
 mod neighbours;
@@ -39,6 +42,7 @@ pub use arena::{
     ARENA_SIDE_M, Arena, ArenaError, Colour, MAX_MOVERS, MAX_OBSTACLES, MAX_PATCHES, Mover, Object,
     ObjectShape, Obstacle, Patch,
 };
+pub use dropped::{DropError, Dropped, DroppedItem, MAX_DROPPED};
 pub use error::{PlacementError, WorldError};
 pub use geometry::Pose;
 pub use members::Members;
@@ -54,6 +58,8 @@ pub(crate) use arena::Solid;
 pub(crate) use bodies::{Bridge, Inputs, Presence};
 pub(crate) use exchange::Published;
 pub(crate) use geometry::Vec2;
+#[cfg(feature = "live")]
+pub(crate) use kept::KeptWorld;
 pub(crate) use physics::Power;
 pub(crate) use ports::{Ports, Shared, Wire, senses};
 pub(crate) use rng::{Purpose, mix, normal, stream, uniform};
@@ -217,8 +223,7 @@ impl World {
     /// Distance in metres from a point to the nearest wall, obstacle or robot, negative within
     /// one. Obstacles and robots beyond `limit` may be left out.
     pub fn clearance(&self, x: f32, y: f32, limit: f32) -> f32 {
-        let mut space = self.shared.space.borrow_mut();
-        space.clearance(Vec2::new(x, y), limit.clamp(0.0, 1_000.0))
+        self.shared.space.borrow_mut().clear_of(x, y, limit)
     }
 
     /// Puts a robot at `pose` and switches it on. Its ranger is wired as the parameters say.

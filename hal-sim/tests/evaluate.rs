@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crawler_sim::evaluate::{
-    Criterion, Evaluation, Job, Metric, Search, run_all, run_trial, shrink,
+    Criterion, Evaluation, Job, Line, Metric, Search, run_all, run_trial, run_unless, shrink,
 };
 use crawler_sim::scenario::Scenario;
 
@@ -47,6 +47,35 @@ fn a_straight_way_is_driven_and_measured() {
     assert_eq!(trial.measured.get(Metric::RecoveryS), None);
     // It ends when everything is done, and not after all of 40 s.
     assert!(trial.ran_s < 25.0, "{} s", trial.ran_s);
+}
+
+#[test]
+fn a_run_can_be_given_up_in_the_middle() {
+    // Four weeks, with nowhere to go: it ends when it is told to.
+    let (idle, _) = STRAIGHT.split_once("[[goals]]").unwrap();
+    let scenario = parse(&idle.replace("40.0", "2419200.0"));
+    let (seed, stop) = (1, AtomicBool::new(false));
+    let job = Job {
+        scenario: &scenario,
+        seed,
+    };
+    std::thread::scope(|scope| {
+        let run = scope.spawn(|| run_unless(&job, &stop));
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        stop.store(true, Ordering::Relaxed);
+        assert_eq!(run.join().unwrap(), None);
+    });
+    assert_eq!(run_unless(&job, &stop), None);
+    // One that is let alone is what it is without a flag.
+    let scenario = parse(STRAIGHT);
+    let job = Job {
+        scenario: &scenario,
+        seed: 1,
+    };
+    let whole = run_unless(&job, &AtomicBool::new(false)).unwrap();
+    assert_eq!(whole, run_trial(&scenario, 1));
+    let lines = Line::all(&[whole.measured]);
+    assert_eq!(lines, Evaluation::new(&scenario, vec![whole], &[]).lines);
 }
 
 #[test]

@@ -5,7 +5,9 @@
 use std::future::Future;
 use std::time::Duration;
 
-use crawler_protocol::{Fleet, RobotId, SimulatorCommand, SnapshotName};
+use crawler_protocol::{
+    Dropped, Fleet, Obstacle, Place, RobotId, ScenarioName, SimulatorCommand, SnapshotName,
+};
 use crawler_sim::run::live::{ControlError, LiveConfig, LiveDone, LiveHandle, start};
 use crawler_sim::scenario::Scenario;
 use crawler_sim::world::PHYSICS_STEP;
@@ -104,15 +106,180 @@ fn a_live_world_begins_again_and_robots_come_and_go() {
         .expect("sound")
         .state;
     assert_eq!(again.seed, 9);
-    let name = || SnapshotName::new("here").expect("a name");
-    for command in [
-        SimulatorCommand::Snapshot { name: name() },
-        SimulatorCommand::Restore { name: name() },
-    ] {
-        let Err(ControlError::Refused(text)) = tell(&world, command) else {
-            panic!("a live world cannot be kept");
-        };
-        assert!(text.contains("broker"), "{text}");
+    world.stop(Duration::from_secs(2)).expect("it ends");
+}
+
+fn refusal(world: &LiveHandle, command: SimulatorCommand) -> String {
+    match tell(world, command) {
+        Err(ControlError::Refused(text)) => text,
+        other => panic!("{other:?}"),
     }
+}
+
+fn bookmark(name: &str) -> SnapshotName {
+    SnapshotName::new(name).expect("a name")
+}
+
+fn keep(name: &str) -> SimulatorCommand {
+    SimulatorCommand::Snapshot {
+        name: bookmark(name),
+    }
+}
+
+fn restore(name: &str) -> SimulatorCommand {
+    SimulatorCommand::Restore {
+        name: bookmark(name),
+    }
+}
+
+fn post(x: f32, y: f32) -> SimulatorCommand {
+    SimulatorCommand::Drop {
+        what: Dropped::Obstacle(Obstacle::Circle { x, y, r: 0.1 }),
+    }
+}
+
+fn load(name: &str, robots: Option<u32>) -> SimulatorCommand {
+    SimulatorCommand::Load {
+        scenario: ScenarioName::new(name).expect("a name"),
+        robots,
+        seed: None,
+    }
+}
+
+#[test]
+fn a_live_world_takes_things_and_gives_them_back() {
+    let world = world();
+    let scenes = world.watch_scene();
+    let before = world.arena();
+    let pose = Some(Place {
+        x: 2.0,
+        y: 2.0,
+        theta: 0.0,
+    });
+    let added = tell(&world, SimulatorCommand::Add { pose });
+    let added = added
+        .expect("free, by this seed")
+        .robot
+        .expect("it has a name");
+    let text = refusal(&world, post(2.05, 2.0));
+    assert!(text.contains(added.as_str()), "{text}");
+    assert!(refusal(&world, post(3.0, 0.0)).contains("walls"));
+    assert!(
+        matches!(scenes.has_changed(), Ok(false)),
+        "nothing has changed"
+    );
+    let dropped = tell(&world, post(-2.7, 2.7)).expect("a corner");
+    assert_eq!((dropped.item, dropped.robot), (Some(1), None));
+    assert!(matches!(scenes.has_changed(), Ok(true)));
+    let scene = world.scene();
+    assert_eq!(scene.scenario, "empty");
+    assert_eq!(scene.dropped.len(), 1);
+    assert_eq!(scene.arena.obstacles.len(), before.obstacles.len() + 1);
+    let text = refusal(&world, SimulatorCommand::Take { item: 2 });
+    assert!(text.contains('2'), "{text}");
+    tell(&world, SimulatorCommand::Take { item: 1 }).expect("it lies there");
+    assert_eq!(world.arena(), before);
+    // Nothing of it is there when the world begins again.
+    tell(&world, post(-2.7, 2.7)).expect("free");
+    tell(&world, SimulatorCommand::Reset { seed: None }).expect("sound");
+    assert_eq!(world.arena(), before);
+    assert!(world.scene().dropped.is_empty());
+    world.stop(Duration::from_secs(2)).expect("it ends");
+}
+
+#[test]
+fn another_scenario_is_loaded_into_a_live_world() {
+    let world = world();
+    tell(&world, SimulatorCommand::Pause).expect("paused");
+    tell(&world, SimulatorCommand::Speed { factor: 2.0 }).expect("usable");
+    let text = refusal(&world, load("nowhere", None));
+    assert!(text.contains("corridor"), "it says which there are: {text}");
+    let text = refusal(&world, load("corridor", Some(5_000)));
+    assert!(text.contains("room") || text.contains("files"), "{text}");
+    assert_eq!(world.scene().scenario, "empty");
+    let done = tell(&world, load("corridor", None)).expect("sound").state;
+    assert_eq!((done.robots, done.seed), (4, 4));
+    assert_eq!((done.paused, done.factor), (true, 2.0));
+    assert_eq!(done.time.as_micros(), 0);
+    let scene = world.scene();
+    assert_eq!(scene.scenario, "corridor");
+    assert_eq!((scene.arena.width, scene.arena.obstacles.len()), (8.0, 2));
+    let done = SimulatorCommand::Load {
+        scenario: ScenarioName::new("arena").expect("a name"),
+        robots: Some(2),
+        seed: Some(11),
+    };
+    let done = tell(&world, done).expect("sound").state;
+    assert_eq!((done.robots, done.seed), (2, 11));
+    let reset = tell(&world, SimulatorCommand::Reset { seed: None }).expect("sound");
+    assert_eq!((reset.state.robots, reset.state.seed), (2, 11));
+    assert_eq!(world.scene().scenario, "arena");
+    world.stop(Duration::from_secs(2)).expect("it ends");
+}
+
+#[test]
+fn a_live_world_goes_back_to_its_bookmarks() {
+    let world = world();
+    tell(&world, SimulatorCommand::Pause).expect("paused");
+    tell(&world, SimulatorCommand::Step { steps: 150 }).expect("stepped");
+    let remove = |name| SimulatorCommand::Remove { robot: robot(name) };
+    tell(&world, remove("sim-0002")).expect("there");
+    tell(&world, SimulatorCommand::Add { pose: None }).expect("room");
+    tell(&world, post(-2.7, 2.7)).expect("free");
+    let kept = tell(&world, keep("here")).expect("kept").state;
+    assert_eq!(kept.robots, 3);
+    tell(&world, SimulatorCommand::Step { steps: 70 }).expect("stepped");
+    tell(&world, remove("sim-0001")).expect("there");
+    tell(&world, SimulatorCommand::Take { item: 1 }).expect("there");
+    tell(&world, load("corridor", None)).expect("sound");
+    let marks = world.scene().bookmarks;
+    assert_eq!(marks.len(), 1, "a bookmark outlives its world");
+    assert_eq!((marks[0].robots, marks[0].scenario.as_str()), (3, "empty"));
+    assert_eq!(marks[0].time, kept.time);
+    assert!(marks[0].made_at > 1_700_000_000_000);
+
+    let back = tell(&world, restore("here")).expect("it is there").state;
+    assert_eq!((back.time, back.robots, back.seed), (kept.time, 3, 4));
+    assert!(back.paused);
+    let scene = world.scene();
+    assert_eq!(scene.scenario, "empty");
+    assert_eq!((scene.dropped.len(), scene.arena.obstacles.len()), (1, 1));
+    // Under the names that they had.
+    assert_eq!(tell(&world, remove("sim-0002")), Err(ControlError::NoRobot));
+    tell(&world, remove("sim-0004")).expect("it is back");
+    let added = tell(&world, SimulatorCommand::Add { pose: None }).expect("room");
+    assert_eq!(added.robot, Some(robot("sim-0005")));
+    // Time goes on from there.
+    let later = tell(&world, SimulatorCommand::Step { steps: 100 }).expect("stepped");
+    let passed = later.state.time - kept.time;
+    assert!(
+        (990_000..=1_000_000).contains(&passed.as_micros()),
+        "{passed:?}"
+    );
+    assert!(later.state.hash != 0);
+    tell(&world, SimulatorCommand::Resume).expect("running");
+    wait(async {
+        while world.state().expect("running").time <= later.state.time {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    });
+
+    // Sixteen and no more; one of the same name takes the place of the first.
+    for number in 1..16 {
+        tell(&world, keep(&format!("mark-{number}"))).expect("there is room");
+    }
+    assert!(refusal(&world, keep("one-too-many")).contains("16"));
+    let again = tell(&world, keep("here")).expect("it takes the place of the first");
+    let marks = world.scene().bookmarks;
+    assert_eq!(marks.len(), 16);
+    assert_eq!(marks[15].name, bookmark("here"));
+    assert!(marks[15].time <= again.state.time && marks[15].time > kept.time);
+    let forget = |name| SimulatorCommand::Forget {
+        name: bookmark(name),
+    };
+    tell(&world, forget("mark-3")).expect("it is there");
+    assert!(refusal(&world, forget("mark-3")).contains("mark-3"));
+    assert!(refusal(&world, restore("mark-3")).contains("mark-3"));
+    tell(&world, keep("one-more")).expect("there is room again");
     world.stop(Duration::from_secs(2)).expect("it ends");
 }

@@ -83,6 +83,23 @@ impl Sector {
     }
 }
 
+/// What a chip holds when its power is off, and the cut that is planned.
+#[cfg(feature = "live")]
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Contents {
+    sectors: Vec<Sector>,
+    budget: Option<u64>,
+}
+
+#[cfg(feature = "live")]
+impl Contents {
+    /// Memory of the host that it takes, in bytes.
+    pub(crate) fn footprint(&self) -> usize {
+        let written = self.sectors.iter().map(|sector| sector.written.len());
+        written.sum::<usize>() + self.sectors.len() * size_of::<Sector>()
+    }
+}
+
 /// The memory itself, which outlives the programs that use it.
 #[derive(Debug)]
 pub struct Chip {
@@ -135,6 +152,24 @@ impl Chip {
             sector.written.truncate(ERASE_BYTES);
         }
         chip
+    }
+
+    /// What is in it.
+    #[cfg(feature = "live")]
+    pub(crate) fn contents(&self) -> Contents {
+        Contents {
+            sectors: self.sectors.clone(),
+            budget: self.budget,
+        }
+    }
+
+    /// Has these contents from now on, which are those of a chip of the same size.
+    #[cfg(feature = "live")]
+    pub(crate) fn fill(&mut self, contents: &Contents) {
+        for (sector, kept) in self.sectors.iter_mut().zip(&contents.sectors) {
+            sector.clone_from(kept);
+        }
+        self.budget = contents.budget;
     }
 
     /// Cuts the power once so many more bytes were written or erased; the byte at which it

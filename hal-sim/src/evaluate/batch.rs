@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use super::trial::{Trial, run_trial};
+use super::trial::{Trial, run_trial, run_trial_unless};
 use super::verdict::Criterion;
 use crate::scenario::Scenario;
 
@@ -50,13 +50,24 @@ pub fn run_all(
         .unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// A run that panics has found a mistake in the program or the simulator; the others go on.
+/// Does one job, and gives it up in the middle once `stop` is set: there is nothing to show of it
+/// then. One that panics has failed.
+#[must_use]
+pub fn run_unless(job: &Job<'_>, stop: &AtomicBool) -> Option<Trial> {
+    caught(job.seed, || run_trial_unless(job.scenario, job.seed, stop))
+        .unwrap_or_else(|broken| Some(*broken))
+}
+
 fn run_caught(job: &Job<'_>) -> Trial {
-    let run = || run_trial(job.scenario, job.seed);
-    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|cause| {
+    caught(job.seed, || run_trial(job.scenario, job.seed)).unwrap_or_else(|broken| *broken)
+}
+
+/// A run that panics has found a mistake in the program or the simulator; the others go on.
+fn caught<T>(seed: u64, run: impl FnOnce() -> T) -> Result<T, Box<Trial>> {
+    catch_unwind(AssertUnwindSafe(run)).map_err(|cause| {
         let text = cause.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| cause.downcast_ref::<&str>().copied());
         let what = text.unwrap_or("without a word").to_owned();
-        Trial::broken(job.seed, Criterion::Panic, what)
+        Box::new(Trial::broken(seed, Criterion::Panic, what))
     })
 }

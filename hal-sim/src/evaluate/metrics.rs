@@ -77,6 +77,66 @@ impl Metric {
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|metric| metric.name() == name)
     }
+
+    /// What its values are in.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Success
+            | Self::Reached
+            | Self::PathOptimality
+            | Self::Uptime
+            | Self::CommandSuccess => "share",
+            Self::TimeToGoalS | Self::RecoveryS => "s",
+            Self::EnergyJ => "J",
+            Self::Collisions => "contacts",
+            Self::MinClearanceM | Self::DistanceM => "m",
+            Self::MessagesPerTask => "messages",
+        }
+    }
+
+    /// Which way is better.
+    #[must_use]
+    pub const fn better(self) -> Better {
+        match self {
+            Self::Success
+            | Self::Reached
+            | Self::PathOptimality
+            | Self::MinClearanceM
+            | Self::Uptime
+            | Self::CommandSuccess => Better::More,
+            Self::TimeToGoalS
+            | Self::EnergyJ
+            | Self::Collisions
+            | Self::RecoveryS
+            | Self::MessagesPerTask => Better::Less,
+            // To drive far is the task of one scenario and a detour in another.
+            Self::DistanceM => Better::Neither,
+        }
+    }
+}
+
+/// Which way of a metric is better.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Better {
+    /// The more the better.
+    More,
+    /// The less the better.
+    Less,
+    /// It depends.
+    Neither,
+}
+
+impl Better {
+    /// Its name in files and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::More => "more",
+            Self::Less => "less",
+            Self::Neither => "neither",
+        }
+    }
 }
 
 /// What was measured of one run; a metric is missing where the run has nothing it could be
@@ -85,6 +145,18 @@ impl Metric {
 pub struct Measured([Option<f64>; Metric::COUNT]);
 
 impl Measured {
+    /// These values, in the order of [`Metric::ALL`]; what is not finite is not measured.
+    #[must_use]
+    pub fn of(values: [Option<f64>; Metric::COUNT]) -> Self {
+        Self(values.map(|value| value.filter(|value| value.is_finite())))
+    }
+
+    /// All of them, in the order of [`Metric::ALL`].
+    #[must_use]
+    pub const fn values(&self) -> &[Option<f64>; Metric::COUNT] {
+        &self.0
+    }
+
     /// One of them.
     #[must_use]
     pub fn get(&self, metric: Metric) -> Option<f64> {
@@ -166,6 +238,10 @@ mod tests {
         measured.set(Metric::Uptime, Some(0.5));
         assert_eq!(measured.get(Metric::EnergyJ), None);
         assert_eq!(measured.get(Metric::Uptime), Some(0.5));
+        let mut values = *measured.values();
+        assert_eq!(Measured::of(values), measured);
+        values[Metric::Collisions as usize] = Some(f64::INFINITY);
+        assert_eq!(Measured::of(values), measured);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
-use super::metrics::Metric;
+use super::metrics::{Measured, Metric};
 use super::statistics::{Estimate, of_mean, of_share};
 use super::trial::Trial;
 use crate::scenario::{Scenario, Threshold};
@@ -44,40 +44,55 @@ pub struct Verdict {
     pub met: bool,
 }
 
-impl Evaluation {
-    /// Sums runs up, against the thresholds of the scenario and some more.
+impl Line {
+    /// Every metric that at least one run has, in the order of [`Metric::ALL`].
     #[must_use]
-    pub fn new(scenario: &Scenario, trials: Vec<Trial>, more: &[Threshold]) -> Self {
-        let lines: Vec<Line> = Metric::ALL
-            .into_iter()
-            .filter_map(|metric| {
-                let values = trials.iter().filter_map(|trial| trial.measured.get(metric));
-                let values: Vec<f64> = values.collect();
-                let estimate = if metric == Metric::Success {
-                    let successes = trials.iter().filter(|trial| trial.is_success());
-                    of_share(successes.count(), trials.len())
-                } else {
-                    of_mean(&values)
-                };
-                Some(Line {
-                    metric,
-                    estimate: estimate?,
-                })
+    pub fn all(runs: &[Measured]) -> Vec<Self> {
+        let line = |metric: Metric| {
+            let values: Vec<f64> = runs.iter().filter_map(|run| run.get(metric)).collect();
+            let estimate = if metric == Metric::Success {
+                let successes = values.iter().filter(|&&value| value > 0.5);
+                of_share(successes.count(), values.len())
+            } else {
+                of_mean(&values)
+            };
+            Some(Self {
+                metric,
+                estimate: estimate?,
             })
-            .collect();
-        let verdicts = scenario.thresholds.iter().chain(more).map(|&threshold| {
+        };
+        Metric::ALL.into_iter().filter_map(line).collect()
+    }
+}
+
+impl Verdict {
+    /// What `lines` come to against the thresholds of the scenario and some more.
+    #[must_use]
+    pub fn all(scenario: &Scenario, lines: &[Line], more: &[Threshold]) -> Vec<Self> {
+        let judge = |&threshold: &Threshold| {
             let line = lines.iter().find(|line| line.metric == threshold.metric);
             let mean = line.map(|line| line.estimate.mean);
-            Verdict {
+            Self {
                 threshold,
                 mean,
                 met: threshold.is_met(mean),
             }
-        });
+        };
+        scenario.thresholds.iter().chain(more).map(judge).collect()
+    }
+}
+
+impl Evaluation {
+    /// Sums runs up, against the thresholds of the scenario and some more.
+    #[must_use]
+    pub fn new(scenario: &Scenario, trials: Vec<Trial>, more: &[Threshold]) -> Self {
+        let measured: Vec<Measured> = trials.iter().map(|trial| trial.measured).collect();
+        let lines = Line::all(&measured);
+        let verdicts = Verdict::all(scenario, &lines, more);
         Self {
             scenario: scenario.name.clone(),
             robots: scenario.robots,
-            verdicts: verdicts.collect(),
+            verdicts,
             lines,
             trials,
         }

@@ -1,5 +1,7 @@
 //! One run of a scenario, measured.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{BehaviourName, RobotState, Topic};
 
@@ -63,10 +65,29 @@ impl Trial {
 /// When simulator or program do: that would be a mistake in them.
 #[must_use]
 pub fn run_trial(scenario: &Scenario, seed: u64) -> Trial {
-    match Observer::new(scenario, seed) {
-        Ok(observer) => observer.run(),
-        Err(error) => Trial::broken(seed, Criterion::SetUp, error.to_string()),
+    let never = AtomicBool::new(false);
+    let run = |observer: Observer<'_>| observer.run(&never).finish();
+    Observer::new(scenario, seed).map_or_else(|error| set_up(seed, &error), run)
+}
+
+/// The same, given up in the middle once `stop` is set; `None` then.
+///
+/// # Panics
+/// As [`run_trial`].
+#[must_use]
+pub fn run_trial_unless(scenario: &Scenario, seed: u64, stop: &AtomicBool) -> Option<Trial> {
+    if stop.load(Ordering::Relaxed) {
+        return None;
     }
+    let observer = match Observer::new(scenario, seed) {
+        Ok(observer) => observer.run(stop),
+        Err(error) => return Some(set_up(seed, &error)),
+    };
+    (!stop.load(Ordering::Relaxed)).then(|| observer.finish())
+}
+
+fn set_up(seed: u64, error: &SimulationError) -> Trial {
+    Trial::broken(seed, Criterion::SetUp, error.to_string())
 }
 
 /// A robot so far.
@@ -138,11 +159,12 @@ impl<'a> Observer<'a> {
         })
     }
 
-    fn run(mut self) -> Trial {
+    /// Runs to the end, or until `stop` is set.
+    fn run(mut self, stop: &AtomicBool) -> Self {
         let end = Instant::from_micros((f64::from(self.scenario.duration_s) * 1e6) as u64);
         let has_goals = !self.scenario.goals.is_empty();
         let mut over: Option<Instant> = None;
-        while self.simulation.now() < end {
+        while self.simulation.now() < end && !stop.load(Ordering::Relaxed) {
             let next = (self.simulation.now() + LOOK).min(end);
             self.simulation.run_until(next);
             self.look();
@@ -153,7 +175,7 @@ impl<'a> Observer<'a> {
                 }
             }
         }
-        self.finish()
+        self
     }
 
     fn all_are_back(&self) -> bool {

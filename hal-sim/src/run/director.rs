@@ -242,6 +242,26 @@ impl Director {
         self.given.push(0);
     }
 
+    /// Takes note of a robot that was here before: it has no errands any more.
+    #[cfg(feature = "live")]
+    pub(crate) fn add_idle(&mut self) {
+        self.routes.push(Route::default());
+        self.given.push(0);
+    }
+
+    /// Leaves out what happened up to `now`.
+    #[cfg(feature = "live")]
+    pub(crate) fn skip_to(&mut self, now: Instant) {
+        // What is due then has been done.
+        while self.entries.iter().any(|entry| entry.next <= now) {
+            self.due(0, now);
+        }
+        if self.next_look < Instant::FAR_FUTURE {
+            self.next_look = self.next_look.max(now);
+        }
+        self.plan();
+    }
+
     fn drawn(&self, draw: Draw, goal: usize, robot: usize, start: Pose) -> [f32; 2] {
         let Some(map) = &self.map else {
             return [start.x, start.y];

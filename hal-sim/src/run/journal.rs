@@ -15,7 +15,7 @@ use super::error::SimulationError;
 use super::simulation::Simulation;
 use crate::faults::Fault;
 use crate::net::lockstep::Cut;
-use crate::world::Pose;
+use crate::world::{Dropped, Pose};
 
 /// Most inputs kept. A hundred robots that each get a command every second fill it in eleven
 /// minutes of such use; the table of a test run has a few dozen.
@@ -96,6 +96,16 @@ pub enum Input {
         robot: u32,
         /// What it says.
         text: String,
+    },
+    /// Something was put into the arena.
+    Drop {
+        /// What.
+        what: Dropped,
+    },
+    /// Something that had been put there was taken away.
+    Take {
+        /// Its number.
+        item: u32,
     },
 }
 
@@ -240,6 +250,12 @@ impl Simulation {
             }
             Input::Heal { robot } => self.heal(*robot as usize),
             Input::Crash { robot, text } => self.crash(*robot as usize, text),
+            Input::Drop { what } => {
+                let _ = self.drop_in(*what);
+            }
+            Input::Take { item } => {
+                self.take_away(*item);
+            }
         }
     }
 }

@@ -4,12 +4,15 @@
 //! try to catch up for ever: what lies further behind than [`MAX_BATCH`] is given up, virtual
 //! time falls behind, and [`LiveMetrics::real_time_factor`] says how fast it runs.
 
+mod bookmarks;
 mod control;
 mod driver;
 mod error;
 mod log;
+mod obey;
 mod pacer;
 mod radio;
+mod scene;
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -21,7 +24,7 @@ use std::time::Duration as StdDuration;
 use crawler_app::Credentials;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Fleet, SimulatorCommand};
-use tokio::sync::{Notify, mpsc, oneshot};
+use tokio::sync::{Notify, mpsc, oneshot, watch};
 
 use super::SimulationError;
 use super::simulation::{BrokerAddress, Simulation, Way};
@@ -32,12 +35,15 @@ use crate::sched::SimClock;
 use crate::world::Arena;
 use pacer::Pacer;
 
+pub use bookmarks::{Bookmark, MAX_BOOKMARKS};
 pub use control::{ControlError, LiveDone, LiveState};
 pub use crawler_tls::Authority;
 pub use error::LiveError;
+pub use scene::LiveScene;
 
+use bookmarks::Bookmarks;
 use control::{MAX_ORDERS, Order, Watch};
-use driver::Driver;
+use driver::{Beginning, Driver};
 use log::Log;
 
 /// Most virtual time that is run at once, and most that is made up for.
@@ -140,7 +146,7 @@ impl Board {
 pub struct LiveHandle {
     board: Arc<Board>,
     orders: mpsc::Sender<Order>,
-    arena: Arena,
+    scene: watch::Receiver<LiveScene>,
     radio: Option<Arc<Proxy>>,
     ending: Mutex<Ending>,
 }
@@ -209,11 +215,11 @@ fn start_with(config: LiveConfig, record: Option<PathBuf>) -> Result<LiveHandle,
             }
         })
         .map_err(LiveError::Runtime)?;
-    let arena = ready.recv().map_err(|_| LiveError::Crashed)??;
+    let scene = ready.recv().map_err(|_| LiveError::Crashed)??;
     Ok(LiveHandle {
         board,
         orders,
-        arena,
+        scene,
         radio,
         ending: Mutex::new(Ending {
             from: report,
@@ -286,10 +292,22 @@ impl LiveHandle {
         self.radio.as_ref()
     }
 
-    /// The arena of the world.
+    /// The arena of the world as it is now.
     #[must_use]
-    pub fn arena(&self) -> &Arena {
-        &self.arena
+    pub fn arena(&self) -> Arc<Arena> {
+        Arc::clone(&self.scene.borrow().arena)
+    }
+
+    /// What the world is made of now.
+    #[must_use]
+    pub fn scene(&self) -> LiveScene {
+        self.scene.borrow().clone()
+    }
+
+    /// The same for whoever wants to hear of changes.
+    #[must_use]
+    pub fn watch_scene(&self) -> watch::Receiver<LiveScene> {
+        self.scene.clone()
     }
 
     /// Stops every robot, waits up to `patience` for them to stand, says goodbye to the broker
@@ -349,7 +367,7 @@ fn run(
     board: &Board,
     (orders, record): (mpsc::Receiver<Order>, Option<PathBuf>),
     (ready, report): (
-        &SyncSender<Result<Arena, LiveError>>,
+        &SyncSender<Result<watch::Receiver<LiveScene>, LiveError>>,
         &SyncSender<LiveReport>,
     ),
 ) {
@@ -365,7 +383,7 @@ fn run(
             return;
         }
     };
-    let seed = config.seed;
+    let beginning = Beginning::New(Box::new(config.scenario), config.seed);
     let log = match Log::open(record.as_deref()) {
         Ok(log) => log,
         Err(error) => {
@@ -374,20 +392,19 @@ fn run(
         }
     };
     let over = radio.clone();
-    let make = move |seed, given| {
+    let make = move |beginning: &Beginning<'_>, given| {
         let gateway = Gateway::new(addresses.clone(), over.clone(), config.authority);
-        let simulation = Simulation::with(
-            config.scenario.clone(),
-            seed,
-            &SimClock::new(),
-            config.fleet.clone(),
-            Way::Live(gateway.clone()),
-            given,
-            None,
-        )?;
-        Ok::<_, SimulationError>((gateway, simulation))
+        let (fleet, way) = (config.fleet.clone(), Way::Live(gateway.clone()));
+        let simulation = match beginning {
+            Beginning::New(scenario, seed) => {
+                let (scenario, clock) = (scenario.as_ref().clone(), SimClock::new());
+                Simulation::with(scenario, *seed, &clock, fleet, way, given, None)
+            }
+            Beginning::Again(kept) => Simulation::again(kept, fleet, way, given),
+        };
+        Ok::<_, SimulationError>((gateway, simulation?))
     };
-    let (gateway, simulation) = match make(seed, log.given(&broker)) {
+    let (gateway, simulation) = match make(&beginning, log.given(&broker)) {
         Ok(made) => made,
         Err(error) => {
             let _ = ready.send(Err(LiveError::Simulation(error)));
@@ -399,7 +416,8 @@ fn run(
         .store(simulation.robots() as u32, Ordering::Relaxed);
     board.running.store(true, Ordering::Release);
     let running = Running(board);
-    let _ = ready.send(Ok(simulation.world().arena()));
+    let (scene, seen) = watch::channel(LiveScene::of(&simulation));
+    let _ = ready.send(Ok(seen));
     let mut driver = Driver {
         simulation,
         gateway,
@@ -409,6 +427,8 @@ fn run(
         given: broker,
         log,
         board,
+        scene,
+        bookmarks: Bookmarks::default(),
         orders,
         stepping: None,
         watch: Watch::start(std::time::Instant::now()),

@@ -5,6 +5,8 @@ mod direct;
 mod faults;
 mod history;
 mod hostile;
+#[cfg(feature = "live")]
+mod kept;
 mod observe;
 mod outside;
 mod robots;
@@ -31,6 +33,9 @@ use crate::net::lockstep::Air;
 use crate::scenario::{Scenario, Spawner};
 use crate::sched::{Scheduler, SimClock};
 use crate::world::{Members, PHYSICS_STEP, RobotIndex, World};
+
+#[cfg(feature = "live")]
+pub(crate) use kept::Kept;
 
 /// Unix time at the beginning of every simulated world: 2026-01-01, in milliseconds.
 pub const EPOCH_MS: u64 = 1_767_225_600_000;
@@ -237,6 +242,31 @@ impl Simulation {
         broker: BrokerAddress,
         seat: Option<Seat>,
     ) -> Result<Self, SimulationError> {
+        let robots = scenario.robots;
+        let mut simulation = Self::deserted(scenario, seed, clock, fleet, way, broker, seat)?;
+        for number in 1..=robots {
+            match simulation.place(None) {
+                Err(SimulationError::NoRoom(..)) => {
+                    return Err(SimulationError::NoRoom(number, robots));
+                }
+                other => other?,
+            };
+        }
+        #[cfg(feature = "live")]
+        simulation.send_messenger(clock);
+        Ok(simulation)
+    }
+
+    /// The same without a robot.
+    fn deserted(
+        scenario: Scenario,
+        seed: u64,
+        clock: &SimClock,
+        fleet: Fleet,
+        way: Way,
+        broker: BrokerAddress,
+        seat: Option<Seat>,
+    ) -> Result<Self, SimulationError> {
         scenario.validate()?;
         let action = scenario.action()?;
         let next_time = if matches!(way, Way::None) {
@@ -255,9 +285,8 @@ impl Simulation {
             world.record(deck);
         }
         let mind = scenario.detector.map(Mind::new).transpose()?;
-        let robots = scenario.robots;
         let camera = Camera::new(scenario.tracker, seed).filter(|_| !matches!(way, Way::None));
-        let mut simulation = Self {
+        Ok(Self {
             scenario,
             seed,
             fleet,
@@ -284,18 +313,7 @@ impl Simulation {
             troubles: faults::Troubles::default(),
             broker,
             mind,
-        };
-        for number in 1..=robots {
-            match simulation.place(None) {
-                Err(SimulationError::NoRoom(..)) => {
-                    return Err(SimulationError::NoRoom(number, robots));
-                }
-                other => other?,
-            };
-        }
-        #[cfg(feature = "live")]
-        simulation.send_messenger(clock);
-        Ok(simulation)
+        })
     }
 
     /// Connects the camera of a live world to the broker.

@@ -212,6 +212,18 @@ impl Spawner {
         self.fixed.get(robot).copied()
     }
 
+    /// Where robot number `robot` begins: where it is told to, or at the first drawn place with
+    /// this much room, metres, by what `clearance` says of a point. `None` when there is none.
+    pub(crate) fn place(
+        &mut self,
+        robot: usize,
+        margin: f32,
+        mut clearance: impl FnMut(f32, f32) -> f32,
+    ) -> Option<Pose> {
+        let given = self.given(robot);
+        given.or_else(|| self.find(robot, |pose| clearance(pose.x, pose.y) >= margin))
+    }
+
     /// The first drawn pose for robot number `robot` that `free` agrees to; `None` when it refuses
     /// too many.
     pub fn find(&mut self, robot: usize, mut free: impl FnMut(Pose) -> bool) -> Option<Pose> {

@@ -13,6 +13,7 @@ fn built_in_scenarios_are_sound_and_named_like_their_files() {
     for name in Scenario::names() {
         let scenario = Scenario::built_in(name).unwrap();
         assert_eq!(scenario.name, name);
+        assert!(scenario.about.ends_with('.'), "{name}: {}", scenario.about);
         scenario.arena(1).unwrap();
     }
     let unknown = Scenario::built_in("maze").unwrap_err().to_string();
@@ -21,6 +22,46 @@ fn built_in_scenarios_are_sound_and_named_like_their_files() {
         "no scenario is called \"maze\"; there are arena, corridor, empty, search, simple-navigation, \
          dynamic-environment, multi-robot-coordination, resilience, long-duration"
     );
+}
+
+#[test]
+fn a_preview_is_how_a_simulation_begins() {
+    for (name, robots, seed) in [
+        ("arena", 12, 3),
+        ("multi-robot-coordination", 6, 1),
+        ("dynamic-environment", 2, 9),
+    ] {
+        let scenario = Scenario::built_in(name).unwrap().with_robots(robots);
+        let preview = scenario.preview(seed, 1_000).unwrap();
+        let simulation = crate::run::Simulation::without_network(scenario.clone(), seed).unwrap();
+        assert_eq!(preview.arena, simulation.world().arena(), "{name}");
+        let poses = (0..simulation.robots()).map(|robot| simulation.pose(robot).unwrap());
+        let poses: Vec<_> = poses.collect();
+        assert_eq!(preview.poses.len(), robots as usize);
+        for (seen, is) in preview.poses.iter().zip(&poses) {
+            assert_eq!((seen.x, seen.y), (is.x, is.y), "{name}");
+            assert!((seen.theta - is.theta).abs() < 1e-5, "{name}");
+        }
+        let few = scenario.preview(seed, 1).unwrap();
+        assert_eq!(few.poses, preview.poses[..1]);
+    }
+    let crowd = Scenario::built_in("corridor").unwrap().with_robots(2_000);
+    let error = crowd.preview(1, 1_000).unwrap_err().to_string();
+    assert!(error.contains("no room for robot"), "{error}");
+}
+
+#[test]
+fn a_scenario_says_what_it_is_in_a_line() {
+    let about = |text: &str| format!("name = \"a\"\nabout = \"{text}\"");
+    let longest = "\u{e9}".repeat(200);
+    assert_eq!(Scenario::parse(&about(&longest)).unwrap().about, longest);
+    for wrong in [&*"x".repeat(201), "two\\nlines", "\\u0007"] {
+        let told = error(&about(wrong));
+        assert!(told.contains("about must be one line"), "{told}");
+    }
+    // What says nothing is written without.
+    let plain = toml::to_string(&Scenario::parse("name = \"a\"").unwrap()).unwrap();
+    assert!(!plain.contains("about"), "{plain}");
 }
 
 #[test]

@@ -4,6 +4,9 @@ use super::timeline::{LONGEST_S, MOST_ENTRIES, MOST_REPEATS, Times};
 use super::{Scenario, ScenarioError};
 use crate::world::{ARENA_SIDE_M, Arena, MAX_ROBOTS};
 
+/// Most characters of what a scenario says about itself.
+const LONGEST_ABOUT: usize = 200;
+
 impl Scenario {
     /// Checks every value.
     ///
@@ -12,6 +15,11 @@ impl Scenario {
     pub fn validate(&self) -> Result<(), ScenarioError> {
         if self.name.is_empty() || self.name.len() > 64 {
             return Err(ScenarioError::value("name", "must have 1 to 64 bytes"));
+        }
+        let told = self.about.chars();
+        if told.clone().count() > LONGEST_ABOUT || told.clone().any(char::is_control) {
+            let rule = format!("must be one line of at most {LONGEST_ABOUT} characters");
+            return Err(ScenarioError::value("about", rule));
         }
         if self.robots as usize > MAX_ROBOTS {
             let rule = format!("must be at most {MAX_ROBOTS}, not {}", self.robots);

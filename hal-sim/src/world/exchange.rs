@@ -73,13 +73,18 @@ impl World {
     ) -> Result<(RobotIndex, Option<BodyParts>), PlacementError> {
         let seed = self.shared.seed;
         let index = self.shared.space.borrow_mut().place(pose, seed)?;
+        Ok((index, self.furnish(index, wiring)))
+    }
+
+    /// Gives the newest robot its devices, when it is a member.
+    pub(super) fn furnish(&mut self, index: RobotIndex, wiring: Wiring) -> Option<BodyParts> {
         let ports = self
             .members
             .contains(index.0 as usize)
             .then(|| Rc::new(Ports::new(Rc::clone(&self.shared), index, wiring)));
         let parts = ports.as_ref().map(BodyParts::new);
         self.robots.push(ports);
-        Ok((index, parts))
+        parts
     }
 
     /// The robots whose devices are here.

@@ -89,7 +89,11 @@ impl World {
     pub fn hash(&self) -> u64 {
         let mut hasher = Hasher::new();
         hasher.word(self.steps());
-        movers(&mut hasher, &self.shared.space.borrow().movers);
+        {
+            let space = self.shared.space.borrow();
+            movers(&mut hasher, &space.movers);
+            space.items.fold(&mut hasher);
+        }
         for i in self.members.iter(self.robots.len()) {
             let own = self.robot_hash(RobotIndex(i as u32));
             hasher.word(own.unwrap_or_default());

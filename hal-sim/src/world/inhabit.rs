@@ -25,11 +25,16 @@ impl Space {
         if self.clearance(pose.position(), 2.0 * radius) < radius {
             return Err(PlacementError::Occupied);
         }
+        Ok(self.admit(pose, seed))
+    }
+
+    /// Puts a robot at `pose`, whatever is there.
+    pub(super) fn admit(&mut self, pose: Pose, seed: u64) -> RobotIndex {
         let robot = RobotIndex::new(self.bodies.len() as u32);
         let mut rng = stream(seed, robot.get(), Purpose::Build);
         let pose = Pose::new(pose.x, pose.y, wrap_any(pose.theta));
         self.bodies.push(pose, &self.parameters, &mut rng);
-        Ok(robot)
+        robot
     }
 
     /// Takes a robot out. Does nothing when there is none.

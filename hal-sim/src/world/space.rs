@@ -2,6 +2,7 @@
 
 use super::arena::{Arena, ArenaError, Solid};
 use super::bodies::{Bodies, Presence};
+use super::dropped::Items;
 use super::geometry::{Beam, Cone, Vec2};
 use super::grid::{Cells, Grid};
 use super::members::Members;
@@ -55,6 +56,21 @@ pub(crate) struct Space {
     pub(crate) stale_m: f32,
     /// Robots from this index on were added since the grid was rebuilt.
     pub(super) listed: usize,
+    /// What was dropped into the arena and lies there now, at the end of its lists.
+    pub(super) items: Items,
+}
+
+/// Whether a grid of these cells can hold all of them.
+pub(super) fn fits_grid(cells: &Cells, solids: impl Iterator<Item = Solid>) -> bool {
+    let overlaps = |solid: Solid| {
+        let half = solid
+            .half_extents()
+            .plus(Vec2::new(SOLID_MARGIN_M, SOLID_MARGIN_M));
+        let block = cells.around(solid.centre(), half);
+        u64::from(block.columns.1 - block.columns.0 + 1)
+            * u64::from(block.rows.1 - block.rows.0 + 1)
+    };
+    solids.map(overlaps).sum::<u64>() <= MAX_OVERLAPS
 }
 
 impl Space {
@@ -71,22 +87,11 @@ impl Space {
         arena.validate()?;
         let solids: Vec<Solid> = arena.solids().collect();
         let cells = Cells::new(&arena);
-        let overlaps = |solid: Solid| {
-            let half = solid
-                .half_extents()
-                .plus(Vec2::new(SOLID_MARGIN_M, SOLID_MARGIN_M));
-            let block = cells.around(solid.centre(), half);
-            u64::from(block.columns.1 - block.columns.0 + 1)
-                * u64::from(block.rows.1 - block.rows.0 + 1)
-        };
-        if solids.iter().copied().map(overlaps).sum::<u64>() > MAX_OVERLAPS {
+        if !fits_grid(&cells, solids.iter().copied()) {
             return Err(ArenaError::TooManyObstacles);
         }
-        let grounds = arena
-            .patches
-            .iter()
-            .map(|patch| Solid::new(&patch.ground()));
-        if grounds.map(overlaps).sum::<u64>() > MAX_OVERLAPS {
+        let grounds = arena.patches.iter();
+        if !fits_grid(&cells, grounds.map(|patch| Solid::new(&patch.ground()))) {
             return Err(ArenaError::TooManyPatches);
         }
         let solid_grid = Grid::of_solids(&cells, &solids, SOLID_MARGIN_M);
@@ -118,9 +123,18 @@ impl Space {
             steps: 0,
             stale_m: stride_m * REBUILD_STEPS as f32,
             listed: 0,
+            items: Items::default(),
         };
         space.rebuild_grid();
         Ok(space)
+    }
+
+    /// Lists what stands in the arena anew, because that has changed.
+    pub(super) fn rebuild_solids(&mut self) {
+        self.solids = self.arena.solids().collect();
+        self.solid_grid = Grid::of_solids(&self.cells, &self.solids, SOLID_MARGIN_M);
+        // Also who may meet something fixed.
+        self.rebuild_grid();
     }
 
     pub(crate) fn rebuild_grid(&mut self) {
@@ -183,6 +197,11 @@ impl Space {
         if self.bodies.len() - self.listed > unlisted {
             self.rebuild_grid();
         }
+    }
+
+    /// See [`World::clearance`](super::World::clearance).
+    pub(crate) fn clear_of(&mut self, x: f32, y: f32, limit: f32) -> f32 {
+        self.clearance(Vec2::new(x, y), limit.clamp(0.0, 1_000.0))
     }
 
     /// Distance from a point to the nearest surface of anything, negative inside, looking no

@@ -3,6 +3,7 @@
 mod cone;
 mod contact;
 mod convergence;
+mod dropped;
 mod hearing;
 mod momentum;
 mod motion;

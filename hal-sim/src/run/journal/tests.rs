@@ -1,5 +1,6 @@
 use super::*;
 use crate::faults::Wheel;
+use crate::world::{Colour, Object, ObjectShape, Obstacle};
 
 #[test]
 fn inputs_are_written_so_that_they_read_the_same() {
@@ -42,6 +43,25 @@ fn inputs_are_written_so_that_they_read_the_same() {
             lasting_us: Some(7),
         },
         Input::Heal { robot: 0 },
+        Input::Drop {
+            what: Dropped::Obstacle(Obstacle::Box {
+                x: 0.1,
+                y: -1.7,
+                w: 0.3,
+                h: 0.2,
+                theta: 0.7,
+            }),
+        },
+        Input::Drop {
+            what: Dropped::Object(Object {
+                shape: ObjectShape::Cone,
+                x: 1.3,
+                y: 0.0,
+                size: 0.1,
+                colour: Colour::Purple,
+            }),
+        },
+        Input::Take { item: 2 },
         Input::Crash {
             robot: 9,
             text: "src/x.rs:1: \u{1F980}".to_owned(),

@@ -9,23 +9,35 @@ use std::time::Duration as StdDuration;
 
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::Action;
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 use tokio::time::Instant as RealInstant;
 
-use super::control::{Order, Stepping, Watch};
+use super::bookmarks::Bookmarks;
+use super::control::{Order, Watch};
 use super::log::Log;
+use super::obey::Stepping;
 use super::pacer::Pacer;
+use super::scene::LiveScene;
 use super::{
     Board, LAST_WORDS, LONGEST_REST, LiveReport, MAX_BATCH, PLACE_PERIOD, STANDING, TURN, radio,
 };
 use crate::net::live::Gateway;
 use crate::net::proxy::Proxy;
 use crate::run::SimulationError;
-use crate::run::simulation::{BrokerAddress, Simulation};
+use crate::run::simulation::{BrokerAddress, Kept, Simulation};
+use crate::scenario::Scenario;
 
-/// Makes a world of some seed, and its way to the broker.
+/// What a world begins as.
+pub(super) enum Beginning<'a> {
+    /// This scenario with this seed.
+    New(Box<Scenario>, u64),
+    /// What was kept of another.
+    Again(&'a Kept),
+}
+
+/// Makes a world, and its way to the broker.
 pub(super) type Make =
-    Box<dyn Fn(u64, BrokerAddress) -> Result<(Gateway, Simulation), SimulationError>>;
+    Box<dyn Fn(&Beginning<'_>, BrokerAddress) -> Result<(Gateway, Simulation), SimulationError>>;
 
 pub(super) struct Driver<'a> {
     pub(super) simulation: Simulation,
@@ -38,6 +50,8 @@ pub(super) struct Driver<'a> {
     pub(super) given: BrokerAddress,
     pub(super) log: Log,
     pub(super) board: &'a Board,
+    pub(super) scene: watch::Sender<LiveScene>,
+    pub(super) bookmarks: Bookmarks,
     pub(super) orders: mpsc::Receiver<Order>,
     pub(super) stepping: Option<Stepping>,
     pub(super) watch: Watch,

@@ -205,6 +205,11 @@ impl Recorder {
             if breaks {
                 self.file.add(topics::FAULTS, entry.at_us, entry)?;
             }
+            // As it is after all of them: what is looked at next is what counts.
+            if matches!(entry.input, Input::Drop { .. } | Input::Take { .. }) {
+                let arena = scene::arena(&simulation.world().arena(), entry.at_us);
+                self.file.add(topics::ARENA, entry.at_us, &arena)?;
+            }
         }
         self.entries = entries.len();
         Ok(())

@@ -16,6 +16,7 @@ type Place = (u32, Part);
 /// A fault that holds.
 #[derive(Debug)]
 struct Active {
+    fault: Fault,
     /// When it is over by itself.
     until: Instant,
     /// When something is to be done about it.
@@ -66,6 +67,13 @@ impl Troubles {
         for place in self.of(robot) {
             self.leave(place);
         }
+    }
+
+    /// What is broken: whose, what, and until when.
+    #[cfg(feature = "live")]
+    pub(super) fn all(&self) -> impl Iterator<Item = (usize, Fault, Instant)> {
+        let all = self.active.iter();
+        all.map(|((robot, _), active)| (*robot as usize, active.fault, active.until))
     }
 
     /// Whoever attacks a robot hears what it is told.
@@ -119,6 +127,7 @@ impl Simulation {
         let now = self.now();
         let until = lasting.map_or(Instant::FAR_FUTURE, |lasting| now + lasting);
         let mut active = Active {
+            fault,
             until,
             next: until,
             hostile: None,

@@ -8,6 +8,7 @@ use crate::run::SimulationError;
 use crate::run::journal::{Input, Payload};
 use crate::run::snapshot::Link;
 use crate::scenario::Scenario;
+use crate::world::{DropError, Dropped};
 
 impl Simulation {
     /// A simulation whose robots reach their broker by `link`.
@@ -76,6 +77,23 @@ impl Simulation {
         if let Way::Lockstep(air) = &self.way {
             air.require_credentials(credentials);
         }
+    }
+
+    /// Puts something solid into the arena, for everybody to meet and to see. Returns its number.
+    ///
+    /// # Errors
+    /// See [`DropError`]; nothing has changed then.
+    pub fn drop_in(&mut self, what: Dropped) -> Result<u32, DropError> {
+        // The journal is to be read again, number by number.
+        what.validate()?;
+        self.journal.note(self.sched.now(), Input::Drop { what });
+        self.world.drop_in(what)
+    }
+
+    /// Takes away what was dropped as number `item`. False when nothing of that number is there.
+    pub fn take_away(&mut self, item: u32) -> bool {
+        self.journal.note(self.sched.now(), Input::Take { item });
+        self.world.take_away(item)
     }
 
     /// Makes the program of a robot panic with `text`, as a board's handler notes it, and resets

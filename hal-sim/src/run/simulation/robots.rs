@@ -1,16 +1,19 @@
 //! Robots come, go and lose their links.
 
+use std::rc::Rc;
+
 use crawler_app::Config;
 use crawler_protocol::{Kind, RobotId};
 
 use super::{Machine, Simulation, Way, next_start};
+use crate::devices::BodyParts;
 use crate::net::NoNetwork;
 use crate::net::lockstep::Cut;
 use crate::run::error::SimulationError;
 use crate::run::eyes;
 use crate::run::fingerprint::Fingerprint;
 use crate::run::journal::Input;
-use crate::run::machine;
+use crate::run::machine::{self, Program, SimRobot};
 use crate::world::Pose;
 
 impl Simulation {
@@ -45,17 +48,12 @@ impl Simulation {
 
     fn boot_anywhere(&mut self) -> Result<usize, SimulationError> {
         let number = self.machines.len();
-        if let Some(pose) = self.spawner.given(number) {
-            return self.boot_at(pose);
-        }
         let margin = self.world.parameters().chassis.radius_m + self.scenario.spawn.clearance;
         let world = &self.world;
         let all = number as u32 + 1;
         let pose = self
             .spawner
-            .find(number, |pose| {
-                world.clearance(pose.x, pose.y, margin) >= margin
-            })
+            .place(number, margin, |x, y| world.clearance(x, y, margin))
             .ok_or(SimulationError::NoRoom(all, all))?;
         self.boot_at(pose)
     }
@@ -76,16 +74,8 @@ impl Simulation {
             }
             _ => number,
         };
-        let (sched, mind) = (&mut self.sched, self.mind.as_ref());
-        let program = robot
-            .as_ref()
-            .zip(parts)
-            .map(|(robot, parts)| match &self.way {
-                Way::None => machine::start(sched, robot, parts, NoNetwork, mind),
-                Way::Lockstep(air) => machine::start(sched, robot, parts, air.rejoin(link), mind),
-                #[cfg(feature = "live")]
-                Way::Live(gateway) => machine::start_live(sched, robot, parts, gateway, mind),
-            });
+        let running = robot.as_ref().zip(parts);
+        let program = running.map(|(robot, parts)| self.start_program(robot, parts, link));
         self.machines.push(Machine {
             id,
             index,
@@ -101,6 +91,22 @@ impl Simulation {
             self.next_start = self.next_start.min(next_start(self.sched.now()));
         }
         Ok(number)
+    }
+
+    /// Starts the program of a robot on what its body hands over.
+    pub(super) fn start_program(
+        &mut self,
+        robot: &Rc<SimRobot>,
+        parts: BodyParts,
+        link: usize,
+    ) -> Program {
+        let (sched, mind) = (&mut self.sched, self.mind.as_ref());
+        match &self.way {
+            Way::None => machine::start(sched, robot, parts, NoNetwork, mind),
+            Way::Lockstep(air) => machine::start(sched, robot, parts, air.rejoin(link), mind),
+            #[cfg(feature = "live")]
+            Way::Live(gateway) => machine::start_live(sched, robot, parts, gateway, mind),
+        }
     }
 
     /// Takes a robot out of the world, program and all. Its number is not used again.

@@ -5,7 +5,6 @@ use crawler_protocol::{MAX_MESSAGE, Neighbour, Topic};
 
 use super::{EPOCH_MS, HISTORY_PERIOD, Simulation, TIME_PERIOD, Way, next_start};
 use crate::cells;
-use crate::net::NoNetwork;
 use crate::run::{machine, tracker};
 use crate::world::{BodyEvent, PHYSICS_STEP};
 
@@ -236,16 +235,11 @@ impl Simulation {
                 continue;
             };
             let robot = machine::context(config);
+            let link = machine.link;
+            let program = self.start_program(&robot, parts, link);
+            let machine = &mut self.machines[number];
             machine.boots += 1;
-            let (sched, mind) = (&mut self.sched, self.mind.as_ref());
-            machine.program = Some(match &self.way {
-                Way::None => machine::start(sched, &robot, parts, NoNetwork, mind),
-                Way::Lockstep(air) => {
-                    machine::start(sched, &robot, parts, air.rejoin(machine.link), mind)
-                }
-                #[cfg(feature = "live")]
-                Way::Live(gateway) => machine::start_live(sched, &robot, parts, gateway, mind),
-            });
+            machine.program = Some(program);
             machine.robot = Some(robot);
             machine.history.word(self.sched.now().as_micros());
         }

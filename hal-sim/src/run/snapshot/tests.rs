@@ -5,6 +5,7 @@ use super::*;
 use crate::faults::Fault;
 use crate::net::lockstep::Cut;
 use crate::run::SimulationError;
+use crate::world::{DropError, Dropped, Obstacle};
 
 fn scenario() -> Scenario {
     Scenario::built_in("arena").expect("there").with_robots(4)
@@ -22,6 +23,20 @@ fn eventful(link: Link) -> Simulation {
     simulation.submit_raw(2, b"\xFF not a command");
     simulation.run_until(ms(6_000));
     simulation.remove(0);
+    let at = simulation.pose(1).expect("it is there");
+    let (x, y) = (at.x * 0.5, at.y * 0.5);
+    // Where robots are, so that it matters; perhaps on one, which must fail alike again.
+    let posts = [(x, y, 0.2), (-x, y, 0.15), (at.x, at.y, 0.1), (x, -y, 0.25)];
+    let mut dropped = posts.map(|(x, y, r)| {
+        let post = Dropped::Obstacle(Obstacle::Circle { x, y, r });
+        simulation.drop_in(post)
+    });
+    assert!(
+        matches!(dropped[2], Err(DropError::OnRobot(_))),
+        "{dropped:?}"
+    );
+    dropped.sort_by_key(Result::is_err);
+    assert!(dropped[0].is_ok(), "{dropped:?}");
     simulation.spawn().expect("there is room");
     simulation.run_until(ms(7_250));
     simulation
@@ -30,6 +45,8 @@ fn eventful(link: Link) -> Simulation {
     simulation.cut(1, Cut::None);
     simulation.run_until(ms(8_001));
     simulation.crash(3, "src/x.rs:1: tired");
+    let first = dropped[0].expect("the first that could be");
+    assert!(simulation.take_away(first) && !simulation.take_away(first));
     simulation.run_until(ms(9_137));
     simulation
 }
@@ -45,6 +62,8 @@ fn a_restored_world_is_the_same_and_goes_on_the_same() {
         assert_eq!(again.now(), simulation.now());
         assert_eq!(again.history_hash(), simulation.history_hash());
         assert_eq!(again.snapshot().expect("complete"), snapshot);
+        assert_eq!(again.world().arena(), simulation.world().arena());
+        assert_eq!(again.world().dropped(), simulation.world().dropped());
         for simulation in [&mut simulation, &mut again] {
             simulation.submit(1, Action::Stop);
             simulation.run_for(Duration::from_secs(4));
