@@ -4,8 +4,9 @@
 //!
 //! First an hour of every robot at 5 Hz goes in as fast as it is taken. Then samples come in at RATE
 //! a second (20,000 if none is said) for SECONDS (15), while somebody asks ten times a second for
-//! the last hour of one robot.
+//! the last hour of one robot. Then somebody asks where all of them were in the last hour.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -101,6 +102,27 @@ async fn ask(
     Ok((times, points))
 }
 
+/// Asks where all robots were in the last hour, a few times, at 300 times and at ten.
+async fn ask_for_all(history: &History, robots: &[RobotId]) -> Outcome<()> {
+    let robots: BTreeSet<RobotId> = robots.iter().cloned().collect();
+    for step in [HOUR / 300, HOUR / 10] {
+        let (mut times, mut frames) = (Vec::new(), 0);
+        for _ in 0..5 {
+            let to = now()?;
+            let begun = Instant::now();
+            let tracks = history.frames(&robots, to - HOUR, to, step).await?;
+            times.push(begun.elapsed());
+            frames = tracks.iter().map(|track| track.frames.len()).sum();
+        }
+        let [median, _, longest] = spread(&mut times);
+        println!(
+            "| last hour of {} robots, step {step} ms | {frames} frames: median {median:.0} ms, longest {longest:.0} ms |",
+            robots.len()
+        );
+    }
+    Ok(())
+}
+
 fn report(step: i64, points: usize, times: &mut [Duration]) {
     let count = times.len();
     let [median, most, longest] = spread(times);
@@ -175,6 +197,7 @@ async fn main() -> Outcome<()> {
         report(step, points, &mut times);
     }
     history.settle().await?;
+    ask_for_all(&history, &robots).await?;
     records.close().await;
     let bytes = std::fs::metadata(folder.0.join(HISTORY_FILE))?.len();
     println!(

@@ -22,7 +22,7 @@ impl Records {
     /// Writes a copy of both files into the directory `to`, which is made, or must be empty. The
     /// records may be used meanwhile; the copy is what they were at one moment. When this returns,
     /// it is checked and on disk. It is itself a directory that [`Records::open`] opens, also when
-    /// the records are in a database; a history in memory is left out then.
+    /// the records are in a database; a history that is elsewhere is left out.
     ///
     /// # Errors
     /// [`RecordsError::Exists`] when there is something in `to`, [`RecordsError::Invalid`] for
@@ -54,10 +54,10 @@ impl Records {
             }
         };
         finish(copied, &partial, &file)?;
-        if self.history().db().on_disk() {
+        if let Some(history) = self.history().db().filter(|db| db.on_disk()) {
             let file = to.join(HISTORY_FILE);
             let partial = beside(&file, PARTIAL);
-            let copied = copy(self.history().db(), &partial, &HISTORY).await;
+            let copied = copy(history, &partial, &HISTORY).await;
             finish(copied, &partial, &file)?;
         }
         sync(to)

@@ -1,9 +1,10 @@
-//! What a server must not forget: accounts, credentials, audit log, history.
+//! What a server must not forget: accounts, credentials, audit log, experiments, fences, events, history.
 //!
 //! [`Records::open`] opens a directory with two files. `records.sqlite` holds settings, [`User`]s,
-//! [`Invitation`]s, [`Session`]s, [`Credential`]s and the audit log of [`Entry`]s: a call that
-//! changes it returns when the change is on disk, also against a power cut. `history.sqlite` holds
-//! the [`history`]: samples are taken in by the thousand and reach the disk within half a second.
+//! [`Invitation`]s, [`Session`]s, [`Credential`]s, [`Experiment`]s, fences ([`KeptFence`]), [`Event`]s and the
+//! audit log of [`Entry`]s: a call that changes it returns when the change is on disk, also against a power
+//! cut. `history.sqlite` holds the [`history`]: samples are taken in by the thousand and reach the disk
+//! within half a second.
 //!
 //! [`Records::connect`] has the first of the two in a `PostgreSQL` database instead, which several
 //! servers may share.
@@ -15,11 +16,15 @@
 //! Times are Unix milliseconds and handed in. Only the history looks at a clock, for what it may
 //! forget.
 
+mod arenas;
 mod audit;
 mod backup;
 mod credentials;
 mod db;
 mod error;
+mod events;
+mod experiments;
+mod fences;
 mod files;
 pub mod history;
 mod lock;
@@ -37,9 +42,19 @@ mod users;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
+pub use arenas::MAX_ARENA;
 pub use audit::{Broken, Entry, MAX_AUDIT_PAGE, Stored};
 pub use credentials::{Credential, MAX_CREDENTIAL_NAME, MAX_CREDENTIALS};
 pub use error::RecordsError;
+pub use events::{
+    Event, EventCursor, EventLevel, EventQuery, EventRetention, MAX_EVENT_TEXT, MAX_EVENTS_PAGE,
+    NoCursor, StoredEvent,
+};
+pub use experiments::{
+    Experiment, ExperimentState, MAX_EXPERIMENT_TEXT, MAX_EXPERIMENTS, MAX_SEEDS, MAX_TRIALS,
+    NewExperiment, NewTrials, StoredTrial,
+};
+pub use fences::{KeptFence, MAX_FENCE_NAME, MAX_FENCES};
 pub use postgres::DatabaseStats;
 pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session};
 pub use settings::{MAX_SETTING, MAX_SETTING_KEY};
@@ -106,7 +121,7 @@ impl Records {
             .await;
         let opened = match whole {
             Ok(()) if history => History::open(dir).await,
-            Ok(()) => History::none().await,
+            Ok(()) => Ok(History::none()),
             Err(error) => Err(error),
         };
         match opened {
@@ -130,8 +145,8 @@ impl Records {
     }
 
     /// Opens the records in the `PostgreSQL` database at `url`, which gets its tables if it is empty
-    /// and `make` says so. The history is in the directory `history`, or in memory. Must be called
-    /// within a Tokio runtime.
+    /// and `make` says so. The history is in the directory `history`; without one, it takes no samples.
+    /// Must be called within a Tokio runtime.
     ///
     /// Every call returns within about five seconds, whatever the database does; one that cannot be
     /// reached is connected to again by the calls that follow.
@@ -157,7 +172,7 @@ impl Records {
         let remote = Remote::open(url, make).await?;
         let opened = match history {
             Some(dir) => History::open(dir).await,
-            None => History::in_memory().await,
+            None => Ok(History::none()),
         };
         match opened {
             Ok(history) => Ok(Self::of(Store::Postgres(remote), history, lock)),
@@ -210,7 +225,9 @@ impl Records {
         if let Some(keeper) = keeper {
             keeper.end().await;
         }
-        self.0.history.db().close().await;
+        if let Some(history) = self.0.history.db() {
+            history.close().await;
+        }
         self.0.db.close().await;
     }
 

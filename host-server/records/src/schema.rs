@@ -15,10 +15,15 @@ pub(crate) struct Schema {
     pub(crate) steps: &'static [&'static str],
 }
 
-/// Accounts, credentials, audit log: `TCRr`.
+/// Accounts, credentials, audit log, experiments, fences, events: `TCRr`.
 pub(crate) const RECORDS: Schema = Schema {
     id: 0x5443_5272,
-    steps: &[include_str!("schema/records.1.sql")],
+    steps: &[
+        include_str!("schema/records.1.sql"),
+        include_str!("schema/records.experiments.sql"),
+        include_str!("schema/records.fences.sql"),
+        include_str!("schema/records.events.sql"),
+    ],
 };
 
 /// History of the fleet: `TCRh`.
@@ -123,5 +128,33 @@ pub(crate) async fn check_whole(
         Ok(())
     } else {
         Err(RecordsError::damaged(file, answer))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_file_of_any_version_comes_to_the_newest() {
+        let file = Path::new("in memory");
+        for schema in [RECORDS, HISTORY] {
+            for known in 0..=schema.steps.len() {
+                let mut connection = SqliteConnection::connect("sqlite::memory:").await.unwrap();
+                let old = Schema {
+                    steps: &schema.steps[..known],
+                    ..schema
+                };
+                old.migrate(&mut connection, file).await.unwrap();
+                assert_eq!(
+                    old.check(&mut connection, file).await.unwrap(),
+                    known as i64
+                );
+                schema.migrate(&mut connection, file).await.unwrap();
+                let version = schema.check(&mut connection, file).await.unwrap();
+                assert_eq!(version, schema.version());
+                check_whole(&mut connection, file).await.unwrap();
+            }
+        }
     }
 }

@@ -14,7 +14,7 @@ use crate::schema::RECORDS;
 /// Rows that are in memory at a time.
 const PAGE: usize = 200;
 /// Tables in an order in which none refers to a later one, with their columns. The first is the key.
-const TABLES: [(&str, &[&str]); 8] = [
+const TABLES: &[(&str, &[&str])] = &[
     ("setting", &["key", "value"]),
     (
         "\"user\"",
@@ -39,6 +39,12 @@ const TABLES: [(&str, &[&str]); 8] = [
         &["name", "digest", "created", "made_by", "revoked"],
     ),
     (
+        "fence",
+        &[
+            "id", "name", "kind", "action", "corners", "made_by", "made_at",
+        ],
+    ),
+    (
         "audit",
         &[
             "seq",
@@ -53,6 +59,16 @@ const TABLES: [(&str, &[&str]); 8] = [
         ],
     ),
     ("audit_end", &["one", "seq", "hash"]),
+    (
+        "experiment",
+        &[
+            "id", "owner", "name", "recipe", "metrics", "results", "seeds", "made_by", "created",
+            "started", "ended", "state", "reason", "done",
+        ],
+    ),
+    ("trial", &["id", "seed", "success", "reason", "measured"]),
+    ("event", &["id", "at", "level", "robot", "text"]),
+    ("arena", &["id", "at", "data"]),
 ];
 
 /// Writes what the transaction of `from` sees into `file`, which is empty or not there.
@@ -116,6 +132,12 @@ pub(crate) async fn load(
         .bind(sessions)
         .fetch_one(&mut Connection::Postgres(to))
         .await?;
+    // What is copied brings its numbers; new ones come after them.
+    to.run(
+        "SELECT setval('event_id_seq', (SELECT coalesce(max(id), 1) FROM event)),
+                setval('arena_id_seq', (SELECT coalesce(max(id), 1) FROM arena))",
+    )
+    .await?;
     to.run(
         "ALTER TABLE audit ENABLE TRIGGER USER;
          ALTER TABLE audit_end ENABLE TRIGGER USER",
@@ -128,7 +150,8 @@ pub(crate) async fn load(
 pub(crate) async fn is_empty(connection: &mut PgConnection) -> Result<bool, RecordsError> {
     let (any,): (bool,) = query(
         "SELECT EXISTS (SELECT FROM setting) OR EXISTS (SELECT FROM \"user\")
-         OR EXISTS (SELECT FROM credential) OR EXISTS (SELECT FROM audit)",
+         OR EXISTS (SELECT FROM credential) OR EXISTS (SELECT FROM audit)
+         OR EXISTS (SELECT FROM experiment) OR EXISTS (SELECT FROM fence)",
     )
     .fetch_one(&mut Connection::Postgres(connection))
     .await?;
@@ -141,7 +164,7 @@ async fn copy(from: &mut Connection<'_>, to: &mut Connection<'_>) -> Result<(), 
             .execute(to)
             .await?;
     }
-    for (table, columns) in TABLES {
+    for &(table, columns) in TABLES {
         let (key, names) = (columns[0], columns.join(", "));
         let mut last: Option<Value> = None;
         loop {

@@ -86,7 +86,7 @@ async fn files_of_newer_or_other_programs_are_refused() {
     let RecordsError::Newer { found, known, .. } = error else {
         panic!("{error}");
     };
-    assert!((found, known) == (7, 1) && error.to_string().contains("newer version"));
+    assert!(found == 7 && known < 7 && error.to_string().contains("newer version"));
 
     let (folder, file, _) = closed().await;
     execute(&file, "PRAGMA application_id = 77").await;

@@ -4,13 +4,41 @@
 mod support;
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use crawler_access::Role;
-use crawler_records::{Records, RecordsError, Refreshed};
+use crawler_records::{
+    Event, EventLevel, EventQuery, NewExperiment, NewTrials, Records, RecordsError, Refreshed,
+    StoredTrial,
+};
 use crawler_tests::engines::postgres::Postgres;
-use support::{Folder, digest, entry, name, now, user};
+use support::{Folder, digest, entry, fence, name, now, robot, user};
 
 const HOUR: i64 = 3_600_000;
+
+fn event(n: i64) -> Event {
+    Event {
+        at: 1_000 + n,
+        level: EventLevel::Warn,
+        robot: (n % 2 == 0).then(|| robot(7)),
+        text: format!("event {n}"),
+    }
+}
+
+/// The newest events and the last arena.
+async fn recorded(records: &Records, limit: u32) -> (Vec<Event>, Option<String>) {
+    let newest = EventQuery {
+        from: 0,
+        to: i64::MAX,
+        level: EventLevel::Info,
+        robot: None,
+        before: None,
+        limit,
+    };
+    let events = records.events(newest).await.unwrap();
+    let events = events.into_iter().map(|stored| stored.event).collect();
+    (events, records.arena_at(i64::MAX).await.unwrap())
+}
 
 /// Something of everything, more than a page of some. Returns the session.
 async fn fill(records: &Records) -> u64 {
@@ -37,14 +65,54 @@ async fn fill(records: &Records) -> u64 {
             .unwrap();
     }
     records.revoke_credential("rover-7", 9).await.unwrap();
+    for n in 0..20 {
+        records.add_fence(&fence(n)).await.unwrap();
+    }
     for n in 1..=431 {
         records.audit(entry(n)).await.unwrap();
     }
+    for n in 0..3 {
+        let new = NewExperiment {
+            owner: "one".into(),
+            name: format!("experiment {n}"),
+            recipe: "{}".into(),
+            metrics: "[]".into(),
+            seeds: 500,
+            by: "ada".into(),
+            created: n,
+            start: n != 2,
+        };
+        let id = records.add_experiment(new).await.unwrap().id;
+        if n != 2 {
+            let trials = NewTrials {
+                experiment: id,
+                trials: (0..300).map(trial).collect(),
+                results: "so far".into(),
+                completed: None,
+            };
+            records.add_trials(trials).await.unwrap();
+        }
+    }
+    let events = (0..431).map(event).collect();
+    records.add_events(events).await.unwrap();
+    records.add_arena(5, Some("{}".into())).await.unwrap();
+    records.add_arena(6, None).await.unwrap();
+    records.add_arena(7, Some("[7]".into())).await.unwrap();
     let ada = name("ada");
     let session = records
         .open_session(&ada, digest(3), now(), now() + HOUR, "here")
         .await;
     session.unwrap()
+}
+
+fn trial(number: u32) -> StoredTrial {
+    StoredTrial {
+        number,
+        seed: u64::from(number),
+        success: number > 3,
+        reason: (number <= 3).then(|| "reach".into()),
+        measured: vec![None, Some(f64::from(number) / 3.0)],
+    }
 }
 
 /// All that was put in by [`fill`] is there, after a restore.
@@ -56,10 +124,24 @@ async fn assert_filled(records: &Records, like: &Records, session: u64) {
         records.credentials().await.unwrap(),
         like.credentials().await.unwrap()
     );
+    assert_eq!(records.fences().await.unwrap().len(), 20);
+    assert_eq!(
+        records.fences().await.unwrap(),
+        like.fences().await.unwrap()
+    );
     for n in [1, 2] {
         let invitation = records.invitation(digest(n), now()).await.unwrap();
         assert!(invitation.is_some());
         assert_eq!(invitation, like.invitation(digest(n), now()).await.unwrap());
+    }
+    let experiments = records.experiments(None, 100).await.unwrap();
+    assert_eq!(experiments, like.experiments(None, 100).await.unwrap());
+    assert_eq!(experiments.len(), 3);
+    let of = |index: usize| records.trials(experiments[index].id, 0, 1_000);
+    assert_eq!(of(0).await.unwrap(), []);
+    for index in [1, 2] {
+        let wanted: Vec<_> = (0..300).map(trial).collect();
+        assert_eq!(of(index).await.unwrap(), wanted);
     }
     assert_eq!(records.audit_verify().await, Ok(431));
     let (mut text, mut other) = (Vec::new(), Vec::new());
@@ -74,6 +156,14 @@ async fn assert_filled(records: &Records, like: &Records, session: u64) {
         .open_session(&ada, digest(5), now(), now() + HOUR, "there")
         .await;
     assert!(next.unwrap() > session + 1_000);
+    let kept = recorded(records, 1_000).await;
+    assert_eq!(kept, recorded(like, 1_000).await);
+    assert_eq!((kept.0.len(), kept.1.as_deref()), (431, Some("[7]")));
+    assert_eq!(records.arena_at(6).await.unwrap(), None);
+    // New ones come after them.
+    records.add_events(vec![event(431)]).await.unwrap();
+    records.add_arena(8, None).await.unwrap();
+    assert_eq!(recorded(records, 1).await, (vec![event(431)], None));
     // The log goes on, guarded as before.
     assert_eq!(records.audit(entry(432)).await.unwrap(), 432);
     assert_eq!(records.audit_verify().await, Ok(432));
@@ -114,6 +204,17 @@ async fn a_file_moves_into_a_database_and_back() {
     let file = Records::open(&place).await.unwrap();
     assert_eq!(file.audit_verify().await, Ok(432));
     assert_eq!(file.users().await.unwrap(), database.users().await.unwrap());
+    let experiments = file.experiments(None, 100).await.unwrap();
+    assert_eq!(experiments, database.experiments(None, 100).await.unwrap());
+    assert_eq!(
+        file.trials(experiments[1].id, 299, 9).await.unwrap(),
+        [trial(299)]
+    );
+    assert_eq!(
+        recorded(&file, 1_000).await,
+        recorded(&database, 1_000).await
+    );
+    file.add_events(vec![event(432)]).await.unwrap();
     let refused = sqlx_in(&place, "DELETE FROM audit")
         .await
         .expect_err("append-only");
@@ -154,9 +255,16 @@ async fn a_database_with_records_or_readers_is_not_overwritten() {
     let error = replace().await.expect_err("a server runs");
     assert!(matches!(error, RecordsError::InUse(_)), "{error:?}");
     running.close().await;
-    let error = Records::restore_database(&ready, &url, None)
-        .await
-        .expect_err("it holds records");
+    // The database notices a moment later that the connections are gone.
+    let end = Instant::now() + Duration::from_secs(30);
+    let error = loop {
+        let refused = Records::restore_database(&ready, &url, None).await;
+        let error = refused.expect_err("it holds records");
+        if !error.is_passing() || Instant::now() > end {
+            break error;
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    };
     assert!(matches!(error, RecordsError::Exists), "{error:?}");
     replace().await.unwrap();
     let there = Records::connect(&url, None, false).await.unwrap();

@@ -9,14 +9,17 @@
 
 mod codec;
 mod fold;
+mod frames;
 mod keeper;
 mod memory;
 mod points;
 mod query;
 mod retention;
 mod seal;
+mod span;
 pub(crate) mod start;
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -30,9 +33,11 @@ use crate::db::Db;
 use memory::{Inbox, Shared, Waiting};
 
 pub use fold::{LATEST, numbered_state, state_number, thousandths};
+pub use frames::{Frame, MAX_FRAMES, Track};
 pub use points::{MAX_POINTS, Points};
 pub use retention::Retention;
 pub(crate) use retention::now;
+pub use span::Recorded;
 
 /// File of the history, in the data directory.
 pub const HISTORY_FILE: &str = "history.sqlite";
@@ -158,7 +163,8 @@ pub struct Stats {
 #[derive(Debug, Clone)]
 pub struct History {
     shared: Arc<Shared>,
-    db: Db,
+    /// None where the history is elsewhere.
+    db: Option<Db>,
 }
 
 impl History {
@@ -238,7 +244,50 @@ impl History {
         to: i64,
         step_ms: i64,
     ) -> Result<Vec<Point>, RecordsError> {
-        query::query(&self.shared, &self.db, robot, from, to, step_ms).await
+        match &self.db {
+            Some(db) => query::query(&self.shared, db, robot, from, to, step_ms).await,
+            None => Ok(Vec::new()),
+        }
+    }
+
+    /// From when to when something is recorded, to about the length of a block.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it cannot be read.
+    pub async fn recorded(&self) -> Result<Option<Recorded>, RecordsError> {
+        match &self.db {
+            Some(db) => span::recorded(&self.shared, db).await,
+            None => Ok(None),
+        }
+    }
+
+    /// The robots that something was ever recorded of, in order.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when they cannot be read.
+    pub async fn robots(&self) -> Result<BTreeSet<RobotId>, RecordsError> {
+        match &self.db {
+            Some(db) => Ok(frames::named(&self.shared, db).await?.into_keys().collect()),
+            None => Ok(BTreeSet::new()),
+        }
+    }
+
+    /// Where `robots` were from `from` until before `to`, every `step_ms`, in the order of their names:
+    /// as [`History::query`] has it of each. Robots and stretches without a sample are left out.
+    ///
+    /// # Errors
+    /// As of [`History::query`], and [`RecordsError::Invalid`] for more than [`MAX_FRAMES`].
+    pub async fn frames(
+        &self,
+        robots: &BTreeSet<RobotId>,
+        from: i64,
+        to: i64,
+        step_ms: i64,
+    ) -> Result<Vec<Track>, RecordsError> {
+        match &self.db {
+            Some(db) => frames::frames(&self.shared, db, robots, (from, to, step_ms)).await,
+            None => Ok(Vec::new()),
+        }
     }
 
     /// Deletes what is older at `now` than `retention` says, and returns how many blocks that were.
@@ -247,11 +296,14 @@ impl History {
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
     pub async fn retain(&self, retention: Retention, now: i64) -> Result<u64, RecordsError> {
-        retention::apply(&self.shared, &self.db, retention, now).await
+        match &self.db {
+            Some(db) => retention::apply(&self.shared, db, retention, now).await,
+            None => Ok(0),
+        }
     }
 
-    pub(crate) fn db(&self) -> &Db {
-        &self.db
+    pub(crate) fn db(&self) -> Option<&Db> {
+        self.db.as_ref()
     }
 }
 

@@ -13,38 +13,19 @@ pub(super) fn level(step: i64) -> usize {
     STEPS.iter().rposition(|&of| of <= step).unwrap_or(0)
 }
 
-/// The answer to a question about history, while it is put together: one place for each stretch.
-///
-/// The rules of [`History::query`](super::History::query) are here, for whoever keeps history
-/// elsewhere and must answer alike.
-#[derive(Debug)]
-pub struct Points {
-    /// Where the first stretch begins.
-    begin: i64,
-    step: i64,
-    from: i64,
-    to: i64,
-    folds: Vec<Fold>,
+/// A stretch of time, cut into places of one step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stretch {
+    /// Where the first place begins.
+    pub(super) begin: i64,
+    pub(super) step: i64,
+    pub(super) from: i64,
+    pub(super) to: i64,
+    pub(super) places: usize,
 }
 
-impl Points {
-    /// An answer without points to a question about `from` until before `to`, in stretches of `step`
-    /// milliseconds.
-    ///
-    /// # Errors
-    /// [`RecordsError::Invalid`] when the step or the time is none, or for more than [`MAX_POINTS`]
-    /// stretches.
-    pub fn new(from: i64, to: i64, step: i64) -> Result<Self, RecordsError> {
-        let level = level(step);
-        let mut points = Self::at_level(from, to, step, level)?;
-        // Likewise the stretch of the level that the end is in, as far as the last point reaches.
-        let whole = fold::floor(to - 1, STEPS[level]).saturating_add(STEPS[level]);
-        let length = step.saturating_mul(points.folds.len() as i64);
-        let reaches = points.begin.saturating_add(length);
-        points.to = whole.min(reaches).max(to);
-        Ok(points)
-    }
-
+impl Stretch {
+    /// What is asked for from `from` until before `to`, answered from `level`.
     pub(super) fn at_level(
         from: i64,
         to: i64,
@@ -70,7 +51,60 @@ impl Points {
             step,
             from,
             to,
-            folds: vec![Fold::default(); places as usize],
+            places: places as usize,
+        })
+    }
+
+    /// The place of a time, if it is asked for.
+    pub(super) fn place(&self, at: i64) -> Option<usize> {
+        let asked = (self.from..self.to).contains(&at);
+        asked.then(|| ((at - self.begin) / self.step) as usize)
+    }
+
+    /// When a place begins.
+    pub(super) const fn at(&self, place: usize) -> i64 {
+        self.begin + place as i64 * self.step
+    }
+}
+
+/// The answer to a question about history, while it is put together: one place for each stretch.
+///
+/// The rules of [`History::query`](super::History::query) are here, for whoever keeps history
+/// elsewhere and must answer alike.
+#[derive(Debug)]
+pub struct Points {
+    stretch: Stretch,
+    folds: Vec<Fold>,
+}
+
+impl Points {
+    /// An answer without points to a question about `from` until before `to`, in stretches of `step`
+    /// milliseconds.
+    ///
+    /// # Errors
+    /// [`RecordsError::Invalid`] when the step or the time is none, or for more than [`MAX_POINTS`]
+    /// stretches.
+    pub fn new(from: i64, to: i64, step: i64) -> Result<Self, RecordsError> {
+        let level = level(step);
+        let mut points = Self::at_level(from, to, step, level)?;
+        // Likewise the stretch of the level that the end is in, as far as the last point reaches.
+        let whole = fold::floor(to - 1, STEPS[level]).saturating_add(STEPS[level]);
+        let length = step.saturating_mul(points.folds.len() as i64);
+        let reaches = points.stretch.begin.saturating_add(length);
+        points.stretch.to = whole.min(reaches).max(to);
+        Ok(points)
+    }
+
+    pub(super) fn at_level(
+        from: i64,
+        to: i64,
+        step: i64,
+        level: usize,
+    ) -> Result<Self, RecordsError> {
+        let stretch = Stretch::at_level(from, to, step, level)?;
+        Ok(Self {
+            stretch,
+            folds: vec![Fold::default(); stretch.places],
         })
     }
 
@@ -78,13 +112,13 @@ impl Points {
     /// beginning that was asked for: where the step is as long, whole seconds and minutes count.
     #[must_use]
     pub const fn from(&self) -> i64 {
-        self.from
+        self.stretch.from
     }
 
     /// Before when the last sample must be that counts, likewise.
     #[must_use]
     pub const fn to(&self) -> i64 {
-        self.to
+        self.stretch.to
     }
 
     /// Adds a sample of the robot in question, where it is of the time in question. Those of a robot
@@ -94,12 +128,8 @@ impl Points {
     }
 
     pub(super) fn add_bucket(&mut self, bucket: &Bucket) {
-        let at = bucket[0];
-        if at < self.from || at >= self.to {
-            return;
-        }
-        let place = (at - self.begin) / self.step;
-        if let Some(fold) = self.folds.get_mut(place as usize) {
+        let place = self.stretch.place(bucket[0]);
+        if let Some(fold) = place.and_then(|place| self.folds.get_mut(place)) {
             fold.add(bucket);
         }
     }
@@ -107,9 +137,10 @@ impl Points {
     /// The points, oldest first. Stretches without a sample have none.
     #[must_use]
     pub fn finish(&self) -> Vec<Point> {
-        (0..)
-            .zip(&self.folds)
-            .filter_map(|(place, fold)| fold.point(self.begin + place * self.step))
+        self.folds
+            .iter()
+            .enumerate()
+            .filter_map(|(place, fold)| fold.point(self.stretch.at(place)))
             .collect()
     }
 }

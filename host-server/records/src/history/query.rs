@@ -15,10 +15,10 @@ use crate::RecordsError;
 use crate::db::Db;
 
 /// Blocks in memory at a time.
-const PAGE: i64 = 256;
+pub(super) const PAGE: i64 = 256;
 
 /// The coarsest level that is fine enough, or the finest that reaches back to `from`.
-fn level(step: i64, from: i64, now: i64) -> usize {
+pub(super) fn level(step: i64, from: i64, now: i64) -> usize {
     let keeps = Retention::default().levels();
     let enough = points::level(step);
     let reaches = keeps

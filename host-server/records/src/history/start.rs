@@ -54,6 +54,7 @@ impl History {
         let Some(lock) = Lock::take(&dir.join(LOCK_FILE), Hold::Alone)? else {
             let db = Db::open(&path, &HISTORY, false).await?;
             let shared = Arc::new(Shared::new(Memory::default(), None));
+            let db = Some(db);
             return Ok((Self { shared, db }, None));
         };
         let (db, loaded, set_aside) = match load(&path).await {
@@ -71,10 +72,9 @@ impl History {
     }
 
     /// No history: nothing is taken, nothing is known. For a server whose history is elsewhere.
-    pub(crate) async fn none() -> Result<(Self, Option<Running>), RecordsError> {
-        let db = Db::in_memory(&HISTORY).await?;
+    pub(crate) fn none() -> (Self, Option<Running>) {
         let shared = Arc::new(Shared::new(Memory::default(), None));
-        Ok((Self { shared, db }, None))
+        (Self { shared, db: None }, None)
     }
 
     /// A history that is gone with the last handle.
@@ -100,6 +100,7 @@ impl History {
         let (alive, ends) = mpsc::channel(1);
         let task = tokio::spawn(keeper.run(ends));
         let running = Running { alive, task };
+        let db = Some(db);
         (Self { shared, db }, Some(running))
     }
 }

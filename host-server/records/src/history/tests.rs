@@ -19,7 +19,8 @@ fn sample(n: i64, at: i64) -> Sample {
 }
 
 async fn pragma(history: &History, sql: &'static str) {
-    let done = history.db().write(move |connection| {
+    let db = history.db().expect("a history that is kept here");
+    let done = db.write(move |connection| {
         Box::pin(async move {
             sqlx::raw_sql(sql).execute(connection).await?;
             Ok(())

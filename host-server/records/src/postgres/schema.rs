@@ -9,19 +9,29 @@ use crate::query::{Connection, query};
 use crate::queue::Transact as _;
 
 /// `STEPS[n]` leads from version n to n + 1. A step that was released is never edited.
-const STEPS: &[&str] = &[include_str!("../schema/postgres.1.sql")];
+const STEPS: &[&str] = &[
+    include_str!("../schema/postgres.1.sql"),
+    include_str!("../schema/postgres.experiments.sql"),
+    include_str!("../schema/postgres.fences.sql"),
+    include_str!("../schema/postgres.events.sql"),
+];
 /// The oldest `PostgreSQL` that its makers still looked after when this was written, as it numbers
 /// itself.
 const OLDEST: i64 = 140_000;
 /// What a whole database has beside the table of the version.
-const TABLES: [&str; 8] = [
+const TABLES: &[&str] = &[
+    "arena",
     "audit",
     "audit_end",
     "credential",
+    "event",
+    "experiment",
+    "fence",
     "invitation",
     "refresh",
     "session",
     "setting",
+    "trial",
     "user",
 ];
 const TRIGGERS: [&str; 7] = [

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use crawler_access::{Digest, Role, UserName};
 use crawler_protocol::RobotState;
 use crawler_records::history::Sample;
-use crawler_records::{Entry, Records, User};
+use crawler_records::{Entry, KeptFence, Records, User};
 use crawler_tests::engines::postgres::Postgres;
 use serde_json::json;
 use sqlx::Connection as _;
@@ -102,6 +102,19 @@ pub(crate) fn entry(n: i64) -> Entry {
         target: format!("robot-{n}"),
         detail: json!({ "command": "stop", "seq": n }),
         outcome: "ok".into(),
+    }
+}
+
+/// The `n`th fence; every one is different.
+pub(crate) fn fence(n: i64) -> KeptFence {
+    KeptFence {
+        id: format!("{n:08x}"),
+        name: format!("yard {n} \u{e4}"),
+        kind: if n % 2 == 0 { "keep_in" } else { "keep_out" }.into(),
+        action: if n % 3 == 0 { "stop" } else { "warn" }.into(),
+        corners: format!("[[0,0],[{n},0],[0,1.5]]"),
+        by: "ada".into(),
+        made_at: 1_000 + n,
     }
 }
 

@@ -1,0 +1,261 @@
+//! Experiments and their trials, as a server keeps them.
+
+mod support;
+
+use crawler_records::{
+    ExperimentState, MAX_EXPERIMENTS, MAX_TRIALS, NewExperiment, NewTrials, Records, RecordsError,
+    StoredTrial,
+};
+use support::{Folder, memory, on_postgres, open};
+
+use ExperimentState::{Completed, Created, Failed, Paused, Running, Stopped};
+
+fn new(name: &str, seeds: u32, start: bool) -> NewExperiment {
+    NewExperiment {
+        owner: "one".into(),
+        name: name.into(),
+        recipe: r#"{"scenario":"empty"}"#.into(),
+        metrics: r#"["success"]"#.into(),
+        seeds,
+        by: "ada".into(),
+        created: 1_000,
+        start,
+    }
+}
+
+fn trial(number: u32) -> StoredTrial {
+    StoredTrial {
+        number,
+        seed: 7 + u64::from(number),
+        success: !number.is_multiple_of(3),
+        reason: number
+            .is_multiple_of(3)
+            .then(|| format!("reach: {number} \u{1f916}")),
+        measured: vec![Some(f64::from(number) * 0.1), None, Some(-0.0)],
+    }
+}
+
+fn trials(experiment: i64, numbers: std::ops::Range<u32>, completed: Option<i64>) -> NewTrials {
+    NewTrials {
+        experiment,
+        results: format!("{} of them", numbers.end),
+        trials: numbers.map(trial).collect(),
+        completed,
+    }
+}
+
+#[tokio::test]
+async fn an_experiment_goes_its_way() {
+    let records = memory().await;
+    let made = records
+        .add_experiment(new("a", 1_201, false))
+        .await
+        .unwrap();
+    assert_eq!((made.state, made.done, made.started), (Created, 0, None));
+    let id = made.id;
+    let moved = |from, to, now| records.move_experiment(id, from, to, None, now);
+    let wrong = moved(Running, Paused, 2)
+        .await
+        .expect_err("it does not run");
+    assert!(matches!(wrong, RecordsError::NotFound));
+    let early = records.add_trials(trials(id, 0..1, None)).await;
+    assert!(matches!(early, Err(RecordsError::NotFound)), "{early:?}");
+
+    let running = moved(Created, Running, 2_000).await.unwrap();
+    assert_eq!((running.state, running.started), (Running, Some(2_000)));
+    records
+        .add_trials(trials(id, 0..1_100, None))
+        .await
+        .unwrap();
+    // The same once more, as after an answer that was lost; but no gap and nothing twice.
+    records
+        .add_trials(trials(id, 0..1_100, None))
+        .await
+        .unwrap();
+    for odd in [0..5, 1_101..1_102, 1_099..1_101, 1_100..1_202] {
+        let refused = records.add_trials(trials(id, odd.clone(), None)).await;
+        assert!(matches!(refused, Err(RecordsError::NotFound)), "{odd:?}");
+    }
+    let paused = moved(Running, Paused, 3_000).await.unwrap();
+    assert_eq!(
+        (paused.done, paused.results.as_str()),
+        (1_100, "1100 of them")
+    );
+    let again = moved(Paused, Running, 4_000).await.unwrap();
+    assert_eq!((again.started, again.ended), (Some(2_000), None));
+    records
+        .add_trials(trials(id, 1_100..1_201, Some(5_000)))
+        .await
+        .unwrap();
+    let whole = records.experiment(id).await.unwrap().unwrap();
+    assert_eq!(
+        (whole.state, whole.ended, whole.done),
+        (Completed, Some(5_000), 1_201)
+    );
+
+    let all = records.trials(id, 0, 5_000).await.unwrap();
+    assert_eq!(all, (0..1_201).map(trial).collect::<Vec<_>>());
+    let some = records.trials(id, 1_195, 3).await.unwrap();
+    assert_eq!(some, (1_195..1_198).map(trial).collect::<Vec<_>>());
+    assert_eq!(records.trials(id, 1_201, 3).await.unwrap(), []);
+    assert_eq!(records.trials(id + 1, 0, 3).await.unwrap(), []);
+    assert_eq!(records.trials(i64::MAX, 0, 3).await.unwrap(), []);
+}
+
+#[tokio::test]
+async fn pages_states_and_deletion() {
+    let records = memory().await;
+    let mut ids = Vec::new();
+    for n in 0..5 {
+        let made = records
+            .add_experiment(new(&format!("number {n}"), 3, n % 2 == 0))
+            .await
+            .unwrap();
+        ids.push(made.id);
+    }
+    let page = |before, limit| records.experiments(before, limit);
+    let of = |page: Vec<crawler_records::Experiment>| -> Vec<i64> {
+        page.iter().map(|experiment| experiment.id).collect()
+    };
+    assert_eq!(of(page(None, 2).await.unwrap()), [ids[4], ids[3]]);
+    assert_eq!(
+        of(page(Some(ids[3]), 9).await.unwrap()),
+        [ids[2], ids[1], ids[0]]
+    );
+    let running = records.experiments_in(Running).await.unwrap();
+    assert_eq!(of(running), [ids[0], ids[2], ids[4]]);
+    let mut counts = records.experiments_by_state().await.unwrap();
+    counts.sort_by_key(|(_, state, _)| state.name());
+    assert_eq!(
+        counts,
+        [("one".into(), Created, 2), ("one".into(), Running, 3)]
+    );
+
+    let busy = records.delete_experiment(ids[4]).await;
+    assert!(matches!(busy, Err(RecordsError::NotFound)), "it runs");
+    records
+        .add_trials(trials(ids[4], 0..2, None))
+        .await
+        .unwrap();
+    let failed = records
+        .move_experiment(ids[4], Running, Failed, Some(&"why".repeat(300)), 9)
+        .await
+        .unwrap();
+    assert!(failed.reason.unwrap().len() <= 512);
+    records.delete_experiment(ids[4]).await.unwrap();
+    assert_eq!(records.experiment(ids[4]).await.unwrap(), None);
+    assert_eq!(records.trials(ids[4], 0, 9).await.unwrap(), []);
+    let gone = records.delete_experiment(ids[4]).await;
+    assert!(matches!(gone, Err(RecordsError::NotFound)));
+    let gone = records
+        .move_experiment(ids[4], Failed, Stopped, None, 9)
+        .await;
+    assert!(matches!(gone, Err(RecordsError::NotFound)));
+    // Its number does not come back.
+    let next = records.add_experiment(new("next", 1, true)).await.unwrap();
+    assert!(next.id > ids[4]);
+}
+
+#[tokio::test]
+async fn no_more_than_fits() {
+    let records = memory().await;
+    for wrong in [
+        new("", 1, true),
+        new(&"x".repeat(65), 1, true),
+        new("a\0b", 1, true),
+        new("none", 0, true),
+        new("many", 100_001, true),
+        NewExperiment {
+            recipe: "x".repeat(70_000),
+            ..new("long", 1, true)
+        },
+    ] {
+        let name = wrong.name.clone();
+        let refused = records.add_experiment(wrong).await;
+        assert!(matches!(refused, Err(RecordsError::Invalid(_))), "{name}");
+    }
+    for n in 0..MAX_TRIALS / 100_000 {
+        let made = records.add_experiment(new(&"\u{e4}".repeat(64), 100_000, false));
+        made.await.unwrap_or_else(|error| panic!("{n}: {error}"));
+    }
+    let refused = records.add_experiment(new("one more", 1, false)).await;
+    assert!(
+        matches!(refused, Err(RecordsError::TooMany(_))),
+        "{refused:?}"
+    );
+    for experiment in records.experiments(None, 1_000).await.unwrap() {
+        records.delete_experiment(experiment.id).await.unwrap();
+    }
+    for _ in 0..MAX_EXPERIMENTS {
+        records
+            .add_experiment(new("small", 1, false))
+            .await
+            .unwrap();
+    }
+    let refused = records.add_experiment(new("one more", 1, false)).await;
+    assert!(
+        matches!(refused, Err(RecordsError::TooMany(_))),
+        "{refused:?}"
+    );
+}
+
+#[tokio::test]
+async fn what_is_stored_outlasts_the_process() {
+    let folder = Folder::new();
+    let records = open(&folder).await;
+    let made = records
+        .add_experiment(new("lasting", 9, true))
+        .await
+        .unwrap();
+    records
+        .add_trials(trials(made.id, 0..4, None))
+        .await
+        .unwrap();
+    records.close().await;
+    let records: Records = open(&folder).await;
+    let there = records.experiments_in(Running).await.unwrap();
+    assert_eq!((there.len(), there[0].done, there[0].id), (1, 4, made.id));
+    assert_eq!(records.trials(made.id, 0, 10).await.unwrap().len(), 4);
+    records.close().await;
+}
+
+/// Records as the first version made them, with a setting in them.
+async fn first_version(folder: &Folder) {
+    const SQLITE: &str = concat!(
+        include_str!("../src/schema/records.1.sql"),
+        "INSERT INTO setting VALUES ('from', x'766f7273');
+         PRAGMA application_id = 1413698162; PRAGMA user_version = 1;"
+    );
+    const POSTGRES: &str = concat!(
+        include_str!("../src/schema/postgres.1.sql"),
+        "INSERT INTO setting VALUES ('from', decode('766f7273', 'hex'));
+         INSERT INTO terracrawler VALUES (1, 1);"
+    );
+    let sql = if on_postgres() {
+        POSTGRES
+    } else {
+        std::fs::write(folder.path().join(crawler_records::RECORDS_FILE), "").unwrap();
+        SQLITE
+    };
+    folder.tamper(sql).await.unwrap();
+}
+
+#[tokio::test]
+async fn records_of_the_first_version_get_the_new_tables() {
+    let folder = Folder::new();
+    first_version(&folder).await;
+    let records = open(&folder).await;
+    assert_eq!(records.setting("from").await.unwrap().unwrap(), b"vors");
+    let made = records.add_experiment(new("first", 2, true)).await.unwrap();
+    records
+        .add_trials(trials(made.id, 0..2, Some(3)))
+        .await
+        .unwrap();
+    records.close().await;
+    let records = open(&folder).await;
+    assert_eq!(
+        records.experiment(made.id).await.unwrap().unwrap().state,
+        Completed
+    );
+    records.close().await;
+}

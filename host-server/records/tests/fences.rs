@@ -1,0 +1,123 @@
+//! Fences are kept, changed and forgotten, each under a name of its own.
+
+mod support;
+
+use crawler_records::{KeptFence, MAX_FENCES, RecordsError};
+use support::{Folder, fence, memory, open};
+
+#[tokio::test]
+async fn fences_outlive_the_process_oldest_first() {
+    let folder = Folder::new();
+    let records = open(&folder).await;
+    assert_eq!(records.fences().await.unwrap(), []);
+    for n in [3, 1, 2] {
+        records.add_fence(&fence(n)).await.unwrap();
+    }
+    records.close().await;
+    let records = open(&folder).await;
+    let kept = records.fences().await.unwrap();
+    assert_eq!(kept, [fence(1), fence(2), fence(3)]);
+}
+
+#[tokio::test]
+async fn a_change_leaves_who_made_it_and_when() {
+    let records = memory().await;
+    records.add_fence(&fence(1)).await.unwrap();
+    let wish = KeptFence {
+        name: "dock".into(),
+        kind: "keep_in".into(),
+        action: "stop".into(),
+        corners: "[[0,0],[2,0],[2,2]]".into(),
+        by: "eve".into(),
+        made_at: 9,
+        ..fence(1)
+    };
+    let expected = KeptFence {
+        by: "ada".into(),
+        made_at: fence(1).made_at,
+        ..wish.clone()
+    };
+    assert_eq!(records.change_fence(&wish).await.unwrap(), expected);
+    // Its own name is no other's.
+    assert_eq!(records.change_fence(&wish).await.unwrap(), expected);
+    assert_eq!(records.fences().await.unwrap(), [expected]);
+    assert_eq!(records.delete_fence(&wish.id).await.unwrap(), "dock");
+    assert_eq!(records.fences().await.unwrap(), []);
+    for refused in [
+        records.delete_fence(&wish.id).await.err(),
+        records.change_fence(&wish).await.err(),
+    ] {
+        assert!(matches!(refused, Some(RecordsError::NotFound)));
+    }
+}
+
+#[tokio::test]
+async fn a_name_belongs_to_one_and_there_are_so_many() {
+    let records = memory().await;
+    for n in 0..MAX_FENCES {
+        records.add_fence(&fence(n)).await.unwrap();
+    }
+    let more = records.add_fence(&fence(MAX_FENCES)).await;
+    assert!(matches!(more, Err(RecordsError::TooMany("fences"))));
+    records.delete_fence(&fence(5).id).await.unwrap();
+    let same = KeptFence {
+        name: fence(7).name,
+        ..fence(5)
+    };
+    let refused = records.add_fence(&same).await;
+    assert!(matches!(refused, Err(RecordsError::Exists)));
+    let refused = records
+        .change_fence(&KeptFence {
+            name: fence(7).name,
+            ..fence(8)
+        })
+        .await;
+    assert!(matches!(refused, Err(RecordsError::Exists)));
+    assert_eq!(records.fences().await.unwrap().len() as i64, MAX_FENCES - 1);
+}
+
+#[tokio::test]
+async fn what_cannot_be_a_fence_is_refused() {
+    let records = memory().await;
+    for wrong in [
+        KeptFence {
+            name: String::new(),
+            ..fence(1)
+        },
+        KeptFence {
+            name: "x".repeat(33),
+            ..fence(1)
+        },
+        KeptFence {
+            name: "a\0b".into(),
+            ..fence(1)
+        },
+        KeptFence {
+            kind: "moat".into(),
+            ..fence(1)
+        },
+        KeptFence {
+            action: "shoot".into(),
+            ..fence(1)
+        },
+        KeptFence {
+            corners: " ".repeat(5_000),
+            ..fence(1)
+        },
+    ] {
+        let refused = records.add_fence(&wrong).await;
+        assert!(
+            matches!(refused, Err(RecordsError::Invalid(_))),
+            "{wrong:?}"
+        );
+    }
+    let long = KeptFence {
+        name: "ä".repeat(32),
+        by: "b".repeat(100),
+        ..fence(1)
+    };
+    records.add_fence(&long).await.unwrap();
+    let kept = records.fences().await.unwrap();
+    assert_eq!(kept[0].name, long.name);
+    assert!(kept[0].by.len() <= 64);
+}
