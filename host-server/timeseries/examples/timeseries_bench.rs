@@ -5,7 +5,7 @@
 //! URL is an engine's, like `influx://127.0.0.1:8086/bench`, and PID its process, whose processor time
 //! is told. First an hour of [`ASKED`] robots at 5 Hz goes in as fast as it is taken. Then samples of
 //! [`ROBOTS`] robots come in at RATE a second (20,000 if none is said) for SECONDS (60), while
-//! somebody asks for the last hour of one of the first.
+//! somebody asks for the last hour of one of the first. Before, somebody asks where all of those were.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -145,6 +145,21 @@ async fn main() -> Outcome<()> {
         let told = ask(&history, &asked, to, step, end).await?;
         println!("| last hour, every {step} ms, nothing else | {told} |");
     }
+
+    let all = asked.iter().cloned().collect();
+    let mut times = Vec::new();
+    for _ in 0..5 {
+        let begun = Instant::now();
+        let tracks = history.frames(&all, to - HOUR, to, HOUR / 300).await?;
+        times.push((begun.elapsed(), tracks.len()));
+    }
+    times.sort_unstable();
+    println!(
+        "| where {} robots were in the last hour, every 12 s | median {:.0} ms, longest {:.0} ms |",
+        times[0].1,
+        times[2].0.as_secs_f64() * 1e3,
+        times[4].0.as_secs_f64() * 1e3
+    );
 
     let many = robots("sim", ROBOTS)?;
     let before = (history.stats(), cpu("self")?, cpu(&process)?);

@@ -7,9 +7,12 @@ use std::time::Duration;
 use http_body_util::{BodyExt as _, Full, LengthLimitError, Limited};
 use hyper::body::Bytes;
 use hyper::client::conn::http1::{self, SendRequest};
-use hyper::header::{AUTHORIZATION, CONTENT_TYPE, HOST, HeaderMap, USER_AGENT};
+use hyper::header::{
+    ACCEPT, AUTHORIZATION, CONTENT_TYPE, HOST, HeaderMap, HeaderValue, USER_AGENT,
+};
 use hyper::{Method, Request, StatusCode};
 use hyper_util::rt::TokioIo;
+use serde::de::DeserializeOwned;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
@@ -25,9 +28,12 @@ pub(crate) const TIME_OUT: Duration = Duration::from_secs(5);
 /// Longest answer; that to the largest question has about 14 MB.
 const LONGEST: usize = 32 * 1024 * 1024;
 /// Connections kept for the next request.
-const IDLE: usize = 4;
+const IDLE: usize = 8;
 /// Characters of an engine's complaint that are told on.
 const COMPLAINT: usize = 300;
+
+/// `InfluxDB` writes answers in it at half the cost of JSON.
+const PACKED: &str = "application/x-msgpack";
 
 type Sender = SendRequest<Full<Bytes>>;
 
@@ -46,11 +52,23 @@ impl Answer {
             #[serde(alias = "message")]
             error: String,
         }
-        let text = serde_json::from_slice::<Complaint>(&self.body).map_or_else(
+        let text = self.read::<Complaint>().map_or_else(
             |_| String::from_utf8_lossy(&self.body).into_owned(),
             |complaint| complaint.error,
         );
         one_line(&text, self.status.as_str())
+    }
+
+    /// What it says, in the form that it is in.
+    pub(crate) fn read<T: DeserializeOwned>(&self) -> Result<T, EngineError> {
+        let kind = self.headers.get(CONTENT_TYPE).map(HeaderValue::as_bytes);
+        if kind.is_some_and(|kind| kind.starts_with(PACKED.as_bytes())) {
+            rmp_serde::from_slice(&self.body)
+                .map_err(|error| EngineError::Nonsense(error.to_string()))
+        } else {
+            serde_json::from_slice(&self.body)
+                .map_err(|error| EngineError::Nonsense(error.to_string()))
+        }
     }
 
     /// The answer, where it is one: the status says so.
@@ -151,7 +169,22 @@ impl Client {
         target: &str,
         body: Bytes,
     ) -> Result<Answer, EngineError> {
-        match tokio::time::timeout(TIME_OUT, self.exchange(method, target, body)).await {
+        let request = self.request(method, target).body(Full::new(body));
+        self.timely(request).await
+    }
+
+    /// The answer to a question, packed where the engine can.
+    pub(crate) async fn get_packed(&self, target: &str) -> Result<Answer, EngineError> {
+        let request = self.request(Method::GET, target).header(ACCEPT, PACKED);
+        self.timely(request.body(Full::default())).await
+    }
+
+    async fn timely(
+        &self,
+        request: Result<Request<Full<Bytes>>, hyper::http::Error>,
+    ) -> Result<Answer, EngineError> {
+        let request = request.map_err(|error| EngineError::Invalid(error.to_string()))?;
+        match tokio::time::timeout(TIME_OUT, self.exchange(request)).await {
             Ok(answer) => answer,
             Err(_) => Err(EngineError::Unreachable(format!(
                 "nothing within {} s",
@@ -164,13 +197,8 @@ impl Client {
         self.send(Method::GET, target, Bytes::new()).await
     }
 
-    async fn exchange(
-        &self,
-        method: Method,
-        target: &str,
-        body: Bytes,
-    ) -> Result<Answer, EngineError> {
-        let mut request = Request::builder()
+    fn request(&self, method: Method, target: &str) -> hyper::http::request::Builder {
+        let request = Request::builder()
             .method(method)
             .uri(target)
             .header(HOST, self.address.authority())
@@ -179,12 +207,13 @@ impl Client {
                 concat!("terracrawler/", env!("CARGO_PKG_VERSION")),
             )
             .header(CONTENT_TYPE, "text/plain; charset=utf-8");
-        if let Some(authorization) = &self.address.authorization {
-            request = request.header(AUTHORIZATION, authorization);
+        match &self.address.authorization {
+            Some(authorization) => request.header(AUTHORIZATION, authorization),
+            None => request,
         }
-        let mut request = request
-            .body(Full::new(body))
-            .map_err(|error| EngineError::Invalid(error.to_string()))?;
+    }
+
+    async fn exchange(&self, mut request: Request<Full<Bytes>>) -> Result<Answer, EngineError> {
         let lost = |error: hyper::Error| EngineError::Unreachable(error.to_string());
         loop {
             let kept = self.idle().pop();

@@ -9,7 +9,7 @@ use crate::address::{Address, Read, encoded};
 use crate::client::Client;
 use crate::error::EngineError;
 use crate::line::MEASUREMENT;
-use crate::read::influxql;
+use crate::read::influxql::{self, Row};
 
 /// A language for questions about time series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -119,7 +119,7 @@ async fn meet(client: &Client) -> Result<Engine, EngineError> {
 async fn try_out(client: &Client, engine: &Engine) -> Result<(), EngineError> {
     if engine.dialect == Some(Dialect::InfluxQl) {
         let question = format!("SELECT \"x\" FROM \"{MEASUREMENT}\" LIMIT 1");
-        influxql::ask(client, &question).await?;
+        influxql::ask::<Row<2>>(client, &question).await?;
     }
     Ok(())
 }

@@ -1,18 +1,20 @@
 //! The history of a fleet in an outside engine.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use crawler_protocol::RobotId;
-use crawler_records::history::{Full, Point, Sample};
-use tokio::sync::{Semaphore, mpsc};
-use tokio::task::JoinHandle;
+use crawler_records::history::{Frame, Full, Point, Recorded, Sample, Track};
+use tokio::sync::{Semaphore, SemaphorePermit, mpsc};
+use tokio::task::{JoinHandle, JoinSet};
 
 use crate::address::Address;
 use crate::client::{Client, TIME_OUT};
-use crate::engine::Engine;
+use crate::engine::{Dialect, Engine};
 use crate::error::EngineError;
-use crate::read::{self, Question};
+use crate::read::{self, Question, extent};
 use crate::shared::{Shared, State, Stats};
 use crate::writer::Writer;
 
@@ -20,7 +22,9 @@ use crate::writer::Writer;
 /// 1,000 robots at 5 Hz they are 100 s.
 pub const QUEUE: usize = 500_000;
 /// Questions at a time; others wait.
-const QUESTIONS: usize = 4;
+const QUESTIONS: usize = 8;
+/// Of those, for one answer about many robots.
+const TOGETHER: usize = 6;
 
 /// The history of the fleet. A clone is another handle of the same; when the last one is gone, the
 /// task that writes ends.
@@ -125,6 +129,82 @@ impl Remote {
         to: i64,
         step_ms: i64,
     ) -> Result<Vec<Point>, EngineError> {
+        let (dialect, _turn) = self.turn().await?;
+        let question = Question {
+            fleet: &self.0.fleet,
+            robot,
+            from,
+            to,
+            step: step_ms,
+        };
+        read::ask(&self.0.client, dialect, question).await
+    }
+
+    /// From when to when the engine has samples of the fleet. `VictoriaMetrics` is asked by the day, and
+    /// then some robots of that day.
+    ///
+    /// # Errors
+    /// As of [`Remote::query`].
+    pub async fn recorded(&self) -> Result<Option<Recorded>, EngineError> {
+        let (dialect, _turn) = self.turn().await?;
+        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+        let now = now.map_or(0, |since| since.as_millis() as i64);
+        extent::recorded(&self.0.client, dialect, &self.0.fleet, now).await
+    }
+
+    /// The robots of the fleet that the engine has samples of, in order.
+    ///
+    /// # Errors
+    /// As of [`Remote::query`].
+    pub async fn robots(&self) -> Result<BTreeSet<RobotId>, EngineError> {
+        let (dialect, _turn) = self.turn().await?;
+        extent::robots(&self.0.client, dialect, &self.0.fleet).await
+    }
+
+    /// Where `robots` were from `from` until before `to`, every `step_ms`, in the order of their names: a
+    /// question for each, some at the same time. Robots and stretches without a sample are left out.
+    ///
+    /// # Errors
+    /// As of [`Remote::query`].
+    ///
+    /// # Cancellation safety
+    /// Nothing more is asked once this is dropped.
+    pub async fn frames(
+        &self,
+        robots: &BTreeSet<RobotId>,
+        from: i64,
+        to: i64,
+        step_ms: i64,
+    ) -> Result<Vec<Track>, EngineError> {
+        let mut waiting = robots.iter();
+        let mut asked = JoinSet::new();
+        let mut tracks = Vec::new();
+        loop {
+            while asked.len() < TOGETHER
+                && let Some(robot) = waiting.next()
+            {
+                let (remote, robot) = (self.clone(), robot.clone());
+                asked.spawn(async move {
+                    let points = remote.query(&robot, from, to, step_ms).await?;
+                    let frames = points.iter().map(Frame::from).collect();
+                    Ok::<_, EngineError>(Track { robot, frames })
+                });
+            }
+            let Some(answered) = asked.join_next().await else {
+                break;
+            };
+            // Ends only with the runtime, or by a panic, which has been reported.
+            let track = answered.map_err(|_| EngineError::Closed)??;
+            if !track.frames.is_empty() {
+                tracks.push(track);
+            }
+        }
+        tracks.sort_by(|one, other| one.robot.cmp(&other.robot));
+        Ok(tracks)
+    }
+
+    /// The language of the engine, once it is our turn to ask.
+    async fn turn(&self) -> Result<(Dialect, SemaphorePermit<'_>), EngineError> {
         let inner = &self.0;
         match (inner.shared.state(), inner.shared.engine()) {
             // The writer asks again all the time: no need to wait for what it waits for.
@@ -133,18 +213,10 @@ impl Remote {
             (_, None) => Err(EngineError::Unreachable("it has not answered yet".into())),
             (_, Some(engine)) => {
                 let dialect = engine.dialect.ok_or(EngineError::Unreadable)?;
-                let turn = tokio::time::timeout(TIME_OUT, inner.questions.acquire()).await;
-                let Ok(Ok(_turn)) = turn else {
-                    return Err(EngineError::Busy("too many ask at the same time".into()));
-                };
-                let question = Question {
-                    fleet: &inner.fleet,
-                    robot,
-                    from,
-                    to,
-                    step: step_ms,
-                };
-                read::ask(&inner.client, dialect, question).await
+                match tokio::time::timeout(TIME_OUT, inner.questions.acquire()).await {
+                    Ok(Ok(turn)) => Ok((dialect, turn)),
+                    _ => Err(EngineError::Busy("too many ask at the same time".into())),
+                }
             }
         }
     }

@@ -17,13 +17,13 @@ use crate::line::MEASUREMENT;
 
 /// Questions are asked of the past, and so many milliseconds are added again: within half a minute of
 /// now, the engine would repeat older values in place of those that may still change.
-const PAST: i64 = 86_400_000;
+pub(super) const PAST: i64 = 86_400_000;
 
 /// Longest step that the engine takes, in milliseconds: 100 years.
 const LONGEST: i64 = 3_153_600_000_000;
 /// History begins in 2000 and ends in 2065 here, in Unix milliseconds: the engine answers nothing when
 /// window and step reach back before 1970.
-const ALL: (i64, i64) = (946_684_800_000, 3_000_000_000_000);
+pub(super) const ALL: (i64, i64) = (946_684_800_000, 3_000_000_000_000);
 /// Step of a question about one stretch, where it says nothing.
 const ONE: i64 = 60_000;
 
@@ -100,7 +100,7 @@ fn stretches(from: i64, to: i64, step: i64) -> Vec<Stretches> {
     out
 }
 
-fn literal(text: &str) -> String {
+pub(super) fn literal(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
@@ -142,7 +142,7 @@ fn expression(database: &str, question: &Question<'_>, length: i64) -> String {
 }
 
 /// Seconds, as the engine wants them.
-fn seconds(ms: i64) -> String {
+pub(super) fn seconds(ms: i64) -> String {
     let sign = if ms < 0 { "-" } else { "" };
     let ms = ms.unsigned_abs();
     format!("{sign}{}.{:03}", ms / 1_000, ms % 1_000)

@@ -1,5 +1,6 @@
 //! Questions about history, in the languages of the engines.
 
+pub(crate) mod extent;
 pub(crate) mod influxql;
 pub(crate) mod metricsql;
 
