@@ -15,6 +15,7 @@ mod tls;
 
 use std::ffi::OsString;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::num::NonZeroU8;
 use std::path::{Path, PathBuf};
 
 use crawler_protocol::Fleet;
@@ -95,6 +96,8 @@ pub struct Settings {
     pub log_format: LogFormat,
     /// The options of TLS.
     pub tls: TlsSettings,
+    /// Trials of experiments that run at the same time; `None` for one for every two processors.
+    pub experiment_threads: Option<NonZeroU8>,
 }
 
 /// Why the options cannot be used.
@@ -245,6 +248,7 @@ impl Settings {
                 .unwrap_or_else(|| "info,rmqtt=error,rmqtt_net=error".into()),
             log_format: merged.log_format.unwrap_or_default(),
             tls,
+            experiment_threads: merged.experiment_threads,
         })
     }
 

@@ -14,7 +14,7 @@ use clap::Args;
 use crawler_sim::evaluate::{Axis, Criterion, Evaluation, Job, Trial, run_all};
 use crawler_sim::scenario::{Scenario, Threshold};
 
-use crate::recipe::{self, Changes, Randomisation};
+use crate::recipe::{self, Changes, Randomisation, quoted};
 use output::{can_write, explain, write_file};
 
 /// Most runs of one evaluation.
@@ -154,7 +154,7 @@ fn interrupted(done: usize, all: usize) -> ExitCode {
 }
 
 /// The scenario as the options want it.
-fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
+pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
     let changes = Changes {
         robots: args.robots,
         randomisation: args.randomisation,
@@ -235,30 +235,14 @@ fn stop_on_interrupt() -> Result<Arc<AtomicBool>, String> {
 
 /// The options that make one of the runs again, with this randomisation and these values too.
 fn repeat(args: &EvaluateArgs, randomisation: Option<Randomisation>, values: &[String]) -> String {
-    let mut words = vec![String::new(), "--scenario".into(), quoted(&args.scenario)];
-    if let Some(robots) = args.robots {
-        words.extend(["--robots".into(), robots.to_string()]);
-    }
-    if let Some(profile) = randomisation {
-        words.extend(["--randomisation".into(), profile.name().into()]);
-    }
-    if let Some(difficulty) = &args.difficulty {
-        words.extend(["--difficulty".into(), quoted(difficulty)]);
-    }
-    for set in args.set.iter().chain(values) {
-        words.extend(["--set".into(), quoted(set)]);
-    }
-    words.join(" ")
-}
-
-/// A word as a shell takes it.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', "'\\''"))
-    }
+    let set = [args.set.as_slice(), values].concat();
+    let changes = Changes {
+        robots: args.robots,
+        randomisation,
+        difficulty: args.difficulty.as_deref(),
+        set: &set,
+    };
+    changes.words(&args.scenario)
 }
 
 fn shown(path: &Path) -> std::path::Display<'_> {

@@ -7,7 +7,7 @@ mod encode;
 #[cfg(test)]
 mod tests;
 
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
@@ -33,14 +33,14 @@ const EVENTS_AT_START: usize = 50;
 /// The feed.
 pub(crate) struct Feed {
     fleet: Fleet,
-    /// The simulated arena; not set for robots out in the world.
-    arena: OnceLock<Value>,
     sender: broadcast::Sender<Bytes>,
     state: Mutex<State>,
 }
 
 #[derive(Default)]
 struct State {
+    /// The simulated arena; null for robots out in the world.
+    arena: Value,
     /// What readers have been told last, by index.
     told: Vec<Option<Sample>>,
     next_event: u64,
@@ -60,16 +60,24 @@ impl Feed {
     pub(crate) fn new(fleet: Fleet) -> Self {
         Self {
             fleet,
-            arena: OnceLock::new(),
             sender: broadcast::Sender::new(RING),
             state: Mutex::default(),
         }
     }
 
-    /// Makes the simulated arena known to readers. Only the first call counts.
-    pub(crate) fn set_arena(&self, arena: Value) {
-        // The arena of a running world does not change.
-        let _ = self.arena.set(arena);
+    /// Makes the simulated arena known, to readers who are here as well: they are told hello once
+    /// more. Returns the bytes of that frame.
+    pub(crate) fn set_arena(&self, arena: Value) -> usize {
+        let mut state = self.state();
+        state.arena = arena;
+        if self.sender.receiver_count() == 0 {
+            return 0;
+        }
+        let hello = encode::hello(&self.fleet, clock::unix_ms(), &state.arena);
+        let bytes = hello.len();
+        // An error says that nobody listens any more.
+        let _ = self.sender.send(hello);
+        bytes
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -79,16 +87,12 @@ impl Feed {
     /// The snapshot for a new reader, and what follows it.
     pub(crate) fn connect(&self, fleet: &SharedFleet) -> (Vec<Bytes>, broadcast::Receiver<Bytes>) {
         // Under this lock no frame goes out, so none is missed and none comes twice.
-        let _state = self.state();
+        let state = self.state();
         let receiver = self.sender.subscribe();
         let fleet = fleet.lock();
         let mut frames = vec![
-            encode::hello(
-                &self.fleet,
-                clock::unix_ms(),
-                self.arena.get().unwrap_or(&Value::Null),
-            ),
-            encode::roster(fleet.robots(), &[]),
+            encode::hello(&self.fleet, clock::unix_ms(), &state.arena),
+            encode::roster(&fleet, fleet.robots(), &[]),
         ];
         let samples: Vec<_> = fleet
             .robots()
@@ -123,13 +127,13 @@ impl Feed {
         } else {
             // An index may have changed hands between two ticks: away with the old robot first.
             if !changes.removed.is_empty() {
-                frames.push(encode::roster(std::iter::empty(), &changes.removed));
+                frames.push(encode::roster(&fleet, std::iter::empty(), &changes.removed));
             }
             if !changes.changed.is_empty() {
                 let changed = fleet
                     .robots()
                     .filter(|robot| changes.changed.contains(&robot.index));
-                frames.push(encode::roster(changed, &[]));
+                frames.push(encode::roster(&fleet, changed, &[]));
             }
             let samples = state.changed_samples(&fleet);
             if !samples.is_empty() {

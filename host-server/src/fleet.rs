@@ -5,6 +5,7 @@
 //! and of events, and a bounded weight of images, whatever arrives.
 
 mod events;
+mod fences;
 mod images;
 mod ingest;
 mod presence;
@@ -19,6 +20,7 @@ use std::time::Instant;
 use crawler_protocol::{Fleet, Response, RobotId, Telemetry};
 
 pub(crate) use events::{Event, EventLog, Level};
+pub(crate) use fences::Crossing;
 pub(crate) use images::Image;
 pub(crate) use presence::Presence;
 pub(crate) use robot::Robot;
@@ -61,6 +63,7 @@ pub(crate) struct FleetState {
     /// The newest image of each robot that has sent any.
     images: images::Images,
     rejected: ingest::RejectionLog,
+    fences: fences::Fences,
     /// Whether other servers tell what they hear, so that messages of one robot come two ways.
     relayed: bool,
     pub(crate) events: EventLog,
@@ -97,6 +100,7 @@ impl FleetState {
             moved: Vec::new(),
             images: images::Images::default(),
             rejected: ingest::RejectionLog::default(),
+            fences: fences::Fences::default(),
             relayed: false,
             events: EventLog::default(),
         }
@@ -142,7 +146,7 @@ impl FleetState {
         }
     }
 
-    /// Recomputes every robot's presence.
+    /// Recomputes every robot's presence, and makes events of what happened since the last time.
     pub(crate) fn sweep(&mut self, now: Instant) {
         let mut moves = std::mem::take(&mut self.moved);
         for robot in self.slots.iter_mut().flatten() {
@@ -154,6 +158,7 @@ impl FleetState {
             }
         }
         self.events.presence_changes(&moves);
+        self.tell_crossings();
     }
 
     /// The robot's entry, made when it is new and there is room.

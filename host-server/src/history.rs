@@ -1,7 +1,9 @@
 //! The history of telemetry, wherever it is: in the data directory, or in an engine outside.
 
+use std::collections::BTreeSet;
+
 use crawler_protocol::RobotId;
-use crawler_records::history::{Full, History as Local, Point, Sample};
+use crawler_records::history::{Full, History as Local, Point, Recorded, Sample, Track};
 use crawler_records::{Records, RecordsError};
 use crawler_timeseries::{Address, EngineError, QUEUE, Remote};
 
@@ -29,8 +31,8 @@ pub(crate) enum HistoryError {
 
 /// The records, and where the history is. An engine need not be there yet.
 pub(crate) async fn open(settings: &Settings) -> Result<(Records, History), StartError> {
-    let records = data::open_records(settings).await?;
     let Some(engine) = &settings.timeseries else {
+        let records = data::open_records(settings).await?;
         let history = History::Local(records.history().clone());
         return Ok((records, history));
     };
@@ -38,12 +40,17 @@ pub(crate) async fn open(settings: &Settings) -> Result<(Records, History), Star
         engine: engine.to_string(),
         reason: why.to_string(),
     };
+    // First: what is wrong with an address must not cost opening the records.
     let address: Address = engine.reveal().parse().map_err(|error| wrong(&error))?;
     let remote = Remote::start(address, settings.fleet.as_str(), QUEUE);
-    Ok((
-        records,
-        History::Remote(remote.map_err(|error| wrong(&error))?),
-    ))
+    let remote = remote.map_err(|error| wrong(&error))?;
+    match data::open_records(settings).await {
+        Ok(records) => Ok((records, History::Remote(remote))),
+        Err(error) => {
+            remote.close().await;
+            Err(error.into())
+        }
+    }
 }
 
 impl History {
@@ -76,6 +83,51 @@ impl History {
                 .map_err(HistoryError::Local),
             Self::Remote(remote) => remote
                 .query(robot, from, to, step)
+                .await
+                .map_err(HistoryError::Remote),
+        }
+    }
+
+    /// From when to when something is recorded.
+    ///
+    /// # Errors
+    /// [`HistoryError`] of where the history is.
+    pub(crate) async fn recorded(&self) -> Result<Option<Recorded>, HistoryError> {
+        match self {
+            Self::Local(local) => local.recorded().await.map_err(HistoryError::Local),
+            Self::Remote(remote) => remote.recorded().await.map_err(HistoryError::Remote),
+        }
+    }
+
+    /// The robots that something was ever recorded of, in order.
+    ///
+    /// # Errors
+    /// [`HistoryError`] of where the history is.
+    pub(crate) async fn robots(&self) -> Result<BTreeSet<RobotId>, HistoryError> {
+        match self {
+            Self::Local(local) => local.robots().await.map_err(HistoryError::Local),
+            Self::Remote(remote) => remote.robots().await.map_err(HistoryError::Remote),
+        }
+    }
+
+    /// Where `robots` were from `from` until before `to`, every `step` milliseconds.
+    ///
+    /// # Errors
+    /// [`HistoryError`] of where the history is.
+    pub(crate) async fn frames(
+        &self,
+        robots: &BTreeSet<RobotId>,
+        from: i64,
+        to: i64,
+        step: i64,
+    ) -> Result<Vec<Track>, HistoryError> {
+        match self {
+            Self::Local(local) => local
+                .frames(robots, from, to, step)
+                .await
+                .map_err(HistoryError::Local),
+            Self::Remote(remote) => remote
+                .frames(robots, from, to, step)
                 .await
                 .map_err(HistoryError::Remote),
         }

@@ -5,9 +5,13 @@ mod assets;
 mod audit;
 mod commands;
 mod credentials;
+mod events;
+mod experiments;
 mod faults;
+mod fences;
 mod guard;
 mod health;
+mod history;
 mod images;
 mod live;
 mod mqtt;
@@ -22,6 +26,7 @@ mod sessions;
 mod simulator;
 mod telemetry;
 mod users;
+mod world;
 
 use std::net::SocketAddr;
 use std::sync::atomic::AtomicBool;
@@ -43,10 +48,13 @@ use crate::bus::Bus;
 use crate::cluster::Together;
 use crate::commands::CommandCenter;
 use crate::config::{BrokerUrl, Networks};
+use crate::experiments::Experiments;
 use crate::feed::Feed;
+use crate::fences::Stops;
 use crate::fleet::SharedFleet;
 use crate::history::History;
 use crate::metrics::{Metrics, observe_http};
+use crate::recorder::Recorder;
 use crate::simulation::Simulation;
 
 pub(crate) use guard::RequestIds;
@@ -70,12 +78,18 @@ pub(crate) struct App {
     pub(crate) broker: Option<BrokerHandle>,
     /// The simulation in this process, once there is one.
     pub(crate) simulation: OnceLock<Arc<Simulation>>,
+    /// One world is drawn at a time for those who want to see what it would be.
+    pub(crate) drawing: Arc<Semaphore>,
     /// Whether a robot has come online since the time last went out.
     pub(crate) time_wanted: AtomicBool,
     /// What must survive a restart.
     pub(crate) records: Records,
     /// What the robots measured.
     pub(crate) history: History,
+    /// Scenarios on many seeds.
+    pub(crate) experiments: Experiments,
+    /// Takes events, and changes of the simulated arena, for the records.
+    pub(crate) recorder: Recorder,
     /// Who is who.
     pub(crate) accounts: Accounts,
     /// Who did what.
@@ -94,6 +108,8 @@ pub(crate) struct App {
     pub(crate) together: Option<Arc<Together>>,
     /// Another server has changed something in the records.
     pub(crate) records_changed: Notify,
+    /// Robots that have crossed a fence and are to be stopped.
+    pub(crate) fence_stops: Stops,
 }
 
 impl App {
@@ -115,8 +131,11 @@ impl App {
     tags(
         (name = "robots", description = "The fleet as last known"),
         (name = "commands", description = "Telling robots what to do"),
+        (name = "fences", description = "Where robots are to stay in or out of"),
         (name = "simulator", description = "The simulated world of this process"),
+        (name = "experiments", description = "Scenarios on many seeds, and what comes of it"),
         (name = "feed", description = "Everything as it happens"),
+        (name = "history", description = "What was, as far back as it is recorded"),
         (name = "session", description = "Logging in and out"),
         (name = "accounts", description = "Who may do what, and who did what"),
         (name = "description", description = "What messages look like")
@@ -142,11 +161,25 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr, proxies: Networks) -> Ro
                 .routes(routes!(commands::to_swarm))
                 .routes(routes!(commands::list))
                 .routes(routes!(commands::one))
+                .routes(routes!(fences::list, fences::add))
+                .routes(routes!(fences::change, fences::delete))
                 .routes(routes!(simulator::state))
                 .routes(routes!(simulator::command))
+                .routes(routes!(world::scenarios))
+                .routes(routes!(world::scenario))
+                .routes(routes!(experiments::list, experiments::create))
+                .routes(routes!(experiments::one, experiments::delete))
+                .routes(routes!(experiments::start))
+                .routes(routes!(experiments::pause))
+                .routes(routes!(experiments::resume))
+                .routes(routes!(experiments::stop))
+                .routes(routes!(experiments::metrics))
                 .routes(routes!(schema::one))
                 .routes(routes!(live::connect))
                 .routes(routes!(telemetry::history))
+                .routes(routes!(history::span))
+                .routes(routes!(history::frames))
+                .routes(routes!(events::page))
                 .routes(routes!(session::login, session::logout, session::current))
                 .routes(routes!(session::refresh))
                 .routes(routes!(session::password))

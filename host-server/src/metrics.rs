@@ -4,6 +4,8 @@
 
 mod cluster;
 mod dropped;
+mod experiments;
+mod fences;
 mod http;
 mod observed;
 
@@ -25,6 +27,7 @@ use prometheus_client::registry::{Registry, Unit};
 use crate::broker::GuardCounters;
 use crate::cluster::Together;
 use crate::history::History;
+use crate::recorder::Recorder;
 
 pub(crate) use dropped::Dropped;
 pub(crate) use http::observe as observe_http;
@@ -77,12 +80,15 @@ pub(crate) struct Metrics {
     broker_losses: Counter,
     http_latency: http::Latency,
     drops: Family<ReasonLabel, Counter>,
+    fence_crossings: fences::Crossings,
     /// Where the server keeps its data.
     data: OnceLock<PathBuf>,
     /// What the robots measured.
     history: OnceLock<History>,
     /// What its database holds, where it has one.
     records: OnceLock<Records>,
+    /// What is recorded beside that.
+    recorder: OnceLock<Recorder>,
     /// The other servers.
     together: OnceLock<Arc<Together>>,
 }
@@ -113,9 +119,11 @@ impl Metrics {
             broker_losses: Counter::default(),
             http_latency: http::Latency::new(&mut registry),
             drops: Family::default(),
+            fence_crossings: fences::Crossings::new(&mut registry),
             data: OnceLock::new(),
             history: OnceLock::new(),
             records: OnceLock::new(),
+            recorder: OnceLock::new(),
             together: OnceLock::new(),
             registry: Mutex::default(),
         };
@@ -273,6 +281,11 @@ impl Metrics {
         let _ = self.history.set(history.clone());
     }
 
+    /// Has events on their way to the records watched.
+    pub(crate) fn watch_recorder(&self, recorder: &Recorder) {
+        let _ = self.recorder.set(recorder.clone());
+    }
+
     /// Has what goes on between the servers watched.
     pub(crate) fn watch_cluster(&self, together: &Arc<Together>) {
         let _ = self.together.set(Arc::clone(together));
@@ -309,6 +322,9 @@ impl Metrics {
         }
         if let Some(history) = self.history.get() {
             observed::write_history(&mut out, history);
+        }
+        if let Some(recorder) = self.recorder.get() {
+            observed::write_events(&mut out, recorder.stats());
         }
         if let Some(stats) = self.records.get().and_then(Records::database) {
             observed::write_database(&mut out, &stats);

@@ -28,6 +28,11 @@ impl Randomisation {
         }
     }
 
+    pub(crate) fn by_name(name: &str) -> Option<Self> {
+        let all = [Self::None, Self::Mild, Self::Wild];
+        all.into_iter().find(|profile| profile.name() == name)
+    }
+
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -50,35 +55,124 @@ pub(crate) struct Changes<'a> {
     pub(crate) set: &'a [String],
 }
 
+/// One of the changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Change {
+    Difficulty,
+    Robots,
+    Randomisation,
+    /// The one of this number among those of `set`.
+    Set(usize),
+    /// All of them together.
+    All,
+}
+
 impl Changes<'_> {
     /// The scenario with the changes, in this order: difficulty, robots, randomisation, keys.
     ///
     /// # Errors
     /// One line that names the option.
-    pub(crate) fn apply(&self, mut scenario: Scenario) -> Result<Scenario, String> {
-        let refuse = |what: &str, error: &dyn std::fmt::Display| format!("{what}: {error}");
+    pub(crate) fn apply(&self, scenario: Scenario) -> Result<Scenario, String> {
+        let (scenario, refused) = self.apply_all(scenario);
+        let Some((change, why)) = refused.into_iter().next() else {
+            return Ok(scenario);
+        };
+        Err(match change {
+            Change::Difficulty => format!("--difficulty: {why}"),
+            Change::Robots => format!("--robots: {why}"),
+            Change::Randomisation => format!("--randomisation: {why}"),
+            Change::Set(number) => format!("--set {}: {why}", self.set[number]),
+            Change::All => why,
+        })
+    }
+
+    /// The same, and everything that is refused, with the reason; the scenario goes without that.
+    pub(crate) fn apply_all(&self, scenario: Scenario) -> (Scenario, Vec<(Change, String)>) {
+        let mut refused = Vec::new();
+        let mut scenario = scenario;
+        let mut take = |change: Change, changed: Result<Scenario, String>| match changed {
+            Ok(changed) => Some(changed),
+            Err(why) => {
+                refused.push((change, why));
+                None
+            }
+        };
         if let Some(difficulty) = self.difficulty {
-            let changed = scenario.with_difficulty(difficulty);
-            scenario = changed.map_err(|error| refuse("--difficulty", &error))?;
+            let changed = scenario.clone().with_difficulty(difficulty);
+            let changed = changed.map_err(|error| error.to_string());
+            scenario = take(Change::Difficulty, changed).unwrap_or(scenario);
         }
         if let Some(robots) = self.robots {
-            let changed = scenario.with_value("robots", &robots.to_string());
-            scenario = changed.map_err(|error| refuse("--robots", &error))?;
+            let changed = with(&scenario, "robots", &robots.to_string());
+            scenario = take(Change::Robots, changed).unwrap_or(scenario);
         }
         if let Some(profile) = self.randomisation {
-            let changed = scenario.with_value("randomisation", profile.name());
-            scenario = changed.map_err(|error| refuse("--randomisation", &error))?;
+            let changed = with(&scenario, "randomisation", profile.name());
+            scenario = take(Change::Randomisation, changed).unwrap_or(scenario);
         }
-        for pair in self.set {
-            let (key, value) = pair
-                .split_once('=')
-                .ok_or_else(|| format!("--set {pair}: not like key=value"))?;
-            let changed = scenario.with_value(key.trim(), value.trim());
-            scenario = changed.map_err(|error| refuse(&format!("--set {pair}"), &error))?;
+        for (number, pair) in self.set.iter().enumerate() {
+            let changed = match pair.split_once('=') {
+                Some((key, value)) => with(&scenario, key.trim(), value.trim()),
+                None => Err("not like key=value".to_owned()),
+            };
+            scenario = take(Change::Set(number), changed).unwrap_or(scenario);
         }
-        scenario.validate().map_err(|error| error.to_string())?;
-        Ok(scenario)
+        if refused.is_empty()
+            && let Err(error) = scenario.validate()
+        {
+            refused.push((Change::All, error.to_string()));
+        }
+        (scenario, refused)
     }
+
+    /// The options of the command line that make these changes of `scenario`, as a shell takes them,
+    /// each after a space.
+    pub(crate) fn words(&self, scenario: &str) -> String {
+        let mut words = vec![String::new(), "--scenario".into(), quoted(scenario)];
+        if let Some(robots) = self.robots {
+            words.extend(["--robots".into(), robots.to_string()]);
+        }
+        if let Some(profile) = self.randomisation {
+            words.extend(["--randomisation".into(), profile.name().into()]);
+        }
+        if let Some(difficulty) = self.difficulty {
+            words.extend(["--difficulty".into(), quoted(difficulty)]);
+        }
+        for set in self.set {
+            words.extend(["--set".into(), quoted(set)]);
+        }
+        words.join(" ")
+    }
+}
+
+fn with(scenario: &Scenario, key: &str, value: &str) -> Result<Scenario, String> {
+    let changed = scenario.with_value(key, value);
+    changed.map_err(|error| error.to_string())
+}
+
+/// A word as a shell takes it.
+pub(crate) fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
+/// A scenario that comes along, where robots that have a camera see. Files are not looked at.
+///
+/// # Errors
+/// One line with the names that there are.
+pub(crate) fn built_in(name: &str) -> Result<Scenario, String> {
+    let scenario = Scenario::built_in(name).map_err(|_| {
+        let known: Vec<_> = Scenario::names().collect();
+        format!("is none of {}", known.join(", "))
+    })?;
+    Ok(Scenario {
+        detector: DETECTOR,
+        ..scenario
+    })
 }
 
 /// A scenario by name, or from a file, where robots that have a camera see.

@@ -29,11 +29,14 @@ use crate::clock;
 use crate::commands::{CommandCenter, Journal, Outlet, Sequence};
 use crate::config::{BrokerUrl, Role, Settings};
 use crate::data::DataDir;
+use crate::experiments::{self, Experiments};
 use crate::feed::Feed;
+use crate::fences;
 use crate::fleet::SharedFleet;
 use crate::history;
 use crate::http::{self, App};
 use crate::metrics::Metrics;
+use crate::recorder::Recorder;
 use crate::simulation::Simulation;
 use crate::simulator;
 use crate::tls::{Certificates, Door, Tunnel};
@@ -65,6 +68,8 @@ pub struct Server {
     bus_task: JoinHandle<()>,
     heart_task: JoinHandle<()>,
     trail_task: JoinHandle<()>,
+    experiments_task: JoinHandle<()>,
+    recorder_task: JoinHandle<()>,
     cluster_task: Option<JoinHandle<()>>,
 }
 
@@ -79,6 +84,7 @@ impl Server {
         let mut journal =
             Journal::open(&data.file(COMMANDS)).map_err(|cause| data.failed(COMMANDS, cause))?;
         let name = data.file(cluster::NAME);
+        let owner = experiments::owner(&data)?;
         let sequence = Sequence::open(data, clock::unix_ms())?;
         let (records, history) = history::open(settings).await?;
         let accounts = Accounts::open(records.clone(), settings.open).await?;
@@ -140,9 +146,19 @@ impl Server {
                 (commands, Some(joined))
             }
         };
+        let together = membership
+            .as_ref()
+            .map(|joined| Arc::clone(&joined.together));
+        // Who has records of its own keeps everything in them.
+        let shared = records.database().is_some();
+        let recorder = Recorder::new(together.clone().filter(|_| shared));
+        metrics.watch_recorder(&recorder);
+        let recorder_task = recorder.start(records.clone(), stop_trail.clone());
         let app = Arc::new(App {
             records,
             history,
+            experiments: Experiments::new(settings, owner),
+            recorder,
             accounts,
             trail,
             mqtt: mqtt.clone(),
@@ -154,18 +170,20 @@ impl Server {
             feed: Feed::new(settings.fleet.clone()),
             broker: broker.as_ref().map(EmbeddedBroker::handle),
             simulation: OnceLock::new(),
+            drawing: Arc::new(Semaphore::new(1)),
             time_wanted: AtomicBool::new(false),
             requests: http::RequestIds::new(),
             readers: Arc::new(Semaphore::new(http::MAX_READERS)),
             stop: CancellationToken::new(),
-            together: membership
-                .as_ref()
-                .map(|joined| Arc::clone(&joined.together)),
+            together,
             records_changed: Notify::new(),
+            fence_stops: fences::Stops::default(),
         });
         if membership.is_some() {
             app.fleet.lock().relayed();
         }
+        app.fleet.lock().events.record_in(app.recorder.clone());
+        fences::catch_up(&app).await;
 
         let stop_bus = CancellationToken::new();
         let stop_http = CancellationToken::new();
@@ -173,13 +191,14 @@ impl Server {
         let cluster_task = membership.map(|joined| joined.start(&app, &ingest, &stop_bus));
         let bus_task = bus::start(bus, target, connection, ingest, stop_bus.clone());
         tokio::spawn(clockwork::upkeep(Arc::clone(&app), stop_bus.clone()));
+        tokio::spawn(fences::enforce(Arc::clone(&app), stop_bus.clone()));
         let heart_task = tokio::spawn(clockwork::heart(Arc::clone(&app), stop_bus.clone()));
         if settings.role == Role::Up {
             // The connection is served already, so the robots' first words find a listener.
             let inside = ways::for_robots(&inside, broker.as_ref(), settings);
             match Simulation::start(settings, &inside).await {
                 Ok(simulation) => {
-                    app.feed.set_arena(simulation.arena());
+                    simulation.tell_arenas(&app, stop_bus.clone());
                     let simulation = Arc::new(simulation);
                     let _ = app.simulation.set(Arc::clone(&simulation));
                     tokio::spawn(simulator::listen(
@@ -194,6 +213,9 @@ impl Server {
                     return Err(StartError::Simulation(reason));
                 }
             }
+        } else if app.together.is_none() || app.records.database().is_none() {
+            // Another server with the same records may have a world; else there is none.
+            app.recorder.record_arena(&serde_json::Value::Null);
         }
         let door = match &certificates {
             Some(certificates) if settings.tls.covers(settings.http) => {
@@ -202,6 +224,10 @@ impl Server {
             _ => None,
         };
         let https = door.is_some();
+        let experiments_task = app.experiments.begin(&app).map_err(|error| {
+            stop_bus.cancel();
+            StartError::Experiments(error)
+        })?;
         let http_task = tokio::spawn(http::serve(
             listener,
             http::router(Arc::clone(&app), http, settings.trusted_proxies.clone()),
@@ -228,6 +254,8 @@ impl Server {
             bus_task,
             heart_task,
             trail_task,
+            experiments_task,
+            recorder_task,
             cluster_task,
         })
     }
@@ -272,15 +300,17 @@ impl Server {
         self.invitation.as_deref()
     }
 
-    /// Stops in order: robots of this process, readers and requests, connection to the broker,
+    /// Stops in order: experiments, robots of this process, readers and requests, connection to the broker,
     /// broker. Takes at most a few times five seconds.
     pub async fn stop(self) {
+        self.app.experiments.stop().await;
         if let Some(simulation) = self.app.simulation.get() {
             simulation.stop().await;
         }
         self.app.stop.cancel();
         self.stop_http.cancel();
         finish("the API", self.http_task).await;
+        finish("the experiments", self.experiments_task).await;
         self.stop_bus.cancel();
         finish("the connection to the broker", self.bus_task).await;
         finish("the clockwork", self.heart_task).await;
@@ -292,6 +322,7 @@ impl Server {
         }
         self.stop_trail.cancel();
         finish("the audit log", self.trail_task).await;
+        finish("what is recorded", self.recorder_task).await;
         self.app.history.close().await;
         self.app.records.close().await;
     }

@@ -5,15 +5,39 @@ use std::time::Duration;
 
 use crawler_protocol::SimulatorCommand;
 use crawler_sim::run::live::{
-    ControlError, LiveConfig, LiveDone, LiveHandle, LiveState, start, start_recorded,
+    ControlError, LiveConfig, LiveDone, LiveHandle, LiveScene, LiveState, start, start_recorded,
 };
+use crawler_sim::world::Arena;
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
 
 use crate::config::{BrokerUrl, Settings};
+use crate::http::App;
 use crate::metrics::Simulated;
 use crate::recipe::scenario;
 
 /// For robots to come to rest. From full speed the ramp takes well under a second.
 const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Least time between two arenas that are told.
+const ARENA_PAUSE: Duration = Duration::from_millis(100);
+/// Bytes of arenas that are told in a millisecond at most: readers who are behind hold them all.
+const ARENA_PACE: usize = 4 * 1024;
+
+/// An arena, as the live feed tells it.
+pub(crate) fn arena_json(arena: &Arena) -> serde_json::Value {
+    serde_json::to_value(arena).unwrap_or_else(|error| {
+        tracing::error!(%error, "the arena cannot be written");
+        serde_json::Value::Null
+    })
+}
+
+/// Tells viewers of the arena and keeps it for the record; returns how many bytes each viewer gets.
+fn tell(app: &App, arena: &Arena) -> usize {
+    let arena = arena_json(arena);
+    app.recorder.record_arena(&arena);
+    app.feed.set_arena(arena)
+}
 
 /// A running world.
 pub(crate) struct Simulation {
@@ -65,12 +89,35 @@ impl Simulation {
         })
     }
 
-    /// The arena, as the live feed tells it.
-    pub(crate) fn arena(&self) -> serde_json::Value {
-        serde_json::to_value(self.world.arena()).unwrap_or_else(|error| {
-            tracing::error!(%error, "the arena cannot be written");
-            serde_json::Value::Null
-        })
+    /// What the world is made of, for whoever wants to hear of changes.
+    pub(crate) fn watch_scene(&self) -> watch::Receiver<LiveScene> {
+        self.world.watch_scene()
+    }
+
+    /// Tells readers of the live feed what the arena is, and of every other one until `stop`.
+    pub(crate) fn tell_arenas(&self, app: &Arc<App>, stop: CancellationToken) {
+        let mut scene = self.watch_scene();
+        let mut told = Arc::clone(&scene.borrow_and_update().arena);
+        tell(app, &told);
+        let app = Arc::clone(app);
+        tokio::spawn(stop.run_until_cancelled_owned(async move {
+            // An error says that the world has ended.
+            while scene.changed().await.is_ok() {
+                let arena = Arc::clone(&scene.borrow_and_update().arena);
+                if Arc::ptr_eq(&arena, &told) {
+                    continue;
+                }
+                let bytes = tell(&app, &arena);
+                told = arena;
+                let pause = Duration::from_millis((bytes / ARENA_PACE) as u64);
+                tokio::time::sleep(pause.max(ARENA_PAUSE)).await;
+            }
+        }));
+    }
+
+    /// What the world is made of.
+    pub(crate) fn scene(&self) -> LiveScene {
+        self.world.scene()
     }
 
     /// How the world is.

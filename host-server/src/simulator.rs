@@ -142,6 +142,11 @@ async fn answer(simulation: &Simulation, payload: &[u8]) -> Option<Value> {
                 (answer.as_object_mut(), serde_json::to_value(done))
             {
                 answer.extend(done);
+                // Lists that may be longer than a message.
+                if let Some(Value::Object(world)) = answer.get_mut("simulator") {
+                    world.remove("dropped");
+                    world.remove("bookmarks");
+                }
             }
             Some(answer)
         }

@@ -4,9 +4,11 @@ mod support;
 
 use std::time::Duration;
 
+use crawler_records::{NewExperiment, Records};
+use crawler_server::config::{Layer, Role};
 use futures_util::{SinkExt as _, StreamExt as _};
 use serde_json::Value;
-use support::{Fixture, telemetry};
+use support::{Fixture, Scratch, eventually, telemetry};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::{Error, Message};
@@ -162,5 +164,63 @@ async fn the_number_of_readers_is_bounded() {
     }
     drop(sockets);
     support::eventually("room again", async || connect(&fixture, None).await.is_ok()).await;
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn experiments_are_told_of() {
+    const ALL: &str = "/api/v1/experiments";
+    let scratch = Scratch::new();
+    let records = Records::open(&scratch.0).await.expect("records");
+    let new = NewExperiment {
+        owner: "x".into(),
+        name: "of another version".into(),
+        recipe:
+            r#"{"scenario":"empty","in_each":1,"seeds":3,"first_seed":1,"set":[],"thresholds":[]}"#
+                .into(),
+        metrics: r#"[{"name":"luck","unit":"share","better":"more"}]"#.into(),
+        seeds: 3,
+        by: "ada".into(),
+        created: 1,
+        start: true,
+    };
+    let old = records.add_experiment(new).await.expect("made").id;
+    records.close().await;
+    let open = |layer: &mut Layer| layer.open = Some(true);
+    let fixture = Fixture::closed_at(scratch, Role::Serve, open).await;
+    let state = async |id: &str| fixture.get(&format!("{ALL}/{id}")).await.json();
+    let old = old.to_string();
+    eventually("it has failed", async || {
+        state(&old).await["state"] == "failed"
+    })
+    .await;
+    let reason = state(&old).await["reason"].to_string();
+    assert!(reason.contains("measures other things"), "{reason}");
+
+    let body = r#"{"name":"new","scenario":"empty","robots":1,"seeds":2,"set":["duration_s=1"]}"#;
+    let made = fixture.post(ALL, body).await.json();
+    let new = made["id"].as_str().expect("an id");
+    eventually("it is complete", async || {
+        state(new).await["state"] == "completed"
+    })
+    .await;
+    // Who comes now is told what was.
+    let mut socket = connect(&fixture, None).await.expect("connected");
+    for (level, begin) in [
+        ("error", "experiment “of another version” has failed: "),
+        ("info", "experiment “new” begins: 2 trials"),
+        ("info", "experiment “new” is completed: "),
+    ] {
+        let told = |event: &[u8]| {
+            json(event)["text"]
+                .as_str()
+                .is_some_and(|text| text.starts_with(begin))
+        };
+        let event = json(&until(&mut socket, 3, told).await);
+        assert_eq!(
+            (&event["level"], &event["robot"]),
+            (&level.into(), &Value::Null)
+        );
+    }
     fixture.stop().await;
 }

@@ -19,11 +19,20 @@ const ANYBODY: &[&str] = &[
 /// Calls of operators. Every other call that changes something is the administrator's, or about
 /// one's own session.
 const OPERATORS: &[&str] = &[
+    "post /api/v1/fences",
+    "put /api/v1/fences/{id}",
+    "delete /api/v1/fences/{id}",
     "post /api/v1/robots/{id}/commands",
     "post /api/v1/robots/{id}/faults",
     "delete /api/v1/robots/{id}/faults",
     "put /api/v1/robots/{id}/parameters",
     "post /api/v1/simulator/commands",
+    "post /api/v1/experiments",
+    "delete /api/v1/experiments/{id}",
+    "post /api/v1/experiments/{id}/start",
+    "post /api/v1/experiments/{id}/pause",
+    "post /api/v1/experiments/{id}/resume",
+    "post /api/v1/experiments/{id}/stop",
     "post /api/v1/swarm/commands",
 ];
 /// Calls of administrators.

@@ -4,11 +4,15 @@ mod support;
 
 use std::time::Duration;
 
+use futures_util::StreamExt as _;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::Packet;
 use rumqttc::v5::{AsyncClient, Event, MqttOptions};
 use serde_json::{Value, json};
 use support::{Fixture, eventually};
+use tokio::net::TcpStream;
+use tokio_tungstenite::tungstenite::Message;
+use tokio_tungstenite::{WebSocketStream, client_async};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_without_a_world_says_so() {
@@ -66,8 +70,26 @@ async fn a_world_obeys_requests_and_its_fleet_follows() {
             404,
             "unknown_robot",
         ),
-        (r#"{"command":"snapshot","name":"here"}"#, 409, "refused"),
         (r#"{"command":"restore","name":"here"}"#, 409, "refused"),
+        (r#"{"command":"forget","name":"here"}"#, 409, "refused"),
+        (r#"{"command":"load","scenario":"nowhere"}"#, 409, "refused"),
+        (
+            r#"{"command":"load","scenario":"corridor","robots":0}"#,
+            422,
+            "invalid_command",
+        ),
+        (r#"{"command":"take","item":1}"#, 409, "refused"),
+        (r#"{"command":"drop"}"#, 422, "invalid_command"),
+        (
+            r#"{"command":"drop","obstacle":{"shape":"circle","x":9,"y":0,"r":0.1}}"#,
+            409,
+            "refused",
+        ),
+        (
+            r#"{"command":"drop","obstacle":{"shape":"circle","x":0,"y":0,"r":1e39}}"#,
+            422,
+            "invalid_command",
+        ),
         (
             r#"{"command":"add","pose":{"x":999,"y":0,"theta":0}}"#,
             409,
@@ -120,8 +142,201 @@ async fn a_world_obeys_messages_and_answers_them() {
     let refused = next(r#"{"command":"restore","name":"here"}"#).await;
     assert_eq!(refused["status"], "rejected");
     assert_eq!(refused["code"], "refused");
+    let dropped = next(
+        r#"{"command":"drop","object":{"shape":"cone","x":-2.9,"y":-2.9,"size":0.1,"colour":"red"}}"#,
+    )
+    .await;
+    assert!(dropped["item"].is_u64(), "{dropped}");
+    assert_eq!(dropped["simulator"]["scenario"], "empty");
+    assert!(dropped["simulator"].get("dropped").is_none(), "{dropped}");
     let nonsense = next("nonsense").await;
     assert_eq!(nonsense["code"], "invalid_command");
     assert_eq!(nonsense["command"], json!(null));
+    fixture.stop().await;
+}
+
+/// The next hello of the live feed.
+async fn hello(socket: &mut WebSocketStream<TcpStream>) -> Value {
+    let next = async {
+        loop {
+            let message = socket.next().await.expect("open").expect("a message");
+            if let Message::Binary(frame) = message
+                && frame.first() == Some(&0)
+            {
+                return serde_json::from_slice(&frame[1..]).expect("JSON");
+            }
+        }
+    };
+    let hello = tokio::time::timeout(Duration::from_secs(30), next).await;
+    hello.expect("another arena is told")
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_world_is_furnished_kept_left_and_found_again() {
+    let fixture = Fixture::world(false).await;
+    let tell = async |body: &str| {
+        let answer = fixture.post("/api/v1/simulator/commands", body).await;
+        assert_eq!(answer.status, 200, "{body}: {}", answer.text());
+        answer.json()
+    };
+    let address = fixture.server.http();
+    let request = format!("ws://{address}/api/v1/live");
+    let stream = TcpStream::connect(address).await.expect("connect");
+    let (mut socket, _) = client_async(request, stream).await.expect("a reader");
+    assert_eq!(hello(&mut socket).await["arena"]["obstacles"], json!([]));
+    fixture.wait_presence("sim-0002", "online").await;
+
+    let block = json!({"shape": "box", "x": -2.5, "y": 2.5, "w": 0.5, "h": 0.25, "theta": 0.0});
+    let cone = json!({"shape": "cone", "x": 2.5, "y": 2.5, "size": 0.25, "colour": "purple"});
+    let command = json!({"command": "drop", "obstacle": block});
+    let first = tell(&command.to_string()).await;
+    let item = first["item"].as_u64().expect("a number");
+    assert_eq!(
+        hello(&mut socket).await["arena"]["obstacles"],
+        json!([block])
+    );
+    let command = json!({"command": "drop", "object": cone});
+    let second = tell(&command.to_string()).await;
+    assert_eq!(hello(&mut socket).await["arena"]["objects"], json!([cone]));
+    let other = second["item"].as_u64().expect("a number");
+    let lying = json!([{"id": item, "obstacle": block}, {"id": other, "object": cone}]);
+    assert_eq!(second["simulator"]["dropped"], lying);
+
+    tell(r#"{"command":"pause"}"#).await;
+    let kept = tell(r#"{"command":"snapshot","name":"furnished"}"#).await;
+    let marks = kept["simulator"]["bookmarks"].as_array().expect("a list");
+    assert_eq!(marks.len(), 1);
+    assert_eq!(marks[0]["name"], "furnished");
+    assert_eq!(marks[0]["scenario"], "empty");
+    assert_eq!(marks[0]["robots"], 2);
+    assert_eq!(marks[0]["time"], kept["simulator"]["time"]);
+    assert!(marks[0]["made_at"].as_u64() > Some(1_700_000_000_000));
+
+    let left = tell(r#"{"command":"load","scenario":"corridor","robots":3}"#).await;
+    let world = &left["simulator"];
+    assert_eq!(
+        (&world["scenario"], &world["robots"]),
+        (&json!("corridor"), &json!(3))
+    );
+    assert_eq!(world["dropped"], json!([]));
+    let arena = hello(&mut socket).await;
+    assert_eq!(arena["arena"]["width"], 8.0);
+    assert_eq!(
+        arena["arena"]["obstacles"].as_array().map(Vec::len),
+        Some(2)
+    );
+    tell(r#"{"command":"resume"}"#).await;
+    fixture.wait_presence("sim-0003", "online").await;
+
+    let back = tell(r#"{"command":"restore","name":"furnished"}"#).await;
+    let world = &back["simulator"];
+    assert_eq!(world["dropped"], lying);
+    assert_eq!(
+        (&world["scenario"], &world["robots"]),
+        (&json!("empty"), &json!(2))
+    );
+    assert!(world["time"].as_f64() >= kept["simulator"]["time"].as_f64());
+    let arena = hello(&mut socket).await;
+    assert_eq!(arena["arena"]["obstacles"], json!([block]));
+    assert_eq!(arena["arena"]["objects"], json!([cone]));
+    fixture.wait_presence("sim-0003", "offline").await;
+    fixture.wait_presence("sim-0002", "online").await;
+
+    let body = json!({"command": "take", "item": item}).to_string();
+    let taken = tell(&body).await;
+    assert_eq!(
+        taken["simulator"]["dropped"],
+        json!([{"id": other, "object": cone}])
+    );
+    assert_eq!(hello(&mut socket).await["arena"]["obstacles"], json!([]));
+    let forgotten = tell(r#"{"command":"forget","name":"furnished"}"#).await;
+    assert_eq!(forgotten["simulator"]["bookmarks"], json!([]));
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn scenarios_are_listed_and_shown_without_a_world() {
+    let fixture = Fixture::start().await;
+    let list = fixture.get("/api/v1/simulator/scenarios").await.json();
+    let list = list["scenarios"].as_array().expect("a list");
+    let named = |name: &str| list.iter().find(|one| one["name"] == name).expect("there");
+    assert_eq!(list[0]["name"], "arena");
+    assert!(
+        list.iter()
+            .all(|one| one["about"].as_str().is_some_and(|text| text.len() > 20))
+    );
+    let corridor = named("corridor");
+    assert_eq!(
+        (&corridor["width"], &corridor["obstacles"]),
+        (&json!(8.0), &json!(2))
+    );
+    assert_eq!(named("search")["objects"], 1);
+    assert_eq!(named("dynamic-environment")["movers"], 3);
+
+    let path = "/api/v1/simulator/scenarios/corridor";
+    let shown = fixture.get(&format!("{path}?seed=5&robots=3")).await.json();
+    assert_eq!(
+        (&shown["name"], &shown["seed"]),
+        (&json!("corridor"), &json!(5))
+    );
+    assert_eq!(
+        (&shown["robots"], &shown["about"]),
+        (&json!(3), &corridor["about"])
+    );
+    assert_eq!(
+        shown["arena"]["obstacles"].as_array().map(Vec::len),
+        Some(2)
+    );
+    let poses = shown["poses"].as_array().expect("poses");
+    assert_eq!(poses.len(), 3);
+    for pose in poses {
+        for (axis, most) in [("x", 4.0), ("y", 0.8), ("theta", 3.2)] {
+            assert!(
+                pose[axis].as_f64().is_some_and(|value| value.abs() < most),
+                "{pose}"
+            );
+        }
+    }
+    let many = fixture
+        .get("/api/v1/simulator/scenarios/arena?robots=1200")
+        .await
+        .json();
+    assert_eq!(many["robots"], 1_200);
+    assert_eq!(many["poses"].as_array().map(Vec::len), Some(1_000));
+    for (path, status, code) in [
+        (
+            "/api/v1/simulator/scenarios/nowhere",
+            404,
+            "unknown_scenario",
+        ),
+        (
+            "/api/v1/simulator/scenarios/..%2Farena",
+            404,
+            "unknown_scenario",
+        ),
+        (
+            "/api/v1/simulator/scenarios/arena?robots=0",
+            400,
+            "bad_query",
+        ),
+        (
+            "/api/v1/simulator/scenarios/arena?robots=65536",
+            400,
+            "bad_query",
+        ),
+        (
+            "/api/v1/simulator/scenarios/arena?seed=-1",
+            400,
+            "bad_query",
+        ),
+        ("/api/v1/simulator/scenarios/arena?size=1", 400, "bad_query"),
+        (
+            "/api/v1/simulator/scenarios/corridor?robots=2000",
+            409,
+            "refused",
+        ),
+    ] {
+        fixture.get(path).await.is_problem(status, code);
+    }
     fixture.stop().await;
 }

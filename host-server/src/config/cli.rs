@@ -1,6 +1,7 @@
 //! The command line.
 
 use std::net::SocketAddr;
+use std::num::NonZeroU8;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
@@ -135,6 +136,9 @@ pub struct ServerOptions {
     /// No accounts: everyone who reaches the server may do everything
     #[arg(long, num_args = 0..=1, default_missing_value = "true", value_name = "BOOL")]
     pub open: Option<bool>,
+    /// Trials of experiments that run at the same time [default: one for every two processors]
+    #[arg(long, value_name = "N")]
+    pub experiment_threads: Option<NonZeroU8>,
 }
 
 /// Options of what outgrows one machine.
@@ -245,6 +249,7 @@ impl Cli {
             layer.tls_client_ca = server.tls.tls_client_ca;
             layer.mqtt_plain = server.tls.mqtt_plain;
             layer.open = server.open;
+            layer.experiment_threads = server.experiment_threads;
         }
         if let Some(robots) = robots {
             layer.robots = robots.robots;

@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::fmt::Display;
 use std::net::SocketAddr;
+use std::num::NonZeroU8;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -38,7 +39,7 @@ impl FromStr for LogFormat {
 }
 
 /// Every key, as the file spells it.
-pub(super) const KEYS: [&str; 24] = [
+pub(super) const KEYS: [&str; 25] = [
     "fleet",
     "broker",
     "mqtt",
@@ -63,6 +64,7 @@ pub(super) const KEYS: [&str; 24] = [
     "tls_client_ca",
     "mqtt_plain",
     "broker_ca",
+    "experiment_threads",
 ];
 
 /// One source of options. The fields are those of [`super::Settings`].
@@ -117,6 +119,8 @@ pub struct Layer {
     pub mqtt_plain: Option<SocketAddr>,
     /// Authorities that an outside broker is trusted by.
     pub broker_ca: Option<PathBuf>,
+    /// Trials of experiments that run at the same time.
+    pub experiment_threads: Option<NonZeroU8>,
 }
 
 impl Layer {
@@ -202,6 +206,7 @@ impl Layer {
             "tls_client_ca" => self.tls_client_ca = Some(PathBuf::from(value)),
             "mqtt_plain" => self.mqtt_plain = parse(value)?,
             "broker_ca" => self.broker_ca = Some(PathBuf::from(value)),
+            "experiment_threads" => self.experiment_threads = parse(value)?,
             _ => return Err("unknown".into()),
         }
         Ok(())
@@ -238,6 +243,10 @@ impl Layer {
         fill(&mut self.tls_client_ca, weaker.tls_client_ca.as_ref());
         fill(&mut self.mqtt_plain, weaker.mqtt_plain.as_ref());
         fill(&mut self.broker_ca, weaker.broker_ca.as_ref());
+        fill(
+            &mut self.experiment_threads,
+            weaker.experiment_threads.as_ref(),
+        );
     }
 }
 

@@ -104,6 +104,7 @@ fn every_key_is_known_in_every_source() {
         ("tls_client_ca", "r.pem", "\"r.pem\""),
         ("mqtt_plain", "127.0.0.1:4", "\"127.0.0.1:4\""),
         ("broker_ca", "b.pem", "\"b.pem\""),
+        ("experiment_threads", "3", "3"),
     ];
     assert_eq!(values.map(|(key, _, _)| key), layer::KEYS);
     for (key, plain, toml) in values {

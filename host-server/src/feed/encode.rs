@@ -101,18 +101,27 @@ pub(super) fn hello(fleet: &Fleet, time: u64, arena: &Value) -> Bytes {
 }
 
 /// Robots whose status nobody has seen have no line: what they are is not known.
-pub(super) fn roster<'a>(robots: impl Iterator<Item = &'a Robot>, removed: &[u16]) -> Bytes {
+pub(super) fn roster<'a>(
+    fleet: &FleetState,
+    robots: impl Iterator<Item = &'a Robot>,
+    removed: &[u16],
+) -> Bytes {
     let lines: Vec<_> = robots
         .filter_map(|robot| {
             let status = robot.status.as_ref()?;
-            Some(json!({
+            let mut line = json!({
                 "index": robot.index,
                 "id": robot.id.as_str(),
                 "kind": status.kind.name(),
                 "online": robot.presence.name(),
                 "firmware": status.firmware.as_str(),
                 "board": status.board.as_str(),
-            }))
+            });
+            // Few are on the wrong side of one.
+            if let Some(fence) = fleet.fence_of(robot) {
+                line["fence"] = json!(fence.name);
+            }
+            Some(line)
         })
         .collect();
     json_frame(ROSTER, &json!({"robots": lines, "removed": removed}))

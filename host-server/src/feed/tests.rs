@@ -318,3 +318,21 @@ fn a_burst_of_events_is_cut_short() {
     assert_eq!(events.len(), EVENTS_PER_TICK + 1);
     assert_eq!(events[0], "1980 more events at the same time");
 }
+
+#[test]
+fn readers_are_told_of_another_arena_and_nothing_is_told_twice() {
+    let fleet = SharedFleet::new(Fleet::default());
+    let feed = Feed::new(Fleet::default());
+    assert_eq!(feed.set_arena(json!({"width": 4.0})), 0, "nobody is here");
+    let (frames, mut receiver) = feed.connect(&fleet);
+    assert_eq!(text(&frames[0])["arena"]["width"], 4.0);
+    assert!(receiver.try_recv().is_err());
+    let bytes = feed.set_arena(json!({"width": 5.0}));
+    let hello = receiver.try_recv().expect("another hello");
+    assert_eq!((hello[0], hello.len()), (0, bytes));
+    assert_eq!(text(&hello)["arena"]["width"], 5.0);
+    assert_eq!(text(&hello)["fleet"], "swarm");
+    assert!(receiver.try_recv().is_err());
+    let (frames, _) = feed.connect(&fleet);
+    assert_eq!(text(&frames[0])["arena"]["width"], 5.0);
+}

@@ -7,11 +7,12 @@ use serde::Serialize;
 
 use super::Presence;
 use crate::clock;
+use crate::recorder::{Known, Recorder};
 
 /// Events kept for readers who come later.
 const KEPT: usize = 500;
-/// When more robots than this change at once, one event tells of all of them.
-const ONE_BY_ONE: usize = 5;
+/// When more robots than this do the same at once, one event tells of all of them.
+pub(super) const ONE_BY_ONE: usize = 5;
 
 /// How much an event matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -41,19 +42,40 @@ pub(crate) struct EventLog {
     events: VecDeque<Event>,
     /// Number of the event after the newest.
     next: u64,
+    /// Where they are kept for longer.
+    recorder: Option<Recorder>,
 }
 
 impl EventLog {
+    /// From here on events are recorded as well.
+    pub(crate) fn record_in(&mut self, recorder: Recorder) {
+        self.recorder = Some(recorder);
+    }
+
+    /// Takes an event that this server alone knows of.
     pub(crate) fn push(&mut self, level: Level, robot: Option<RobotId>, text: String) {
-        if self.events.len() == KEPT {
-            self.events.pop_front();
-        }
-        self.events.push_back(Event {
+        self.add(level, robot, text, Known::Here);
+    }
+
+    /// Takes an event that every server of the fleet finds out by itself, from what robots say.
+    pub(super) fn heard(&mut self, level: Level, robot: Option<RobotId>, text: String) {
+        self.add(level, robot, text, Known::Everywhere);
+    }
+
+    fn add(&mut self, level: Level, robot: Option<RobotId>, text: String, known: Known) {
+        let event = Event {
             time: clock::unix_ms(),
             level,
             robot,
             text,
-        });
+        };
+        if let Some(recorder) = &self.recorder {
+            recorder.record(&event, known);
+        }
+        if self.events.len() == KEPT {
+            self.events.pop_front();
+        }
+        self.events.push_back(event);
         self.next += 1;
     }
 
@@ -80,10 +102,10 @@ impl EventLog {
             let same: Vec<_> = moves.iter().filter(|(_, now)| *now == presence).collect();
             if same.len() > ONE_BY_ONE {
                 let text = format!("{} robots are {}", same.len(), presence.name());
-                self.push(level, None, text);
+                self.heard(level, None, text);
             } else {
                 for (id, _) in same {
-                    self.push(level, Some(id.clone()), presence.name().to_owned());
+                    self.heard(level, Some(id.clone()), presence.name().to_owned());
                 }
             }
         }

@@ -112,6 +112,7 @@ impl FleetState {
         message: &Incoming<'_>,
         now: Instant,
     ) -> Result<(Topic, Received), Rejection> {
+        self.fences.forget_crossings();
         let result = self.accept(message, now);
         if let Err(rejection) = result
             && let Some(count) = self.rejected.count(rejection, now)
@@ -174,10 +175,14 @@ impl FleetState {
                 let relayed = self.relayed;
                 let robot = self.entry(id, now).ok_or(Rejection::Full)?;
                 let last = robot.telemetry.as_ref().map(|last| last.timestamp);
-                if !(relayed && was_overtaken(newest.timestamp, last)) {
+                let overtaken = relayed && was_overtaken(newest.timestamp, last);
+                if !overtaken {
                     robot.telemetry = Some(newest);
                 }
                 self.spoke(id, now);
+                if !overtaken && !retained {
+                    self.check_fences(id, &earlier);
+                }
                 Received::Telemetry(earlier)
             }
             Topic::Vision(id) => {
@@ -282,7 +287,7 @@ impl FleetState {
         if robot.beat(message, now) {
             self.changed.insert(index);
             tracing::error!(robot = %id, "two robots use this id, or it restarts all the time");
-            self.events.push(
+            self.events.heard(
                 Level::Error,
                 Some(id.clone()),
                 "two robots use this id, or it restarts all the time".into(),
@@ -304,7 +309,7 @@ impl FleetState {
         let robot = self.entry(id, now).ok_or(Rejection::Full)?;
         robot.log(message, keep);
         if let (Some(level), Some(text)) = (level, text) {
-            self.events.push(level, Some(id.clone()), text);
+            self.events.heard(level, Some(id.clone()), text);
         }
         Ok(())
     }

@@ -34,6 +34,8 @@ pub(crate) struct Robot {
     pub(crate) last_seen: Option<Instant>,
     /// Unix milliseconds of the same moment, for people.
     pub(crate) last_seen_ms: Option<u64>,
+    /// Fences that it is on the wrong side of: a bit for each, in their order.
+    pub(super) beyond: u64,
     goodbye: bool,
     jumps: VecDeque<Instant>,
 }
@@ -53,6 +55,7 @@ impl Robot {
             known_since: now,
             last_seen: None,
             last_seen_ms: None,
+            beyond: 0,
             goodbye: false,
             jumps: VecDeque::new(),
         }

@@ -77,6 +77,7 @@ async fn metrics(State(app): State<Arc<App>>) -> Response {
         robots: Robots::count(&app.fleet.lock()),
         open_commands: app.commands.totals().open,
         simulation: app.simulation.get().map(|world| world.numbers()),
+        experiments: app.experiments.numbers(),
     };
     let text = app
         .metrics

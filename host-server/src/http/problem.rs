@@ -10,6 +10,8 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::experiments::FieldError;
+
 const CONTENT_TYPE: HeaderValue = HeaderValue::from_static("application/problem+json");
 
 /// An error, as RFC 9457 wants it.
@@ -31,8 +33,17 @@ pub(crate) struct Problem {
     request: Option<String>,
     /// Seconds after which another try may do better; also in `Retry-After`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    retry_after: Option<u64>,
+    retry_after: Option<u32>,
+    /// The fields of the body that are wrong, where they are told apart.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<FieldError>>)]
+    errors: Option<Box<Fields>>,
 }
+
+/// Fields that are wrong, in a place of their own: few problems have some, and all are passed on.
+#[derive(Debug, Clone, Serialize)]
+#[serde(transparent)]
+struct Fields(Vec<FieldError>);
 
 impl Problem {
     pub(crate) fn new(status: StatusCode, code: &'static str, detail: impl Into<String>) -> Self {
@@ -44,6 +55,19 @@ impl Problem {
             code,
             request: None,
             retry_after: None,
+            errors: None,
+        }
+    }
+
+    /// A body with fields that are wrong.
+    pub(crate) fn invalid(code: &'static str, errors: Vec<FieldError>) -> Self {
+        let told: Vec<_> = errors
+            .iter()
+            .map(|error| format!("`{}` {}", error.field, error.message))
+            .collect();
+        Self {
+            errors: Some(Box::new(Fields(errors))),
+            ..Self::new(StatusCode::UNPROCESSABLE_ENTITY, code, told.join("; "))
         }
     }
 
@@ -56,7 +80,7 @@ impl Problem {
     ) -> Self {
         Self {
             // Rounded up: who comes a moment too early is refused again.
-            retry_after: Some(wait.as_millis().div_ceil(1_000).max(1) as u64),
+            retry_after: Some(wait.as_millis().div_ceil(1_000).max(1) as u32),
             ..Self::new(status, code, detail)
         }
     }

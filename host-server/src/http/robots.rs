@@ -79,6 +79,8 @@ pub(super) struct RobotView {
     sees: Option<SightView>,
     /// Unix milliseconds at which its newest image arrived; `null` when there is none.
     image: Option<u64>,
+    /// Name of the fence that it is on the wrong side of; `null` when there is none.
+    fence: Option<String>,
 }
 
 /// What a robot saw in one frame, clearest first.
@@ -159,6 +161,7 @@ impl RobotView {
             timestamp: telemetry.map(|telemetry| telemetry.timestamp),
             sees: robot.sees.as_deref().map(SightView::new),
             image: fleet.image(&robot.id).map(|image| image.received),
+            fence: fleet.fence_of(robot).map(|fence| fence.name.clone()),
         }
     }
 }

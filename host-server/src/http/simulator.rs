@@ -15,6 +15,7 @@ use super::App;
 use super::access::Caller;
 use super::guard::JsonBody;
 use super::problem::Problem;
+use super::world::{BookmarkView, ItemView};
 use crate::simulation::Simulation;
 
 /// The simulated world.
@@ -37,11 +38,18 @@ pub(crate) struct SimulatorView {
     connected: u64,
     /// Fingerprint of its history at the end of the last whole second, 16 hexadecimal digits.
     hash: String,
+    /// Name of its scenario.
+    scenario: String,
+    /// What was dropped into it and lies there, in the order in which it came.
+    dropped: Vec<ItemView>,
+    /// Moments that were kept to go back to, oldest first.
+    bookmarks: Vec<BookmarkView>,
 }
 
 impl SimulatorView {
     fn new(simulation: &Simulation, state: &LiveState) -> Self {
         let numbers = simulation.numbers();
+        let scene = simulation.scene();
         Self {
             state: if state.paused { "paused" } else { "running" },
             factor: state.factor,
@@ -51,6 +59,13 @@ impl SimulatorView {
             robots: state.robots,
             connected: numbers.connected,
             hash: format!("{:016x}", state.hash),
+            scenario: scene.scenario,
+            dropped: scene.dropped.into_iter().map(ItemView::from).collect(),
+            bookmarks: scene
+                .bookmarks
+                .into_iter()
+                .map(BookmarkView::from)
+                .collect(),
         }
     }
 }
@@ -64,6 +79,9 @@ pub(crate) struct SimulatorAnswer {
     /// The robot that was added.
     #[serde(skip_serializing_if = "Option::is_none")]
     robot: Option<String>,
+    /// The number of what was dropped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    item: Option<u32>,
 }
 
 impl SimulatorAnswer {
@@ -71,6 +89,7 @@ impl SimulatorAnswer {
         Self {
             simulator: SimulatorView::new(simulation, &done.state),
             robot: done.robot.as_ref().map(|robot| robot.as_str().to_owned()),
+            item: done.item,
         }
     }
 }

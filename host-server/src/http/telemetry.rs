@@ -123,20 +123,26 @@ pub(super) struct HistoryView {
     points: Vec<PointView>,
 }
 
+/// A stretch of time, with what a query leaves out of it.
+pub(super) fn bounds(from: Option<i64>, to: Option<i64>, now: i64) -> Result<(i64, i64), Problem> {
+    // Whoever asks from this very moment on, or has a clock that is ahead, gets nothing yet.
+    let soonest = from.map_or(now, |from| now.max(from.saturating_add(1)));
+    let to = to.unwrap_or(soonest);
+    let from = from.unwrap_or_else(|| to.saturating_sub(HOUR).max(0));
+    if from < 0 || to <= from {
+        return Err(Problem::new(
+            StatusCode::BAD_REQUEST,
+            "bad_query",
+            "`from` must be before `to`, and neither before 1970",
+        ));
+    }
+    Ok((from, to))
+}
+
 /// The query, with what it leaves out: from, to and step.
 fn stretch(query: &TelemetryQuery, now: i64) -> Result<(i64, i64, i64), Problem> {
     let bad = |detail: String| Problem::new(StatusCode::BAD_REQUEST, "bad_query", detail);
-    // Whoever asks from this very moment on, or has a clock that is ahead, gets nothing yet.
-    let soonest = query
-        .from
-        .map_or(now, |from| now.max(from.saturating_add(1)));
-    let to = query.to.unwrap_or(soonest);
-    let from = query.from.unwrap_or_else(|| to.saturating_sub(HOUR).max(0));
-    if from < 0 || to <= from {
-        return Err(bad(
-            "`from` must be before `to`, and neither before 1970".into()
-        ));
-    }
+    let (from, to) = bounds(query.from, query.to, now)?;
     let length = to - from;
     let step = query
         .step
@@ -149,7 +155,7 @@ fn stretch(query: &TelemetryQuery, now: i64) -> Result<(i64, i64, i64), Problem>
     Ok((from, to, step))
 }
 
-fn problem(error: &HistoryError) -> Problem {
+pub(super) fn problem(error: &HistoryError) -> Problem {
     let error = match error {
         HistoryError::Local(error) => return Problem::records(error),
         HistoryError::Remote(error) => error,

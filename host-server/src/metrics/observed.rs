@@ -6,10 +6,13 @@ use std::path::Path;
 use crawler_protocol::RobotState;
 use crawler_records::DatabaseStats;
 
+use super::experiments;
 use crate::broker::Load;
+use crate::experiments::ExperimentNumbers;
 use crate::fleet::{FleetState, Presence};
 use crate::history::History;
 use crate::process;
+use crate::recorder;
 
 /// The state of robots that have not told theirs.
 const UNTOLD: &str = "unknown";
@@ -20,6 +23,7 @@ pub(crate) struct Observed {
     pub(crate) robots: Robots,
     pub(crate) open_commands: usize,
     pub(crate) simulation: Option<Simulated>,
+    pub(crate) experiments: ExperimentNumbers,
 }
 
 /// The robots of the fleet, counted.
@@ -145,6 +149,7 @@ impl Observed {
         if let Some(simulation) = self.simulation {
             simulation.write(out);
         }
+        experiments::write(out, self.experiments);
     }
 }
 
@@ -276,6 +281,32 @@ pub(super) fn write_history(out: &mut String, history: &History) {
     );
 }
 
+/// How events get into the records.
+pub(super) fn write_events(out: &mut String, stats: recorder::Stats) {
+    for (name, help, value) in [
+        ("written", "Events in the records", stats.written),
+        (
+            "dropped",
+            "Events let go because too many were waiting, or the records refused them",
+            stats.dropped,
+        ),
+        ("failures", "Writes of events that failed", stats.failures),
+    ] {
+        counter(
+            out,
+            &format!("terracrawler_events_{name}"),
+            help,
+            value as f64,
+        );
+    }
+    gauge(
+        out,
+        "terracrawler_events_queued",
+        "Events waiting to be written",
+        stats.queued as f64,
+    );
+}
+
 /// How the database of the records is doing, where they are in one.
 pub(super) fn write_database(out: &mut String, stats: &DatabaseStats) {
     gauge(
@@ -345,7 +376,7 @@ pub(super) fn write_process(out: &mut String) {
 }
 
 /// Gauges that differ in one label.
-fn family<'a>(
+pub(super) fn family<'a>(
     out: &mut String,
     name: &str,
     help: &str,

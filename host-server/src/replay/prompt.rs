@@ -24,6 +24,8 @@ const HELP: &str = "\
   heal ROBOT             mend it all
   add [X Y THETA]        one more robot
   remove ROBOT           one less
+  drop JSON              put something in, like {\"obstacle\":{\"shape\":\"circle\",...}}
+  take NUMBER            take away what was dropped
   hash                   fingerprint of every second so far
   journal                what was done to this world
   snapshot FILE          keep the world
@@ -159,6 +161,19 @@ fn obey(session: &mut Session, line: &str) -> Result<String, String> {
         "remove" => {
             let robot = number(session.world(), rest)?;
             session.world_mut().remove(robot);
+        }
+        "drop" => {
+            let what = serde_json::from_str(rest).map_err(|error| error.to_string())?;
+            let item = session.world_mut().drop_in(what);
+            return Ok(format!("item {}", item.map_err(|error| error.to_string())?));
+        }
+        "take" => {
+            let there = rest
+                .parse()
+                .is_ok_and(|item| session.world_mut().take_away(item));
+            if !there {
+                return Err(format!("nothing that was dropped has number `{rest:.20}`"));
+            }
         }
         "hash" => return Ok(hashes(session.world())),
         "journal" => return Ok(journal(session.world())),

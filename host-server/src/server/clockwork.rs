@@ -14,6 +14,7 @@ use crate::accounts;
 use crate::bus::Bus;
 use crate::clock;
 use crate::feed::{self, Numbers};
+use crate::fences;
 use crate::http::App;
 
 const TIME_EVERY: Duration = Duration::from_secs(5);
@@ -86,6 +87,7 @@ pub(super) async fn upkeep(app: Arc<App>, stop: CancellationToken) {
             // Another server tells that it has changed something.
             () = app.records_changed.notified() => {}
         }
+        fences::catch_up(&app).await;
         if let Err(error) = app.accounts.catch_up().await {
             tracing::warn!(%error, "cannot read which sessions are alive");
         }

@@ -75,9 +75,10 @@ impl Ingest {
 impl Receiver for Ingest {
     fn message(&self, message: &Incoming<'_>) {
         let now = Instant::now();
-        let (received, known) = {
+        let (received, known, crossings) = {
             let mut fleet = self.app.fleet.lock();
             let received = fleet.receive(message, now);
+            let crossings = fleet.take_crossings();
             // A retained one is of long ago.
             if let Ok((Topic::Telemetry(robot), Received::Telemetry(earlier))) = &received
                 && !message.retained
@@ -95,8 +96,13 @@ impl Receiver for Ingest {
                 Ok((_, Received::Response(response))) => fleet.get(&response.robot).is_some(),
                 _ => false,
             };
-            (received, known)
+            (received, known, crossings)
         };
+        // What another server has heard is its own to count, and to act upon.
+        for crossing in &crossings {
+            self.app.metrics.fence_crossing(crossing);
+            self.app.fence_stops.note(crossing);
+        }
         match received {
             Ok((topic, received)) => {
                 self.app.metrics.message_in(&topic);

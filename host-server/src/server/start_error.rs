@@ -54,6 +54,8 @@ pub enum StartError {
     },
     /// The simulated robots cannot be started.
     Simulation(String),
+    /// There are no threads for experiments.
+    Experiments(io::Error),
     /// Something that cannot happen did.
     Internal(&'static str),
 }
@@ -141,6 +143,9 @@ impl fmt::Display for StartError {
             }
             Self::Simulation(reason) => {
                 write!(f, "the simulated robots cannot be started: {reason}")
+            }
+            Self::Experiments(cause) => {
+                write!(f, "there are no threads for experiments: {cause}")
             }
             Self::Internal(what) => write!(f, "internal error: {what}"),
         }

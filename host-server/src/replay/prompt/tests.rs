@@ -60,6 +60,24 @@ fn a_world_is_stepped_kept_changed_and_taken_back() {
 }
 
 #[test]
+fn things_are_dropped_and_taken_away() {
+    let mut session = session(3);
+    let ball = r#"{"object":{"shape":"ball","x":0,"y":0,"size":0.02,"colour":"red"}}"#;
+    let (code, said) = say(
+        &mut session,
+        &format!("remove 1\nremove 2\ndrop {ball}\njournal\n"),
+    );
+    assert_eq!(code, ExitCode::SUCCESS, "{said}");
+    assert!(
+        said.contains("item 1\n") && said.contains("3 inputs"),
+        "{said}"
+    );
+    let (code, said) = say(&mut session, "take 1\ntake 1\n");
+    assert_eq!(code, ExitCode::from(2), "{said}");
+    assert!(said.contains("number `1`"), "{said}");
+}
+
+#[test]
 fn a_script_ends_at_the_first_line_that_fails() {
     for bad in [
         "fly",
@@ -75,6 +93,11 @@ fn a_script_ends_at_the_first_line_that_fails() {
         "set 1 nothing",
         "add 1 2",
         "add 1000 0 0",
+        "drop",
+        "drop {\"obstacle\":{\"shape\":\"circle\",\"x\":99,\"y\":0,\"r\":0.2}}",
+        "drop {\"obstacle\":{\"shape\":\"circle\",\"x\":0,\"y\":0}}",
+        "take 1",
+        "take x",
         "restore /nowhere/at/all",
         "snapshot /nowhere/at/all",
         "reset x",

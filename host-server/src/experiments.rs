@@ -1,0 +1,183 @@
+//! Experiments: evaluations of a scenario on many seeds, by threads of this process beside its other
+//! work, kept in the records.
+//!
+//! What the records say is so. The [`Board`] has what runs, [`Tally`] what its trials came to so far;
+//! one lock makes control and storing wait for each other. A trial is the same whenever it runs, so one
+//! that is given up costs time and nothing else.
+
+mod board;
+mod control;
+mod keeper;
+mod recipe;
+mod results;
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use crawler_records::{Experiment, ExperimentState, RecordsError};
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+
+use crate::config::Settings;
+use crate::data::{DataDir, DataError};
+use crate::fleet::Level;
+use crate::http::App;
+
+use board::Board;
+pub(crate) use control::{Action, ControlError, act, create, delete};
+pub(crate) use recipe::{FieldError, Recipe};
+use results::Tally;
+pub(crate) use results::{Judged, MetricView, Results, Summary};
+
+/// File with the number by which this server knows its experiments, in the data directory.
+const OWNER: &str = "experiments-owner";
+/// Recipes that are tried out at a time.
+const BUILDING: usize = 2;
+/// For threads to give up their trials.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// The experiments of this server.
+pub(crate) struct Experiments {
+    board: Arc<Board>,
+    /// What runs came to so far. Whoever holds it is alone with all experiments of this server.
+    tallies: tokio::sync::Mutex<HashMap<i64, Tally>>,
+    /// How this server is called in records that it shares with others.
+    owner: String,
+    threads: usize,
+    workers: Mutex<Vec<JoinHandle<()>>>,
+    building: Arc<Semaphore>,
+    counts: Counts,
+    stop: CancellationToken,
+}
+
+/// Counted for the metrics.
+#[derive(Debug, Default)]
+struct Counts {
+    states: [AtomicU64; ExperimentState::ALL.len()],
+    succeeded: AtomicU64,
+    failed: AtomicU64,
+}
+
+/// Numbers for the metrics.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct ExperimentNumbers {
+    /// Experiments of this server, in the order of [`ExperimentState::ALL`].
+    pub(crate) states: [u64; ExperimentState::ALL.len()],
+    /// Trials stored since the start that were a success.
+    pub(crate) succeeded: u64,
+    /// And that were none.
+    pub(crate) failed: u64,
+}
+
+/// The name of this server in the records: the one that it has, or a new one.
+///
+/// # Errors
+/// [`DataError`] when it cannot be read or kept.
+pub(crate) fn owner(data: &DataDir) -> Result<String, DataError> {
+    if let Some(number) = data.number(OWNER)? {
+        return Ok(format!("{number:016x}"));
+    }
+    let mut bytes = [0; 8];
+    let drawn = getrandom::fill(&mut bytes);
+    drawn.map_err(|error| data.failed(OWNER, std::io::Error::other(error)))?;
+    let number = u64::from_ne_bytes(bytes);
+    data.set_number(OWNER, number)?;
+    Ok(format!("{number:016x}"))
+}
+
+impl Experiments {
+    /// Nothing runs before [`Experiments::begin`].
+    pub(crate) fn new(settings: &Settings, owner: String) -> Self {
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = settings
+            .experiment_threads
+            .map(|threads| usize::from(threads.get()));
+        Self {
+            board: Arc::default(),
+            tallies: tokio::sync::Mutex::default(),
+            owner,
+            // Half of the machine is for whoever watches and steers.
+            threads: threads.unwrap_or_else(|| (cores() / 2).max(1)),
+            workers: Mutex::default(),
+            building: Arc::new(Semaphore::new(BUILDING)),
+            counts: Counts::default(),
+            stop: CancellationToken::new(),
+        }
+    }
+
+    /// Goes on with what ran when the server stopped, and stores what trials come to, until
+    /// [`Experiments::stop`].
+    ///
+    /// # Errors
+    /// What the operating system said when it refused threads.
+    pub(crate) fn begin(&self, app: &Arc<App>) -> std::io::Result<tokio::task::JoinHandle<()>> {
+        let workers = self.board.start(self.threads)?;
+        *self.workers.lock().unwrap_or_else(PoisonError::into_inner) = workers;
+        Ok(tokio::spawn(keeper::keep(Arc::clone(app))))
+    }
+
+    /// Gives up the trials under way and ends the threads; what [`Experiments::begin`] returned then
+    /// stores what is done, and ends. What runs goes on at the next start.
+    pub(crate) async fn stop(&self) {
+        self.board.end();
+        let workers =
+            std::mem::take(&mut *self.workers.lock().unwrap_or_else(PoisonError::into_inner));
+        let join = tokio::task::spawn_blocking(move || {
+            workers
+                .into_iter()
+                .map(JoinHandle::join)
+                .filter(Result::is_err)
+                .count()
+        });
+        match tokio::time::timeout(PATIENCE, join).await {
+            Ok(Ok(0)) => {}
+            Ok(_) => tracing::error!("a thread of experiments ended badly"),
+            Err(_) => tracing::warn!("a trial does not stop and is left behind"),
+        }
+        self.stop.cancel();
+    }
+
+    /// Whether this server runs that experiment. Records in a file are its own, whoever wrote them.
+    fn is_own(&self, app: &App, experiment: &Experiment) -> bool {
+        app.records.database().is_none() || experiment.owner == self.owner
+    }
+
+    /// Whether an experiment waits until others are done.
+    pub(crate) fn is_waiting(&self, id: i64) -> bool {
+        self.board.is_waiting(id)
+    }
+
+    /// Numbers for the metrics.
+    pub(crate) fn numbers(&self) -> ExperimentNumbers {
+        let load = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        ExperimentNumbers {
+            states: self.counts.states.each_ref().map(load),
+            succeeded: load(&self.counts.succeeded),
+            failed: load(&self.counts.failed),
+        }
+    }
+
+    /// Counts anew, after a change.
+    async fn count(&self, app: &App) -> Result<(), RecordsError> {
+        let everybodys = app.records.database().is_none();
+        let mut states = [0; ExperimentState::ALL.len()];
+        for (owner, state, count) in app.records.experiments_by_state().await? {
+            if everybodys || owner == self.owner {
+                states[state as usize] += count;
+            }
+        }
+        for (kept, count) in self.counts.states.iter().zip(states) {
+            kept.store(count, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+}
+
+/// Tells those who watch the fleet.
+fn tell(app: &App, level: Level, text: String) {
+    tracing::info!("{text}");
+    app.fleet.lock().events.push(level, None, text);
+}

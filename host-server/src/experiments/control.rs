@@ -1,0 +1,245 @@
+//! Making experiments, and starting, pausing and ending them.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use crawler_records::{Experiment, ExperimentState, NewExperiment, RecordsError};
+use serde_json::{Map, Value};
+
+use super::board::Entry;
+use super::keeper::{metrics, recount, store, take_up};
+use super::recipe::{FieldError, read};
+use super::{Tally, tell};
+use crate::accounts::now_ms;
+use crate::fleet::Level;
+use crate::http::App;
+
+use ExperimentState::{Created, Paused, Running, Stopped};
+
+/// What can be done about an experiment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Action {
+    /// Has it run for the first time.
+    Start,
+    /// Has it wait.
+    Pause,
+    /// Has it run on.
+    Resume,
+    /// Ends it.
+    Stop,
+}
+
+impl Action {
+    /// Its name in the audit log.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Start => "experiment.start",
+            Self::Pause => "experiment.pause",
+            Self::Resume => "experiment.resume",
+            Self::Stop => "experiment.stop",
+        }
+    }
+
+    /// What it makes of an experiment, where it can be done.
+    const fn of(self, state: ExperimentState) -> Option<ExperimentState> {
+        match (self, state) {
+            (Self::Start, Created) | (Self::Resume, Paused) => Some(Running),
+            (Self::Pause, Running) => Some(Paused),
+            (Self::Stop, Created | Running | Paused) => Some(Stopped),
+            _ => None,
+        }
+    }
+}
+
+/// Why something is not done.
+#[derive(Debug)]
+pub(crate) enum ControlError {
+    /// Fields that are wrong.
+    Invalid(Vec<FieldError>),
+    /// There is none of that number.
+    Unknown,
+    /// It is in a state in which this cannot be done.
+    WrongState(ExperimentState),
+    /// Another server runs it.
+    OtherServer,
+    /// There are as many as may be; of what.
+    TooMany(&'static str),
+    /// Too many recipes are being tried out.
+    Busy,
+    /// The records failed.
+    Records(RecordsError),
+    /// A mistake of ours.
+    Internal(&'static str),
+}
+
+impl From<RecordsError> for ControlError {
+    fn from(error: RecordsError) -> Self {
+        match error {
+            RecordsError::TooMany(what) => Self::TooMany(what),
+            error => Self::Records(error),
+        }
+    }
+}
+
+/// Carries out `work` also when whoever waits for it goes away: it is not to end half-way.
+async fn whole<T: Send + 'static>(
+    work: impl Future<Output = Result<T, ControlError>> + Send + 'static,
+) -> Result<T, ControlError> {
+    let done = tokio::spawn(work).await;
+    done.unwrap_or(Err(ControlError::Internal(
+        "a task of experiments ended badly",
+    )))
+}
+
+/// Makes an experiment of a body, once its first world has been built.
+///
+/// # Errors
+/// [`ControlError`]; nothing is stored then.
+///
+/// # Cancellation safety
+/// An experiment is made as a whole, or not at all.
+pub(crate) async fn create(
+    app: &Arc<App>,
+    by: String,
+    body: Map<String, Value>,
+) -> Result<Experiment, ControlError> {
+    let permit = Arc::clone(&app.experiments.building).try_acquire_owned();
+    let permit = permit.map_err(|_| ControlError::Busy)?;
+    let tried = tokio::task::spawn_blocking(move || {
+        let _permit = permit;
+        let wanted = read(body)?;
+        wanted.build()?;
+        Ok(wanted)
+    });
+    let wanted = match tried.await {
+        Ok(wanted) => wanted.map_err(ControlError::Invalid)?,
+        Err(_) => return Err(ControlError::Internal("a world could not be built")),
+    };
+    let app = Arc::clone(app);
+    whole(async move {
+        let recipe = serde_json::to_string(&wanted.recipe);
+        let new = NewExperiment {
+            owner: app.experiments.owner.clone(),
+            name: wanted.name,
+            recipe: recipe.map_err(|_| ControlError::Internal("a recipe cannot be written"))?,
+            metrics: metrics(),
+            seeds: wanted.recipe.seeds,
+            by,
+            created: now_ms(),
+            start: wanted.start,
+        };
+        let mut tallies = app.experiments.tallies.lock().await;
+        let row = app.records.add_experiment(new).await?;
+        if row.state == Running {
+            took_up(&app, &mut tallies, row.clone()).await;
+        }
+        recount(&app).await;
+        Ok(row)
+    })
+    .await
+}
+
+/// Has run what the records say runs, and tells of it.
+async fn took_up(app: &Arc<App>, tallies: &mut HashMap<i64, Tally>, row: Experiment) {
+    let word = if row.done > 0 { "goes on" } else { "begins" };
+    let text = format!("experiment “{}” {word}: {} trials", row.name, row.seeds);
+    tell(app, Level::Info, text);
+    if let Err(error) = take_up(app, tallies, row).await {
+        // The keeper looks for it again.
+        tracing::warn!(%error, "an experiment is not taken up yet");
+    }
+}
+
+/// Starts, pauses, resumes or stops an experiment.
+///
+/// # Errors
+/// [`ControlError`]; it goes on as before then.
+///
+/// # Cancellation safety
+/// It is done as a whole, or not at all.
+pub(crate) async fn act(
+    app: &Arc<App>,
+    id: i64,
+    action: Action,
+) -> Result<Experiment, ControlError> {
+    let app = Arc::clone(app);
+    whole(async move {
+        let mut tallies = app.experiments.tallies.lock().await;
+        let row = own(&app, id).await?;
+        let to = action
+            .of(row.state)
+            .ok_or(ControlError::WrongState(row.state))?;
+        // Off the board first, so that all that is done is stored before it says that it stands.
+        let entry = app.experiments.board.leave(id);
+        let batch = entry.as_ref().map_or_else(Vec::new, Entry::batch);
+        let stored = store(&app, &mut tallies, id, batch).await;
+        let moved = match &stored {
+            Ok(_) => {
+                app.records
+                    .move_experiment(id, row.state, to, None, now_ms())
+                    .await
+            }
+            Err(error) => Err(error.clone()),
+        };
+        let row = match moved {
+            Ok(row) => row,
+            // It came to its end just now.
+            Err(RecordsError::NotFound) => {
+                let now = own(&app, id).await?;
+                return Err(ControlError::WrongState(now.state));
+            }
+            Err(error) => {
+                if let Some(mut entry) = entry {
+                    entry.advance(stored.unwrap_or(0));
+                    app.experiments.board.enter(entry.afresh());
+                }
+                return Err(error.into());
+            }
+        };
+        if to == Running {
+            took_up(&app, &mut tallies, row.clone()).await;
+        } else {
+            let text = match tallies.remove(&id) {
+                Some(tally) => tally.farewell(to),
+                None => format!("experiment “{}” is {to}", row.name),
+            };
+            tell(&app, Level::Info, text);
+        }
+        recount(&app).await;
+        Ok(row)
+    })
+    .await
+}
+
+/// Deletes an experiment that does not run, whoever ran it.
+///
+/// # Errors
+/// [`ControlError`]; it is as it was then.
+pub(crate) async fn delete(app: &Arc<App>, id: i64) -> Result<(), ControlError> {
+    let app = Arc::clone(app);
+    whole(async move {
+        let _alone = app.experiments.tallies.lock().await;
+        let row = app.records.experiment(id).await?;
+        let row = row.ok_or(ControlError::Unknown)?;
+        match app.records.delete_experiment(id).await {
+            Ok(()) => {
+                recount(&app).await;
+                Ok(())
+            }
+            Err(RecordsError::NotFound) => Err(ControlError::WrongState(row.state)),
+            Err(error) => Err(error.into()),
+        }
+    })
+    .await
+}
+
+/// An experiment of this server.
+async fn own(app: &App, id: i64) -> Result<Experiment, ControlError> {
+    let row = app.records.experiment(id).await?;
+    let row = row.ok_or(ControlError::Unknown)?;
+    if app.experiments.is_own(app, &row) {
+        Ok(row)
+    } else {
+        Err(ControlError::OtherServer)
+    }
+}

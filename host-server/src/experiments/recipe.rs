@@ -1,0 +1,285 @@
+//! What an experiment is asked to be, checked field by field, and the command line that does the same.
+
+use crawler_sim::run::Simulation;
+use crawler_sim::scenario::{Scenario, Threshold};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use crate::recipe::{Change, Changes, Randomisation, built_in, quoted};
+
+/// Longest name, in characters.
+const MAX_NAME: usize = 64;
+/// Most seeds.
+const MAX_SEEDS: u32 = crawler_records::MAX_SEEDS;
+/// Most robots of a world: what half of a gigabyte holds.
+pub(super) const MAX_ROBOTS: u32 = 10_000;
+/// Most keys that are set, and thresholds.
+const MAX_SET: usize = 32;
+const MAX_THRESHOLDS: usize = 16;
+/// Longest word of a recipe, in bytes.
+const MAX_WORD: usize = 256;
+/// What every reader of JSON can count to.
+const MAX_SEED: u64 = (1 << 53) - 1;
+
+/// A field that is wrong, and how.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub(crate) struct FieldError {
+    /// The field.
+    pub(crate) field: String,
+    /// What is wrong with it, for people.
+    pub(crate) message: String,
+}
+
+/// What was asked for.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Recipe {
+    pub(crate) scenario: String,
+    /// How many robots were asked for; otherwise the scenario says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) robots: Option<u32>,
+    /// How many there are in each world.
+    pub(crate) in_each: u32,
+    pub(crate) seeds: u32,
+    pub(crate) first_seed: u64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) difficulty: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) randomisation: Option<String>,
+    pub(crate) set: Vec<String>,
+    pub(crate) thresholds: Vec<String>,
+}
+
+/// An experiment to be made.
+#[derive(Debug)]
+pub(super) struct Wanted {
+    pub(super) name: String,
+    pub(super) recipe: Recipe,
+    pub(super) start: bool,
+    scenario: Scenario,
+}
+
+/// The fields of a body, and what is wrong with them.
+struct Form {
+    fields: Map<String, Value>,
+    errors: Vec<FieldError>,
+}
+
+impl Form {
+    fn wrong(&mut self, field: &str, message: impl Into<String>) {
+        self.errors.push(FieldError {
+            field: field.to_owned(),
+            message: message.into(),
+        });
+    }
+
+    /// The field of that name; `null` is as good as nothing.
+    fn take<T: DeserializeOwned>(&mut self, field: &str, rule: &str) -> Option<T> {
+        let value = self.fields.remove(field).filter(|value| !value.is_null())?;
+        let read = serde_json::from_value(value).ok();
+        if read.is_none() {
+            self.wrong(field, rule);
+        }
+        read
+    }
+
+    /// The same for one that has to be there.
+    fn need<T: DeserializeOwned>(&mut self, field: &str, rule: &str) -> Option<T> {
+        if self.fields.get(field).is_none_or(Value::is_null) {
+            self.wrong(field, "is missing");
+            return None;
+        }
+        self.take(field, rule)
+    }
+
+    /// A number within bounds.
+    fn number(&mut self, field: &str, value: Option<u64>, least: u64, most: u64) -> Option<u64> {
+        let value = value?;
+        if (least..=most).contains(&value) {
+            return Some(value);
+        }
+        self.wrong(field, format!("must be {least} to {most}, not {value}"));
+        None
+    }
+
+    /// A list of words, none of them too long or with anything in it that does not show.
+    fn words(&mut self, field: &str, most: usize) -> Vec<String> {
+        let words: Vec<String> = self
+            .take(field, "must be a list of texts")
+            .unwrap_or_default();
+        if words.len() > most {
+            self.wrong(field, format!("has more than {most} entries"));
+            return Vec::new();
+        }
+        let words: Vec<String> = words.iter().map(|word| word.trim().to_owned()).collect();
+        if let Some(odd) = words.iter().position(|word| !is_word(word)) {
+            let rule =
+                format!("entry {odd} is longer than {MAX_WORD} bytes, or has control characters");
+            self.wrong(field, rule);
+            return Vec::new();
+        }
+        words
+    }
+
+    /// The scenario, with as many of the changes as it takes.
+    fn scenario(&mut self, recipe: &Recipe) -> Option<Scenario> {
+        if self.errors.iter().any(|error| error.field == "scenario") {
+            return None;
+        }
+        let scenario = match built_in(&recipe.scenario) {
+            Ok(scenario) => scenario,
+            Err(why) => {
+                self.wrong("scenario", why);
+                return None;
+            }
+        };
+        let (scenario, refused) = recipe.changes().apply_all(scenario);
+        for (change, why) in refused {
+            let (field, message) = match change {
+                Change::Difficulty => ("difficulty", why),
+                Change::Robots => ("robots", why),
+                Change::Randomisation => ("randomisation", why),
+                Change::Set(number) => ("set", format!("{}: {why}", recipe.set[number])),
+                Change::All => ("scenario", why),
+            };
+            self.wrong(field, message.trim_end());
+        }
+        if !(1..=MAX_ROBOTS).contains(&scenario.robots) {
+            let rule = format!("must be 1 to {MAX_ROBOTS}, not {}", scenario.robots);
+            self.wrong("robots", rule);
+        }
+        Some(scenario)
+    }
+}
+
+fn is_word(word: &str) -> bool {
+    word.len() <= MAX_WORD && !word.contains(char::is_control)
+}
+
+/// Reads what is wanted.
+///
+/// # Errors
+/// Every field that is wrong, and how. No world is built.
+pub(super) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>> {
+    const WHOLE: &str = "must be a whole number";
+    const TEXT: &str = "must be a text";
+    let mut form = Form {
+        fields,
+        errors: Vec::new(),
+    };
+    let name: String = form.need("name", TEXT).unwrap_or_default();
+    let name = name.trim().to_owned();
+    let has_name = !form.errors.iter().any(|error| error.field == "name");
+    if has_name && (name.is_empty() || name.chars().count() > MAX_NAME) {
+        form.wrong("name", format!("must have 1 to {MAX_NAME} characters"));
+    } else if name.contains(char::is_control) {
+        form.wrong("name", "has control characters");
+    }
+    let scenario: Option<String> = form.need("scenario", TEXT);
+    let robots = form.take("robots", WHOLE);
+    let robots = form.number("robots", robots, 1, MAX_ROBOTS.into());
+    let seeds = form.need("seeds", WHOLE);
+    let seeds = form
+        .number("seeds", seeds, 1, MAX_SEEDS.into())
+        .unwrap_or(1);
+    let first_seed = form.take("first_seed", WHOLE);
+    let first_seed = form.number("first_seed", first_seed, 0, MAX_SEED - seeds);
+    let difficulty: Option<String> = form.take("difficulty", TEXT);
+    let randomisation: Option<String> = form.take("randomisation", TEXT);
+    let profile = randomisation.as_deref().and_then(Randomisation::by_name);
+    if randomisation.is_some() && profile.is_none() {
+        form.wrong("randomisation", "is none of none, mild, wild");
+    }
+    let set = form.words("set", MAX_SET);
+    let thresholds = form.words("thresholds", MAX_THRESHOLDS);
+    for threshold in &thresholds {
+        if let Err(why) = threshold.parse::<Threshold>() {
+            form.wrong("thresholds", why);
+        }
+    }
+    let start = form.take("start", "must be true or false").unwrap_or(true);
+    for (field, _) in std::mem::take(&mut form.fields) {
+        form.wrong(&field, "is unknown");
+    }
+
+    let recipe = Recipe {
+        scenario: scenario.unwrap_or_default(),
+        robots: robots.map(|robots| robots as u32),
+        in_each: 0,
+        seeds: seeds as u32,
+        first_seed: first_seed.unwrap_or(1),
+        difficulty,
+        randomisation,
+        set,
+        thresholds,
+    };
+    match form.scenario(&recipe) {
+        Some(scenario) if form.errors.is_empty() => Ok(Wanted {
+            name,
+            recipe: Recipe {
+                in_each: scenario.robots,
+                ..recipe
+            },
+            start,
+            scenario,
+        }),
+        _ => Err(form.errors),
+    }
+}
+
+impl Wanted {
+    /// Builds the world of the first seed, which takes a moment.
+    ///
+    /// # Errors
+    /// What is in the way.
+    pub(super) fn build(&self) -> Result<(), Vec<FieldError>> {
+        let built = Simulation::lockstep(self.scenario.clone(), self.recipe.first_seed);
+        built.map(drop).map_err(|error| {
+            vec![FieldError {
+                field: "scenario".to_owned(),
+                message: error.to_string(),
+            }]
+        })
+    }
+}
+
+impl Recipe {
+    fn changes(&self) -> Changes<'_> {
+        let randomisation = self.randomisation.as_deref();
+        Changes {
+            robots: self.robots,
+            randomisation: randomisation.and_then(Randomisation::by_name),
+            difficulty: self.difficulty.as_deref(),
+            set: &self.set,
+        }
+    }
+
+    /// The scenario, and what was asked of all trials together beside what the scenario asks.
+    ///
+    /// # Errors
+    /// Why this program cannot run it, which the one that took it could.
+    pub(super) fn scenario(&self) -> Result<(Scenario, Vec<Threshold>), String> {
+        let scenario = self.changes().apply(built_in(&self.scenario)?)?;
+        let thresholds: Result<_, _> = self.thresholds.iter().map(|text| text.parse()).collect();
+        Ok((scenario, thresholds?))
+    }
+
+    /// The command line that comes to the same numbers, as a shell takes it.
+    pub(crate) fn command(&self) -> String {
+        let words = self.changes().words(&self.scenario);
+        let mut command = format!(
+            "terracrawler evaluate{words} --seeds {} --seed {}",
+            self.seeds, self.first_seed
+        );
+        for threshold in &self.thresholds {
+            command.push_str(" --threshold ");
+            command.push_str(&quoted(threshold));
+        }
+        command
+    }
+}
+
+#[cfg(test)]
+#[path = "recipe_tests.rs"]
+mod tests;

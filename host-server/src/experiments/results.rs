@@ -1,0 +1,163 @@
+//! What trials come to together, by the same means as on the console.
+
+use std::sync::Arc;
+
+use crawler_records::{ExperimentState, NewTrials, StoredTrial};
+use crawler_sim::evaluate::{Line, Measured, Metric, Trial, Verdict};
+use crawler_sim::scenario::{Scenario, Threshold};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Something that is measured of every trial.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ExperimentMetric)]
+pub(crate) struct MetricView {
+    /// Its name.
+    pub(crate) name: String,
+    /// What its values are in.
+    pub(crate) unit: String,
+    /// Which way is better: `more`, `less` or `neither`.
+    pub(crate) better: String,
+}
+
+impl MetricView {
+    /// What this program measures.
+    pub(super) fn all() -> Vec<Self> {
+        let view = |metric: Metric| Self {
+            name: metric.name().to_owned(),
+            unit: metric.unit().to_owned(),
+            better: metric.better().name().to_owned(),
+        };
+        Metric::ALL.into_iter().map(view).collect()
+    }
+}
+
+/// One metric over all trials that have it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ExperimentSummary)]
+pub(crate) struct Summary {
+    /// Its name.
+    pub(crate) metric: String,
+    /// What its values are in.
+    pub(crate) unit: String,
+    /// The mean.
+    pub(crate) mean: f64,
+    /// Lower end of the 95 % interval: Wilson's of `success`, Student's t of the others.
+    pub(crate) low: f64,
+    /// Upper end.
+    pub(crate) high: f64,
+    /// How many trials have it.
+    pub(crate) count: u32,
+}
+
+/// A threshold, and whether it is met.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ExperimentVerdict)]
+pub(crate) struct Judged {
+    /// What was asked, by the scenario or by whoever made the experiment.
+    pub(crate) threshold: String,
+    /// Whether it is met.
+    pub(crate) met: bool,
+    /// The mean, where a trial has it.
+    pub(crate) value: Option<f64>,
+}
+
+/// What the trials that are done come to.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Results {
+    pub(crate) summary: Vec<Summary>,
+    /// Only of an experiment that is complete.
+    pub(crate) verdict: Option<Vec<Judged>>,
+}
+
+impl Results {
+    /// What the records have of an experiment.
+    pub(crate) fn read(text: &str) -> Self {
+        // There are none before the first trial.
+        serde_json::from_str(text).unwrap_or_default()
+    }
+}
+
+/// An experiment that runs, and what its trials measured.
+#[derive(Debug)]
+pub(super) struct Tally {
+    pub(super) name: String,
+    pub(super) scenario: Arc<Scenario>,
+    pub(super) thresholds: Vec<Threshold>,
+    pub(super) seeds: u32,
+    /// Of the trials that are stored, in their order.
+    pub(super) measured: Vec<Measured>,
+}
+
+impl Tally {
+    /// Takes trials in, and makes of them what is stored.
+    pub(super) fn extend(&mut self, experiment: i64, trials: &[Trial], now: i64) -> NewTrials {
+        let first = self.measured.len() as u32;
+        self.measured
+            .extend(trials.iter().map(|trial| trial.measured));
+        let complete = self.measured.len() >= self.seeds as usize;
+        let results = self.results(complete);
+        NewTrials {
+            experiment,
+            trials: (first..).zip(trials).map(stored).collect(),
+            // What is made of numbers and names of ours can be written.
+            results: serde_json::to_string(&results).unwrap_or_default(),
+            completed: complete.then_some(now),
+        }
+    }
+
+    fn results(&self, complete: bool) -> Results {
+        let lines = Line::all(&self.measured);
+        let verdict = complete.then(|| {
+            let verdicts = Verdict::all(&self.scenario, &lines, &self.thresholds);
+            let judged = |verdict: Verdict| Judged {
+                threshold: verdict.threshold.to_string(),
+                met: verdict.met,
+                value: verdict.mean,
+            };
+            verdicts.into_iter().map(judged).collect()
+        });
+        let summary = lines.iter().map(|Line { metric, estimate }| Summary {
+            metric: metric.name().to_owned(),
+            unit: metric.unit().to_owned(),
+            mean: estimate.mean,
+            low: estimate.low,
+            high: estimate.high,
+            count: estimate.count as u32,
+        });
+        Results {
+            summary: summary.collect(),
+            verdict,
+        }
+    }
+
+    /// How it ended, for people.
+    pub(super) fn farewell(&self, state: ExperimentState) -> String {
+        let done = self.measured.len();
+        let successes = self
+            .measured
+            .iter()
+            .filter(|measured| measured.get(Metric::Success) == Some(1.0))
+            .count();
+        let name = &self.name;
+        format!("experiment “{name}” is {state}: {successes} of {done} trials succeeded")
+    }
+}
+
+fn stored((number, trial): (u32, &Trial)) -> StoredTrial {
+    let failures: Vec<_> = trial.failures.iter().map(ToString::to_string).collect();
+    StoredTrial {
+        number,
+        seed: trial.seed,
+        success: trial.is_success(),
+        reason: (!trial.is_success()).then(|| failures.join("; ")),
+        measured: trial.measured.values().to_vec(),
+    }
+}
+
+/// What was measured of a trial, as it is stored; `None` when other things were than this program
+/// measures.
+pub(super) fn measured(trial: &StoredTrial) -> Option<Measured> {
+    let values = trial.measured.as_slice().try_into().ok()?;
+    Some(Measured::of(values))
+}

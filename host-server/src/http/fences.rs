@@ -1,0 +1,321 @@
+//! Fences: polygons of the ground that robots are to stay in or out of.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use crawler_records::{KeptFence, MAX_FENCE_NAME, MAX_FENCES, RecordsError};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use utoipa::ToSchema;
+
+use super::App;
+use super::access::Caller;
+use super::guard::JsonBody;
+use super::problem::Problem;
+use crate::accounts::now_ms;
+use crate::fences::{self, Action, Fence, Kind, Shape, ShapeError};
+
+/// A fence.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Fence)]
+pub(super) struct FenceView {
+    /// Its id.
+    id: String,
+    /// Its name; no two have the same.
+    name: String,
+    /// On which side of its edge robots are to be.
+    kind: Kind,
+    /// Its corners, x and y in metres. The last is joined to the first.
+    corners: Vec<[f64; 2]>,
+    /// What happens when a robot crosses it.
+    action: Action,
+    /// Who made it.
+    by: String,
+    /// Unix milliseconds.
+    made_at: i64,
+}
+
+impl FenceView {
+    fn new(fence: Fence) -> Self {
+        Self {
+            id: fence.id,
+            name: fence.name,
+            kind: fence.kind,
+            corners: fence.shape.corners().to_vec(),
+            action: fence.action,
+            by: fence.by,
+            made_at: fence.made_at,
+        }
+    }
+}
+
+/// Every fence.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Fences)]
+pub(super) struct FenceList {
+    /// The oldest first.
+    fences: Vec<FenceView>,
+}
+
+/// What somebody wants a fence to be.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct NewFence {
+    /// Its name: 1 to 32 characters, and no other fence's.
+    #[schema(min_length = 1, max_length = 32)]
+    name: String,
+    /// On which side of its edge robots are to be.
+    kind: Kind,
+    /// Its corners, x and y in metres: 3 to 32, in either direction. Edges meet in corners alone, and
+    /// enclose more than 0.01 m².
+    #[schema(value_type = Vec<[f64; 2]>, min_items = 3, max_items = 32)]
+    corners: Vec<Vec<f64>>,
+    /// What happens when a robot crosses it.
+    action: Action,
+}
+
+impl NewFence {
+    fn read(body: &JsonBody) -> Result<Self, Problem> {
+        body.read()
+    }
+
+    fn into_fence(self, id: String, by: String) -> Result<Fence, Problem> {
+        if !is_name(&self.name) {
+            return Err(invalid(format!(
+                "`name` must have 1 to {MAX_FENCE_NAME} characters that can be seen, and no space \
+                 at either end"
+            )));
+        }
+        let refused = |error: ShapeError| invalid(error.to_string());
+        let mut corners = Vec::with_capacity(self.corners.len());
+        for corner in self.corners {
+            let Ok(corner) = <[f64; 2]>::try_from(corner) else {
+                return Err(invalid("every corner is two numbers, x and y".to_owned()));
+            };
+            corners.push(corner);
+        }
+        Ok(Fence {
+            id,
+            name: self.name,
+            kind: self.kind,
+            action: self.action,
+            shape: Shape::new(corners).map_err(refused)?,
+            by,
+            made_at: now_ms(),
+        })
+    }
+}
+
+/// Whether a text can be read where names stand, and changes nothing around it.
+fn is_name(text: &str) -> bool {
+    // Marks that turn the direction of what follows them.
+    let turns = |c: char| matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    (1..=MAX_FENCE_NAME).contains(&text.chars().count())
+        && text.trim() == text
+        && !text.chars().any(|c| c.is_control() || turns(c))
+}
+
+fn invalid(detail: String) -> Problem {
+    Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_fence", detail)
+}
+
+fn unknown() -> Problem {
+    Problem::new(
+        StatusCode::NOT_FOUND,
+        "unknown_fence",
+        "there is no such fence",
+    )
+}
+
+fn failed(error: &RecordsError) -> Problem {
+    match error {
+        RecordsError::NotFound => unknown(),
+        RecordsError::Exists => Problem::new(
+            StatusCode::CONFLICT,
+            "exists",
+            "there is a fence of that name already",
+        ),
+        RecordsError::TooMany(_) => Problem::new(
+            StatusCode::CONFLICT,
+            "too_many",
+            format!("there are {MAX_FENCES} fences already: delete one first"),
+        ),
+        error => Problem::records(error),
+    }
+}
+
+/// Every fence
+#[utoipa::path(get, path = "/fences", tag = "fences",
+    responses(
+        (status = 200, description = "The fences", body = FenceList),
+        (status = 503, description = "The records cannot be read", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<FenceList>, Problem> {
+    let fences = fences::all(&app).await.map_err(|error| failed(&error))?;
+    Ok(Json(FenceList {
+        fences: fences.into_iter().map(FenceView::new).collect(),
+    }))
+}
+
+/// Puts up a fence
+///
+/// From then on the server holds the place of every robot against it. A robot that crosses it, or is
+/// on its wrong side from the beginning, is told of as an event; with the action `stop` it is sent a
+/// `stop` as well, once: it can be driven back. It is back when it is 0.1 m on the right side.
+#[utoipa::path(post, path = "/fences", tag = "fences",
+    request_body = NewFence,
+    responses(
+        (status = 201, description = "The fence", body = FenceView),
+        (status = 400, description = "Not JSON", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 409, description = "Its name is another's, or there are too many",
+            body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Not a fence", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 503, description = "The records cannot be written", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn add(
+    State(app): State<Arc<App>>,
+    caller: Caller,
+    body: JsonBody,
+) -> Result<(StatusCode, Json<FenceView>), Problem> {
+    let wanted = NewFence::read(&body)?;
+    let fence = wanted.into_fence(new_id()?, caller.name())?;
+    let added = app.records.add_fence(&fence.to_kept()).await;
+    let result = added.map_err(|error| failed(&error));
+    note(&app, &caller, "fence.add", &fence, &result).await;
+    result?;
+    Ok((StatusCode::CREATED, Json(FenceView::new(fence))))
+}
+
+/// Changes a fence
+///
+/// The body says all of it anew. Who is beyond it and stays beyond it is not told of again.
+#[utoipa::path(put, path = "/fences/{id}", tag = "fences",
+    params(("id" = String, Path, description = "Id of the fence")),
+    request_body = NewFence,
+    responses(
+        (status = 200, description = "The fence", body = FenceView),
+        (status = 400, description = "Not JSON", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 404, description = "There is no such fence", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 409, description = "Its name is another's", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 422, description = "Not a fence", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 503, description = "The records cannot be written", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn change(
+    State(app): State<Arc<App>>,
+    caller: Caller,
+    Path(id): Path<String>,
+    body: JsonBody,
+) -> Result<Json<FenceView>, Problem> {
+    let wanted = NewFence::read(&body)?;
+    if !is_id(&id) {
+        return Err(unknown());
+    }
+    let fence = wanted.into_fence(id, caller.name())?;
+    let changed: Result<KeptFence, RecordsError> = app.records.change_fence(&fence.to_kept()).await;
+    let result = changed.map_err(|error| failed(&error));
+    note(&app, &caller, "fence.change", &fence, &result).await;
+    let kept = result?;
+    Ok(Json(FenceView::new(Fence {
+        by: kept.by,
+        made_at: kept.made_at,
+        ..fence
+    })))
+}
+
+/// Takes a fence down
+#[utoipa::path(delete, path = "/fences/{id}", tag = "fences",
+    params(("id" = String, Path, description = "Id of the fence")),
+    responses(
+        (status = 204, description = "It is gone"),
+        (status = 404, description = "There is no such fence", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 503, description = "The records cannot be written", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn delete(
+    State(app): State<Arc<App>>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<StatusCode, Problem> {
+    if !is_id(&id) {
+        return Err(unknown());
+    }
+    let deleted = app.records.delete_fence(&id).await;
+    let result = deleted.map_err(|error| failed(&error));
+    let detail = json!({ "name": result.as_ref().ok() });
+    fences::catch_up(&app).await;
+    app.audit(&caller, "fence.delete", &id, detail, &result)
+        .await;
+    result?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Has a change hold here at once, and writes it down.
+async fn note<T>(
+    app: &App,
+    caller: &Caller,
+    action: &'static str,
+    fence: &Fence,
+    result: &Result<T, Problem>,
+) {
+    fences::catch_up(app).await;
+    let detail = json!({
+        "name": fence.name,
+        "kind": fence.kind,
+        "action": fence.action,
+        "corners": fence.shape.corners(),
+    });
+    app.audit(caller, action, &fence.id, detail, result).await;
+}
+
+/// Ids are not counted up: one that was deleted does not come back as another fence.
+fn new_id() -> Result<String, Problem> {
+    let mut id = [0; 8];
+    getrandom::fill(&mut id).map_err(|_| Problem::internal("no randomness"))?;
+    Ok(crate::hex(&id))
+}
+
+fn is_id(text: &str) -> bool {
+    text.len() == 16 && text.bytes().all(|byte| byte.is_ascii_hexdigit())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_short_and_can_be_read() {
+        for good in ["a", "yard 2", "Höfe/北", &"ä".repeat(32)] {
+            assert!(is_name(good), "{good}");
+        }
+        for bad in [
+            "",
+            " ",
+            " a",
+            "a ",
+            "a\nb",
+            "a\u{7f}",
+            "a\0",
+            "\u{202e}cba",
+            &"a".repeat(33),
+        ] {
+            assert!(!is_name(bad), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn an_id_is_new_and_one() {
+        let (one, other) = (new_id().expect("an id"), new_id().expect("an id"));
+        assert!(is_id(&one) && is_id(&other) && one != other);
+        for wrong in ["", "0", "../../etc/passwd", "00000000000000000"] {
+            assert!(!is_id(wrong), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,317 @@
+//! What a simulated world is made of, and what the worlds of scenarios would be.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Path, Query, State};
+use axum::http::StatusCode;
+use crawler_sim::run::live::Bookmark;
+use crawler_sim::scenario::{Scenario, ScenarioError};
+use crawler_sim::world::{Dropped, DroppedItem, MAX_ROBOTS, Object, Obstacle, Pose};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::{IntoParams, ToSchema};
+
+use super::App;
+use super::problem::Problem;
+use crate::simulation::arena_json;
+
+/// Most robots whose places a preview tells.
+const MOST_POSES: usize = 1_000;
+/// Seed of a preview when nobody says, and of the arenas whose contents are counted.
+const SEED: u64 = 1;
+
+/// Something solid that does not move; lengths in metres, angles in radians.
+#[derive(Serialize, ToSchema)]
+#[serde(tag = "shape", rename_all = "lowercase")]
+#[schema(as = Obstacle)]
+#[allow(dead_code)] // describes what the world's own type writes
+enum ObstacleBody {
+    /// A round post.
+    Circle {
+        /// Centre.
+        x: f32,
+        /// Centre.
+        y: f32,
+        /// Radius.
+        r: f32,
+    },
+    /// A box.
+    Box {
+        /// Centre.
+        x: f32,
+        /// Centre.
+        y: f32,
+        /// Full length along its own x axis.
+        w: f32,
+        /// Full length along its own y axis.
+        h: f32,
+        /// Anticlockwise turn about its centre.
+        theta: f32,
+    },
+}
+
+/// A coloured thing that stands on the floor.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Thing)]
+#[allow(dead_code)] // describes what the world's own type writes
+struct ThingBody {
+    /// What it looks like.
+    shape: ThingShape,
+    /// Its colour.
+    colour: ThingColour,
+    /// Centre, metres.
+    x: f32,
+    /// Centre, metres.
+    y: f32,
+    /// Width and height, metres.
+    size: f32,
+}
+
+#[derive(Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[allow(dead_code)] // describes what the world's own type writes
+enum ThingShape {
+    Cylinder,
+    Box,
+    Ball,
+    Cone,
+}
+
+#[derive(Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[allow(dead_code)] // describes what the world's own type writes
+enum ThingColour {
+    Red,
+    Green,
+    Blue,
+    Yellow,
+    Orange,
+    Purple,
+    White,
+    Black,
+}
+
+/// What was dropped into the running world.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = DroppedItem)]
+pub(super) struct ItemView {
+    /// Its number, for `take`.
+    id: u32,
+    /// What it is, when it is an obstacle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<ObstacleBody>, nullable = false)]
+    obstacle: Option<Obstacle>,
+    /// What it is, when it is a coloured thing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<ThingBody>, nullable = false)]
+    object: Option<Object>,
+}
+
+impl From<DroppedItem> for ItemView {
+    fn from(DroppedItem { id, what }: DroppedItem) -> Self {
+        let (obstacle, object) = match what {
+            Dropped::Obstacle(obstacle) => (Some(obstacle), None),
+            Dropped::Object(object) => (None, Some(object)),
+        };
+        Self {
+            id,
+            obstacle,
+            object,
+        }
+    }
+}
+
+/// A moment of the world that was kept.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Bookmark)]
+pub(super) struct BookmarkView {
+    /// Its name.
+    name: String,
+    /// Seconds of the world.
+    time: f64,
+    /// When it was kept, Unix milliseconds.
+    made_at: u64,
+    /// Robots in it.
+    robots: u32,
+    /// Name of its scenario.
+    scenario: String,
+}
+
+impl From<Bookmark> for BookmarkView {
+    fn from(kept: Bookmark) -> Self {
+        Self {
+            name: kept.name.as_str().to_owned(),
+            time: kept.time.as_micros() as f64 / 1e6,
+            made_at: kept.made_at,
+            robots: kept.robots,
+            scenario: kept.scenario,
+        }
+    }
+}
+
+/// A scenario that comes with the program.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct ScenarioSummary {
+    /// Its name.
+    name: String,
+    /// What it is, in one sentence.
+    about: String,
+    /// Robots, unless told otherwise.
+    robots: u32,
+    /// Metres along x.
+    width: f32,
+    /// Metres along y.
+    height: f32,
+    /// How many obstacles.
+    obstacles: usize,
+    /// How many coloured things.
+    objects: usize,
+    /// How many obstacles that move.
+    movers: usize,
+}
+
+/// The scenarios that come with the program.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Scenarios {
+    /// The first one is the default.
+    scenarios: Vec<ScenarioSummary>,
+}
+
+/// Where a robot begins.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct ScenarioPose {
+    /// Metres.
+    x: f32,
+    /// Metres.
+    y: f32,
+    /// Radians, anticlockwise from the x axis.
+    theta: f32,
+}
+
+/// How a scenario begins.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct ScenarioPreview {
+    /// Its name.
+    name: String,
+    /// What it is, in one sentence.
+    about: String,
+    /// Robots in it.
+    robots: u32,
+    /// The seed of this world.
+    seed: u64,
+    /// As in the hello frame of the live feed.
+    #[schema(value_type = Object)]
+    arena: Value,
+    /// Where robots begin: the first 1,000.
+    poses: Vec<ScenarioPose>,
+}
+
+/// Which world of a scenario is wanted.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct PreviewQuery {
+    /// Its seed; 1 when not given.
+    seed: Option<u64>,
+    /// How many robots; as many as the scenario says when not given.
+    #[param(minimum = 1, maximum = 65_535)]
+    robots: Option<u32>,
+}
+
+fn summary(name: &str) -> Result<ScenarioSummary, ScenarioError> {
+    let scenario = Scenario::built_in(name)?;
+    let arena = scenario.arena(SEED)?;
+    Ok(ScenarioSummary {
+        robots: scenario.robots,
+        name: scenario.name,
+        about: scenario.about,
+        width: arena.width,
+        height: arena.height,
+        obstacles: arena.obstacles.len(),
+        objects: arena.objects.len(),
+        movers: arena.movers.len(),
+    })
+}
+
+fn preview(name: &str, query: &PreviewQuery) -> Result<ScenarioPreview, ScenarioError> {
+    let mut scenario = Scenario::built_in(name)?;
+    let seed = query.seed.unwrap_or(SEED);
+    scenario.robots = query.robots.unwrap_or(scenario.robots);
+    let world = scenario.preview(seed, MOST_POSES)?;
+    let place = |Pose { x, y, theta }| ScenarioPose { x, y, theta };
+    Ok(ScenarioPreview {
+        robots: scenario.robots,
+        name: scenario.name,
+        about: scenario.about,
+        seed,
+        arena: arena_json(&world.arena),
+        poses: world.poses.into_iter().map(place).collect(),
+    })
+}
+
+fn problem(error: &ScenarioError) -> Problem {
+    let (status, code) = match error {
+        ScenarioError::Unknown(_) => (StatusCode::NOT_FOUND, "unknown_scenario"),
+        _ => (StatusCode::CONFLICT, "refused"),
+    };
+    Problem::new(status, code, error.to_string())
+}
+
+/// Draws worlds where that holds up nobody: an arena for thousands of robots takes a while. One at a
+/// time, so that nobody gets all of the machine by asking for many.
+async fn draw<T: Send + 'static>(
+    app: &App,
+    work: impl FnOnce() -> Result<T, ScenarioError> + Send + 'static,
+) -> Result<T, Problem> {
+    let turn = Arc::clone(&app.drawing).acquire_owned().await;
+    let work = move || {
+        // Also when whoever asked has left.
+        let _turn = turn;
+        work()
+    };
+    match tokio::task::spawn_blocking(work).await {
+        Ok(drawn) => drawn.map_err(|error| problem(&error)),
+        Err(error) => {
+            tracing::error!(%error, "drawing a scenario failed");
+            Err(Problem::internal("the scenario cannot be drawn"))
+        }
+    }
+}
+
+/// The scenarios that come with the program
+#[utoipa::path(get, path = "/simulator/scenarios", tag = "simulator",
+    responses((status = 200, description = "All of them", body = Scenarios)))]
+pub(super) async fn scenarios(State(app): State<Arc<App>>) -> Result<Json<Scenarios>, Problem> {
+    let all = || Scenario::names().map(summary).collect();
+    let scenarios = draw(&app, all).await?;
+    Ok(Json(Scenarios { scenarios }))
+}
+
+/// How a scenario begins: its arena, and where its robots stand
+#[utoipa::path(get, path = "/simulator/scenarios/{name}", tag = "simulator",
+    params(("name" = String, Path, description = "Name of the scenario"), PreviewQuery),
+    responses(
+        (status = 200, description = "It begins like this", body = ScenarioPreview),
+        (status = 400, description = "Not such a query", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 404, description = "No scenario has this name", body = Problem,
+            content_type = "application/problem+json"),
+        (status = 409, description = "So many robots have no room in it", body = Problem,
+            content_type = "application/problem+json")))]
+pub(super) async fn scenario(
+    State(app): State<Arc<App>>,
+    Path(name): Path<String>,
+    query: Result<Query<PreviewQuery>, QueryRejection>,
+) -> Result<Json<ScenarioPreview>, Problem> {
+    let bad = |detail: String| Problem::new(StatusCode::BAD_REQUEST, "bad_query", detail);
+    let Query(query) = query.map_err(|error| bad(error.body_text()))?;
+    if query
+        .robots
+        .is_some_and(|robots| robots == 0 || robots as usize > MAX_ROBOTS)
+    {
+        return Err(bad(format!("`robots` must be 1 to {MAX_ROBOTS}")));
+    }
+    draw(&app, move || preview(&name, &query)).await.map(Json)
+}

@@ -1,0 +1,336 @@
+//! Events and changes of the arena on their way to the records: nobody waits for the disk.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use crawler_records::{Event, EventLevel, EventRetention, Records, RecordsError};
+use serde_json::Value;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+use crate::accounts::now_ms;
+use crate::cluster::Together;
+use crate::fleet;
+
+/// Events that wait to be written.
+const EVENTS: usize = 8_192;
+/// Arenas that wait. Where there are more, the newest takes the place of the one before it.
+const ARENAS: usize = 64;
+/// How long an event waits for others.
+const TICK: Duration = Duration::from_millis(500);
+/// Before something is tried again that a database did not take.
+const AGAIN: Duration = Duration::from_secs(1);
+/// How often to look for what is too old, or too much.
+const RETAIN_EVERY: Duration = Duration::from_mins(10);
+
+/// Who comes to know of an event.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Known {
+    /// This server alone.
+    Here,
+    /// Every server of the fleet, from what robots say: one of them records it.
+    Everywhere,
+}
+
+#[derive(Debug, Default)]
+struct Inbox {
+    events: Vec<Event>,
+    /// With their times. None is an arena that is none.
+    arenas: VecDeque<(i64, Option<String>)>,
+}
+
+impl Inbox {
+    fn is_empty(&self) -> bool {
+        self.events.is_empty() && self.arenas.is_empty()
+    }
+
+    fn len(&self) -> usize {
+        self.events.len() + self.arenas.len()
+    }
+}
+
+/// How it goes, since the start.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Stats {
+    /// Events in the records.
+    pub(crate) written: u64,
+    /// Events let go because too many waited, or because the records refused them.
+    pub(crate) dropped: u64,
+    /// Writes that failed.
+    pub(crate) failures: u64,
+    /// Events that wait.
+    pub(crate) queued: usize,
+}
+
+struct Inner {
+    inbox: Mutex<Inbox>,
+    together: Option<Arc<Together>>,
+    written: AtomicU64,
+    dropped: AtomicU64,
+    failures: AtomicU64,
+}
+
+/// Takes what is to be recorded. A clone is another handle of the same.
+#[derive(Clone)]
+pub(crate) struct Recorder(Arc<Inner>);
+
+impl std::fmt::Debug for Recorder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Recorder").field(&self.stats()).finish()
+    }
+}
+
+impl Recorder {
+    /// A recorder for one of the servers in `together`, or for the only one.
+    pub(crate) fn new(together: Option<Arc<Together>>) -> Self {
+        Self(Arc::new(Inner {
+            inbox: Mutex::default(),
+            together,
+            written: AtomicU64::new(0),
+            dropped: AtomicU64::new(0),
+            failures: AtomicU64::new(0),
+        }))
+    }
+
+    fn inbox(&self) -> MutexGuard<'_, Inbox> {
+        self.0.inbox.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes an event, without waiting. One too many is counted as dropped.
+    pub(crate) fn record(&self, event: &fleet::Event, known: Known) {
+        let leads = || self.0.together.as_ref().is_none_or(|all| all.leads());
+        if known == Known::Everywhere && !leads() {
+            return;
+        }
+        let mut inbox = self.inbox();
+        if inbox.events.len() >= EVENTS {
+            drop(inbox);
+            self.0.dropped.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        inbox.events.push(Event {
+            at: i64::try_from(event.time).unwrap_or(i64::MAX),
+            level: match event.level {
+                fleet::Level::Info => EventLevel::Info,
+                fleet::Level::Warn => EventLevel::Warn,
+                fleet::Level::Error => EventLevel::Error,
+            },
+            robot: event.robot.clone(),
+            text: event.text.clone(),
+        });
+    }
+
+    /// Takes note that the simulated arena is `arena` from now on, `null` where there is none. Call it
+    /// whenever it may have changed: one that is as it was is not recorded again.
+    pub(crate) fn record_arena(&self, arena: &Value) {
+        let arena = (!arena.is_null()).then(|| arena.to_string());
+        let mut inbox = self.inbox();
+        if inbox.arenas.len() >= ARENAS {
+            inbox.arenas.pop_back();
+        }
+        inbox.arenas.push_back((now_ms(), arena));
+    }
+
+    /// How it goes.
+    pub(crate) fn stats(&self) -> Stats {
+        Stats {
+            written: self.0.written.load(Ordering::Relaxed),
+            dropped: self.0.dropped.load(Ordering::Relaxed),
+            failures: self.0.failures.load(Ordering::Relaxed),
+            queued: self.inbox().events.len(),
+        }
+    }
+
+    /// Writes to `records` what comes in, until `stop` or until this is the last handle, and then what
+    /// is left.
+    pub(crate) fn start(&self, records: Records, stop: CancellationToken) -> JoinHandle<()> {
+        let keeper = Keeper {
+            recorder: self.clone(),
+            records,
+            pending: Inbox::default(),
+            complained: false,
+        };
+        tokio::spawn(keeper.run(stop))
+    }
+}
+
+/// The one task that writes.
+struct Keeper {
+    recorder: Recorder,
+    records: Records,
+    /// Taken from the inbox, and not written.
+    pending: Inbox,
+    complained: bool,
+}
+
+impl Keeper {
+    async fn run(mut self, stop: CancellationToken) {
+        let mut retained: Option<Instant> = None;
+        loop {
+            let wait = if self.pending.is_empty() { TICK } else { AGAIN };
+            tokio::select! {
+                () = stop.cancelled() => {}
+                () = tokio::time::sleep(wait) => {}
+            }
+            // Or when nobody is left who could hand in anything: a server that did not get up.
+            let ends = stop.is_cancelled() || Arc::strong_count(&self.recorder.0) == 1;
+            self.write().await;
+            if self.pending.is_empty() {
+                self.pending = std::mem::take(&mut *self.recorder.inbox());
+                self.write().await;
+            }
+            if ends {
+                let lost = self.pending.len();
+                if lost > 0 {
+                    tracing::error!(lost, "events were not recorded before the server stopped");
+                }
+                return;
+            }
+            if retained.is_none_or(|at| at.elapsed() >= RETAIN_EVERY) {
+                retained = Some(Instant::now());
+                let kept = self
+                    .records
+                    .prune_events(EventRetention::default(), now_ms());
+                if let Err(error) = kept.await {
+                    tracing::warn!(%error, "old events cannot be forgotten");
+                }
+            }
+        }
+    }
+
+    /// Writes what is pending. What the records do not take for now stays.
+    async fn write(&mut self) {
+        while let Some((at, arena)) = self.pending.arenas.front().cloned() {
+            let outcome = self.records.add_arena(at, arena).await;
+            if !self.is_settled(outcome, 0) {
+                return;
+            }
+            self.pending.arenas.pop_front();
+        }
+        if self.pending.events.is_empty() {
+            return;
+        }
+        let count = self.pending.events.len() as u64;
+        let outcome = self.records.add_events(self.pending.events.clone()).await;
+        if self.is_settled(outcome, count) {
+            self.pending.events.clear();
+        }
+    }
+
+    /// Counts what came of writing so many events. `false` where they are worth another try.
+    fn is_settled(&mut self, outcome: Result<(), RecordsError>, events: u64) -> bool {
+        let inner = &self.recorder.0;
+        let error = match outcome {
+            Ok(()) => {
+                self.complained = false;
+                inner.written.fetch_add(events, Ordering::Relaxed);
+                return true;
+            }
+            Err(error) => error,
+        };
+        inner.failures.fetch_add(1, Ordering::Relaxed);
+        if !std::mem::replace(&mut self.complained, true) {
+            tracing::warn!(%error, "events cannot be recorded");
+        }
+        if error.is_passing() {
+            return false;
+        }
+        inner.dropped.fetch_add(events, Ordering::Relaxed);
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crawler_records::EventQuery;
+    use serde_json::json;
+
+    fn event(text: &str) -> fleet::Event {
+        fleet::Event {
+            time: 5,
+            level: fleet::Level::Warn,
+            robot: None,
+            text: text.to_owned(),
+        }
+    }
+
+    #[tokio::test]
+    async fn what_waits_is_bounded_and_written_at_the_end() {
+        let records = Records::in_memory().await.expect("records");
+        let recorder = Recorder::new(None);
+        for n in 0..EVENTS + 3 {
+            recorder.record(&event(&format!("event {n}")), Known::Everywhere);
+        }
+        for n in 0..ARENAS + 5 {
+            recorder.record_arena(&json!({ "width": n }));
+        }
+        let stats = recorder.stats();
+        assert_eq!((stats.queued, stats.dropped), (EVENTS, 3), "{stats:?}");
+
+        let stop = CancellationToken::new();
+        let task = recorder.start(records.clone(), stop.clone());
+        stop.cancel();
+        task.await.expect("it ends");
+        let stats = recorder.stats();
+        assert_eq!(
+            (stats.queued, stats.written),
+            (0, EVENTS as u64),
+            "{stats:?}"
+        );
+        let newest = EventQuery {
+            from: 0,
+            to: i64::MAX,
+            level: EventLevel::Info,
+            robot: None,
+            before: None,
+            limit: 1,
+        };
+        let found = records.events(newest).await.expect("events");
+        assert_eq!(found[0].event.text, format!("event {}", EVENTS - 1));
+        // The newest arena is there, whatever was left out before it.
+        let arena = records.arena_at(i64::MAX).await.expect("an arena");
+        let width = ARENAS + 4;
+        assert_eq!(arena, Some(json!({ "width": width }).to_string()));
+        let arenas = records.arenas(0, i64::MAX, 1).await.expect("arenas");
+        assert!(arenas.len() <= ARENAS, "{}", arenas.len());
+        records.close().await;
+    }
+
+    #[tokio::test]
+    async fn events_that_records_refuse_are_counted() {
+        let records = Records::in_memory().await.expect("records");
+        records.close().await;
+        let recorder = Recorder::new(None);
+        recorder.record(&event("lost"), Known::Here);
+        let stop = CancellationToken::new();
+        let task = recorder.start(records, stop.clone());
+        stop.cancel();
+        task.await.expect("it ends");
+        let stats = recorder.stats();
+        assert_eq!((stats.dropped, stats.written), (1, 0), "{stats:?}");
+        assert_eq!(stats.failures, 1, "{stats:?}");
+    }
+
+    #[tokio::test]
+    async fn a_recorder_that_nobody_has_ends() {
+        let records = Records::in_memory().await.expect("records");
+        let recorder = Recorder::new(None);
+        recorder.record(&event("last words"), Known::Here);
+        let task = recorder.start(records.clone(), CancellationToken::new());
+        drop(recorder);
+        task.await.expect("it ends");
+        let wanted = EventQuery {
+            from: 0,
+            to: 6,
+            level: EventLevel::Warn,
+            robot: None,
+            before: None,
+            limit: 9,
+        };
+        assert_eq!(records.events(wanted).await.expect("events").len(), 1);
+        records.close().await;
+    }
+}
