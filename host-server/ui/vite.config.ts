@@ -24,6 +24,8 @@ export default defineConfig({
   test: {
     include: ['tests/unit/**/*.test.ts'],
     restoreMocks: true,
+    // Builds run beside them.
+    testTimeout: 30_000,
     // One test reads the style sheet.
     css: true,
   },

@@ -160,7 +160,7 @@ async function keys(page) {
     expect((await id(page, 'secret').inputValue()).length >= 43, 'there is no secret')
     await axe(page, 'a new key')
     await picture(page, 'keys')
-    await id(page, 'hide-secret').click()
+    await id(page, 'hide-made').click()
     await page.reload()
     const row = page.locator('tr[data-robot=rover-1]')
     await row.waitFor()

@@ -320,6 +320,15 @@ async function events(page) {
     await until('others are shown', PATIENCE_MS, async () => {
       return (await page.locator('[data-testid=log] .entry').count()) === 1
     })
+    expect(
+      page.url().includes('log=warn') && page.url().includes('events=no'),
+      'the filter is not in the address',
+    )
+    const copy = await newPage(page.context().browser())
+    await copy.goto(page.url())
+    await id(copy, 'log-search').waitFor()
+    expect((await id(copy, 'log-level').inputValue()) === 'warn', 'the link shows other events')
+    await copy.context().close()
     await axe(page, 'events')
     await id(page, 'log-search-toggle').click()
     await id(page, 'log-level').selectOption('info')

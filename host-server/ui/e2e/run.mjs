@@ -5,9 +5,10 @@
 import { DESKTOP, PHONE, launch } from './browser.mjs'
 import { axe, axeSource, check, endBy, expect, fail, finish } from './checks.mjs'
 import { pause, picture, until } from './checks.mjs'
+import { fenced } from './fence-check.mjs'
 
 /** Everything together ends by then, whatever hangs. */
-const DEADLINE_MS = 58_000
+const DEADLINE_MS = 75_000
 /** All robots must stand this soon after the emergency stop. */
 const STAND_WITHIN_MS = 2_000
 /**
@@ -284,6 +285,8 @@ async function operate(page) {
       return moved(before, await robots(page)).length >= Math.min(3, before.length)
     })
   })
+
+  await fenced(page)
 
   await check('the arena survives a lost graphics context', async () => {
     const canvas = page.getByTestId('arena')

@@ -14,9 +14,14 @@ export const words = {
   goHint: 'Then click where the chosen robots shall go (G)',
   goFirst: 'Choose a robot or a group first.',
   goMany: (most: number) => `No more than ${String(most)} robots can be sent to one point.`,
+  fences: 'Fences',
+  fencesHint: 'Where robots are to stay in or out of',
+  fencesFailed: 'The part of the page that shows fences could not be loaded: reload the page.',
   layers: 'Layers',
   cones: 'Sensor cones',
   trails: 'Trails',
+  putIn: 'Put things in…',
+  putInHint: 'Obstacles and coloured objects, on the page of the simulation',
   extent: { all: 'All', selected: 'Selected', none: 'None' },
   group: (count: number) => `${String(count)} robot${count === 1 ? '' : 's'} chosen`,
   ungroup: 'Clear the choice',
@@ -50,6 +55,8 @@ export const words = {
     trail: 'A trail is where a robot was in the last ten seconds.',
     ring: 'A whole ring: selected to drive. A dashed ring: chosen as a group.',
     patch: 'Hatched floor grips differently; a dashed way is that of something that moves.',
+    fence:
+      'A fence has its hatching where robots must not be; a whole line stops them, a dashed one warns.',
     stale: 'Hatched: not heard of for a while. Hollow: offline.',
   },
   pad: {

@@ -9,6 +9,8 @@ export const places: Record<Place, string> = {
   robots: 'Robots',
   command: 'Command',
   simulation: 'Simulation',
+  history: 'History',
+  experiments: 'Experiments',
 }
 
 export const nav = { label: 'Pages', skip: 'Skip to the content' }
@@ -30,6 +32,7 @@ export const health = {
     stop: 'Emergency stop on',
     empty: 'No robots',
     none: 'No robot online',
+    fence: 'Beyond a fence',
     twins: 'Two robots, one id',
     space: 'Little disk space',
     dropped: 'Telemetry lost',
@@ -47,6 +50,7 @@ export const health = {
   noneOnline: 'No robot is online.',
   stale: (number: number) => `${count(number, 'has', 'have')} not been heard of for a few seconds.`,
   offline: (number: number) => `${count(number, 'is', 'are')} offline.`,
+  fence: (number: number) => `${count(number, 'is', 'are')} on the wrong side of a fence.`,
   low: (number: number) => `${count(number, 'has', 'have')} a low battery.`,
   twins: (number: number) =>
     `Under ${number === 1 ? 'one id' : `${String(number)} ids`} two robots seem to speak.`,

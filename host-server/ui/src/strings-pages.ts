@@ -70,6 +70,7 @@ export const words = {
     invite: 'Make an invitation',
     inviting: 'Making it…',
     link: (name: string) => `Invitation for ${name}`,
+    linkLabel: 'Link',
     linkHint: 'Send it to them by a way you trust. It works once and is shown only here.',
     done: 'Done',
     columns: ['Name', 'Role', 'State', 'Since', 'Actions'],

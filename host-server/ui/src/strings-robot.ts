@@ -12,6 +12,7 @@ export const robot = {
   unknown: (id: string) => `Nobody knows a robot of the name ${id}.`,
   unknownMore: 'It may not have connected yet; this page fills as soon as it does.',
   inArena: 'Show in the arena',
+  inPast: 'Show in the history',
   reboot: 'Reboot',
   rebootSlide: (id: string) => `Slide to reboot ${id}`,
   sent: (what: string) => `“${what}” sent.`,
@@ -264,7 +265,7 @@ export const simulation = {
   wheels: { left: 'left', right: 'right' },
   how: 'How',
   noRobot: 'Choose a robot.',
-  map: 'Map of the world. Clicking it fills in the place.',
+  map: 'Map of the world. Clicking it fills in the place; so do arrow keys.',
   needOperator: 'Changing the world needs the role operator.',
   doing: 'Working…',
 }

@@ -10,6 +10,7 @@ export const shows: Record<Show, string> = {
   all: 'All robots',
   attention: 'Needs attention',
   low: 'Low battery',
+  fence: 'Beyond a fence',
   ...presences,
   ...kinds,
   initializing: states.INITIALIZING,

@@ -59,7 +59,6 @@ const outcomes: Readonly<Record<string, string>> = {
 export const text = {
   title: 'Terracrawler',
   room: 'Control room',
-  skipToRobots: 'Skip to the list of robots',
   fleet: (name: string) => `Fleet ${name}`,
 
   connection: {
@@ -132,6 +131,7 @@ export const text = {
     battery: (percent: number) => `Battery ${String(percent)} %`,
     batteryLow: 'Battery low',
     low: 'low',
+    beyond: (fence: string) => `beyond ${fence}`,
     chosen: 'in the selection',
     chosenCount: (count: number) => `${String(count)} selected`,
     command: 'Command',
@@ -144,17 +144,12 @@ export const text = {
     fit: 'Show everything',
     zoomIn: 'Zoom in',
     zoomOut: 'Zoom out',
-    conesShort: 'Cones',
-    conesAll: 'Cones: all',
-    conesSelected: 'Cones: selected',
-    conesNone: 'Cones: none',
     follow: 'Follow',
     followHint: 'Keep the selected robot in the middle',
     old: (seconds: number) => `As seen ${duration(seconds)} ago: `,
     noWebgl:
       'This browser cannot draw the arena (no WebGL2). The list and all controls work without it.',
     lost: 'The graphics card dropped the picture; it will be back in a moment.',
-    noArena: 'No simulated arena: positions as the robots report them.',
     legend: 'Legend',
     metres: (length: number) => `${String(length)} m`,
   },
@@ -185,6 +180,9 @@ export const text = {
     identify: 'Identify',
     capture: 'Take a picture',
     picture: (robot: string, time: string) => `What ${robot} saw, received ${time}`,
+    fence: 'Fence',
+    beyond: (fence: string) => `On the wrong side of fence ${fence}`,
+    within: 'on the right side of all',
     duplicate: 'Two robots seem to use this name.',
   },
 
@@ -218,6 +216,7 @@ export const text = {
     find: 'Find',
     search: 'Search events',
     none: 'No event matches.',
+    moment: 'Show this moment',
     pin: 'Pin to the top',
     unpin: 'Take from the top',
     clear: 'Clear',
@@ -271,8 +270,6 @@ export const text = {
       ['?', 'This help.'],
     ],
     note: 'After an emergency stop robots refuse motion until you re-arm. Re-arming does not move them.',
-    shapes: 'Shapes',
-    marks: 'States',
   },
 } as const
 

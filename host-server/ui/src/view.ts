@@ -8,7 +8,15 @@ import { inject, ref } from 'vue'
 import type { Role } from './account/roles'
 
 /** What an operator goes between all day; the first is the home page. */
-export const PLACES = ['room', 'dashboard', 'robots', 'command', 'simulation'] as const
+export const PLACES = [
+  'room',
+  'dashboard',
+  'robots',
+  'command',
+  'simulation',
+  'history',
+  'experiments',
+] as const
 /** Accounts and administration. */
 export const PAGES = ['account', 'people', 'keys', 'audit'] as const
 export type Place = (typeof PLACES)[number]
@@ -24,35 +32,50 @@ export interface Route {
   view: View
   /** The robot whose page it is; only of the view `robots`. */
   robot: string | null
+  /** The experiment whose page it is; only of the view `experiments`. */
+  experiment: string | null
   query: Query
 }
 
 /** Never throws: a link may be cut off anywhere. */
 export function parseRoute(hash: string): Route {
   const [path = '', search = ''] = hash.replace(/^#\/?/, '').split(/\?(.*)/s)
-  const [name = '', robot = ''] = path.split('/')
+  const [name = '', id = ''] = path.split('/')
   const view = VIEWS.find((known) => known === name) ?? 'room'
+  const of = (wanted: View): string | null => (view === wanted && id !== '' ? decoded(id) : null)
   return {
     view,
-    robot: view === 'robots' && robot !== '' ? decoded(robot) : null,
+    robot: of('robots'),
+    experiment: of('experiments'),
     query: Object.fromEntries(new URLSearchParams(search)),
   }
 }
 
-export function formatRoute({ view, robot, query }: Route): string {
+export function formatRoute({ view, robot, experiment, query }: Route): string {
+  return linkTo(view, query, robot ?? experiment)
+}
+
+/** A link to a page, or to that of one robot or experiment. */
+export function linkTo(view: View, query: Query = {}, id: string | null = null): string {
   const path = view === 'room' ? '' : view
-  const of = robot === null ? '' : `/${encodeURIComponent(robot)}`
+  const of = id === null ? '' : `/${encodeURIComponent(id)}`
   const set = Object.entries(query).filter(([, value]) => value !== '')
   const search = new URLSearchParams(set).toString()
   return `#/${path}${of}${search === '' ? '' : `?${search}`}`
 }
 
-/** A link to a page. */
-export function linkTo(view: View, query: Query = {}, robot: string | null = null): string {
-  return formatRoute({ view, robot, query })
-}
-
 export const robotLink = (id: string, query: Query = {}): string => linkTo('robots', query, id)
+
+/** How much of the time before and after a moment its link shows. */
+const BEFORE_MS = 240_000
+const AFTER_MS = 60_000
+
+/** A link to how things were at a moment, Unix milliseconds. */
+export function momentLink(at: number, robot: string | null = null): string {
+  const time = Math.round(at)
+  const [from, to] = [time - BEFORE_MS, time + AFTER_MS].map(String) as [string, string]
+  return linkTo('history', { from, to, at: String(time), robot: robot ?? '' })
+}
 
 export function viewOf(hash: string): View {
   return parseRoute(hash).view

@@ -22,9 +22,18 @@ export interface Ink {
   mix: readonly string[]
 }
 
+/** What lies under everything else here; true when there was anything to draw. */
+export type Under = (
+  context: CanvasRenderingContext2D,
+  ink: Ink,
+  camera: Camera,
+  size: Size,
+) => boolean
+
 export interface Over {
   camera: Camera
   size: Size
+  under: Under | null
   clusters: readonly Cluster[]
   /** Goals, and where their robots are on the screen. */
   goals: readonly { goal: Goal; from: Point | null }[]
@@ -61,11 +70,13 @@ export function drawOver(surface: HTMLCanvasElement, ink: Ink, over: Over): bool
   const ratio = surface.width / Math.max(1, over.size.width)
   context.setTransform(ratio, 0, 0, ratio, 0, 0)
   context.clearRect(0, 0, over.size.width, over.size.height)
+  const under = over.under?.(context, ink, over.camera, over.size) === true
   drawClusters(context, ink, over)
   drawGoals(context, ink, over)
   if (over.lasso.length > 1) drawLasso(context, ink, over.lasso)
   if (over.cross) drawCross(context, ink, over.size)
-  return over.clusters.length + over.goals.length + over.lasso.length > 0 || over.cross
+  const drawn = over.clusters.length + over.goals.length + over.lasso.length
+  return under || drawn > 0 || over.cross
 }
 
 function drawClusters(context: CanvasRenderingContext2D, ink: Ink, over: Over): void {

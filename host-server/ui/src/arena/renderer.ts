@@ -20,6 +20,7 @@ import {
   TRAIL_VERTEX,
 } from './shaders'
 import { ROW, TEXELS, Texels } from './texels'
+import type { Past } from './trails'
 import { TRAIL, Trails } from './trails'
 
 export type Rgb = readonly [number, number, number]
@@ -148,7 +149,7 @@ export class Renderer {
 
   /**
    * Takes over poses and states; call once per feed frame, not per picture. `base` is the server's
-   * time now, `now` the page's.
+   * time now, `now` the page's. Trails are what was shown before, or what `past` tells.
    */
   setRobots(
     robots: () => Iterable<Robot>,
@@ -156,11 +157,13 @@ export class Renderer {
     group: ReadonlySet<string>,
     base: number,
     now: number,
+    past?: Past,
   ): void {
     this.base = base
     this.chosen = this.texels.write(robots(), selected, group, base).slice(-MOST_CHOSEN)
     this.trails.reserve(this.texels.capacity)
-    this.trails.record(robots(), now)
+    if (past === undefined) this.trails.record(robots(), now)
+    else this.trails.replay(robots(), past)
     this.upload()
   }
 

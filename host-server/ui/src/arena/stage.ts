@@ -5,8 +5,10 @@
 
 import type { Ref, ShallowRef } from 'vue'
 import { ref, shallowRef } from 'vue'
-import type { Room } from '../control/room'
+import type { Arena } from '../feed/decode'
+import type { Fleet, Robot } from '../fleet/fleet'
 import { poseAt } from '../fleet/fleet'
+import type { Selection } from '../fleet/selection'
 import { readPalette } from '../theme'
 import type { Bounds, Camera, Size } from './camera'
 import { fit, toScreen } from './camera'
@@ -14,12 +16,13 @@ import type { Cluster } from './cluster'
 import { clusters } from './cluster'
 import type { Goal } from './goals'
 import type { Point } from './lasso'
-import type { Ink } from './overlay'
+import type { Ink, Under } from './overlay'
 import { drawOver, readInk } from './overlay'
 import { boundsOf, smallestRadius, union } from './pick'
 import type { Extent, View } from './renderer'
 import { Renderer, drawnRadius } from './renderer'
 import { arenaBounds } from './scene'
+import type { Past } from './trails'
 
 /** Room for the tools above, and for scale and legend below where there is any. */
 const MARGINS = { top: 56, sides: 16, bottom: 48 }
@@ -31,6 +34,20 @@ const LABEL_HEIGHT = 24
 const SLOW_PICTURE_MS = 80
 /** Robots are counted anew no faster than this while the view rests. */
 const COUNT_EVERY_MS = 250
+/** Robots of another world are told of a little later than its walls. */
+export const NEW_WORLD_MS = 5_000
+
+/** What is shown: the live room, or a moment of the record. */
+export interface Shown {
+  readonly arena: Readonly<Ref<Arena | null>>
+  readonly fleet: Pick<Fleet, 'all' | 'get' | 'size' | 'settledAt'>
+  readonly selection: Selection
+  readonly selected: Robot | undefined
+  /** The time to draw, Unix milliseconds. */
+  serverNow(): number
+  /** Where robots were before, where that is known; else trails are what was shown before. */
+  readonly past?: Past
+}
 
 export interface Surfaces {
   box: HTMLElement
@@ -52,8 +69,11 @@ export class Stage {
   lasso: readonly Point[] = []
   cross = false
   goals: readonly Goal[] = []
+  under: Under | null = null
   /** Pictures drawn so far. */
   pictures = 0
+  /** Called with each of them. */
+  onPicture: (view: View) => void = () => undefined
 
   private surfaces: Surfaces | null = null
   private renderer: Renderer | null = null
@@ -65,11 +85,15 @@ export class Stage {
   private stalePoses = true
   private staleOver = true
   private hadRobots = false
+  /** Sides of the arena that is shown; null before the first. */
+  private ground: string | null = null
+  /** By then robots have been told of in another world; until then the view fits itself anew. */
+  private settledAt = 0
   /** The view that everything fits in, found when poses came; robots may be beyond the walls. */
   private whole: Bounds = { minX: -3, minY: -3, maxX: 3, maxY: 3 }
   private readonly calm = matchMedia('(prefers-reduced-motion: reduce)')
 
-  constructor(private readonly room: Room) {}
+  constructor(readonly room: Shown) {}
 
   start(surfaces: Surfaces): void {
     this.surfaces = surfaces
@@ -109,8 +133,17 @@ export class Stage {
   }
 
   setArena(): void {
-    this.renderer?.setArena(this.room.arena.value)
-    if (this.fitted.value) this.showEverything()
+    const arena = this.room.arena.value
+    this.renderer?.setArena(arena)
+    // Another world, not only another thing in it: what was looked at is no more.
+    const ground = arena === null ? '' : `${String(arena.width)} ${String(arena.height)}`
+    const other = this.ground !== null && this.ground !== ground
+    this.ground = ground
+    if (other) {
+      this.follow.value = false
+      this.settledAt = performance.now() + NEW_WORLD_MS
+    }
+    if (this.fitted.value || other) this.showEverything()
     this.draw()
   }
 
@@ -220,6 +253,7 @@ export class Stage {
       pose === null ? null : toScreen(view.camera, this.size, pose.x, pose.y),
     )
     this.placeOver(surfaces.over, view)
+    this.onPicture(view)
     // Another picture only while something is still on its way to its newest pose.
     if (!this.calm.matches && view.time < room.fleet.settledAt) this.draw()
   }
@@ -233,11 +267,11 @@ export class Stage {
       selection.ids.value,
       this.room.serverNow(),
       performance.now(),
+      this.room.past,
     )
-    if (this.fitted.value && !this.hadRobots && fleet.size > 0) {
-      this.hadRobots = true
-      this.showEverything()
-    }
+    const begins = !this.hadRobots && fleet.size > 0
+    if (begins) this.hadRobots = true
+    if (this.fitted.value && (begins || performance.now() < this.settledAt)) this.showEverything()
   }
 
   private count(): void {
@@ -277,6 +311,7 @@ export class Stage {
     surface.hidden = !drawOver(surface, this.ink, {
       camera: view.camera,
       size: this.size,
+      under: this.under,
       clusters: this.clusters.value,
       goals,
       lasso: this.lasso,

@@ -16,7 +16,14 @@ import { assign } from './spread'
 import type { Stage } from './stage'
 import { poseAt } from '../fleet/fleet'
 
-export type Tool = 'none' | 'lasso' | 'go'
+export type Tool = 'none' | 'lasso' | 'go' | 'fence'
+
+/** What draws fences; it comes when it is there. */
+export interface FencePen {
+  press(x: number, y: number): void
+  close(): void
+  cancel(): void
+}
 
 /** Finger or pointer this close to a robot selects it, pixels. */
 const REACH = 18
@@ -34,6 +41,7 @@ export class ArenaTools {
   /** Said beside the tools until something else happens. */
   readonly said = ref('')
   readonly goals: Goals
+  pen: FencePen | null = null
   private line: Lasso | null = null
   private silence: ReturnType<typeof setTimeout> | null = null
 
@@ -70,6 +78,7 @@ export class ArenaTools {
   }
 
   toggle(tool: 'lasso' | 'go'): void {
+    if (this.tool.value === 'fence') this.leave()
     this.said.value = ''
     if (tool === 'go' && this.tool.value !== 'go' && this.goBlocked.value !== null) {
       this.say(this.goBlocked.value)
@@ -82,6 +91,7 @@ export class ArenaTools {
   /** True when there was a tool to put away. */
   leave(): boolean {
     const had = this.tool.value !== 'none' || this.line !== null
+    this.pen?.cancel()
     this.tool.value = 'none'
     this.endLasso(false, null)
     this.said.value = ''
@@ -91,6 +101,10 @@ export class ArenaTools {
 
   tap(x: number, y: number, keys: Keys): void {
     this.said.value = ''
+    if (this.tool.value === 'fence') {
+      this.pen?.press(x, y)
+      return
+    }
     if (this.tool.value === 'go') {
       this.go(x, y)
       return
@@ -112,10 +126,14 @@ export class ArenaTools {
     }
   }
 
-  /** What Enter does: the robot nearest to the middle, or a goal there. */
+  /** What Enter does: the robot nearest to the middle, or a goal there; closes a fence. */
   aim(add: boolean): void {
     const { width, height } = this.stage.size
     this.said.value = ''
+    if (this.tool.value === 'fence') {
+      this.pen?.close()
+      return
+    }
     if (this.tool.value === 'go') {
       this.go(width / 2, height / 2)
       return
@@ -136,6 +154,7 @@ export class ArenaTools {
   }
 
   startLasso(x: number, y: number): void {
+    if (this.tool.value === 'fence') return
     this.said.value = ''
     this.line = new Lasso([x, y])
   }

@@ -9,6 +9,9 @@ export const TRAIL_EVERY_MS = 500
 /** Whoever is this far from where it was last has been set down elsewhere, metres. */
 const JUMP = 2
 
+/** Where a robot was so many milliseconds before now; `null` where that is not known. */
+export type Past = (robot: Robot, ago: number) => readonly [number, number] | null
+
 export class Trails {
   /** One layer for each place in the ring: x, y of each slot. */
   readonly layers: Float32Array[] = []
@@ -48,6 +51,24 @@ export class Trails {
       layer[at + 1] = robot.y
     }
     return true
+  }
+
+  /** Takes the whole past from elsewhere. A trail ends where nothing more is known. */
+  replay(robots: Iterable<Robot>, past: Past): void {
+    for (const robot of robots) {
+      if (!robot.placed || 2 * robot.index >= (this.layers[0]?.length ?? 0)) continue
+      let at: readonly [number, number] = [robot.x, robot.y]
+      let known = true
+      for (let age = 0; age < TRAIL; age++) {
+        const layer = this.layers[(this.head - age + TRAIL) % TRAIL] as Float32Array
+        const before: ReturnType<Past> = known ? past(robot, age * TRAIL_EVERY_MS) : null
+        known = before !== null
+        at = before ?? at
+        layer[2 * robot.index] = at[0]
+        layer[2 * robot.index + 1] = at[1]
+      }
+    }
+    this.layers.forEach((_, number) => this.dirty.add(number))
   }
 
   /** All of a robot's past is where it is now. */

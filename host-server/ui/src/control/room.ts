@@ -121,6 +121,8 @@ export class Room {
   arenaKeys: ArenaKeys | null = null
 
   private dirty = true
+  /** Whether this connection has said hello. */
+  private greeted = false
   /** Server clock minus page clock: the smallest seen, so network delay drops out. */
   private clockOffset: number | null = null
   private allErrorSince: number | null = null
@@ -278,8 +280,12 @@ export class Room {
         this.mismatch.value = frame.protocol === FEED_PROTOCOL ? null : frame.protocol
         this.fleetName.value = frame.fleet
         this.arena.value = frame.arena
-        this.clockOffset = null
-        this.fleet.begin(frame.time)
+        // One more on the same socket tells of another arena; robots and clock stay.
+        if (!this.greeted) {
+          this.greeted = true
+          this.clockOffset = null
+          this.fleet.begin(frame.time)
+        }
         break
       case 'roster':
         this.fleet.applyRoster(frame)
@@ -316,6 +322,7 @@ export class Room {
   private setStatus(status: ConnectionStatus): void {
     const before = this.status.value.state
     this.status.value = status
+    if (status.state === 'connecting') this.greeted = false
     if (status.state !== 'live') this.driver.setBlocked('link')
     if (status.state === 'live' && before !== 'silent' && before !== 'live') {
       this.note('info', null, text.log.linkBack)

@@ -86,12 +86,13 @@ export class Watch {
 }
 
 function countsOf(room: Room): Counts {
-  const counts: Counts = { online: 0, stale: 0, offline: 0, error: 0, low: 0 }
+  const counts: Counts = { online: 0, stale: 0, offline: 0, error: 0, low: 0, fence: 0 }
   for (const robot of room.fleet.all()) {
     counts[robot.presence] += 1
     if (robot.presence === 'offline') continue
     if (robot.state === 'ERROR') counts.error += 1
     if (robot.lowBattery) counts.low += 1
+    if (robot.fence !== null) counts.fence += 1
   }
   return counts
 }

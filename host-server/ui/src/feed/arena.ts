@@ -69,13 +69,17 @@ export function readArena(body: Fields): Arena {
       }),
     })),
     patches: list('patches').map((patch) => ({ ...readBox(patch), grip: positive(patch['grip']) })),
-    objects: list('objects').map((thing) => ({
-      shape: oneOf(OBJECT_SHAPES, thing['shape']),
-      colour: oneOf(COLOURS, thing['colour']),
-      x: number(thing['x']),
-      y: number(thing['y']),
-      size: positive(thing['size']),
-    })),
+    objects: list('objects').map(readThing),
+  }
+}
+
+export function readThing(body: Fields): Thing {
+  return {
+    shape: oneOf(OBJECT_SHAPES, body['shape']),
+    colour: oneOf(COLOURS, body['colour']),
+    x: number(body['x']),
+    y: number(body['y']),
+    size: positive(body['size']),
   }
 }
 
@@ -89,7 +93,7 @@ function readBox(body: Fields): Omit<Patch, 'grip'> {
   }
 }
 
-function readObstacle(body: Fields): Obstacle {
+export function readObstacle(body: Fields): Obstacle {
   switch (body['shape']) {
     case 'circle':
       return {

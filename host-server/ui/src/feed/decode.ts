@@ -40,6 +40,8 @@ export interface RosterEntry {
   presence: Presence
   firmware: string
   board: string
+  /** The fence that it is on the wrong side of, where there is one. */
+  fence?: string
 }
 
 export interface RosterFrame {
@@ -149,6 +151,7 @@ function readRoster(body: Fields): RosterFrame {
       presence: oneOf(PRESENCES, entry['online']),
       firmware: string(entry['firmware']),
       board: string(entry['board']),
+      ...(entry['fence'] === undefined ? {} : { fence: string(entry['fence']) }),
     }
   })
   return { kind: 'roster', robots, removed: array(body['removed']).map(slot) }

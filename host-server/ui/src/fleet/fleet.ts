@@ -13,6 +13,8 @@ export interface Robot {
   firmware: string
   board: string
   presence: Presence
+  /** The fence that it is on the wrong side of. */
+  fence: string | null
   state: RobotState
   /** False until the first pose has arrived. */
   placed: boolean
@@ -113,6 +115,7 @@ export class Fleet {
           firmware: entry.firmware,
           board: entry.board,
           presence: entry.presence,
+          fence: entry.fence ?? null,
         })
         continue
       }
@@ -240,6 +243,7 @@ function newRobot(entry: RosterFrame['robots'][number]): Robot {
     firmware: entry.firmware,
     board: entry.board,
     presence: entry.presence,
+    fence: entry.fence ?? null,
     state: 'INITIALIZING',
     placed: false,
     fromX: 0,

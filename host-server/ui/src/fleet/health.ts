@@ -30,6 +30,8 @@ export interface Counts {
   offline: number
   error: number
   low: number
+  /** On the wrong side of a fence. */
+  fence: number
 }
 
 export interface Signs {
@@ -81,6 +83,7 @@ export function findings(signs: Signs): Finding[] {
   if (counts.offline > 0 && counts.online > 0) {
     add('watch', 'offline', words.offline(counts.offline), robots('offline'))
   }
+  if (counts.fence > 0) add('watch', 'fence', words.fence(counts.fence), robots('fence'))
   if (counts.low > 0) add('watch', 'low', words.low(counts.low), robots('low'))
   if (figures !== null) {
     const { duplicates, database } = figures

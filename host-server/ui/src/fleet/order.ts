@@ -19,6 +19,7 @@ export const SHOWS = [
   'attention',
   ...PRESENCES,
   'low',
+  'fence',
   ...KINDS,
   ...STATES.map((state) => state.toLowerCase() as Lowercase<RobotState>),
 ] as const
@@ -52,7 +53,8 @@ export function isSort(value: string): value is Sort {
 }
 
 export function needsAttention(robot: Robot): boolean {
-  return robot.presence !== 'online' || robot.state === 'ERROR' || robot.lowBattery
+  const well = robot.presence === 'online' && robot.state !== 'ERROR' && !robot.lowBattery
+  return !well || robot.fence !== null
 }
 
 export function passes(robot: Robot, show: Show): boolean {
@@ -63,6 +65,8 @@ export function passes(robot: Robot, show: Show): boolean {
       return needsAttention(robot)
     case 'low':
       return robot.lowBattery
+    case 'fence':
+      return robot.fence !== null
     default:
       if ((PRESENCES as readonly string[]).includes(show)) {
         return robot.presence === (show as Presence)

@@ -5,6 +5,9 @@ import type {
   CommandRecords,
   LogRecord,
   ParametersBody,
+  ScenarioPreview,
+  ScenarioSummary,
+  Scenarios,
   SimulatorAnswer,
   SimulatorBody,
   SimulatorCommand,
@@ -36,6 +39,9 @@ export interface FleetApi {
   toSwarm(command: Command): Promise<CommandRecord>
   simulator(): Promise<SimulatorBody>
   simulate(command: SimulatorCommand): Promise<SimulatorAnswer>
+  scenarios(): Promise<readonly ScenarioSummary[]>
+  /** How a scenario begins; `null` leaves seed and number of robots to the scenario. */
+  scenario(name: string, robots: number | null, seed: number | null): Promise<ScenarioPreview>
   inject(robot: string, fault: FaultSpec, lasting: number | null): Promise<void>
   heal(robot: string): Promise<void>
 }
@@ -68,6 +74,16 @@ export function fleetApi(send: Send): FleetApi {
     toSwarm: (command) => ask('POST', '/swarm/commands', command),
     simulator: () => ask('GET', '/simulator'),
     simulate: (command) => ask('POST', '/simulator/commands', command),
+    async scenarios() {
+      return (await ask<Scenarios>('GET', '/simulator/scenarios')).scenarios
+    },
+    scenario(name, robots, seed) {
+      const query = new URLSearchParams()
+      if (robots !== null) query.set('robots', String(robots))
+      if (seed !== null) query.set('seed', String(seed))
+      const asked = query.size === 0 ? '' : `?${query.toString()}`
+      return ask('GET', `/simulator/scenarios/${encodeURIComponent(name)}${asked}`)
+    },
     async inject(robot, fault, lasting) {
       const body = lasting === null ? { fault } : { fault, lasting_ms: lasting }
       await ask('POST', `${of(robot)}/faults`, body)

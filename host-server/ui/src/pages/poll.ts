@@ -8,8 +8,8 @@ export interface Polled<T> {
   data: ShallowRef<T | null>
   error: Ref<string | null>
   busy: Ref<boolean>
-  /** At once, and then as often as before. */
-  again(): void
+  /** At once, and then as often as before; resolves with the answer. */
+  again(): Promise<void>
 }
 
 /** `every` is asked after each answer; `null` stops until `again`. What was shown stays. */
@@ -48,5 +48,5 @@ export function usePoll<T>(fetch: () => Promise<T>, every: () => number | null):
     latest += 1
     if (timer !== null) clearTimeout(timer)
   })
-  return { data, error, busy, again: () => void ask() }
+  return { data, error, busy, again: ask }
 }

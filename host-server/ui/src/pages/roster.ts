@@ -75,6 +75,7 @@ export interface Row {
   position: string
   range: number | null
   low: boolean
+  fence: string | null
   battery: number | null
   rssi: number | null
   behaviour: string | null
@@ -94,6 +95,7 @@ export function rowOf(room: Room, robot: Robot, now: number): Row {
     position: robot.placed ? `${robot.x.toFixed(2)}, ${robot.y.toFixed(2)}` : '',
     range: robot.range,
     low: robot.lowBattery,
+    fence: robot.fence,
     battery: more?.battery ?? null,
     rssi: more?.rssi ?? null,
     behaviour: more?.behaviour ?? null,

@@ -1,6 +1,7 @@
 // What the pages about robots, commands and the simulated world ask the server for.
 
 import { Refusal } from './accounts.mjs'
+import { createSimulator } from './simulator.mjs'
 
 const DEFAULTS = [
   ['name', '', '', null, null, null],
@@ -20,10 +21,11 @@ const PICTURE =
   'fill="#456"/><rect y="56" width="96" height="40" fill="#876"/><circle cx="40" cy="52" r="11" ' +
   'fill="#e83"/></svg>'
 
-export function createFleet({ world, commands, clock }) {
+/** `greet` tells every viewer of the arena anew. */
+export function createFleet({ world, commands, clock, greet }) {
   const values = new Map()
   const pictures = clock()
-  const simulator = { paused: false, factor: 1, seed: 1, time: 0, beginning: clock(), added: 0 }
+  const simulator = createSimulator({ world, clock, find, greet })
 
   function find(id) {
     const robot = world.robots.find((one) => one.id === id)
@@ -139,57 +141,10 @@ export function createFleet({ world, commands, clock }) {
     }
   }
 
-  function simulated() {
-    const seconds = simulator.paused ? simulator.time : (clock() - simulator.beginning) / 1_000
-    return {
-      state: simulator.paused ? 'paused' : 'running',
-      factor: simulator.factor,
-      real_time_factor: simulator.paused ? 0 : simulator.factor,
-      time: seconds,
-      seed: simulator.seed,
-      robots: world.robots.length + simulator.added,
-      connected: world.robots.length,
-      hash: '544830de73b3a36d',
-    }
-  }
-
-  function simulate(body) {
-    switch (body.command) {
-      case 'pause':
-        simulator.time = simulated().time
-        simulator.paused = true
-        break
-      case 'resume':
-        simulator.paused = false
-        break
-      case 'step':
-        simulator.time += body.steps * 0.005
-        simulator.paused = true
-        break
-      case 'speed':
-        simulator.factor = body.factor
-        break
-      case 'reset':
-        simulator.seed = body.seed ?? simulator.seed
-        simulator.beginning = clock()
-        break
-      case 'add':
-        simulator.added += 1
-        break
-      case 'remove':
-        find(body.robot)
-        simulator.added -= 1
-        break
-      default:
-        throw new Refusal(409, 'refused', 'a live world cannot do this')
-    }
-    return { simulator: simulated() }
-  }
-
   /** What a GET of this path gives; `null` for paths of others. */
   function read(parts, url) {
     const [first, id, what] = parts
-    if (first === 'simulator') return simulated()
+    if (first === 'simulator') return simulator.read(parts, url)
     if (first === 'commands' && id === undefined) return listed(url)
     if (first === 'commands') {
       const record = commands[Number(id)]
@@ -256,5 +211,5 @@ export function createFleet({ world, commands, clock }) {
     ].join('\n')
   }
 
-  return { read, view, set, find, simulate, details, metrics, picture: PICTURE }
+  return { read, view, set, find, simulate: simulator.obey, details, metrics, picture: PICTURE }
 }

@@ -8,7 +8,10 @@ import { fileURLToPath } from 'node:url'
 import { WebSocketServer } from 'ws'
 import { Refusal, createAccounts } from './accounts.mjs'
 import { jsonFrame, posesFrame } from './encode.mjs'
+import { createExperiments } from './experiments.mjs'
+import { createFences } from './fences.mjs'
 import { createFleet } from './fleet.mjs'
+import { createRecord } from './record.mjs'
 import { createWorld } from './world.mjs'
 
 const DIST = fileURLToPath(new URL('../../dist/', import.meta.url))
@@ -37,7 +40,12 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   const started = Date.now()
   const clock = () => started + Math.round(performance.now() - origin)
   const origin = performance.now()
-  const fleet = createFleet({ world, commands, clock })
+  const hello = () =>
+    jsonFrame('hello', { protocol: 2, fleet: 'swarm', time: clock(), arena: world.arena })
+  const fleet = createFleet({ world, commands, clock, greet: () => broadcast(hello()) })
+  const experiments = createExperiments({ clock })
+  const fences = createFences({ world, clock, crossed })
+  const record = createRecord({ world, clock, robots, seed })
   const ready = { ready: true, broker: true, simulation: true }
   let refuse = false
   let down = false
@@ -60,15 +68,24 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   })
 
   function greet(socket) {
-    socket.send(
-      jsonFrame('hello', { protocol: 2, fleet: 'swarm', time: clock(), arena: world.arena }),
-    )
+    socket.send(hello())
     socket.send(jsonFrame('roster', { robots: world.robots.map(entry), removed: [] }))
     socket.send(poses(world.robots, true))
   }
 
-  function entry({ index, id, kind, presence, firmware, board }) {
-    return { index, id, kind, online: presence, firmware, board }
+  function entry({ index, id, kind, presence, firmware, board, fence }) {
+    const line = { index, id, kind, online: presence, firmware, board }
+    return (fence ?? null) === null ? line : { ...line, fence }
+  }
+
+  function crossed(robot, fence, back) {
+    broadcast(jsonFrame('roster', { robots: [entry(robot)], removed: [] }))
+    if (fence === null) return
+    if (!back && fence.action === 'stop') world.obey(robot, { command: 'stop' }, clock())
+    const deeds = fence.kind === 'keep_in' ? ['left', 'came back into'] : ['entered', 'came out of']
+    const text = `${deeds[Number(back)]} fence ${fence.name}`
+    const level = back ? 'info' : 'warn'
+    broadcast(jsonFrame('event', { time: clock(), level, robot: robot.id, text }))
   }
 
   function poses(list, full) {
@@ -81,7 +98,14 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     for (const socket of sockets.clients) if (socket.readyState === 1) socket.send(frame)
   }
 
+  function tell(level, robot, text) {
+    const time = clock()
+    record.note(level, robot, text, time)
+    broadcast(jsonFrame('event', { time, level, robot, text }))
+  }
+
   function feed() {
+    fences.watch()
     const changed = world.robots.filter((robot) => {
       const now = `${robot.x.toFixed(4)} ${robot.y.toFixed(4)} ${robot.heading.toFixed(3)} ${robot.state} ${robot.presence} ${robot.rangeMm}`
       if (shown.get(robot.index) === now) return false
@@ -123,11 +147,16 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     const found = accounts.answer(request, url, parts, body)
     if (found !== null) return json(response, found.status, found.body, found.headers)
     const { name } = accounts.caller(request, request.method === 'GET' ? 'viewer' : 'operator')
+    const tried = experiments.answer(request.method, parts, url, body, name)
+    if (tried !== null) return json(response, tried.status, tried.body)
+    const fenced = fences.answer(request.method, parts, body, name)
+    if (fenced !== null) return json(response, fenced.status, fenced.body)
     if (request.method === 'GET' && parts[2] === 'image') {
       response.writeHead(200, { 'content-type': 'image/svg+xml' })
       return response.end(fleet.picture)
     }
-    const told = request.method === 'GET' ? fleet.read(parts, url) : null
+    const told =
+      request.method === 'GET' ? (record.read(parts, url) ?? fleet.read(parts, url)) : null
     if (told !== null) return json(response, 200, told)
     if (request.method === 'GET' && parts[0] === 'robots') {
       if (parts.length === 1) return json(response, 200, { robots: world.robots.map(state) })
@@ -187,14 +216,8 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     }
     commands.push(record)
     if (command.command !== 'drive') {
-      broadcast(
-        jsonFrame('event', {
-          time: clock(),
-          level: command.command === 'estop' ? 'warn' : 'info',
-          robot: all ? null : parts[1],
-          text: `command ${command.command} from ${who}`,
-        }),
-      )
+      const level = command.command === 'estop' ? 'warn' : 'info'
+      tell(level, all ? null : parts[1], `command ${command.command} from ${who}`)
     }
     return json(response, 202, { ...fleet.view(record), ...(all ? { outcomes: [] } : {}) })
   }
@@ -210,6 +233,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
       battery: { mv: 6_400 + 20 * robot.battery, percent: robot.battery },
       temperature_c: 22.5,
       rssi_dbm: -58,
+      fence: robot.fence ?? null,
       ...fleet.details(robot),
     }
   }
@@ -228,7 +252,9 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     world,
     commands,
     faults,
+    fences: fences.fences,
     accounts,
+    experiments,
     /** What `/readyz` says. */
     ready,
     /** Answers no call and keeps no feed, as a server that is being restarted. */
@@ -242,12 +268,12 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
       if (refuse) for (const socket of sockets.clients) socket.terminate()
     },
     broadcast,
-    broadcastEvent(level, robot, text) {
-      broadcast(jsonFrame('event', { time: clock(), level, robot, text }))
-    },
+    broadcastEvent: tell,
+    record,
     sockets: () => sockets.clients,
     close() {
       for (const timer of timers) clearInterval(timer)
+      record.close()
       for (const socket of sockets.clients) socket.terminate()
       server.closeAllConnections()
       return new Promise((resolve) => server.close(resolve))

@@ -60,6 +60,17 @@ describe('the connection', () => {
     expect(frames).toHaveLength(1)
   })
 
+  it('hands on another hello on the same socket, and stays live', () => {
+    const { sockets, statuses, frames, state } = setUp()
+    sockets[0]?.onmessage?.({ data: hello() })
+    sockets[0]?.onmessage?.({ data: event() })
+    sockets[0]?.onmessage?.({ data: hello() })
+    expect(frames.map(({ kind }) => kind)).toEqual(['hello', 'event', 'hello'])
+    expect(state()).toBe('live')
+    expect(statuses.map((status) => status.state)).not.toContain('waiting')
+    expect(sockets).toHaveLength(1)
+  })
+
   it('counts what it cannot read, and goes on', () => {
     const { sockets, frames, refusals, state } = setUp()
     sockets[0]?.onmessage?.({ data: hello() })

@@ -13,7 +13,7 @@ const well: Signs = {
   age: 0.2,
   readiness: { broker: true, simulation: null },
   stop: 'armed',
-  counts: { online: 5, stale: 0, offline: 0, error: 0, low: 0 },
+  counts: { online: 5, stale: 0, offline: 0, error: 0, low: 0, fence: 0 },
   figures,
   recent: { completed: 9, answered: 9, median: 0.1, slow: 0.2 },
 }
@@ -31,16 +31,17 @@ describe('how things are', () => {
     const found = findings({
       ...well,
       readiness: { broker: false, simulation: false },
-      counts: { online: 5, stale: 1, offline: 2, error: 0, low: 1 },
+      counts: { online: 5, stale: 1, offline: 2, error: 0, low: 1, fence: 3 },
     })
     expect(found.map(({ code }) => code)).toEqual([
       'broker',
       'simulation',
       'stale',
       'offline',
+      'fence',
       'low',
     ])
-    expect(verdict(found, 'live')).toEqual({ gravity: 'bad', words: '5 to look at' })
+    expect(verdict(found, 'live')).toEqual({ gravity: 'bad', words: '6 to look at' })
     const [stale] = findings({ ...well, counts: { ...well.counts, stale: 1 } })
     expect(stale?.words).toBe('One robot has not been heard of for a few seconds.')
     expect(stale?.link).toBe('#/robots?show=stale')
@@ -59,7 +60,7 @@ describe('how things are', () => {
   })
 
   it('tells no robot from none online', () => {
-    const none = { online: 0, stale: 0, offline: 0, error: 0, low: 0 }
+    const none = { online: 0, stale: 0, offline: 0, error: 0, low: 0, fence: 0 }
     expect(codes({ counts: none })).toEqual(['watch empty'])
     expect(codes({ counts: { ...none, offline: 3 } })).toEqual(['bad none'])
   })

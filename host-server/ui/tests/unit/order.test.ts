@@ -79,6 +79,7 @@ describe('the order of robots', () => {
       robot.state = index === 0 ? 'ERROR' : 'MOVING'
       if (index === 1) robot.presence = 'stale'
       if (index === 2) robot.lowBattery = true
+      if (index === 4) robot.fence = 'yard'
       if (index === 3) Object.assign(robot, { presence: 'offline', state: 'ERROR' })
     })
     const count = (change: Partial<Wanted>) =>
@@ -87,11 +88,12 @@ describe('the order of robots', () => {
     expect(count({ show: 'physical' })).toBe(3)
     expect(count({ show: 'stale' })).toBe(1)
     expect(count({ show: 'low' })).toBe(1)
+    expect(count({ show: 'fence' })).toBe(1)
     // What an offline robot did last says nothing about now.
     expect(count({ show: 'error' })).toBe(1)
     expect(count({ show: 'moving' })).toBe(7)
-    expect(count({ show: 'attention' })).toBe(4)
-    expect(fleet.byName().filter(needsAttention)).toHaveLength(4)
+    expect(count({ show: 'attention' })).toBe(5)
+    expect(fleet.byName().filter(needsAttention)).toHaveLength(5)
     for (const show of SHOWS) {
       expect(fleet.byName().some((robot) => typeof passes(robot, show) !== 'boolean')).toBe(false)
     }

@@ -278,6 +278,60 @@ describe('frames that cannot be read', () => {
   })
 })
 
+describe('another arena on the same socket', () => {
+  const arena = { width: 4, height: 3, obstacles: [{ shape: 'circle', x: 1, y: 0, r: 0.2 }] }
+  const hello = (time: number, of: unknown) =>
+    jsonFrame('hello', { protocol: 2, fleet: 'swarm', time, arena: of })
+  const roster = (index: number) =>
+    jsonFrame('roster', {
+      removed: [],
+      robots: [
+        {
+          index,
+          id: `sim-${String(index)}`,
+          kind: 'simulated',
+          online: 'online',
+          firmware: '',
+          board: '',
+        },
+      ],
+    })
+
+  it('is shown, and takes nobody away', () => {
+    const { room, receive, pose, show } = setUp()
+    receive(hello(T0 + 100, arena))
+    expect(room.arena.value).toMatchObject({ width: 4, obstacles: [{ r: 0.2 }] })
+    // A robot that is added then is one more, not the only one.
+    receive(roster(2))
+    expect([...room.fleet.all()].map(({ id }) => id)).toEqual(['sim-0', 'sim-1', 'sim-2'])
+    show(200, pose(0, { x: 1.5 }))
+    expect(room.fleet.get('sim-0')?.x).toBeCloseTo(1.5)
+    receive(hello(T0 + 300, null))
+    expect(room.arena.value).toBe(null)
+    expect(room.status.value.state).toBe('live')
+    expect(room.log.value.filter(({ level }) => level === 'error')).toEqual([])
+  })
+
+  it('keeps what drives driving', () => {
+    const { room, sent, receive } = setUp()
+    room.select('sim-0')
+    key('keydown', 'ArrowUp')
+    receive(hello(T0 + 100, arena))
+    expect(room.driving.value).toBe(true)
+    expect(sent).toEqual(['sim-0 drive'])
+  })
+
+  it('is another matter on a new socket: the next roster is everybody', async () => {
+    const { room, receive, sockets } = setUp()
+    sockets[0]?.onclose?.()
+    await vi.advanceTimersByTimeAsync(1_000)
+    expect(sockets).toHaveLength(2)
+    receive(hello(T0 + 2_000, arena))
+    receive(roster(1))
+    expect([...room.fleet.all()].map(({ id }) => id)).toEqual(['sim-1'])
+  })
+})
+
 describe('a feed of another version', () => {
   it('is named', () => {
     const { room, receive } = setUp()

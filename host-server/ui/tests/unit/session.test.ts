@@ -1,7 +1,6 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest'
-import { watch } from 'vue'
 import { createApi } from '../../src/api'
-import type { Exclusive, Store } from '../../src/account/exclusive'
+import type { Exclusive } from '../../src/account/exclusive'
 import { exclusively } from '../../src/account/exclusive'
 import type { Channel } from '../../src/account/session'
 import { Session } from '../../src/account/session'
@@ -349,26 +348,17 @@ describe('two tabs', () => {
       'GET /session': () => closed,
       'POST /session/refresh': () => noSession,
       'POST /session': () => grant(),
+      'DELETE /session': () => ({ status: 204 }),
     }
-    let second: ReturnType<typeof start> | null = null
-    const first = start(
-      {
-        ...routes,
-        // The other tab finds out while the answer is on its way to this one.
-        'DELETE /session': () => {
-          void second?.session.renew()
-          return { status: 204 }
-        },
-      },
-      { channel: one },
-    )
-    second = start(routes, { channel: two })
+    const first = start(routes, { channel: one })
+    const second = start(routes, { channel: two })
     await Promise.all([first.started, second.started])
     await first.session.logIn('ada', 'correct horse')
-    const said: unknown[] = []
-    watch(second.session.why, (why) => said.push(why), { flush: 'sync' })
+    // While the answer to the other tab is on its way.
+    await second.session.renew()
+    expect([second.session.why.value, second.session.user.value]).toEqual(['ended', 'ada'])
     await first.session.logOut()
-    expect(said).toEqual(['ended', 'elsewhere'])
+    expect(second.session.why.value).toBe('elsewhere')
     expect([second.session.state.value, second.session.user.value]).toEqual(['out', null])
   })
 
@@ -418,52 +408,3 @@ function queue() {
     },
   }
 }
-
-describe('where the browser has no locks', () => {
-  const store = (): Store & { kept: Map<string, string> } => {
-    const kept = new Map<string, string>()
-    return {
-      kept,
-      getItem: (key) => kept.get(key) ?? null,
-      setItem: (key, value) => kept.set(key, value),
-      removeItem: (key) => kept.delete(key),
-    }
-  }
-
-  it('one tab waits for the other', async () => {
-    const shared = store()
-    let inside = 0
-    let most = 0
-    const act = async () => {
-      inside += 1
-      most = Math.max(most, inside)
-      await new Promise((resolve) => setTimeout(resolve, 100))
-      inside -= 1
-    }
-    const tabs = [0, 1, 2].map(() => exclusively('x', null, shared))
-    const all = Promise.all(tabs.map((tab) => tab(act)))
-    await vi.advanceTimersByTimeAsync(5_000)
-    await all
-    expect(most).toBe(1)
-    expect(shared.kept.size).toBe(0)
-  })
-
-  it('a tab that died holds nobody up for long', async () => {
-    const shared = store()
-    shared.setItem('x', `gone ${String(Date.now() + 20_000)}`)
-    let done = false
-    const waiting = exclusively(
-      'x',
-      null,
-      shared,
-    )(() => {
-      done = true
-      return Promise.resolve()
-    })
-    await vi.advanceTimersByTimeAsync(15_000)
-    expect(done).toBe(false)
-    await vi.advanceTimersByTimeAsync(6_000)
-    await waiting
-    expect(done).toBe(true)
-  })
-})

@@ -10,6 +10,7 @@ describe('the address', () => {
     expect(parseRoute('#/robots/sim-0001?range=1h&tab=log')).toEqual({
       view: 'robots',
       robot: 'sim-0001',
+      experiment: null,
       query: { range: '1h', tab: 'log' },
     })
     expect(parseRoute('#/robots?q=a%26b').query).toEqual({ q: 'a&b' })
@@ -17,7 +18,14 @@ describe('the address', () => {
     expect(parseRoute('#/?robot=rover-1')).toEqual({
       view: 'room',
       robot: null,
+      experiment: null,
       query: { robot: 'rover-1' },
+    })
+    expect(parseRoute('#/experiments/7?curves=success')).toEqual({
+      view: 'experiments',
+      robot: null,
+      experiment: '7',
+      query: { curves: 'success' },
     })
   })
 
@@ -34,6 +42,7 @@ describe('the address', () => {
       '#/robots',
       '#/robots/a%20b?range=1h',
       '#/robots?q=a%3Db&show=stale',
+      '#/experiments/a%20b?curves=success',
     ]) {
       expect(formatRoute(parseRoute(hash))).toBe(hash)
     }

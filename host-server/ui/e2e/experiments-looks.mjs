@@ -1,0 +1,223 @@
+// How experiments look: in every state, size and colour; when the server is away; to viewers; and
+// when there are very many trials.
+
+import { startMock } from '../tests/mock/server.mjs'
+import { DESKTOP, PHONE, WALL } from './browser.mjs'
+import { axe, axeSource, check, expect, fail, measure, picture, until } from './checks.mjs'
+
+const PATIENCE_MS = 30_000
+/** Trials of the long experiment: as many as there can be. */
+const MANY = 100_000
+/** A page that does nothing for so long is frozen to whoever clicks. */
+const FROZEN_MS = 1_500
+const PASSWORD = 'correct horse battery'
+const id = (page, name) => page.getByTestId(name)
+const data = (locator, name) => locator.getAttribute(`data-${name}`)
+
+/** One of every kind, at once; gives the places to look at. */
+function fill(mock) {
+  const make = (name, change) => {
+    const body = { name, scenario: 'simple-navigation', seeds: 200, ...change }
+    return mock.experiments.create({ thresholds: ['success>=0.9'], ...body })
+  }
+  const done = (one, count) => Object.assign(one, { exact: count, done: count })
+  const good = done(make('Navigation, as it is', {}), 200)
+  const bad = done(
+    make('Navigation, harder', {
+      difficulty: 'hard',
+      thresholds: ['success>=0.9', 'collisions <= 2', 'time_to_goal_s<=20'],
+    }),
+    200,
+  )
+  const broken = done(make('Things break', { scenario: 'resilience' }), 120)
+  const paused = done(make('To be gone on with', { seeds: 400, first_seed: 1_000 }), 130)
+  const running = done(make('A long one with a name that takes up room', { seeds: 50_000 }), 9_000)
+  const created = make('Not yet', { start: false, set: ['duration_s=60'] })
+  const now = Date.now()
+  for (const one of [good, bad]) {
+    Object.assign(one, { state: 'completed', started_at: now - 95_000, ended_at: now - 60_000 })
+  }
+  Object.assign(broken, {
+    state: 'failed',
+    ended_at: now,
+    reason: 'the records cannot be written: no space left on the device',
+  })
+  paused.state = 'paused'
+  return {
+    list: 'experiments',
+    chosen: `experiments?pick=${good.id},${bad.id}`,
+    completed: `experiments/${good.id}`,
+    missed: `experiments/${bad.id}`,
+    failed: `experiments/${broken.id}`,
+    paused: `experiments/${paused.id}`,
+    running: `experiments/${running.id}?curves=success,time_to_goal_s,energy_j,collisions`,
+    created: `experiments/${created.id}`,
+    form: `experiments?from=${bad.id}`,
+    compared: `experiments?compare=${good.id},${bad.id},${broken.id},${paused.id}`,
+    unknown: 'experiments/nobody',
+    dashboard: 'dashboard',
+  }
+}
+
+/** What a page shows last. */
+const LAST = {
+  list: '[data-testid=experiments-table] tbody tr',
+  chosen: '[data-testid=compare]',
+  completed: '[data-curve=time_to_goal_s] canvas',
+  missed: '[data-curve=time_to_goal_s] canvas',
+  failed: '[data-curve=time_to_goal_s] canvas',
+  paused: '[data-curve=time_to_goal_s] canvas',
+  running: '[data-curve=collisions] canvas',
+  created: '[data-testid=experiment-start]',
+  form: '[data-testid=usual-values]',
+  compared: '[data-curve=time_to_goal_s] canvas',
+  unknown: '[data-testid=experiment-unknown]',
+  dashboard: '[data-testid=experiments-tile] progress',
+}
+
+export async function everyLook({ browser, mock, newPage, goTo }) {
+  mock.experiments.settings.perSecond = 40
+  const places = fill(mock)
+  const sizes = { desktop: DESKTOP, phone: PHONE, wall: WALL }
+  for (const [size, viewport] of Object.entries(sizes)) {
+    for (const colorScheme of ['light', 'dark']) {
+      const touch = size === 'phone' ? { hasTouch: true, isMobile: true, deviceScaleFactor: 2 } : {}
+      const page = await newPage(browser, {
+        viewport,
+        colorScheme,
+        reducedMotion: 'reduce',
+        ...touch,
+      })
+      for (const [name, place] of Object.entries(places)) {
+        await check(`${size}, ${colorScheme}: ${name}`, async () => {
+          await goTo(page, place)
+          await page.locator(LAST[name]).first().waitFor()
+          if (name === 'compared') await allLoaded(page)
+          if (name === 'missed') await id(page, 'curve-choice').click()
+          await (size === 'phone' ? measure(page, name) : axe(page, name))
+          await picture(page, `experiments-${size}-${colorScheme}-${name}`)
+          if (process.env.SCREENSHOTS !== undefined) await whole(page, size, colorScheme, name)
+          const box = await id(page, 'stop-all').boundingBox()
+          expect(box !== null && box.y + box.height <= viewport.height, 'the stop is out of reach')
+        })
+      }
+      await page.context().close()
+    }
+  }
+}
+
+/** 200, 200, 120 and 130 trials. */
+async function allLoaded(page) {
+  await page.locator('[data-curve=success][data-loaded="650"] canvas').waitFor()
+}
+
+/** What is below the edge, too. */
+async function whole(page, size, colorScheme, name) {
+  const body = page.locator('.page-body')
+  for (let part = 2; part < 7; part++) {
+    const end = await body.evaluate((element) => {
+      element.scrollTop += element.clientHeight - 40
+      return element.scrollTop + element.clientHeight >= element.scrollHeight - 1
+    })
+    await picture(page, `experiments-${size}-${colorScheme}-${name}-${String(part)}`)
+    if (end) return
+  }
+}
+
+export async function troubles({ browser, mock, newPage, goTo }) {
+  const page = await newPage(browser)
+  await check('a hundred thousand trials are drawn, and the page answers meanwhile', async () => {
+    const many = mock.experiments.create({
+      name: 'Very many',
+      scenario: 'resilience',
+      seeds: MANY,
+    })
+    Object.assign(many, { exact: MANY, done: MANY, state: 'completed', ended_at: Date.now() })
+    await goTo(page, 'experiments')
+    await page.evaluate(() => {
+      let last = performance.now()
+      globalThis.longest = 0
+      const tick = () => {
+        const now = performance.now()
+        globalThis.longest = Math.max(globalThis.longest, now - last)
+        last = now
+        setTimeout(tick, 0)
+      }
+      tick()
+    })
+    await page.evaluate((place) => (location.hash = place), `#/experiments/${many.id}`)
+    await until('not all are loaded', 120_000, async () => {
+      const shown = id(page, 'experiment')
+      return (await shown.count()) > 0 && (await data(shown, 'loaded')) === String(MANY)
+    })
+    await page.locator(`[data-curve=success][data-loaded="${String(MANY)}"] canvas`).waitFor()
+    const longest = await page.evaluate(() => Math.round(globalThis.longest))
+    const points = Number(await data(page.locator('[data-curve=success]'), 'points'))
+    expect(points <= 3 * 800, `${points} points are drawn`)
+    const listed = await page.locator('[data-testid=failures] li').count()
+    expect(listed === 10, `${listed} failures are listed`)
+    // Said, and not judged: the machine may be busy.
+    return `longest pause ${longest} ms${longest > FROZEN_MS ? ', which is long' : ''}`
+  })
+  await check('a server that goes away is named, and what was seen stays', async () => {
+    await goTo(page, 'experiments')
+    await id(page, 'experiments-table').waitFor()
+    mock.setDown(true)
+    await id(page, 'load-error').waitFor()
+    expect((await id(page, 'experiments-table').count()) === 1, 'the list is gone')
+    await until('it can be run', PATIENCE_MS, () => id(page, 'run-experiment').isDisabled())
+    await axe(page, 'away')
+    await picture(page, 'experiments-away')
+    mock.setDown(false)
+    await id(page, 'load-error').getByRole('button').click()
+    await id(page, 'load-error').waitFor({ state: 'detached' })
+  })
+  await check('without a list of scenarios their names are typed', async () => {
+    mock.experiments.settings.listsScenarios = false
+    await page.reload()
+    await page.locator('input#experiment-scenario').waitFor()
+    await axe(page, 'unlisted')
+    mock.experiments.settings.listsScenarios = true
+  })
+  await check('a server that runs none says so', async () => {
+    mock.experiments.settings.exists = false
+    await page.reload()
+    await id(page, 'no-experiments').waitFor()
+    await axe(page, 'none')
+    await picture(page, 'experiments-none')
+    mock.experiments.settings.exists = true
+  })
+  await page.context().close()
+}
+
+/** On a closed server, where somebody may only watch. */
+export async function viewers(browser) {
+  const mock = await startMock({ robots: 4, open: false })
+  mock.accounts.addUser('vera', 'viewer', PASSWORD)
+  const one = mock.experiments.create({ name: 'Slow', scenario: 'resilience', seeds: 10_000 })
+  const context = await browser.newContext({ viewport: DESKTOP })
+  await context.addInitScript(await axeSource())
+  const page = await context.newPage()
+  page.setDefaultTimeout(PATIENCE_MS)
+  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
+  await check('viewers watch, and are told why they cannot change anything', async () => {
+    await page.goto(`${mock.url}/#/experiments/${one.id}`)
+    await id(page, 'user').fill('vera')
+    await id(page, 'password').fill(PASSWORD)
+    await page.keyboard.press('Enter')
+    await page.locator('[data-curve=success] canvas').waitFor()
+    for (const act of ['pause', 'stop', 'again']) {
+      expect(await id(page, `experiment-${act}`).isDisabled(), `${act} can be pressed`)
+    }
+    const words = (await id(page, 'blocked').textContent()).trim()
+    await axe(page, 'a viewer')
+    await picture(page, 'experiments-viewer')
+    await page.goto(`${mock.url}/#/experiments`)
+    await id(page, 'new-blocked').waitFor()
+    expect(await id(page, 'run-experiment').isDisabled(), 'it can be run')
+    await axe(page, 'a viewer')
+    return words
+  })
+  await context.close()
+  await mock.close()
+}
