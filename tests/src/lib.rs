@@ -1,17 +1,18 @@
 //! Support for the end-to-end tests and the measurements: real processes on loopback, each ended
 //! by its own id, each wait bounded.
 
-mod brokers;
 mod certificates;
 pub mod chaos;
+mod clients;
 pub mod engines;
 pub mod load;
 pub mod measure;
 mod server;
 mod tamper;
 
-pub use brokers::{Mosquitto, publish, subscribe, subscribe_with};
 pub use certificates::TestAuthority;
+pub use clients::{publish, subscribe, subscribe_with};
+pub use engines::mosquitto::Mosquitto;
 pub use server::{Simulated, Terracrawler, binary};
 pub use tamper::Tamper;
 

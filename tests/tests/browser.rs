@@ -39,6 +39,61 @@ fn an_operator_finds_looks_at_and_commands_robots() {
         .env_remove("BASE_URL"));
 }
 
+/// Against a server of the page's own, in every state and size.
+#[test]
+fn a_simulated_world_is_loaded_furnished_and_gone_back_to() {
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:simulation"])
+        .env_remove("BASE_URL"));
+}
+
+/// The same against a real world: what is dropped stands in it, and robots come back to where they
+/// were when it was kept.
+#[test]
+fn a_real_world_is_loaded_furnished_and_gone_back_to() {
+    let server = Terracrawler::start(&["up", "--robots", "4", "--seed", "3"]);
+    server.wait_online(4, Duration::from_secs(30));
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:simulation"])
+        .env("BASE_URL", server.url()));
+}
+
+/// An experiment is made with the usual values, runs to its end, and is compared with others.
+#[test]
+fn experiments_are_made_watched_and_compared() {
+    let server = Terracrawler::start(&["up", "--robots", "2", "--seed", "3"]);
+    server.wait_online(2, Duration::from_secs(30));
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:experiments"])
+        .env("BASE_URL", server.url()));
+}
+
+/// Against a server of the page's own: all states, sizes and colours, and what goes wrong.
+#[test]
+fn experiments_are_seen_in_every_state_and_size() {
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:experiments"])
+        .env_remove("BASE_URL"));
+}
+
+/// A past of its own, with gaps and troubles: the mock's.
+#[test]
+fn the_past_is_looked_at_by_mouse_and_keys() {
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:history"])
+        .env_remove("BASE_URL"));
+}
+
+/// What robots did a moment ago is what the page about the past shows, and what its link shows others.
+#[test]
+fn the_past_is_where_robots_were() {
+    let server = Terracrawler::start(&["up", "--robots", "8", "--seed", "3"]);
+    server.wait_online(8, Duration::from_secs(30));
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:history"])
+        .env("BASE_URL", server.url()));
+}
+
 /// Runs a script of the control room and fails with what it said.
 fn run(command: &mut Command) {
     let ui = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host-server/ui");

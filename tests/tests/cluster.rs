@@ -14,7 +14,9 @@ use std::time::Duration;
 
 use cluster::door::Door;
 use cluster::reader::Reader;
+use crawler_tests::engines::postgres::Postgres;
 use crawler_tests::engines::redis::Redis;
+use crawler_tests::measure::{metrics, sum};
 use crawler_tests::{Mosquitto, Simulated, Terracrawler, free_port, publish, subscribe, wait_for};
 use serde_json::{Value, json};
 
@@ -342,4 +344,86 @@ fn without_redis_nothing_is_accepted_that_could_be_lost() {
     assert!(status.success(), "{log}");
     adopted(&second);
     assert_eq!(second.get(&held).1["status"], "pending");
+}
+
+#[test]
+fn a_fence_is_watched_by_whichever_server_hears_the_robot() {
+    let database = Postgres::shared();
+    let url = database.database();
+    let redis = Redis::start();
+    let port = free_port();
+    let _broker = Mosquitto::start(port);
+    let broker = format!("mqtt://127.0.0.1:{port}");
+    let cache = redis.url();
+    let arguments = [
+        "serve",
+        "--broker",
+        &broker,
+        "--cache",
+        &cache,
+        "--database",
+        &url,
+    ];
+    let first = Terracrawler::start(&arguments);
+    let second = Terracrawler::start(&arguments);
+    publish(port, "swarm/status/rover-1", &status(true, 1));
+    let mut time = 1_000_000;
+    let mut stand = |x: f64| {
+        time += 200;
+        let pose = json!({"x": x, "y": 0.0, "theta": 0.0, "sigma": 0.1});
+        let told = json!({
+            "robot": "rover-1", "seq": 1, "timestamp": time, "state": "IDLE",
+            "behaviour": "manual", "pose": pose, "range_mm": null, "temperature_c": null,
+            "wheels": {"left": 0.0, "right": 0.0}, "battery": {"mv": 7610, "percent": 71},
+            "rssi_dbm": null,
+        });
+        publish(port, "swarm/telemetry/rover-1", &told.to_string());
+    };
+    let fence = json!({"name": "yard", "kind": "keep_in", "action": "stop",
+        "corners": [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]});
+    let (code, made) = first.post("/api/v1/fences", &fence);
+    assert_eq!(code, 201, "{made}");
+    assert_eq!(second.get("/api/v1/fences").1["fences"][0], made);
+    let servers = [&first, &second];
+    let mut all_say = |x: f64, name: &Value| {
+        wait_for(&format!("both servers say {name}"), LIMIT, || {
+            stand(x);
+            thread::sleep(Duration::from_millis(200));
+            let says = |server: &&Terracrawler| {
+                let (status, robot) = server.get("/api/v1/robots/rover-1");
+                status == 200 && robot["fence"] == *name
+            };
+            servers.iter().all(says).then_some(())
+        });
+    };
+    let crossings = || {
+        let name = r#"terracrawler_fence_crossings_total{kind="keep_in",action="stop"}"#;
+        let counts = servers.map(|server| sum(&metrics(server), name));
+        counts.iter().sum::<f64>()
+    };
+    let stops = || {
+        let count = |server: &Terracrawler| {
+            let (_, commands) = server.get("/api/v1/commands?robot=rover-1");
+            let commands = commands["commands"].as_array().expect("a list").clone();
+            let stop = |command: &Value| command["source"] == "fence";
+            commands.into_iter().filter(stop).count()
+        };
+        servers.map(count).iter().sum::<usize>()
+    };
+    all_say(0.0, &Value::Null);
+    assert_eq!((crossings(), stops()), (0.0, 0));
+    all_say(5.0, &json!("yard"));
+    let crossed = crossings();
+    // Twice at most: the second may have heard the robot before it heard of the fence.
+    assert!((1.0..=2.0).contains(&crossed), "{crossed}");
+    let stopped = wait_for("each crossing is answered", LIMIT, || {
+        Some(stops()).filter(|stops| *stops as f64 >= crossed)
+    });
+    for _ in 0..10 {
+        all_say(5.0, &json!("yard"));
+    }
+    assert_eq!((crossings(), stops()), (crossed, stopped));
+    assert_eq!(stopped as f64, crossed);
+    all_say(0.0, &Value::Null);
+    assert_eq!((crossings(), stops()), (crossed, stopped));
 }

@@ -35,6 +35,7 @@ fn with_passwords_rules_and_tls_a_robot_speaks_for_itself_alone() {
             ("rover-2", "two"),
         ])
         .rules(&printed(&["acl"]))
+        .with("log_type all")
         .tls()
         .start();
     let url = format!("mqtts://server:of-this-fleet@127.0.0.1:{}", broker.port());
@@ -82,10 +83,7 @@ fn a_bridge_carries_robots_of_a_site_up_and_commands_down() {
         "--broker-ca",
         authority,
     ];
-    let site = Folder::new()
-        .with("allow_anonymous true")
-        .with(&printed(&bridge))
-        .start();
+    let site = Folder::new().anybody().with(&printed(&bridge)).start();
     let _robots = Simulated::start(site.port(), &["--robots", "3"]);
 
     let url = format!("mqtts://server:of-this-fleet@127.0.0.1:{}", middle.port());

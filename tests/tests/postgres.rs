@@ -195,6 +195,48 @@ fn servers_share_accounts_sessions_and_one_audit_log() {
 }
 
 #[test]
+fn an_experiment_is_run_by_the_server_that_was_asked_and_shown_by_all() {
+    const SECRET: &str = "correct horse battery";
+    const ALL: &str = "/api/v1/experiments";
+    let postgres = Postgres::shared();
+    let url = postgres.database();
+    let one = Server::start(&url);
+    let admin = one.become_admin("ada", SECRET);
+    let two = Server::start(&url);
+    two.wait_status(&admin, 200);
+    let admin = Some(admin.as_str());
+    let body = json!({
+        "name": "both", "scenario": "empty", "robots": 1, "seeds": 40, "set": ["duration_s=1.0"],
+    });
+    let (status, made) = one.call("POST", ALL, admin, Some(&body));
+    assert_eq!(status, 201, "{made}");
+    let whole = format!("{ALL}/{}", made["id"].as_str().expect("an id"));
+    let seen = wait_for("the other server shows the end", LONG, || {
+        let (status, seen) = two.call("GET", &whole, admin, None);
+        assert_eq!(status, 200, "{seen}");
+        (seen["state"] == "completed").then_some(seen)
+    });
+    assert_eq!(seen, one.call("GET", &whole, admin, None).1);
+    let (_, page) = two.call("GET", &format!("{whole}/metrics"), admin, None);
+    assert_eq!(page["trials"].as_array().map(Vec::len), Some(40));
+
+    let mut endless = body.clone();
+    endless["set"] = json!(["duration_s=2419200.0"]);
+    let (_, made) = one.call("POST", ALL, admin, Some(&endless));
+    let path = format!("{ALL}/{}", made["id"].as_str().expect("an id"));
+    for action in ["start", "pause", "resume", "stop"] {
+        let (status, refused) = two.call("POST", &format!("{path}/{action}"), admin, None);
+        assert_eq!((status, &refused["code"]), (409, &json!("other_server")));
+    }
+    let (status, refused) = two.call("DELETE", &path, admin, None);
+    assert_eq!((status, &refused["code"]), (409, &json!("wrong_state")));
+    let (status, stopped) = one.call("POST", &format!("{path}/stop"), admin, None);
+    assert_eq!((status, &stopped["state"]), (200, &json!("stopped")));
+    assert_eq!(two.call("DELETE", &path, admin, None).0, 204);
+    assert_eq!(one.call("GET", &path, admin, None).0, 404);
+}
+
+#[test]
 fn a_server_outlives_its_database() {
     const SECRET: &str = "correct horse battery";
     let mut postgres = Postgres::start();

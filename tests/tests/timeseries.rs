@@ -6,12 +6,13 @@ mod samples;
 #[path = "timeseries/server.rs"]
 mod server;
 
+use std::collections::BTreeSet;
 use std::future::Future;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use crawler_protocol::RobotId;
 use crawler_records::Records;
-use crawler_records::history::{History, Point, Points, Sample};
+use crawler_records::history::{Frame, History, Point, Points, Recorded, Sample};
 use crawler_tests::engines::influx::{ADMIN, Influx};
 use crawler_tests::engines::victoria::Victoria;
 use crawler_timeseries::{BATCH, EngineError, Product, QUEUE, Remote, SPARSE_ROWS, State, look};
@@ -206,6 +207,7 @@ async fn engines_answer_as_the_local_history_does() {
             samples: Vec::new(),
         };
         compare(local, remote, &nobody, (begin, begin + MINUTE, 1_000)).await;
+        whole(local, remote, &lots, begin).await;
         remote.close().await;
         assert_eq!(remote.state(), State::Down(EngineError::Closed));
     }
@@ -217,6 +219,55 @@ async fn engines_answer_as_the_local_history_does() {
         "{product:?}"
     );
     records.close().await;
+}
+
+/// What an engine says of all robots together is what it says of each, and what the local history has.
+async fn whole(local: &History, remote: &Remote, lots: &[Lot], begin: i64) {
+    let known: BTreeSet<RobotId> = lots.iter().map(|lot| lot.robot.clone()).collect();
+    eventually("all robots are known", async || {
+        (remote.robots().await.as_ref() == Ok(&known)).then_some(())
+    })
+    .await;
+    let times = || lots.iter().flat_map(|lot| &lot.samples).map(|one| one.at);
+    let ends = Recorded {
+        from: times().min().expect("samples"),
+        to: times().max().expect("samples"),
+    };
+    eventually("first and last sample are known", async || {
+        (remote.recorded().await == Ok(Some(ends))).then_some(())
+    })
+    .await;
+    // Some of them, and one that nobody knows.
+    let nobody = RobotId::new("nobody").expect("a robot id");
+    let mut some: BTreeSet<_> = known.iter().skip(1).cloned().collect();
+    some.insert(nobody);
+    for robots in [&known, &some, &BTreeSet::new()] {
+        let (from, to, step) = (begin, begin + 25 * MINUTE, 5_000);
+        let found = remote.frames(robots, from, to, step).await.expect("frames");
+        let wanted = local.frames(robots, from, to, step).await.expect("frames");
+        assert_eq!(found.len(), wanted.len());
+        for (found, wanted) in found.iter().zip(&wanted) {
+            assert_eq!(found.robot, wanted.robot);
+            let at = |frames: &[Frame]| -> Vec<_> {
+                frames.iter().map(|frame| (frame.at, frame.state)).collect()
+            };
+            assert_eq!(at(&found.frames), at(&wanted.frames), "{}", found.robot);
+            for (found, wanted) in found.frames.iter().zip(&wanted.frames) {
+                let off = (found.x - wanted.x).abs().max((found.y - wanted.y).abs());
+                assert!(off < 0.002, "{found:?} is not {wanted:?}");
+                assert!(
+                    (found.theta - wanted.theta).abs() < 1e-5,
+                    "{found:?} {wanted:?}"
+                );
+                assert_eq!(found.range_mm.is_some(), wanted.range_mm.is_some());
+            }
+        }
+    }
+    let refused = remote.frames(&known, begin, begin + 1, 0).await;
+    assert!(
+        matches!(refused, Err(EngineError::Invalid(_))),
+        "{refused:?}"
+    );
 }
 
 /// Pushes `lots` while the engine is away: what has room waits, the rest is counted.

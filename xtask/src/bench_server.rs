@@ -16,7 +16,7 @@ pub(crate) fn load(arguments: &[String]) -> Outcome {
 /// # Errors
 /// When something cannot be built, or a count is wrong.
 pub(crate) fn chaos(arguments: &[String]) -> Outcome {
-    example("chaos", arguments)
+    example("live_chaos", arguments)
 }
 
 /// Builds server and program with the same features, so that nothing is built twice.

@@ -1,4 +1,4 @@
-//! Mosquitto as somebody runs it who has read its manual: passwords, rules, TLS, a bridge.
+//! Mosquitto as a broker: for everybody, or as somebody runs it who has read its manual.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -8,10 +8,10 @@ use tempfile::TempDir;
 use super::{Process, program};
 use crate::free_port;
 
-/// A broker with a configuration of one's own, on a loopback port. It ends with this value.
+/// A broker on a loopback port. It ends with this value.
 #[derive(Debug)]
 pub struct Mosquitto {
-    _process: Process,
+    process: Process,
     port: u16,
     folder: Folder,
 }
@@ -71,6 +71,33 @@ impl Folder {
         self.with(&line)
     }
 
+    /// Lets everybody in.
+    #[must_use]
+    pub fn anybody(self) -> Self {
+        self.with("allow_anonymous true")
+    }
+
+    /// Has it speak TLS 1.3 alone, with this certificate and key in PEM.
+    ///
+    /// # Panics
+    /// When the files cannot be written.
+    #[must_use]
+    pub fn tls_with(mut self, certificate: &str, key: &str) -> Self {
+        self.file("certificate.pem", certificate);
+        let key = self.file("key.pem", key);
+        self.tls = true;
+        self.encrypted(&key).with("tls_version tlsv1.3")
+    }
+
+    fn encrypted(self, key: &Path) -> Self {
+        let line = format!(
+            "certfile {}\nkeyfile {}",
+            self.certificate().display(),
+            key.display()
+        );
+        self.with(&line)
+    }
+
     /// Has it speak TLS, with a certificate for 127.0.0.1 that is made here.
     ///
     /// # Panics
@@ -91,13 +118,8 @@ impl Folder {
             .output()
             .expect("openssl");
         assert!(made.status.success(), "{made:?}");
-        let line = format!(
-            "certfile {}\nkeyfile {}",
-            self.certificate().display(),
-            key.display()
-        );
         self.tls = true;
-        self.with(&line)
+        self.encrypted(&key)
     }
 
     fn certificate(&self) -> PathBuf {
@@ -110,14 +132,22 @@ impl Folder {
         path
     }
 
-    /// Starts the broker.
+    /// Starts the broker on a free port.
     ///
     /// # Panics
     /// When Mosquitto is not installed or does not start.
     pub fn start(self) -> Mosquitto {
-        let port = free_port();
+        self.start_on(free_port())
+    }
+
+    /// Starts the broker on `port` and waits until it accepts connections.
+    ///
+    /// # Panics
+    /// As [`Folder::start`].
+    pub fn start_on(self, port: u16) -> Mosquitto {
+        // Its defaults drop messages of a busy fleet.
         let text = format!(
-            "listener {port} 127.0.0.1\n{}\npersistence false\nlog_type all\n\
+            "listener {port} 127.0.0.1\n{}\npersistence false\n\
              max_queued_messages 100000\nmax_inflight_messages 1000\n",
             self.lines.join("\n")
         );
@@ -133,7 +163,7 @@ impl Folder {
         let mut process = Process::start(command, &self.place.path().join("log"));
         process.wait_port(port);
         Mosquitto {
-            _process: process,
+            process,
             port,
             folder: self,
         }
@@ -147,6 +177,45 @@ impl Default for Folder {
 }
 
 impl Mosquitto {
+    /// Starts a broker on `port` for everybody.
+    ///
+    /// # Panics
+    /// As [`Folder::start`].
+    pub fn start(port: u16) -> Self {
+        Folder::new().anybody().start_on(port)
+    }
+
+    /// Starts a broker on `port` that lets nobody in but `user` with `password`.
+    ///
+    /// # Panics
+    /// As [`Folder::start`].
+    pub fn start_guarded(port: u16, user: &str, password: &str) -> Self {
+        Folder::new().users(&[(user, password)]).start_on(port)
+    }
+
+    /// Starts a broker on `port` for everybody who speaks TLS 1.3, with this certificate and key in
+    /// PEM.
+    ///
+    /// # Panics
+    /// As [`Folder::start`].
+    pub fn start_encrypted(port: u16, certificate: &str, key: &str) -> Self {
+        let folder = Folder::new().anybody();
+        folder.tls_with(certificate, key).start_on(port)
+    }
+
+    /// Its process.
+    pub fn id(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// Ends it, as a power cut would. Start another one on the same port to bring it back.
+    ///
+    /// # Panics
+    /// When the process cannot be ended.
+    pub fn kill(mut self) {
+        self.process.kill();
+    }
+
     /// Its port.
     pub fn port(&self) -> u16 {
         self.port
@@ -176,7 +245,6 @@ impl Mosquitto {
 
     /// Everything that it said.
     pub fn log(&self) -> String {
-        let log: &Path = self.folder.place.path();
-        std::fs::read_to_string(log.join("log")).unwrap_or_default()
+        self.process.log()
     }
 }

@@ -30,6 +30,18 @@ fn end_to_end(url: &str) -> Terracrawler {
     wait_for("history of another server", PATIENCE, || {
         (points(&other.get(path).1) >= 10).then_some(())
     });
+    wait_for("frames of another server", PATIENCE, || {
+        let (status, answer) = other.get("/api/v1/history/frames");
+        let robots = answer["robots"].as_array()?;
+        let whole =
+            |track: &serde_json::Value| track["at"].as_array().is_some_and(|at| !at.is_empty());
+        (status == 200 && robots.len() == 3 && robots.iter().all(whole)).then_some(())
+    });
+    wait_for("what is recorded at all", PATIENCE, || {
+        let (status, span) = other.get("/api/v1/history");
+        let known = span["robots"] == 3 && span["from"].as_i64() < span["to"].as_i64();
+        (status == 200 && known).then_some(())
+    });
     let local = server.data().join("history.sqlite");
     assert!(!local.exists(), "a local history");
     let metrics = server
@@ -101,6 +113,11 @@ fn a_server_outlives_the_engine_of_its_history() {
         (status, &problem["code"]),
         (503, &"history_unavailable".into())
     );
+    let (status, problem) = server.get("/api/v1/history");
+    assert_eq!(
+        (status, &problem["code"]),
+        (503, &"history_unavailable".into())
+    );
     let said = doctor(&server, &url);
     assert!(
         said.starts_with("fail") && said.contains("does not answer"),
@@ -141,6 +158,8 @@ fn a_server_starts_without_the_engine_of_its_history() {
     let (status, log) = server.interrupt();
     assert!(status.success(), "{log}");
 
+    let folder = tempfile::tempdir().expect("a folder");
+    let data = folder.path().join("data");
     let refused = Command::new(binary())
         .args([
             "serve",
@@ -151,7 +170,7 @@ fn a_server_starts_without_the_engine_of_its_history() {
             "127.0.0.1:0",
         ])
         .args(["--timeseries", "influx://127.0.0.1", "--data"])
-        .arg(tempfile::tempdir().expect("a folder").path().join("data"))
+        .arg(&data)
         .output()
         .expect("it runs");
     let said = String::from_utf8_lossy(&refused.stderr);
@@ -159,4 +178,6 @@ fn a_server_starts_without_the_engine_of_its_history() {
         !refused.status.success() && said.contains("must name a database"),
         "{said}"
     );
+    // Before anything is opened.
+    assert!(!data.join("records.sqlite").exists());
 }
