@@ -146,6 +146,16 @@ fn the_number_of_threads_changes_nothing() {
 }
 
 #[test]
+fn a_threshold_that_is_asked_twice_counts_once() {
+    let mut scenario = parse(STRAIGHT);
+    scenario.thresholds = vec!["success >= 0.9".parse().unwrap()];
+    let more = ["success>=0.9", "success >= 0.95"].map(|text| text.parse().unwrap());
+    let evaluation = Evaluation::new(&scenario, Vec::new(), &more);
+    let asked = evaluation.verdicts.iter().map(|verdict| verdict.threshold);
+    assert_eq!(asked.collect::<Vec<_>>(), [scenario.thresholds[0], more[1]]);
+}
+
+#[test]
 fn what_breaks_is_found_and_shrunk_to_what_matters() {
     let text = STRAIGHT
         .replace("duration_s = 40.0", "duration_s = 60.0\nrobots = 2")

@@ -66,7 +66,8 @@ impl Line {
 }
 
 impl Verdict {
-    /// What `lines` come to against the thresholds of the scenario and some more.
+    /// What `lines` come to against the thresholds of the scenario and some more; one that both have
+    /// counts once.
     #[must_use]
     pub fn all(scenario: &Scenario, lines: &[Line], more: &[Threshold]) -> Vec<Self> {
         let judge = |&threshold: &Threshold| {
@@ -78,7 +79,9 @@ impl Verdict {
                 met: threshold.is_met(mean),
             }
         };
-        scenario.thresholds.iter().chain(more).map(judge).collect()
+        let own = &scenario.thresholds;
+        let others = more.iter().filter(|threshold| !own.contains(threshold));
+        own.iter().chain(others).map(judge).collect()
     }
 }
 

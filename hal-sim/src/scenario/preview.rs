@@ -3,7 +3,7 @@
 use super::{Scenario, ScenarioError};
 use crate::world::{Arena, Pose, Space};
 
-/// See the [module](self).
+/// How a scenario begins, before anything runs: its arena, and where robots stand.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Preview {

@@ -7,7 +7,7 @@ use super::driver::Driver;
 use crate::run::Simulation;
 use crate::world::{Arena, DroppedItem};
 
-/// See the [module](self). It changes seldom: by what the world is told.
+/// What a live world is made of beside its robots. It changes seldom: by what the world is told.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct LiveScene {
