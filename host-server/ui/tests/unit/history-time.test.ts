@@ -25,7 +25,12 @@ describe('what of the past is looked at', () => {
       level: 'warn',
       only: true,
     }
-    const hash = formatRoute({ view: 'history', robot: null, experiment: null, query: queryOfWish(wish) })
+    const hash = formatRoute({
+      view: 'history',
+      robot: null,
+      experiment: null,
+      query: queryOfWish(wish),
+    })
     expect(hash).toBe(
       `#/history?from=${T}&to=${T + 300_000}&at=${T + 1_234}&robot=rover-1&speed=10&level=warn&only=1`,
     )
