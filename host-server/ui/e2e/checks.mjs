@@ -3,6 +3,7 @@
 import { readFile } from 'node:fs/promises'
 import { createRequire } from 'node:module'
 import { join } from 'node:path'
+import { DESKTOP } from './browser.mjs'
 
 let passed = 0
 let failed = 0
@@ -44,6 +45,16 @@ export function pause(milliseconds) {
 /** For `addInitScript`, so that `axe` finds it. */
 export function axeSource() {
   return readFile(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8')
+}
+
+/** A page that waits for so long, knows `axe`, and fails the run when it throws. */
+export async function openPage(browser, patience, options = {}) {
+  const context = await browser.newContext({ viewport: DESKTOP, ...options })
+  await context.addInitScript(await axeSource())
+  const page = await context.newPage()
+  page.setDefaultTimeout(patience)
+  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
+  return page
 }
 
 export async function axe(page, name) {

@@ -2,8 +2,8 @@
 // mock, or the open server at BASE_URL, where checks that need a hand on the server are left out.
 
 import { startMock } from '../tests/mock/server.mjs'
-import { DESKTOP, launch } from './browser.mjs'
-import { axe, axeSource, check, endBy, expect, fail, finish, picture, until } from './checks.mjs'
+import { launch } from './browser.mjs'
+import { axe, check, endBy, expect, fail, finish, openPage, picture, until } from './checks.mjs'
 import { everyLook, troubles, viewers } from './experiments-looks.mjs'
 
 const DEADLINE_MS = 400_000
@@ -16,14 +16,7 @@ const id = (page, name) => page.getByTestId(name)
 const data = (locator, name) => locator.getAttribute(`data-${name}`)
 const byMock = (name, act) => (mock === null ? undefined : check(name, act))
 
-async function newPage(browser, options = {}) {
-  const context = await browser.newContext({ viewport: DESKTOP, ...options })
-  await context.addInitScript(await axeSource())
-  const page = await context.newPage()
-  page.setDefaultTimeout(PATIENCE_MS)
-  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
-  return page
-}
+const newPage = (browser, options) => openPage(browser, PATIENCE_MS, options)
 
 async function goTo(page, place) {
   await page.goto(`${base}/#/${place}`)

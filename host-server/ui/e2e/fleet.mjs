@@ -2,8 +2,8 @@
 // simulated world, in a real browser; against the mock with a hundred robots.
 
 import { startMock } from '../tests/mock/server.mjs'
-import { DESKTOP, PHONE, WALL, launch } from './browser.mjs'
-import { axe, axeSource, check, endBy, expect, fail, finish } from './checks.mjs'
+import { PHONE, WALL, launch } from './browser.mjs'
+import { axe, check, endBy, expect, fail, finish, openPage } from './checks.mjs'
 import { measure, picture, until } from './checks.mjs'
 import { byKeyboard } from './keyboard.mjs'
 
@@ -25,14 +25,7 @@ const PLACES = {
   simulation: 'simulation',
 }
 
-async function newPage(browser, options = {}) {
-  const context = await browser.newContext({ viewport: DESKTOP, ...options })
-  await context.addInitScript(await axeSource())
-  const page = await context.newPage()
-  page.setDefaultTimeout(PATIENCE_MS)
-  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
-  return page
-}
+const newPage = (browser, options) => openPage(browser, PATIENCE_MS, options)
 
 async function goTo(page, place) {
   await page.goto(`${base}/#/${place}`)

@@ -2,8 +2,8 @@
 // robots are let move for some seconds first; without it against the mock, which has a past of its own.
 
 import { startMock } from '../tests/mock/server.mjs'
-import { DESKTOP, launch } from './browser.mjs'
-import { axeSource, check, endBy, expect, fail, finish, pause, picture, until } from './checks.mjs'
+import { launch } from './browser.mjs'
+import { check, endBy, expect, fail, finish, openPage, pause, picture, until } from './checks.mjs'
 import { byMock } from './history-mock.mjs'
 
 const DEADLINE_MS = 280_000
@@ -29,14 +29,7 @@ const api = async (path, body) => {
   return answer.json()
 }
 
-async function newPage(browser, options = {}) {
-  const context = await browser.newContext({ viewport: DESKTOP, ...options })
-  await context.addInitScript(await axeSource())
-  const page = await context.newPage()
-  page.setDefaultTimeout(PATIENCE_MS)
-  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
-  return page
-}
+const newPage = (browser, options) => openPage(browser, PATIENCE_MS, options)
 
 /** Where a robot was, as the server tells it: blended between the points around a moment. */
 async function whereWas(robot, at) {

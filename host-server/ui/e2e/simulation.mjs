@@ -3,8 +3,8 @@
 // is none, which is then looked at in every state and size too.
 
 import { startMock } from '../tests/mock/server.mjs'
-import { DESKTOP, launch } from './browser.mjs'
-import { axe, axeSource, check, endBy, expect, fail, finish, picture } from './checks.mjs'
+import { launch } from './browser.mjs'
+import { axe, check, endBy, expect, fail, finish, openPage, picture } from './checks.mjs'
 import { until } from './checks.mjs'
 import { looks } from './simulation-looks.mjs'
 
@@ -25,14 +25,7 @@ const data = (locator, name) => locator.getAttribute(`data-${name}`)
 const robots = (page) => page.evaluate(() => globalThis.terracrawler.robots())
 const focused = (page) => page.evaluate(() => document.activeElement?.dataset?.testid ?? '')
 
-async function newPage(browser, options = {}) {
-  const context = await browser.newContext({ viewport: DESKTOP, ...options })
-  await context.addInitScript(await axeSource())
-  const page = await context.newPage()
-  page.setDefaultTimeout(PATIENCE_MS)
-  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
-  return page
-}
+const newPage = (browser, options) => openPage(browser, PATIENCE_MS, options)
 
 async function goTo(page, place) {
   await page.goto(`${base}/#/${place}`)

@@ -2,8 +2,7 @@
 // mock, or the closed one at BASE_URL whose first admin's code is INVITE.
 
 import { startMock } from '../tests/mock/server.mjs'
-import { DESKTOP } from './browser.mjs'
-import { axeSource, check, fail, until } from './checks.mjs'
+import { check, openPage, until } from './checks.mjs'
 
 export const PASSWORD = 'correct horse battery'
 export const OTHER_PASSWORD = 'another good password'
@@ -18,14 +17,7 @@ export const code = mock?.accounts.firstCode ?? process.env.INVITE
 export const byMock = (name, act) => (mock === null ? undefined : check(name, act))
 export const id = (page, name) => page.getByTestId(name)
 
-export async function newPage(browser, options = {}) {
-  const context = await browser.newContext({ viewport: DESKTOP, ...options })
-  await context.addInitScript(await axeSource())
-  const page = await context.newPage()
-  page.setDefaultTimeout(8_000)
-  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
-  return page
-}
+export const newPage = (browser, options) => openPage(browser, 8_000, options)
 
 export function live(page, milliseconds = 10_000) {
   return until('the feed is not live', milliseconds, async () => {

@@ -235,7 +235,8 @@ function place(
   return true
 }
 
-function newRobot(entry: RosterFrame['robots'][number]): Robot {
+/** A robot that nothing is known of but its line in the roster. */
+export function newRobot(entry: RosterFrame['robots'][number]): Robot {
   return {
     index: entry.index,
     id: entry.id,

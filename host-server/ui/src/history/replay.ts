@@ -6,6 +6,7 @@ import type { Shown } from '../arena/stage'
 import type { Arena } from '../feed/decode'
 import { STATES } from '../feed/decode'
 import type { Robot } from '../fleet/fleet'
+import { newRobot } from '../fleet/fleet'
 import { Selection } from '../fleet/selection'
 import type { Seen } from './moment'
 import { GONE_MS, newSeen, seenAt } from './moment'
@@ -130,29 +131,9 @@ export class Replay implements Shown {
       known.kind = track.kind
       return known
     }
-    const robot: Robot = {
-      index: this.robots.size,
-      id: track.robot,
-      kind: track.kind,
-      firmware: '',
-      board: '',
-      presence: 'online',
-      fence: null,
-      state: 'IDLE',
-      placed: false,
-      fromX: 0,
-      fromY: 0,
-      fromHeading: 0,
-      fromTime: 0,
-      x: 0,
-      y: 0,
-      heading: 0,
-      time: 0,
-      sampledAt: 0,
-      range: null,
-      lowBattery: false,
-      movedAt: Number.NEGATIVE_INFINITY,
-    }
+    const line = { id: track.robot, kind: track.kind, firmware: '', board: '' }
+    const robot = newRobot({ ...line, index: this.robots.size, presence: 'online' })
+    robot.state = 'IDLE'
     this.robots.set(robot.id, robot)
     return robot
   }
