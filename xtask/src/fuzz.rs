@@ -18,7 +18,7 @@ const LONGEST: &str = "-max_len=1100";
 /// a place in `fuzz/corpus`, which the normal tests replay.
 ///
 /// # Errors
-/// When an argument is unknown, cargo-fuzz cannot be installed, or a target finds something.
+/// When an argument is unknown, or as [`targets`].
 pub(crate) fn all(arguments: &[String]) -> Outcome {
     if let Some((name, rest)) = arguments.split_first()
         && name == "api"
@@ -36,6 +36,14 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
             ));
         }
     };
+    targets(seconds)
+}
+
+/// Runs every target of `fuzz/` for so many seconds.
+///
+/// # Errors
+/// When cargo-fuzz cannot be installed, or a target finds something.
+pub(crate) fn targets(seconds: u32) -> Outcome {
     if run::output("cargo", &["fuzz", "--version"]).is_none() {
         println!("installing cargo-fuzz");
         run::cargo(&["install", "--quiet", "--locked", "cargo-fuzz"])?;

@@ -2,11 +2,11 @@
 //! signed in as its administrator.
 
 use std::fs::{self, File};
-use std::io::{Read as _, Write as _};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
 
 use crate::run::{self, Failure, Outcome};
 
@@ -35,28 +35,31 @@ const PATIENCE: Duration = Duration::from_mins(1);
 /// When an argument is none, the tool cannot be had, or it finds something.
 pub(crate) fn command(arguments: &[String]) -> Outcome {
     let usage = || Failure("cargo xtask fuzz api [--examples N] [--seed N]".to_owned());
-    let now = SystemTime::now().duration_since(UNIX_EPOCH);
-    let mut seed = now.map_or(1, |now| now.subsec_nanos());
+    let mut seed = run::fresh_seed();
     let mut examples = EXAMPLES;
     for pair in arguments.chunks(2) {
         let [name, value] = pair else {
             return Err(usage());
         };
-        let value = value.parse().map_err(|_| usage())?;
+        let value: u64 = value.parse().map_err(|_| usage())?;
         match name.as_str() {
-            "--examples" => examples = value,
+            "--examples" => examples = u32::try_from(value).map_err(|_| usage())?,
             "--seed" => seed = value,
             _ => return Err(usage()),
         }
     }
+    thorough(examples, seed)
+}
+
+/// So many cases for each operation, with the binary that a build for tests makes.
+///
+/// # Errors
+/// When the tool cannot be had, or it finds something.
+pub(crate) fn thorough(examples: u32, seed: u64) -> Outcome {
     let tool = tool()?;
-    run::cargo(&[
-        "build",
-        "--locked",
-        "--quiet",
-        "--package",
-        "crawler-server",
-    ])?;
+    // The same features as the tests, so that nothing is built twice.
+    let line = "build --locked --quiet --workspace --all-features --bin terracrawler";
+    run::cargo(&line.split(' ').collect::<Vec<_>>())?;
     fuzz(&tool, examples, seed)
 }
 
@@ -123,7 +126,7 @@ impl Drop for Server {
     }
 }
 
-fn fuzz(tool: &Path, examples: u32, seed: u32) -> Outcome {
+fn fuzz(tool: &Path, examples: u32, seed: u64) -> Outcome {
     let server = start()?;
     let token = server.sign_in()?;
     println!("{examples} cases for each operation, seed {seed}");
@@ -165,10 +168,9 @@ fn fuzz(tool: &Path, examples: u32, seed: u32) -> Outcome {
             failed.push(what);
         }
     }
-    if let Ok(text) = fs::read_to_string(server.folder.join("log"))
-        && text.contains("panicked")
-    {
-        println!("{text}");
+    let log = server.log();
+    if log.contains("panicked") {
+        println!("{log}");
         failed.push("the server's log has a panic");
     }
     if failed.is_empty() {
@@ -201,33 +203,48 @@ fn start() -> Outcome<Server> {
     if !added.success() {
         return Err(Failure(format!("no account could be made: {added}")));
     }
-    let [http, mqtt] = [free_port()?, free_port()?];
-    let log = File::create(folder.join("log")).map_err(|error| failed("a log", error))?;
-    let errors = log.try_clone().map_err(|error| failed("a log", error))?;
-    let child = Command::new(&program)
+    let log = folder.join("log");
+    let errors = File::create(&log).map_err(|error| failed("a log", error))?;
+    let mut child = Command::new(&program)
         .args(["up", "--robots", "2", "--scenario", "empty"])
-        .args(["--http", &http.to_string(), "--mqtt", &mqtt.to_string()])
+        .args(["--http", "127.0.0.1:0", "--mqtt", "127.0.0.1:0"])
         .arg("--data")
         .arg(&data)
         .stdin(Stdio::null())
-        .stdout(log)
+        .stdout(Stdio::piped())
         .stderr(errors)
         .spawn()
         .map_err(|error| failed(&program.display().to_string(), error))?;
-    Ok(Server {
+    let output = child.stdout.take();
+    let mut server = Server {
         child,
         folder,
-        http,
-    })
+        http: SocketAddr::from(([127, 0, 0, 1], 0)),
+    };
+    server.http = output
+        .and_then(address)
+        .ok_or_else(|| Failure(format!("no server:\n{}", server.log())))?;
+    Ok(server)
 }
 
-fn free_port() -> Outcome<SocketAddr> {
-    TcpListener::bind("127.0.0.1:0")
-        .and_then(|listener| listener.local_addr())
-        .map_err(|error| Failure(format!("a free port: {error}")))
+/// Where a server says that it listens. What it says after that is read by a thread, so that it never
+/// waits for a reader.
+fn address(output: ChildStdout) -> Option<SocketAddr> {
+    let mut lines = BufReader::new(output).lines();
+    let address = lines.by_ref().map_while(Result::ok).find_map(|line| {
+        let (_, rest) = line.split_once("http://")?;
+        rest.split(['/', ' ']).next()?.parse().ok()
+    })?;
+    std::thread::spawn(move || lines.map_while(Result::ok).for_each(drop));
+    Some(address)
 }
 
 impl Server {
+    /// What it complained of.
+    fn log(&self) -> String {
+        fs::read_to_string(self.folder.join("log")).unwrap_or_default()
+    }
+
     /// An administrator's token, as soon as the server gives one.
     fn sign_in(&self) -> Outcome<String> {
         let began = Instant::now();
@@ -236,7 +253,7 @@ impl Server {
                 return Ok(token);
             }
             if began.elapsed() > PATIENCE {
-                let log = fs::read_to_string(self.folder.join("log")).unwrap_or_default();
+                let log = self.log();
                 return Err(Failure(format!("the server lets nobody in:\n{log}")));
             }
             std::thread::sleep(Duration::from_millis(500));

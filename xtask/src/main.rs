@@ -17,9 +17,12 @@ mod fuzz_api;
 mod hil;
 mod histories;
 mod image;
+mod mutants;
+mod report;
 mod run;
 mod sight;
 mod size;
+mod suites;
 mod test;
 mod tools;
 mod ui;
@@ -50,10 +53,16 @@ const TASKS: &[Task] = &[
         run: |_| tools::setup(),
     },
     Task {
-        name: "test",
+        name: "check",
         arguments: "",
-        about: "everything a change must pass: format, lints, tests, control room, end to end",
-        run: |_| test::all(),
+        about: "at every save: format, lints, types, control room, tests of the robot program",
+        run: test::check,
+    },
+    Task {
+        name: "test",
+        arguments: "[--deep | [--repeat N] [--under-load] [--one-core] [SUITE]...]",
+        about: "everything a change must pass; with --deep what takes hours; or only some tests",
+        run: test::command,
     },
     Task {
         name: "ui",
@@ -116,6 +125,12 @@ const TASKS: &[Task] = &[
         run: fuzz::all,
     },
     Task {
+        name: "mutants",
+        arguments: "[--seed N]",
+        about: "do the tests notice a wrong program: a sample of mutants of the crates below everything",
+        run: mutants::command,
+    },
+    Task {
         name: "dataset",
         arguments: "[--out DIR] [--seed N] [--train N] [--check N] [--test N]",
         about: "random pictures with the truth about them, for models/detector",
@@ -141,6 +156,10 @@ fn main() -> ExitCode {
         print_tasks();
         return ExitCode::SUCCESS;
     };
+    if name == suites::BUSY {
+        suites::keep_a_core_busy();
+        return ExitCode::SUCCESS;
+    }
     let Some(task) = TASKS.iter().find(|task| task.name == name) else {
         eprintln!("xtask: there is no command '{name}'\n");
         print_tasks();

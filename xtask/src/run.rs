@@ -4,7 +4,7 @@ use std::env;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// One line for the person at the terminal: what failed and what to do about it.
 #[derive(Debug)]
@@ -58,6 +58,12 @@ pub(crate) fn build_example(package: &str, example: &str) -> Outcome<PathBuf> {
     let name = format!("{example}{}", env::consts::EXE_SUFFIX);
     let directory = target_dir().join("release").join("examples");
     Ok(root().join(directory).join(name))
+}
+
+/// A seed that no run before had, for whoever looks for what is rare. Whoever draws one prints it.
+pub(crate) fn fresh_seed() -> u64 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH);
+    now.map_or(1, |now| u64::from(now.subsec_nanos()) ^ now.as_secs())
 }
 
 /// The cargo that runs this program.

@@ -1,71 +1,121 @@
-//! Everything a change must pass, in one command for laptop and CI.
+//! What a change must pass, in three tiers, each one command for laptop and CI.
 
-use std::time::Instant;
-
-use crate::boards::{self, C3, C6, PROGRAM, VIRT};
+use crate::boards::{self, Board, C3, C6, PROGRAM, VIRT};
+use crate::report::Report;
 use crate::run::{self, Failure, Outcome};
-use crate::{check_s3, counts, cross, fuzz_api, histories, image, size, tools, ui};
+use crate::suites::Selection;
+use crate::{
+    bench_server, check_s3, counts, cross, fuzz, fuzz_api, histories, image, mutants, size, tools,
+    ui,
+};
 
-/// What is done, and what does it.
-type Step = (&'static str, fn() -> Outcome);
+/// Seconds for each fuzz target of the deep tier.
+const FUZZ_SECONDS: u32 = 60;
 
-/// Runs every step, also after a failed one, and closes with a count.
+/// Cases for each property in the deep tier.
+const DEEP_CASES: u32 = 2_000;
+
+/// Cases for each operation of the API in the deep tier.
+const DEEP_EXAMPLES: u32 = 200;
+
+/// How often everything that has to do with time runs in the deep tier.
+const REPETITIONS: u32 = 20;
+
+/// What a developer runs at every save: formats, lints, types, and the tests of the robot program.
 ///
 /// # Errors
 /// Names the steps that failed.
-pub(crate) fn all() -> Outcome {
-    let steps: [Step; 14] = [
-        ("tools", tools::setup),
-        ("format", format),
-        ("control room", || ui::check().and_then(|()| ui::build())),
-        ("clippy", clippy),
-        // The tests start it in QEMU.
-        ("emulated board", || image::image(&VIRT)),
-        // Builds the server too, which the end-to-end tests start.
-        ("tests", || {
-            run::cargo(&[
-                "test",
-                "--locked",
-                "--workspace",
-                "--all-features",
-                "--no-fail-fast",
-            ])
-        }),
-        // Sends to the server that the tests have built.
-        ("API from its description", fuzz_api::step),
-        ("histories on other targets", || histories::command(&[])),
-        ("instruction counts", || counts::command(&[])),
-        // Builds the images of the boards.
-        ("sizes", || size::command(&[])),
-        ("clippy of boards", clippy_of_boards),
-        ("check of the S3 board", || check_s3::command(&[])),
-        ("documentation", documentation),
-        ("advisories", advisories),
-    ];
-    let mut failed = Vec::new();
-    for (name, step) in steps {
-        println!("\n== {name}");
-        let began = Instant::now();
-        let outcome = step();
-        let seconds = began.elapsed().as_secs();
-        match outcome {
-            Ok(()) => println!("== {name}: passed in {seconds} s"),
-            Err(Failure(reason)) => {
-                println!("== {name}: FAILED after {seconds} s: {reason}");
-                failed.push(name);
-            }
+pub(crate) fn check(arguments: &[String]) -> Outcome {
+    if let Some(argument) = arguments.first() {
+        return Err(Failure(format!("'{argument}' is not understood")));
+    }
+    let mut report = Report::default();
+    report.step("format", |_| format());
+    report.step("control room", |_| ui::check());
+    report.step("clippy", |_| clippy());
+    report.step("clippy of a board", |_| clippy_of(&[&VIRT]));
+    report.step("the robot program", |_| {
+        let crates = ["hal", "drivers", "protocol", "tls", "app", "micromodel"];
+        let names = crates.map(|name| format!("crawler-{name}"));
+        let mut words = vec!["test", "--locked", "--quiet", "--all-features", "--lib"];
+        words.extend(names.iter().flat_map(|name| ["--package", name]));
+        run::cargo(&words)
+    });
+    report.close()
+}
+
+/// Everything a change must pass; with `--deep` what takes longer as well; with other arguments only
+/// the tests that they select.
+///
+/// # Errors
+/// Names the steps that failed, or the argument that is none.
+pub(crate) fn command(arguments: &[String]) -> Outcome {
+    match arguments {
+        [] => all(),
+        [only] if only == "--deep" => deep(),
+        _ => {
+            let selection = Selection::parse(arguments)?;
+            let mut report = Report::default();
+            prepare(&mut report);
+            report.step("tests", |report| selection.run(report));
+            report.close()
         }
     }
-    println!(
-        "\n{} passed, {} failed",
-        steps.len() - failed.len(),
-        failed.len()
-    );
-    if failed.is_empty() {
-        Ok(())
-    } else {
-        Err(Failure(format!("failed: {}", failed.join(", "))))
-    }
+}
+
+/// What the tests start: tools, the control room, the emulated board.
+fn prepare(report: &mut Report) {
+    report.step("tools", |_| tools::setup());
+    report.step("control room", |_| ui::build());
+    report.step("emulated board", |_| image::image(&VIRT));
+}
+
+fn all() -> Outcome {
+    let mut report = Report::default();
+    report.step("tools", |_| tools::setup());
+    report.step("format", |_| format());
+    report.step("control room", |_| ui::check().and_then(|()| ui::build()));
+    // The tests start it in QEMU.
+    report.step("emulated board", |_| image::image(&VIRT));
+    // Builds the server too, which the end-to-end tests start.
+    report.step("tests", |report| Selection::default().run(report));
+    report.step("examples in the documentation", |_| doctests());
+    // Sends to the server that the tests have built.
+    report.step("API from its description", |_| fuzz_api::step());
+    report.step("histories on other targets", |_| histories::command(&[]));
+    report.step("instruction counts", |_| counts::command(&[]));
+    // Builds the images of the boards.
+    report.step("sizes", |_| size::command(&[]));
+    report.step("clippy", |_| clippy());
+    report.step("clippy of boards", |_| clippy_of_boards());
+    report.step("check of the S3 board", |_| check_s3::command(&[]));
+    report.step("documentation", |_| documentation());
+    report.step("advisories", |_| advisories());
+    report.close()
+}
+
+/// What takes hours and finds what is rare. Its seed is new in every run, and printed.
+fn deep() -> Outcome {
+    let seed = run::fresh_seed();
+    println!("seed {seed}");
+    let mut report = Report::default();
+    prepare(&mut report);
+    report.step("properties with new seeds", |report| {
+        println!("PROPTEST_RNG_SEED={seed} PROPTEST_CASES={DEEP_CASES}");
+        Selection::drawn_from(seed, DEEP_CASES).run(report)
+    });
+    report.step("time under load, again and again", |report| {
+        Selection::timed_under_load(REPETITIONS).run(report)
+    });
+    report.step("fuzz targets", |_| fuzz::targets(FUZZ_SECONDS));
+    report.step("API from its description", |_| {
+        fuzz_api::thorough(DEEP_EXAMPLES, seed)
+    });
+    report.step("mutants", |_| mutants::sample(seed));
+    report.step("trouble and load", |_| soak());
+    report.step("undefined behaviour", |_| miri());
+    report.step("advisories", |_| advisories());
+    report.close()
 }
 
 fn clippy() -> Outcome {
@@ -91,14 +141,19 @@ fn format() -> Outcome {
     Ok(())
 }
 
-/// What is built for the host there is also tested; the others by their compiler alone, since
-/// the two RISC-V chips differ in little more than their names.
-fn clippy_of_boards() -> Outcome {
-    for board in [&PROGRAM, &VIRT, &C3, &C6] {
+fn clippy_of(boards: &[&Board]) -> Outcome {
+    for board in boards {
         let mut command = cross::compiler(board)?.cargo(board, "clippy");
         command.args(["--", "--deny", "warnings"]);
         run::run_command(command)?;
     }
+    Ok(())
+}
+
+/// What is built for the host there is also tested; the others by their compiler alone, since
+/// the two RISC-V chips differ in little more than their names.
+fn clippy_of_boards() -> Outcome {
+    clippy_of(&[&PROGRAM, &VIRT, &C3, &C6])?;
     for workspace in ["image", "log"] {
         image::tool(workspace, "test", &[])?;
         let strict = ["--all-targets", "--", "--deny", "warnings"];
@@ -107,14 +162,48 @@ fn clippy_of_boards() -> Outcome {
     Ok(())
 }
 
+/// The examples in the documentation of public items; cargo-nextest leaves them to cargo.
+fn doctests() -> Outcome {
+    let line = "test --locked --quiet --workspace --all-features --doc";
+    run::cargo(&line.split(' ').collect::<Vec<_>>())
+}
+
 /// Broken links in the documentation are errors.
 fn documentation() -> Outcome {
+    // The features of clippy, which has checked the dependencies with them.
+    let line = "doc --locked --workspace --all-features --no-deps --quiet";
     run::run_with_env(
         &run::root(),
-        "cargo",
-        &["doc", "--locked", "--workspace", "--no-deps", "--quiet"],
+        &run::cargo_program(),
+        &line.split(' ').collect::<Vec<_>>(),
         &[("RUSTDOCFLAGS", "--deny warnings")],
     )
+}
+
+/// Servers and robots in trouble and under load, for longer than a test may take: each fails on a
+/// count that must be zero.
+fn soak() -> Outcome {
+    bench_server::chaos(&[])?;
+    bench_server::load(&[])
+}
+
+/// Miri on the crates that read bytes from outside and do without a heap; it takes a nightly compiler.
+fn miri() -> Outcome {
+    if run::output("cargo", &["miri", "--version"]).is_none() {
+        println!(
+            "skipped: no Miri (`rustup +nightly component add miri`, then `cargo +nightly xtask test --deep`)"
+        );
+        return Ok(());
+    }
+    let line = "miri test --locked --package crawler-protocol --package crawler-drivers \
+                --package crawler-micromodel";
+    let words: Vec<&str> = line.split_whitespace().collect();
+    // A property is tried a few times: each step takes a thousand.
+    let few = [
+        ("PROPTEST_CASES", "8"),
+        ("MIRIFLAGS", "-Zmiri-disable-isolation"),
+    ];
+    run::run_with_env(&run::root(), &run::cargo_program(), &words, &few)
 }
 
 /// Licences are checked by a test of ours; known vulnerabilities by cargo-deny, where the user

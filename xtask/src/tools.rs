@@ -159,11 +159,38 @@ impl Tool {
     }
 }
 
-/// Installs what is missing where that is allowed: as root, with apt.
+/// Installs what is missing: with cargo what is made of Rust, with apt the rest, where that is allowed.
 ///
 /// # Errors
 /// Names everything that is still missing.
 pub(crate) fn setup() -> Outcome {
+    let others = packages();
+    let runner = nextest();
+    match (others, runner) {
+        (Err(Failure(one)), Err(Failure(other))) => Err(Failure(format!("{one}\n{other}"))),
+        (others, runner) => others.and(runner),
+    }
+}
+
+/// The program that runs the tests.
+fn nextest() -> Outcome {
+    let present = || run::output("cargo", &["nextest", "--version"]).is_some();
+    if present() {
+        return Ok(());
+    }
+    println!("installing cargo-nextest");
+    let installed = run::cargo(&["install", "--quiet", "--locked", "cargo-nextest"]);
+    if installed.is_ok() && present() {
+        return Ok(());
+    }
+    Err(Failure(
+        "cargo-nextest is missing (for running the tests): cargo install cargo-nextest --locked"
+            .to_owned(),
+    ))
+}
+
+/// What comes in packages of Debian.
+fn packages() -> Outcome {
     let mut packages: Vec<&str> = ALL
         .into_iter()
         .filter(|tool| !tool.present())

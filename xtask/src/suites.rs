@@ -1,0 +1,271 @@
+//! The tests of the workspace, run by cargo-nextest: all or some, once or again and again, on a quiet
+//! machine or a busy one.
+
+use std::env;
+use std::fs;
+use std::io::Read as _;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use crate::report::Report;
+use crate::run::{self, Failure, Outcome};
+
+/// The hidden command that keeps one core busy.
+pub(crate) const BUSY: &str = "keep-a-core-busy";
+
+/// Everything that has to do with sockets, processes or real time: what a busy machine could upset.
+const TIMED: &str = "package(crawler-tests) | package(crawler-hil) | package(crawler-server) \
+    | package(crawler-cluster) | package(crawler-records) | package(crawler-timeseries) \
+    | (package(crawler-sim) & kind(test))";
+
+/// Which tests, how often, and beside what.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Selection {
+    /// Each test runs so often.
+    repeat: u32,
+    /// Other processes keep every core busy meanwhile.
+    under_load: bool,
+    /// All of it has to do with one core.
+    one_core: bool,
+    /// A filter of cargo-nextest.
+    filter: Option<String>,
+    /// The seed of property tests, and how many cases each of them tries; else those of
+    /// `.cargo/config.toml`.
+    properties: Option<(u64, u32)>,
+}
+
+impl Default for Selection {
+    fn default() -> Self {
+        Self {
+            repeat: 1,
+            under_load: false,
+            one_core: false,
+            filter: None,
+            properties: None,
+        }
+    }
+}
+
+impl Selection {
+    /// Reads `[--repeat N] [--under-load] [--one-core] [SUITE]…`.
+    ///
+    /// # Errors
+    /// When an argument is unknown or has no value.
+    pub(crate) fn parse(arguments: &[String]) -> Outcome<Self> {
+        let mut selection = Self::default();
+        let mut suites = Vec::new();
+        let mut words = arguments.iter();
+        while let Some(word) = words.next() {
+            match word.as_str() {
+                "--repeat" => {
+                    selection.repeat = words
+                        .next()
+                        .and_then(|count| count.parse().ok())
+                        .filter(|&count| count > 0)
+                        .ok_or_else(|| Failure("--repeat N, a number from 1".to_owned()))?;
+                }
+                "--under-load" => selection.under_load = true,
+                "--one-core" => selection.one_core = true,
+                option if option.starts_with('-') => {
+                    return Err(Failure(format!("'{option}' is not understood")));
+                }
+                suite => suites.push(suite.to_owned()),
+            }
+        }
+        selection.filter = filter(&suites)?;
+        Ok(selection)
+    }
+
+    /// Everything that has to do with time, `repeat` times, on a busy machine.
+    pub(crate) fn timed_under_load(repeat: u32) -> Self {
+        Self {
+            repeat,
+            under_load: true,
+            filter: Some(TIMED.to_owned()),
+            ..Self::default()
+        }
+    }
+
+    /// Everything, with `cases` for each property that says no number of its own, drawn from `seed`.
+    pub(crate) fn drawn_from(seed: u64, cases: u32) -> Self {
+        Self {
+            properties: Some((seed, cases)),
+            ..Self::default()
+        }
+    }
+
+    /// Runs the tests, and tells `report` how long each program took.
+    ///
+    /// # Errors
+    /// When a test fails, or cargo-nextest is missing.
+    pub(crate) fn run(&self, report: &mut Report) -> Outcome {
+        // What the tests start is built with them, before other processes take the cores.
+        run::run_command(self.command(&["--no-run"], false))?;
+        let _load = self.under_load.then(Load::start).transpose()?;
+        let count = self.repeat.to_string();
+        let mut more = Vec::new();
+        if self.repeat > 1 {
+            more.extend(["--stress-count", count.as_str()]);
+        }
+        let outcome = run::run_command(self.command(&more, self.one_core));
+        let path = run::target_dir().join("nextest/default/junit.xml");
+        if let Ok(text) = fs::read_to_string(run::root().join(path)) {
+            report.programs(program_times(&text));
+        }
+        outcome
+    }
+
+    fn command(&self, more: &[&str], one_core: bool) -> Command {
+        let cargo = run::cargo_program();
+        let mut command = if one_core {
+            let mut command = Command::new("taskset");
+            command.args(["--cpu-list", "0", &cargo]);
+            command
+        } else {
+            Command::new(cargo)
+        };
+        command
+            .current_dir(run::root())
+            .stdin(Stdio::null())
+            .args(["nextest", "run", "--locked", "--workspace"])
+            .arg("--all-features");
+        if let Some(filter) = &self.filter {
+            command.args(["--filterset", filter]);
+        }
+        if let Some((seed, cases)) = self.properties {
+            command.env("PROPTEST_RNG_SEED", seed.to_string());
+            command.env("PROPTEST_CASES", cases.to_string());
+        }
+        command.args(more);
+        command
+    }
+}
+
+/// The tests whose program, package or path has the name of a suite; `timed` is every one that has to
+/// do with time.
+fn filter(suites: &[String]) -> Outcome<Option<String>> {
+    let mut parts = Vec::new();
+    for suite in suites {
+        if suite == "timed" {
+            parts.push(format!("({TIMED})"));
+            continue;
+        }
+        let plain = |letter: char| letter.is_ascii_alphanumeric() || "-_:".contains(letter);
+        if !suite.chars().all(plain) {
+            return Err(Failure(format!("'{suite}' is no name of a suite")));
+        }
+        parts.push(format!(
+            "package(~{suite}) | binary(~{suite}) | test(~{suite})"
+        ));
+    }
+    Ok((!parts.is_empty()).then(|| parts.join(" | ")))
+}
+
+/// How long the tests of each program took together, from a report in the form of `JUnit`.
+fn program_times(junit: &str) -> Vec<(String, Duration)> {
+    junit
+        .split("<testsuite ")
+        .skip(1)
+        .filter_map(|suite| {
+            let name = attribute(suite, "name")?;
+            let cases = suite.split("<testcase ").skip(1);
+            let seconds = cases.filter_map(|case| attribute(case, "time")?.parse::<f64>().ok());
+            let took = Duration::try_from_secs_f64(seconds.sum()).ok()?;
+            Some((name.to_owned(), took))
+        })
+        .collect()
+}
+
+/// The attribute `name` of the element that `text` begins within.
+fn attribute<'a>(text: &'a str, name: &str) -> Option<&'a str> {
+    let (element, _) = text.split_once('>')?;
+    let (_, value) = element.split_once(&format!("{name}=\""))?;
+    value.split('"').next()
+}
+
+/// A process for each core that does nothing but work, until this is dropped.
+#[derive(Debug)]
+struct Load(Vec<Child>);
+
+impl Load {
+    fn start() -> Outcome<Self> {
+        let failed = |error| Failure(format!("cannot keep the cores busy: {error}"));
+        let program = env::current_exe().map_err(failed)?;
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let mut load = Self(Vec::new());
+        for _ in 0..cores {
+            let mut command = Command::new(&program);
+            command.arg(BUSY).stdin(Stdio::piped());
+            load.0.push(command.spawn().map_err(failed)?);
+        }
+        println!("{cores} other processes keep the cores busy");
+        Ok(load)
+    }
+}
+
+impl Drop for Load {
+    fn drop(&mut self) {
+        for child in &mut self.0 {
+            // Already ended is fine.
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// Keeps one core busy until whoever started it ends, however it ends: then its standard input does.
+pub(crate) fn keep_a_core_busy() {
+    std::thread::spawn(|| {
+        loop {
+            std::hint::spin_loop();
+        }
+    });
+    // Nothing is ever written there.
+    let _ = std::io::stdin().read(&mut [0]);
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::{Selection, program_times};
+
+    fn parse(words: &[&str]) -> crate::run::Outcome<Selection> {
+        let words: Vec<String> = words.iter().map(|&word| word.to_owned()).collect();
+        Selection::parse(&words)
+    }
+
+    #[test]
+    fn arguments_say_which_tests_how_often_and_beside_what() {
+        assert_eq!(parse(&[]).expect("nothing"), Selection::default());
+        let selection = parse(&["--repeat", "20", "--under-load", "link"]).expect("some");
+        assert_eq!((selection.repeat, selection.under_load), (20, true));
+        let filter = selection.filter.expect("a filter");
+        assert_eq!(filter, "package(~link) | binary(~link) | test(~link)");
+        assert!(parse(&["timed"]).is_ok());
+        for wrong in [
+            &["--repeat"][..],
+            &["--repeat", "0"],
+            &["--quick"],
+            &["a) | all("],
+        ] {
+            assert!(parse(wrong).is_err(), "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn times_are_added_up_for_each_program() {
+        let junit = "<testsuites name=\"nextest-run\" time=\"9\">\n\
+            <testsuite name=\"crawler-sim::live\" tests=\"2\">\n\
+            <testcase name=\"a\" classname=\"crawler-sim::live\" time=\"1.25\">\n</testcase>\n\
+            <testcase name=\"b\" classname=\"crawler-sim::live\" time=\"0.500\"/></testsuite>\n\
+            <testsuite name=\"crawler-hil\" tests=\"0\"></testsuite></testsuites>";
+        assert_eq!(
+            program_times(junit),
+            [
+                ("crawler-sim::live".to_owned(), Duration::from_millis(1750)),
+                ("crawler-hil".to_owned(), Duration::ZERO)
+            ]
+        );
+    }
+}
