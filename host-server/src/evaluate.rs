@@ -60,7 +60,7 @@ pub struct EvaluateArgs {
     /// File for everything
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Values for a key, like `parameters.chassis.running_v=0.5:1.0:6`; twice for a grid
+    /// Values for a key, like `parameters.chassis.running_v=0.4:0.9:6`; twice for a grid
     #[arg(long, value_name = "KEY=LEAST:MOST:POINTS", conflicts_with_all = ["monte_carlo", "adversarial"])]
     pub sweep: Vec<Axis>,
     /// So many runs, each with parameters of its own, and which of them go with failure

@@ -18,9 +18,9 @@ use crate::replay::ReplayArgs;
 
 /// A swarm of robots, simulated or real: broker, API, control room.
 ///
-/// Every option is also an environment variable (`--log-format` is `TERRACRAWLER_LOG_FORMAT`) and a key
-/// of the file given by `--config` (`log_format`). The command line wins over the environment, that
-/// over the file.
+/// Every option of `up`, `serve`, `sim` and `doctor` is also an environment variable (`--log-format` is
+/// `TERRACRAWLER_LOG_FORMAT`) and a key of the file given by `--config` (`log_format`). The command line
+/// wins over the environment, that over the file.
 #[derive(Debug, Parser)]
 #[command(name = "terracrawler", version)]
 pub struct Cli {
