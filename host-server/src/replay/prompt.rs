@@ -11,7 +11,7 @@ use crawler_sim::world::Pose;
 
 use super::session::Session;
 
-const HELP: &str = "\
+const HELP: &str = "  \
   step [N] [control]     N physics steps (or control periods), then stand still
   run S                  S seconds on; at the pace of `speed`, or as fast as it can
   until S                run to second S of the world

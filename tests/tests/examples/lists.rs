@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use crawler_protocol::{BehaviourName, CommandName, Fleet, Qos, SimulatorCommandName};
-use crawler_protocol::{Topic, TopicFilter};
+use crawler_protocol::{BehaviourName, CommandName, Fleet, Qos, Reason, ResponseStatus};
+use crawler_protocol::{SimulatorCommandName, Topic, TopicFilter};
 use crawler_sim::evaluate::Metric;
 use crawler_sim::scenario::Scenario;
 use crawler_tests::root;
@@ -104,6 +104,83 @@ pub(crate) fn faults(pages: &[Page]) -> Vec<String> {
             .collect(),
         set(BehaviourName::ALL.iter().map(|name| name.name())),
     );
+    let mut keys = programs::fields(
+        &["hal-sim/src/scenario.rs", "hal-sim/src/scenario"],
+        &[
+            "Scenario",
+            "Start",
+            "Ground",
+            "Scatter",
+            "Generate",
+            "Spawn",
+            "SpawnPose",
+            "Line",
+            "Zone",
+            "TimedCommand",
+            "TimedFault",
+            "Goal",
+            "Success",
+            "Difficulty",
+        ],
+    );
+    // Given by the program.
+    keys.remove("detector");
+    let edge = |c: char| !(c.is_ascii_lowercase() || c == '_');
+    let shown: BTreeSet<String> = set(scenarios.text.split(edge));
+    compare("docs/scenarios.md, keys", &keys & &shown, keys);
+    let protocol = named(pages, "docs/protocol.md");
+    compare(
+        "docs/protocol.md, answers",
+        first(&table(protocol, "| status | meaning |")),
+        set(ResponseStatus::ALL.iter().map(|status| status.name())),
+    );
+    compare(
+        "docs/protocol.md, reasons",
+        first(&table(protocol, "| reason | meaning |")),
+        set(Reason::ALL.iter().map(|reason| reason.name())),
+    );
+    for (page, schema) in [
+        ("docs/experiments.md", "NewExperiment"),
+        ("docs/operate.md", "NewFence"),
+    ] {
+        compare(
+            &format!("{page}, fields of {schema}"),
+            first(&table(named(pages, page), "| field | |")),
+            programs::properties(schema),
+        );
+    }
+    let leading = |rows: &[Vec<String>]| -> BTreeSet<String> {
+        let names = first(rows).into_iter();
+        names
+            .filter_map(|name| Some(name.split(' ').next()?.to_owned()))
+            .collect()
+    };
+    compare(
+        "docs/bench.md, options",
+        leading(&table(
+            named(pages, "docs/bench.md"),
+            "| option | meaning |",
+        )),
+        programs::suite_options(),
+    );
+    compare(
+        "docs/debugger.md, commands at the prompt",
+        leading(&table(debugger, "| at the prompt | does |")),
+        programs::prompt(),
+    );
+    for row in table(named(pages, "docs/tls.md"), "| option | variable | key |") {
+        let cells: Vec<_> = row.iter().flat_map(|cell| names(cell)).collect();
+        let key = cells[0].split([' ', '¦']).next().unwrap_or_default();
+        let key = key.trim_start_matches('-').replace('-', "_");
+        compare(
+            "docs/tls.md, an option",
+            set([cells[1].as_str(), &cells[2]]),
+            set([
+                format!("TERRACRAWLER_{}", key.to_uppercase()).as_str(),
+                &key,
+            ]),
+        );
+    }
     let begin = debugger
         .text
         .split_once("\nCommands are ")
@@ -141,7 +218,7 @@ pub(crate) fn faults(pages: &[Page]) -> Vec<String> {
         served,
     );
     faults.extend(layers(named(pages, "README.md")));
-    faults.extend(topics(named(pages, "docs/protocol.md")));
+    faults.extend(topics(protocol));
     faults.extend(words(pages));
     faults
 }

@@ -1,6 +1,7 @@
 //! What the repository has that a command line can name: programs, options, tasks, packages, calls.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::sync::LazyLock;
@@ -216,6 +217,28 @@ pub(crate) fn xtask_options() -> BTreeSet<String> {
     own.chain(bench.into_iter().flatten()).collect()
 }
 
+/// The options of `cargo xtask hil`.
+pub(crate) fn suite_options() -> BTreeSet<String> {
+    HIL.fields["SuiteArguments"].clone()
+}
+
+/// The commands that the prompt of `terracrawler replay` tells of.
+pub(crate) fn prompt() -> BTreeSet<String> {
+    let words = ["replay", "--scenario", "empty", "--interactive"];
+    let mut command = program(&root(), &words.map(str::to_owned));
+    command.stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut child = command.spawn().expect("terracrawler, which cargo built");
+    let mut input = child.stdin.take().expect("a pipe");
+    input.write_all(b"help\nquit\n").expect("it reads");
+    drop(input);
+    let output = child.wait_with_output().expect("it ends");
+    let said = said(&output);
+    // Each stands behind two blanks.
+    let lines = said.lines().filter_map(|line| line.strip_prefix("  "));
+    let words = lines.filter_map(|line| line.split_whitespace().next());
+    words.map(str::to_owned).collect()
+}
+
 static WORKSPACE: LazyLock<Metadata> = LazyLock::new(|| {
     MetadataCommand::new()
         .current_dir(root())
@@ -266,6 +289,28 @@ static INTERFACE: LazyLock<Value> = LazyLock::new(|| {
     let text = std::fs::read(path).expect("host-server/ui/interface.json");
     serde_json::from_slice(&text).expect("JSON")
 });
+
+/// What the fields of these structs are called.
+///
+/// # Panics
+/// When there is no such struct.
+pub(crate) fn fields(places: &[&str], structs: &[&str]) -> BTreeSet<String> {
+    let found: Vec<Sources> = places.iter().map(|place| sources(place)).collect();
+    let of = |name: &&str| {
+        let fields = found.iter().find_map(|sources| sources.fields.get(*name));
+        let fields = fields.unwrap_or_else(|| panic!("{places:?} have no {name}"));
+        let names = fields.iter().map(|field| field.trim_start_matches('-'));
+        names.map(|name| name.replace('-', "_")).collect::<Vec<_>>()
+    };
+    structs.iter().flat_map(of).collect()
+}
+
+/// The fields of a body of the API.
+pub(crate) fn properties(schema: &str) -> BTreeSet<String> {
+    let schema = &INTERFACE["openapi"]["components"]["schemas"][schema];
+    let properties = schema["properties"].as_object();
+    properties.expect("properties").keys().cloned().collect()
+}
 
 /// The names of the messages that have a schema.
 pub(crate) fn schemas() -> BTreeSet<String> {
