@@ -57,9 +57,7 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
 /// When the tool cannot be had, or it finds something.
 pub(crate) fn thorough(examples: u32, seed: u64) -> Outcome {
     let tool = tool()?;
-    // The same features as the tests, so that nothing is built twice.
-    let line = "build --locked --quiet --workspace --all-features --bin terracrawler";
-    run::cargo(&line.split(' ').collect::<Vec<_>>())?;
+    run::build_beside_tests(&["--bin", "terracrawler"])?;
     fuzz(&tool, examples, seed)
 }
 

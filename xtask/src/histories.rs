@@ -92,18 +92,20 @@ fn available(target: &Target) -> Outcome {
 
 /// Builds the program; returns the folder that it lies in.
 fn build(triple: Option<&str>) -> Outcome<PathBuf> {
-    let mut arguments = vec!["build", "--locked", "--quiet", "--package", PROGRAM];
-    let mut folder = run::root().join(run::target_dir());
-    if let Some(triple) = triple {
-        arguments.extend(["--target", triple]);
-        folder.push(triple);
-    }
+    let folder = run::root().join(run::target_dir());
+    let Some(triple) = triple else {
+        run::build_beside_tests(&["--bin", PROGRAM])?;
+        return Ok(folder.join("debug"));
+    };
+    let line = "build --locked --quiet --package";
+    let mut arguments: Vec<&str> = line.split(' ').collect();
+    arguments.extend([PROGRAM, "--target", triple]);
     let linker = [(
         "CARGO_TARGET_RISCV64GC_UNKNOWN_LINUX_GNU_LINKER",
         RISCV_LINKER.program,
     )];
     run::run_with_env(&run::root(), &run::cargo_program(), &arguments, &linker)?;
-    Ok(folder.join("debug"))
+    Ok(folder.join(triple).join("debug"))
 }
 
 fn in_node(program: &Path) -> Outcome<Command> {

@@ -60,6 +60,23 @@ pub(crate) fn build_example(package: &str, example: &str) -> Outcome<PathBuf> {
     Ok(root().join(directory).join(name))
 }
 
+/// Builds `targets` (`--bin NAME`, `--example NAME`) with the features that the whole workspace and its
+/// tests ask for together: after the tests, nothing that they stand on is built once more.
+///
+/// # Errors
+/// When they cannot be built.
+pub(crate) fn build_beside_tests(targets: &[&str]) -> Outcome {
+    // An example, and so no binary alone, brings in what tests ask of dependencies.
+    let words = [
+        "build",
+        "--locked",
+        "--quiet",
+        "--workspace",
+        "--all-features",
+    ];
+    cargo(&[&words[..], &["--example", "sight"], targets].concat())
+}
+
 /// A seed that no run before had, for whoever looks for what is rare. Whoever draws one prints it.
 pub(crate) fn fresh_seed() -> u64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH);

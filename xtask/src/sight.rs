@@ -1,6 +1,6 @@
 //! What the detector sees on the emulated board, against what it sees on this machine.
 
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use crate::boards::VIRT;
 use crate::counts;
@@ -46,12 +46,9 @@ impl Sight {
 
 /// What the same frames show on this machine.
 fn on_host() -> Outcome<String> {
-    let mut command = Command::new(run::cargo_program());
-    command
-        .current_dir(run::root())
-        .args(["run", "--locked", "--quiet", "--package", "crawler-board"])
-        .args(["--example", "sight"])
-        .stderr(Stdio::inherit());
+    run::build_beside_tests(&[])?;
+    let folder = run::root().join(run::target_dir());
+    let command = Command::new(folder.join("debug/examples/sight"));
     run::output_of(command)
         .ok_or_else(|| Failure("the example `sight` of crawler-board fails".to_owned()))
 }

@@ -1,17 +1,14 @@
 //! The tests of accounts, of the audit log, of experiments, of fences and of events once more, with the
 //! records in `PostgreSQL`.
-#![allow(
-    clippy::duplicate_mod,
-    reason = "each file is a test of its own, with its support"
-)]
-
-#[path = "accounts.rs"]
+#[path = "records/accounts.rs"]
 mod accounts;
-#[path = "audit.rs"]
+#[path = "records/audit.rs"]
 mod audit;
-#[path = "events.rs"]
+#[path = "records/events.rs"]
 mod events;
-#[path = "experiments.rs"]
+#[path = "records/experiments.rs"]
 mod experiments;
-#[path = "fences.rs"]
+#[path = "records/fences.rs"]
 mod fences;
+#[path = "records/support/mod.rs"]
+mod support;

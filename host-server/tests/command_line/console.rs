@@ -1,12 +1,10 @@
 //! The console as a person or a script uses it: accounts, credentials, audit log, backups.
 
-mod support;
-
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use support::Scratch;
+use crate::scratch::Scratch;
 
 const PASSWORD: &str = "correct horse battery";
 

@@ -1,14 +1,12 @@
 //! A running server takes up what the console revokes, within seconds.
 
-mod support;
-
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use support::Scratch;
+use crate::scratch::Scratch;
 
 /// The server looks every five seconds.
 const SECONDS: Duration = Duration::from_secs(20);

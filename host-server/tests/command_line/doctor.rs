@@ -1,14 +1,12 @@
 //! The doctor, on a place that is well and on places where one thing is broken.
 
-mod support;
-
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use support::Scratch;
+use crate::scratch::Scratch;
 
 fn program() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_terracrawler"));

@@ -1,12 +1,10 @@
 //! The program as a person starts it: what it says when it cannot, and how it ends.
 
-mod support;
-
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use support::Scratch;
+use crate::scratch::Scratch;
 
 fn program() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_terracrawler"));

@@ -1,17 +1,13 @@
 //! Accounts over HTTP: how they come to be, change and go.
 
-#[path = "support/mqtt.rs"]
-mod mqtt;
-mod support;
-
 use std::time::Duration;
 
+use crate::support::closed::{ADMIN, Login, OPERATOR, PASSWORD, VIEWER};
+use crate::support::mqtt::Closed;
+use crate::support::{Fixture, Scratch};
 use crawler_server::config::Role;
 use hyper::Method;
-use mqtt::Closed;
 use serde_json::{Value, json};
-use support::closed::{ADMIN, Login, OPERATOR, PASSWORD, VIEWER};
-use support::{Fixture, Scratch};
 
 /// The code of an invitation's address.
 #[track_caller]

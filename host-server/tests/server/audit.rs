@@ -1,11 +1,9 @@
 //! The audit log: everything that somebody does is in it, and nothing of it can be taken out.
 
-mod support;
-
+use crate::support::closed::{ADMIN, OPERATOR, PASSWORD, VIEWER};
+use crate::support::{Fixture, eventually};
 use hyper::Method;
 use serde_json::{Value, json};
-use support::closed::{ADMIN, OPERATOR, PASSWORD, VIEWER};
-use support::{Fixture, eventually};
 
 /// The newest entry of an action.
 #[track_caller]

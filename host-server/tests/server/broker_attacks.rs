@@ -1,17 +1,13 @@
 //! A client that has a place at a closed broker and wants everything else, and clients that have
 //! none.
 
-#[path = "support/mqtt.rs"]
-mod mqtt;
-mod support;
-
 use std::time::{Duration, Instant};
 
+use crate::support::eventually;
+use crate::support::mqtt::{Client, Closed, PASSWORD};
 use crawler_access::Role;
-use mqtt::{Client, Closed, PASSWORD};
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{ConnectReturnCode, PubAckReason, SubscribeReasonCode};
-use support::eventually;
 
 /// Every topic of a fleet for a robot, and some that are none.
 fn topics(fleet: &str, robot: &str) -> Vec<String> {

@@ -1,17 +1,13 @@
 //! The table of who may publish and subscribe what, held against the embedded broker by clients
 //! that log in and try.
 
-#[path = "support/mqtt.rs"]
-mod mqtt;
-mod support;
-
+use crate::support::mqtt::{Client, Closed, PASSWORD};
+use crate::support::{Fixture, eventually};
 use crawler_access::Role;
 use crawler_access::topics::{Act, Row, TABLE, Who};
 use crawler_server::config::{Broker, Layer, Role as Part, Settings};
 use crawler_server::server::Robots;
-use mqtt::{Client, Closed, PASSWORD};
 use rumqttc::v5::mqttbytes::v5::{ConnectReturnCode, PubAckReason, SubscribeReasonCode};
-use support::{Fixture, eventually};
 
 /// Everybody who can be, each with its place in the table.
 struct Everybody(Vec<(&'static str, Who, Option<&'static str>, Client)>);

@@ -1,11 +1,9 @@
 //! Every call of the contract, with what goes wrong, against a robot made of an MQTT client.
 
-mod support;
-
+use crate::support::{Fixture, eventually};
 use crawler_protocol::{Action, Reason, ResponseStatus};
 use hyper::Method;
 use serde_json::json;
-use support::{Fixture, eventually};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn robots_are_told_as_they_are() {

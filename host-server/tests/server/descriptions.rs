@@ -1,13 +1,11 @@
 //! What the server says about itself: descriptions, problem documents, health, pages.
 
-mod support;
-
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use crate::support::Fixture;
 use hyper::Method;
 use serde_json::{Map, Value, json};
-use support::Fixture;
 
 /// What the types of the control room are generated from, by `npm run generate`.
 #[tokio::test(flavor = "multi_thread")]

@@ -1,16 +1,14 @@
 //! Experiments over HTTP: from a recipe to numbers, which are those of the console.
 
-mod support;
-
 use std::sync::atomic::AtomicBool;
 
+use crate::support::closed::{ADMIN, OPERATOR, VIEWER};
+use crate::support::{Fixture, eventually};
 use crawler_server::config::Role;
 use crawler_sim::evaluate::{Evaluation, Job, run_all};
 use crawler_sim::scenario::Scenario;
 use hyper::Method;
 use serde_json::{Value, json};
-use support::closed::{ADMIN, OPERATOR, VIEWER};
-use support::{Fixture, eventually};
 
 const ALL: &str = "/api/v1/experiments";
 
@@ -39,13 +37,13 @@ async fn one(fixture: &Fixture, id: &str) -> Value {
     answer.json()
 }
 
-async fn act(fixture: &Fixture, id: &str, action: &str) -> support::Answer {
+async fn act(fixture: &Fixture, id: &str, action: &str) -> crate::support::Answer {
     fixture
         .call(Method::POST, &format!("{ALL}/{id}/{action}"), &[], "")
         .await
 }
 
-async fn delete(fixture: &Fixture, id: &str) -> support::Answer {
+async fn delete(fixture: &Fixture, id: &str) -> crate::support::Answer {
     let path = format!("{ALL}/{id}");
     fixture.call(Method::DELETE, &path, &[], "").await
 }

@@ -1,11 +1,9 @@
 //! Breaking robots on purpose, over HTTP.
 
-mod support;
-
+use crate::support::{Fixture, status};
 use hyper::Method;
 use rumqttc::v5::mqttbytes::QoS;
 use serde_json::json;
-use support::{Fixture, status};
 
 const DEAD: &str = r#"{"fault":{"fault":"ranger-dead"},"lasting_ms":5000}"#;
 

@@ -1,15 +1,13 @@
 //! Fences: put up by requests, watched over robots, and felt by them.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{Answer, FakeRobot, Fixture, Scratch, eventually, settings};
 use crawler_protocol::Action;
 use crawler_server::server::Server;
 use futures_util::StreamExt as _;
 use hyper::Method;
 use serde_json::{Value, json};
-use support::{Answer, FakeRobot, Fixture, Scratch, eventually, settings};
 use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 

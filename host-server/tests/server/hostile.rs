@@ -1,12 +1,10 @@
 //! Bad input over MQTT: each has a clear answer and leaves everything else running.
 
-mod support;
-
 use std::time::{Duration, Instant};
 
+use crate::support::{FakeRobot, Fixture, eventually, heartbeat, status, telemetry};
 use rumqttc::v5::mqttbytes::QoS;
 use serde_json::Value;
-use support::{FakeRobot, Fixture, eventually, heartbeat, status, telemetry};
 
 /// The value of a metric, 0 where it is not there yet.
 async fn metric(fixture: &Fixture, name: &str) -> f64 {

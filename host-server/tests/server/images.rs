@@ -1,11 +1,9 @@
 //! Images, from robots made of an MQTT client and from simulated ones.
 
-mod support;
-
+use crate::support::{FakeRobot, Fixture, Scratch, eventually, settings};
 use hyper::Method;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::PublishProperties;
-use support::{FakeRobot, Fixture, Scratch, eventually, settings};
 
 use crawler_server::config::{Layer, Role, Settings};
 use crawler_server::server::Server;

@@ -1,13 +1,11 @@
 //! Commands that meet a robot or a broker that is away.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{FakeRobot, Fixture, eventually};
 use crawler_protocol::{Action, ResponseStatus};
 use crawler_server::server::Server;
 use serde_json::json;
-use support::{FakeRobot, Fixture, eventually};
 
 const SET: &str = r#"{"command":"set","parameters":{"safe_distance_mm":420}}"#;
 const MOVE: &str =

@@ -1,14 +1,12 @@
 //! The live feed over a real WebSocket.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{Fixture, Scratch, eventually, telemetry};
 use crawler_records::{NewExperiment, Records};
 use crawler_server::config::{Layer, Role};
 use futures_util::{SinkExt as _, StreamExt as _};
 use serde_json::Value;
-use support::{Fixture, Scratch, eventually, telemetry};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::{Error, Message};

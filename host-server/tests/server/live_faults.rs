@@ -1,13 +1,11 @@
 //! Simulated robots of a running world, broken and mended over HTTP.
 
-mod support;
-
 use std::time::{Duration, Instant};
 
+use crate::support::{Answer, Fixture, eventually};
 use hyper::Method;
 use rumqttc::v5::mqttbytes::QoS;
 use serde_json::Value;
-use support::{Answer, Fixture, eventually};
 
 /// A world of two robots that are online, over a radio or without one.
 async fn world(radio: bool) -> Fixture {

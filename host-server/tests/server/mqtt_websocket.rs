@@ -1,25 +1,17 @@
 //! MQTT over WebSocket, with real MQTT clients behind a bridge of this test's own.
 
-#[path = "support/mqtt.rs"]
-mod mqtt;
-mod support;
-// Those who serve TLS themselves use more of it.
-#[allow(dead_code)]
-#[path = "support/tls.rs"]
-mod tls;
-
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use crate::support::mqtt::{Client, Closed, PASSWORD, refused};
+use crate::support::{Answer, Fixture, eventually, telemetry};
 use crawler_access::Role;
 use crawler_server::config::TlsMode;
 use futures_util::{SinkExt as _, StreamExt as _};
 use hyper::Method;
-use mqtt::{Client, Closed, PASSWORD, refused};
 use rumqttc::v5::MqttOptions;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{ConnectReturnCode, PubAckReason, SubscribeReasonCode};
-use support::{Answer, Fixture, eventually, telemetry};
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;

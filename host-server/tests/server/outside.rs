@@ -1,10 +1,8 @@
 //! A broker that is not ours, and that goes away.
 
-mod support;
-
+use crate::support::{FakeRobot, Fixture, Scratch, eventually};
 use crawler_server::config::BrokerUrl;
 use crawler_server::server::{Server, StartError};
-use support::{FakeRobot, Fixture, Scratch, eventually};
 
 /// The embedded broker of one server serves as the outside broker of another.
 async fn elsewhere(port: Option<u16>) -> Fixture {

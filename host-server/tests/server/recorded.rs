@@ -1,15 +1,13 @@
 //! What was: where robots were, in which arena, and what happened, as far back as it is recorded.
 
-mod support;
-
 use std::collections::BTreeSet;
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use crate::support::closed::VIEWER;
+use crate::support::{Answer, FakeRobot, Fixture, eventually, telemetry};
 use crawler_server::config::Role;
 use hyper::Method;
 use serde_json::Value;
-use support::closed::VIEWER;
-use support::{Answer, FakeRobot, Fixture, eventually, telemetry};
 
 fn now() -> u64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH);

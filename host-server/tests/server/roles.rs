@@ -1,12 +1,10 @@
 //! Who may call what, call by call: the OpenAPI document says what there is, and each of it is tried
 //! by nobody, by people whose role is too low, and by the lowest role that may.
 
-mod support;
-
+use crate::support::Fixture;
+use crate::support::closed::{ADMIN, OPERATOR, VIEWER};
 use hyper::Method;
 use serde_json::Value;
-use support::Fixture;
-use support::closed::{ADMIN, OPERATOR, VIEWER};
 
 /// Calls that anybody may make.
 const ANYBODY: &[&str] = &[

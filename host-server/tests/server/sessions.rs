@@ -1,14 +1,12 @@
 //! Sessions: opened, refreshed, stolen, ended; and the live feed's tickets.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::Fixture;
+use crate::support::closed::{ADMIN, Login, OPERATOR, PASSWORD, VIEWER};
 use futures_util::StreamExt as _;
 use hyper::Method;
 use serde_json::json;
-use support::Fixture;
-use support::closed::{ADMIN, Login, OPERATOR, PASSWORD, VIEWER};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::{Error, Message};

@@ -1,8 +1,6 @@
 //! What robots say they see.
 
-mod support;
-
-use support::{Fixture, eventually};
+use crate::support::{Fixture, eventually};
 
 const PATH: &str = "/api/v1/robots/ada-1";
 

@@ -1,15 +1,13 @@
 //! A simulated world told what to do: by HTTP and by MQTT.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{Fixture, eventually};
 use futures_util::StreamExt as _;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::Packet;
 use rumqttc::v5::{AsyncClient, Event, MqttOptions};
 use serde_json::{Value, json};
-use support::{Fixture, eventually};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::{WebSocketStream, client_async};

@@ -1,14 +1,12 @@
 //! A swarm under the server: who needs to know who is near is told, twice a second, and comes
 //! together for it.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{Fixture, eventually};
 use crawler_protocol::{CellDigest, Topic};
 use rumqttc::v5::mqttbytes::QoS;
 use serde_json::Value;
-use support::{Fixture, eventually};
 
 const EMPTY: &str = "empty";
 

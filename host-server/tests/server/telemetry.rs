@@ -1,19 +1,17 @@
 //! What robots tell is kept, and can be asked for.
 
-mod support;
-
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use crate::support::closed::VIEWER;
+use crate::support::{FakeRobot, Fixture, eventually, telemetry};
 use crawler_protocol::{Telemetry, TelemetryEncoding};
 use crawler_server::config::Role;
 use hyper::Method;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Packet, PublishProperties};
 use rumqttc::v5::{AsyncClient, Event, MqttOptions};
-use support::closed::VIEWER;
-use support::{FakeRobot, Fixture, eventually, telemetry};
 
 fn now() -> u64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH);

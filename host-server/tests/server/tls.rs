@@ -1,17 +1,13 @@
 //! TLS over real connections: whom clients trust, what they get when something is wrong, and how
 //! certificates are replaced.
 
-mod support;
-#[path = "support/tls.rs"]
-mod tls;
-
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use crate::support::tls::{Made, get, make, pipe, shake, trust, trust_in};
+use crate::support::{FakeRobot, Fixture, Scratch, eventually, settings};
 use crawler_server::config::{Layer, Role, Settings, TlsMode};
 use crawler_server::server::{Robots, Server};
-use support::{FakeRobot, Fixture, Scratch, eventually, settings};
-use tls::{Made, get, make, pipe, shake, trust, trust_in};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 

@@ -1,10 +1,8 @@
 //! Settings, users, invitations, sessions and credentials do what they say, and refuse the rest.
 
-mod support;
-
+use crate::support::{Folder, digest, memory, name, open, user};
 use crawler_access::Role;
 use crawler_records::{MAX_SESSIONS, MAX_SETTING, RecordsError, Refreshed};
-use support::{Folder, digest, memory, name, open, user};
 
 const DAY: i64 = 24 * 3_600_000;
 

@@ -1,10 +1,8 @@
 //! The audit log keeps what it was told, shows it page by page, and notices when it was changed.
 
-mod support;
-
+use crate::support::{Folder, entry, memory, on_postgres, open};
 use crawler_records::{Broken, Entry, Records, RecordsError};
 use serde_json::{Value, json};
-use support::{Folder, entry, memory, on_postgres, open};
 
 async fn fill(records: &Records, count: i64) {
     for n in 1..=count {

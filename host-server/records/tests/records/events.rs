@@ -1,13 +1,11 @@
 //! Events come back page by page, each once, and not for ever; arenas by their time.
 
-mod support;
-
+use crate::support::{Folder, memory, on_postgres, open, robot};
 use crawler_records::{
     Event, EventLevel, EventQuery, EventRetention, MAX_ARENA, MAX_EVENT_TEXT, Records,
     RecordsError, StoredEvent,
 };
 use proptest::prelude::*;
-use support::{Folder, memory, on_postgres, open, robot};
 
 fn event(at: i64, level: EventLevel, of: Option<usize>, text: &str) -> Event {
     Event {

@@ -1,12 +1,10 @@
 //! Experiments and their trials, as a server keeps them.
 
-mod support;
-
+use crate::support::{Folder, memory, on_postgres, open};
 use crawler_records::{
     ExperimentState, MAX_EXPERIMENTS, MAX_TRIALS, NewExperiment, NewTrials, Records, RecordsError,
     StoredTrial,
 };
-use support::{Folder, memory, on_postgres, open};
 
 use ExperimentState::{Completed, Created, Failed, Paused, Running, Stopped};
 

@@ -1,17 +1,15 @@
 //! Files that are damaged, foreign, newer or in use are refused with a reason, and left as they are;
 //! backups come back.
 
-mod support;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::support::{Folder, digest, entry, memory, now, open, robot, sample, user};
 use crawler_access::Role;
 use crawler_records::history::HISTORY_FILE;
 use crawler_records::{RECORDS_FILE, Records, RecordsError, Refreshed};
 use sqlx::Connection as _;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
-use support::{Folder, digest, entry, memory, now, open, robot, sample, user};
 
 async fn execute(file: &Path, sql: &'static str) {
     let options = SqliteConnectOptions::new()

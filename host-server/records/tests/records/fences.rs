@@ -1,9 +1,7 @@
 //! Fences are kept, changed and forgotten, each under a name of its own.
 
-mod support;
-
+use crate::support::{Folder, fence, memory, open};
 use crawler_records::{KeptFence, MAX_FENCES, RecordsError};
-use support::{Folder, fence, memory, open};
 
 #[tokio::test]
 async fn fences_outlive_the_process_oldest_first() {

@@ -1,13 +1,11 @@
 //! Frames of many robots are what each robot's points are, whatever level and stage they are in.
 
-mod support;
-
 use std::collections::BTreeSet;
 
+use crate::support::{Folder, memory, now, open, robot, sample};
 use crawler_protocol::RobotId;
 use crawler_records::history::{Frame, History, MAX_FRAMES, Recorded, Track};
 use crawler_records::{Records, RecordsError};
-use support::{Folder, memory, now, open, robot, sample};
 
 const HOUR: i64 = 3_600_000;
 /// Robots with a history.

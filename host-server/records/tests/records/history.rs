@@ -1,11 +1,9 @@
 //! The history answers what a simple list would, whatever level and stage the samples are in.
 
-mod support;
-
+use crate::support::{Folder, memory, now, open, robot, sample};
 use crawler_protocol::{RobotId, RobotState};
 use crawler_records::RecordsError;
 use crawler_records::history::{Full, MAX_ROBOTS, Point, QUEUE, Retention, Sample};
-use support::{Folder, memory, now, open, robot, sample};
 
 const HOUR: i64 = 3_600_000;
 

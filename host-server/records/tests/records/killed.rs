@@ -1,16 +1,14 @@
 //! A server that is killed at any moment has everything that it acknowledged when it starts again.
 
-mod support;
-
 use std::collections::HashMap;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use crate::support::{Folder, digest, entry, now, robot, sample};
 use crawler_access::Digest;
 use crawler_records::Records;
-use support::{Folder, digest, entry, now, robot, sample};
 
 /// Names the directory to the process that is to be killed.
 const DIRECTORY: &str = "RECORDS_TO_BE_KILLED";
@@ -86,7 +84,7 @@ struct Acknowledged {
 /// Runs the child and kills it `after` its start; adds what it acknowledged.
 fn run_and_kill(folder: &Folder, after: Duration, known: &mut Acknowledged) {
     let mut child = Command::new(std::env::current_exe().expect("this test"))
-        .args(["child", "--exact", "--ignored", "--nocapture"])
+        .args(["killed::child", "--exact", "--ignored", "--nocapture"])
         .env(DIRECTORY, folder.path())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())

@@ -1,18 +1,16 @@
 //! Records move from one engine to the other and back, and stay what they are; and the way to a
 //! database may be checked by certificates.
 
-mod support;
-
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use crate::support::{Folder, digest, entry, fence, name, now, robot, user};
 use crawler_access::Role;
 use crawler_records::{
     Event, EventLevel, EventQuery, NewExperiment, NewTrials, Records, RecordsError, Refreshed,
     StoredTrial,
 };
 use crawler_tests::engines::postgres::Postgres;
-use support::{Folder, digest, entry, fence, name, now, robot, user};
 
 const HOUR: i64 = 3_600_000;
 

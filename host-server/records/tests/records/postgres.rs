@@ -1,18 +1,16 @@
 //! A database that is gone, hangs, is of somebody else or damaged.
 
-mod support;
-
 use std::io::{Read as _, Write as _};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use crate::support::{entry, name, user};
 use crawler_access::Role;
 use crawler_records::{Records, RecordsError};
 use crawler_tests::engines::postgres::{PASSWORD, Postgres, QUOTED, USER};
 use sqlx::Connection as _;
-use support::{entry, name, user};
 
 /// More than any call may take, on a machine that has much else to do.
 const LONG: Duration = Duration::from_secs(30);

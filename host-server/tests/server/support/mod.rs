@@ -1,11 +1,16 @@
 //! A server on ports of its own, an HTTP client, and a robot made of an MQTT client alone.
-// Every test file uses another part of this, and none of it is anybody else's.
-#![allow(dead_code, unreachable_pub)]
+#![allow(
+    unreachable_pub,
+    reason = "what tests share is public to them and nobody else"
+)]
 
 pub mod closed;
+pub mod mqtt;
+mod scratch;
+pub mod tls;
 
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, Ordering};
+pub use scratch::Scratch;
+
 use std::time::{Duration, Instant};
 
 use crawler_protocol::{Command, Reason, Response, ResponseStatus, RobotId};
@@ -20,24 +25,6 @@ use rumqttc::v5::mqttbytes::v5::{LastWill, Packet, Publish};
 use rumqttc::v5::{AsyncClient, Event, EventLoop, MqttOptions};
 use serde_json::Value;
 use tokio::sync::mpsc;
-
-/// A directory that goes away with the value.
-pub struct Scratch(pub PathBuf);
-
-impl Scratch {
-    pub fn new() -> Self {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        let number = COUNT.fetch_add(1, Ordering::Relaxed);
-        let name = format!("crawler-server-{}-{number}", std::process::id());
-        Self(std::env::temp_dir().join(name))
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 pub struct Fixture {
     pub server: Server,

@@ -1,6 +1,4 @@
 //! Clients of a closed broker, and the accounts they log in with.
-// Every test file uses another part of this, and none of it is anybody else's.
-#![allow(dead_code, unreachable_pub)]
 
 use std::time::Duration;
 

@@ -1,6 +1,5 @@
 //! Certificates, and clients that encrypt.
 // Nobody else's, as the rest of the support.
-#![allow(unreachable_pub)]
 
 use std::io;
 use std::net::SocketAddr;

@@ -1,0 +1,15 @@
+//! The records in SQLite, what moves between engines, and what takes an engine of its own.
+
+mod support;
+
+mod accounts;
+mod audit;
+mod events;
+mod experiments;
+mod faults;
+mod fences;
+mod frames;
+mod history;
+mod killed;
+mod moves;
+mod postgres;

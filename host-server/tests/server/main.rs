@@ -1,0 +1,29 @@
+//! A server as its users meet it, over HTTP, MQTT and WebSocket. One program, since each would take the
+//! better part of a minute to link.
+
+mod support;
+
+mod accounts;
+mod audit;
+mod broker_attacks;
+mod broker_rules;
+mod contract;
+mod descriptions;
+mod experiments;
+mod faults;
+mod fences;
+mod hostile;
+mod images;
+mod link;
+mod live;
+mod live_faults;
+mod mqtt_websocket;
+mod outside;
+mod recorded;
+mod roles;
+mod sessions;
+mod sight;
+mod simulator;
+mod swarm;
+mod telemetry;
+mod tls;
