@@ -3,6 +3,7 @@
 #[cfg(feature = "live")]
 pub(crate) mod live;
 pub mod lockstep;
+pub(crate) mod network;
 mod none;
 #[cfg(feature = "live")]
 pub mod proxy;

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_hal::{LinkMonitor, LinkState, NetError, Network};
-use crawler_tls::{Authority, Buffers, Secured, Security};
+use crawler_tls::{Authority, Buffers, Secured, SecuredStream, Security};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use getrandom::SysRng;
 use rand_core::UnwrapErr;
@@ -32,8 +32,14 @@ const OPENING: usize = 64;
 /// ends the session: MQTT 5, section 3.14; reason 0x04, session expiry interval 0.
 const GOODBYE: [u8; 9] = [0xE0, 7, 0x04, 5, 0x11, 0, 0, 0, 0];
 
-/// A robot's way, over TLS.
-pub(crate) type SecuredNetwork<T> = Secured<LiveNetwork, UnwrapErr<SysRng>, Box<Buffers>, T>;
+/// Tells the seconds since 1970, once they are known.
+pub(crate) type UnixClock = Box<dyn Fn() -> Option<u64>>;
+
+/// A way over TLS where the world has an authority, and in the clear where it has none.
+pub(crate) type SecuredNetwork = Secured<LiveNetwork, UnwrapErr<SysRng>, Box<Buffers>, UnixClock>;
+
+/// A connection over it.
+pub(crate) type SecuredLiveStream<'a> = SecuredStream<'a, LiveStream>;
 
 /// The way of all robots of one live world to one broker. A handle.
 #[derive(Clone, Debug)]
@@ -98,24 +104,16 @@ impl Gateway {
         }
     }
 
-    /// Puts TLS over `network` when there is an authority; gives it back when there is none. `clock`
-    /// tells the seconds since 1970, once they are known.
-    pub(crate) fn secure<T: Fn() -> Option<u64>>(
-        &self,
-        network: LiveNetwork,
-        clock: T,
-    ) -> Result<SecuredNetwork<T>, LiveNetwork> {
-        let Some(authority) = self.shared.authority else {
-            return Err(network);
-        };
-        let security = Security {
+    /// Puts TLS over `network` when there is an authority.
+    pub(crate) fn secure(&self, network: LiveNetwork, clock: UnixClock) -> SecuredNetwork {
+        let security = self.shared.authority.map(|authority| Security {
             authority,
             // Keys are no part of what a seed names: nobody may be able to guess them.
             rng: UnwrapErr(SysRng),
             buffers: Box::new(Buffers::new()),
             clock,
-        };
-        Ok(Secured::new(network, Some(security)))
+        });
+        Secured::new(network, security)
     }
 
     /// The same for what is no robot: it has a wire, and does not count as connected.

@@ -30,6 +30,7 @@ use rust_mqtt::client::options::{
 use rust_mqtt::config::KeepAlive;
 use rust_mqtt::types::{MqttBinary, MqttString, TopicFilter, TopicName};
 
+use super::live::SecuredNetwork;
 use crate::run::compose_fix;
 use crate::sched::SimClock;
 
@@ -192,7 +193,7 @@ pub(crate) async fn run(
     fleet: Fleet,
     credentials: Option<Credentials>,
     outlet: Rc<Outlet>,
-    mut network: impl Network,
+    mut network: SecuredNetwork,
     host: heapless::String<64>,
     clock: SimClock,
 ) {
@@ -223,7 +224,7 @@ async fn session(
     fleet: &Fleet,
     credentials: Option<&Credentials>,
     outlet: &Outlet,
-    (network, host): (&mut impl Network, &str),
+    (network, host): (&mut SecuredNetwork, &str),
     clock: &SimClock,
 ) -> Option<Infallible> {
     let soon = || clock.now() + PATIENCE;

@@ -1,10 +1,13 @@
 //! One robot's program in its body.
 
+#[cfg(feature = "recording")]
+mod either;
+
 use std::pin::Pin;
 use std::rc::Rc;
 
 use crawler_app::{Blank, Config, Geometry, Hold, ImageSlot, Robot, Room};
-use crawler_hal::{Body, Camera, Clock as _, Duration, Network, Parts};
+use crawler_hal::{Body, Clock as _, Duration, Parts};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use rand_core::Rng;
 use rand_pcg::Pcg32;
@@ -20,8 +23,12 @@ use super::{
     },
 };
 use crate::devices::BodyParts;
+use crate::net::network::SimNetwork;
 use crate::sched::{Scheduler, SimClock, TaskId};
 use crate::world::Chassis;
+
+#[cfg(feature = "recording")]
+pub(super) use either::{Either, EitherBody};
 
 /// The shared context of a simulated robot: everything runs on one thread.
 pub type SimRobot = Robot<NoopRawMutex>;
@@ -90,24 +97,27 @@ pub(super) struct Program {
 }
 
 /// Runs the activities of `robot` on `parts`, as a board does at boot.
-pub(super) fn start<N: Network + 'static>(
+pub(super) fn start(
     sched: &mut Scheduler,
     robot: &Rc<SimRobot>,
     parts: BodyParts,
-    network: N,
+    network: SimNetwork,
     mind: Option<&Rc<Mind>>,
 ) -> Program {
     let ranger_after = parts.ranger_after;
     #[cfg(feature = "recording")]
-    if let Some((deck, number)) = parts.flash.deck() {
-        let life = Life::of(robot.config(), &parts);
-        let tape = deck.insert(number, life, &parts.clock);
-        tape.watch(robot);
-        let parts = recording::tap::tap(parts.with_network(network), &tape);
+    {
+        let tape = parts.flash.deck().map(|(deck, number)| {
+            let tape = deck.insert(number, Life::of(robot.config(), &parts), &parts.clock);
+            tape.watch(robot);
+            tape
+        });
+        let parts = recording::tap::tap(parts.with_network(network), tape.as_ref());
         let mut program = launch(sched, robot, parts, ranger_after, mind);
-        program.tape = Some(tape);
-        return program;
+        program.tape = tape;
+        program
     }
+    #[cfg(not(feature = "recording"))]
     launch(
         sched,
         robot,
@@ -117,47 +127,22 @@ pub(super) fn start<N: Network + 'static>(
     )
 }
 
-/// The same for a robot that reaches its broker by `network`, over TLS where the world has an
-/// authority.
-#[cfg(feature = "live")]
-pub(super) fn start_live(
-    sched: &mut Scheduler,
-    robot: &Rc<SimRobot>,
-    parts: BodyParts,
-    gateway: &crate::net::live::Gateway,
-    mind: Option<&Rc<Mind>>,
-) -> Program {
-    let network = gateway.network(robot.config().id.as_str());
-    let (own, clock) = (Rc::clone(robot), parts.clock.clone());
-    let unix = move || own.unix_ms(clock.now()).map(|ms| ms / 1_000);
-    match gateway.secure(network, unix) {
-        Ok(network) => start(sched, robot, parts, network, mind),
-        Err(network) => start(sched, robot, parts, network, mind),
-    }
-}
+/// What a program runs on. There is one type of it, whatever the devices and the network are: the
+/// program is compiled once for each.
+#[cfg(feature = "recording")]
+type ProgramBody = EitherBody;
+#[cfg(not(feature = "recording"))]
+type ProgramBody = crate::devices::SimBody<SimNetwork>;
 
-/// Runs the activities of `robot` on any body in virtual time, the one of the ranger
-/// `ranger_after` the others.
-pub(super) fn launch<B>(
+/// Runs the activities of `robot` on a body in virtual time, the one of the ranger `ranger_after`
+/// the others.
+pub(super) fn launch(
     sched: &mut Scheduler,
     robot: &Rc<SimRobot>,
-    parts: Parts<B>,
+    parts: Parts<ProgramBody>,
     ranger_after: Duration,
     mind: Option<&Rc<Mind>>,
-) -> Program
-where
-    B: Body<Clock = SimClock, Rng = Pcg32>,
-    B::Pwm: 'static,
-    B::Pin: 'static,
-    B::Uart: 'static,
-    B::Trigger: 'static,
-    B::Echo: 'static,
-    B::Battery: 'static,
-    B::Camera: 'static,
-    B::Flash: 'static,
-    B::Network: 'static,
-    B::System: 'static,
-{
+) -> Program {
     let Parts {
         clock,
         left,
@@ -213,12 +198,12 @@ where
 }
 
 /// Runs the link and the camera activity, which share a buffer.
-fn start_camera<K: Camera + 'static, N: Network + 'static>(
+fn start_camera(
     sched: &mut Scheduler,
     robot: &Rc<SimRobot>,
-    camera: K,
+    camera: <ProgramBody as Body>::Camera,
     eyes: Option<SimEyes>,
-    network: N,
+    network: <ProgramBody as Body>::Network,
     rng: Pcg32,
     clock: &SimClock,
 ) -> [TaskId; 2] {

@@ -6,7 +6,7 @@
 //! the ranger, published messages, resets. From the first difference on the two are different
 //! robots, and what the devices of one say means nothing to the other; so that is what is told.
 
-mod body;
+pub(super) mod body;
 mod compare;
 mod play;
 mod read;

@@ -325,18 +325,9 @@ impl Simulation {
             let fleet = self.fleet.clone();
             let credentials = self.broker.credentials.clone();
             let (host, clock) = (self.broker.host.clone(), clock.world());
-            self.messenger = Some(match gateway.secure(network, || None) {
-                Ok(network) => {
-                    let client =
-                        crate::net::tracker::run(fleet, credentials, outlet, network, host, clock);
-                    self.sched.spawn(client)
-                }
-                Err(network) => {
-                    let client =
-                        crate::net::tracker::run(fleet, credentials, outlet, network, host, clock);
-                    self.sched.spawn(client)
-                }
-            });
+            let network = gateway.secure(network, Box::new(|| None));
+            let client = crate::net::tracker::run(fleet, credentials, outlet, network, host, clock);
+            self.messenger = Some(self.sched.spawn(client));
         }
     }
 

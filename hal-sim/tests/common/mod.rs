@@ -9,6 +9,7 @@ use crawler_protocol::{Action, BehaviourSpec, Direction, Response, ResponseStatu
 use crawler_sim::net::lockstep::Origin;
 use crawler_sim::run::Simulation;
 use crawler_sim::scenario::Scenario;
+use crawler_sim::world::PHYSICS_STEP;
 
 pub(crate) fn scenario(name: &str, robots: u32) -> Scenario {
     Scenario::built_in(name).unwrap().with_robots(robots)
@@ -61,28 +62,40 @@ pub(crate) fn duty(simulation: &Simulation, robot: usize) -> [i16; 2] {
     simulation.observe(robot).unwrap().duty
 }
 
-/// Lets tenths of a second pass, in none of which a robot may be where anything else is, and
-/// returns how far each went.
+/// Overlap with something fixed that rounding may leave, metres.
+const OVERLAP_M: f32 = 2e-5;
+/// The same of two robots, of which both round.
+const MUTUAL_M: f32 = 5e-5;
+
+/// Lets tenths of a second pass, and returns how far each robot went. In no step of the physics may
+/// a robot be where anything else is, nor go so far that it could have passed through something
+/// between two steps.
 pub(crate) fn travel(simulation: &mut Simulation, tenths: u32) -> Vec<f32> {
     let arena = simulation.world().arena();
-    let radius = simulation.scenario().parameters.chassis.radius_m;
+    let parameters = simulation.scenario().parameters;
+    let radius = parameters.chassis.radius_m;
+    // A push may make a robot a quarter faster than it is by itself.
+    let stride = parameters.top_speed() * 1.25 * PHYSICS_STEP.as_secs_f32() + OVERLAP_M;
+    assert!(stride < radius * 0.5, "the steps are short enough to tell");
     let poses = |simulation: &Simulation| -> Vec<_> {
         let seen = (0..simulation.robots()).map(|robot| simulation.observe(robot).unwrap());
         seen.map(|seen| seen.pose).collect()
     };
     let mut last = poses(simulation);
     let mut travelled = vec![0.0_f32; last.len()];
-    for _ in 0..tenths {
-        simulation.run_for(crawler_hal::Duration::from_millis(100));
+    for _ in 0..tenths * 10 {
+        simulation.run_for(PHYSICS_STEP);
         let now = poses(simulation);
         for (robot, pose) in now.iter().enumerate() {
-            let clear = arena.clearance(pose.x, pose.y);
-            assert!(clear >= radius - 0.001, "{robot} is {clear} m from a wall");
+            let depth = radius - arena.clearance(pose.x, pose.y);
+            assert!(depth <= OVERLAP_M, "{robot} is {depth} m in something");
             for (other, there) in now.iter().enumerate().skip(robot + 1) {
-                let gap = (pose.x - there.x).hypot(pose.y - there.y) - 2.0 * radius;
-                assert!(gap >= -0.001, "{robot} and {other} overlap by {gap} m");
+                let depth = 2.0 * radius - (pose.x - there.x).hypot(pose.y - there.y);
+                assert!(depth <= MUTUAL_M, "{robot} is {depth} m in {other}");
             }
-            travelled[robot] += (pose.x - last[robot].x).hypot(pose.y - last[robot].y);
+            let way = (pose.x - last[robot].x).hypot(pose.y - last[robot].y);
+            assert!(way <= stride, "{robot} went {way} m in a step");
+            travelled[robot] += way;
         }
         last = now;
     }

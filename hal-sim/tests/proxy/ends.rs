@@ -3,12 +3,13 @@
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::mpsc::channel;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use crawler_sim::net::lockstep::LinkModel;
 use crawler_sim::net::proxy::{Proxy, ProxyConfig, ProxyError};
 
-use super::{QUICK, echo, exchange, hello, proxy, robot, server, setup};
+use super::port::refusing;
+use super::{LIMIT, QUICK, echo, exchange, hello, proxy, robot, server, setup};
 
 #[test]
 fn ends_and_resets_reach_the_other_side() {
@@ -28,7 +29,7 @@ fn ends_and_resets_reach_the_other_side() {
     assert_eq!(answer, all.to_be_bytes());
     // A server that drops the connection with something unread resets it.
     let rude = server(|stream| {
-        std::thread::sleep(Duration::from_millis(100));
+        assert_eq!(stream.peek(&mut [0]).unwrap(), 1);
         drop(stream);
     });
     let through = proxy(rude, setup(QUICK, None));
@@ -39,11 +40,8 @@ fn ends_and_resets_reach_the_other_side() {
         matches!(&ended, Err(error) if error.kind() == ErrorKind::ConnectionReset),
         "{ended:?}"
     );
-    // Nobody listens there.
-    let nowhere = TcpListener::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap();
+    // Nobody listens there, and nobody else can.
+    let (_kept, nowhere) = refusing();
     let through = proxy(nowhere, setup(QUICK, None));
     let mut stream = robot(&through, "r", false);
     assert!(stream.read_to_end(&mut rest).is_err());
@@ -52,22 +50,55 @@ fn ends_and_resets_reach_the_other_side() {
 #[test]
 fn a_sender_whose_receiver_does_not_read_waits() {
     let (hold, held) = channel();
-    let deaf = server(move |stream| hold.send(stream).unwrap());
-    let proxy = proxy(deaf, setup(QUICK, None));
-    let mut stream = robot(&proxy, "r", false);
-    let _kept = held.recv().unwrap();
-    stream
-        .set_write_timeout(Some(Duration::from_millis(500)))
-        .unwrap();
-    let mut written = 0_usize;
-    let block = vec![1; 65_536];
-    while let Ok(len) = stream.write(&block) {
-        written += len;
-        assert!(written < 32 << 20, "{written} bytes and no end");
+    // Who says `deaf` is not heard; to the others it answers.
+    let server = server(move |stream| {
+        let mut said = [0; 64];
+        let name = hello("deaf");
+        loop {
+            let len = stream.peek(&mut said).unwrap();
+            if said[..len].starts_with(&name) {
+                return hold.send(stream).unwrap();
+            }
+            if len == 0 || !name.starts_with(&said[..len]) {
+                return echo(stream);
+            }
+        }
+    });
+    let proxy = proxy(server, setup(QUICK, None));
+    let mut stream = robot(&proxy, "deaf", false);
+    let mut receiver = held.recv_timeout(LIMIT).unwrap();
+    let other = robot(&proxy, "other", true);
+    stream.set_nonblocking(true).unwrap();
+    let block: Vec<u8> = (0..65_536_u32).map(|n| (n % 251) as u8).collect();
+    let mut written = Vec::new();
+    // The proxy keeps 64 KiB; the rest is in buffers of the operating system. It is over when
+    // nothing more is taken while others are served for a while.
+    let mut refused = 0;
+    while refused < 20 {
+        match stream.write(&block) {
+            Ok(len) => {
+                written.extend_from_slice(&block[..len]);
+                refused = 0;
+                assert!(written.len() < 32 << 20, "{} and no end", written.len());
+            }
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                refused += 1;
+                for _ in 0..10 {
+                    assert_eq!(exchange(&other, b"marker", 6), b"marker");
+                }
+            }
+            Err(error) => panic!("{error}"),
+        }
     }
-    println!("{written} bytes until the sender had to wait");
-    // The proxy keeps 64 KiB; the rest is in buffers of the operating system.
-    proxy.stop(Duration::ZERO).unwrap();
+    println!("{} bytes until the sender had to wait", written.len());
+    // All of it arrives when the receiver reads after all.
+    drop(stream);
+    let mut all = Vec::new();
+    receiver.set_read_timeout(Some(LIMIT)).unwrap();
+    receiver.read_to_end(&mut all).unwrap();
+    let name = hello("deaf");
+    assert!(all.starts_with(&name));
+    assert!(all[name.len()..] == written, "{} bytes", all.len());
 }
 
 #[test]
@@ -98,23 +129,25 @@ fn what_is_under_way_arrives_before_the_end() {
         latency_ms: 200.0,
         ..QUICK
     };
-    let (told, heard) = channel();
+    let (tell, told) = channel();
     let sink = server(move |mut stream| {
-        let mut all = Vec::new();
+        let mut all = vec![0; hello("r").len()];
+        stream.read_exact(&mut all).unwrap();
+        tell.send(all.clone()).unwrap();
         let _ = stream.read_to_end(&mut all);
-        told.send(all).unwrap();
+        tell.send(all).unwrap();
     });
     let taken = proxy(sink, setup(link, None));
     let address = taken.address();
     let mut stream = robot(&taken, "r", false);
-    std::thread::sleep(Duration::from_millis(800));
+    assert_eq!(told.recv_timeout(LIMIT).unwrap(), hello("r"));
     stream.write_all(b"goodbye").unwrap();
     drop(stream);
     let begun = Instant::now();
-    taken.stop(Duration::from_secs(5)).unwrap();
+    taken.stop(5 * LIMIT).unwrap();
     let took = begun.elapsed();
-    assert!(took < Duration::from_secs(2), "{took:?}");
-    let all = heard.recv_timeout(Duration::from_secs(1)).unwrap();
+    assert!(took < LIMIT, "nothing is left to wait for: {took:?}");
+    let all = told.recv_timeout(LIMIT).unwrap();
     assert!(all.ends_with(b"goodbye"));
     assert!(TcpStream::connect(address).is_err());
 }

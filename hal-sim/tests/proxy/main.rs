@@ -1,18 +1,26 @@
 //! The bad network for real byte streams, on loopback and in real time.
+//!
+//! What a radio delays, carries and shares out is tested in virtual time, beside the code. Here it
+//! is only ever said that something comes, and that it does not come too early: a busy machine may
+//! be late.
 #![cfg(feature = "live")]
 
 mod ends;
+#[path = "../common/port.rs"]
+mod port;
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
 use crawler_sim::net::lockstep::{Cut, LinkModel};
-use crawler_sim::net::proxy::{Proxy, ProxyConfig};
-use crawler_sim::net::radio::{AccessPoint, Partition, Radio, Setup};
+use crawler_sim::net::proxy::{Proxy, ProxyConfig, ProxyMetrics};
+use crawler_sim::net::radio::{AccessPoint, Radio, Setup};
 use crawler_sim::world::RadioFigures;
 use proptest::prelude::*;
+
+/// For anything that has to come, on the slowest machine.
+const LIMIT: Duration = Duration::from_mins(2);
 
 /// A link that costs next to nothing.
 const QUICK: LinkModel = LinkModel {
@@ -82,9 +90,7 @@ fn hello(name: &str) -> Vec<u8> {
 fn robot(proxy: &Proxy, name: &str, echoes: bool) -> TcpStream {
     let mut stream = TcpStream::connect(proxy.address()).unwrap();
     stream.set_nodelay(true).unwrap();
-    stream
-        .set_read_timeout(Some(Duration::from_secs(20)))
-        .unwrap();
+    stream.set_read_timeout(Some(LIMIT)).unwrap();
     let hello = hello(name);
     stream.write_all(&hello).unwrap();
     if echoes {
@@ -110,6 +116,30 @@ fn exchange(stream: &TcpStream, bytes: &[u8], piece: usize) -> Vec<u8> {
     })
 }
 
+/// Waits until the figures of a proxy are as they should become.
+fn until(proxy: &Proxy, what: &str, reached: impl Fn(&ProxyMetrics) -> bool) {
+    let begun = Instant::now();
+    loop {
+        let metrics = proxy.metrics();
+        if reached(&metrics) {
+            return;
+        }
+        assert!(begun.elapsed() < LIMIT, "{what}: {metrics:?}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// How many bytes a stream has to read at once, up to four; it is not waited for any.
+fn ready(stream: &TcpStream) -> usize {
+    stream.set_nonblocking(true).unwrap();
+    let peeked = stream.peek(&mut [0; 4]);
+    stream.set_nonblocking(false).unwrap();
+    match peeked {
+        Err(error) if error.kind() == ErrorKind::WouldBlock => 0,
+        other => other.unwrap(),
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
 
@@ -130,96 +160,68 @@ proptest! {
             .map(|n| (n as u8).wrapping_mul(31).wrapping_add(seed) ^ (n >> 8) as u8)
             .collect();
         prop_assert_eq!(exchange(&stream, &bytes, piece), bytes);
-        proxy.stop(Duration::ZERO).unwrap();
+        drop(stream);
+        proxy.stop(LIMIT).unwrap();
     }
 }
 
 #[test]
-fn words_take_their_time_and_lost_ones_longer() {
+fn no_word_is_early_and_lost_ones_come_later() {
     let link = LinkModel {
         latency_ms: 20.0,
         ..QUICK
     };
-    let times = |link| {
+    let times = |link| -> Vec<f64> {
         let proxy = proxy(server(echo), setup(link, None));
         let stream = robot(&proxy, "r", true);
-        let mut times: Vec<f64> = (0..40)
+        (0..40)
             .map(|n| {
                 let begun = Instant::now();
                 assert_eq!(exchange(&stream, &[n], 1), [n]);
                 begun.elapsed().as_secs_f64()
             })
-            .collect();
-        times.sort_by(f64::total_cmp);
-        times
+            .collect()
     };
     let calm = times(link);
-    // Both ways; a timer of this machine ticks a thousand times a second.
-    assert!(calm[0] >= 0.040, "{calm:?}");
-    assert!(calm[20] < 0.055, "{calm:?}");
+    // Both ways.
+    assert!(calm.iter().all(|&s| s >= 0.040), "{calm:?}");
     let lossy = times(LinkModel {
         loss: 0.3,
         retransmit_ms: 50.0,
         ..link
     });
-    // Seven in ten get through at once, so half of all there and back.
+    // Seven in ten get through at once, so half of all there and back. Which ones are lost is drawn
+    // from the seed.
     let late = lossy.iter().filter(|&&s| s >= 0.089).count();
-    assert!((10..=31).contains(&late), "{late} of 40: {lossy:?}");
+    assert!(late >= 10, "{late} of 40: {lossy:?}");
 }
 
-/// What a link at the slowest scheme carries, bytes in a second: 6.5 Mbit/s, segments of 1460
-/// bytes with 90 around them and an acknowledgement of 90, 180 µs around each frame. One frame
-/// in ten is lost and sent again.
-const WEAK_RATE: f64 = 0.9 * 1_460.0 / (2.0 * 180e-6 + (1_460.0 + 180.0) * 8.0 / 6.5e6);
-
-fn weak() -> Setup {
+#[test]
+fn a_weak_radio_takes_all_the_time_that_the_bytes_of_all_need() {
+    /// What a link at the slowest scheme carries, bytes in a second: 6.5 Mbit/s, segments of 1460
+    /// bytes with 90 around them and an acknowledgement of 90, 180 µs around each frame. One
+    /// frame in ten is lost and sent again.
+    const WEAK_RATE: f64 = 0.9 * 1_460.0 / (2.0 * 180e-6 + (1_460.0 + 180.0) * 8.0 / 6.5e6);
+    const BYTES: usize = 60_000;
     let mut setup = setup(QUICK, Some(Radio::default()));
     // Just as strong as it takes.
     setup.link.rssi_dbm = -90;
     setup.figures.noise_db = 2.6;
-    setup
-}
-
-#[test]
-fn a_radio_gives_what_it_has_and_shares_it() {
-    let setup = weak();
-    for robots in [1, 4] {
-        let (told, heard) = channel();
-        let sink = server(move |mut stream| {
-            let mut buffer = vec![0; 65_536];
-            let mut total = 0_u64;
-            let begun = Instant::now();
-            while begun.elapsed() < Duration::from_secs(4) {
-                match stream.read(&mut buffer) {
-                    Ok(0) | Err(_) => break,
-                    Ok(len) => total += len as u64,
-                }
-            }
-            told.send(total as f64 / begun.elapsed().as_secs_f64())
-                .unwrap();
-        });
-        let proxy = proxy(sink, setup.clone());
-        let robots: Vec<_> = (0..robots)
-            .map(|n| {
-                let mut stream = robot(&proxy, &format!("r{n}"), false);
-                std::thread::spawn(move || while stream.write_all(&[7; 8_192]).is_ok() {})
-            })
-            .collect();
-        let rates: Vec<f64> = (0..robots.len()).map(|_| heard.recv().unwrap()).collect();
-        proxy.stop(Duration::ZERO).unwrap();
-        for robot in robots {
-            robot.join().unwrap();
+    let proxy = proxy(server(echo), setup);
+    let streams: Vec<TcpStream> = (0..4)
+        .map(|n| robot(&proxy, &format!("r{n}"), true))
+        .collect();
+    let said: Vec<u8> = (0..BYTES).map(|n| (n / 7) as u8).collect();
+    let begun = Instant::now();
+    std::thread::scope(|scope| {
+        for stream in &streams {
+            scope.spawn(|| assert_eq!(exchange(stream, &said, 8_192), said));
         }
-        let total: f64 = rates.iter().sum();
-        assert!(
-            (0.9..1.1).contains(&(total / WEAK_RATE)),
-            "{total:.0} of {WEAK_RATE:.0}: {rates:?}"
-        );
-        for rate in &rates {
-            let share = rate * rates.len() as f64 / total;
-            assert!((0.85..1.15).contains(&share), "{rates:?}");
-        }
-    }
+    });
+    let took = begun.elapsed().as_secs_f64();
+    // There and back.
+    let least = (2 * BYTES * streams.len()) as f64 / WEAK_RATE;
+    assert!(took >= 0.9 * least, "{took} s, and not {least} s");
 }
 
 #[test]
@@ -231,7 +233,6 @@ fn two_hundred_robots_are_served_and_those_beyond_the_limit_are_not() {
         ..QUICK
     };
     let proxy = proxy(server(echo), setup(link, None));
-    let begun = Instant::now();
     let streams: Vec<TcpStream> = std::thread::scope(|scope| {
         let proxy = &proxy;
         let all: Vec<_> = (0..4)
@@ -255,7 +256,6 @@ fn two_hundred_robots_are_served_and_those_beyond_the_limit_are_not() {
             assert_eq!(heard, [round; 200]);
         }
     }
-    assert!(begun.elapsed() < Duration::from_secs(15));
     let metrics = proxy.metrics();
     assert_eq!((metrics.connections, metrics.stations), (200, 200));
     assert!(metrics.up_bytes > 200_000 && metrics.down_bytes == metrics.up_bytes);
@@ -263,19 +263,16 @@ fn two_hundred_robots_are_served_and_those_beyond_the_limit_are_not() {
     let more: Vec<TcpStream> = (0..130)
         .map(|_| TcpStream::connect(proxy.address()).unwrap())
         .collect();
-    let begun = Instant::now();
-    while proxy.metrics().refused < 30 && begun.elapsed() < Duration::from_secs(5) {
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    until(&proxy, "everybody is served or turned away", |metrics| {
+        metrics.accepted + metrics.refused == 330
+    });
     assert_eq!(proxy.metrics().refused, 30);
     assert_eq!(exchange(&streams[0], &[1, 2, 3], 3), [1, 2, 3]);
     drop(more);
     drop(streams);
-    let begun = Instant::now();
-    while proxy.metrics().connections > 0 && begun.elapsed() < Duration::from_secs(5) {
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    assert_eq!(proxy.metrics().connections, 0);
+    until(&proxy, "all connections end", |metrics| {
+        metrics.connections == 0
+    });
 }
 
 #[test]
@@ -287,27 +284,25 @@ fn a_cut_link_holds_everything_until_it_heals_and_the_robot_can_know() {
     assert_eq!(signal.borrow().cut, Cut::None);
     proxy.cut("r", Cut::Radio);
     assert_eq!(signal.borrow().cut, Cut::Radio);
+    let before = proxy.metrics();
     stream.write_all(b"held").unwrap();
     // Who comes now waits for the link, and says no more than its name.
     let mut late = TcpStream::connect(proxy.address()).unwrap();
-    late.set_read_timeout(Some(Duration::from_secs(10)))
-        .unwrap();
+    late.set_read_timeout(Some(LIMIT)).unwrap();
     late.write_all(&hello("r")).unwrap();
-    assert_eq!(exchange(&other, b"free", 4), b"free");
-    stream
-        .set_read_timeout(Some(Duration::from_millis(300)))
-        .unwrap();
+    until(&proxy, "the proxy has taken the connection", |metrics| {
+        metrics.accepted == 3
+    });
+    // One thread serves all, and what is said later by another one has come and gone.
+    for _ in 0..20 {
+        assert_eq!(exchange(&other, b"free", 4), b"free");
+    }
+    let metrics = proxy.metrics();
+    assert_eq!(metrics.up_bytes - before.up_bytes, 80, "nothing is held");
+    assert_eq!((ready(&stream), ready(&late)), (0, 0));
     let mut heard = [0; 4];
-    let error = stream.read_exact(&mut heard).unwrap_err();
-    assert!(
-        matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut),
-        "{error}"
-    );
     proxy.cut("r", Cut::None);
     assert_eq!(signal.borrow().cut, Cut::None);
-    stream
-        .set_read_timeout(Some(Duration::from_secs(10)))
-        .unwrap();
     stream.read_exact(&mut heard).unwrap();
     assert_eq!(&heard, b"held");
     let mut name = vec![0; hello("r").len()];
@@ -320,7 +315,7 @@ fn a_cut_link_holds_everything_until_it_heals_and_the_robot_can_know() {
 }
 
 #[test]
-fn range_and_partitions_are_those_of_the_scenario() {
+fn who_is_in_range_is_heard_and_who_is_not_is_told() {
     let radio = Radio {
         access_points: vec![AccessPoint {
             x: 0.0,
@@ -328,14 +323,7 @@ fn range_and_partitions_are_those_of_the_scenario() {
             channel: 1,
             attenuation_db: 40.0,
         }],
-        partitions: vec![Partition {
-            from_s: 0.5,
-            until_s: 1.5,
-            region: None,
-            access_point: None,
-            share: 1.0,
-            known: false,
-        }],
+        partitions: Vec::new(),
     };
     let proxy = proxy(server(echo), setup(QUICK, Some(radio)));
     proxy.place([
@@ -345,16 +333,16 @@ fn range_and_partitions_are_those_of_the_scenario() {
     ]);
     assert_eq!(proxy.signal("near").borrow().rssi_dbm, -62);
     assert_eq!(proxy.signal("far").borrow().cut, Cut::Radio);
-    let stream = robot(&proxy, "near", true);
-    let begun = Instant::now();
-    let mut longest = Duration::ZERO;
-    while begun.elapsed() < Duration::from_millis(2_500) {
-        let sent = Instant::now();
-        assert_eq!(exchange(&stream, b"x", 1), b"x");
-        longest = longest.max(sent.elapsed());
+    let near = robot(&proxy, "near", true);
+    let mut far = TcpStream::connect(proxy.address()).unwrap();
+    far.write_all(&hello("far")).unwrap();
+    until(&proxy, "the proxy has taken the connection", |metrics| {
+        metrics.accepted == 2
+    });
+    for _ in 0..20 {
+        assert_eq!(exchange(&near, b"x", 1), b"x");
     }
-    assert!(
-        (0.9..1.5).contains(&longest.as_secs_f64()),
-        "held for {longest:?}"
-    );
+    let said = (hello("near").len() + 20) as u64;
+    assert_eq!(proxy.metrics().up_bytes, said, "nothing of the other one");
+    assert_eq!(ready(&far), 0);
 }

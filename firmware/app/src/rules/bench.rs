@@ -308,15 +308,6 @@ impl Bench {
         Ok(out)
     }
 
-    /// One turn without the observer, for measuring.
-    pub(super) fn bare_step(&mut self, now: Instant) {
-        self.reading.sight = Some((Sight::Clear, now));
-        self.robot.reading.lock(|cell| cell.set(self.reading));
-        self.now = now;
-        self.pilot
-            .turn(&self.robot, None, false, &mut self.rng, now);
-    }
-
     fn judge(&mut self, out: &Outputs) -> Result<(), TestCaseError> {
         let snapshot = self.robot.snapshot();
         let ramp = 0.05 * ((self.now - self.last_turn).as_secs_f32() / 0.02).min(1.0);

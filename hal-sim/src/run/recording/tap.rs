@@ -1,44 +1,41 @@
 //! Devices that tell a tape what passes through them, and change nothing about it.
 //!
 //! A tap polls the device inside it and nothing else, so that a recorded history is the same as
-//! one that is not.
+//! one that is not. Every device has one, with a tape or without: a program over devices without
+//! would be compiled once more.
 
 mod network;
 mod ranger;
 
 use core::convert::Infallible;
-use core::marker::PhantomData;
 use std::rc::Rc;
 
 use crawler_hal::{
-    Adc, Body, Camera, FrameFormat, Millivolts, MotorPort, Network, Parts, RangerPort, ResetCause,
-    System,
+    Adc, Camera, FrameFormat, Millivolts, MotorPort, Parts, RangerPort, ResetCause, System,
 };
 use embedded_hal::digital::{self, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use embedded_storage_async::nor_flash::{self, MultiwriteNorFlash, NorFlash, ReadNorFlash};
-use rand_pcg::Pcg32;
+use embedded_storage_async::nor_flash::{self, NorFlash, ReadNorFlash};
 
 use super::tape::{Flash, Lens, Output, Tape, What, Writer, millivolts};
 use crate::devices::{
-    FlashError, LensError, SimBody, SimCamera, SimEcho, SimFlash, SimGauge, SimPin, SimPwm,
-    SimSystem, SimTrigger, SimUart,
+    FlashError, LensError, SimBody, SimCamera, SimFlash, SimPin, SimPwm, SimSystem,
 };
+use crate::net::network::SimNetwork;
 use crate::run::journal::Payload;
-use crate::sched::SimClock;
+use crate::run::machine::{Either, EitherBody};
 
-/// A device and the tape it tells.
+/// A device and the tape it tells, if any.
 #[derive(Debug)]
 pub(crate) struct Tap<D> {
     inner: D,
-    tape: Rc<Tape>,
+    tape: Option<Rc<Tape>>,
 }
 
 impl<D> Tap<D> {
-    fn new(inner: D, tape: &Rc<Tape>) -> Self {
-        Self {
-            inner,
-            tape: Rc::clone(tape),
+    fn note(&self, what: impl FnOnce() -> What) {
+        if let Some(tape) = &self.tape {
+            tape.note(what());
         }
     }
 }
@@ -53,17 +50,20 @@ struct Attempt<'a> {
 }
 
 impl<'a> Attempt<'a> {
-    fn new(tape: &'a Tape, writer: Writer) -> Self {
-        Self {
+    /// `None` where there is no tape.
+    fn new(tape: Option<&'a Rc<Tape>>, writer: Writer) -> Option<Self> {
+        tape.map(|tape| Self {
             tape,
             writer,
             begun: tape.now(),
             over: false,
-        }
+        })
     }
 
-    fn over(mut self) {
+    /// It was not given up: hands out the tape, and when the attempt began.
+    fn over(mut self) -> (&'a Tape, u64) {
         self.over = true;
+        (self.tape, self.begun)
     }
 }
 
@@ -80,30 +80,19 @@ impl Drop for Attempt<'_> {
 pub(crate) struct Wired<D> {
     inner: D,
     output: Output,
-    tape: Rc<Tape>,
+    tape: Option<Rc<Tape>>,
 }
 
-/// A simulated body with a tap on every device.
-#[derive(Debug)]
-pub(crate) struct TappedBody<N>(PhantomData<N>);
-
-impl<N: Network> Body for TappedBody<N> {
-    type Clock = SimClock;
-    type Pwm = Wired<SimPwm>;
-    type Pin = Wired<SimPin>;
-    type Uart = Tap<SimUart>;
-    type Trigger = Tap<SimTrigger>;
-    type Echo = Tap<SimEcho>;
-    type Battery = Tap<SimGauge>;
-    type Camera = Tap<SimCamera>;
-    type Flash = Tap<SimFlash>;
-    type Network = Tap<N>;
-    type System = Tap<SimSystem>;
-    type Rng = Pcg32;
+impl<D> Wired<D> {
+    fn note(&self, value: u8) {
+        if let Some(tape) = &self.tape {
+            tape.set(self.output, value);
+        }
+    }
 }
 
-/// Puts a tap on every device of a body.
-pub(crate) fn tap<N: Network>(parts: Parts<SimBody<N>>, tape: &Rc<Tape>) -> Parts<TappedBody<N>> {
+/// Puts a tap on every device of a body, off where there is no tape.
+pub(crate) fn tap(parts: Parts<SimBody<SimNetwork>>, tape: Option<&Rc<Tape>>) -> Parts<EitherBody> {
     use Output::{Lamp, LeftDuty, LeftIn1, LeftIn2, RightDuty, RightIn1, RightIn2};
     let motor = |port: MotorPort<SimPwm, SimPin>, outputs: [Output; 3]| MotorPort {
         enable: wired(port.enable, outputs[0], tape),
@@ -115,28 +104,35 @@ pub(crate) fn tap<N: Network>(parts: Parts<SimBody<N>>, tape: &Rc<Tape>) -> Part
         left: motor(parts.left, [LeftDuty, LeftIn1, LeftIn2]),
         right: motor(parts.right, [RightDuty, RightIn1, RightIn2]),
         ranger: match parts.ranger {
-            RangerPort::Uart(uart) => RangerPort::Uart(Tap::new(uart, tape)),
+            RangerPort::Uart(uart) => RangerPort::Uart(tapped(uart, tape)),
             RangerPort::Pulse { trigger, echo } => RangerPort::Pulse {
-                trigger: Tap::new(trigger, tape),
-                echo: Tap::new(echo, tape),
+                trigger: tapped(trigger, tape),
+                echo: tapped(echo, tape),
             },
         },
         lamp: wired(parts.lamp, Lamp, tape),
-        battery: Tap::new(parts.battery, tape),
-        camera: Tap::new(parts.camera, tape),
-        flash: Tap::new(parts.flash, tape),
-        network: Tap::new(parts.network, tape),
-        system: Tap::new(parts.system, tape),
+        battery: tapped(parts.battery, tape),
+        camera: tapped(parts.camera, tape),
+        flash: tapped(parts.flash, tape),
+        network: tapped(parts.network, tape),
+        system: tapped(parts.system, tape),
         rng: parts.rng,
     }
 }
 
-fn wired<D>(inner: D, output: Output, tape: &Rc<Tape>) -> Wired<D> {
-    Wired {
+fn tapped<D, P>(inner: D, tape: Option<&Rc<Tape>>) -> Either<Tap<D>, P> {
+    Either::Simulated(Tap {
+        inner,
+        tape: tape.cloned(),
+    })
+}
+
+fn wired<D, P>(inner: D, output: Output, tape: Option<&Rc<Tape>>) -> Either<Wired<D>, P> {
+    Either::Simulated(Wired {
         inner,
         output,
-        tape: Rc::clone(tape),
-    }
+        tape: tape.cloned(),
+    })
 }
 
 impl<D: pwm::ErrorType> pwm::ErrorType for Wired<D> {
@@ -150,7 +146,7 @@ impl<D: SetDutyCycle> SetDutyCycle for Wired<D> {
 
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), D::Error> {
         self.inner.set_duty_cycle(duty)?;
-        self.tape.set(self.output, duty.min(255) as u8);
+        self.note(duty.min(255) as u8);
         Ok(())
     }
 }
@@ -162,13 +158,13 @@ impl<D: digital::ErrorType> digital::ErrorType for Wired<D> {
 impl<D: OutputPin> OutputPin for Wired<D> {
     fn set_low(&mut self) -> Result<(), D::Error> {
         self.inner.set_low()?;
-        self.tape.set(self.output, 0);
+        self.note(0);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), D::Error> {
         self.inner.set_high()?;
-        self.tape.set(self.output, 1);
+        self.note(1);
         Ok(())
     }
 }
@@ -178,7 +174,7 @@ impl<D: Adc> Adc for Tap<D> {
 
     async fn read(&mut self) -> Result<Millivolts, D::Error> {
         let result = self.inner.read().await;
-        self.tape.note(What::Battery(millivolts(&result)));
+        self.note(|| What::Battery(millivolts(&result)));
         result
     }
 }
@@ -205,15 +201,16 @@ impl Camera for Tap<SimCamera> {
 
     async fn capture(&mut self, frame: &mut [u8]) -> Result<(), LensError> {
         let result = self.inner.capture(frame).await;
-        let picture = result.map(|()| Payload::new(frame)).map_err(lens);
-        self.tape.note(What::Picture(picture));
+        self.note(|| What::Picture(result.map(|()| Payload::new(frame)).map_err(lens)));
         result
     }
 
     async fn still(&mut self, jpeg: &mut [u8]) -> Result<usize, LensError> {
         let result = self.inner.still(jpeg).await;
-        let picture = result.map(|length| Payload::new(jpeg.get(..length).unwrap_or(jpeg)));
-        self.tape.note(What::Picture(picture.map_err(lens)));
+        self.note(|| {
+            let picture = result.map(|length| Payload::new(jpeg.get(..length).unwrap_or(jpeg)));
+            What::Picture(picture.map_err(lens))
+        });
         result
     }
 }
@@ -228,27 +225,38 @@ impl System for Tap<SimSystem> {
     }
 
     fn feed_watchdog(&mut self) {
-        self.tape.look();
+        if let Some(tape) = &self.tape {
+            tape.look();
+        }
         self.inner.feed_watchdog();
     }
 
     async fn reset(&mut self) -> Infallible {
-        self.tape.note(What::Reset);
+        self.note(|| What::Reset);
         self.inner.reset().await
     }
 }
 
 impl Tap<SimFlash> {
+    /// The number of the operation that begins; none where nobody counts.
+    fn operation(&self) -> Option<u64> {
+        self.tape.as_ref().map(|tape| tape.flash_operation())
+    }
+
     /// Operations take no time and mostly succeed; what they read is known from what was written.
-    fn noted<T>(&self, number: u64, result: Result<T, FlashError>) -> Result<T, FlashError> {
-        if let Err(error) = &result {
+    fn noted<T>(
+        &self,
+        number: Option<u64>,
+        result: Result<T, FlashError>,
+    ) -> Result<T, FlashError> {
+        if let (Err(error), Some(number)) = (&result, number) {
             let refused = match error {
                 FlashError::NotAligned => Flash::NotAligned,
                 FlashError::OutOfBounds => Flash::OutOfBounds,
                 FlashError::NotErased => Flash::NotErased,
                 FlashError::PowerLost => Flash::PowerLost,
             };
-            self.tape.note(What::FlashRefused(number, refused));
+            self.note(|| What::FlashRefused(number, refused));
         }
         result
     }
@@ -262,7 +270,7 @@ impl ReadNorFlash for Tap<SimFlash> {
     const READ_SIZE: usize = SimFlash::READ_SIZE;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
-        let number = self.tape.flash_operation();
+        let number = self.operation();
         let result = self.inner.read(offset, bytes).await;
         self.noted(number, result)
     }
@@ -277,16 +285,14 @@ impl NorFlash for Tap<SimFlash> {
     const ERASE_SIZE: usize = SimFlash::ERASE_SIZE;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
-        let number = self.tape.flash_operation();
+        let number = self.operation();
         let result = self.inner.erase(from, to).await;
         self.noted(number, result)
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        let number = self.tape.flash_operation();
+        let number = self.operation();
         let result = self.inner.write(offset, bytes).await;
         self.noted(number, result)
     }
 }
-
-impl MultiwriteNorFlash for Tap<SimFlash> {}

@@ -6,55 +6,38 @@ use std::future::pending;
 use std::rc::Rc;
 
 use crawler_hal::{
-    Adc, Body, Camera, FrameFormat, LinkMonitor, LinkState, Millivolts, MotorPort, NetError,
-    Network, Parts, RangerPort, ResetCause, System,
+    Adc, Camera, FrameFormat, LinkMonitor, LinkState, Millivolts, MotorPort, NetError, Network,
+    Parts, RangerPort, ResetCause, System,
 };
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use embedded_hal_async::digital::Wait;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
-use embedded_storage_async::nor_flash::{self, MultiwriteNorFlash, NorFlash, ReadNorFlash};
-use rand_pcg::Pcg32;
+use embedded_storage_async::nor_flash::{self, NorFlash, ReadNorFlash};
 
 use super::stage::{Stage, failed};
-use crate::devices::{CAMERA_SIDE, Chip, FlashError, LensError, MAX_DUTY, SimFlash};
+use crate::devices::{
+    CAMERA_SIDE, Chip, DutyError, FlashError, GaugeError, LensError, MAX_DUTY, SimFlash, UartError,
+};
 use crate::run::journal::Payload;
+use crate::run::machine::{Either, EitherBody};
 use crate::run::recording::life::Life;
 use crate::run::recording::tape::{Flash, Lens, Output, What, Writer};
 use crate::sched::SimClock;
 use crate::world::Wiring;
 
-/// See the [module](self).
-#[derive(Debug)]
-pub(super) struct PlayedBody;
-
-impl Body for PlayedBody {
-    type Clock = SimClock;
-    type Pwm = Played;
-    type Pin = Played;
-    type Uart = Line;
-    type Trigger = Line;
-    type Echo = Line;
-    type Battery = Line;
-    type Camera = Line;
-    type Flash = PlayedFlash;
-    type Network = Line;
-    type System = PlayedSystem;
-    type Rng = Pcg32;
-}
-
 /// The body that a program of this life starts on.
-pub(super) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<PlayedBody> {
+pub(super) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<EitherBody> {
     use Output::{Lamp, LeftDuty, LeftIn1, LeftIn2, RightDuty, RightIn1, RightIn2};
     let line = || Line(Rc::clone(stage));
-    let played = |output| Played {
+    let output = |output| Played {
         output,
         stage: Rc::clone(stage),
     };
     let motor = |outputs: [Output; 3]| MotorPort {
-        enable: played(outputs[0]),
-        in1: played(outputs[1]),
-        in2: played(outputs[2]),
+        enable: Either::Played(output(outputs[0])),
+        in1: Either::Played(output(outputs[1])),
+        in2: Either::Played(output(outputs[2])),
     };
     let chip = Rc::new(RefCell::new(Chip::of_image(&life.flash)));
     Parts {
@@ -62,38 +45,38 @@ pub(super) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<P
         left: motor([LeftDuty, LeftIn1, LeftIn2]),
         right: motor([RightDuty, RightIn1, RightIn2]),
         ranger: match life.wiring {
-            Wiring::Uart => RangerPort::Uart(line()),
+            Wiring::Uart => RangerPort::Uart(Either::Played(line())),
             Wiring::Pulse => RangerPort::Pulse {
-                trigger: line(),
-                echo: line(),
+                trigger: Either::Played(line()),
+                echo: Either::Played(line()),
             },
         },
-        lamp: played(Lamp),
-        battery: line(),
-        camera: line(),
-        flash: PlayedFlash {
+        lamp: Either::Played(output(Lamp)),
+        battery: Either::Played(line()),
+        camera: Either::Played(line()),
+        flash: Either::Played(PlayedFlash {
             inner: SimFlash::open(&chip),
             stage: Rc::clone(stage),
-        },
-        network: line(),
-        system: PlayedSystem {
+        }),
+        network: Either::Played(line()),
+        system: Either::Played(PlayedSystem {
             cause: life.cause(),
             panic: life.panic.clone(),
             stage: Rc::clone(stage),
-        },
+        }),
         rng: life.rng.clone(),
     }
 }
 
 /// An output that leads nowhere.
 #[derive(Debug)]
-pub(super) struct Played {
+pub(crate) struct Played {
     output: Output,
     stage: Rc<Stage>,
 }
 
 impl pwm::ErrorType for Played {
-    type Error = crate::devices::DutyError;
+    type Error = DutyError;
 }
 
 impl SetDutyCycle for Played {
@@ -102,7 +85,7 @@ impl SetDutyCycle for Played {
     }
 
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Self::Error> {
-        let duty = u8::try_from(duty).map_err(|_| crate::devices::DutyError)?;
+        let duty = u8::try_from(duty).map_err(|_| DutyError)?;
         self.stage.tape.set(self.output, duty);
         Ok(())
     }
@@ -127,42 +110,24 @@ impl OutputPin for Played {
 /// A device that says its lines: the ranger by line or by pins, the battery, the camera, the
 /// network.
 #[derive(Debug)]
-pub(super) struct Line(Rc<Stage>);
-
-/// The device was broken at this moment when it was recorded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Broken;
-
-impl core::fmt::Display for Broken {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("it was broken when it was recorded")
-    }
-}
-
-impl core::error::Error for Broken {}
-
-impl embedded_io_async::Error for Broken {
-    fn kind(&self) -> ErrorKind {
-        ErrorKind::ConnectionReset
-    }
-}
+pub(crate) struct Line(Rc<Stage>);
 
 impl ErrorType for Line {
-    type Error = Broken;
+    type Error = UartError;
 }
 
 impl Read for Line {
-    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, Broken> {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, UartError> {
         if buf.is_empty() {
             return Ok(0);
         }
         let taken = self.0.bytes(buf, |script| &mut script.heard).await;
-        taken.ok_or(Broken)
+        taken.ok_or(UartError)
     }
 }
 
 impl Write for Line {
-    async fn write(&mut self, buf: &[u8]) -> Result<usize, Broken> {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, UartError> {
         let begun = self.0.tape.now();
         let taken = self.0.take(Writer::Ask, buf.len()).await;
         let asked = What::Asked {
@@ -172,13 +137,13 @@ impl Write for Line {
         };
         self.0.tape.note_at(begun, asked);
         if taken.broken {
-            Err(Broken)
+            Err(UartError)
         } else {
             Ok(taken.bytes)
         }
     }
 
-    async fn flush(&mut self) -> Result<(), Broken> {
+    async fn flush(&mut self) -> Result<(), UartError> {
         self.0.take(Writer::Flush, 0).await;
         Ok(())
     }
@@ -240,11 +205,11 @@ impl Wait for Line {
 }
 
 impl Adc for Line {
-    type Error = Broken;
+    type Error = GaugeError;
 
-    async fn read(&mut self) -> Result<Millivolts, Broken> {
+    async fn read(&mut self) -> Result<Millivolts, GaugeError> {
         let said = self.0.next(|script| &mut script.battery).await;
-        said.map(Millivolts).ok_or(Broken)
+        said.map(Millivolts).ok_or(GaugeError)
     }
 }
 
@@ -289,7 +254,7 @@ impl Camera for Line {
 
 /// A flash with the contents it had, that refuses what it refused.
 #[derive(Debug)]
-pub(super) struct PlayedFlash {
+pub(crate) struct PlayedFlash {
     inner: SimFlash,
     stage: Rc<Stage>,
 }
@@ -338,11 +303,9 @@ impl NorFlash for PlayedFlash {
     }
 }
 
-impl MultiwriteNorFlash for PlayedFlash {}
-
 /// A microcontroller that started for the reason it had.
 #[derive(Debug)]
-pub(super) struct PlayedSystem {
+pub(crate) struct PlayedSystem {
     cause: ResetCause,
     panic: Option<String>,
     stage: Rc<Stage>,
@@ -369,7 +332,7 @@ impl System for PlayedSystem {
 
 /// The radio's word, as it was.
 #[derive(Debug, Clone)]
-pub(super) struct PlayedMonitor(Rc<Stage>);
+pub(crate) struct PlayedMonitor(Rc<Stage>);
 
 impl LinkMonitor for PlayedMonitor {
     fn state(&self) -> LinkState {
@@ -379,7 +342,7 @@ impl LinkMonitor for PlayedMonitor {
 
 /// A connection over which comes what came.
 #[derive(Debug)]
-pub(super) struct PlayedStream(Rc<Stage>);
+pub(crate) struct PlayedStream(Rc<Stage>);
 
 impl Network for Line {
     type Stream<'a> = PlayedStream;
@@ -400,32 +363,35 @@ impl Network for Line {
     }
 }
 
+/// What was wrong with a connection is not recorded, and nothing depends on it.
+const BROKEN: ErrorKind = ErrorKind::ConnectionReset;
+
 impl ErrorType for PlayedStream {
-    type Error = Broken;
+    type Error = ErrorKind;
 }
 
 impl Read for PlayedStream {
-    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, Broken> {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, ErrorKind> {
         if buf.is_empty() {
             return Ok(0);
         }
         let taken = self.0.bytes(buf, |script| &mut script.received).await;
-        taken.ok_or(Broken)
+        taken.ok_or(BROKEN)
     }
 }
 
 impl Write for PlayedStream {
-    async fn write(&mut self, buf: &[u8]) -> Result<usize, Broken> {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, ErrorKind> {
         let begun = self.0.tape.now();
         let taken = self.0.take(Writer::Send, buf.len()).await;
         if taken.broken {
-            return Err(Broken);
+            return Err(BROKEN);
         }
         self.0.tape.sent(begun, &buf[..taken.bytes]);
         Ok(taken.bytes)
     }
 
-    async fn flush(&mut self) -> Result<(), Broken> {
+    async fn flush(&mut self) -> Result<(), ErrorKind> {
         Ok(())
     }
 }

@@ -3,12 +3,15 @@
 use std::rc::Rc;
 
 use crawler_app::Config;
+#[cfg(feature = "live")]
+use crawler_hal::Clock as _;
 use crawler_protocol::{Kind, RobotId};
 
 use super::{Machine, Simulation, Way, next_start};
 use crate::devices::BodyParts;
 use crate::net::NoNetwork;
 use crate::net::lockstep::Cut;
+use crate::net::network::SimNetwork;
 use crate::run::error::SimulationError;
 use crate::run::eyes;
 use crate::run::fingerprint::Fingerprint;
@@ -101,12 +104,18 @@ impl Simulation {
         link: usize,
     ) -> Program {
         let (sched, mind) = (&mut self.sched, self.mind.as_ref());
-        match &self.way {
-            Way::None => machine::start(sched, robot, parts, NoNetwork, mind),
-            Way::Lockstep(air) => machine::start(sched, robot, parts, air.rejoin(link), mind),
+        let network = match &self.way {
+            Way::None => SimNetwork::None(NoNetwork),
+            Way::Lockstep(air) => SimNetwork::Lockstep(air.rejoin(link)),
             #[cfg(feature = "live")]
-            Way::Live(gateway) => machine::start_live(sched, robot, parts, gateway, mind),
-        }
+            Way::Live(gateway) => {
+                let (own, clock) = (Rc::clone(robot), parts.clock.clone());
+                let unix = move || own.unix_ms(clock.now()).map(|ms| ms / 1_000);
+                let network = gateway.network(robot.config().id.as_str());
+                SimNetwork::Live(Box::new(gateway.secure(network, Box::new(unix))))
+            }
+        };
+        machine::start(sched, robot, parts, network, mind)
     }
 
     /// Takes a robot out of the world, program and all. Its number is not used again.

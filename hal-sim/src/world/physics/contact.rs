@@ -191,7 +191,8 @@ impl Space {
         let radius = self.parameters.chassis.radius_m;
         let per_step = 1.0 / self.dt;
         let mut add = |normal: Vec2, gap: f32, own: f32| {
-            if gap < self.stride_m {
+            // What comes towards the robot meets it from further away than the robot alone can go.
+            if gap < self.stride_m + own.max(0.0) * self.dt {
                 stops.push(Stop {
                     normal: normal.into_frame(heading),
                     least: own - gap.max(0.0) * per_step,

@@ -137,9 +137,7 @@ proptest! {
                     prop_assert!(depth <= 2e-5, "{depth} m in something fixed, round {round}");
                     for k in 0..space.movers.len() {
                         let depth = reach - space.movers.now(k).separation(place).0;
-                        // A mover does not wait for who has nowhere to go: once in thousands of
-                        // cases 2 mm were seen.
-                        prop_assert!(depth <= 5e-3, "{depth} m in mover {k}, round {round}");
+                        prop_assert!(depth <= 2e-5, "{depth} m in mover {k}, round {round}");
                     }
                     for other in &at[..i] {
                         let depth = 2.0 * reach - place.minus(*other).length();

@@ -79,13 +79,16 @@ fn without_duty_every_robot_comes_to_a_full_stop_and_stays_there() {
 }
 
 #[test]
-fn braking_stops_sooner_than_coasting() {
-    let distance = |duty: u8| {
-        let mut bench = Bench::plain();
+fn a_robot_stops_in_the_way_that_its_shorted_motors_and_friction_make() {
+    // Wheels that do not slide, however hard they brake.
+    let mut parameters = alike();
+    parameters.chassis.grip = 1.5;
+    for duty in [0, 64, 128, 255_u8] {
+        let mut bench = Bench::new(Arena::empty(10.0, 10.0), parameters, 1);
         bench.add(-3.0, 0.0, 0.0);
         bench.drive(0, 255, 255);
         bench.steps(150);
-        let from = bench.see(0).pose.x;
+        let from = bench.see(0);
         let BodyParts { left, right, .. } = &mut bench.parts[0];
         for port in [left, right] {
             port.in1.set_high().expect("infallible");
@@ -93,13 +96,18 @@ fn braking_stops_sooner_than_coasting() {
             port.enable.set_duty_cycle(duty.into()).expect("a duty");
         }
         bench.steps(200);
-        bench.see(0).pose.x - from
-    };
-    let (coast, half, brake) = (distance(0), distance(128), distance(255));
-    // A shorted motor brakes by its own voltage, half the time when half the duty is shorted; dry
-    // friction does the rest in all three.
-    assert!(brake < 0.75 * half, "{brake} {half}");
-    assert!(half < 0.8 * coast, "{half} {coast}");
+        let way = bench.see(0).pose.x - from.pose.x;
+        // A shorted motor brakes by its own voltage, for the share of time in which it is shorted;
+        // grease and dry friction do the rest: m · dv/dt = −d · v − f.
+        let chassis = &parameters.chassis;
+        let shorted = (1.0 - chassis.drag_share) * f32::from(duty) / 255.0;
+        let d = chassis.damping() * (chassis.drag_share + shorted);
+        let f = chassis.running_v * chassis.force_per_amp / chassis.winding_ohm;
+        let m = chassis.mass_kg * 0.5 + chassis.rotor_kg;
+        let time = m / d * (1.0 + from.speed * d / f).ln();
+        let want = m / d * from.speed - f / d * time;
+        assert!((way - want).abs() < 0.001 * want, "{duty}: {way}, {want}");
+    }
 }
 
 #[test]
@@ -114,7 +122,8 @@ fn stiction_holds_a_standing_wheel_that_would_go_on_turning() {
     bench.drive(1, 30, 30);
     bench.steps(300);
     assert!(bench.see(0).speed == 0.0, "it never started");
-    assert!(bench.see(1).speed > 0.005, "it goes on: {:?}", bench.see(1));
+    let (seen, want) = (bench.see(1), settled(&bench, 1, 30));
+    assert!(want > 0.01 && (seen.speed - want).abs() < 2e-4, "{seen:?}");
     bench.drive(0, 60, 60);
     bench.steps(50);
     assert!(bench.see(0).speed > 0.05);
@@ -144,20 +153,25 @@ fn a_heading_stays_within_one_turn() {
     }
 }
 
+/// Speed at which a robot comes to drive with this duty, by the dead band and the top speed at the
+/// voltage that its pack has.
+fn settled(bench: &Bench, robot: usize, duty: u8) -> f32 {
+    let chassis = &bench.world.parameters().chassis;
+    let supply_v = f32::from(bench.see(robot).battery.0) * 1e-3;
+    let band = chassis.dead_band(supply_v);
+    chassis.speed_at(supply_v) * (f32::from(duty) / 255.0 - band) / (1.0 - band)
+}
+
 #[test]
 fn settled_speeds_follow_the_dead_band_and_the_top_speed() {
-    let chassis = Parameters::default().chassis;
     for duty in [60, 90, 128, 200, 255_u8] {
         let mut bench = Bench::plain();
         bench.add(-4.0, 0.0, 0.0);
         bench.drive(0, duty.into(), duty.into());
-        bench.steps(120);
-        let seen = bench.see(0);
-        let supply_v = f32::from(seen.battery.0) * 1e-3;
-        let band = chassis.dead_band(supply_v);
-        let share = (f32::from(duty) / 255.0 - band) / (1.0 - band);
-        let want = chassis.speed_at(supply_v) * share;
-        assert!((seen.speed - want).abs() < 2e-3, "{duty}: {seen:?}, {want}");
+        bench.steps(300);
+        let (seen, want) = (bench.see(0), settled(&bench, 0, duty));
+        assert!((seen.speed - want).abs() < 2e-4, "{duty}: {seen:?}, {want}");
     }
+    let chassis = Parameters::default().chassis;
     assert!(chassis.dead_band(1.0) == 1.0, "too little for any duty");
 }

@@ -58,6 +58,51 @@ fn a_mover_pushes_a_robot_and_is_seen_and_counted() {
     );
 }
 
+/// Each comes up to a stride towards the other in a step, so that together they come further than
+/// either looks ahead for things that stand.
+#[test]
+fn a_robot_and_a_mover_that_drive_at_each_other_never_overlap() {
+    let bodies = [
+        Obstacle::Circle {
+            x: -2.0,
+            y: 0.0,
+            r: 0.2,
+        },
+        Obstacle::Box {
+            x: -2.0,
+            y: 0.0,
+            w: 0.4,
+            h: 0.1,
+            theta: 0.5,
+        },
+    ];
+    for (body, speed) in bodies.iter().flat_map(|body| [(*body, 0.4), (*body, 1.0)]) {
+        // Wherever in a step they meet, and whether squarely or not.
+        for k in 0..40_u8 {
+            let arena = Arena {
+                movers: vec![Mover {
+                    body,
+                    path: vec![[2.0, 0.0]],
+                    speed,
+                }],
+                ..Arena::empty(6.0, 4.0)
+            };
+            let mut fine = Fine::new(arena, alike(), 0.01);
+            let k = f32::from(k);
+            fine.add(1.0 + k * 0.0007, k * 0.005, core::f32::consts::PI);
+            fine.drive(0, 255, 255);
+            let radius = fine.space.parameters.chassis.radius_m;
+            for step in 0..300 {
+                fine.run(0.01);
+                let at = fine.space.bodies.published.at[0];
+                let depth = radius - fine.space.movers.now(0).separation(at).0;
+                assert!(depth <= 2e-5, "{depth} m in {body:?}, {k}, step {step}");
+            }
+            assert_eq!(fine.space.bodies.contacts[0], 1, "they met: {body:?}, {k}");
+        }
+    }
+}
+
 #[test]
 fn a_mover_waits_for_a_robot_at_the_wall_and_goes_on_when_it_has_left() {
     // It wants to go on until 0.1 m before the wall; a robot is 0.17 m wide.

@@ -19,24 +19,26 @@ impl<N: Network> Network for Tap<N> {
     fn monitor(&self) -> Self::Monitor {
         Watched {
             inner: self.inner.monitor(),
-            tape: Rc::clone(&self.tape),
+            tape: self.tape.clone(),
         }
     }
 
     async fn join(&mut self) -> Result<(), NetError> {
         let result = self.inner.join().await;
-        self.tape.note(What::Joined(result.err().map(Net::from)));
+        self.note(|| What::Joined(result.err().map(Net::from)));
         result
     }
 
     async fn connect(&mut self, host: &str, port: u16) -> Result<Self::Stream<'_>, NetError> {
         let result = self.inner.connect(host, port).await;
-        let error = result.as_ref().err().copied().map(Net::from);
-        self.tape.note(What::Connected(error));
-        self.tape.connected();
+        if let Some(tape) = &self.tape {
+            let error = result.as_ref().err().copied().map(Net::from);
+            tape.note(What::Connected(error));
+            tape.connected();
+        }
         Ok(Tapped {
             inner: result?,
-            tape: Rc::clone(&self.tape),
+            tape: self.tape.clone(),
         })
     }
 }
@@ -45,13 +47,15 @@ impl<N: Network> Network for Tap<N> {
 #[derive(Debug, Clone)]
 pub(crate) struct Watched<M> {
     inner: M,
-    tape: Rc<Tape>,
+    tape: Option<Rc<Tape>>,
 }
 
 impl<M: LinkMonitor> LinkMonitor for Watched<M> {
     fn state(&self) -> LinkState {
         let state = self.inner.state();
-        self.tape.link(state);
+        if let Some(tape) = &self.tape {
+            tape.link(state);
+        }
         state
     }
 }
@@ -60,7 +64,7 @@ impl<M: LinkMonitor> LinkMonitor for Watched<M> {
 #[derive(Debug)]
 pub(crate) struct Tapped<S> {
     inner: S,
-    tape: Rc<Tape>,
+    tape: Option<Rc<Tape>>,
 }
 
 impl<S: ErrorType> ErrorType for Tapped<S> {
@@ -70,10 +74,12 @@ impl<S: ErrorType> ErrorType for Tapped<S> {
 impl<S: Read> Read for Tapped<S> {
     async fn read(&mut self, buf: &mut [u8]) -> Result<usize, S::Error> {
         let result = self.inner.read(buf).await;
-        let bytes = result.as_ref().ok().map(|&taken| &buf[..taken]);
-        self.tape.note(What::Received(bytes.map(Payload::new)));
-        if let Some(bytes) = bytes {
-            self.tape.received(self.tape.now(), bytes);
+        if let Some(tape) = &self.tape {
+            let bytes = result.as_ref().ok().map(|&taken| &buf[..taken]);
+            tape.note(What::Received(bytes.map(Payload::new)));
+            if let Some(bytes) = bytes {
+                tape.received(tape.now(), bytes);
+            }
         }
         result
     }
@@ -81,20 +87,20 @@ impl<S: Read> Read for Tapped<S> {
 
 impl<S: Write> Write for Tapped<S> {
     async fn write(&mut self, buf: &[u8]) -> Result<usize, S::Error> {
-        let begun = self.tape.now();
-        let attempt = Attempt::new(&self.tape, Writer::Send);
+        let attempt = Attempt::new(self.tape.as_ref(), Writer::Send);
         let result = self.inner.write(buf).await;
-        attempt.over();
-        let taken = result.as_ref().copied().unwrap_or(0);
-        self.tape.note_at(
-            begun,
-            What::Sent {
-                bytes: taken as u32,
-                done_us: self.tape.done(begun),
-                broken: result.is_err(),
-            },
-        );
-        self.tape.sent(begun, &buf[..taken]);
+        if let Some((tape, begun)) = attempt.map(Attempt::over) {
+            let taken = result.as_ref().copied().unwrap_or(0);
+            tape.note_at(
+                begun,
+                What::Sent {
+                    bytes: taken as u32,
+                    done_us: tape.done(begun),
+                    broken: result.is_err(),
+                },
+            );
+            tape.sent(begun, &buf[..taken]);
+        }
         result
     }
 

@@ -18,36 +18,35 @@ impl ErrorType for Tap<SimUart> {
 impl Read for Tap<SimUart> {
     async fn read(&mut self, buf: &mut [u8]) -> Result<usize, UartError> {
         let result = self.inner.read(buf).await;
-        let heard = result.ok().map(|taken| Payload::new(&buf[..taken]));
-        self.tape.note(What::Heard(heard));
+        self.note(|| What::Heard(result.ok().map(|taken| Payload::new(&buf[..taken]))));
         result
     }
 }
 
 impl Write for Tap<SimUart> {
     async fn write(&mut self, buf: &[u8]) -> Result<usize, UartError> {
-        let begun = self.tape.now();
-        let attempt = Attempt::new(&self.tape, Writer::Ask);
+        let attempt = Attempt::new(self.tape.as_ref(), Writer::Ask);
         let result = self.inner.write(buf).await;
-        attempt.over();
-        let taken = result.unwrap_or(0);
-        self.tape.note_at(
-            begun,
-            What::Asked {
-                bytes: Payload::new(&buf[..taken]),
-                done_us: self.tape.done(begun),
-                broken: result.is_err(),
-            },
-        );
+        if let Some((tape, begun)) = attempt.map(Attempt::over) {
+            let taken = result.unwrap_or(0);
+            tape.note_at(
+                begun,
+                What::Asked {
+                    bytes: Payload::new(&buf[..taken]),
+                    done_us: tape.done(begun),
+                    broken: result.is_err(),
+                },
+            );
+        }
         result
     }
 
     async fn flush(&mut self) -> Result<(), UartError> {
-        let begun = self.tape.now();
-        let attempt = Attempt::new(&self.tape, Writer::Flush);
+        let attempt = Attempt::new(self.tape.as_ref(), Writer::Flush);
         let result = self.inner.flush().await;
-        attempt.over();
-        self.tape.note_at(begun, What::Flushed(self.tape.now()));
+        if let Some((tape, begun)) = attempt.map(Attempt::over) {
+            tape.note_at(begun, What::Flushed(tape.now()));
+        }
         result
     }
 }
@@ -58,12 +57,12 @@ impl PinErrorType for Tap<SimTrigger> {
 
 impl OutputPin for Tap<SimTrigger> {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.tape.note(What::Trigger(false));
+        self.note(|| What::Trigger(false));
         self.inner.set_low()
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.tape.note(What::Trigger(true));
+        self.note(|| What::Trigger(true));
         self.inner.set_high()
     }
 }
@@ -75,7 +74,7 @@ impl PinErrorType for Tap<SimEcho> {
 impl InputPin for Tap<SimEcho> {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         let level = self.inner.is_high()?;
-        self.tape.note(What::EchoLevel(level));
+        self.note(|| What::EchoLevel(level));
         Ok(level)
     }
 
@@ -87,31 +86,31 @@ impl InputPin for Tap<SimEcho> {
 impl Wait for Tap<SimEcho> {
     async fn wait_for_high(&mut self) -> Result<(), Infallible> {
         self.inner.wait_for_high().await?;
-        self.tape.note(What::Echo);
+        self.note(|| What::Echo);
         Ok(())
     }
 
     async fn wait_for_low(&mut self) -> Result<(), Infallible> {
         self.inner.wait_for_low().await?;
-        self.tape.note(What::Echo);
+        self.note(|| What::Echo);
         Ok(())
     }
 
     async fn wait_for_rising_edge(&mut self) -> Result<(), Infallible> {
         self.inner.wait_for_rising_edge().await?;
-        self.tape.note(What::Echo);
+        self.note(|| What::Echo);
         Ok(())
     }
 
     async fn wait_for_falling_edge(&mut self) -> Result<(), Infallible> {
         self.inner.wait_for_falling_edge().await?;
-        self.tape.note(What::Echo);
+        self.note(|| What::Echo);
         Ok(())
     }
 
     async fn wait_for_any_edge(&mut self) -> Result<(), Infallible> {
         self.inner.wait_for_any_edge().await?;
-        self.tape.note(What::Echo);
+        self.note(|| What::Echo);
         Ok(())
     }
 }
