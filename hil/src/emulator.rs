@@ -38,7 +38,7 @@ const FLASH_BYTES: u64 = 32 * 1024 * 1024;
 /// This machine, as an emulated one sees it.
 const HOST: &str = "10.0.2.2";
 /// For the emulator to offer its control socket.
-const STARTS: Duration = Duration::from_secs(20);
+const STARTS: Duration = Duration::from_mins(1);
 
 /// What to emulate.
 #[derive(Debug, Clone)]

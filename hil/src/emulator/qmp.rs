@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::EmulatorError;
 
 /// For one answer.
-const PATIENCE: Duration = Duration::from_secs(10);
+const PATIENCE: Duration = Duration::from_mins(1);
 /// Events that may stand before an answer.
 const EVENTS: usize = 1_000;
 /// Longest line.
