@@ -25,7 +25,7 @@ export default defineConfig({
     include: ['tests/unit/**/*.test.ts'],
     restoreMocks: true,
     // Builds run beside them.
-    testTimeout: 30_000,
+    testTimeout: 120_000,
     // One test reads the style sheet.
     css: true,
   },

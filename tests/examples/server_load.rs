@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use crawler_tests::load::{Heard, Plan, Publishers, Qos, Sent, Subscriber, stamp};
 use crawler_tests::measure::{cpu_seconds, metrics, percentile, resident_mib, sum, unix_ms};
-use crawler_tests::{Mosquitto, Terracrawler, free_port};
+use crawler_tests::{Mosquitto, ReservedPort, Terracrawler};
 
 /// Bytes of a message.
 const PAYLOAD: usize = 200;
@@ -81,7 +81,8 @@ fn brokers(options: &Options) {
             let server = Terracrawler::start(&["serve"]);
             own.push(run(server.id(), server.mqtt(), qos, options));
             drop(server);
-            let port = free_port();
+            let reserved = ReservedPort::new();
+            let port = reserved.number();
             let mosquitto = Mosquitto::start(port);
             other.push(run(mosquitto.id(), port, qos, options));
             mosquitto.kill();

@@ -16,7 +16,7 @@ use std::time::Duration;
 use crate::wait_for;
 
 /// How long an engine may take to start or to end.
-pub const PATIENCE: Duration = Duration::from_mins(1);
+pub const PATIENCE: Duration = Duration::from_mins(3);
 
 /// Where the program `name` is. Debian puts servers where a user's search path does not look.
 ///

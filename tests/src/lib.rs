@@ -7,16 +7,18 @@ mod clients;
 pub mod engines;
 pub mod load;
 pub mod measure;
+mod port;
 mod server;
 mod tamper;
 
 pub use certificates::TestAuthority;
-pub use clients::{publish, subscribe, subscribe_with};
+pub use clients::{Heard, Subscription, publish, subscribe, subscribe_with};
 pub use engines::mosquitto::Mosquitto;
+pub use port::ReservedPort;
 pub use server::{Simulated, Terracrawler, binary};
 pub use tamper::Tamper;
 
-use std::net::TcpListener;
+use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -39,17 +41,6 @@ pub fn terracrawler() -> PathBuf {
     server::binary()
 }
 
-/// A port of loopback that is free right now.
-///
-/// # Panics
-/// When there is none.
-pub fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0")
-        .and_then(|listener| listener.local_addr())
-        .expect("a free port")
-        .port()
-}
-
 /// Asks `ready` every 50 ms until it gives something.
 ///
 /// # Panics
@@ -61,6 +52,29 @@ pub fn wait_for<T>(what: &str, limit: Duration, mut ready: impl FnMut() -> Optio
             return value;
         }
         assert!(began.elapsed() < limit, "gave up after {limit:?}: {what}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// The same, and says what was seen last when it gives up.
+///
+/// # Panics
+/// With `what` and `last` when `limit` passes first.
+pub fn wait_for_with<T, S: Debug>(
+    what: &str,
+    limit: Duration,
+    last: &mut S,
+    mut ready: impl FnMut(&mut S) -> Option<T>,
+) -> T {
+    let began = Instant::now();
+    loop {
+        if let Some(value) = ready(last) {
+            return value;
+        }
+        assert!(
+            began.elapsed() < limit,
+            "gave up after {limit:?}: {what}; seen last: {last:?}"
+        );
         std::thread::sleep(Duration::from_millis(50));
     }
 }

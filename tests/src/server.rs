@@ -9,14 +9,17 @@ use std::time::Duration;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::{free_port, wait_for};
+use crate::{ReservedPort, wait_for, wait_for_with};
+
+/// For an answer over HTTP: a machine that is busy may take its time.
+const ANSWER: Duration = Duration::from_mins(1);
 
 /// A running `terracrawler` with ports and data directory of its own.
 #[derive(Debug)]
 pub struct Terracrawler {
     child: Child,
-    http: u16,
-    mqtt: u16,
+    http: ReservedPort,
+    mqtt: ReservedPort,
     folder: TempDir,
     /// What it was started with.
     arguments: Vec<String>,
@@ -80,7 +83,7 @@ impl Terracrawler {
         let mut server = Self::launch(&[arguments, &["--tls", "on"]].concat());
         wait_for("the broker listens", Duration::from_mins(1), || {
             server.check();
-            TcpStream::connect(("127.0.0.1", server.mqtt)).ok()
+            TcpStream::connect(("127.0.0.1", server.mqtt())).ok()
         });
         server
     }
@@ -99,13 +102,14 @@ impl Terracrawler {
 
     fn launch(arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().expect("a data directory");
-        let (http, mqtt) = (free_port(), free_port());
+        // They stay ours while it is down.
+        let (http, mqtt) = (ReservedPort::new(), ReservedPort::new());
         let mut arguments: Vec<String> = arguments.iter().map(|&word| word.to_owned()).collect();
         arguments.push("--open".to_owned());
-        arguments.extend(["--http".to_owned(), format!("127.0.0.1:{http}")]);
+        arguments.extend(["--http".to_owned(), format!("127.0.0.1:{}", http.number())]);
         // An outside broker leaves no port of ours to name.
         if !arguments.iter().any(|word| word == "--broker") {
-            arguments.extend(["--mqtt".to_owned(), format!("127.0.0.1:{mqtt}")]);
+            arguments.extend(["--mqtt".to_owned(), format!("127.0.0.1:{}", mqtt.number())]);
         }
         Self {
             child: spawn(&arguments, &folder),
@@ -162,17 +166,17 @@ impl Terracrawler {
 
     /// The port of its API.
     pub fn http(&self) -> u16 {
-        self.http
+        self.http.number()
     }
 
     /// The port of its broker.
     pub fn mqtt(&self) -> u16 {
-        self.mqtt
+        self.mqtt.number()
     }
 
     /// Where its pages and its API are.
     pub fn url(&self) -> String {
-        format!("http://127.0.0.1:{}", self.http)
+        format!("http://127.0.0.1:{}", self.http())
     }
 
     /// Its process.
@@ -188,13 +192,13 @@ impl Terracrawler {
     /// Status and body of a GET; a body that is not JSON becomes a string.
     ///
     /// # Panics
-    /// When there is no answer within 10 s.
+    /// When there is no answer within a minute.
     pub fn get(&self, path: &str) -> (u16, Value) {
         self.try_get(path)
             .unwrap_or_else(|| panic!("no answer to GET {path}:\n{}", self.log()))
     }
 
-    /// As [`Terracrawler::get`]; `None` when there is no answer within 10 s.
+    /// As [`Terracrawler::get`]; `None` when there is no answer within a minute.
     pub fn try_get(&self, path: &str) -> Option<(u16, Value)> {
         read(agent().get(format!("{}{path}", self.url())).call().ok()?)
     }
@@ -202,7 +206,7 @@ impl Terracrawler {
     /// Status and body of a POST of JSON.
     ///
     /// # Panics
-    /// When there is no answer within 10 s.
+    /// When there is no answer within a minute.
     pub fn post(&self, path: &str, body: &Value) -> (u16, Value) {
         agent()
             .post(format!("{}{path}", self.url()))
@@ -235,20 +239,29 @@ impl Terracrawler {
     /// # Panics
     /// When `limit` passes first.
     pub fn wait_online(&self, count: usize, limit: Duration) {
-        wait_for(&format!("{count} robots online"), limit, || {
-            let online = self.online();
-            let told = online.iter().all(|robot| !robot["boot"].is_null());
-            (online.len() == count && told).then_some(())
+        let mut last = Vec::new();
+        let what = format!("{count} robots online");
+        wait_for_with(&what, limit, &mut last, |last| {
+            *last = self.online();
+            let told = last.iter().all(|robot| !robot["boot"].is_null());
+            (last.len() == count && told).then_some(())
         });
     }
 
-    /// Asks it to end, as Ctrl-C does, and waits for it.
+    /// Asks it to end, as Ctrl-C does, and waits for it. Its ports stay ours.
     ///
     /// # Panics
-    /// When it has not ended within 20 s.
+    /// When it has not ended within a minute.
+    pub fn end(&mut self) -> ExitStatus {
+        interrupt(&mut self.child, Duration::from_mins(1))
+    }
+
+    /// Asks it to end, as Ctrl-C does, waits for it, and gives its log as well.
+    ///
+    /// # Panics
+    /// As [`Terracrawler::end`].
     pub fn interrupt(mut self) -> (ExitStatus, String) {
-        let status = interrupt(&mut self.child, Duration::from_secs(20));
-        (status, self.log())
+        (self.end(), self.log())
     }
 }
 
@@ -324,7 +337,7 @@ impl Drop for Terracrawler {
 
 fn agent() -> ureq::Agent {
     ureq::Agent::config_builder()
-        .timeout_global(Some(Duration::from_secs(10)))
+        .timeout_global(Some(ANSWER))
         // 4xx and 5xx are answers here, not errors.
         .http_status_as_error(false)
         .build()

@@ -6,10 +6,13 @@ use std::time::Duration;
 
 use crawler_tests::Terracrawler;
 
+/// For robots to be online, on a busy machine.
+const LIMIT: Duration = Duration::from_mins(2);
+
 #[test]
 fn the_control_room_shows_stops_and_drives_robots() {
     let server = Terracrawler::start(&["up", "--robots", "8", "--seed", "3"]);
-    server.wait_online(8, Duration::from_secs(30));
+    server.wait_online(8, LIMIT);
     run(Command::new("npm")
         .args(["run", "--silent", "e2e"])
         .env("BASE_URL", server.url()));
@@ -52,7 +55,7 @@ fn a_simulated_world_is_loaded_furnished_and_gone_back_to() {
 #[test]
 fn a_real_world_is_loaded_furnished_and_gone_back_to() {
     let server = Terracrawler::start(&["up", "--robots", "4", "--seed", "3"]);
-    server.wait_online(4, Duration::from_secs(30));
+    server.wait_online(4, LIMIT);
     run(Command::new("npm")
         .args(["run", "--silent", "e2e:simulation"])
         .env("BASE_URL", server.url()));
@@ -62,7 +65,7 @@ fn a_real_world_is_loaded_furnished_and_gone_back_to() {
 #[test]
 fn experiments_are_made_watched_and_compared() {
     let server = Terracrawler::start(&["up", "--robots", "2", "--seed", "3"]);
-    server.wait_online(2, Duration::from_secs(30));
+    server.wait_online(2, LIMIT);
     run(Command::new("npm")
         .args(["run", "--silent", "e2e:experiments"])
         .env("BASE_URL", server.url()));
@@ -88,7 +91,7 @@ fn the_past_is_looked_at_by_mouse_and_keys() {
 #[test]
 fn the_past_is_where_robots_were() {
     let server = Terracrawler::start(&["up", "--robots", "8", "--seed", "3"]);
-    server.wait_online(8, Duration::from_secs(30));
+    server.wait_online(8, LIMIT);
     run(Command::new("npm")
         .args(["run", "--silent", "e2e:history"])
         .env("BASE_URL", server.url()));

@@ -17,7 +17,10 @@ use cluster::reader::Reader;
 use crawler_tests::engines::postgres::Postgres;
 use crawler_tests::engines::redis::Redis;
 use crawler_tests::measure::{metrics, sum};
-use crawler_tests::{Mosquitto, Simulated, Terracrawler, free_port, publish, subscribe, wait_for};
+use crawler_tests::{
+    Mosquitto, ReservedPort, Simulated, Subscription, Terracrawler, publish, wait_for,
+    wait_for_with,
+};
 use serde_json::{Value, json};
 
 /// For everything that has to happen on a busy machine.
@@ -33,7 +36,7 @@ fn robots() -> usize {
 
 fn call(port: u16, body: &Value, path: &str) -> Option<(u16, Value)> {
     let agent: ureq::Agent = ureq::Agent::config_builder()
-        .timeout_global(Some(Duration::from_secs(10)))
+        .timeout_global(Some(Duration::from_mins(1)))
         .http_status_as_error(false)
         .build()
         .into();
@@ -130,7 +133,8 @@ fn settled(server: &Terracrawler, accepted: &[String]) -> Vec<Value> {
 fn whichever_server_is_killed_nothing_accepted_is_lost() {
     let robots = robots();
     let redis = Redis::start();
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let _broker = Mosquitto::start(port);
     let broker = format!("mqtt://127.0.0.1:{port}");
     let cache = redis.url();
@@ -145,11 +149,11 @@ fn whichever_server_is_killed_nothing_accepted_is_lost() {
     // Two of them, so that each server has one.
     let readers = [Reader::start(door.port()), Reader::start(door.port())];
     let all_see_all = || {
-        wait_for("all readers see all robots", LIMIT, || {
-            let mut online = readers
-                .iter()
-                .map(|reader| reader.seen.online.load(Ordering::Relaxed));
-            online.all(|online| online == robots).then_some(())
+        let mut online = Vec::new();
+        wait_for_with("all readers see all robots", LIMIT, &mut online, |online| {
+            let seen = |reader: &Reader| reader.seen.online.load(Ordering::Relaxed);
+            *online = readers.iter().map(seen).collect();
+            online.iter().all(|online| *online == robots).then_some(())
         });
     };
     all_see_all();
@@ -226,7 +230,8 @@ fn adopted(server: &Terracrawler) {
 #[test]
 fn a_server_that_hung_does_not_send_what_another_has_taken_over() {
     let redis = Redis::start();
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let _broker = Mosquitto::start(port);
     let broker = format!("mqtt://127.0.0.1:{port}");
     let cache = redis.url();
@@ -243,35 +248,39 @@ fn a_server_that_hung_does_not_send_what_another_has_taken_over() {
 
     signal(&first, "STOP");
     adopted(&second);
-    let heard = thread::spawn(move || subscribe(port, "swarm/command/robot/rover-1", 1_000, 30));
-    // The subscription has to be there before the robot is.
-    thread::sleep(Duration::from_secs(2));
+    let mut heard = Subscription::start(port, "swarm/command/robot/rover-1");
     // It has started anew, so the setting goes under a new number.
     publish(port, "swarm/status/rover-1", &status(true, 2));
+    let setting_at = format!("/api/v1/commands/{setting}");
     wait_for("the setting goes", LIMIT, || {
-        let (_, command) = second.get(&format!("/api/v1/commands/{setting}"));
+        let (_, command) = second.get(&setting_at);
         let seq = command["seq"].to_string();
         (seq != setting).then_some(())
     });
     signal(&first, "CONT");
-    let settings: BTreeSet<(String, String)> = heard
-        .join()
-        .expect("no panic")
-        .iter()
-        .map(|(_, text)| serde_json::from_str::<Value>(text).expect("a command"))
-        .filter(|command| command["command"] == "set")
-        .map(|command| (command["source"].to_string(), command["seq"].to_string()))
-        .collect();
+    // It is whole again, and knows what became of its command from the others.
+    let mut last = (0, Value::Null);
+    wait_for_with("it is ready", LIMIT, &mut last, |last| {
+        *last = first.get("/readyz");
+        (last.0 == 200).then_some(())
+    });
+    assert_eq!(first.get(&setting_at).0, 200);
+    // What it had to say it has said before what it says now.
+    let (code, marker) = first.post(path, &json!({"command": "identify"}));
+    assert_eq!(code, 202, "{marker}");
+    let mut settings = BTreeSet::new();
+    heard.wait("the command after it", |_, text| {
+        let command: Value = serde_json::from_str(text).expect("a command");
+        if command["command"] == "set" {
+            settings.insert((command["source"].to_string(), command["seq"].to_string()));
+        }
+        (command["command"] == "identify").then_some(())
+    });
     assert_eq!(
         settings.len(),
         1,
         "one number, from one source: {settings:?}"
     );
-    // It is whole again, and knows what became of its command from the others.
-    wait_for("it is ready", LIMIT, || {
-        (first.get("/readyz").0 == 200).then_some(())
-    });
-    assert_eq!(first.get(&format!("/api/v1/commands/{setting}")).0, 200);
 }
 
 fn signal(server: &Terracrawler, name: &str) {
@@ -284,7 +293,8 @@ fn signal(server: &Terracrawler, name: &str) {
 #[test]
 fn without_redis_nothing_is_accepted_that_could_be_lost() {
     let mut redis = Redis::start();
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let _broker = Mosquitto::start(port);
     let broker = format!("mqtt://127.0.0.1:{port}");
     let cache = redis.url();
@@ -351,7 +361,8 @@ fn a_fence_is_watched_by_whichever_server_hears_the_robot() {
     let database = Postgres::shared();
     let url = database.database();
     let redis = Redis::start();
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let _broker = Mosquitto::start(port);
     let broker = format!("mqtt://127.0.0.1:{port}");
     let cache = redis.url();

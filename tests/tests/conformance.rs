@@ -3,13 +3,20 @@
 #[path = "conformance/impostor.rs"]
 mod impostor;
 
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use crawler_hil::BrokerUrl;
 use crawler_hil::suite::{self, BenchError, Options, Outcome, Report, Target};
 use crawler_protocol::{Fleet, RobotId};
-use crawler_tests::{Mosquitto, Simulated, Terracrawler, free_port, subscribe, wait_for};
+use crawler_tests::{Mosquitto, ReservedPort, Simulated, Subscription, Terracrawler};
 use impostor::{Impostor, Lie};
+
+/// For robots to be online, on a busy machine.
+const LIMIT: Duration = Duration::from_mins(2);
+/// Suites that run at a time: they sleep most of the time, and the robots are in real time.
+const AT_ONCE: usize = 4;
 
 fn target(port: u16, fleet: &str, robot: &str) -> Target {
     Target {
@@ -46,21 +53,20 @@ fn passes(target: &Target, may_skip: &[&str]) {
     assert_eq!(report.cases.len(), suite::CASES.len());
 }
 
-/// Waits until `count` robots of `fleet` are online, by their retained status.
+/// Waits until `count` robots of `fleet` are online, by their status.
 fn wait_online(port: u16, fleet: &str, count: usize) {
-    wait_for("the robots are online", Duration::from_secs(30), || {
-        let heard = subscribe(port, &format!("{fleet}/status/+"), count, 2);
-        let online = heard
-            .iter()
-            .filter(|(_, status)| status.contains(r#""online":true"#));
-        (online.count() == count).then_some(())
+    let mut online = BTreeMap::new();
+    let mut statuses = Subscription::start(port, &format!("{fleet}/status/+"));
+    statuses.wait(&format!("{count} robots are online"), |topic, status| {
+        online.insert(topic.to_owned(), status.contains(r#""online":true"#));
+        (online.values().filter(|online| **online).count() == count).then_some(())
     });
 }
 
 #[test]
 fn robots_of_a_server_pass_side_by_side() {
     let server = Terracrawler::start(&["up", "--robots", "3", "--scenario", "empty"]);
-    server.wait_online(3, Duration::from_secs(30));
+    server.wait_online(3, LIMIT);
     std::thread::scope(|scope| {
         for number in 1..=3 {
             let target = target(server.mqtt(), "swarm", &format!("sim-{number:04}"));
@@ -77,7 +83,8 @@ fn robots_of_a_server_pass_side_by_side() {
 
 #[test]
 fn a_robot_alone_on_an_outside_broker_passes_everything() {
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let _broker = Mosquitto::start(port);
     let _robot = Simulated::start(port, &["--robots", "1", "--scenario", "empty"]);
     wait_online(port, "swarm", 1);
@@ -89,7 +96,8 @@ fn a_robot_alone_on_an_outside_broker_passes_everything() {
 
 #[test]
 fn what_cannot_be_tested_is_said_in_one_line() {
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let error = run(&target(port, "swarm", "sim-0001"), &[]).expect_err("no broker");
     assert!(matches!(error, BenchError::Unreachable(..)), "{error}");
 
@@ -107,12 +115,9 @@ fn what_cannot_be_tested_is_said_in_one_line() {
 
     // A power cut: what is left of the robots is their last will.
     drop(robots);
-    wait_for("the last will", Duration::from_secs(20), || {
-        let heard = subscribe(port, "swarm/status/sim-0001", 1, 2);
-        heard
-            .iter()
-            .any(|(_, status)| status.contains(r#""online":false"#))
-            .then_some(())
+    let mut statuses = Subscription::start(port, "swarm/status/sim-0001");
+    statuses.wait("the last will", |_, status| {
+        status.contains(r#""online":false"#).then_some(())
     });
     let error = run(&target(port, "swarm", "sim-0001"), &[]).expect_err("offline");
     assert_eq!(error, BenchError::Offline("sim-0001".into()));
@@ -143,7 +148,8 @@ const LIES: &[(Lie, &[&str])] = &[
 
 #[test]
 fn robots_that_misbehave_do_not_pass() {
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let _broker = Mosquitto::start(port);
     let count = (LIES.len() + 1).to_string();
     let robots = [
@@ -156,16 +162,25 @@ fn robots_that_misbehave_do_not_pass() {
     ];
     let _robots = Simulated::start(port, &robots);
     wait_online(port, "honest", LIES.len() + 1);
-    // The honest one shows that it is the lie that fails, not the man in the middle.
+    // The honest one shows that it is the lie that fails, not the man in the middle. It takes longest.
     let honest = (Lie::None, &[][..]);
+    let all = std::iter::once(honest).chain(LIES.iter().copied());
+    let left: Mutex<VecDeque<_>> = Mutex::new(all.enumerate().collect());
+    let next = || {
+        left.lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .pop_front()
+    };
     std::thread::scope(|scope| {
-        for (number, (lie, noticed)) in std::iter::once(&honest).chain(LIES).enumerate() {
-            scope.spawn(move || {
-                let fleet = format!("lie-{number}");
-                let robot = format!("sim-{:04}", number + 1);
-                let _impostor = Impostor::start(port, "honest", &fleet, &robot, *lie);
-                wait_online(port, &fleet, 1);
-                notice(*lie, noticed, &target(port, &fleet, &robot));
+        for _ in 0..AT_ONCE {
+            scope.spawn(|| {
+                while let Some((number, (lie, noticed))) = next() {
+                    let fleet = format!("lie-{number}");
+                    let robot = format!("sim-{:04}", number + 1);
+                    let _impostor = Impostor::start(port, "honest", &fleet, &robot, lie);
+                    wait_online(port, &fleet, 1);
+                    notice(lie, noticed, &target(port, &fleet, &robot));
+                }
             });
         }
     });
@@ -192,7 +207,8 @@ fn notice(lie: Lie, noticed: &[&str], target: &Target) {
 /// A robot that cannot be brought to rest is not put through the cases.
 #[test]
 fn a_restless_robot_is_left_alone() {
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let _broker = Mosquitto::start(port);
     let arguments = ["--robots", "1", "--scenario", "empty", "--fleet", "honest"];
     let _robot = Simulated::start(port, &arguments);

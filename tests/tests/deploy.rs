@@ -88,7 +88,7 @@ fn served() -> BTreeSet<String> {
     // Something that is not what it should be.
     let port = server.mqtt();
     crawler_tests::publish(port, "swarm/heartbeat/stranger", "nonsense");
-    wait_for("every kind of metric", Duration::from_secs(20), || {
+    wait_for("every kind of metric", Duration::from_mins(2), || {
         let text = server.get("/metrics").1;
         let text = text.as_str()?;
         let there = [

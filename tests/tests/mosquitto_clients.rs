@@ -1,21 +1,28 @@
 //! A person with `mosquitto_pub` and `mosquitto_sub` against the embedded broker.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::net::TcpListener;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use crawler_tests::{Terracrawler, publish, subscribe, wait_for};
+use crawler_tests::{Subscription, Terracrawler, publish, subscribe, wait_for, wait_for_with};
 use serde_json::{Value, json};
 
 const ROBOTS: usize = 5;
+/// For everything that has to happen on a busy machine.
+const LIMIT: Duration = Duration::from_mins(2);
+/// Where one of the robots answers.
+const ANSWERS: &str = "swarm/response/robot/sim-0001";
 
 fn up() -> Terracrawler {
     let server = Terracrawler::start(&["up", "--robots", "5", "--seed", "7"]);
-    server.wait_online(ROBOTS, Duration::from_secs(30));
-    // The scenario sets everyone wandering; what follows must not be taken for its answers.
-    wait_for("everyone wanders", Duration::from_secs(20), || {
-        let wandering = |robot: &Value| robot["behaviour"] == "wander";
-        server.online().iter().all(wandering).then_some(())
+    server.wait_online(ROBOTS, LIMIT);
+    // The scenario sets everyone wandering.
+    let mut online = Vec::new();
+    wait_for_with("everyone wanders", LIMIT, &mut online, |online| {
+        *online = server.online();
+        let wanders = |robot: &Value| robot["behaviour"] == "wander";
+        online.iter().all(wanders).then_some(())
     });
-    std::thread::sleep(Duration::from_millis(500));
     server
 }
 
@@ -30,20 +37,18 @@ fn command(name: &str, parameters: &Value, seq: u64) -> String {
     .to_string()
 }
 
-/// Sends `payload` to sim-0001 and collects `count` answers to it.
+/// Sends `payload` to sim-0001 and collects `count` answers to its number.
 fn ask(server: &Terracrawler, payload: &str, count: usize) -> Vec<Value> {
-    let mqtt = server.mqtt();
-    std::thread::scope(|scope| {
-        let answers =
-            scope.spawn(move || subscribe(mqtt, "swarm/response/robot/sim-0001", count, 10));
-        std::thread::sleep(Duration::from_millis(400));
-        publish(mqtt, "swarm/command/robot/sim-0001", payload);
-        let answers = answers.join().expect("mosquitto_sub");
-        let parsed = answers
-            .iter()
-            .map(|(_, payload)| serde_json::from_str(payload).expect("an answer in JSON"));
-        parsed.collect()
-    })
+    let sent: Value = serde_json::from_str(payload).expect("a command in JSON");
+    let mut answers = Subscription::start(server.mqtt(), ANSWERS);
+    publish(server.mqtt(), "swarm/command/robot/sim-0001", payload);
+    let answer = |_| {
+        answers.wait(&format!("an answer to {payload}"), |_, text| {
+            let answer: Value = serde_json::from_str(text).expect("an answer in JSON");
+            (answer["seq"] == sent["seq"]).then_some(answer)
+        })
+    };
+    (0..count).map(answer).collect()
 }
 
 fn outcome(answer: &Value) -> (u64, String, Option<String>) {
@@ -59,7 +64,7 @@ fn outcome(answer: &Value) -> (u64, String, Option<String>) {
 fn robots_report_themselves_and_obey() {
     let server = up();
 
-    let statuses = subscribe(server.mqtt(), "swarm/status/+", ROBOTS, 10);
+    let statuses = subscribe(server.mqtt(), "swarm/status/+", ROBOTS, LIMIT);
     assert_eq!(
         statuses.len(),
         ROBOTS,
@@ -88,13 +93,13 @@ fn robots_report_themselves_and_obey() {
     assert_eq!(again[0]["status"], answers[1]["status"]);
     let older = ask(&server, &command("move", &turn, 9), 1);
     assert_eq!(outcome(&older[0]).1, "stale");
-    let telemetry = subscribe(server.mqtt(), "swarm/telemetry/sim-0001", 3, 5);
-    for (_, payload) in &telemetry {
-        let telemetry: Value = serde_json::from_str(payload).expect("telemetry in JSON");
+    let mut telemetry = Subscription::start(server.mqtt(), "swarm/telemetry/sim-0001");
+    for _ in 0..3 {
+        let (_, payload) = telemetry.next("telemetry");
+        let telemetry: Value = serde_json::from_str(&payload).expect("telemetry in JSON");
         assert_eq!(telemetry["state"], "IDLE", "{telemetry}");
         assert_eq!(telemetry["wheels"], json!({"left": 0.0, "right": 0.0}));
     }
-    assert_eq!(telemetry.len(), 3);
 }
 
 #[test]
@@ -128,37 +133,51 @@ fn bad_commands_are_answered_and_nothing_else_suffers() {
         }
     }
 
-    // What cannot even be read has no answer, and no effect.
+    // What cannot even be read has no answer, and no effect: what comes after it is answered first.
+    let mut answers = Subscription::start(server.mqtt(), ANSWERS);
     for garbage in ["", "{", "[[[[[[[[", "null", "\u{7f}"] {
         publish(server.mqtt(), "swarm/command/swarm", garbage);
         publish(server.mqtt(), "swarm/telemetry/sim-0002", garbage);
         publish(server.mqtt(), "swarm/status/NOT_AN_ID", "{}");
     }
-    let answers = ask(&server, &command("stop", &Value::Null, 30), 1);
-    assert_eq!(outcome(&answers[0]), (30, "completed".into(), None));
+    let stop = command("stop", &Value::Null, 30);
+    publish(server.mqtt(), "swarm/command/robot/sim-0001", &stop);
+    let (_, answer) = answers.next("an answer to the stop");
+    let answer: Value = serde_json::from_str(&answer).expect("an answer in JSON");
+    assert_eq!(outcome(&answer), (30, "completed".into(), None));
     assert_eq!(server.online().len(), ROBOTS);
 }
 
 #[test]
 fn ctrl_c_stops_the_robots_first_and_ends_cleanly() {
-    let server = up();
-    let mqtt = server.mqtt();
-    let statuses = std::thread::spawn(move || subscribe(mqtt, "swarm/telemetry/+", 100_000, 8));
-    std::thread::sleep(Duration::from_secs(2));
-    let (status, log) = server.interrupt();
-    assert!(status.success(), "{status}\n{log}");
-    let telemetry = statuses.join().expect("mosquitto_sub");
-    let mut last = std::collections::BTreeMap::new();
-    for (topic, payload) in telemetry {
-        let telemetry: Value = serde_json::from_str(&payload).expect("telemetry in JSON");
-        last.insert(topic, telemetry["wheels"].clone());
+    let mut server = up();
+    let standing = json!({"left": 0.0, "right": 0.0});
+    let wheels = |payload: &str| {
+        let telemetry: Value = serde_json::from_str(payload).expect("telemetry in JSON");
+        telemetry["wheels"].clone()
+    };
+    let mut subscription = Subscription::start(server.mqtt(), "swarm/telemetry/+");
+    let mut driving = BTreeSet::new();
+    subscription.wait("every robot drives", |topic, payload| {
+        if wheels(payload) != standing {
+            driving.insert(topic.to_owned());
+        }
+        (driving.len() == ROBOTS).then_some(())
+    });
+    let status = server.end();
+    assert!(status.success(), "{status}\n{}", server.log());
+    // Whoever tries to connect anew has read to its end what the server said.
+    let listener = TcpListener::bind(("127.0.0.1", server.mqtt())).expect("the server is gone");
+    listener.set_nonblocking(true).expect("an option");
+    wait_for("mosquitto_sub has read everything", LIMIT, || {
+        (listener.accept().is_ok() || subscription.has_ended()).then_some(())
+    });
+    let mut last = BTreeMap::new();
+    for (topic, payload) in subscription.end() {
+        last.insert(topic, wheels(&payload));
     }
     assert_eq!(last.len(), ROBOTS, "telemetry of every robot");
     for (topic, wheels) in last {
-        assert_eq!(
-            wheels,
-            json!({"left": 0.0, "right": 0.0}),
-            "{topic} at the end"
-        );
+        assert_eq!(wheels, standing, "{topic} at the end");
     }
 }

@@ -3,34 +3,34 @@
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crawler_hil::BrokerUrl;
 use crawler_hil::emulator::{self, Emulator, Options};
 use crawler_protocol::RobotId;
-use crawler_tests::{Terracrawler, free_port, wait_for};
+use crawler_tests::{ReservedPort, Terracrawler, wait_for, wait_for_with};
 use serde_json::json;
 
 /// To boot and get an address.
-const BOOTS: Duration = Duration::from_secs(40);
+const BOOTS: Duration = Duration::from_mins(2);
 /// Longest that a request may take on a busy machine; a hostile one is given up after 5 s.
-const PATIENCE: Duration = Duration::from_secs(30);
+const PATIENCE: Duration = Duration::from_mins(2);
 
 /// An emulator that shows its log when its test fails.
 struct Board {
     emulator: Emulator,
-    page: u16,
+    page: ReservedPort,
 }
 
 impl Board {
     /// A board without settings, whose broker by command line does not exist.
     fn unprovisioned() -> Self {
-        let page = free_port();
+        let page = ReservedPort::new();
         let robot = RobotId::new("unset").expect("an id");
         let started = emulator::image().and_then(|image| {
             Emulator::start(Options {
                 arguments: vec!["provision=1".to_owned()],
-                forwards: vec![(page, 80)],
+                forwards: vec![(page.number(), 80)],
                 ..Options::new(image, robot, BrokerUrl::loopback(1))
             })
         });
@@ -42,7 +42,8 @@ impl Board {
 
     /// Sends bytes and reads until the board closes.
     fn ask(&self, request: &[u8]) -> String {
-        let mut stream = TcpStream::connect(("127.0.0.1", self.page)).expect("a connection");
+        let mut stream =
+            TcpStream::connect(("127.0.0.1", self.page.number())).expect("a connection");
         stream.set_read_timeout(Some(PATIENCE)).expect("a limit");
         // The board may refuse before it has read all.
         let _ = stream.write_all(request);
@@ -61,7 +62,7 @@ impl Board {
     }
 
     fn host(&self) -> String {
-        format!("127.0.0.1:{}", self.page)
+        format!("127.0.0.1:{}", self.page.number())
     }
 
     fn get(&self) -> String {
@@ -145,9 +146,8 @@ fn a_person_sets_up_a_robot_from_a_browser() {
         assert_eq!(board.status(&request), status, "{request}");
     }
     // Connections that say nothing, or not enough, cost nobody else more than some seconds.
-    let began = Instant::now();
     let mut silent: Vec<TcpStream> = (0..2)
-        .map(|_| TcpStream::connect(("127.0.0.1", board.page)).expect("a connection"))
+        .map(|_| TcpStream::connect(("127.0.0.1", board.page.number())).expect("a connection"))
         .collect();
     silent[1].write_all(b"GET / HT").expect("some bytes");
     let page = wait_for("the page in spite of them", PATIENCE, || {
@@ -155,7 +155,6 @@ fn a_person_sets_up_a_robot_from_a_browser() {
         page.starts_with("HTTP/1.1 200").then_some(page)
     });
     assert!(page.contains(&token), "the same boot: nothing was saved");
-    assert!(began.elapsed() < PATIENCE);
     drop(silent);
 
     // A board whose connections are all busy resets a new one, and a person tries again.
@@ -176,8 +175,9 @@ fn a_person_sets_up_a_robot_from_a_browser() {
 
     // And again after a power cut.
     board.emulator.power_cycle().expect("power");
-    wait_for("it is back with its settings", BOOTS, || {
-        let robot = server.get("/api/v1/robots/provisioned-1").1;
+    let mut last = json!(null);
+    wait_for_with("it is back with its settings", BOOTS, &mut last, |robot| {
+        *robot = server.get("/api/v1/robots/provisioned-1").1;
         (robot["boot"]["cause"] == json!("power-on") && robot["presence"] == json!("online"))
             .then_some(())
     });

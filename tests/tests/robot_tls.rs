@@ -1,6 +1,7 @@
 //! The robot's own TLS, in simulated robots: with the server's listener (rustls) and with a broker
 //! that nobody here wrote (Mosquitto, OpenSSL).
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
@@ -8,11 +9,11 @@ use std::time::Duration;
 use crawler_protocol::Fleet;
 use crawler_sim::run::live::{self, Authority, LiveConfig, LiveHandle};
 use crawler_sim::scenario::Scenario;
-use crawler_tests::{Mosquitto, Terracrawler, TestAuthority, free_port, subscribe_with};
+use crawler_tests::{Mosquitto, ReservedPort, Subscription, Terracrawler, TestAuthority, wait_for};
 
 const ROBOTS: u32 = 3;
-/// To shake hands and to be heard, in seconds; the machine may be busy.
-const JOINS_S: u32 = 60;
+/// To shake hands, to be heard and to end; the machine may be busy.
+const LIMIT: Duration = Duration::from_mins(2);
 
 fn world(port: u16, authority: Authority) -> LiveHandle {
     let config = LiveConfig {
@@ -30,22 +31,20 @@ fn world(port: u16, authority: Authority) -> LiveHandle {
     live::start(config).expect("a world")
 }
 
-/// Heartbeats that arrive within `seconds`, three of each robot at most.
-fn heartbeats(port: u16, ca: &Path, seconds: u32) -> Vec<String> {
+fn heartbeats(port: u16, ca: &Path) -> Subscription {
     let arguments = ["--cafile", &ca.to_string_lossy()];
-    let count = 3 * ROBOTS as usize;
-    subscribe_with(port, &arguments, "swarm/heartbeat/+", count, seconds)
-        .into_iter()
-        .map(|(topic, _)| topic)
-        .collect()
+    Subscription::start_with(port, &arguments, "swarm/heartbeat/+")
 }
 
 fn all_are_heard(port: u16, ca: &Path) {
-    let heard = heartbeats(port, ca, JOINS_S);
-    for number in 1..=ROBOTS {
-        let topic = format!("swarm/heartbeat/sim-{number:04}");
-        assert!(heard.contains(&topic), "{topic}: {heard:?}");
-    }
+    let mut heard = BTreeSet::new();
+    let all: BTreeSet<String> = (1..=ROBOTS)
+        .map(|number| format!("swarm/heartbeat/sim-{number:04}"))
+        .collect();
+    heartbeats(port, ca).wait("a heartbeat of every robot", |topic, _| {
+        heard.insert(topic.to_owned());
+        (heard == all).then_some(())
+    });
 }
 
 #[test]
@@ -60,7 +59,7 @@ fn robots_speak_tls_to_the_server() {
     let pinned = Authority::of_certificate(&der.stdout).expect("a key of P-256");
     let world = world(server.mqtt(), pinned);
     all_are_heard(server.mqtt(), &ca);
-    world.stop(Duration::from_secs(10)).expect("it ends");
+    world.stop(LIMIT).expect("it ends");
 }
 
 #[test]
@@ -69,17 +68,28 @@ fn robots_speak_tls_to_mosquitto_and_to_no_other() {
     let (authority, other) = (TestAuthority::new(), TestAuthority::new());
     let ca = folder.path().join("ca.pem");
     std::fs::write(&ca, authority.pem()).expect("a file");
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let (certificate, key) = authority.server(&["127.0.0.1", "localhost"], 2040);
-    let _broker = Mosquitto::start_encrypted(port, &certificate, &key);
+    let broker = Mosquitto::start_encrypted(port, &certificate, &key);
     let pin = |of: &TestAuthority| Authority::of_certificate(of.der()).expect("a key of P-256");
 
+    let let_in = || broker.log().matches(" as sim-").count();
+    let heard = heartbeats(port, &ca);
+    let before = broker.log().matches("New connection from").count();
     let strangers = world(port, pin(&other));
-    let heard = heartbeats(port, &ca, 6);
+    wait_for("strangers try again and again", LIMIT, || {
+        let tries = broker.log().matches("New connection from").count() - before;
+        (tries >= 3 * ROBOTS as usize).then_some(())
+    });
+    assert_eq!(let_in(), 0, "{}", broker.log());
+    strangers.stop(LIMIT).expect("it ends");
+    assert_eq!(let_in(), 0, "{}", broker.log());
+    let heard = heard.end();
     assert!(heard.is_empty(), "nothing is said to a stranger: {heard:?}");
-    strangers.stop(Duration::from_secs(10)).expect("it ends");
 
     let friends = world(port, pin(&authority));
     all_are_heard(port, &ca);
-    friends.stop(Duration::from_secs(10)).expect("it ends");
+    assert_eq!(let_in(), ROBOTS as usize, "{}", broker.log());
+    friends.stop(LIMIT).expect("it ends");
 }

@@ -19,7 +19,7 @@ use crawler_timeseries::{BATCH, EngineError, Product, QUEUE, Remote, SPARSE_ROWS
 
 use samples::{Dice, alike, sample, walk};
 
-const PATIENCE: Duration = Duration::from_mins(1);
+const PATIENCE: Duration = Duration::from_mins(2);
 const MINUTE: i64 = 60_000;
 
 fn now() -> i64 {

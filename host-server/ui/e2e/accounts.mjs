@@ -3,12 +3,11 @@
 // where checks that need a hand on the server are left out.
 
 import { launch } from './browser.mjs'
-import { axe, check, endBy, expect, fail, finish, pause, picture, until } from './checks.mjs'
+import { axe, check, exchanged, expect, fail, finish } from './checks.mjs'
+import { guarded, picture, until } from './checks.mjs'
 import { limits, openServer, phone, troubles } from './doors.mjs'
 import { OTHER_PASSWORD, PASSWORD, base, byMock, code, mock } from './steps.mjs'
 import { focusedId, goTo, id, live, logIn, newPage, stopState } from './steps.mjs'
-
-const DEADLINE_MS = 240_000
 
 async function firstAdmin(page) {
   await check('nobody gets in without a login', async () => {
@@ -105,7 +104,7 @@ async function people(page) {
     expect(await id(bob, 'robot-stop').isDisabled(), 'a robot may be stopped')
     await bob.keyboard.press('ArrowUp')
     await bob.keyboard.press('Space')
-    await pause(300)
+    await exchanged(bob)
     expect(sent.length === 0, `sent ${sent[0]}`)
     return axe(bob, 'axe-core')
   })
@@ -140,7 +139,7 @@ async function people(page) {
     await id(page, 'confirm').click()
     await page.locator('tr[data-user=bob][data-state=disabled]').waitFor()
     if (mock !== null) for (const socket of mock.sockets()) socket.terminate()
-    await id(bob, 'login').waitFor({ timeout: 15_000 })
+    await id(bob, 'login').waitFor()
   })
 
   await check('removing takes the account away', async () => {
@@ -192,7 +191,7 @@ async function audit(page) {
     await page.locator('[data-testid=verified] .notice-box').waitFor()
     await id(page, 'audit-who').fill('ada')
     await page.keyboard.press('Enter')
-    await until('others are shown', 3_000, async () => {
+    await until('others are shown', async () => {
       const names = await rows.locator('td:nth-child(2) b').allTextContents()
       return names.length > 0 && names.every((name) => name === 'ada')
     })
@@ -201,9 +200,9 @@ async function audit(page) {
     await id(page, 'audit-who').fill('')
     await page.keyboard.press('Enter')
     const rows = page.locator('[data-testid=audit] tbody tr')
-    await until('there are not 50 rows', 3_000, async () => (await rows.count()) === 50)
+    await until('there are not 50 rows', async () => (await rows.count()) === 50)
     await id(page, 'older').click()
-    await until('nothing older came', 3_000, async () => (await rows.count()) > 50)
+    await until('nothing older came', async () => (await rows.count()) > 50)
     mock.accounts.breakLog(7)
     await id(page, 'verify').click()
     await page.locator('.error-box', { hasText: '7' }).waitFor()
@@ -221,9 +220,9 @@ async function stops(page) {
       const inside = box !== null && box.x + box.width <= width && box.y + box.height <= height
       expect(inside, 'it is not on the screen')
       await page.keyboard.press('Space')
-      await until('Space did not stop', 3_000, async () => (await stopState(page)) === 'stopped')
+      await until('Space did not stop', async () => (await stopState(page)) === 'stopped')
       await id(page, 'rearm').click()
-      await until('not re-armed', 3_000, async () => (await stopState(page)) === 'armed')
+      await until('not re-armed', async () => (await stopState(page)) === 'armed')
     })
   }
 }
@@ -239,12 +238,18 @@ async function sessions(page) {
 
   await byMock('tokens run out in two tabs at once: nobody notices', async () => {
     const before = mock.accounts.refreshes
+    const tabs = [page, second]
     for (let round = 0; round < 4; round++) {
+      const { refreshes } = mock.accounts
       mock.accounts.expireTokens()
       await Promise.all(
-        [page, second].map((tab) => tab.locator('[data-testid=robot-row]').nth(round).click()),
+        tabs.map((tab) => tab.locator('[data-testid=robot-row]').nth(round).click()),
       )
-      await pause(1_300)
+      await until('nothing is refreshed', () => mock.accounts.refreshes > refreshes)
+      // Both go on: each asks for its robot again and again.
+      const answered = (tab) =>
+        tab.waitForResponse((answer) => answer.ok() && answer.url().includes('/api/v1/robots/'))
+      await Promise.all(tabs.map(answered))
     }
     expect(mock.accounts.reuses === 0, 'a refresh token was used twice')
     expect((await id(page, 'login').count()) === 0, 'the login came up')
@@ -255,12 +260,16 @@ async function sessions(page) {
 
   await byMock('a restart of the server needs no login', async () => {
     mock.setDown(true)
-    await until('the loss is not shown', 5_000, async () => {
+    await until('the loss is not shown', async () => {
       return (await id(page, 'connection').getAttribute('data-connection')) === 'waiting'
     })
-    await pause(1_500)
-    mock.setDown(false)
-    await live(page, 12_000)
+    // It tries again, in vain.
+    try {
+      await page.waitForEvent('requestfailed', (request) => request.url().endsWith('/ticket'))
+    } finally {
+      mock.setDown(false)
+    }
+    await live(page)
     expect((await id(page, 'login').count()) === 0, 'the login came up')
   })
 
@@ -270,7 +279,7 @@ async function sessions(page) {
     await id(page, 'search').fill('sim')
     mock.accounts.endSessions('ada')
     for (const socket of mock.sockets()) socket.terminate()
-    await id(page, 'why-out').waitFor({ timeout: 10_000 })
+    await id(page, 'why-out').waitFor()
     expect((await id(page, 'user').inputValue()) === 'ada', 'the name is not kept')
     expect((await focusedId(page)) === 'password', 'the password has not the focus')
     await axe(page, 'the end of a session')
@@ -300,13 +309,13 @@ async function sessions(page) {
     await id(page, 'new-password').fill(OTHER_PASSWORD)
     await id(page, 'again').fill(OTHER_PASSWORD)
     await page.keyboard.press('Enter')
-    await until('the old password has not the focus', 4_000, async () => {
+    await until('the old password has not the focus', async () => {
       return (await focusedId(page)) === 'old-password'
     })
     await axe(page, 'a wrong old password')
     await id(page, 'old-password').fill(PASSWORD)
     await page.keyboard.press('Enter')
-    await until('it is not said', 4_000, async () => {
+    await until('it is not said', async () => {
       return (await id(page, 'password-said').textContent()).includes('changed')
     })
     await picture(page, 'account')
@@ -320,9 +329,9 @@ async function sessions(page) {
     await goTo(page, 'account')
     await page.reload()
     const cards = page.locator('[data-testid=sessions] li')
-    await until('there are not two', 4_000, async () => (await cards.count()) === 2)
+    await until('there are not two', async () => (await cards.count()) === 2)
     await page.locator('[data-testid=sessions] li button').click()
-    await until('it is still there', 4_000, async () => (await cards.count()) === 1)
+    await until('it is still there', async () => (await cards.count()) === 1)
     await other.reload()
     await id(other, 'login').waitFor()
     await other.context().close()
@@ -334,7 +343,7 @@ async function sessions(page) {
     await id(page, 'login').waitFor()
     await id(second, 'login').waitFor()
     // The server may tell that tab of the end before this one does.
-    await until('robots are shown', 4_000, async () => {
+    await until('robots are shown', async () => {
       return (await second.locator('[data-testid=robot-row]').count()) === 0
     })
     await page.reload()
@@ -347,7 +356,7 @@ async function sessions(page) {
   await second.close()
 }
 
-const guard = endBy(DEADLINE_MS)
+const guard = guarded()
 try {
   const browser = await launch()
   const page = await newPage(browser)

@@ -11,14 +11,14 @@ import {
   sent,
   soon,
   stand,
+  standing,
 } from './arena-steps.mjs'
 import { PHONE } from './browser.mjs'
-import { axe, check, expect, pause } from './checks.mjs'
+import { axe, check, expect, frames } from './checks.mjs'
 
 export async function byKeyboard() {
   const { context, page } = await open()
-  stand()
-  await pause(500)
+  await standing(page)
 
   await check('with keys alone: to the arena, around in it, and to a robot', async () => {
     await page.keyboard.press('Tab')
@@ -137,7 +137,7 @@ export async function byGamepad() {
   await check('a gamepad drives, and letting go of the stick stops', async () => {
     await page.evaluate(plug)
     await id(page, 'gamepad').waitFor()
-    await pause(200)
+    await frames(page)
     await push(0, -0.8)
     await soon('no drive', () => last()?.command === 'drive' && last().parameters.v > 0.1)
     await push(0.02, -0.03)
@@ -150,10 +150,10 @@ export async function byGamepad() {
     await soon('no drive', async () => (await driving()) === 'true')
     await page.evaluate(() => dispatchEvent(new Event('blur')))
     await soon('still driving', async () => (await driving()) === 'false')
-    await pause(400)
+    await frames(page, 30)
     expect((await driving()) === 'false', 'it drives on by itself')
     await push(0, 0)
-    await pause(200)
+    await frames(page)
     await push(0, -1)
     await soon('no drive again', async () => (await driving()) === 'true')
   })
@@ -188,8 +188,7 @@ export async function byFinger() {
     colorScheme: 'dark',
     reducedMotion: 'reduce',
   })
-  stand()
-  await pause(600)
+  await standing(page)
 
   await check('fingers: a tap selects, and what is pressed is large enough', async () => {
     const robot = apart()

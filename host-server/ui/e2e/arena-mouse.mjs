@@ -2,7 +2,6 @@
 
 import { startMock } from '../tests/mock/server.mjs'
 import {
-  PATIENCE_MS,
   apart,
   arena,
   browser,
@@ -16,16 +15,17 @@ import {
   open,
   selected,
   sent,
+  settled,
   soon,
   stand,
+  standing,
 } from './arena-steps.mjs'
 import { DESKTOP } from './browser.mjs'
-import { axe, check, expect, fail, pause } from './checks.mjs'
+import { PATIENCE_MS, axe, check, expect, fail } from './checks.mjs'
 
 export async function byMouse() {
   const { context, page } = await open()
-  stand()
-  await pause(600)
+  await standing(page)
   const robot = apart()
 
   await check('a click in the arena selects the robot under it', async () => {
@@ -91,7 +91,8 @@ export async function byMouse() {
   })
 
   await check('a line around robots chooses them, with Shift or the tool', async () => {
-    await pause(400)
+    await standing(page)
+    await settled(page)
     // Around the five that are nearest to the middle, as far from the sixth as from the fifth.
     const far = mock.world.robots.map(({ x, y }) => Math.hypot(x, y)).sort((a, b) => a - b)
     const metres = (far[4] + far[5]) / 2

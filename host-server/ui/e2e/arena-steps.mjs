@@ -2,15 +2,12 @@
 
 import { startMock } from '../tests/mock/server.mjs'
 import { DESKTOP, launch } from './browser.mjs'
-import { axeSource, fail, until } from './checks.mjs'
-
-/** Generous: machines that run tests are busy. */
-export const PATIENCE_MS = 30_000
+import { PATIENCE_MS, axeSource, fail, until } from './checks.mjs'
 
 export const mock = await startMock({ robots: 24, seed: 5 })
 export const browser = await launch()
 export const id = (page, name) => page.getByTestId(name)
-export const soon = (reason, probe) => until(reason, PATIENCE_MS, probe)
+export const soon = until
 
 export async function open(options = {}) {
   const context = await browser.newContext({ viewport: DESKTOP, ...options })
@@ -43,6 +40,38 @@ export async function onPage(page, x, y) {
 export const stand = () => {
   for (const robot of mock.world.robots) mock.world.obey(robot, { command: 'stop' }, Date.now())
 }
+
+/** All robots stand, and the page shows them where they do. */
+export async function standing(page) {
+  stand()
+  let last = ''
+  await until(
+    'robots are shown elsewhere',
+    async () => {
+      const shown = await page.evaluate(() => globalThis.terracrawler.robots())
+      const places = new Map(shown.map(({ id, x, y }) => [id, { x, y }]))
+      const off = mock.world.robots.find(({ id, x, y }) => {
+        const place = places.get(id)
+        return place === undefined || Math.hypot(place.x - x, place.y - y) > 0.01
+      })
+      last = JSON.stringify([off?.id, off?.x, off?.y, places.get(off?.id)])
+      return off === undefined
+    },
+    () => last,
+  )
+}
+
+/** The view has come to where it was going. */
+export async function settled(page) {
+  let before = ''
+  await until('the view goes on moving', async () => {
+    const now = await arena(page, 'camera')
+    const same = now === before
+    before = now
+    return same
+  })
+}
+
 export const sent = (command) => mock.commands.filter((entry) => entry.command === command)
 export const selected = (page) => id(page, 'robot-panel').getAttribute('data-robot-id')
 export const online = () => mock.world.robots.filter(({ presence }) => presence === 'online')

@@ -4,16 +4,14 @@
 import { byFinger, byGamepad, byKeyboard } from './arena-hands.mjs'
 import { byMouse, byThousands, cutOff } from './arena-mouse.mjs'
 import { browser, mock } from './arena-steps.mjs'
-import { endBy, fail, finish } from './checks.mjs'
+import { fail, finish, guarded } from './checks.mjs'
 import { byFences } from './fences.mjs'
 
-/** Everything together ends by then, whatever hangs. */
-const DEADLINE_MS = 300_000
 const ALL = [byMouse, byKeyboard, byGamepad, cutOff, byFinger, byThousands, byFences]
 /** `ROUND=byFences` takes this alone. */
 const ROUNDS = ALL.filter(({ name }) => [undefined, name].includes(process.env.ROUND))
 
-const guard = endBy(DEADLINE_MS)
+const guard = guarded()
 try {
   for (const round of ROUNDS) await round()
   await browser.close()

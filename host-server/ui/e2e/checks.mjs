@@ -5,14 +5,24 @@ import { createRequire } from 'node:module'
 import { join } from 'node:path'
 import { DESKTOP } from './browser.mjs'
 
+/** For whatever has to happen: machines that run tests are busy. Nothing here judges how fast it was. */
+export const PATIENCE_MS = 180_000
+/** A round ends by then, whatever hangs. */
+const DEADLINE_MS = 1_200_000
+
+/** `TIMES=1` says of each check how long it took. */
+const TIMES = process.env.TIMES !== undefined
+
 let passed = 0
 let failed = 0
 
 export async function check(name, act) {
+  const began = performance.now()
   try {
     const detail = await act()
     passed += 1
-    console.log(`ok    ${name}${typeof detail === 'string' ? ` (${detail})` : ''}`)
+    const took = TIMES ? ` [${Math.round(performance.now() - began)} ms]` : ''
+    console.log(`ok    ${name}${typeof detail === 'string' ? ` (${detail})` : ''}${took}`)
   } catch (error) {
     fail(`${name}: ${String(error.message).split('\n')[0]}`)
   }
@@ -27,15 +37,39 @@ export function expect(condition, reason) {
   if (!condition) throw new Error(reason)
 }
 
-/** Polls until `probe` gives something truthy; the last value names the failure. */
-export async function until(reason, milliseconds, probe) {
+/** Polls until `probe` gives something truthy; `seen` is asked for what to say when it does not. */
+export async function until(reason, probe, seen = () => '') {
+  const found = await within(PATIENCE_MS, probe)
+  if (found) return found
+  const last = String(await seen())
+  throw new Error(`${reason}, for ${PATIENCE_MS / 1_000} s${last === '' ? '' : `; seen: ${last}`}`)
+}
+
+/** The same for so long, for what may never be: something else is tried then. */
+export async function within(milliseconds, probe) {
   const end = performance.now() + milliseconds
   for (;;) {
     const value = await probe()
-    if (value) return value
-    if (performance.now() > end) throw new Error(`${reason} within ${milliseconds} ms`)
+    if (value || performance.now() > end) return value
     await pause(50)
   }
+}
+
+/** Until the page has drawn so many pictures: it has looked at what is held or plugged in by then. */
+export function frames(page, count = 2) {
+  return page.evaluate(
+    (left) =>
+      new Promise((resolve) => {
+        const next = () => (left-- > 0 ? requestAnimationFrame(next) : resolve())
+        next()
+      }),
+    count,
+  )
+}
+
+/** Until a request of the page has come back: whatever it sent before has left it by then. */
+export function exchanged(page) {
+  return page.evaluate(() => fetch('/readyz', { cache: 'no-store' }).then(() => undefined))
 }
 
 export function pause(milliseconds) {
@@ -47,12 +81,12 @@ export function axeSource() {
   return readFile(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8')
 }
 
-/** A page that waits for so long, knows `axe`, and fails the run when it throws. */
-export async function openPage(browser, patience, options = {}) {
+/** A page that is patient, knows `axe`, and fails the run when it throws. */
+export async function openPage(browser, options = {}) {
   const context = await browser.newContext({ viewport: DESKTOP, ...options })
   await context.addInitScript(await axeSource())
   const page = await context.newPage()
-  page.setDefaultTimeout(patience)
+  page.setDefaultTimeout(PATIENCE_MS)
   page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
   return page
 }
@@ -105,10 +139,10 @@ export function finish() {
   process.exit(failed === 0 && passed > 0 ? 0 : 1)
 }
 
-/** Ends everything after so long, whatever hangs. */
-export function endBy(milliseconds) {
+/** Ends everything at last, whatever hangs. */
+export function guarded() {
   return setTimeout(() => {
-    fail(`not finished within ${milliseconds / 1_000} s`)
+    fail(`not finished within ${DEADLINE_MS / 1_000} s`)
     finish()
-  }, milliseconds)
+  }, DEADLINE_MS)
 }

@@ -1,7 +1,7 @@
 // How the page meets people: on a phone, when they guess, when the server is away or open.
 
 import { PHONE } from './browser.mjs'
-import { axe, check, expect, measure, pause, picture, until } from './checks.mjs'
+import { axe, check, expect, measure, picture, until } from './checks.mjs'
 import { OTHER_PASSWORD, base, byMock, goTo, id, live, logIn, mock, newPage } from './steps.mjs'
 
 export async function phone(browser) {
@@ -27,7 +27,9 @@ export async function phone(browser) {
         await picture(page, `phone-${colorScheme}-room`)
         for (const name of ['account', 'people', 'keys', 'audit']) {
           await goTo(page, name)
-          await pause(300)
+          await until('it still loads', async () => {
+            return (await page.locator('.empty[role=status]').count()) === 0
+          })
           await measure(page, name)
           await picture(page, `phone-${colorScheme}-${name}`)
           const box = await id(page, 'stop-all').boundingBox()
@@ -46,7 +48,7 @@ export async function limits(browser) {
     await id(page, 'login').waitFor()
     for (let i = 0; i < 12; i++) {
       await logIn(page, 'mallory', `guess number ${i}`)
-      await until('no answer', 5_000, async () => {
+      await until('no answer', async () => {
         return (await page.locator('[aria-disabled=true]').count()) === 0
       })
       const words = await id(page, 'login-failure').textContent()
@@ -81,7 +83,7 @@ export async function troubles(browser) {
     await words.waitFor()
     await axe(page, 'away')
     mock.setDown(false)
-    await id(page, 'login').waitFor({ timeout: 12_000 })
+    await id(page, 'login').waitFor()
   })
   await check('a part that does not come is named', async () => {
     await page.route('**/assets/enter-*', (route) => route.abort())

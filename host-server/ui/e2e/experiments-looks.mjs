@@ -3,9 +3,9 @@
 
 import { startMock } from '../tests/mock/server.mjs'
 import { DESKTOP, PHONE, WALL } from './browser.mjs'
-import { axe, axeSource, check, expect, fail, measure, picture, until } from './checks.mjs'
+import { PATIENCE_MS, axe, axeSource, check, expect, fail } from './checks.mjs'
+import { measure, picture, until } from './checks.mjs'
 
-const PATIENCE_MS = 30_000
 /** Trials of the long experiment: as many as there can be. */
 const MANY = 100_000
 /** A page that does nothing for so long is frozen to whoever clicks. */
@@ -146,7 +146,7 @@ export async function troubles({ browser, mock, newPage, goTo }) {
       tick()
     })
     await page.evaluate((place) => (location.hash = place), `#/experiments/${many.id}`)
-    await until('not all are loaded', 120_000, async () => {
+    await until('not all are loaded', async () => {
       const shown = id(page, 'experiment')
       return (await shown.count()) > 0 && (await data(shown, 'loaded')) === String(MANY)
     })
@@ -165,7 +165,7 @@ export async function troubles({ browser, mock, newPage, goTo }) {
     mock.setDown(true)
     await id(page, 'load-error').waitFor()
     expect((await id(page, 'experiments-table').count()) === 1, 'the list is gone')
-    await until('it can be run', PATIENCE_MS, () => id(page, 'run-experiment').isDisabled())
+    await until('it can be run', () => id(page, 'run-experiment').isDisabled())
     await axe(page, 'away')
     await picture(page, 'experiments-away')
     mock.setDown(false)

@@ -3,24 +3,21 @@
 
 import { startMock } from '../tests/mock/server.mjs'
 import { launch } from './browser.mjs'
-import { axe, check, endBy, expect, fail, finish, openPage, picture, until } from './checks.mjs'
+import { axe, check, expect, fail, finish, guarded } from './checks.mjs'
+import { openPage, picture, until } from './checks.mjs'
 import { everyLook, troubles, viewers } from './experiments-looks.mjs'
 
-const DEADLINE_MS = 400_000
-const PATIENCE_MS = 30_000
-/** Twenty trials of a real simulator on a busy machine. */
-const LONG_MS = 180_000
 const mock = process.env.BASE_URL === undefined ? await startMock({ robots: 12, open: true }) : null
 const base = mock?.url ?? process.env.BASE_URL
 const id = (page, name) => page.getByTestId(name)
 const data = (locator, name) => locator.getAttribute(`data-${name}`)
 const byMock = (name, act) => (mock === null ? undefined : check(name, act))
 
-const newPage = (browser, options) => openPage(browser, PATIENCE_MS, options)
+const newPage = openPage
 
 async function goTo(page, place) {
   await page.goto(`${base}/#/${place}`)
-  await until('the feed is not live', PATIENCE_MS, async () => {
+  await until('the feed is not live', async () => {
     const lamp = id(page, 'connection')
     return (await lamp.count()) > 0 && (await lamp.getAttribute('data-connection')) === 'live'
   })
@@ -53,10 +50,10 @@ async function first(page) {
     return title
   })
   await check('it is watched until it is done', async () => {
-    await page.locator('[data-curve=success] canvas').waitFor({ timeout: LONG_MS })
-    await until('it does not end', LONG_MS, is(page, 'completed'))
+    await page.locator('[data-curve=success] canvas').waitFor()
+    await until('it does not end', is(page, 'completed'))
     expect((await data(id(page, 'experiment'), 'done')) === '20', 'trials are missing')
-    await until('not all are loaded', PATIENCE_MS, async () => {
+    await until('not all are loaded', async () => {
       return (await data(id(page, 'experiment'), 'loaded')) === '20'
     })
     const words = await page.locator('[data-curve=success] figcaption').textContent()
@@ -115,7 +112,7 @@ async function another(page) {
     expect(await is(page, 'created')(), 'it has begun')
     await axe(page, 'created')
     await id(page, 'experiment-start').click()
-    await until('it does not end', LONG_MS, is(page, 'completed'))
+    await until('it does not end', is(page, 'completed'))
     await id(page, 'experiment-remove').click()
     await page.getByTestId('confirm').waitFor()
     await axe(page, 'a question')
@@ -129,7 +126,7 @@ async function another(page) {
   await check('one is done again with changes, paused, resumed and stopped', async () => {
     await goTo(page, `experiments/${encodeURIComponent(made[0])}`)
     await id(page, 'experiment-duplicate').click()
-    await until('the form is not filled in', PATIENCE_MS, async () => {
+    await until('the form is not filled in', async () => {
       const name = id(page, 'experiment-name')
       return (await name.count()) > 0 && (await name.inputValue()).includes('20 trials')
     })
@@ -139,28 +136,28 @@ async function another(page) {
     await id(page, 'run-experiment').click()
     made.push(await opened(page))
     await id(page, 'experiment-pause').click()
-    await until('it does not pause', PATIENCE_MS, is(page, 'paused'))
+    await until('it does not pause', is(page, 'paused'))
     await axe(page, 'paused')
     await id(page, 'experiment-resume').click()
-    await until('it does not go on', PATIENCE_MS, is(page, 'running'))
+    await until('it does not go on', is(page, 'running'))
     const before = Number(await data(id(page, 'experiment'), 'done'))
-    await until('nothing is done', LONG_MS, async () => {
+    await until('nothing is done', async () => {
       return Number(await data(id(page, 'experiment'), 'done')) > Math.max(2, before)
     })
     await axe(page, 'running')
     await id(page, 'experiment-stop').click()
     await page.getByTestId('confirm').click()
-    await until('it does not stop', PATIENCE_MS, is(page, 'stopped'))
+    await until('it does not stop', is(page, 'stopped'))
     return `${await data(id(page, 'experiment'), 'done')} trials`
   })
   await check('the same is run again by one press', async () => {
     await goTo(page, `experiments/${encodeURIComponent(made[0])}`)
     await id(page, 'experiment-again').click()
-    await until('it is the same page', PATIENCE_MS, async () => {
+    await until('it is the same page', async () => {
       return !page.url().endsWith(`/${encodeURIComponent(made[0])}`)
     })
     made.push(await opened(page))
-    await until('it does not end', LONG_MS, is(page, 'completed'))
+    await until('it does not end', is(page, 'completed'))
   })
 }
 
@@ -170,13 +167,13 @@ async function several(page) {
     await page.locator(`[data-experiment="${made[1]}"]`).waitFor()
     await id(page, 'experiments-show').selectOption('stopped')
     const rows = page.locator('[data-testid=experiments-table] tbody tr')
-    await until('others are shown', PATIENCE_MS, async () => (await rows.count()) === 1)
+    await until('others are shown', async () => (await rows.count()) === 1)
     await id(page, 'experiments-search').fill('no such thing')
     await id(page, 'experiments-unmatched').waitFor()
     await axe(page, 'nothing matches')
     expect(page.url().includes('state=stopped'), 'the filter is not in the address')
     await id(page, 'experiments-unmatched').getByRole('button').click()
-    await until('not all are shown', PATIENCE_MS, async () => (await rows.count()) >= 3)
+    await until('not all are shown', async () => (await rows.count()) >= 3)
   })
   await check('three are chosen and compared', async () => {
     for (const one of made) await id(page, `pick-${one}`).click()
@@ -211,10 +208,10 @@ async function byKeys(page) {
     await page.keyboard.type('3')
     await page.keyboard.press('Enter')
     const one = await opened(page)
-    await until('the title has not the focus', PATIENCE_MS, () =>
+    await until('the title has not the focus', () =>
       page.evaluate(() => document.activeElement?.id === 'experiment-title'),
     )
-    await until('it does not end', LONG_MS, is(page, 'completed'))
+    await until('it does not end', is(page, 'completed'))
     await goTo(page, 'experiments')
     await id(page, `pick-${one}`).focus()
     await page.keyboard.press('Enter')
@@ -222,7 +219,7 @@ async function byKeys(page) {
   })
 }
 
-const guard = endBy(DEADLINE_MS)
+const guard = guarded()
 try {
   const browser = await launch()
   const page = await newPage(browser)

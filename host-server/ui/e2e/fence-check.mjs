@@ -2,8 +2,6 @@
 
 import { axe, check, expect, picture, until } from './checks.mjs'
 
-const PATIENCE_MS = 10_000
-
 export function fenced(page) {
   return check('a fence is put up, finds who is beyond it, and is taken down', async () => {
     const id = (name) => page.getByTestId(name)
@@ -17,10 +15,10 @@ export function fenced(page) {
     await id('fence-corners').fill('-900, -900\n900, -900\n900, 900\n-900, 900')
     await id('fence-save').click()
     await row.waitFor()
-    const beyond = await until('nobody is beyond it', PATIENCE_MS, async () => {
+    const beyond = await until('nobody is beyond it', async () => {
       return Number(await row.getAttribute('data-beyond'))
     })
-    await until('the list of robots does not say so', PATIENCE_MS, async () => {
+    await until('the list of robots does not say so', async () => {
       return page.locator(`[data-testid=robot-row][data-fence="${name}"]`).count()
     })
     await axe(page, 'axe-core with a fence')
@@ -28,7 +26,7 @@ export function fenced(page) {
     await row.getByTestId('fence-remove').click()
     await id('confirm').click()
     await row.waitFor({ state: 'detached' })
-    await until('robots are still beyond it', PATIENCE_MS, async () => {
+    await until('robots are still beyond it', async () => {
       return (await page.locator(`[data-testid=robot-row][data-fence="${name}"]`).count()) === 0
     })
     await id('fence-close').click()

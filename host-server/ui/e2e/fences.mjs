@@ -2,9 +2,10 @@
 // and taken down; and what somebody sees who may only watch.
 
 import { startMock } from '../tests/mock/server.mjs'
-import { PATIENCE_MS, apart, browser, id, mock, onPage, open, soon, stand } from './arena-steps.mjs'
+import { apart, browser, id, mock, onPage, open, soon, standing } from './arena-steps.mjs'
 import { DESKTOP, PHONE } from './browser.mjs'
-import { axe, axeSource, check, expect, fail, measure, pause, picture } from './checks.mjs'
+import { PATIENCE_MS, axe, axeSource, check, expect, fail } from './checks.mjs'
+import { measure, pause, picture } from './checks.mjs'
 
 const fences = () => mock.fences.map(({ name }) => name)
 const corners = (page) => id(page, 'fence-bar').getAttribute('data-corners')
@@ -36,8 +37,7 @@ async function saved(page, name) {
 
 export async function byFences() {
   const { context, page } = await open()
-  stand()
-  await pause(600)
+  await standing(page)
   const { width, height } = mock.world.arena
   const [w, h] = [width * 0.32, height * 0.24]
 
@@ -175,7 +175,7 @@ export async function byFences() {
     await id(page, 'fence-action').selectOption('warn')
     await saved(page, 'court')
     mock.fences.push({ ...mock.fences[1], id: 'other', name: 'hill', by: 'bob' })
-    await row(page, 'hill').waitFor({ timeout: PATIENCE_MS })
+    await row(page, 'hill').waitFor()
     await picture(page, 'fence-three')
   })
 

@@ -3,12 +3,10 @@
 
 import { startMock } from '../tests/mock/server.mjs'
 import { PHONE, WALL, launch } from './browser.mjs'
-import { axe, check, endBy, expect, fail, finish, openPage } from './checks.mjs'
+import { axe, check, expect, fail, finish, guarded, openPage } from './checks.mjs'
 import { measure, picture, until } from './checks.mjs'
 import { byKeyboard } from './keyboard.mjs'
 
-const DEADLINE_MS = 280_000
-const PATIENCE_MS = 20_000
 const mock = await startMock({ robots: 100, open: true })
 const base = mock.url
 const id = (page, name) => page.getByTestId(name)
@@ -25,11 +23,11 @@ const PLACES = {
   simulation: 'simulation',
 }
 
-const newPage = (browser, options) => openPage(browser, PATIENCE_MS, options)
+const newPage = openPage
 
 async function goTo(page, place) {
   await page.goto(`${base}/#/${place}`)
-  await until('the feed is not live', PATIENCE_MS, async () => {
+  await until('the feed is not live', async () => {
     const lamp = id(page, 'connection')
     return (await lamp.count()) > 0 && (await lamp.getAttribute('data-connection')) === 'live'
   })
@@ -41,11 +39,11 @@ const data = (locator, name) => locator.getAttribute(`data-${name}`)
 async function dashboard(page) {
   await check('one look says what is wrong, and where', async () => {
     await goTo(page, 'dashboard')
-    await until('the robots are not counted', PATIENCE_MS, async () => {
+    await until('the robots are not counted', async () => {
       return (await page.locator('[data-count=online]').textContent()) === '98'
     })
     const codes = page.locator('[data-testid=findings] li')
-    await until('the findings are others', PATIENCE_MS, async () => {
+    await until('the findings are others', async () => {
       const found = await codes.evaluateAll((all) => all.map((one) => one.dataset.code))
       return found.sort().join(' ') === 'low offline stale'
     })
@@ -55,18 +53,18 @@ async function dashboard(page) {
   })
   await check('a lost broker turns the badge to bad, and back', async () => {
     mock.ready.broker = false
-    await until('the badge did not turn', PATIENCE_MS, async () => {
+    await until('the badge did not turn', async () => {
       return (await data(id(page, 'health'), 'gravity')) === 'bad'
     })
     await picture(page, 'bad')
     mock.ready.broker = true
-    await until('the badge did not turn back', PATIENCE_MS, async () => {
+    await until('the badge did not turn back', async () => {
       return (await data(id(page, 'health'), 'gravity')) === 'watch'
     })
   })
   await check('a finding leads to the robots that it is about', async () => {
     await page.locator('[data-testid=findings] li[data-code=stale] a').click()
-    await until('others are shown', PATIENCE_MS, async () => {
+    await until('others are shown', async () => {
       return (await data(id(page, 'robots-count'), 'shown')) === '1'
     })
     expect(page.url().includes('show=stale'), 'the filter is not in the address')
@@ -100,13 +98,13 @@ async function findOne(page) {
     await goTo(page, 'robots?as=table')
     await id(page, 'sort-battery').click()
     const first = page.locator('[data-testid=table-row]').first()
-    await until('the weakest is not first', PATIENCE_MS, async () => {
+    await until('the weakest is not first', async () => {
       return (await data(first, 'robot-id')) === 'sim-0006'
     })
     const head = page.locator('[role=columnheader].col-battery')
     expect((await head.getAttribute('aria-sort')) === 'ascending', 'the order is not told')
     await id(page, 'sort-battery').click()
-    await until('the order did not turn', PATIENCE_MS, async () => {
+    await until('the order did not turn', async () => {
       return (await head.getAttribute('aria-sort')) === 'descending'
     })
   })
@@ -138,7 +136,7 @@ async function oneRobot(page) {
     await page.mouse.down()
     await page.mouse.move(box.x + box.width * 0.6, box.y + 20, { steps: 4 })
     await page.mouse.up()
-    await until('nothing was zoomed', PATIENCE_MS, () => page.url().includes('from='))
+    await until('nothing was zoomed', () => page.url().includes('from='))
   })
   await check('the camera shows what the robot recognises', async () => {
     await id(page, 'camera').waitFor()
@@ -155,9 +153,9 @@ async function oneRobot(page) {
     await page.keyboard.press('Enter')
     await id(page, 'parameters-said').waitFor()
     await page.reload()
-    await until('it is not kept', PATIENCE_MS, async () => (await field.inputValue()) === '650')
+    await until('it is not kept', async () => (await field.inputValue()) === '650')
     await id(page, 'compare').fill('sim-0002')
-    await until('the difference is not told', PATIENCE_MS, async () => {
+    await until('the difference is not told', async () => {
       const told = id(page, 'differences')
       return (await told.count()) > 0 && (await told.textContent()).includes('one value')
     })
@@ -194,7 +192,7 @@ async function swarm(page) {
     await id(page, 'act').click()
     await id(page, 'tell-identify').click()
     const progress = id(page, 'progress').first()
-    await until('not all are done', PATIENCE_MS, async () => (await data(progress, 'done')) === '3')
+    await until('not all are done', async () => (await data(progress, 'done')) === '3')
     await id(page, 'group-name').fill('Left wing')
     await id(page, 'save-group').click()
     await page.locator('[data-group="Left wing"]').waitFor()
@@ -210,15 +208,11 @@ async function swarm(page) {
     expect(mock.commands.length === before, 'it was sent unasked')
     await slide(page, 'send')
     const progress = id(page, 'progress').first()
-    await until('nothing is under way', PATIENCE_MS, async () => {
+    await until('nothing is under way', async () => {
       return Number(await data(progress, 'open')) > 0 && Number(await data(progress, 'done')) > 0
     })
     await picture(page, 'progress')
-    await until(
-      'not all are done',
-      PATIENCE_MS,
-      async () => (await data(progress, 'done')) === '98',
-    )
+    await until('not all are done', async () => (await data(progress, 'done')) === '98')
   })
   await check('a tap on the slide does nothing but offer a button', async () => {
     const before = mock.commands.length
@@ -228,17 +222,17 @@ async function swarm(page) {
     await id(page, 'send-confirm').waitFor()
     expect(mock.commands.length === before, 'it was sent')
     await id(page, 'send-confirm').click()
-    await until('it was not sent', PATIENCE_MS, () => mock.commands.length > before)
+    await until('it was not sent', () => mock.commands.length > before)
   })
   await check('everything is stopped without a question, and re-armed', async () => {
     await id(page, 'stop-all').click()
     const panel = id(page, 'stop-panel')
-    await until('not stopped', PATIENCE_MS, async () => (await data(panel, 'stop')) === 'stopped')
-    await until('the badge does not say', PATIENCE_MS, async () => {
+    await until('not stopped', async () => (await data(panel, 'stop')) === 'stopped')
+    await until('the badge does not say', async () => {
       return (await id(page, 'health').getAttribute('title')).includes('Emergency stop')
     })
     await id(page, 'rearm').click()
-    await until('not re-armed', PATIENCE_MS, async () => (await data(panel, 'stop')) === 'armed')
+    await until('not re-armed', async () => (await data(panel, 'stop')) === 'armed')
   })
 }
 
@@ -249,7 +243,7 @@ async function shared(page) {
       await goTo(page, '')
       await id(page, 'search').fill('sim-001')
       const rows = page.locator('[data-testid=robot-row]')
-      await until('the list is not narrowed', PATIENCE_MS, async () => (await rows.count()) === 10)
+      await until('the list is not narrowed', async () => (await rows.count()) === 10)
       await rows.nth(1).click()
       await rows.nth(2).click({ modifiers: ['Shift'] })
       await id(page, 'list-chosen').waitFor()
@@ -257,7 +251,7 @@ async function shared(page) {
       expect(page.url().includes(`robot=${chosen}`), 'the robot is not in the address')
       const copy = await newPage(page.context().browser())
       await copy.goto(page.url())
-      await until('the link shows another robot', PATIENCE_MS, async () => {
+      await until('the link shows another robot', async () => {
         return (await data(id(copy, 'robot-panel'), 'robot-id')) === chosen
       })
       expect((await id(copy, 'search').inputValue()) === 'sim-001', 'the search is not in the link')
@@ -273,29 +267,29 @@ async function simulation(page) {
     const world = id(page, 'world')
     const is = (state) => async () => (await data(world, 'state')) === state
     await id(page, 'pause').click()
-    await until('it did not pause', PATIENCE_MS, is('paused'))
+    await until('it did not pause', is('paused'))
     await id(page, 'step').click()
     await id(page, 'resume').click()
-    await until('it did not go on', PATIENCE_MS, is('running'))
+    await until('it did not go on', is('running'))
     await world.getByTestId('speed').selectOption('5')
     await slide(page, 'reset')
-    await until('it did not begin again', PATIENCE_MS, async () => {
+    await until('it did not begin again', async () => {
       return /^[0-5] s$/.test((await id(page, 'world-time').textContent()).trim())
     })
   })
   await check('robots are added, and broken and healed', async () => {
     await id(page, 'add-many').fill('3')
     await id(page, 'add-robots').click()
-    await until('it is not said', PATIENCE_MS, async () => {
+    await until('it is not said', async () => {
       return (await id(page, 'population-said').textContent()).includes('3 robots')
     })
     await id(page, 'fault').selectOption('motor-weak')
     await id(page, 'fault-robot').fill('sim-0002')
     await id(page, 'inject').click()
-    await until('nothing is broken', PATIENCE_MS, () => mock.faults.length === 1)
+    await until('nothing is broken', () => mock.faults.length === 1)
     expect(mock.faults[0].fault.strength === 0.5, 'the number is missing')
     await id(page, 'heal').click()
-    await until('nothing is healed', PATIENCE_MS, () => mock.faults.length === 2)
+    await until('nothing is healed', () => mock.faults.length === 2)
   })
 }
 
@@ -310,7 +304,7 @@ async function events(page) {
     await id(page, 'log-level').selectOption('warn')
     await id(page, 'log-search-toggle').click()
     await id(page, 'log-search').fill('no such thing')
-    await until('others are shown', PATIENCE_MS, async () => {
+    await until('others are shown', async () => {
       return (await page.locator('[data-testid=log] .entry').count()) === 1
     })
     expect(
@@ -386,7 +380,7 @@ async function settle(page, name) {
   await page.locator(last[name]).first().waitFor()
 }
 
-const guard = endBy(DEADLINE_MS)
+const guard = guarded()
 try {
   const browser = await launch()
   const page = await newPage(browser)

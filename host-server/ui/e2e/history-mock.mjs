@@ -8,14 +8,19 @@ const MINUTE = 60_000
 const id = (page, name) => page.getByTestId(name)
 const data = (locator, name) => locator.getAttribute(`data-${name}`)
 
-export async function byMock({ browser, mock, newPage, shown, reads, patience }) {
+export async function byMock({ browser, mock, newPage, shown, reads }) {
   const base = mock.url
   const span = await (await fetch(`${base}/api/v1/history`)).json()
   const started = span.from + 10 * MINUTE
   const link = (at, more = '') =>
     `${base}/#/history?from=${started - 10 * MINUTE}&to=${started}&at=${at}${more}`
+  // What stood there before is shown until the new address is taken up.
   const goTo = async (page, address) => {
     await page.goto(address)
+    const wanted = new URLSearchParams(new URL(address).hash.split('?')[1]).get('at')
+    await until('another moment is shown', async () => {
+      return (await data(id(page, 'history'), 'at')) === wanted
+    })
     await shown(page)
   }
   const at = async (page) => (await reads(page)).at
@@ -24,14 +29,14 @@ export async function byMock({ browser, mock, newPage, shown, reads, patience })
   await check('a gap in the record is shown as one', async () => {
     await goTo(page, link(started - 275_000, '&robot=sim-0005'))
     const words = id(page, 'history-summary')
-    await until('the silent robot is not counted', patience, async () => {
+    await until('the silent robot is not counted', async () => {
       return (await data(words, 'gaps')) === '1'
     })
     const text = await words.textContent()
     expect(/sim-0005: nothing recorded for 25 s/.test(text), `the words are ${text}`)
     const before = await reads(page)
     await id(page, 'step-forward').click()
-    await until('nothing is shown', patience, async () => (await reads(page)).robot === 'sim-0005')
+    await until('nothing is shown', async () => (await reads(page)).robot === 'sim-0005')
     const after = await reads(page)
     expect(after.at === before.at + 1_000, 'a step is another')
     expect(after.x === before.x && after.y === before.y, 'motion is made up')
@@ -53,7 +58,7 @@ export async function byMock({ browser, mock, newPage, shown, reads, patience })
     ]
     for (const [key, by] of steps) {
       await page.keyboard.press(key)
-      await until(`${key} went elsewhere`, patience, async () => (await at(page)) === middle + by)
+      await until(`${key} went elsewhere`, async () => (await at(page)) === middle + by)
     }
     const value = await line.getAttribute('aria-valuetext')
     expect(/\d{2}:\d{2}:\d{2}/.test(value), `it is called ${value}`)
@@ -68,18 +73,20 @@ export async function byMock({ browser, mock, newPage, shown, reads, patience })
     await page.mouse.up()
     const middle = started - 5 * MINUTE
     expect(Math.abs((await at(page)) - middle) < 2_000, 'it is elsewhere')
-    await until('the address does not say', patience, async () => {
+    await until('the address does not say', async () => {
       return page.url().includes(`at=${await at(page)}`)
     })
     await shown(page)
   })
   await check('it plays sixty times as fast, without a break', async () => {
     await id(page, 'history-speed').selectOption('60')
-    await until('the speed is not in the address', patience, () => page.url().includes('speed=60'))
+    await until('the speed is not in the address', () => page.url().includes('speed=60'))
     const before = await at(page)
     await id(page, 'play').click()
-    await until('it is slow', patience, async () => (await at(page)) > before + 60_000)
-    await id(page, 'play').click()
+    await until('time does not pass', async () => (await at(page)) > before + 60_000)
+    // A step pauses also where it has come to the end by now, and the button would begin anew.
+    await id(page, 'step-back').click()
+    expect((await data(id(page, 'play'), 'playing')) === 'false', 'it plays on')
     await id(page, 'history-speed').selectOption('1')
   })
   await check('the arena is the one of that time', async () => {
@@ -90,22 +97,25 @@ export async function byMock({ browser, mock, newPage, shown, reads, patience })
     }
     const [before, then] = [await count(started - 250_000), await count(started - 200_000)]
     expect(then === before + 1, 'the mock changes nothing')
-    const look = async (time) => {
+    const canvas = id(page, 'history-arena')
+    for (const [time, things] of [
+      [started - 250_000, before],
+      [started - 200_000, then],
+    ]) {
       await goTo(page, link(time))
-      await page.waitForTimeout(400)
-      return page.locator('.history-arena .arena-box').screenshot()
+      await until('another arena is shown', async () => {
+        return (await data(canvas, 'things')) === String(things)
+      })
     }
-    const [a, b] = [await look(started - 250_000), await look(started - 200_000)]
-    expect(!a.equals(b), 'the picture is the same')
   })
   await check('robots are chosen in the picture and followed, none can be driven', async () => {
     await goTo(page, link(started - 200_000))
     const canvas = id(page, 'history-arena')
     await canvas.focus()
     await page.keyboard.press('Enter')
-    await until('nobody is chosen', patience, () => page.url().includes('robot='))
+    await until('nobody is chosen', () => page.url().includes('robot='))
     await page.keyboard.press('f')
-    await until('nobody is followed', patience, async () => {
+    await until('nobody is followed', async () => {
       return (await data(canvas, 'follow')) === 'true'
     })
     const sent = mock.commands.length
@@ -123,7 +133,7 @@ export async function byMock({ browser, mock, newPage, shown, reads, patience })
     const box = await over.boundingBox()
     await page.mouse.click(box.x + box.width * 0.25, box.y + 20)
     const quarter = started - 10 * MINUTE + 150_000
-    await until('the time is another', patience, async () => {
+    await until('the time is another', async () => {
       return Math.abs((await at(page)) - quarter) < 5_000
     })
     const mark = await page.locator('[data-chart=range] .u-moment').boundingBox()
@@ -132,19 +142,19 @@ export async function byMock({ browser, mock, newPage, shown, reads, patience })
   await check('events are filtered, paged, and one of the live log leads here', async () => {
     await goTo(page, link(started - 200_000, '&robot=sim-0003'))
     const entries = page.locator('.recorded-entry')
-    await until('no page of events', patience, async () => (await entries.count()) >= 200)
-    await until('no current one', patience, async () => {
+    await until('no page of events', async () => (await entries.count()) >= 200)
+    await until('no current one', async () => {
       return (await page.locator('.recorded-entry[aria-current]').count()) === 1
     })
     await id(page, 'recorded-level').selectOption('error')
-    await until('others are shown', patience, async () => {
+    await until('others are shown', async () => {
       const levels = await entries.evaluateAll((all) => all.map((one) => one.dataset.level))
       return levels.length > 0 && levels.every((level) => level === 'error')
     })
     expect(page.url().includes('level=error'), 'the level is not in the address')
     await id(page, 'recorded-level').selectOption('info')
     await id(page, 'recorded-only').click()
-    await until('others are shown', patience, async () => {
+    await until('others are shown', async () => {
       const texts = await entries.allTextContents()
       return texts.length > 0 && texts.every((text) => text.includes('sim-0003'))
     })
@@ -162,11 +172,11 @@ export async function byMock({ browser, mock, newPage, shown, reads, patience })
     const line = id(page, 'time-line')
     const length = async () => Number(await data(line, 'to')) - Number(await data(line, 'from'))
     await id(page, 'closer').click()
-    await until('it is not closer', patience, async () => (await length()) === 5 * MINUTE)
+    await until('it is not closer', async () => (await length()) === 5 * MINUTE)
     await id(page, 'wider').click()
-    await until('it is not wider', patience, async () => (await length()) === 10 * MINUTE)
+    await until('it is not wider', async () => (await length()) === 10 * MINUTE)
     await id(page, 'history-range').selectOption(String(60 * MINUTE))
-    await until('it is no hour', patience, async () => (await length()) === 60 * MINUTE)
+    await until('it is no hour', async () => (await length()) === 60 * MINUTE)
     await id(page, 'from-to').click()
     const [from, to] = [page.locator('#history-from'), page.locator('#history-to')]
     await to.fill(await from.inputValue())
@@ -175,12 +185,12 @@ export async function byMock({ browser, mock, newPage, shown, reads, patience })
     await axe(page, 'from and to')
     await id(page, 'from-to').click()
   })
-  await troubles({ page, mock, base, link, started, goTo, shown, patience })
+  await troubles({ page, mock, base, link, started, goTo, at })
   await page.context().close()
   await looks({ browser, newPage, link, started, goTo })
 }
 
-async function troubles({ page, mock, base, link, started, goTo, patience }) {
+async function troubles({ page, mock, base, link, started, goTo, at }) {
   await check('a record that cannot be read is named, and read again', async () => {
     mock.record.setFailing(500)
     await page.goto(link(started - 400_000))
@@ -191,7 +201,7 @@ async function troubles({ page, mock, base, link, started, goTo, patience }) {
     await picture(page, 'history-failed')
     mock.record.setFailing(null)
     await id(page, 'history-retry').click()
-    await until('it is not shown', patience, async () => {
+    await until('it is not shown', async () => {
       return (await data(id(page, 'history'), 'here')) === 'shown'
     })
   })
@@ -201,20 +211,25 @@ async function troubles({ page, mock, base, link, started, goTo, patience }) {
     mock.setDown(true)
     try {
       await id(page, 'history-offline').waitFor()
+      const before = await at(page)
       await id(page, 'step-back').click()
+      // The moment goes into the address a moment later, and what is loaded must outlast that.
+      const back = String(before - 1_000)
+      await until('the moment is not in the address', () => page.url().includes(`at=${back}`))
+      expect((await at(page)) === before - 1_000, 'another moment is shown')
       expect((await data(id(page, 'history'), 'here')) === 'shown', 'it is gone')
       await axe(page, 'offline')
     } finally {
       mock.setDown(false)
     }
-    await until('it is not back', patience, async () => {
+    await until('it is not back', async () => {
       return (await id(page, 'history-offline').count()) === 0
     })
   })
   await check('where nothing was recorded, the way to the record is shown', async () => {
     await page.goto(`${base}/#/history?from=${started - 7_200_000}&to=${started - 7_000_000}`)
     await id(page, 'to-record').click()
-    await until('it is not shown', patience, async () => {
+    await until('it is not shown', async () => {
       return (await data(id(page, 'history'), 'here')) === 'shown'
     })
   })

@@ -2,7 +2,6 @@
 
 import { check, expect, until } from './checks.mjs'
 
-const PATIENCE_MS = 20_000
 const MOST_TABS = 80
 
 const id = (page, name) => page.getByTestId(name)
@@ -36,7 +35,7 @@ export async function byKeyboard(page, base, mock) {
     const row = await page.evaluate(() => document.activeElement.closest('[data-at]')?.dataset.at)
     expect(row === '30', `the focus is in row ${row}`)
     await page.keyboard.press('Enter')
-    await until('it is not selected', PATIENCE_MS, async () => {
+    await until('it is not selected', async () => {
       return (await id(page, 'selected-count').textContent())?.startsWith('1')
     })
     await page.keyboard.press('Tab')
@@ -54,7 +53,7 @@ export async function byKeyboard(page, base, mock) {
     expect(mock.commands.length === before, 'one key confirmed')
     await page.keyboard.press('Tab')
     await page.keyboard.press('Enter')
-    await until('nothing was sent', PATIENCE_MS, () => mock.commands.length === before + 1)
+    await until('nothing was sent', () => mock.commands.length === before + 1)
     return mock.commands.at(-1).command
   })
   await check('by keyboard alone: Space stops on every page, and presses nothing', async () => {
@@ -65,12 +64,12 @@ export async function byKeyboard(page, base, mock) {
       await page.keyboard.press('Shift+Tab')
       await page.keyboard.press('Space')
       const panel = id(page, 'stop-panel')
-      await until(`${place}: not stopped`, PATIENCE_MS, async () => {
+      await until(`${place}: not stopped`, async () => {
         return (await panel.getAttribute('data-stop')) === 'stopped'
       })
       await tabTo(page, 're-arming', () => document.activeElement.dataset.testid === 'rearm')
       await page.keyboard.press('Enter')
-      await until(`${place}: not re-armed`, PATIENCE_MS, async () => {
+      await until(`${place}: not re-armed`, async () => {
         return (await panel.getAttribute('data-stop')) === 'armed'
       })
     }

@@ -4,7 +4,6 @@
 import { PHONE, WALL } from './browser.mjs'
 import { axe, check, expect, measure, picture, until } from './checks.mjs'
 
-const PATIENCE_MS = 30_000
 const BOOKMARKS = 16
 const id = (page, name) => page.getByTestId(name)
 
@@ -51,7 +50,7 @@ const STATES = {
   },
   preview: async (page) => {
     await page.locator('.scenario-card[data-scenario=search]').click()
-    await until('it is not shown', PATIENCE_MS, async () => {
+    await until('it is not shown', async () => {
       return (await id(page, 'scenario-choice').getAttribute('data-name')) === 'search'
     })
     await id(page, 'scenario-robots').fill('many')
@@ -120,10 +119,14 @@ export async function looks({ browser, mock, newPage, goTo }) {
     ]) {
       const box = await map.boundingBox()
       await map.tap({ position: { x: box.width * x, y: box.height * y } })
-      const done = await until('', 3_000, async () => (await said.textContent()) !== '').catch(
-        () => false,
-      )
-      if (done) break
+      // Said that it is there, or why it is not.
+      const told = () =>
+        until('nothing is said', async () => {
+          const words = (await said.textContent()).trim()
+          if (words !== '') return 'put'
+          return (await phone.locator('#things-trouble').count()) > 0 && 'refused'
+        })
+      if ((await told()) === 'put') break
     }
     expect(mock.world.arena.objects.length === before + 1, 'nothing was put in')
   })
@@ -131,7 +134,7 @@ export async function looks({ browser, mock, newPage, goTo }) {
     await goTo(phone, '')
     await id(phone, 'layers').click()
     await id(phone, 'put-in').click()
-    await until('the focus is elsewhere', PATIENCE_MS, async () => {
+    await until('the focus is elsewhere', async () => {
       return (await phone.evaluate(() => document.activeElement.id)) === 'things-title'
     })
   })
@@ -170,7 +173,7 @@ async function full(browser, mock, newPage, goTo) {
       for (const scenario of ['search', 'empty', 'search']) {
         await tell(mock, { command: 'load', scenario, robots: 5 })
         const wanted = mock.world.arena.obstacles.length + mock.world.arena.objects.length
-        await until(`${scenario} is not shown`, PATIENCE_MS, async () => {
+        await until(`${scenario} is not shown`, async () => {
           return (await map.getAttribute('data-things')) === String(wanted)
         })
       }
@@ -185,12 +188,12 @@ async function full(browser, mock, newPage, goTo) {
     await tell(mock, { command: 'load', scenario: 'corridor', robots: 5 })
     const width = mock.world.arena.width
     const arena = id(page, 'arena')
-    const share = await until('the view does not fit', PATIENCE_MS, async () => {
+    const share = await until('the view does not fit', async () => {
       const [x, , scale] = (await arena.getAttribute('data-camera')).split(' ').map(Number)
       const taken = (scale * width) / (await arena.boundingBox()).width
       return Math.abs(x) < 0.1 && taken > 0.8 && taken <= 1 && taken
     })
-    await until('the overview stays', PATIENCE_MS, async () => {
+    await until('the overview stays', async () => {
       return (await id(page, 'minimap').getAttribute('data-shown')) === 'false'
     })
     await goTo(page, 'simulation')
@@ -238,7 +241,7 @@ async function viewer(browser, mock, newPage) {
     await picture(page, 'simulation-viewer')
     // Looking at scenarios changes nothing.
     await page.locator('.scenario-card[data-scenario=corridor]').click()
-    await until('it is not shown', PATIENCE_MS, async () => {
+    await until('it is not shown', async () => {
       return (await id(page, 'scenario-choice').getAttribute('data-name')) === 'corridor'
     })
   })

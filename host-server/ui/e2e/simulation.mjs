@@ -4,15 +4,14 @@
 
 import { startMock } from '../tests/mock/server.mjs'
 import { launch } from './browser.mjs'
-import { axe, check, endBy, expect, fail, finish, openPage, picture } from './checks.mjs'
-import { until } from './checks.mjs'
+import { axe, check, expect, fail, finish, guarded, openPage } from './checks.mjs'
+import { picture, until, within } from './checks.mjs'
 import { looks } from './simulation-looks.mjs'
 
-const DEADLINE_MS = 280_000
-/** Generous: machines that run tests are busy, and robots take their time to start anew. */
-const PATIENCE_MS = 40_000
 /** A robot that has been driven away is at least this far, metres. */
 const AWAY = 0.35
+/** For a robot to get there before another way is tried. */
+const OTHER_WAY_MS = 12_000
 /** Back at its place: it may believe to be a little beside it. */
 const BACK = 0.12
 const ROBOTS = 4
@@ -20,12 +19,12 @@ const ROBOTS = 4
 const mock = process.env.BASE_URL === undefined ? await startMock({ robots: 24, seed: 3 }) : null
 const base = mock?.url ?? process.env.BASE_URL
 const id = (page, name) => page.getByTestId(name)
-const soon = (reason, probe) => until(reason, PATIENCE_MS, probe)
+const soon = until
 const data = (locator, name) => locator.getAttribute(`data-${name}`)
 const robots = (page) => page.evaluate(() => globalThis.terracrawler.robots())
 const focused = (page) => page.evaluate(() => document.activeElement?.dataset?.testid ?? '')
 
-const newPage = (browser, options) => openPage(browser, PATIENCE_MS, options)
+const newPage = openPage
 
 async function goTo(page, place) {
   await page.goto(`${base}/#/${place}`)
@@ -203,10 +202,10 @@ async function driveAway(page, robot) {
   for (const key of ['ArrowUp', 'ArrowDown', 'ArrowUp']) {
     await id(page, 'drive-pad').focus()
     await page.keyboard.down(key)
-    const far = await until('it does not move', 12_000, async () => {
+    const far = await within(OTHER_WAY_MS, async () => {
       const now = (await robots(page)).find((one) => one.id === robot)
       return Math.hypot(now.x - start.x, now.y - start.y) > AWAY
-    }).catch(() => false)
+    })
     await page.keyboard.up(key)
     if (far) return
   }
@@ -296,7 +295,7 @@ async function bookmarks(page) {
   })
 }
 
-const guard = endBy(DEADLINE_MS)
+const guard = guarded()
 try {
   const browser = await launch()
   const page = await newPage(browser)

@@ -2,7 +2,7 @@
 // mock, or the closed one at BASE_URL whose first admin's code is INVITE.
 
 import { startMock } from '../tests/mock/server.mjs'
-import { check, openPage, until } from './checks.mjs'
+import { check, until } from './checks.mjs'
 
 export const PASSWORD = 'correct horse battery'
 export const OTHER_PASSWORD = 'another good password'
@@ -17,10 +17,10 @@ export const code = mock?.accounts.firstCode ?? process.env.INVITE
 export const byMock = (name, act) => (mock === null ? undefined : check(name, act))
 export const id = (page, name) => page.getByTestId(name)
 
-export const newPage = (browser, options) => openPage(browser, 8_000, options)
+export { openPage as newPage } from './checks.mjs'
 
-export function live(page, milliseconds = 10_000) {
-  return until('the feed is not live', milliseconds, async () => {
+export function live(page) {
+  return until('the feed is not live', async () => {
     const lamp = id(page, 'connection')
     return (await lamp.count()) > 0 && (await lamp.getAttribute('data-connection')) === 'live'
   })

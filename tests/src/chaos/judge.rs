@@ -29,6 +29,15 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::Behave,
+        Self::Drive,
+        Self::Identify,
+        Self::Move,
+        Self::Set,
+    ];
+
     /// As the contract names it.
     pub const fn name(self) -> &'static str {
         match self {

@@ -1,6 +1,6 @@
 //! Whoever gives commands, over HTTP, and writes down every 202.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -61,6 +61,17 @@ impl People {
             .take_while(|(_, at)| at.elapsed() < span)
             .filter(|(given, _)| matches!(given.kind, Kind::Set | Kind::Identify))
             .filter_map(|(given, _)| given.id.clone())
+            .collect()
+    }
+
+    /// Kinds of commands of which at least one was acknowledged after `moment`.
+    pub(super) fn acknowledged(&self, moment: Instant) -> BTreeSet<Kind> {
+        let given = self.shared.given.lock();
+        let given = given.unwrap_or_else(PoisonError::into_inner);
+        given
+            .iter()
+            .filter(|(given, at)| *at > moment && given.id.is_some())
+            .map(|(given, _)| given.kind)
             .collect()
     }
 

@@ -1,6 +1,6 @@
 //! Processes, the network between them, and what befalls both.
 
-use std::net::SocketAddr;
+use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use crawler_sim::net::lockstep::{Cut, LinkModel};
@@ -10,12 +10,12 @@ use crawler_sim::world::RadioFigures;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use super::judge::judge;
+use super::judge::{Kind, judge};
 use super::people::People;
 use super::report::{Fault, Report};
 use super::tape::Tapes;
 use super::twice::Twice;
-use crate::{Mosquitto, Simulated, Terracrawler, free_port, measure};
+use crate::{Mosquitto, ReservedPort, Simulated, Terracrawler, measure, wait_for_with};
 
 /// 5 % of words are sent again, and up to 200 ms more than the shortest way takes.
 const BAD_LINK: LinkModel = LinkModel {
@@ -30,8 +30,9 @@ const SCENARIO: &str = "name = \"chaos\"\nrobots = 1\n\n[arena]\narea_per_robot 
                         least_side = 3.0\n\n[spawn]\nclearance = 0.1\n";
 /// Commands acknowledged so shortly before the server dies are asked for when it is back.
 const RECENT: Duration = Duration::from_secs(3);
-/// For the server to bring what it owes to an end: the longest pause between two attempts, and a bit.
-const OWED: Duration = Duration::from_secs(40);
+/// For the server to bring what it owes to an end: the longest pause between two attempts, and what
+/// a busy machine takes on top.
+const OWED: Duration = Duration::from_mins(2);
 /// After the last command, before anything is asked: longer than motion lives.
 const CALM: Duration = Duration::from_secs(5);
 const LOOK: Duration = Duration::from_millis(200);
@@ -74,8 +75,11 @@ struct Stage {
     server: Terracrawler,
     mosquitto: Option<Mosquitto>,
     broker_port: u16,
+    /// The port of Mosquitto, while it is down as well.
+    _broker_reserved: Option<ReservedPort>,
     proxy: Option<Proxy>,
-    proxy_address: SocketAddr,
+    /// That of the proxy, likewise.
+    proxy_port: ReservedPort,
     /// When the last fault ended.
     ended: Instant,
 }
@@ -104,6 +108,18 @@ pub fn run(options: Options) -> Report {
         report.open += stage.still_open(&owed);
     }
     std::thread::sleep(stage.options.end.saturating_sub(began.elapsed()));
+    // On a busy machine it takes longer until there is something to judge.
+    let (patience, ended) = (stage.options.patience, stage.ended);
+    let mut seen = (0, BTreeSet::new());
+    wait_for_with(
+        "commands of all kinds, and twice",
+        patience,
+        &mut seen,
+        |seen| {
+            *seen = (twice.sent(), people.acknowledged(ended));
+            (seen.0 > 0 && Kind::ALL.iter().all(|kind| seen.1.contains(kind))).then_some(())
+        },
+    );
     let given = people.stop();
     twice.stop();
     std::thread::sleep(CALM);
@@ -117,28 +133,29 @@ pub fn run(options: Options) -> Report {
 
 impl Stage {
     fn set(options: Options) -> Self {
-        let (server, mosquitto, broker_port) = match options.broker {
+        let (server, mosquitto, broker_port, reserved) = match options.broker {
             Broker::Embedded => {
                 let server = Terracrawler::start(&["serve"]);
                 let port = server.mqtt();
-                (server, None, port)
+                (server, None, port, None)
             }
             Broker::Mosquitto => {
-                let port = free_port();
+                let reserved = ReservedPort::new();
+                let port = reserved.number();
                 let broker = Mosquitto::start(port);
                 let url = format!("mqtt://127.0.0.1:{port}");
                 let server = Terracrawler::start(&["serve", "--broker", &url]);
-                (server, Some(broker), port)
+                (server, Some(broker), port, Some(reserved))
             }
         };
-        let proxy_address = ([127, 0, 0, 1], free_port()).into();
         let mut stage = Self {
             options,
             server,
             mosquitto,
             broker_port,
+            _broker_reserved: reserved,
             proxy: None,
-            proxy_address,
+            proxy_port: ReservedPort::new(),
             ended: Instant::now(),
         };
         stage.connect();
@@ -148,7 +165,7 @@ impl Stage {
     /// Opens the way from the robots to their broker.
     fn connect(&mut self) {
         let config = ProxyConfig {
-            listen: self.proxy_address,
+            listen: ([127, 0, 0, 1], self.proxy_port.number()).into(),
             broker: vec![([127, 0, 0, 1], self.broker_port).into()],
             setup: Setup {
                 link: BAD_LINK,
@@ -170,7 +187,7 @@ impl Stage {
         let paths = [&scenario, &record].map(|path| path.to_str().expect("a plain path"));
         let [scenario, record] = paths;
         Simulated::start(
-            self.proxy_address.port(),
+            self.proxy_port.number(),
             &[
                 "--robots",
                 &robots,

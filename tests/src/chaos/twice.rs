@@ -2,7 +2,7 @@
 //! as somebody may who has listened.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -23,6 +23,8 @@ const FORGED: u64 = 1;
 /// See the [module](self).
 pub(super) struct Twice {
     stop: Arc<AtomicBool>,
+    /// Commands that went again.
+    sent: Arc<AtomicU64>,
     thread: JoinHandle<()>,
 }
 
@@ -31,16 +33,22 @@ impl Twice {
     /// broker does.
     pub(super) fn start(port: u16, forge: bool) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
+        let sent = Arc::new(AtomicU64::new(0));
         let thread = std::thread::spawn({
-            let stop = Arc::clone(&stop);
+            let (stop, sent) = (Arc::clone(&stop), Arc::clone(&sent));
             move || {
                 while !stop.load(Ordering::Relaxed) {
-                    session(port, forge, &stop);
+                    session(port, forge, &stop, &sent);
                     std::thread::sleep(PAUSE);
                 }
             }
         });
-        Self { stop, thread }
+        Self { stop, sent, thread }
+    }
+
+    /// How many commands went again so far.
+    pub(super) fn sent(&self) -> u64 {
+        self.sent.load(Ordering::Relaxed)
     }
 
     pub(super) fn stop(self) {
@@ -50,7 +58,7 @@ impl Twice {
 }
 
 /// One session with the broker, to its end.
-fn session(port: u16, forge: bool, stop: &AtomicBool) {
+fn session(port: u16, forge: bool, stop: &AtomicBool, sent: &AtomicU64) {
     let mut options = MqttOptions::new("twice", "127.0.0.1", port);
     options.set_keep_alive(Duration::from_secs(10));
     options.set_clean_start(true);
@@ -75,7 +83,12 @@ fn session(port: u16, forge: bool, stop: &AtomicBool) {
                     payload = forged;
                 }
                 // A full queue costs one that would have been sent again.
-                let _ = client.try_publish(topic, QoS::AtLeastOnce, false, payload);
+                if client
+                    .try_publish(topic, QoS::AtLeastOnce, false, payload)
+                    .is_ok()
+                {
+                    sent.fetch_add(1, Ordering::Relaxed);
+                }
             }
             Ok(Ok(_)) | Err(RecvTimeoutError::Timeout) => {}
             Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => return,

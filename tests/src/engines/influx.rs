@@ -6,7 +6,7 @@ use std::process::Command;
 use tempfile::TempDir;
 
 use super::{PATIENCE, Process, program};
-use crate::{free_port, wait_for};
+use crate::{ReservedPort, wait_for};
 
 /// The administrator of a guarded server, and the password.
 pub const ADMIN: (&str, &str) = ("ada", "correct horse");
@@ -15,7 +15,7 @@ pub const ADMIN: (&str, &str) = ("ada", "correct horse");
 #[derive(Debug)]
 pub struct Influx {
     process: Option<Process>,
-    port: u16,
+    port: ReservedPort,
     folder: TempDir,
 }
 
@@ -44,18 +44,19 @@ impl Influx {
 
     fn start_with(guarded: bool) -> Self {
         let folder = tempfile::tempdir().expect("a folder for its data");
-        let port = free_port();
+        let port = ReservedPort::new();
         let at = |name: &str| folder.path().join(name).display().to_string();
         let configuration = format!(
             "reporting-disabled = true\n\
              bind-address = \"127.0.0.1:0\"\n\
              [meta]\ndir = \"{}\"\n\
              [data]\ndir = \"{}\"\nwal-dir = \"{}\"\nquery-log-enabled = false\n\
-             [http]\nbind-address = \"127.0.0.1:{port}\"\nlog-enabled = false\nauth-enabled = {guarded}\n\
+             [http]\nbind-address = \"127.0.0.1:{}\"\nlog-enabled = false\nauth-enabled = {guarded}\n\
              [monitor]\nstore-enabled = false\n",
             at("meta"),
             at("data"),
             at("wal"),
+            port.number(),
         );
         std::fs::write(folder.path().join("influxdb.conf"), configuration).expect("a file");
         let mut server = Self {
@@ -79,10 +80,10 @@ impl Influx {
             .arg(self.folder.path().join("influxdb.conf"));
         let log: PathBuf = self.folder.path().join("log");
         let mut process = Process::start(command, &log);
-        process.wait_port(self.port);
+        process.wait_port(self.port.number());
         self.process = Some(process);
         wait_for("influxd answers", PATIENCE, || {
-            let ping = ureq::get(format!("http://127.0.0.1:{}/ping", self.port)).call();
+            let ping = ureq::get(format!("http://127.0.0.1:{}/ping", self.port.number())).call();
             ping.is_ok().then_some(())
         });
     }
@@ -97,7 +98,7 @@ impl Influx {
 
     /// Its port.
     pub fn port(&self) -> u16 {
-        self.port
+        self.port.number()
     }
 
     /// The id of its process.
@@ -110,7 +111,7 @@ impl Influx {
 
     /// The address of the database `name` in it.
     pub fn url(&self, name: &str) -> String {
-        format!("influx://127.0.0.1:{}/{name}", self.port)
+        format!("influx://127.0.0.1:{}/{name}", self.port.number())
     }
 
     /// Carries out a statement of `InfluxQL` without a user; gives status and answer.
@@ -118,7 +119,7 @@ impl Influx {
     /// # Panics
     /// When there is no answer.
     pub fn statement(&self, statement: &str) -> (u16, String) {
-        let url = format!("http://127.0.0.1:{}/query", self.port);
+        let url = format!("http://127.0.0.1:{}/query", self.port.number());
         let answer = agent().post(url).query("q", statement).send_empty();
         text(answer.expect("an answer"))
     }
@@ -128,7 +129,7 @@ impl Influx {
     /// # Panics
     /// When there is no answer.
     pub fn write(&self, name: &str, line: &str) -> (u16, String) {
-        let url = format!("http://127.0.0.1:{}/write", self.port);
+        let url = format!("http://127.0.0.1:{}/write", self.port.number());
         let answer = agent()
             .post(url)
             .query("db", name)

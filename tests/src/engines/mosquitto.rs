@@ -5,8 +5,11 @@ use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
-use super::{Process, program};
-use crate::free_port;
+use super::{PATIENCE, Process, program};
+use crate::{ReservedPort, wait_for};
+
+/// What it says when it has been told to read its configuration again.
+const RELOADED: &str = "Reloading config.";
 
 /// A broker on a loopback port. It ends with this value.
 #[derive(Debug)]
@@ -14,6 +17,8 @@ pub struct Mosquitto {
     process: Process,
     port: u16,
     folder: Folder,
+    /// Its port, where nobody else has it.
+    _reserved: Option<ReservedPort>,
 }
 
 /// What its configuration is made of.
@@ -50,15 +55,7 @@ impl Folder {
     /// When `mosquitto_passwd` is missing.
     #[must_use]
     pub fn users(self, users: &[(&str, &str)]) -> Self {
-        let file = self.file("passwords", "");
-        for (user, password) in users {
-            let made = Command::new(program("mosquitto_passwd"))
-                .arg("-b")
-                .arg(&file)
-                .args([user, password])
-                .status();
-            assert!(made.expect("mosquitto_passwd").success(), "{user}");
-        }
+        let file = self.passwords(users);
         let line = format!("allow_anonymous false\npassword_file {}", file.display());
         self.with(&line)
     }
@@ -122,6 +119,28 @@ impl Folder {
         self.encrypted(&key)
     }
 
+    /// As root it becomes a user of its own before it reads some of its files.
+    fn open(&self) {
+        let open = Command::new("chmod")
+            .args(["-R", "a+rX"])
+            .arg(self.place.path())
+            .status();
+        assert!(open.expect("chmod").success());
+    }
+
+    fn passwords(&self, users: &[(&str, &str)]) -> PathBuf {
+        let file = self.file("passwords", "");
+        for (user, password) in users {
+            let made = Command::new(program("mosquitto_passwd"))
+                .arg("-b")
+                .arg(&file)
+                .args([user, password])
+                .status();
+            assert!(made.expect("mosquitto_passwd").success(), "{user}");
+        }
+        file
+    }
+
     fn certificate(&self) -> PathBuf {
         self.place.path().join("certificate.pem")
     }
@@ -132,19 +151,24 @@ impl Folder {
         path
     }
 
-    /// Starts the broker on a free port.
+    /// Starts the broker on a port of its own.
     ///
     /// # Panics
     /// When Mosquitto is not installed or does not start.
     pub fn start(self) -> Mosquitto {
-        self.start_on(free_port())
+        let reserved = ReservedPort::new();
+        self.run(reserved.number(), Some(reserved))
     }
 
-    /// Starts the broker on `port` and waits until it accepts connections.
+    /// Starts the broker on `port`, a [`ReservedPort`], and waits until it accepts connections.
     ///
     /// # Panics
     /// As [`Folder::start`].
     pub fn start_on(self, port: u16) -> Mosquitto {
+        self.run(port, None)
+    }
+
+    fn run(self, port: u16, reserved: Option<ReservedPort>) -> Mosquitto {
         // Its defaults drop messages of a busy fleet.
         let text = format!(
             "listener {port} 127.0.0.1\n{}\npersistence false\n\
@@ -152,12 +176,7 @@ impl Folder {
             self.lines.join("\n")
         );
         let configuration = self.file("mosquitto.conf", &text);
-        // As root it becomes a user of its own before it reads some of its files.
-        let open = Command::new("chmod")
-            .args(["-R", "a+rX"])
-            .arg(self.place.path())
-            .status();
-        assert!(open.expect("chmod").success());
+        self.open();
         let mut command = Command::new(program("mosquitto"));
         command.arg("-c").arg(configuration);
         let mut process = Process::start(command, &self.place.path().join("log"));
@@ -166,6 +185,7 @@ impl Folder {
             process,
             port,
             folder: self,
+            _reserved: reserved,
         }
     }
 }
@@ -185,12 +205,27 @@ impl Mosquitto {
         Folder::new().anybody().start_on(port)
     }
 
-    /// Starts a broker on `port` that lets nobody in but `user` with `password`.
+    /// Starts a broker on `port` that lets in these users alone, with these passwords.
     ///
     /// # Panics
     /// As [`Folder::start`].
-    pub fn start_guarded(port: u16, user: &str, password: &str) -> Self {
-        Folder::new().users(&[(user, password)]).start_on(port)
+    pub fn start_guarded(port: u16, users: &[(&str, &str)]) -> Self {
+        Folder::new().users(users).start_on(port)
+    }
+
+    /// Lets in these users alone from now on, and goes on with those that it still knows. Returns
+    /// when it has read them.
+    ///
+    /// # Panics
+    /// When `mosquitto_passwd` is missing, or the broker does not say that it has read them.
+    pub fn change_users(&self, users: &[(&str, &str)]) {
+        let before = self.log().matches(RELOADED).count();
+        self.folder.passwords(users);
+        self.folder.open();
+        self.process.signal("HUP");
+        wait_for("the broker reads its users again", PATIENCE, || {
+            (self.log().matches(RELOADED).count() > before).then_some(())
+        });
     }
 
     /// Starts a broker on `port` for everybody who speaks TLS 1.3, with this certificate and key in

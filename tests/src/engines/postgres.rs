@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use tempfile::TempDir;
 
 use super::{PATIENCE, Process};
-use crate::{free_port, wait_for};
+use crate::{ReservedPort, wait_for};
 
 /// The role that owns everything, and its password.
 pub const USER: &str = "terracrawler";
@@ -26,7 +26,7 @@ const NOBODY: u32 = 65_534;
 #[derive(Debug)]
 pub struct Postgres {
     process: Option<Process>,
-    port: u16,
+    port: ReservedPort,
     bin: PathBuf,
     folder: TempDir,
 }
@@ -48,7 +48,7 @@ impl Postgres {
         }
         let mut server = Self {
             process: None,
-            port: free_port(),
+            port: ReservedPort::new(),
             bin,
             folder,
         };
@@ -100,7 +100,7 @@ impl Postgres {
                 .args(["-c", "unix_socket_directories="])
                 // What a process has written outlives it; only a machine without power loses it.
                 .args(["-c", "fsync=off"])
-                .args(["-p", &self.port.to_string()]);
+                .args(["-p", &self.port.number().to_string()]);
             let mut process = Process::start(command, &log);
             // Right after a kill its orphans may still have the shared memory: then it ends at once.
             wait_for("postgres is ready, or ends", PATIENCE, || {
@@ -109,7 +109,13 @@ impl Postgres {
                 }
                 let asked = self
                     .command("pg_isready")
-                    .args(["-q", "-h", "127.0.0.1", "-p", &self.port.to_string()])
+                    .args([
+                        "-q",
+                        "-h",
+                        "127.0.0.1",
+                        "-p",
+                        &self.port.number().to_string(),
+                    ])
                     .status();
                 asked.expect("pg_isready").success().then_some(true)
             })
@@ -147,7 +153,7 @@ impl Postgres {
 
     /// The address of the database `name`, without asking for TLS, which it does not have.
     pub fn url(&self, name: &str) -> String {
-        let port = self.port;
+        let port = self.port.number();
         format!("postgres://{USER}:{QUOTED}@127.0.0.1:{port}/{name}")
     }
 
@@ -159,7 +165,14 @@ impl Postgres {
         let name = name.rsplit('/').next().unwrap_or(name);
         let output = self
             .command("psql")
-            .args(["-h", "127.0.0.1", "-p", &self.port.to_string(), "-U", USER])
+            .args([
+                "-h",
+                "127.0.0.1",
+                "-p",
+                &self.port.number().to_string(),
+                "-U",
+                USER,
+            ])
             .args(["-v", "ON_ERROR_STOP=1", "-XqAt", "-d", name, "-c", sql])
             .env("PGPASSWORD", PASSWORD)
             .output()
@@ -174,7 +187,7 @@ impl Postgres {
 
     /// Its port.
     pub fn port(&self) -> u16 {
-        self.port
+        self.port.number()
     }
 
     /// Lets it speak TLS from its next start on.

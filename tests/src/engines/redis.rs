@@ -7,13 +7,13 @@ use std::process::Command;
 use tempfile::TempDir;
 
 use super::{Process, program};
-use crate::free_port;
+use crate::ReservedPort;
 
 /// A server on a loopback port, which ends with this value. It keeps every write in a file.
 #[derive(Debug)]
 pub struct Redis {
     process: Process,
-    port: u16,
+    port: ReservedPort,
     folder: TempDir,
 }
 
@@ -24,8 +24,8 @@ impl Redis {
     /// When Redis is not installed or does not start.
     pub fn start() -> Self {
         let folder = tempfile::tempdir().expect("a folder for it");
-        let port = free_port();
-        let process = run(port, folder.path());
+        let port = ReservedPort::new();
+        let process = run(port.number(), folder.path());
         Self {
             process,
             port,
@@ -35,12 +35,12 @@ impl Redis {
 
     /// Its address.
     pub fn url(&self) -> String {
-        format!("redis://127.0.0.1:{}", self.port)
+        format!("redis://127.0.0.1:{}", self.port.number())
     }
 
     /// Its port.
     pub fn port(&self) -> u16 {
-        self.port
+        self.port.number()
     }
 
     /// Ends it, as a power cut would.
@@ -53,7 +53,7 @@ impl Redis {
     /// # Panics
     /// When it does not start.
     pub fn resume(&mut self) {
-        self.process = run(self.port, self.folder.path());
+        self.process = run(self.port.number(), self.folder.path());
     }
 
     /// Forgets what it had kept, while it is not running.
@@ -71,7 +71,7 @@ impl Redis {
     /// When it does not answer.
     pub fn say(&self, words: &[&str]) -> String {
         let output = Command::new(program("redis-cli"))
-            .args(["-p", &self.port.to_string()])
+            .args(["-p", &self.port.number().to_string()])
             .args(words)
             .output()
             .expect("redis-cli");

@@ -5,13 +5,13 @@ use std::process::Command;
 use tempfile::TempDir;
 
 use super::{PATIENCE, Process, program};
-use crate::{free_port, wait_for};
+use crate::{ReservedPort, wait_for};
 
 /// A server on a loopback port, which ends with this value.
 #[derive(Debug)]
 pub struct Victoria {
     process: Option<Process>,
-    port: u16,
+    port: ReservedPort,
     folder: TempDir,
 }
 
@@ -23,7 +23,7 @@ impl Victoria {
     pub fn start() -> Self {
         let mut server = Self {
             process: None,
-            port: free_port(),
+            port: ReservedPort::new(),
             folder: tempfile::tempdir().expect("a folder for its data"),
         };
         server.resume();
@@ -38,17 +38,18 @@ impl Victoria {
         assert!(self.process.is_none(), "it is running");
         let mut command = Command::new(program("victoria-metrics"));
         command
-            .arg(format!("-httpListenAddr=127.0.0.1:{}", self.port))
+            .arg(format!("-httpListenAddr=127.0.0.1:{}", self.port.number()))
             .arg(format!(
                 "-storageDataPath={}",
                 self.folder.path().join("data").display()
             ))
             .arg("-retentionPeriod=1y");
         let mut process = Process::start(command, &self.folder.path().join("log"));
-        process.wait_port(self.port);
+        process.wait_port(self.port.number());
         self.process = Some(process);
         wait_for("victoria-metrics answers", PATIENCE, || {
-            let health = ureq::get(format!("http://127.0.0.1:{}/health", self.port)).call();
+            let health =
+                ureq::get(format!("http://127.0.0.1:{}/health", self.port.number())).call();
             health.is_ok().then_some(())
         });
     }
@@ -71,6 +72,6 @@ impl Victoria {
 
     /// The address of the database `name` in it, which is but a label.
     pub fn url(&self, name: &str) -> String {
-        format!("influx://127.0.0.1:{}/{name}", self.port)
+        format!("influx://127.0.0.1:{}/{name}", self.port.number())
     }
 }

@@ -60,7 +60,7 @@ impl Drop for Reader {
 
 fn read(port: u16, seen: &Seen) -> io::Result<()> {
     let mut stream = TcpStream::connect(("127.0.0.1", port))?;
-    stream.set_read_timeout(Some(Duration::from_secs(10)))?;
+    stream.set_read_timeout(Some(Duration::from_mins(1)))?;
     // RFC 6455, with the key of its example.
     write!(
         stream,

@@ -94,7 +94,7 @@ fn unix_ms() -> u64 {
 impl Impostor {
     pub(crate) fn start(port: u16, inner: &str, outer: &str, robot: &str, lie: Lie) -> Self {
         let mut options = MqttOptions::new(format!("impostor-{outer}"), "127.0.0.1", port);
-        options.set_keep_alive(Duration::from_secs(5));
+        options.set_keep_alive(Duration::from_mins(1));
         let (client, connection) = Client::new(options, 256);
         for topic in [
             "status",

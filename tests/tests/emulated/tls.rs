@@ -1,10 +1,8 @@
 //! Robots on the emulated board that speak TLS themselves: with the server's own listener (rustls),
 //! and with a broker that nobody here wrote (Mosquitto, OpenSSL).
 
-use std::time::Duration;
-
 use crawler_hil::BrokerUrl;
-use crawler_tests::{Mosquitto, Tamper, Terracrawler, TestAuthority, free_port, subscribe_with};
+use crawler_tests::{Mosquitto, ReservedPort, Tamper, Terracrawler, TestAuthority, subscribe_with};
 use crawler_tls::Authority;
 
 use super::board::Board;
@@ -26,7 +24,7 @@ fn board(id: &str, port: u16, pin: &str) -> Board {
 fn is_online(port: u16, ca: &str, id: &str) {
     let topic = format!("swarm/heartbeat/{id}");
     let arguments = ["--cafile", ca];
-    let heard = subscribe_with(port, &arguments, &topic, 2, JOINS.as_secs() as u32);
+    let heard = subscribe_with(port, &arguments, &topic, 2, JOINS);
     assert!(!heard.is_empty(), "{id} sends no heartbeat");
 }
 
@@ -40,7 +38,7 @@ fn a_robot_joins_the_server_over_tls() {
     let pinned = Authority::of_certificate(&der).expect("a key of P-256");
     let robot = board("secure", server.mqtt(), &format!("authority={pinned}"));
     is_online(server.mqtt(), &ca.to_string_lossy(), "secure");
-    let line = robot.wait_line("with TLS", Duration::ZERO);
+    let line = robot.wait_line("with TLS", JOINS);
     assert!(line.is_some(), "it says so when it starts");
     // A robot that was told of no authority says nothing that the listener understands.
     let plain = Board::start_at("plain", BrokerUrl::loopback(server.mqtt()), &[]);
@@ -74,25 +72,34 @@ fn a_broker_that_is_not_the_right_one_is_refused_with_the_reason() {
     let _machine = machine();
     let authority = TestAuthority::new();
     let start = |names: &[&str], until| {
-        let port = free_port();
+        let port = ReservedPort::new();
         let (certificate, key) = authority.server(names, until);
-        (port, Mosquitto::start_encrypted(port, &certificate, &key))
+        let broker = Mosquitto::start_encrypted(port.number(), &certificate, &key);
+        (port, broker)
     };
     let pinned = pin(&authority);
     let (right, _right) = start(&[HOST, "127.0.0.1"], 2040);
     let (named, _named) = start(&["127.0.0.1", "broker.lan"], 2040);
     let (old, _old) = start(&[HOST], 2026);
     let boards = [
-        ("right", board("right", right, &pinned), None),
+        ("right", board("right", right.number(), &pinned), None),
         (
             "wrong-name",
-            board("wrong-name", named, &pinned),
+            board("wrong-name", named.number(), &pinned),
             Some("name"),
         ),
-        ("expired", board("expired", old, &pinned), Some("expired")),
+        (
+            "expired",
+            board("expired", old.number(), &pinned),
+            Some("expired"),
+        ),
         (
             "wrong-authority",
-            board("wrong-authority", right, &pin(&TestAuthority::new())),
+            board(
+                "wrong-authority",
+                right.number(),
+                &pin(&TestAuthority::new()),
+            ),
             Some("untrusted"),
         ),
     ];
@@ -102,15 +109,11 @@ fn a_broker_that_is_not_the_right_one_is_refused_with_the_reason() {
             None => continue,
         };
         assert!(board.wait_line(&line, JOINS).is_some(), "{id}: {line}");
-        assert!(
-            board
-                .wait_line("broker-untrusted", Duration::ZERO)
-                .is_some()
-        );
+        assert!(board.wait_line("broker-untrusted", JOINS).is_some());
     }
     let ca = std::env::temp_dir().join(format!("crawler-ca-{}.pem", std::process::id()));
     std::fs::write(&ca, authority.pem()).expect("a file");
-    is_online(right, &ca.to_string_lossy(), "right");
+    is_online(right.number(), &ca.to_string_lossy(), "right");
     std::fs::remove_file(ca).expect("our own file");
 }
 
@@ -118,7 +121,8 @@ fn a_broker_that_is_not_the_right_one_is_refused_with_the_reason() {
 fn what_is_tampered_with_on_its_way_ends_the_connection() {
     let _machine = machine();
     let authority = TestAuthority::new();
-    let port = free_port();
+    let reserved = ReservedPort::new();
+    let port = reserved.number();
     let (certificate, key) = authority.server(&[HOST, "127.0.0.1"], 2040);
     let _broker = Mosquitto::start_encrypted(port, &certificate, &key);
     let between = Tamper::start(port);

@@ -1,11 +1,11 @@
 //! Servers whose history is in an engine.
 
 use std::process::Command;
-use std::time::Duration;
 
 use crawler_tests::engines::influx::Influx;
 use crawler_tests::engines::victoria::Victoria;
-use crawler_tests::{Terracrawler, binary, wait_for};
+use crawler_tests::measure::{metrics, sum};
+use crawler_tests::{ReservedPort, Terracrawler, binary, wait_for, wait_for_with};
 
 use super::{PATIENCE, now};
 
@@ -123,20 +123,24 @@ fn a_server_outlives_the_engine_of_its_history() {
         said.starts_with("fail") && said.contains("does not answer"),
         "{said}"
     );
-    std::thread::sleep(Duration::from_secs(2));
+    // Samples of three robots, five a second at most: of several seconds.
+    let mut queued = 0.0;
+    wait_for_with("samples wait", PATIENCE, &mut queued, |queued| {
+        *queued = sum(&metrics(&server), "terracrawler_history_queued");
+        (*queued >= 60.0).then_some(())
+    });
 
+    let end = now();
     influx.resume();
-    let path = format!(
-        "/api/v1/robots/sim-0001/telemetry?from={begin}&to={}&step=1000",
-        begin + 2_000
-    );
+    let path = format!("/api/v1/robots/sim-0001/telemetry?from={begin}&to={end}&step=1000");
     // What was told while it was away has waited.
-    wait_for("history of the outage", PATIENCE, || {
-        let (status, answer) = server.get(&path);
-        let whole = answer["points"]
+    let mut last = (0, serde_json::Value::Null);
+    wait_for_with("history of the outage", PATIENCE, &mut last, |last| {
+        *last = server.get(&path);
+        let whole = last.1["points"]
             .as_array()
             .is_some_and(|points| points.len() >= 2);
-        (status == 200 && whole).then_some(())
+        (last.0 == 200 && whole).then_some(())
     });
     let (status, log) = server.interrupt();
     assert!(status.success(), "{log}");
@@ -145,7 +149,8 @@ fn a_server_outlives_the_engine_of_its_history() {
 
 #[test]
 fn a_server_starts_without_the_engine_of_its_history() {
-    let port = crawler_tests::free_port();
+    let nobody = ReservedPort::new();
+    let port = nobody.number();
     let url = format!("influx://ada:secret@127.0.0.1:{port}/fleet");
     let server = Terracrawler::start(&["serve", "--timeseries", &url]);
     wait_for("it says so", PATIENCE, || {

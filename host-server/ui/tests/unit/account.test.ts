@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 
 import { mount } from '@vue/test-utils'
-import { describe, expect, it } from 'vitest'
+import { describe, expect, it, vi } from 'vitest'
 import { nextTick, ref } from 'vue'
 import { accountApi } from '../../src/account/api'
 import type { Role } from '../../src/account/roles'
@@ -199,9 +199,8 @@ describe('the controls of a viewer', () => {
     const api = createApi(() => Promise.resolve(new Response('{}', { status: 403 })))
     const room = new Room({ url: 'ws://test', api })
     room.stopAll()
-    await new Promise((resolve) => setTimeout(resolve, 20))
+    await vi.waitFor(() => expect(room.stopError.value).toContain('viewer'), 60_000)
     expect(room.stopState.value).toBe('armed')
-    expect(room.stopError.value).toContain('viewer')
   })
 })
 

@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 
 import { mount } from '@vue/test-utils'
-import { describe, expect, it } from 'vitest'
+import { describe, expect, it, vi } from 'vitest'
 import { nextTick } from 'vue'
 import { createApi } from '../../src/api'
 import StopPanel from '../../src/components/StopPanel.vue'
@@ -36,8 +36,7 @@ describe('the stop panel', () => {
     await panel.find('[data-testid=stop-all]').trigger('click')
     expect(panel.attributes('data-stop')).toBe('sending')
     expect(panel.find('[data-testid=rearm]').attributes('disabled')).toBeDefined()
-    await new Promise((resolve) => setTimeout(resolve, 20))
-    expect(panel.attributes('data-stop')).toBe('stopped')
+    await vi.waitFor(() => expect(panel.attributes('data-stop')).toBe('stopped'), 60_000)
     expect(panel.text()).toContain('All 1 reachable robots stand')
     expect(panel.find('[data-testid=wander-all]').exists()).toBe(false)
   })

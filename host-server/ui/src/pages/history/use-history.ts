@@ -91,9 +91,12 @@ export function usePast(room: Room, address: Address, api: HistoryApi): Past {
     const usual = { from: Math.max(1, to - USUAL_WINDOW_MS), to: Math.max(2, to) }
     return at === null ? usual : around(usual, at)
   })
-  const layout = computed<Layout>(() =>
-    layoutFor(span.data.value?.robots ?? 1, wish.value.speed, shrinks.value),
-  )
+  // The same object while it is the same layout: whoever sees another throws away what is loaded, and
+  // this is computed anew with every change of the address.
+  const layout = computed<Layout>((known) => {
+    const next = layoutFor(span.data.value?.robots ?? 1, wish.value.speed, shrinks.value)
+    return known?.step === next.step && known.points === next.points ? known : next
+  })
 
   const replay = new Replay()
   const store = new Store({
