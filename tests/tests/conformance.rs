@@ -42,6 +42,7 @@ fn run(target: &Target, only: &[&str]) -> Result<Report, BenchError> {
 /// The report, where everything passed but `may_skip`.
 fn passes(target: &Target, may_skip: &[&str]) {
     let report = run(target, &[]).expect("a robot");
+    println!("{report}");
     for case in &report.cases {
         let fine = match case.outcome {
             Outcome::Passed => true,
@@ -195,6 +196,7 @@ fn notice(lie: Lie, noticed: &[&str], target: &Target) {
     cases.push("flood");
     cases.push("contract");
     let report = run(target, &cases).expect("a robot");
+    println!("{lie:?}\n{report}");
     let expected = noticed.iter().map(|name| (*name, true));
     let honest = (lie == Lie::None).then_some(cases.iter().map(|name| (*name, false)));
     for (name, fails) in expected.chain(honest.into_iter().flatten()) {

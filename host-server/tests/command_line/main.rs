@@ -1,8 +1,14 @@
 //! The program `terracrawler` as a person calls it.
 
+#[path = "../server/support/port.rs"]
+#[allow(unreachable_pub, reason = "public to the tests of the server")]
+mod port;
 #[path = "../server/support/scratch.rs"]
 #[allow(unreachable_pub, reason = "public to the tests of the server")]
 mod scratch;
+
+/// How long a test waits for something that is to happen, however slow the machine is.
+const LIMIT: std::time::Duration = std::time::Duration::from_mins(1);
 
 mod console;
 mod console_revokes;

@@ -1,7 +1,5 @@
 //! Accounts over HTTP: how they come to be, change and go.
 
-use std::time::Duration;
-
 use crate::support::closed::{ADMIN, Login, OPERATOR, PASSWORD, VIEWER};
 use crate::support::mqtt::Closed;
 use crate::support::{Fixture, Scratch};
@@ -344,14 +342,14 @@ async fn a_robot_whose_secret_is_taken_away_is_gone_at_once() {
     let mut rover = closed.connect("rover-1", "rover-1", &first).await;
     // Another secret sends the robot with the old one away.
     let second = enrol().await;
-    rover.ended(Duration::from_secs(5)).await;
+    rover.ended().await;
     closed.refusal("rover-1", "rover-1", &first).await;
     let mut rover = closed.connect("rover-1", "rover-1", &second).await;
     closed
         .fixture
         .call_as(&admin, Method::DELETE, path, "")
         .await;
-    rover.ended(Duration::from_secs(5)).await;
+    rover.ended().await;
     closed.refusal("rover-1", "rover-1", &second).await;
 
     // So does another role, with a person.
@@ -362,6 +360,6 @@ async fn a_robot_whose_secret_is_taken_away_is_gone_at_once() {
         .fixture
         .call_as(&admin, Method::PATCH, &user, role)
         .await;
-    olga.ended(Duration::from_secs(5)).await;
+    olga.ended().await;
     closed.stop().await;
 }

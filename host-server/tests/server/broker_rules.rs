@@ -1,6 +1,7 @@
 //! The table of who may publish and subscribe what, held against the embedded broker by clients
 //! that log in and try.
 
+use crate::support::mqtt;
 use crate::support::mqtt::{Client, Closed, PASSWORD};
 use crate::support::{Fixture, eventually};
 use crawler_access::Role;

@@ -1,5 +1,6 @@
 //! Every call of the contract, with what goes wrong, against a robot made of an MQTT client.
 
+use crate::support;
 use crate::support::{Fixture, eventually};
 use crawler_protocol::{Action, Reason, ResponseStatus};
 use hyper::Method;

@@ -1,5 +1,6 @@
 //! Breaking robots on purpose, over HTTP.
 
+use crate::support;
 use crate::support::{Fixture, status};
 use hyper::Method;
 use rumqttc::v5::mqttbytes::QoS;

@@ -1,8 +1,7 @@
 //! The live feed over a real WebSocket.
 
-use std::time::Duration;
-
-use crate::support::{Fixture, Scratch, eventually, telemetry};
+use crate::support;
+use crate::support::{Fixture, LIMIT, Scratch, eventually, telemetry, within};
 use crawler_records::{NewExperiment, Records};
 use crawler_server::config::{Layer, Role};
 use futures_util::{SinkExt as _, StreamExt as _};
@@ -36,20 +35,23 @@ async fn next(socket: &mut Socket, kind: u8) -> Vec<u8> {
 
 /// The next frame of a kind that is the one.
 async fn until(socket: &mut Socket, kind: u8, wanted: impl Fn(&[u8]) -> bool) -> Vec<u8> {
+    let mut last = None;
     let next = async {
         loop {
             let message = socket.next().await.expect("open").expect("a message");
             if let Message::Binary(frame) = message
                 && frame.first() == Some(&kind)
-                && wanted(&frame)
             {
-                return frame.to_vec();
+                if wanted(&frame) {
+                    return frame.to_vec();
+                }
+                last = Some(String::from_utf8_lossy(&frame).into_owned());
             }
         }
     };
-    tokio::time::timeout(Duration::from_secs(10), next)
-        .await
-        .unwrap_or_else(|_| panic!("no such frame of kind {kind}"))
+    tokio::time::timeout(LIMIT, next).await.unwrap_or_else(|_| {
+        panic!("no such frame of kind {kind} within {LIMIT:?}; the last was {last:?}")
+    })
 }
 
 fn json(frame: &[u8]) -> Value {
@@ -124,9 +126,7 @@ async fn closed(socket: &mut Socket) -> (u16, String) {
             }
         }
     };
-    tokio::time::timeout(Duration::from_secs(5), end)
-        .await
-        .expect("closed")
+    within("the server closes", end).await
 }
 
 #[tokio::test(flavor = "multi_thread")]

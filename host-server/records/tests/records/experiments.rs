@@ -220,12 +220,12 @@ async fn what_is_stored_outlasts_the_process() {
 /// Records as the first version made them, with a setting in them.
 async fn first_version(folder: &Folder) {
     const SQLITE: &str = concat!(
-        include_str!("../src/schema/records.1.sql"),
+        include_str!("../../src/schema/records.1.sql"),
         "INSERT INTO setting VALUES ('from', x'766f7273');
          PRAGMA application_id = 1413698162; PRAGMA user_version = 1;"
     );
     const POSTGRES: &str = concat!(
-        include_str!("../src/schema/postgres.1.sql"),
+        include_str!("../../src/schema/postgres.1.sql"),
         "INSERT INTO setting VALUES ('from', decode('766f7273', 'hex'));
          INSERT INTO terracrawler VALUES (1, 1);"
     );

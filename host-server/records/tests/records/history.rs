@@ -1,5 +1,7 @@
 //! The history answers what a simple list would, whatever level and stage the samples are in.
 
+use std::time::{Duration, Instant};
+
 use crate::support::{Folder, memory, now, open, robot, sample};
 use crawler_protocol::{RobotId, RobotState};
 use crawler_records::RecordsError;
@@ -330,7 +332,8 @@ async fn the_second_process_reads_and_leaves_the_keeping_to_the_first() {
     // Without a word of goodbye: what was pushed is written all the same.
     first.history().push(sample(&robot, 3, begin + 1)).unwrap();
     drop((first, second));
-    for _ in 0..100 {
+    let end = Instant::now() + Duration::from_mins(1);
+    loop {
         let records = open(&folder).await;
         if records.history().stats().keeper {
             let points = records.history().query(&robot, begin, begin + 2, 2).await;
@@ -338,9 +341,10 @@ async fn the_second_process_reads_and_leaves_the_keeping_to_the_first() {
             assert_eq!(count, 2);
             return;
         }
-        tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+        let stats = records.history().stats();
+        assert!(Instant::now() < end, "the first never let go: {stats:?}");
+        tokio::time::sleep(Duration::from_millis(50)).await;
     }
-    panic!("the first never let go");
 }
 
 #[tokio::test]
