@@ -34,16 +34,18 @@ fn a_straight_way_is_driven_and_measured() {
     assert_eq!(measured(Metric::Reached), 1.0);
     // 1.75 m at 0.3 m/s, after a start from rest.
     let time = measured(Metric::TimeToGoalS);
-    assert!((5.0..12.0).contains(&time), "{time} s");
-    assert!(measured(Metric::PathOptimality) > 0.95);
+    assert!((5.8..7.0).contains(&time), "{time} s");
+    assert!(measured(Metric::PathOptimality) > 0.98);
     let driven = measured(Metric::DistanceM);
-    assert!((1.7..2.2).contains(&driven), "{driven} m");
+    assert!((1.75..2.0).contains(&driven), "{driven} m");
     assert_eq!(measured(Metric::Collisions), 0.0);
     assert_eq!(measured(Metric::CommandSuccess), 1.0);
     assert_eq!(measured(Metric::Uptime), 1.0);
-    // The quiescent current alone is 0.15 A · 8 V · 8 s = 9.6 J.
+    // The electronics draw 0.15 A of 8.2 V all the time. The rest are two motors against 0.4 N of
+    // friction each over 1.9 m, at a fifth of efficiency.
     let energy = measured(Metric::EnergyJ);
-    assert!((9.0..120.0).contains(&energy), "{energy} J");
+    let motors = energy - 0.15 * 8.2 * trial.ran_s;
+    assert!((6.0..11.0).contains(&motors), "{motors} J of {energy} J");
     assert_eq!(trial.measured.get(Metric::RecoveryS), None);
     // It ends when everything is done, and not after all of 40 s.
     assert!(trial.ran_s < 25.0, "{} s", trial.ran_s);
@@ -60,7 +62,14 @@ fn a_run_can_be_given_up_in_the_middle() {
         seed,
     };
     std::thread::scope(|scope| {
-        let run = scope.spawn(|| run_unless(&job, &stop));
+        let (tell, begun) = std::sync::mpsc::channel();
+        let (job, asked) = (&job, &stop);
+        let run = scope.spawn(move || {
+            tell.send(()).unwrap();
+            run_unless(job, asked)
+        });
+        begun.recv().unwrap();
+        // However far it comes meanwhile, it has weeks to go.
         std::thread::sleep(std::time::Duration::from_millis(50));
         stop.store(true, Ordering::Relaxed);
         assert_eq!(run.join().unwrap(), None);

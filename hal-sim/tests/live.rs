@@ -147,7 +147,7 @@ impl Book {
             let left = LIMIT.saturating_sub(begun.elapsed());
             match heard.recv_timeout(left) {
                 Ok(news) => self.write(news),
-                Err(_) => panic!("{what}: {self:?}"),
+                Err(error) => panic!("{what}: {error}; {self:?}"),
             }
         }
     }
