@@ -6,7 +6,7 @@ use crawler_protocol::{RobotId, RobotState};
 use crawler_records::history::Sample;
 use crawler_timeseries::{EngineError, Product, Remote, State, look};
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpSocket};
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
 use tokio_rustls::rustls::crypto::ring;
@@ -159,11 +159,12 @@ async fn what_is_no_engine_is_not_believed() {
     let seen = look(&noise.parse().expect("an address")).await;
     assert!(matches!(seen, Err(EngineError::Unreachable(_))), "{seen:?}");
 
-    let gone = {
-        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
-        let address = listener.local_addr().expect("an address");
-        format!("influx://{address}/fleet")
-    };
+    // A port that is taken and not listened at: nobody else is given it.
+    let nobody = TcpSocket::new_v4().expect("a socket");
+    let any = "127.0.0.1:0".parse().expect("an address");
+    nobody.bind(any).expect("a port");
+    let address = nobody.local_addr().expect("an address");
+    let gone = format!("influx://{address}/fleet");
     let seen = look(&gone.parse().expect("an address")).await;
     assert!(matches!(seen, Err(EngineError::Unreachable(_))), "{seen:?}");
 }
