@@ -2,6 +2,8 @@
 
 mod support;
 
+use std::time::{Duration, Instant};
+
 use crawler_protocol::{RobotId, RobotState};
 use crawler_records::RecordsError;
 use crawler_records::history::{Full, MAX_ROBOTS, Point, QUEUE, Retention, Sample};
@@ -332,7 +334,8 @@ async fn the_second_process_reads_and_leaves_the_keeping_to_the_first() {
     // Without a word of goodbye: what was pushed is written all the same.
     first.history().push(sample(&robot, 3, begin + 1)).unwrap();
     drop((first, second));
-    for _ in 0..100 {
+    let end = Instant::now() + Duration::from_mins(1);
+    loop {
         let records = open(&folder).await;
         if records.history().stats().keeper {
             let points = records.history().query(&robot, begin, begin + 2, 2).await;
@@ -340,9 +343,10 @@ async fn the_second_process_reads_and_leaves_the_keeping_to_the_first() {
             assert_eq!(count, 2);
             return;
         }
-        tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+        let stats = records.history().stats();
+        assert!(Instant::now() < end, "the first never let go: {stats:?}");
+        tokio::time::sleep(Duration::from_millis(50)).await;
     }
-    panic!("the first never let go");
 }
 
 #[tokio::test]
