@@ -97,6 +97,7 @@ pub(crate) fn output(program: &str, arguments: &[&str]) -> Option<String> {
 
 /// What `command` prints, or `None` when it cannot be run or fails.
 pub(crate) fn output_of(mut command: Command) -> Option<String> {
+    forget_this_package(&mut command);
     let output = command.stdin(Stdio::null()).output().ok()?;
     output
         .status
@@ -154,8 +155,23 @@ pub(crate) fn within(mut command: Command, limit: Duration) -> bool {
     }
 }
 
+/// Removes from the environment of `command` what cargo told this program about itself. Build scripts of
+/// others look at it (that of `ring` does), and would be run again whenever cargo is called now from here
+/// and now by hand, with all that depends on them.
+fn forget_this_package(command: &mut Command) {
+    for (name, _) in env::vars_os() {
+        let own = name.to_str().is_some_and(|name| {
+            name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")
+        });
+        if own {
+            command.env_remove(name);
+        }
+    }
+}
+
 /// Runs `command` and shows its output.
 pub(crate) fn run_command(mut command: Command) -> Outcome {
+    forget_this_package(&mut command);
     let shown = format!("{command:?}").replace('"', "");
     let status = command
         .status()
