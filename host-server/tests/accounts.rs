@@ -4,8 +4,6 @@
 mod mqtt;
 mod support;
 
-use std::time::Duration;
-
 use crawler_server::config::Role;
 use hyper::Method;
 use mqtt::Closed;
@@ -348,14 +346,14 @@ async fn a_robot_whose_secret_is_taken_away_is_gone_at_once() {
     let mut rover = closed.connect("rover-1", "rover-1", &first).await;
     // Another secret sends the robot with the old one away.
     let second = enrol().await;
-    rover.ended(Duration::from_secs(5)).await;
+    rover.ended().await;
     closed.refusal("rover-1", "rover-1", &first).await;
     let mut rover = closed.connect("rover-1", "rover-1", &second).await;
     closed
         .fixture
         .call_as(&admin, Method::DELETE, path, "")
         .await;
-    rover.ended(Duration::from_secs(5)).await;
+    rover.ended().await;
     closed.refusal("rover-1", "rover-1", &second).await;
 
     // So does another role, with a person.
@@ -366,6 +364,6 @@ async fn a_robot_whose_secret_is_taken_away_is_gone_at_once() {
         .fixture
         .call_as(&admin, Method::PATCH, &user, role)
         .await;
-    olga.ended(Duration::from_secs(5)).await;
+    olga.ended().await;
     closed.stop().await;
 }

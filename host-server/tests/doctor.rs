@@ -9,6 +9,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use support::Scratch;
+use support::port::ReservedPort;
 
 fn program() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_terracrawler"));
@@ -20,12 +21,10 @@ fn program() -> Command {
     command
 }
 
-fn free_port() -> u16 {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
-    listener.local_addr().expect("address").port()
-}
+/// Any port: nobody has to find one that is free.
+const ANY: &str = "127.0.0.1:0";
 
-/// A data directory with an administrator, and ports that nobody has.
+/// A data directory with an administrator, and where its server listens.
 struct Place {
     scratch: Scratch,
     http: String,
@@ -36,8 +35,8 @@ impl Place {
     fn new() -> Self {
         let place = Self {
             scratch: Scratch::new(),
-            http: format!("127.0.0.1:{}", free_port()),
-            mqtt: format!("127.0.0.1:{}", free_port()),
+            http: ANY.into(),
+            mqtt: ANY.into(),
         };
         let mut child = program()
             .args(["user", "add", "ada", "--role", "admin", "--data"])
@@ -104,7 +103,13 @@ impl Place {
 
 #[test]
 fn a_healthy_place_is_called_so() {
-    let place = Place::new();
+    // Ports that nobody listens at, nor can in between.
+    let (http, mqtt) = (ReservedPort::new(), ReservedPort::new());
+    let place = Place {
+        http: http.address().to_string(),
+        mqtt: mqtt.address().to_string(),
+        ..Place::new()
+    };
     let (text, content) = place.examined(&[]);
     assert!(content, "{text}");
     for what in [
@@ -129,8 +134,8 @@ fn a_healthy_place_is_called_so() {
 fn nothing_is_made_where_nothing_is() {
     let place = Place {
         scratch: Scratch::new(),
-        http: "127.0.0.1:0".into(),
-        mqtt: "127.0.0.1:0".into(),
+        http: ANY.into(),
+        mqtt: ANY.into(),
     };
     place.finds(&[], "warn", "data directory", &["not there", "--data"]);
     assert!(!place.path().exists());
@@ -165,16 +170,16 @@ fn a_port_in_use_is_found() {
 #[test]
 fn a_broker_that_is_not_there_is_found() {
     let place = Place::new();
-    let url = format!("mqtt://127.0.0.1:{}", free_port());
+    let nobody = ReservedPort::new();
+    let url = format!("mqtt://{}", nobody.address());
     place.finds(&["--broker", &url], "fail", "broker", &[&url, "reachable"]);
 }
 
 #[test]
 fn an_open_server_on_the_network_is_found() {
     let place = Place::new();
-    let http = format!("0.0.0.0:{}", free_port());
     place.finds(
-        &["--open", "--http", &http],
+        &["--open", "--http", "0.0.0.0:0"],
         "fail",
         "access",
         &["everybody can steer"],
@@ -299,16 +304,9 @@ impl Drop for Running {
 
 #[test]
 fn a_running_server_is_asked() {
-    let place = Place::new();
+    let mut place = Place::new();
     let mut child = program()
-        .args([
-            "serve",
-            "--http",
-            &place.http,
-            "--mqtt",
-            &place.mqtt,
-            "--data",
-        ])
+        .args(["serve", "--http", ANY, "--mqtt", ANY, "--data"])
         .arg(place.path())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
@@ -321,6 +319,12 @@ fn a_running_server_is_asked() {
         let read = lines.read_line(&mut greeting).expect("reads");
         assert!(read > 0, "ended after {greeting}");
     }
+    let told = |scheme: &str| {
+        let (_, rest) = greeting.split_once(scheme).expect("an address");
+        rest.split(['/', ' ']).next().expect("its end").to_owned()
+    };
+    place.http = told("http://");
+    place.mqtt = told("mqtt://");
     let (text, content) = place.examined(&[]);
     assert!(content, "{text}");
     for line in ["ok    API", "ok    broker"] {
@@ -328,7 +332,8 @@ fn a_running_server_is_asked() {
     }
     assert!(text.contains("a server is running"), "{text}");
     // With other options than the server's the doctor looks elsewhere, and says so.
-    let other = format!("127.0.0.1:{}", free_port());
+    let nobody = ReservedPort::new();
+    let other = nobody.address().to_string();
     place.finds(&["--http", &other], "fail", "API", &["--http"]);
     place.finds(&["--mqtt", &other], "fail", "broker", &["--mqtt"]);
 }

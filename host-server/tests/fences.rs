@@ -2,14 +2,12 @@
 
 mod support;
 
-use std::time::Duration;
-
 use crawler_protocol::Action;
 use crawler_server::server::Server;
 use futures_util::StreamExt as _;
 use hyper::Method;
 use serde_json::{Value, json};
-use support::{Answer, FakeRobot, Fixture, Scratch, eventually, settings};
+use support::{Answer, FakeRobot, Fixture, LIMIT, Scratch, eventually, settings};
 use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 
@@ -55,19 +53,25 @@ async fn until(fixture: &Fixture, kind: u8, wanted: impl Fn(&Value) -> bool) {
         .expect("connect");
     let opened = tokio_tungstenite::client_async(request.expect("request"), stream).await;
     let (mut socket, _) = opened.expect("open");
+    let mut last = Value::Null;
     let found = async {
         loop {
             let message = socket.next().await.expect("open").expect("a message");
             if let Message::Binary(frame) = message
                 && frame.first() == Some(&kind)
-                && wanted(&serde_json::from_slice(&frame[1..]).expect("JSON"))
             {
-                return;
+                last = serde_json::from_slice(&frame[1..]).expect("JSON");
+                if wanted(&last) {
+                    return;
+                }
             }
         }
     };
-    let found = tokio::time::timeout(Duration::from_secs(30), found).await;
-    found.expect("such a frame");
+    tokio::time::timeout(LIMIT, found)
+        .await
+        .unwrap_or_else(|_| {
+            panic!("no such frame of kind {kind} within {LIMIT:?}; the last was {last}")
+        });
 }
 
 /// Waits for the event of a robot, or of nobody in particular.

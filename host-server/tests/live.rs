@@ -2,13 +2,11 @@
 
 mod support;
 
-use std::time::Duration;
-
 use crawler_records::{NewExperiment, Records};
 use crawler_server::config::{Layer, Role};
 use futures_util::{SinkExt as _, StreamExt as _};
 use serde_json::Value;
-use support::{Fixture, Scratch, eventually, telemetry};
+use support::{Fixture, LIMIT, Scratch, eventually, telemetry, within};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::{Error, Message};
@@ -38,20 +36,23 @@ async fn next(socket: &mut Socket, kind: u8) -> Vec<u8> {
 
 /// The next frame of a kind that is the one.
 async fn until(socket: &mut Socket, kind: u8, wanted: impl Fn(&[u8]) -> bool) -> Vec<u8> {
+    let mut last = None;
     let next = async {
         loop {
             let message = socket.next().await.expect("open").expect("a message");
             if let Message::Binary(frame) = message
                 && frame.first() == Some(&kind)
-                && wanted(&frame)
             {
-                return frame.to_vec();
+                if wanted(&frame) {
+                    return frame.to_vec();
+                }
+                last = Some(String::from_utf8_lossy(&frame).into_owned());
             }
         }
     };
-    tokio::time::timeout(Duration::from_secs(10), next)
-        .await
-        .unwrap_or_else(|_| panic!("no such frame of kind {kind}"))
+    tokio::time::timeout(LIMIT, next).await.unwrap_or_else(|_| {
+        panic!("no such frame of kind {kind} within {LIMIT:?}; the last was {last:?}")
+    })
 }
 
 fn json(frame: &[u8]) -> Value {
@@ -126,9 +127,7 @@ async fn closed(socket: &mut Socket) -> (u16, String) {
             }
         }
     };
-    tokio::time::timeout(Duration::from_secs(5), end)
-        .await
-        .expect("closed")
+    within("the server closes", end).await
 }
 
 #[tokio::test(flavor = "multi_thread")]

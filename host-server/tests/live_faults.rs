@@ -33,43 +33,51 @@ async fn view(fixture: &Fixture, robot: &str) -> Value {
     fixture.get(&format!("/api/v1/robots/{robot}")).await.json()
 }
 
-/// Waits up to `seconds` for a robot to be like this.
-async fn wait(fixture: &Fixture, robot: &str, key: &str, value: &str, seconds: u64) {
-    let end = Instant::now() + Duration::from_secs(seconds);
-    loop {
-        let seen = view(fixture, robot).await;
-        if seen[key] == value {
-            return;
-        }
-        assert!(Instant::now() < end, "{robot}: no {key} {value}: {seen}");
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
+/// Waits for a robot to be like this.
+async fn wait(fixture: &Fixture, robot: &str, key: &str, value: &str) {
+    let what = format!("{robot}: {key} {value}");
+    eventually(&what, async || view(fixture, robot).await[key] == value).await;
 }
 
-async fn logs(fixture: &Fixture, robot: &str) -> String {
-    let logs = fixture.get(&format!("/api/v1/robots/{robot}/logs")).await;
-    logs.text().to_owned()
+/// Waits for a line in the log of a robot. It stays there, whereas a state may be over before
+/// anybody looks.
+async fn wait_logged(fixture: &Fixture, robot: &str, words: &str) {
+    let what = format!("{words} is in the log of {robot}");
+    let path = format!("/api/v1/robots/{robot}/logs");
+    eventually(&what, async || {
+        fixture.get(&path).await.text().contains(words)
+    })
+    .await;
+}
+
+/// Waits until an event of this text about the robot is written down.
+async fn wait_told(fixture: &Fixture, robot: &str, text: &str) {
+    let what = format!("{robot} {text} is told");
+    let path = format!("/api/v1/events?robot={robot}");
+    eventually(&what, async || {
+        let told = fixture.get(&path).await.json();
+        let events = told["events"].as_array().expect("a list");
+        events.iter().any(|event| event["text"] == text)
+    })
+    .await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_robot_whose_ranger_is_dead_says_so_and_recovers() {
     let fixture = world(false).await;
-    wait(&fixture, "sim-0001", "state", "IDLE", 10).await;
+    wait(&fixture, "sim-0001", "state", "IDLE").await;
     let done = inject(&fixture, "sim-0001", r#"{"fault":{"fault":"ranger-dead"}}"#).await;
     assert_eq!(done.status, 202, "{}", done.text());
-    wait(&fixture, "sim-0001", "state", "ERROR", 10).await;
-    eventually("the fault is in the log", async || {
-        logs(&fixture, "sim-0001").await.contains("ranger")
-    })
-    .await;
-    assert_eq!(view(&fixture, "sim-0002").await["state"], "IDLE");
+    wait(&fixture, "sim-0001", "state", "ERROR").await;
+    wait_logged(&fixture, "sim-0001", "ranger").await;
+    wait(&fixture, "sim-0002", "state", "IDLE").await;
     heal(&fixture, "sim-0001").await;
-    wait(&fixture, "sim-0001", "state", "IDLE", 10).await;
+    wait(&fixture, "sim-0001", "state", "IDLE").await;
 
     let brief = r#"{"fault":{"fault":"ranger-dead"},"lasting_ms":1500}"#;
     assert_eq!(inject(&fixture, "sim-0002", brief).await.status, 202);
-    wait(&fixture, "sim-0002", "state", "ERROR", 10).await;
-    wait(&fixture, "sim-0002", "state", "IDLE", 10).await;
+    wait_logged(&fixture, "sim-0002", "ranger is over").await;
+    wait(&fixture, "sim-0002", "state", "IDLE").await;
 
     inject(&fixture, "sim-0099", brief)
         .await
@@ -83,35 +91,32 @@ async fn a_robot_whose_ranger_is_dead_says_so_and_recovers() {
 /// A robot loses its link, is offline, takes no offence at what is said meanwhile, and is back.
 async fn link_is_lost_and_found(radio: bool) {
     let fixture = world(radio).await;
+    let begun = Instant::now();
     let cut = r#"{"fault":{"fault":"link-loss","how":"silent"}}"#;
     let cut = inject(&fixture, "sim-0001", cut).await;
     assert_eq!(cut.status, 202, "{}", cut.text());
-    let begun = Instant::now();
-    wait(&fixture, "sim-0001", "presence", "offline", 20).await;
+    wait(&fixture, "sim-0001", "presence", "offline").await;
     // The broker has to find out by itself: nobody closed a connection.
     let silence = begun.elapsed();
     assert!(silence > Duration::from_secs(3), "{silence:?}");
-    assert_eq!(view(&fixture, "sim-0002").await["presence"], "online");
+    wait(&fixture, "sim-0002", "presence", "online").await;
     heal(&fixture, "sim-0001").await;
-    wait(&fixture, "sim-0001", "presence", "online", 45).await;
-    eventually("the lost link is in the log", async || {
-        logs(&fixture, "sim-0001").await.contains("link")
-    })
-    .await;
+    wait(&fixture, "sim-0001", "presence", "online").await;
+    wait_logged(&fixture, "sim-0001", "link").await;
 
     let brief = r#"{"fault":{"fault":"link-loss","how":"radio"},"lasting_ms":12000}"#;
     assert_eq!(inject(&fixture, "sim-0002", brief).await.status, 202);
-    wait(&fixture, "sim-0002", "presence", "offline", 20).await;
-    wait(&fixture, "sim-0002", "presence", "online", 45).await;
+    wait_told(&fixture, "sim-0002", "offline").await;
+    wait(&fixture, "sim-0002", "presence", "online").await;
 
     // A world that begins again has whole links, whatever the last one ended with.
     let cut = r#"{"fault":{"fault":"link-loss","how":"radio"}}"#;
     assert_eq!(inject(&fixture, "sim-0001", cut).await.status, 202);
-    wait(&fixture, "sim-0001", "presence", "offline", 20).await;
+    wait(&fixture, "sim-0001", "presence", "offline").await;
     let path = "/api/v1/simulator/commands";
     let reset = fixture.post(path, r#"{"command":"reset"}"#).await;
     assert_eq!(reset.status, 200, "{}", reset.text());
-    wait(&fixture, "sim-0001", "presence", "online", 20).await;
+    wait(&fixture, "sim-0001", "presence", "online").await;
     fixture.stop().await;
 }
 
@@ -153,7 +158,7 @@ async fn faults_by_message_are_obeyed_and_those_of_other_robots_are_not_answered
             break;
         }
     }
-    wait(&fixture, "sim-0001", "state", "IDLE", 10).await;
+    wait(&fixture, "sim-0001", "state", "IDLE").await;
     ear.vanish().await;
     fixture.stop().await;
 }

@@ -19,15 +19,13 @@ use mqtt::{Client, Closed, PASSWORD, refused};
 use rumqttc::v5::MqttOptions;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{ConnectReturnCode, PubAckReason, SubscribeReasonCode};
-use support::{Answer, Fixture, eventually, telemetry};
+use support::{Answer, Fixture, eventually, telemetry, within};
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::handshake::client::Request;
 use tokio_tungstenite::tungstenite::{Bytes, Error, Message};
 use tokio_tungstenite::{WebSocketStream, client_async};
-
-const WAIT: Duration = Duration::from_secs(30);
 
 fn request(scheme: &str, address: SocketAddr, protocol: Option<&str>) -> Request {
     let url = format!("{scheme}://localhost:{}/mqtt", address.port());
@@ -272,7 +270,7 @@ async fn a_flood_is_slowed_down_and_cut_off() {
             }
         }
     });
-    eve.ended(Duration::from_mins(1)).await;
+    eve.ended().await;
     flood.abort();
     assert!(closed.metric("cut_off_total").await >= 1.0);
     // And stays away, whichever way it comes.
@@ -293,7 +291,7 @@ async fn closed_with(socket: &mut WebSocketStream<TcpStream>) -> u16 {
             }
         }
     };
-    tokio::time::timeout(WAIT, end).await.expect("in time")
+    within("the server closes", end).await
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -334,9 +332,7 @@ async fn the_server_says_goodbye() {
     let fixture = Fixture::start().await;
     let mut socket = open(&fixture).await;
     socket.send(connect(0)).await.expect("sent");
-    let next = tokio::time::timeout(WAIT, socket.next())
-        .await
-        .expect("in time");
+    let next = within("an answer to CONNECT", socket.next()).await;
     let answer = next.expect("open").expect("a message").into_data();
     assert_eq!((answer[0], answer[3]), (0x20, 0), "CONNACK, success");
     let (code, ()) = tokio::join!(closed_with(&mut socket), fixture.stop());

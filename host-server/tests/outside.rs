@@ -4,14 +4,13 @@ mod support;
 
 use crawler_server::config::BrokerUrl;
 use crawler_server::server::{Server, StartError};
+use support::port::ReservedPort;
 use support::{FakeRobot, Fixture, Scratch, eventually};
 
 /// The embedded broker of one server serves as the outside broker of another.
-async fn elsewhere(port: Option<u16>) -> Fixture {
+async fn elsewhere(port: &ReservedPort) -> Fixture {
     Fixture::start_with(|layer| {
-        if let Some(port) = port {
-            layer.mqtt = Some(([127, 0, 0, 1], port).into());
-        }
+        layer.mqtt = Some(port.address());
     })
     .await
 }
@@ -22,8 +21,9 @@ fn url(port: u16) -> BrokerUrl {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_broker_may_go_away_for_a_while() {
-    let broker = elsewhere(None).await;
-    let port = broker.server.mqtt().port;
+    let held = ReservedPort::new();
+    let port = held.port();
+    let broker = elsewhere(&held).await;
     let fixture = Fixture::start_with(|layer| {
         layer.mqtt = None;
         layer.broker = Some(url(port));
@@ -49,7 +49,7 @@ async fn a_broker_may_go_away_for_a_while() {
     })
     .await;
 
-    let broker = elsewhere(Some(port)).await;
+    let broker = elsewhere(&held).await;
     eventually("ready again", async || {
         fixture.get("/readyz").await.status == 200
     })
@@ -69,9 +69,8 @@ async fn a_broker_may_go_away_for_a_while() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_broker_that_is_not_there_is_an_error_at_the_start() {
-    let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
-    let port = free.local_addr().expect("address").port();
-    drop(free);
+    let held = ReservedPort::new();
+    let port = held.port();
     let scratch = Scratch::new();
     let settings = support::settings(&scratch, |layer| {
         layer.mqtt = None;

@@ -2,11 +2,13 @@
 
 mod support;
 
-use std::io::{BufRead as _, BufReader, Read as _};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use support::Scratch;
+use support::port::ReservedPort;
+use support::{LIMIT, Scratch};
 
 fn program() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_terracrawler"));
@@ -81,9 +83,8 @@ fn a_data_directory_that_cannot_be_is_said_in_one_line() {
 
 #[test]
 fn an_absent_broker_is_said_in_one_line() {
-    let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
-    let url = format!("mqtt://{}", free.local_addr().expect("address"));
-    drop(free);
+    let held = ReservedPort::new();
+    let url = format!("mqtt://{}", held.address());
     let scratch = Scratch::new();
     let data = scratch.0.to_str().expect("UTF-8");
     let serve = [
@@ -185,14 +186,27 @@ impl Running {
         assert!(sent.expect("kill").success());
     }
 
+    /// What the running program counts.
+    fn metrics(&self) -> String {
+        let (_, page) = self.greeting.split_once("http://").expect("a page");
+        let address = page.split('/').next().expect("an address");
+        let mut stream = TcpStream::connect(address).expect("connect");
+        let request =
+            format!("GET /metrics HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n");
+        stream.write_all(request.as_bytes()).expect("sent");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("an answer");
+        answer
+    }
+
     /// Waits for the end and returns exit code and log.
     fn end(mut self) -> (Option<i32>, String) {
-        let limit = Instant::now() + Duration::from_secs(15);
+        let limit = Instant::now() + LIMIT;
         let status = loop {
             if let Some(status) = self.child.try_wait().expect("our own process") {
                 break status;
             }
-            assert!(Instant::now() < limit, "does not end");
+            assert!(Instant::now() < limit, "does not end within {LIMIT:?}");
             std::thread::sleep(Duration::from_millis(20));
         };
         let mut log = String::new();
@@ -230,8 +244,16 @@ fn robots_stop_first() {
         "{}",
         running.greeting
     );
-    // A moment to get going.
-    std::thread::sleep(Duration::from_secs(2));
+    // They have to be there to stop.
+    let limit = Instant::now() + LIMIT;
+    loop {
+        let metrics = running.metrics();
+        if metrics.contains("\nterracrawler_simulation_connected 3") {
+            break;
+        }
+        assert!(Instant::now() < limit, "not all are connected: {metrics}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
     running.signal("-INT");
     let (code, log) = running.end();
     assert_eq!(code, Some(0), "{log}");

@@ -9,7 +9,7 @@ use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::Packet;
 use rumqttc::v5::{AsyncClient, Event, MqttOptions};
 use serde_json::{Value, json};
-use support::{Fixture, eventually};
+use support::{Fixture, eventually, within};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::{WebSocketStream, client_async};
@@ -48,13 +48,23 @@ async fn a_world_obeys_requests_and_its_fleet_follows() {
     let stepped = tell(r#"{"command":"step","steps":10}"#).await.json();
     let time = |answer: &Value| answer["simulator"]["time"].as_f64().expect("a number");
     assert!(time(&stepped) > time(&paused));
-    tokio::time::sleep(Duration::from_millis(200)).await;
-    assert_eq!(state().await["time"], stepped["simulator"]["time"]);
+    // It was paused in the middle of a step; from here on steps are whole, and time passes by them
+    // alone: where it did by itself as well, these would be longer than 10 ms each.
+    let ten = 0.1;
+    let mut last = time(&stepped);
+    for _ in 0..10 {
+        let stepped = tell(r#"{"command":"step","steps":10}"#).await.json();
+        let passed = time(&stepped) - last;
+        last = time(&stepped);
+        assert!((passed - ten).abs() < 1e-6, "{passed} s instead of {ten} s");
+        assert_eq!(state().await["time"], stepped["simulator"]["time"]);
+    }
+    let stepped = state().await;
     tell(r#"{"command":"speed","factor":2}"#).await;
     assert_eq!(state().await["factor"], 2.0);
     tell(r#"{"command":"resume"}"#).await;
     eventually("time to pass", async || {
-        state().await["time"].as_f64() > stepped["simulator"]["time"].as_f64()
+        state().await["time"].as_f64() > stepped["time"].as_f64()
     })
     .await;
     let reset = tell(r#"{"command":"reset","seed":9}"#).await.json();
@@ -103,6 +113,8 @@ async fn a_world_obeys_requests_and_its_fleet_follows() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_world_obeys_messages_and_answers_them() {
+    /// After so long without an answer it is said again.
+    const AGAIN: Duration = Duration::from_secs(1);
     let fixture = Fixture::world(false).await;
     let mqtt = fixture.server.mqtt();
     let mut options = MqttOptions::new("somebody", &mqtt.host, mqtt.port);
@@ -114,42 +126,56 @@ async fn a_world_obeys_messages_and_answers_them() {
         .subscribe(answers, QoS::AtLeastOnce)
         .await
         .expect("room");
-    let mut next = async |payload: &'static str| -> Value {
-        let topic = format!("{fleet}/simulator/command");
-        // The world's own session may take a moment to stand; an answer says that it does.
-        for _ in 0..40 {
-            let sent = client.publish(topic.clone(), QoS::AtLeastOnce, false, payload);
-            sent.await.expect("room");
-            let answer = async {
-                loop {
-                    if let Event::Incoming(Packet::Publish(publish)) =
-                        events.poll().await.expect("a connection")
-                    {
-                        return serde_json::from_slice(&publish.payload).expect("JSON");
-                    }
-                }
-            };
-            if let Ok(answer) = tokio::time::timeout(Duration::from_millis(500), answer).await {
-                return answer;
-            }
-        }
-        panic!("nobody answers {payload}");
+    let subscribed = async {
+        while !matches!(
+            events.poll().await.expect("a connection"),
+            Event::Incoming(Packet::SubAck(_))
+        ) {}
     };
-    let paused = next(r#"{"command":"pause"}"#).await;
+    within("a subscription", subscribed).await;
+    let mut next = async |payload: &'static str, command: Value| -> Value {
+        let topic = format!("{fleet}/simulator/command");
+        let answer = async {
+            // The world's own session may take a moment to stand: until then nobody answers. Answers
+            // to what was said before are passed over, since they come again where it was said again.
+            loop {
+                let sent = client.publish(topic.clone(), QoS::AtLeastOnce, false, payload);
+                sent.await.expect("room");
+                let answer = async {
+                    loop {
+                        let event = events.poll().await.expect("a connection");
+                        if let Event::Incoming(Packet::Publish(publish)) = event {
+                            let answer: Value =
+                                serde_json::from_slice(&publish.payload).expect("JSON");
+                            if answer["command"] == command {
+                                return answer;
+                            }
+                        }
+                    }
+                };
+                if let Ok(answer) = tokio::time::timeout(AGAIN, answer).await {
+                    return answer;
+                }
+            }
+        };
+        within(payload, answer).await
+    };
+    let paused = next(r#"{"command":"pause"}"#, json!("pause")).await;
     assert_eq!(paused["command"], "pause");
     assert_eq!(paused["status"], "completed");
     assert_eq!(paused["simulator"]["state"], "paused");
-    let refused = next(r#"{"command":"restore","name":"here"}"#).await;
+    let refused = next(r#"{"command":"restore","name":"here"}"#, json!("restore")).await;
     assert_eq!(refused["status"], "rejected");
     assert_eq!(refused["code"], "refused");
     let dropped = next(
         r#"{"command":"drop","object":{"shape":"cone","x":-2.9,"y":-2.9,"size":0.1,"colour":"red"}}"#,
+        json!("drop"),
     )
     .await;
     assert!(dropped["item"].is_u64(), "{dropped}");
     assert_eq!(dropped["simulator"]["scenario"], "empty");
     assert!(dropped["simulator"].get("dropped").is_none(), "{dropped}");
-    let nonsense = next("nonsense").await;
+    let nonsense = next("nonsense", Value::Null).await;
     assert_eq!(nonsense["code"], "invalid_command");
     assert_eq!(nonsense["command"], json!(null));
     fixture.stop().await;
@@ -167,8 +193,7 @@ async fn hello(socket: &mut WebSocketStream<TcpStream>) -> Value {
             }
         }
     };
-    let hello = tokio::time::timeout(Duration::from_secs(30), next).await;
-    hello.expect("another arena is told")
+    within("another arena is told", next).await
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,6 +1,8 @@
 //! TLS over real connections: whom clients trust, what they get when something is wrong, and how
 //! certificates are replaced.
 
+#[path = "support/log.rs"]
+mod log;
 mod support;
 #[path = "support/tls.rs"]
 mod tls;
@@ -10,7 +12,8 @@ use std::time::{Duration, Instant};
 
 use crawler_server::config::{Layer, Role, Settings, TlsMode};
 use crawler_server::server::{Robots, Server};
-use support::{FakeRobot, Fixture, Scratch, eventually, settings};
+use log::Log;
+use support::{FakeRobot, Fixture, Scratch, eventually, settings, within};
 use tls::{Made, get, make, pipe, shake, trust, trust_in};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
@@ -117,7 +120,7 @@ async fn an_expired_certificate_is_made_anew_at_the_start() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_client_without_tls_is_told_or_hung_up_on() {
     let fixture = Fixture::start_with(on).await;
-    let began = Instant::now();
+    let mqtt = ("127.0.0.1", fixture.server.mqtt().port);
     let mut plain = TcpStream::connect(fixture.server.http())
         .await
         .expect("connect");
@@ -126,55 +129,71 @@ async fn a_client_without_tls_is_told_or_hung_up_on() {
         .await
         .expect("sent");
     let mut answer = String::new();
-    plain.read_to_string(&mut answer).await.expect("an answer");
+    let read = within("an answer", plain.read_to_string(&mut answer)).await;
+    read.expect("text");
     assert!(answer.starts_with("HTTP/1.1 400 "), "{answer}");
     let (head, body) = answer.split_once("\r\n\r\n").expect("head and body");
     assert!(body.contains("https://"), "{body}");
     assert!(head.contains(&format!("content-length: {}\r\n", body.len())));
 
-    let mqtt = ("127.0.0.1", fixture.server.mqtt().port);
+    // Who says nothing is waited for.
+    let mut silent = TcpStream::connect(mqtt).await.expect("connect");
     let mut plain = TcpStream::connect(mqtt).await.expect("connect");
     plain
         .write_all(b"\x10\x0d\0\x04MQTT\x05\x02\0\x05\0\0\0")
         .await
         .expect("sent");
     let mut answer = Vec::new();
-    // Closed or reset: there is no session in either case.
-    let _ = plain.read_to_end(&mut answer).await;
+    let mut nothing = Vec::new();
+    within("hung up on", async {
+        tokio::select! {
+            biased;
+            // Closed or reset: there is no session in either case.
+            _ = plain.read_to_end(&mut answer) => {}
+            _ = silent.read_to_end(&mut nothing) => panic!("not before who says nothing"),
+        }
+    })
+    .await;
     assert!(answer.is_empty(), "{answer:?}");
-    assert!(began.elapsed() < Duration::from_secs(8));
     fixture.stop().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn who_takes_too_long_is_dropped_and_keeps_out_nobody() {
+    /// For a whole handshake.
+    const GIVEN: Duration = Duration::from_secs(10);
     let fixture = Fixture::start_with(on).await;
     let http = fixture.server.http();
     let mqtt = ([127, 0, 0, 1], fixture.server.mqtt().port).into();
-    let began = Instant::now();
-    let mut slow = Vec::new();
-    for address in [http, mqtt] {
-        for said in [&b""[..], &b"\x16"[..], &b"\x16\x03\x01\x02\0\x01"[..]] {
-            let mut tcp = TcpStream::connect(address).await.expect("connect");
-            tcp.write_all(said).await.expect("sent");
-            slow.push(tcp);
-        }
-    }
     let pinned = trust(&authority(&fixture));
-    let (status, _) = get(http, &pinned, "localhost", "/healthz")
-        .await
-        .expect("TLS");
-    assert_eq!(status, 200);
-    assert!(began.elapsed() < Duration::from_secs(5));
+    // Where the machine is so slow that they are dropped before it comes to somebody who speaks,
+    // it shows nothing, and is tried again.
+    let mut rounds = 0;
+    let (began, slow) = loop {
+        rounds += 1;
+        assert!(rounds <= 3, "who speaks waits for those who do not");
+        let began = Instant::now();
+        let mut slow = Vec::new();
+        for address in [http, mqtt] {
+            for said in [&b""[..], &b"\x16"[..], &b"\x16\x03\x01\x02\0\x01"[..]] {
+                let mut tcp = TcpStream::connect(address).await.expect("connect");
+                tcp.write_all(said).await.expect("sent");
+                slow.push(tcp);
+            }
+        }
+        let answer = get(http, &pinned, "localhost", "/healthz");
+        let (status, _) = within("an answer", answer).await.expect("TLS");
+        assert_eq!(status, 200);
+        if began.elapsed() < GIVEN {
+            break (began, slow);
+        }
+    };
     for mut tcp in slow {
         let mut rest = Vec::new();
-        let ended = tokio::time::timeout(Duration::from_secs(20), tcp.read_to_end(&mut rest));
-        let _ = ended.await.expect("dropped in time");
+        // Closed or reset.
+        let _ = within("dropped", tcp.read_to_end(&mut rest)).await;
+        assert!(began.elapsed() >= GIVEN, "all are given time");
     }
-    assert!(
-        began.elapsed() > Duration::from_secs(5),
-        "all were given time"
-    );
     fixture.stop().await;
 }
 
@@ -312,6 +331,7 @@ async fn robots_of_the_same_process_need_no_tls() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn certificates_of_the_user_are_read_again_when_they_change() {
+    let log = Log::shared();
     let files = Scratch::new();
     make(&files.0, "server", Made::default());
     let certificate = files.0.join("server.pem");
@@ -335,7 +355,11 @@ async fn certificates_of_the_user_are_read_again_when_they_change() {
     // Half a change, as long as it lasts, changes nothing.
     make(&files.0, "next", Made::default());
     std::fs::copy(files.0.join("next.pem"), &certificate).expect("ours");
-    tokio::time::sleep(Duration::from_secs(3)).await;
+    let name = certificate.display().to_string();
+    eventually("it is looked at", async || {
+        log.has(&["the old one stays", "not that of the certificate", &name])
+    })
+    .await;
     assert!(served("first.pem").await && !served("next.pem").await);
     std::fs::copy(files.0.join("next.key"), files.0.join("server.key")).expect("ours");
     eventually("the next is served", async || served("next.pem").await).await;
@@ -410,7 +434,6 @@ async fn certificates_of_robots_are_verified_where_they_are_shown() {
         let mut stream = shake(address, &unknown, "localhost").await?;
         stream.read_u8().await
     };
-    let refused = tokio::time::timeout(Duration::from_secs(5), refused).await;
-    assert!(refused.expect("an answer").is_err());
+    assert!(within("an answer", refused).await.is_err());
     fixture.stop().await;
 }

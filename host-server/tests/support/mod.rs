@@ -3,7 +3,9 @@
 #![allow(dead_code, unreachable_pub)]
 
 pub mod closed;
+pub mod port;
 
+use std::cell::RefCell;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -20,6 +22,15 @@ use rumqttc::v5::mqttbytes::v5::{LastWill, Packet, Publish};
 use rumqttc::v5::{AsyncClient, Event, EventLoop, MqttOptions};
 use serde_json::Value;
 use tokio::sync::mpsc;
+
+/// How long a test waits for something that is to happen, however slow the machine is. Nothing
+/// passes because of it: it only ends a wait that is in vain.
+pub const LIMIT: Duration = Duration::from_mins(1);
+
+thread_local! {
+    /// The last answer over HTTP that this test got: what a wait that is in vain prints.
+    static LAST_ANSWER: RefCell<String> = const { RefCell::new(String::new()) };
+}
 
 /// A directory that goes away with the value.
 pub struct Scratch(pub PathBuf);
@@ -117,8 +128,7 @@ impl Fixture {
     }
 
     pub async fn stop(self) {
-        let stopped = tokio::time::timeout(Duration::from_secs(15), self.server.stop());
-        stopped.await.expect("the server stops in time");
+        within("the server stops", self.server.stop()).await;
     }
 
     pub async fn get(&self, path: &str) -> Answer {
@@ -157,11 +167,14 @@ impl Fixture {
             .expect("request");
         let response = sender.send_request(request).await.expect("an answer");
         let (parts, body) = response.into_parts();
-        Answer {
+        let answer = Answer {
             status: parts.status,
             headers: parts.headers,
             body: body.collect().await.expect("a body").to_bytes(),
-        }
+        };
+        let shown = String::from_utf8_lossy(&answer.body);
+        LAST_ANSWER.set(format!("{path}: {} {shown}", answer.status));
+        answer
     }
 
     pub async fn robot(&self, id: &str) -> FakeRobot {
@@ -228,11 +241,21 @@ impl Answer {
     }
 }
 
-/// Tries until it holds, for ten seconds.
+/// Waits for the end of what is to happen.
+pub async fn within<T>(what: &str, happening: impl Future<Output = T>) -> T {
+    tokio::time::timeout(LIMIT, happening)
+        .await
+        .unwrap_or_else(|_| panic!("not within {LIMIT:?}: {what}"))
+}
+
+/// Tries until it holds.
 pub async fn eventually(what: &str, mut holds: impl AsyncFnMut() -> bool) {
-    let end = Instant::now() + Duration::from_secs(30);
+    let end = Instant::now() + LIMIT;
     while !holds().await {
-        assert!(Instant::now() < end, "not within 30 s: {what}");
+        if Instant::now() >= end {
+            let last = LAST_ANSWER.take();
+            panic!("not within {LIMIT:?}: {what}; the last answer was {last}");
+        }
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
 }
@@ -330,33 +353,37 @@ impl FakeRobot {
             .await;
     }
 
-    /// The next message on a topic with this ending, within fifteen seconds.
+    /// The next message on a topic with this ending.
     pub async fn next(&mut self, ending: &str) -> Publish {
-        let next = async {
-            loop {
-                let publish = self.inbox.recv().await.expect("connected");
-                if publish.topic.ends_with(ending.as_bytes()) {
-                    return publish;
-                }
-            }
-        };
-        tokio::time::timeout(Duration::from_secs(15), next)
-            .await
-            .unwrap_or_else(|_| panic!("no message on …{ending}"))
+        self.next_on(&format!("…{ending}"), |topic| {
+            topic.ends_with(ending.as_bytes())
+        })
+        .await
     }
 
+    /// The next command to the robot or to all.
     pub async fn next_command(&mut self) -> Command {
+        let next = self.next_on("swarm/command/…", |topic| {
+            topic.starts_with(b"swarm/command/")
+        });
+        Command::parse(&next.await.payload).expect("a valid command")
+    }
+
+    /// The next message on one of these topics. Those before it are passed over.
+    async fn next_on(&mut self, what: &str, wanted: impl Fn(&[u8]) -> bool) -> Publish {
+        let mut last = None;
         let next = async {
             loop {
                 let publish = self.inbox.recv().await.expect("connected");
-                if publish.topic.starts_with(b"swarm/command/") {
-                    return Command::parse(&publish.payload).expect("a valid command");
+                if wanted(&publish.topic) {
+                    return publish;
                 }
+                last = Some(publish);
             }
         };
-        tokio::time::timeout(Duration::from_secs(15), next)
-            .await
-            .expect("a command")
+        tokio::time::timeout(LIMIT, next).await.unwrap_or_else(|_| {
+            panic!("no message on {what} within {LIMIT:?}; the last was {last:?}")
+        })
     }
 
     pub async fn answer(&self, seq: u64, status: ResponseStatus, reason: Option<Reason>) {

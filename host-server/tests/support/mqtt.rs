@@ -13,10 +13,9 @@ use rumqttc::v5::mqttbytes::v5::{
 use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
 use tokio::sync::mpsc;
 
-use crate::support::Fixture;
+use crate::support::{Fixture, LIMIT, within};
 
 pub const PASSWORD: &str = "correct horse";
-const WAIT: Duration = Duration::from_secs(20);
 
 /// A server that wants names, and the records it reads.
 pub struct Closed {
@@ -135,10 +134,7 @@ impl Client {
     pub async fn connect(options: MqttOptions) -> Result<Self, ConnectReturnCode> {
         let (client, mut events) = AsyncClient::new(options, 10_000);
         loop {
-            match tokio::time::timeout(WAIT, events.poll())
-                .await
-                .expect("an answer")
-            {
+            match within("an answer to a login", events.poll()).await {
                 Ok(Event::Incoming(Packet::ConnAck(_))) => break,
                 Ok(_) => {}
                 Err(ConnectionError::ConnectionRefused(code)) => return Err(code),
@@ -212,15 +208,19 @@ impl Client {
     }
 
     async fn wait<T>(&mut self, mut wanted: impl FnMut(Packet) -> Option<T>) -> T {
+        let mut last = None;
         let found = async {
             loop {
                 let packet = self.packets.recv().await.expect("a connection");
+                last = Some(packet.clone());
                 if let Some(found) = wanted(packet) {
                     return found;
                 }
             }
         };
-        tokio::time::timeout(WAIT, found).await.expect("in time")
+        tokio::time::timeout(LIMIT, found)
+            .await
+            .unwrap_or_else(|_| panic!("not within {LIMIT:?}; the last packet was {last:?}"))
     }
 
     /// Topics of the messages that have arrived and were not asked for.
@@ -240,11 +240,9 @@ impl Client {
     }
 
     /// Waits for the end of the session.
-    pub async fn ended(&mut self, limit: Duration) {
-        tokio::time::timeout(limit, &mut self.task)
-            .await
-            .expect("ended in time")
-            .expect("no panic");
+    pub async fn ended(&mut self) {
+        let ended = within("the session ends", &mut self.task).await;
+        ended.expect("no panic");
     }
 
     /// Cuts the connection without a word, so that the will is published.
