@@ -73,6 +73,8 @@ pub(crate) struct Accounts {
     alive: Mutex<Alive>,
     tickets: Mutex<Tickets>,
     rotated: Mutex<Rotated>,
+    /// Held while a refresh token is exchanged, until that is noted in `rotated`.
+    refreshing: tokio::sync::Mutex<()>,
     /// Wrong passwords, also those at the broker.
     failures: Arc<Failures>,
     hashing: Semaphore,
@@ -112,6 +114,7 @@ impl Accounts {
             alive: Mutex::default(),
             tickets: Mutex::default(),
             rotated: Mutex::default(),
+            refreshing: tokio::sync::Mutex::new(()),
             failures: Arc::new(Failures::new()),
             hashing: Semaphore::new(HASHING),
             changing: tokio::sync::Mutex::new(()),

@@ -204,6 +204,8 @@ impl Accounts {
     pub(crate) async fn refresh(&self, refresh: &str) -> Result<Entered, LoginError> {
         let old: Secret = refresh.parse().map_err(|_| LoginError::NoSession)?;
         let digest = old.digest();
+        // Of two that come at once the second waits for the first, and is known for what it is.
+        let _refreshing = self.refreshing.lock().await;
         let again = lock(&self.rotated).session(digest, Instant::now());
         if let Some(session) = again {
             return self.again(session).await;
