@@ -13,26 +13,36 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    /// The names whose secret, password, role or lock is not what it was the last time. The first
-    /// look finds none.
+    /// The names whose secret, password, role or lock is not what it was the last time, and those
+    /// that are new and void already. The first look finds none.
     ///
     /// # Errors
     /// [`RecordsError`] when the records cannot be read; nothing is forgotten then.
     pub(super) async fn changed(&mut self, records: &Records) -> Result<Vec<String>, RecordsError> {
         let mut found = HashMap::new();
+        let mut void = Vec::new();
         for credential in records.credentials().await? {
+            if credential.revoked.is_some() {
+                void.push(credential.name.clone());
+            }
             let counts = (credential.digest, credential.revoked);
             found.insert(credential.name, fingerprint(counts));
         }
         for user in records.users().await? {
+            if user.disabled {
+                void.push(user.name.to_string());
+            }
             let counts = (user.password, user.role, user.disabled);
             found.insert(user.name.to_string(), fingerprint(counts));
         }
         let changed = self.known.as_ref().map_or_else(Vec::new, |known| {
+            // Between two looks somebody can be enrolled, log in, and be revoked.
+            void.retain(|name| !known.contains_key(name));
             known
                 .iter()
                 .filter(|(name, counts)| found.get(*name) != Some(counts))
                 .map(|(name, _)| name.clone())
+                .chain(void)
                 .collect()
         });
         self.known = Some(found);
@@ -92,11 +102,35 @@ mod tests {
         assert_eq!(watch.changed(&records).await.expect("read"), ["ada"]);
         records.delete_user(&ada, 5).await.expect("removed");
         assert_eq!(watch.changed(&records).await.expect("read"), ["ada"]);
-        // Somebody new has no session to end.
+        // The first secret of somebody new is still good: there is no session to end.
         records
             .enroll("rover-3", secret(), 6, "test")
             .await
             .expect("enrolled");
+        assert!(watch.changed(&records).await.expect("read").is_empty());
+    }
+
+    #[tokio::test]
+    async fn who_comes_and_is_revoked_between_two_looks_is_named() {
+        let records = Records::in_memory().await.expect("records");
+        let mut watch = Watch::default();
+        assert!(watch.changed(&records).await.expect("read").is_empty());
+        let digest = Secret::generate().expect("randomness").digest();
+        let enrolled = records.enroll("rover-1", digest, 1, "test").await;
+        enrolled.expect("enrolled");
+        let revoked = records.revoke_credential("rover-1", 2).await;
+        revoked.expect("revoked");
+        assert_eq!(watch.changed(&records).await.expect("read"), ["rover-1"]);
+        assert!(watch.changed(&records).await.expect("read").is_empty());
+        let user = User {
+            name: "ada".parse::<UserName>().expect("name"),
+            role: Role::Viewer,
+            password: None,
+            created: 3,
+            disabled: true,
+        };
+        records.add_user(&user).await.expect("added");
+        assert_eq!(watch.changed(&records).await.expect("read"), ["ada"]);
         assert!(watch.changed(&records).await.expect("read").is_empty());
     }
 }
