@@ -186,3 +186,38 @@ impl Accounts for RecordAccounts {
         Ok(known.is_some())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn login<'a>(user: &'a str, password: &'a str) -> Login<'a> {
+        Login {
+            user: Some(user),
+            password: Some(password.as_bytes()),
+            from: IpAddr::from([127, 0, 0, 1]),
+        }
+    }
+
+    /// All places at which passwords are checked are taken, and nobody makes room.
+    #[tokio::test]
+    async fn a_robot_waits_for_no_password_of_anybody() {
+        let records = Records::in_memory().await.expect("records");
+        let secret = Secret::generate().expect("randomness");
+        let enrolled = records.enroll("rover-1", secret.digest(), 1, "test").await;
+        enrolled.expect("enrolled");
+        let accounts = RecordAccounts::new(records, Arc::new(Failures::new()));
+        let checked = accounts.hashing.acquire_many(HASHING as u32).await;
+        let waiting = accounts.queue.acquire_many(QUEUE as u32).await;
+        let stranger = accounts.identify(login("ada", "correct horse")).await;
+        assert_eq!(stranger, Err(Refusal::Busy));
+        let secret = secret.to_string();
+        let robot = accounts.identify(login("rover-1", &secret)).await;
+        let id = RobotId::new("rover-1").expect("an id");
+        assert_eq!(robot, Ok(Who::Robot(id)));
+        // Nor does one with an old secret take a place.
+        let old = accounts.identify(login("rover-1", "correct horse")).await;
+        assert_eq!(old, Err(Refusal::Credentials));
+        drop((checked, waiting));
+    }
+}

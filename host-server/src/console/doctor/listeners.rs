@@ -225,6 +225,8 @@ async fn embedded(address: SocketAddr, tls: bool) -> Finding {
 
 #[cfg(test)]
 mod tests {
+    use tokio::net::TcpSocket;
+
     use super::super::Grade;
     use super::*;
 
@@ -247,8 +249,14 @@ mod tests {
 
     #[tokio::test]
     async fn a_port_in_use_is_found() {
-        let taken = TcpListener::bind("127.0.0.1:0").await.expect("a port");
-        let address = taken.local_addr().expect("address");
+        // Held, so that nobody else is given it, and listened at by nobody: free for a server.
+        let socket = TcpSocket::new_v4().expect("a socket");
+        socket.set_reuseaddr(true).expect("an option");
+        let any = "127.0.0.1:0".parse().expect("an address");
+        socket.bind(any).expect("a port");
+        let address = socket.local_addr().expect("address");
+        assert_eq!(free("HTTP port", address, "--http").await.grade, Grade::Ok);
+        let _taken = socket.listen(1).expect("listens");
         let finding = free("HTTP port", address, "--http").await;
         assert_eq!(finding.grade, Grade::Fail);
         assert!(
@@ -256,8 +264,6 @@ mod tests {
                 .advice
                 .is_some_and(|advice| advice.contains("--http"))
         );
-        drop(taken);
-        assert_eq!(free("HTTP port", address, "--http").await.grade, Grade::Ok);
     }
 
     #[tokio::test]
