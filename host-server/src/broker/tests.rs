@@ -73,7 +73,7 @@ impl Bench {
 }
 
 struct Client {
-    client: AsyncClient,
+    sender: AsyncClient,
     /// What the broker says to publishes with QoS 1.
     acknowledged: mpsc::UnboundedReceiver<PubAckReason>,
     /// Runs until the session ends.
@@ -101,7 +101,7 @@ impl Client {
             }
         });
         Ok(Self {
-            client,
+            sender: client,
             acknowledged,
             task,
         })
@@ -117,7 +117,7 @@ impl Client {
     /// moment on.
     async fn is_heard(&mut self, topic: &str) {
         let sent = self
-            .client
+            .sender
             .publish(topic, QoS::AtLeastOnce, false, "still here");
         sent.await.expect("a connection");
         let reason = within("an acknowledgement", self.acknowledged.recv()).await;
@@ -287,7 +287,7 @@ async fn a_robot_that_floods_shows_and_can_be_dropped_meanwhile() {
         .expect("let in");
     let id = RobotId::new("rover-1").expect("an id");
     assert_eq!(handle.link(&id), None);
-    let sender = robot.client.clone();
+    let sender = robot.sender.clone();
     let flood = tokio::spawn(async move {
         let topic = "swarm/telemetry/rover-1";
         while sender
