@@ -103,7 +103,9 @@ impl Selection {
         run::run_command(self.command(&["--no-run"], false))?;
         let _load = self.under_load.then(Load::start).transpose()?;
         let count = self.repeat.to_string();
-        let mut more = Vec::new();
+        // Half of the tests wait for processes and sockets most of the time.
+        let at_once = (2 * cores()).to_string();
+        let mut more = vec!["--test-threads", at_once.as_str()];
         if self.repeat > 1 {
             more.extend(["--stress-count", count.as_str()]);
         }
@@ -183,6 +185,10 @@ fn attribute<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     value.split('"').next()
 }
 
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
 /// A process for each core that does nothing but work, until this is dropped.
 #[derive(Debug)]
 struct Load(Vec<Child>);
@@ -191,7 +197,7 @@ impl Load {
     fn start() -> Outcome<Self> {
         let failed = |error| Failure(format!("cannot keep the cores busy: {error}"));
         let program = env::current_exe().map_err(failed)?;
-        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let cores = cores();
         let mut load = Self(Vec::new());
         for _ in 0..cores {
             let mut command = Command::new(&program);

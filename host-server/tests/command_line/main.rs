@@ -1,7 +1,11 @@
 //! The program `terracrawler` as a person calls it.
 
 #[path = "../server/support/port.rs"]
-#[allow(unreachable_pub, reason = "public to the tests of the server")]
+#[allow(
+    dead_code,
+    unreachable_pub,
+    reason = "public to the tests of the server, which use more of it"
+)]
 mod port;
 #[path = "../server/support/scratch.rs"]
 #[allow(unreachable_pub, reason = "public to the tests of the server")]
