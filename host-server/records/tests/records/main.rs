@@ -1,4 +1,4 @@
-//! The records in SQLite, what moves between engines, and what takes an engine of its own.
+//! The records in `SQLite`, what moves between engines, and what takes an engine of its own.
 
 mod support;
 

@@ -17,10 +17,14 @@ use sqlx::Connection as _;
 const LIMIT: Duration = Duration::from_mins(1);
 
 /// Waits for the end of a call that must not hang.
-async fn within<T>(what: &str, call: impl Future<Output = T>) -> T {
-    tokio::time::timeout(LIMIT, call)
-        .await
-        .unwrap_or_else(|_| panic!("not within {LIMIT:?}: {what}"))
+fn within<T>(what: &str, call: impl Future<Output = T>) -> impl Future<Output = T> {
+    // The calls are large: on the stack of a test they would be copied.
+    let call = Box::pin(call);
+    async move {
+        tokio::time::timeout(LIMIT, call)
+            .await
+            .unwrap_or_else(|_| panic!("not within {LIMIT:?}: {what}"))
+    }
 }
 
 async fn connect(url: &str) -> Records {
