@@ -13,6 +13,9 @@ use crate::run::{self, Failure, Outcome};
 /// The hidden command that keeps one core busy.
 pub(crate) const BUSY: &str = "keep-a-core-busy";
 
+/// The suite that is every test of [`TIMED`].
+const ALL_TIMED: &str = "timed";
+
 /// Everything that has to do with sockets, processes or real time: what a busy machine could upset.
 const TIMED: &str = "package(crawler-tests) | package(crawler-hil) | package(crawler-server) \
     | package(crawler-cluster) | package(crawler-records) | package(crawler-timeseries) \
@@ -27,8 +30,8 @@ pub(crate) struct Selection {
     under_load: bool,
     /// All of it has to do with one core.
     one_core: bool,
-    /// A filter of cargo-nextest.
-    filter: Option<String>,
+    /// Names of test programs, or parts of them, or of the paths of tests; all where there are none.
+    suites: Vec<String>,
     /// The seed of property tests, and how many cases each of them tries; else those of
     /// `.cargo/config.toml`.
     properties: Option<(u64, u32)>,
@@ -40,7 +43,7 @@ impl Default for Selection {
             repeat: 1,
             under_load: false,
             one_core: false,
-            filter: None,
+            suites: Vec::new(),
             properties: None,
         }
     }
@@ -53,7 +56,6 @@ impl Selection {
     /// When an argument is unknown or has no value.
     pub(crate) fn parse(arguments: &[String]) -> Outcome<Self> {
         let mut selection = Self::default();
-        let mut suites = Vec::new();
         let mut words = arguments.iter();
         while let Some(word) = words.next() {
             match word.as_str() {
@@ -69,10 +71,10 @@ impl Selection {
                 option if option.starts_with('-') => {
                     return Err(Failure(format!("'{option}' is not understood")));
                 }
-                suite => suites.push(suite.to_owned()),
+                suite if suite.chars().all(is_plain) => selection.suites.push(suite.to_owned()),
+                other => return Err(Failure(format!("'{other}' is no name of a suite"))),
             }
         }
-        selection.filter = filter(&suites)?;
         Ok(selection)
     }
 
@@ -81,7 +83,7 @@ impl Selection {
         Self {
             repeat,
             under_load: true,
-            filter: Some(TIMED.to_owned()),
+            suites: vec![ALL_TIMED.to_owned()],
             ..Self::default()
         }
     }
@@ -100,24 +102,30 @@ impl Selection {
     /// When a test fails, or cargo-nextest is missing.
     pub(crate) fn run(&self, report: &mut Report) -> Outcome {
         // What the tests start is built with them, before other processes take the cores.
-        run::run_command(self.command(&["--no-run"], false))?;
+        run::run_command(self.command(&["run", "--no-run"], false))?;
+        let filter = self.filter()?;
         let _load = self.under_load.then(Load::start).transpose()?;
         let count = self.repeat.to_string();
         // Half of the tests wait for processes and sockets most of the time.
         let at_once = (2 * cores()).to_string();
-        let mut more = vec!["--test-threads", at_once.as_str()];
+        let mut more = vec!["run", "--test-threads", at_once.as_str()];
+        if let Some(filter) = &filter {
+            more.extend(["--filterset", filter.as_str()]);
+        }
         if self.repeat > 1 {
             more.extend(["--stress-count", count.as_str()]);
         }
+        // Wherever cargo builds; what an earlier run left must not be taken for this one.
+        let path = run::root().join("target/nextest/default/junit.xml");
+        let _ = fs::remove_file(&path);
         let outcome = run::run_command(self.command(&more, self.one_core));
-        let path = run::target_dir().join("nextest/default/junit.xml");
-        if let Ok(text) = fs::read_to_string(run::root().join(path)) {
+        if let Ok(text) = fs::read_to_string(path) {
             report.programs(program_times(&text));
         }
         outcome
     }
 
-    fn command(&self, more: &[&str], one_core: bool) -> Command {
+    fn command(&self, arguments: &[&str], one_core: bool) -> Command {
         let cargo = run::cargo_program();
         let mut command = if one_core {
             let mut command = Command::new("taskset");
@@ -129,38 +137,46 @@ impl Selection {
         command
             .current_dir(run::root())
             .stdin(Stdio::null())
-            .args(["nextest", "run", "--locked", "--workspace"])
-            .arg("--all-features");
-        if let Some(filter) = &self.filter {
-            command.args(["--filterset", filter]);
-        }
+            .arg("nextest")
+            .args(arguments)
+            .args(["--locked", "--workspace", "--all-features"]);
         if let Some((seed, cases)) = self.properties {
             command.env("PROPTEST_RNG_SEED", seed.to_string());
             command.env("PROPTEST_CASES", cases.to_string());
         }
-        command.args(more);
         command
+    }
+
+    /// The tests whose program or path has the name of a suite, as cargo-nextest is told.
+    fn filter(&self) -> Outcome<Option<String>> {
+        if self.suites.is_empty() {
+            return Ok(None);
+        }
+        let list = self.command(&["list", "--list-type", "binaries-only"], false);
+        let programs =
+            run::output_of(list).ok_or_else(|| Failure("cargo nextest list failed".to_owned()))?;
+        Ok(Some(filter(&self.suites, &programs)))
     }
 }
 
-/// The tests whose program, package or path has the name of a suite; `timed` is every one that has to
-/// do with time.
-fn filter(suites: &[String]) -> Outcome<Option<String>> {
-    let mut parts = Vec::new();
-    for suite in suites {
-        if suite == "timed" {
-            parts.push(format!("({TIMED})"));
-            continue;
+/// What names consist of, and no filter's syntax.
+fn is_plain(letter: char) -> bool {
+    letter.is_ascii_alphanumeric() || "-_:".contains(letter)
+}
+
+/// A filter for `suites`, where these are the test programs. cargo-nextest refuses one that names a
+/// program that is none.
+fn filter(suites: &[String], programs: &str) -> String {
+    let one = |suite: &String| {
+        if suite == ALL_TIMED {
+            format!("({TIMED})")
+        } else if programs.contains(suite.as_str()) {
+            format!("binary_id(~{suite}) | test(~{suite})")
+        } else {
+            format!("test(~{suite})")
         }
-        let plain = |letter: char| letter.is_ascii_alphanumeric() || "-_:".contains(letter);
-        if !suite.chars().all(plain) {
-            return Err(Failure(format!("'{suite}' is no name of a suite")));
-        }
-        parts.push(format!(
-            "package(~{suite}) | binary(~{suite}) | test(~{suite})"
-        ));
-    }
-    Ok((!parts.is_empty()).then(|| parts.join(" | ")))
+    };
+    suites.iter().map(one).collect::<Vec<_>>().join(" | ")
 }
 
 /// How long the tests of each program took together, from a report in the form of `JUnit`.
@@ -234,7 +250,7 @@ pub(crate) fn keep_a_core_busy() {
 mod tests {
     use std::time::Duration;
 
-    use super::{Selection, program_times};
+    use super::{Selection, filter, program_times};
 
     fn parse(words: &[&str]) -> crate::run::Outcome<Selection> {
         let words: Vec<String> = words.iter().map(|&word| word.to_owned()).collect();
@@ -246,9 +262,7 @@ mod tests {
         assert_eq!(parse(&[]).expect("nothing"), Selection::default());
         let selection = parse(&["--repeat", "20", "--under-load", "link"]).expect("some");
         assert_eq!((selection.repeat, selection.under_load), (20, true));
-        let filter = selection.filter.expect("a filter");
-        assert_eq!(filter, "package(~link) | binary(~link) | test(~link)");
-        assert!(parse(&["timed"]).is_ok());
+        assert_eq!(selection.suites, ["link"]);
         for wrong in [
             &["--repeat"][..],
             &["--repeat", "0"],
@@ -257,6 +271,18 @@ mod tests {
         ] {
             assert!(parse(wrong).is_err(), "{wrong:?}");
         }
+    }
+
+    #[test]
+    fn a_name_is_that_of_a_program_or_of_a_test() {
+        let programs = "crawler-sim\ncrawler-sim::live\n";
+        let asked = |words: &[&str]| {
+            let words: Vec<String> = words.iter().map(|&word| word.to_owned()).collect();
+            filter(&words, programs)
+        };
+        assert_eq!(asked(&["live"]), "binary_id(~live) | test(~live)");
+        assert_eq!(asked(&["gyroscope"]), "test(~gyroscope)");
+        assert!(asked(&["timed", "gyroscope"]).ends_with(") | test(~gyroscope)"));
     }
 
     #[test]
