@@ -6,6 +6,7 @@ mod support;
 mod accounts;
 mod audit;
 mod broker_attacks;
+mod broker_floods;
 mod broker_rules;
 mod contract;
 mod descriptions;
