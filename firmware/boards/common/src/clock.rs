@@ -1,5 +1,8 @@
 //! The clock of a robot, over embassy-time.
 
+#[cfg(test)]
+pub(crate) mod testing;
+
 use crawler_hal::{Clock, Instant};
 use embassy_time::TICK_HZ;
 

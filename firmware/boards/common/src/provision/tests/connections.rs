@@ -22,7 +22,7 @@ fn a_request_that_drips_is_cut_off() {
     let mut peer = board.peer(script.collect()).stays();
     assert_eq!(board.converse(&mut peer), Outcome::Answered);
     assert!(peer.heard.starts_with(b"HTTP/1.1 408 "));
-    assert!((4.9..5.1).contains(&board.world.seconds()));
+    assert!((4.9..5.1).contains(&board.clock.seconds()));
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn a_connection_opened_in_advance_is_let_go_soon() {
     let mut board = Board::new();
     let mut peer = board.peer(Vec::new()).stays();
     assert_eq!(board.converse(&mut peer), Outcome::Abandoned);
-    assert!(peer.heard.is_empty() && (1.9..2.1).contains(&board.world.seconds()));
+    assert!(peer.heard.is_empty() && (1.9..2.1).contains(&board.clock.seconds()));
 }
 
 #[test]
@@ -52,7 +52,7 @@ fn a_peer_that_takes_nothing_is_let_go() {
         let mut board = Board::new();
         let mut peer = board.peer(std::vec![(0, PAGE.to_vec())]).takes(takes);
         assert_eq!(board.converse(&mut peer), Outcome::Abandoned);
-        assert!((7.9..8.1).contains(&board.world.seconds()), "{takes}");
+        assert!((7.9..8.1).contains(&board.clock.seconds()), "{takes}");
     }
 }
 
@@ -87,19 +87,19 @@ fn a_scan_a_moment_ago_is_not_done_again() {
             board.portal.clone(),
             crate::settings::Vault::new(&mut board.flash),
             &mut board.radio,
-            board.world.clone(),
+            board.clock.clone(),
         );
-        let world = board.world.clone();
+        let clock = board.clock.clone();
         let mut buffer = [0; BUFFER];
         for at in [0, 1, 2, 3, 6, 7] {
             // Waits for its moment before it speaks.
             let at = at * 1_000_000;
-            world.run(crawler_hal::Clock::sleep_until(
-                &world,
+            clock.run(crawler_hal::Clock::sleep_until(
+                &clock,
                 crawler_hal::Instant::from_micros(at),
             ));
-            let mut peer = super::harness::peer(&world, std::vec![(at, ask.to_vec())]);
-            let outcome = world.run(server.converse(&mut peer, &mut buffer));
+            let mut peer = super::harness::peer(&clock, std::vec![(at, ask.to_vec())]);
+            let outcome = clock.run(server.converse(&mut peer, &mut buffer));
             assert_eq!(outcome, Outcome::Answered);
             assert!(peer.heard.starts_with(b"HTTP/1.1 200"));
         }
@@ -132,7 +132,7 @@ proptest! {
         }
         let outcome = board.converse(&mut peer);
         prop_assert!(!matches!(outcome, Outcome::Saved(_)));
-        prop_assert!(board.world.seconds() <= LONGEST_S);
+        prop_assert!(board.clock.seconds() <= LONGEST_S);
         prop_assert!(peer.heard.is_empty() || peer.heard.starts_with(b"HTTP/1.1 "));
         prop_assert_eq!(board.kept().settings, Some(settings()));
     }

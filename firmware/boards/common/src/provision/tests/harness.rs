@@ -1,77 +1,22 @@
-//! A byte stream and a clock whose time passes only when everybody waits.
+//! A byte stream in virtual time.
 
 use core::fmt::Write as _;
-use core::future::Future;
-use core::pin::pin;
-use core::task::{Context, Poll, Waker};
-use std::cell::Cell;
 use std::collections::VecDeque;
 use std::format;
-use std::rc::Rc;
 use std::string::{String, ToString};
 use std::vec::Vec;
 
-use crawler_hal::{Clock, Instant};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use super::super::*;
+use crate::clock::testing::TestClock;
 use crate::settings::testing::{TestFlash, TestRng, settings};
 use crate::settings::{Kept, Settings, Vault};
-
-/// Virtual time in microseconds.
-#[derive(Debug, Clone, Default)]
-pub(super) struct World {
-    now: Rc<Cell<u64>>,
-    next: Rc<Cell<u64>>,
-}
-
-impl World {
-    /// Returns when `at` has come.
-    async fn wait_for(&self, at: u64) {
-        core::future::poll_fn(|_| {
-            if self.now.get() >= at {
-                Poll::Ready(())
-            } else {
-                self.next.set(self.next.get().min(at));
-                Poll::Pending
-            }
-        })
-        .await;
-    }
-
-    pub(super) fn seconds(&self) -> f64 {
-        self.now.get() as f64 / 1e6
-    }
-
-    /// Runs `work` to its end, letting time pass whenever it waits.
-    pub(super) fn run<F: Future>(&self, work: F) -> F::Output {
-        let mut work = pin!(work);
-        let mut context = Context::from_waker(Waker::noop());
-        loop {
-            self.next.set(u64::MAX);
-            if let Poll::Ready(output) = work.as_mut().poll(&mut context) {
-                return output;
-            }
-            assert_ne!(self.next.get(), u64::MAX, "waits for nothing");
-            self.now.set(self.next.get());
-        }
-    }
-}
-
-impl Clock for World {
-    fn now(&self) -> Instant {
-        Instant::from_micros(self.now.get())
-    }
-
-    async fn sleep_until(&self, at: Instant) {
-        self.wait_for(at.as_micros()).await;
-    }
-}
 
 /// The other end of a connection.
 #[derive(Debug)]
 pub(super) struct Peer {
-    world: World,
+    clock: TestClock,
     /// What it sends, and when.
     script: VecDeque<(u64, Vec<u8>)>,
     /// Whether it closes after its last byte, rather than waiting.
@@ -110,11 +55,11 @@ impl Read for Peer {
             if self.closes {
                 return Ok(0);
             }
-            self.world.wait_for(u64::MAX - 1).await;
+            self.clock.wait_for(u64::MAX - 1).await;
             return Err(Broken);
         };
         let at = *at;
-        self.world.wait_for(at).await;
+        self.clock.wait_for(at).await;
         let (_, bytes) = self.script.front_mut().expect("looked at above");
         let count = buffer.len().min(bytes.len());
         buffer[..count].copy_from_slice(&bytes[..count]);
@@ -129,7 +74,7 @@ impl Read for Peer {
 impl Write for Peer {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Broken> {
         if self.takes == 0 {
-            self.world.wait_for(u64::MAX - 1).await;
+            self.clock.wait_for(u64::MAX - 1).await;
         }
         let count = bytes.len().min(self.takes).min(100);
         self.takes -= count;
@@ -166,12 +111,12 @@ impl Scanner for Radio {
     }
 }
 
-pub(super) type TestServer<'a> = Server<&'a mut TestFlash, &'a mut Radio, World>;
+pub(super) type TestServer<'a> = Server<&'a mut TestFlash, &'a mut Radio, TestClock>;
 
 /// A board with its page.
 #[derive(Debug)]
 pub(super) struct Board {
-    pub(super) world: World,
+    pub(super) clock: TestClock,
     pub(super) portal: Portal,
     pub(super) flash: TestFlash,
     pub(super) radio: Radio,
@@ -200,7 +145,7 @@ pub(super) fn portal(features: Features) -> Portal {
 impl Board {
     pub(super) fn new() -> Self {
         Self {
-            world: World::default(),
+            clock: TestClock::default(),
             portal: portal(ALL),
             flash: TestFlash::blank(),
             radio: Radio::default(),
@@ -223,7 +168,7 @@ impl Board {
     }
 
     pub(super) fn peer(&self, script: Vec<(u64, Vec<u8>)>) -> Peer {
-        peer(&self.world, script)
+        peer(&self.clock, script)
     }
 
     /// One connection.
@@ -232,10 +177,10 @@ impl Board {
             self.portal.clone(),
             Vault::new(&mut self.flash),
             &mut self.radio,
-            self.world.clone(),
+            self.clock.clone(),
         );
         let mut buffer = [0; BUFFER];
-        self.world.clone().run(server.converse(peer, &mut buffer))
+        self.clock.clone().run(server.converse(peer, &mut buffer))
     }
 
     /// Sends a request at once, and returns the answer.
@@ -260,9 +205,9 @@ impl Board {
 }
 
 /// Someone who sends what `script` says, takes everything, and closes.
-pub(super) fn peer(world: &World, script: Vec<(u64, Vec<u8>)>) -> Peer {
+pub(super) fn peer(clock: &TestClock, script: Vec<(u64, Vec<u8>)>) -> Peer {
     Peer {
-        world: world.clone(),
+        clock: clock.clone(),
         script: script.into(),
         closes: true,
         takes: usize::MAX,

@@ -421,11 +421,11 @@ fn only_people_count_as_users_of_the_page() {
             board.portal.clone(),
             crate::settings::Vault::new(&mut board.flash),
             &mut board.radio,
-            board.world.clone(),
+            board.clock.clone(),
         );
         let mut buffer = [0; BUFFER];
         board
-            .world
+            .clock
             .clone()
             .run(server.converse(&mut peer, &mut buffer));
         server.last_used().is_some()
