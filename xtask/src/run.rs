@@ -171,8 +171,8 @@ fn forget_this_package(command: &mut Command) {
 
 /// Runs `command` and shows its output.
 pub(crate) fn run_command(mut command: Command) -> Outcome {
-    forget_this_package(&mut command);
     let shown = format!("{command:?}").replace('"', "");
+    forget_this_package(&mut command);
     let status = command
         .status()
         .map_err(|error| Failure(format!("cannot run `{shown}`: {error}")))?;

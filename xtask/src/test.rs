@@ -44,8 +44,8 @@ pub(crate) fn check(arguments: &[String]) -> Outcome {
     report.close()
 }
 
-/// Everything a change must pass; with `--deep` what takes longer as well; with other arguments only
-/// the tests that they select.
+/// Everything a change must pass; with `--deep` what takes hours instead; with other arguments only the
+/// tests that they select.
 ///
 /// # Errors
 /// Names the steps that failed, or the argument that is none.
