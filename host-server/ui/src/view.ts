@@ -96,6 +96,8 @@ export interface Address {
   route: Ref<Route>
   /** Changes what the page is asked for, in place: going back leaves the page. */
   change(query: Query): void
+  /** Whether the browser went elsewhere and has not said so yet: its event comes with a delay. */
+  leaving(): boolean
   /** Takes what stands behind the `#` away, and out of the history. */
   clear(): void
   close(): void
@@ -111,11 +113,15 @@ export function useView(): Address {
     view.value = route.value.view
   }
   window.addEventListener('hashchange', follow)
+  const leaving = (): boolean => location.hash !== hash.value
   return {
     view,
     hash,
     route,
+    leaving,
     change(query) {
+      // Where somebody just went must not be undone by what was asked for before.
+      if (leaving()) follow()
       const next = formatRoute({ ...route.value, query: { ...route.value.query, ...query } })
       if (next === hash.value || (next === '#/' && hash.value === '')) return
       history.replaceState(history.state, '', next)

@@ -159,3 +159,27 @@ describe('what is loaded of the past', () => {
     close()
   })
 })
+
+describe('the moment in the address', () => {
+  beforeEach(() => vi.useFakeTimers({ now: T + 60 * MINUTE }))
+  afterEach(() => {
+    vi.useRealTimers()
+    location.hash = ''
+  })
+
+  it.each([
+    ['another moment', `#/history?from=${T}&to=${T + 10 * MINUTE}&at=${T + MINUTE}`],
+    ['another page', '#/robots'],
+  ])('does not undo that somebody goes to %s', async (_, elsewhere) => {
+    const { past, pass, close } = await open()
+    past.player.step(-1_000)
+    // The browser is there, and tells the page later.
+    history.replaceState(null, '', elsewhere)
+    await pass(WRITTEN_MS)
+    expect(location.hash).toBe(elsewhere)
+    window.dispatchEvent(new Event('hashchange'))
+    await pass(WRITTEN_MS)
+    expect(location.hash).toBe(elsewhere)
+    close()
+  })
+})

@@ -199,6 +199,8 @@ export function usePast(room: Room, address: Address, api: HistoryApi): Past {
   function write(): void {
     const at = Math.round(player.now)
     if (address.view.value !== 'history' || span.data.value === null) return
+    // This moment belongs to the address that is being left.
+    if (address.leaving()) return
     if (at === written && wish.value.at !== null) return
     written = at
     const { from, to } = window.value
