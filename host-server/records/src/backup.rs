@@ -10,7 +10,7 @@ use crate::files::{beside, make_private, remove_if_there, rename_if_there, sync}
 use crate::history::HISTORY_FILE;
 use crate::history::start::LOCK_FILE as HISTORY_LOCK;
 use crate::lock::{Hold, Lock};
-use crate::queue::Transact as _;
+use crate::queue::{Boxed, Transact as _};
 use crate::schema::{self, HISTORY, RECORDS, Schema};
 use crate::store::Store;
 use crate::{LOCK_FILE, RECORDS_FILE, Records, RecordsError, postgres, transfer};
@@ -148,19 +148,21 @@ fn options(file: &Path) -> SqliteConnectOptions {
 }
 
 /// Whether all of `file` can be read and is ours.
-async fn check(file: &Path, schema: &Schema) -> Result<(), RecordsError> {
-    let mut connection = SqliteConnection::connect_with(&options(file))
-        .await
-        .map_err(|error| schema::unreadable(error, file))?;
-    let outcome = async {
-        if schema.check(&mut connection, file).await? == 0 {
-            return Err(RecordsError::damaged(file, "it is empty"));
+fn check<'a>(file: &'a Path, schema: &'a Schema) -> Boxed<'a, Result<(), RecordsError>> {
+    Box::pin(async move {
+        let mut connection = SqliteConnection::connect_with(&options(file))
+            .await
+            .map_err(|error| schema::unreadable(error, file))?;
+        let outcome = async {
+            if schema.check(&mut connection, file).await? == 0 {
+                return Err(RecordsError::damaged(file, "it is empty"));
+            }
+            schema::check_whole(&mut connection, file).await
         }
-        schema::check_whole(&mut connection, file).await
-    }
-    .await;
-    connection.close().await?;
-    outcome
+        .await;
+        connection.close().await?;
+        outcome
+    })
 }
 
 /// Gives what was made its name.
@@ -174,89 +176,101 @@ fn finish(made: Result<(), RecordsError>, partial: &Path, file: &Path) -> Result
 }
 
 /// What the transaction of `from` sees, as a file.
-async fn dump(from: &mut PgConnection, to: &Path) -> Result<(), RecordsError> {
-    remove_if_there(to)?;
-    make_private(to)?;
-    transfer::dump(from, to, &options(to)).await?;
-    check(to, &RECORDS).await?;
-    sync(to)
+fn dump<'a>(from: &'a mut PgConnection, to: &'a Path) -> Boxed<'a, Result<(), RecordsError>> {
+    Box::pin(async move {
+        remove_if_there(to)?;
+        make_private(to)?;
+        transfer::dump(from, to, &options(to)).await?;
+        check(to, &RECORDS).await?;
+        sync(to)
+    })
 }
 
-async fn copy(db: &Db, to: &Path, schema: &Schema) -> Result<(), RecordsError> {
-    make_private(to)?;
-    let path = to
-        .to_str()
-        .ok_or(RecordsError::Invalid("the path of a backup is UTF-8"))?
-        .to_owned();
-    db.read(move |connection| {
-        Box::pin(async move {
-            sqlx::query("VACUUM INTO ?")
-                .bind(path)
-                .execute(connection)
-                .await?;
-            Ok(())
+fn copy<'a>(db: &'a Db, to: &'a Path, schema: &'a Schema) -> Boxed<'a, Result<(), RecordsError>> {
+    Box::pin(async move {
+        make_private(to)?;
+        let path = to
+            .to_str()
+            .ok_or(RecordsError::Invalid("the path of a backup is UTF-8"))?
+            .to_owned();
+        db.read(move |connection| {
+            Box::pin(async move {
+                sqlx::query("VACUUM INTO ?")
+                    .bind(path)
+                    .execute(connection)
+                    .await?;
+                Ok(())
+            })
         })
+        .await?;
+        check(to, schema).await?;
+        sync(to)
     })
-    .await?;
-    check(to, schema).await?;
-    sync(to)
 }
 
 /// Copies a file of a backup to where it will be needed, and makes it fit to be used.
-async fn bring(
-    source: &Path,
-    partial: &Path,
-    schema: &Schema,
+fn bring<'a>(
+    source: &'a Path,
+    partial: &'a Path,
+    schema: &'a Schema,
     now: i64,
-) -> Result<(), RecordsError> {
-    let log = beside(source, "-wal");
-    if std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
-        return Err(RecordsError::Invalid(
-            "that is no backup but records in use: make a backup of them",
-        ));
-    }
-    remove_if_there(partial)?;
-    make_private(partial)?;
-    std::fs::copy(source, partial).map_err(|error| RecordsError::io(source, error))?;
-    check(partial, schema).await?;
-    if schema.id == RECORDS.id {
-        let mut connection = SqliteConnection::connect_with(&options(partial)).await?;
-        schema.migrate(&mut connection, partial).await?;
-        sqlx::query("UPDATE session SET revoked = ? WHERE revoked IS NULL")
-            .bind(now)
-            .execute(&mut connection)
-            .await?;
-        // Numbers of sessions that were opened after the backup must not come back.
-        sqlx::query("UPDATE sqlite_sequence SET seq = seq + 1000000000 WHERE name = 'session'")
-            .execute(&mut connection)
-            .await?;
-        connection.close().await?;
-    }
-    sync(partial)
+) -> Boxed<'a, Result<(), RecordsError>> {
+    Box::pin(async move {
+        let log = beside(source, "-wal");
+        if std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
+            return Err(RecordsError::Invalid(
+                "that is no backup but records in use: make a backup of them",
+            ));
+        }
+        remove_if_there(partial)?;
+        make_private(partial)?;
+        std::fs::copy(source, partial).map_err(|error| RecordsError::io(source, error))?;
+        check(partial, schema).await?;
+        if schema.id == RECORDS.id {
+            let mut connection = SqliteConnection::connect_with(&options(partial)).await?;
+            schema.migrate(&mut connection, partial).await?;
+            sqlx::query("UPDATE session SET revoked = ? WHERE revoked IS NULL")
+                .bind(now)
+                .execute(&mut connection)
+                .await?;
+            // Numbers of sessions that were opened after the backup must not come back.
+            sqlx::query("UPDATE sqlite_sequence SET seq = seq + 1000000000 WHERE name = 'session'")
+                .execute(&mut connection)
+                .await?;
+            connection.close().await?;
+        }
+        sync(partial)
+    })
 }
 
 /// Puts `partial` in the place of `file`. At no moment is there no file: a server that starts after
 /// a power cut must not believe that it is new.
-async fn replace(file: &Path, partial: &Path, replaced: &Path) -> Result<(), RecordsError> {
-    let name = file.file_name().unwrap_or_default();
-    let old = replaced.join(name);
-    if file.is_file() {
-        // Opening and closing it brings its log into it. A damaged one is kept as it is.
-        if let Ok(mut connection) = SqliteConnection::connect_with(&options(file)).await {
-            let merged = sqlx::raw_sql("PRAGMA wal_checkpoint(TRUNCATE)")
-                .execute(&mut connection)
-                .await;
-            if let Err(error) = merged {
-                tracing::warn!(%error, "the old file keeps its log");
+fn replace<'a>(
+    file: &'a Path,
+    partial: &'a Path,
+    replaced: &'a Path,
+) -> Boxed<'a, Result<(), RecordsError>> {
+    Box::pin(async move {
+        let name = file.file_name().unwrap_or_default();
+        let old = replaced.join(name);
+        if file.is_file() {
+            // Opening and closing it brings its log into it. A damaged one is kept as it is.
+            if let Ok(mut connection) = SqliteConnection::connect_with(&options(file)).await {
+                let merged = sqlx::raw_sql("PRAGMA wal_checkpoint(TRUNCATE)")
+                    .execute(&mut connection)
+                    .await;
+                if let Err(error) = merged {
+                    tracing::warn!(%error, "the old file keeps its log");
+                }
+                // The same: what matters is kept beside it.
+                let _ = connection.close().await;
             }
-            // The same: what matters is kept beside it.
-            let _ = connection.close().await;
+            std::fs::copy(file, &old).map_err(|error| RecordsError::io(&old, error))?;
+            sync(&old)?;
+            for end in ["-wal", "-shm"] {
+                rename_if_there(&beside(file, end), &beside(&old, end))?;
+            }
         }
-        std::fs::copy(file, &old).map_err(|error| RecordsError::io(&old, error))?;
-        sync(&old)?;
-        for end in ["-wal", "-shm"] {
-            rename_if_there(&beside(file, end), &beside(&old, end))?;
-        }
-    }
-    std::fs::rename(partial, file).map_err(|error| RecordsError::io(file, error))
+        std::fs::rename(partial, file).map_err(|error| RecordsError::io(file, error))
+    })
 }

@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use sqlx::pool::PoolConnection;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
     SqliteSynchronous,
 };
-use sqlx::{ConnectOptions as _, Connection as _};
+use sqlx::{ConnectOptions as _, Connection as _, Sqlite};
 
 use crate::RecordsError;
 use crate::queue::{self, Boxed, Queue, Transact as _, Waiting};
@@ -51,38 +52,44 @@ fn options(path: &Path, synchronous: SqliteSynchronous) -> SqliteConnectOptions 
 impl Db {
     /// Opens or makes `path` and starts its writer. `safe` waits for the disk at each commit, so that
     /// not even a power cut takes back what was acknowledged.
-    pub(crate) async fn open(
-        path: &Path,
-        schema: &Schema,
+    ///
+    /// Boxed here and below, as in [`crate::query`], so that sqlx is compiled once.
+    pub(crate) fn open<'a>(
+        path: &'a Path,
+        schema: &'a Schema,
         safe: bool,
-    ) -> Result<Self, RecordsError> {
-        let synchronous = if safe {
-            SqliteSynchronous::Full
-        } else {
-            SqliteSynchronous::Normal
-        };
-        crate::files::make_private(path)?;
-        let options = options(path, synchronous);
-        let mut writer = SqliteConnection::connect_with(&options)
-            .await
-            .map_err(|error| schema::unreadable(error, path))?;
-        schema.migrate(&mut writer, path).await?;
-        let readers = SqlitePoolOptions::new()
-            .max_connections(READERS)
-            .connect_lazy_with(options.read_only(true).create_if_missing(false));
-        Ok(Self::start(writer, Some(readers), path))
+    ) -> Boxed<'a, Result<Self, RecordsError>> {
+        Box::pin(async move {
+            let synchronous = if safe {
+                SqliteSynchronous::Full
+            } else {
+                SqliteSynchronous::Normal
+            };
+            crate::files::make_private(path)?;
+            let options = options(path, synchronous);
+            let mut writer = SqliteConnection::connect_with(&options)
+                .await
+                .map_err(|error| schema::unreadable(error, path))?;
+            schema.migrate(&mut writer, path).await?;
+            let readers = SqlitePoolOptions::new()
+                .max_connections(READERS)
+                .connect_lazy_with(options.read_only(true).create_if_missing(false));
+            Ok(Self::start(writer, Some(readers), path))
+        })
     }
 
     /// The same without a file.
-    pub(crate) async fn in_memory(schema: &Schema) -> Result<Self, RecordsError> {
-        let path = Path::new(":memory:");
-        let options = SqliteConnectOptions::new()
-            .in_memory(true)
-            .foreign_keys(true)
-            .disable_statement_logging();
-        let mut writer = SqliteConnection::connect_with(&options).await?;
-        schema.migrate(&mut writer, path).await?;
-        Ok(Self::start(writer, None, path))
+    pub(crate) fn in_memory(schema: &Schema) -> Boxed<'_, Result<Self, RecordsError>> {
+        Box::pin(async move {
+            let path = Path::new(":memory:");
+            let options = SqliteConnectOptions::new()
+                .in_memory(true)
+                .foreign_keys(true)
+                .disable_statement_logging();
+            let mut writer = SqliteConnection::connect_with(&options).await?;
+            schema.migrate(&mut writer, path).await?;
+            Ok(Self::start(writer, None, path))
+        })
     }
 
     fn start(writer: SqliteConnection, readers: Option<SqlitePool>, path: &Path) -> Self {
@@ -128,22 +135,30 @@ impl Db {
         let Some(readers) = &self.readers else {
             return self.write(work).await;
         };
-        let mut reader = readers.acquire().await.map_err(|error| match error {
-            sqlx::Error::PoolClosed => RecordsError::Closed,
-            error => error.into(),
-        })?;
+        let mut reader = reader(readers).await?;
         work(&mut reader).await
     }
 
     /// Lets the writer finish what waits and closes the file.
-    pub(crate) async fn close(&self) {
-        // Readers first: the last one to close brings the write-ahead log into the file, which
-        // those who only read cannot.
-        if let Some(readers) = &self.readers {
-            readers.close().await;
-        }
-        self.queue.close().await;
+    pub(crate) fn close(&self) -> Boxed<'_, ()> {
+        Box::pin(async move {
+            // Readers first: the last one to close brings the write-ahead log into the file, which
+            // those who only read cannot.
+            if let Some(readers) = &self.readers {
+                readers.close().await;
+            }
+            self.queue.close().await;
+        })
     }
+}
+
+fn reader(readers: &SqlitePool) -> Boxed<'_, Result<PoolConnection<Sqlite>, RecordsError>> {
+    Box::pin(async move {
+        readers.acquire().await.map_err(|error| match error {
+            sqlx::Error::PoolClosed => RecordsError::Closed,
+            error => error.into(),
+        })
+    })
 }
 
 async fn write(mut connection: SqliteConnection, mut waiting: Waiting<SqliteConnection>) {

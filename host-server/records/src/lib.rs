@@ -66,6 +66,7 @@ use history::start::Running;
 use lock::{Hold, Lock};
 use postgres::Remote;
 use query::{Connection, query};
+use queue::Boxed;
 use store::Store;
 
 /// File of accounts, credentials and the audit log, in the data directory.
@@ -107,30 +108,32 @@ impl Records {
         Self::open_with(dir, false).await
     }
 
-    async fn open_with(dir: &Path, history: bool) -> Result<Self, RecordsError> {
-        std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
-        let lock = Lock::take(&dir.join(LOCK_FILE), Hold::Shared)?
-            .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
-        let path = dir.join(RECORDS_FILE);
-        let db = Db::open(&path, &schema::RECORDS, true).await?;
-        let file = path.clone();
-        let whole = db
-            .read(move |connection| {
-                Box::pin(async move { schema::check_whole(connection, &file).await })
-            })
-            .await;
-        let opened = match whole {
-            Ok(()) if history => History::open(dir).await,
-            Ok(()) => Ok(History::none()),
-            Err(error) => Err(error),
-        };
-        match opened {
-            Ok(history) => Ok(Self::of(Store::Sqlite(db), history, Some(lock))),
-            Err(error) => {
-                db.close().await;
-                Err(error)
+    fn open_with(dir: &Path, history: bool) -> Boxed<'_, Result<Self, RecordsError>> {
+        Box::pin(async move {
+            std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
+            let lock = Lock::take(&dir.join(LOCK_FILE), Hold::Shared)?
+                .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
+            let path = dir.join(RECORDS_FILE);
+            let db = Db::open(&path, &schema::RECORDS, true).await?;
+            let file = path.clone();
+            let whole = db
+                .read(move |connection| {
+                    Box::pin(async move { schema::check_whole(connection, &file).await })
+                })
+                .await;
+            let opened = match whole {
+                Ok(()) if history => History::open(dir).await,
+                Ok(()) => Ok(History::none()),
+                Err(error) => Err(error),
+            };
+            match opened {
+                Ok(history) => Ok(Self::of(Store::Sqlite(db), history, Some(lock))),
+                Err(error) => {
+                    db.close().await;
+                    Err(error)
+                }
             }
-        }
+        })
     }
 
     /// Records that are gone with the last handle, for tests and for a server without a data
@@ -139,9 +142,15 @@ impl Records {
     /// # Errors
     /// [`RecordsError`] when there is no memory for it.
     pub async fn in_memory() -> Result<Self, RecordsError> {
-        let db = Db::in_memory(&schema::RECORDS).await?;
-        let history = History::in_memory().await?;
-        Ok(Self::of(Store::Sqlite(db), history, None))
+        Self::open_in_memory().await
+    }
+
+    fn open_in_memory() -> Boxed<'static, Result<Self, RecordsError>> {
+        Box::pin(async move {
+            let db = Db::in_memory(&schema::RECORDS).await?;
+            let history = History::in_memory().await?;
+            Ok(Self::of(Store::Sqlite(db), history, None))
+        })
     }
 
     /// Opens the records in the `PostgreSQL` database at `url`, which gets its tables if it is empty
@@ -161,26 +170,36 @@ impl Records {
         history: Option<&Path>,
         make: bool,
     ) -> Result<Self, RecordsError> {
-        let lock = match history {
-            Some(dir) => {
-                std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
-                let lock = Lock::take(&dir.join(LOCK_FILE), Hold::Shared)?;
-                Some(lock.ok_or_else(|| RecordsError::InUse(dir.to_owned()))?)
+        Self::open_database(url, history, make).await
+    }
+
+    fn open_database<'a>(
+        url: &'a str,
+        history: Option<&'a Path>,
+        make: bool,
+    ) -> Boxed<'a, Result<Self, RecordsError>> {
+        Box::pin(async move {
+            let lock = match history {
+                Some(dir) => {
+                    std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
+                    let lock = Lock::take(&dir.join(LOCK_FILE), Hold::Shared)?;
+                    Some(lock.ok_or_else(|| RecordsError::InUse(dir.to_owned()))?)
+                }
+                None => None,
+            };
+            let remote = Remote::open(url, make).await?;
+            let opened = match history {
+                Some(dir) => History::open(dir).await,
+                None => Ok(History::none()),
+            };
+            match opened {
+                Ok(history) => Ok(Self::of(Store::Postgres(remote), history, lock)),
+                Err(error) => {
+                    remote.close().await;
+                    Err(error)
+                }
             }
-            None => None,
-        };
-        let remote = Remote::open(url, make).await?;
-        let opened = match history {
-            Some(dir) => History::open(dir).await,
-            None => Ok(History::none()),
-        };
-        match opened {
-            Ok(history) => Ok(Self::of(Store::Postgres(remote), history, lock)),
-            Err(error) => {
-                remote.close().await;
-                Err(error)
-            }
-        }
+        })
     }
 
     /// How the database is doing; `None` when the records are in a file.

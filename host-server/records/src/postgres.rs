@@ -11,8 +11,9 @@ pub(crate) mod schema;
 use std::sync::Arc;
 use std::time::Duration;
 
+use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgPool, PgPoolOptions};
-use sqlx::{ConnectOptions as _, Connection as _};
+use sqlx::{ConnectOptions as _, Connection as _, Postgres};
 use tokio::time::Instant;
 
 use crate::RecordsError;
@@ -72,7 +73,11 @@ impl std::fmt::Debug for Remote {
 impl Remote {
     /// Opens the database at `url` and starts its writer. An empty one gets its tables if `make` says
     /// so, and is [`RecordsError::NotFound`] otherwise.
-    pub(crate) async fn open(url: &str, make: bool) -> Result<Self, RecordsError> {
+    pub(crate) fn open(url: &str, make: bool) -> Boxed<'_, Result<Self, RecordsError>> {
+        Box::pin(Self::connect(url, make))
+    }
+
+    async fn connect(url: &str, make: bool) -> Result<Self, RecordsError> {
         let place = Arc::new(Place::new(url)?);
         let until = Some(Instant::now() + PATIENCE);
         let mut connection = place.connect(Share::Others, until).await?;
@@ -138,7 +143,7 @@ impl Remote {
     {
         self.health.refused()?;
         let until = Some(Instant::now() + PATIENCE);
-        let acquired = within(until, async { Ok(self.readers.acquire().await?) }).await;
+        let acquired = within(until, self.reader()).await;
         let mut reader = match acquired {
             Ok(reader) => reader,
             Err(error) => return Err(self.health.unreachable(self.place.explain(error))),
@@ -152,20 +157,26 @@ impl Remote {
         outcome
     }
 
-    /// A connection of its own, for what takes long: it waits for as long as that takes.
-    pub(crate) async fn patient(&self) -> Result<PgConnection, RecordsError> {
-        self.place.patient(Share::Others).await
+    fn reader(&self) -> Boxed<'_, Result<PoolConnection<Postgres>, RecordsError>> {
+        Box::pin(async move { Ok(self.readers.acquire().await?) })
     }
 
-    pub(crate) async fn close(&self) {
-        let readers = within(Some(Instant::now() + PATIENCE), async {
-            self.readers.close().await;
-            Ok(())
-        });
-        if readers.await.is_err() {
-            tracing::warn!("a read of the database does not end and is left behind");
-        }
-        self.queue.close().await;
+    /// A connection of its own, for what takes long: it waits for as long as that takes.
+    pub(crate) fn patient(&self) -> Boxed<'_, Result<PgConnection, RecordsError>> {
+        Box::pin(self.place.patient(Share::Others))
+    }
+
+    pub(crate) fn close(&self) -> Boxed<'_, ()> {
+        Box::pin(async move {
+            let readers = within(Some(Instant::now() + PATIENCE), async {
+                self.readers.close().await;
+                Ok(())
+            });
+            if readers.await.is_err() {
+                tracing::warn!("a read of the database does not end and is left behind");
+            }
+            self.queue.close().await;
+        })
     }
 }
 
@@ -233,14 +244,16 @@ impl Place {
 }
 
 /// A connection that nobody shares, in a transaction, to replace what is in the database.
-pub(crate) async fn alone(url: &str) -> Result<PgConnection, RecordsError> {
-    let place = Place::new(url)?;
-    let mut connection = place.patient(Share::Nobody).await?;
-    connection.run(BEGIN).await?;
-    schema::migrate(&mut connection, &place.shown)
-        .await
-        .map_err(|error| place.explain(error))?;
-    Ok(connection)
+pub(crate) fn alone(url: &str) -> Boxed<'_, Result<PgConnection, RecordsError>> {
+    Box::pin(async move {
+        let place = Place::new(url)?;
+        let mut connection = place.patient(Share::Nobody).await?;
+        connection.run(BEGIN).await?;
+        schema::migrate(&mut connection, &place.shown)
+            .await
+            .map_err(|error| place.explain(error))?;
+        Ok(connection)
+    })
 }
 
 /// The one that writes, of this process.

@@ -6,6 +6,7 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{ColumnIndex, Decode, FromRow, SqlSafeStr, SqlStr, Type, TypeInfo as _};
 
 use crate::RecordsError;
+use crate::queue::Boxed;
 
 /// A connection of either engine, lent for a piece of work.
 #[derive(Debug)]
@@ -96,7 +97,26 @@ where
     }
 }
 
+/// What an engine answered.
+enum Rows {
+    Sqlite(Vec<SqliteRow>),
+    Postgres(Vec<PgRow>),
+}
+
+impl Rows {
+    fn read<T: Row>(&self) -> Result<Vec<T>, RecordsError> {
+        let read: Result<_, sqlx::Error> = match self {
+            Self::Sqlite(rows) => rows.iter().map(T::from_row).collect(),
+            Self::Postgres(rows) => rows.iter().map(T::from_row).collect(),
+        };
+        Ok(read?)
+    }
+}
+
 /// A statement and its values.
+///
+/// What drives an engine is boxed and the same for every type of row: the bodies of asynchronous
+/// functions are compiled in each crate that awaits them, and with them all of sqlx that they call.
 #[derive(Debug)]
 #[must_use = "it does nothing until it is executed"]
 pub(crate) struct Query {
@@ -134,16 +154,21 @@ impl Query {
     }
 
     /// Returns how many rows it changed.
-    pub(crate) async fn execute(self, on: &mut Connection<'_>) -> Result<u64, RecordsError> {
-        Ok(match on {
-            Connection::Sqlite(on) => bound!(sqlx::query(self.sql), self.values)
-                .execute(&mut **on)
-                .await?
-                .rows_affected(),
-            Connection::Postgres(on) => bound!(sqlx::query(self.sql), self.values)
-                .execute(&mut **on)
-                .await?
-                .rows_affected(),
+    pub(crate) fn execute<'c>(
+        self,
+        on: &'c mut Connection<'_>,
+    ) -> Boxed<'c, Result<u64, RecordsError>> {
+        Box::pin(async move {
+            Ok(match on {
+                Connection::Sqlite(on) => bound!(sqlx::query(self.sql), self.values)
+                    .execute(&mut **on)
+                    .await?
+                    .rows_affected(),
+                Connection::Postgres(on) => bound!(sqlx::query(self.sql), self.values)
+                    .execute(&mut **on)
+                    .await?
+                    .rows_affected(),
+            })
         })
     }
 
@@ -151,36 +176,14 @@ impl Query {
         self,
         on: &mut Connection<'_>,
     ) -> Result<Vec<T>, RecordsError> {
-        Ok(match on {
-            Connection::Sqlite(on) => {
-                bound!(sqlx::query_as(self.sql), self.values)
-                    .fetch_all(&mut **on)
-                    .await?
-            }
-            Connection::Postgres(on) => {
-                bound!(sqlx::query_as(self.sql), self.values)
-                    .fetch_all(&mut **on)
-                    .await?
-            }
-        })
+        self.rows(on).await?.read()
     }
 
     pub(crate) async fn fetch_optional<T: Row>(
         self,
         on: &mut Connection<'_>,
     ) -> Result<Option<T>, RecordsError> {
-        Ok(match on {
-            Connection::Sqlite(on) => {
-                bound!(sqlx::query_as(self.sql), self.values)
-                    .fetch_optional(&mut **on)
-                    .await?
-            }
-            Connection::Postgres(on) => {
-                bound!(sqlx::query_as(self.sql), self.values)
-                    .fetch_optional(&mut **on)
-                    .await?
-            }
-        })
+        Ok(self.first_row(on).await?.read()?.pop())
     }
 
     /// As [`Query::fetch_optional`], where there must be a row.
@@ -190,5 +193,38 @@ impl Query {
     ) -> Result<T, RecordsError> {
         let row = self.fetch_optional(on).await?;
         row.ok_or_else(|| sqlx::Error::RowNotFound.into())
+    }
+
+    fn rows<'c>(self, on: &'c mut Connection<'_>) -> Boxed<'c, Result<Rows, RecordsError>> {
+        Box::pin(async move {
+            Ok(match on {
+                Connection::Sqlite(on) => {
+                    let query = bound!(sqlx::query(self.sql), self.values);
+                    Rows::Sqlite(query.fetch_all(&mut **on).await?)
+                }
+                Connection::Postgres(on) => {
+                    let query = bound!(sqlx::query(self.sql), self.values);
+                    Rows::Postgres(query.fetch_all(&mut **on).await?)
+                }
+            })
+        })
+    }
+
+    /// No more than one.
+    fn first_row<'c>(self, on: &'c mut Connection<'_>) -> Boxed<'c, Result<Rows, RecordsError>> {
+        Box::pin(async move {
+            Ok(match on {
+                Connection::Sqlite(on) => {
+                    let query = bound!(sqlx::query(self.sql), self.values);
+                    let row = query.fetch_optional(&mut **on).await?;
+                    Rows::Sqlite(row.into_iter().collect())
+                }
+                Connection::Postgres(on) => {
+                    let query = bound!(sqlx::query(self.sql), self.values);
+                    let row = query.fetch_optional(&mut **on).await?;
+                    Rows::Postgres(row.into_iter().collect())
+                }
+            })
+        })
     }
 }

@@ -8,7 +8,7 @@ use sqlx::{AssertSqlSafe, Connection as _, PgConnection};
 
 use crate::RecordsError;
 use crate::query::{Connection, Value, Values, query};
-use crate::queue::Transact as _;
+use crate::queue::{Boxed, Transact as _};
 use crate::schema::RECORDS;
 
 /// Rows that are in memory at a time.
@@ -112,38 +112,41 @@ pub(crate) async fn dump(
 }
 
 /// Replaces what is in the database of `to`, in its transaction, by what is in `file`.
-pub(crate) async fn load(
-    options: &SqliteConnectOptions,
-    to: &mut PgConnection,
-) -> Result<(), RecordsError> {
-    let mut from = SqliteConnection::connect_with(options).await?;
-    to.run(
-        "ALTER TABLE audit DISABLE TRIGGER USER;
+pub(crate) fn load<'a>(
+    options: &'a SqliteConnectOptions,
+    to: &'a mut PgConnection,
+) -> Boxed<'a, Result<(), RecordsError>> {
+    Box::pin(async move {
+        let mut from = SqliteConnection::connect_with(options).await?;
+        to.run(
+            "ALTER TABLE audit DISABLE TRIGGER USER;
          ALTER TABLE audit_end DISABLE TRIGGER USER",
-    )
-    .await?;
-    let lent = &mut Connection::Sqlite(&mut from);
-    let sessions: Option<(i64,)> = query("SELECT seq FROM sqlite_sequence WHERE name = 'session'")
-        .fetch_optional(lent)
+        )
         .await?;
-    copy(lent, &mut Connection::Postgres(to)).await?;
-    let sessions = sessions.map_or(0, |(seq,)| seq).max(1);
-    let _: (i64,) = query("SELECT setval('session_id_seq', $1)")
-        .bind(sessions)
-        .fetch_one(&mut Connection::Postgres(to))
-        .await?;
-    // What is copied brings its numbers; new ones come after them.
-    to.run(
-        "SELECT setval('event_id_seq', (SELECT coalesce(max(id), 1) FROM event)),
+        let lent = &mut Connection::Sqlite(&mut from);
+        let sessions: Option<(i64,)> =
+            query("SELECT seq FROM sqlite_sequence WHERE name = 'session'")
+                .fetch_optional(lent)
+                .await?;
+        copy(lent, &mut Connection::Postgres(to)).await?;
+        let sessions = sessions.map_or(0, |(seq,)| seq).max(1);
+        let _: (i64,) = query("SELECT setval('session_id_seq', $1)")
+            .bind(sessions)
+            .fetch_one(&mut Connection::Postgres(to))
+            .await?;
+        // What is copied brings its numbers; new ones come after them.
+        to.run(
+            "SELECT setval('event_id_seq', (SELECT coalesce(max(id), 1) FROM event)),
                 setval('arena_id_seq', (SELECT coalesce(max(id), 1) FROM arena))",
-    )
-    .await?;
-    to.run(
-        "ALTER TABLE audit ENABLE TRIGGER USER;
+        )
+        .await?;
+        to.run(
+            "ALTER TABLE audit ENABLE TRIGGER USER;
          ALTER TABLE audit_end ENABLE TRIGGER USER",
-    )
-    .await?;
-    Ok(from.close().await?)
+        )
+        .await?;
+        Ok(from.close().await?)
+    })
 }
 
 /// Whether there is anything but the tables.

@@ -12,6 +12,7 @@ use super::query::{PAGE, level};
 use super::{Point, codec, numbered_state, retention};
 use crate::RecordsError;
 use crate::db::Db;
+use crate::queue::Boxed;
 
 /// Most frames in one answer, of all robots together; those that step and beginning add at the ends are
 /// not counted.
@@ -205,72 +206,79 @@ impl Grid {
 }
 
 /// All robots that are known, and their numbers.
-pub(super) async fn named(shared: &Shared, db: &Db) -> Result<HashMap<RobotId, i64>, RecordsError> {
-    {
-        let memory = shared.memory();
-        if memory.keeper {
-            return Ok(memory.numbers.clone());
+pub(super) fn named<'a>(
+    shared: &'a Shared,
+    db: &'a Db,
+) -> Boxed<'a, Result<HashMap<RobotId, i64>, RecordsError>> {
+    Box::pin(async move {
+        {
+            let memory = shared.memory();
+            if memory.keeper {
+                return Ok(memory.numbers.clone());
+            }
         }
-    }
-    let rows: Vec<(String, i64)> = db
-        .read(|connection| {
-            Box::pin(async move {
-                Ok(sqlx::query_as("SELECT name, id FROM robot")
-                    .fetch_all(connection)
-                    .await?)
+        let rows: Vec<(String, i64)> = db
+            .read(|connection| {
+                Box::pin(async move {
+                    Ok(sqlx::query_as("SELECT name, id FROM robot")
+                        .fetch_all(connection)
+                        .await?)
+                })
             })
-        })
-        .await?;
-    let names = rows.into_iter();
-    // A name that is none has been counted as damage by who keeps the history.
-    Ok(names
-        .filter_map(|(name, number)| Some((name.parse().ok()?, number)))
-        .collect())
+            .await?;
+        let names = rows.into_iter();
+        // A name that is none has been counted as damage by who keeps the history.
+        Ok(names
+            .filter_map(|(name, number)| Some((name.parse().ok()?, number)))
+            .collect())
+    })
 }
 
-pub(super) async fn frames(
-    shared: &Shared,
-    db: &Db,
-    robots: &BTreeSet<RobotId>,
+pub(super) fn frames<'a>(
+    shared: &'a Shared,
+    db: &'a Db,
+    robots: &'a BTreeSet<RobotId>,
     (from, to, step): (i64, i64, i64),
-) -> Result<Vec<Track>, RecordsError> {
-    let level = level(step, from, retention::now());
-    let stretch = Stretch::at_level(from, to, step, level)?;
-    let mut known = named(shared, db).await?;
-    let all = known.len();
-    known.retain(|robot, _| robots.contains(robot));
-    if known.len().saturating_mul(((to - from) / step) as usize) > MAX_FRAMES {
-        return Err(RecordsError::Invalid(
-            "an answer about robots has at most 600000 frames: ask for fewer robots or a longer step",
-        ));
-    }
-    let asked: Vec<i64> = known.values().copied().collect();
-    let mut grid = Grid {
-        stretch,
-        tracks: known
-            .into_iter()
-            .map(|(robot, number)| (number, (robot, Vec::new())))
-            .collect(),
-    };
-    // One moment: what is in memory then is not in the blocks that may be read, and the reverse.
-    let (below, but) = grid.add_open(&shared.memory(), level);
-    let pages = Pages {
-        shared,
-        db,
-        level,
-        from: stretch.from,
-        to,
-        below,
-        but,
-    };
-    if asked.len().saturating_mul(ONE_PASS) >= all {
-        pages.read(None, &mut grid).await?;
-    } else {
-        for robot in asked {
-            pages.read(Some(robot), &mut grid).await?;
+) -> Boxed<'a, Result<Vec<Track>, RecordsError>> {
+    Box::pin(async move {
+        let level = level(step, from, retention::now());
+        let stretch = Stretch::at_level(from, to, step, level)?;
+        let mut known = named(shared, db).await?;
+        let all = known.len();
+        known.retain(|robot, _| robots.contains(robot));
+        if known.len().saturating_mul(((to - from) / step) as usize) > MAX_FRAMES {
+            return Err(RecordsError::Invalid(
+                "an answer about robots has at most 600000 frames: ask for fewer robots or a longer step",
+            ));
         }
-    }
-    Ok(grid.finish())
+        let asked: Vec<i64> = known.values().copied().collect();
+        let mut grid = Grid {
+            stretch,
+            tracks: known
+                .into_iter()
+                .map(|(robot, number)| (number, (robot, Vec::new())))
+                .collect(),
+        };
+        // One moment: what is in memory then is not in the blocks that may be read, and the reverse.
+        let (below, but) = grid.add_open(&shared.memory(), level);
+        let pages = Pages {
+            shared,
+            db,
+            level,
+            from: stretch.from,
+            to,
+            below,
+            but,
+        };
+        if asked.len().saturating_mul(ONE_PASS) >= all {
+            pages.read(None, &mut grid).await?;
+        } else {
+            for robot in asked {
+                pages.read(Some(robot), &mut grid).await?;
+            }
+        }
+        Ok(grid.finish())
+    })
 }
 
 /// Reads blocks page by page.

@@ -13,6 +13,7 @@ use super::retention::{self, Retention};
 use super::seal::STEPS;
 use crate::RecordsError;
 use crate::db::Db;
+use crate::queue::Boxed;
 
 /// Blocks in memory at a time.
 pub(super) const PAGE: i64 = 256;
@@ -30,80 +31,82 @@ pub(super) fn level(step: i64, from: i64, now: i64) -> usize {
 
 type Row = (i64, i64, i64, Vec<u8>);
 
-pub(super) async fn query(
-    shared: &Shared,
-    db: &Db,
-    robot: &RobotId,
+pub(super) fn query<'a>(
+    shared: &'a Shared,
+    db: &'a Db,
+    robot: &'a RobotId,
     from: i64,
     to: i64,
     step: i64,
-) -> Result<Vec<Point>, RecordsError> {
-    let level = level(step, from, retention::now());
-    let mut answer = Points::at_level(from, to, step, level)?;
-    let from = answer.from();
-    // One moment: what is in memory then is not in the blocks that may be read, and the reverse.
-    let view = shared.memory().view(robot, from, to);
-    let number = match view.number {
-        Some(number) => Some(number),
-        None if view.keeper => None,
-        None => look_up(db, robot).await?,
-    };
-    let Some(number) = number else {
-        return Ok(Vec::new());
-    };
-    let minutes = view.minutes.filter(|_| level == 2);
-    let but = minutes.as_ref().map(|minutes| minutes.block);
-    let (mut last, mut first, mut id) = (from, i64::MIN, i64::MIN);
-    loop {
-        let below = view.below;
-        let rows: Vec<Row> = db
-            .read(move |connection| {
-                Box::pin(async move {
-                    // In the order of the index, so that the next page goes on where this one ends.
-                    Ok(sqlx::query_as(
-                        "SELECT last, first, id, data FROM block
+) -> Boxed<'a, Result<Vec<Point>, RecordsError>> {
+    Box::pin(async move {
+        let level = level(step, from, retention::now());
+        let mut answer = Points::at_level(from, to, step, level)?;
+        let from = answer.from();
+        // One moment: what is in memory then is not in the blocks that may be read, and the reverse.
+        let view = shared.memory().view(robot, from, to);
+        let number = match view.number {
+            Some(number) => Some(number),
+            None if view.keeper => None,
+            None => look_up(db, robot).await?,
+        };
+        let Some(number) = number else {
+            return Ok(Vec::new());
+        };
+        let minutes = view.minutes.filter(|_| level == 2);
+        let but = minutes.as_ref().map(|minutes| minutes.block);
+        let (mut last, mut first, mut id) = (from, i64::MIN, i64::MIN);
+        loop {
+            let below = view.below;
+            let rows: Vec<Row> = db
+                .read(move |connection| {
+                    Box::pin(async move {
+                        // In the order of the index, so that the next page goes on where this one ends.
+                        Ok(sqlx::query_as(
+                            "SELECT last, first, id, data FROM block
                          WHERE robot = ? AND level = ? AND first < ? AND id < ? AND id IS NOT ?
                          AND (last, first, id) > (?, ?, ?)
                          ORDER BY last, first, id LIMIT ?",
-                    )
-                    .bind(number)
-                    .bind(level as i64)
-                    .bind(to)
-                    .bind(below)
-                    .bind(but)
-                    .bind(last)
-                    .bind(first)
-                    .bind(id)
-                    .bind(PAGE)
-                    .fetch_all(connection)
-                    .await?)
+                        )
+                        .bind(number)
+                        .bind(level as i64)
+                        .bind(to)
+                        .bind(below)
+                        .bind(but)
+                        .bind(last)
+                        .bind(first)
+                        .bind(id)
+                        .bind(PAGE)
+                        .fetch_all(connection)
+                        .await?)
+                    })
                 })
-            })
-            .await?;
-        let Some(end) = rows.last() else { break };
-        (last, first, id) = (end.0, end.1, end.2);
-        let full = rows.len() as i64 == PAGE;
-        for row in &rows {
-            let read = if level == 0 {
-                codec::decode(&row.3, |raw| answer.add_bucket(&fold::bucket(raw)))
-            } else {
-                codec::decode(&row.3, |bucket| answer.add_bucket(bucket))
-            };
-            if read.is_none() {
-                shared.counts.damaged.fetch_add(1, Ordering::Relaxed);
+                .await?;
+            let Some(end) = rows.last() else { break };
+            (last, first, id) = (end.0, end.1, end.2);
+            let full = rows.len() as i64 == PAGE;
+            for row in &rows {
+                let read = if level == 0 {
+                    codec::decode(&row.3, |raw| answer.add_bucket(&fold::bucket(raw)))
+                } else {
+                    codec::decode(&row.3, |bucket| answer.add_bucket(bucket))
+                };
+                if read.is_none() {
+                    shared.counts.damaged.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+            if !full {
+                break;
             }
         }
-        if !full {
-            break;
+        for minute in minutes.iter().flat_map(|minutes| &minutes.rows) {
+            answer.add_bucket(minute);
         }
-    }
-    for minute in minutes.iter().flat_map(|minutes| &minutes.rows) {
-        answer.add_bucket(minute);
-    }
-    for raw in &view.rows {
-        answer.add_bucket(&fold::bucket(raw));
-    }
-    Ok(answer.finish())
+        for raw in &view.rows {
+            answer.add_bucket(&fold::bucket(raw));
+        }
+        Ok(answer.finish())
+    })
 }
 
 async fn look_up(db: &Db, robot: &RobotId) -> Result<Option<i64>, RecordsError> {

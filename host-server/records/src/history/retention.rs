@@ -6,6 +6,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use super::memory::Shared;
 use crate::RecordsError;
 use crate::db::Db;
+use crate::queue::Boxed;
 
 /// Blocks deleted in one transaction, and so how long others wait for it.
 const AT_ONCE: i64 = 500;
@@ -47,38 +48,40 @@ pub(crate) fn now() -> i64 {
         .map_or(0, |since| since.as_millis() as i64)
 }
 
-pub(super) async fn apply(
-    shared: &Shared,
-    db: &Db,
+pub(super) fn apply<'a>(
+    shared: &'a Shared,
+    db: &'a Db,
     retention: Retention,
     now: i64,
-) -> Result<u64, RecordsError> {
-    let mut total = 0;
-    for (level, keep) in (0_i64..).zip(retention.levels()) {
-        let before = now.saturating_sub(keep);
-        for _ in 0..ROUNDS {
-            let deleted = db
-                .write(move |connection| {
-                    Box::pin(async move {
-                        let done = sqlx::query(
-                            "DELETE FROM block WHERE id IN
+) -> Boxed<'a, Result<u64, RecordsError>> {
+    Box::pin(async move {
+        let mut total = 0;
+        for (level, keep) in (0_i64..).zip(retention.levels()) {
+            let before = now.saturating_sub(keep);
+            for _ in 0..ROUNDS {
+                let deleted = db
+                    .write(move |connection| {
+                        Box::pin(async move {
+                            let done = sqlx::query(
+                                "DELETE FROM block WHERE id IN
                              (SELECT id FROM block WHERE level = ? AND last < ? LIMIT ?)",
-                        )
-                        .bind(level)
-                        .bind(before)
-                        .bind(AT_ONCE)
-                        .execute(connection)
-                        .await?;
-                        Ok(done.rows_affected())
+                            )
+                            .bind(level)
+                            .bind(before)
+                            .bind(AT_ONCE)
+                            .execute(connection)
+                            .await?;
+                            Ok(done.rows_affected())
+                        })
                     })
-                })
-                .await?;
-            total += deleted;
-            if deleted < AT_ONCE as u64 {
-                break;
+                    .await?;
+                total += deleted;
+                if deleted < AT_ONCE as u64 {
+                    break;
+                }
             }
         }
-    }
-    shared.counts.expired.fetch_add(total, Ordering::Relaxed);
-    Ok(total)
+        shared.counts.expired.fetch_add(total, Ordering::Relaxed);
+        Ok(total)
+    })
 }
