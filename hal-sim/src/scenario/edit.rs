@@ -1,6 +1,5 @@
 //! Changing scenarios by key, and writing them.
 
-use serde::Deserialize as _;
 use toml::{Table, Value};
 
 use super::place::{Step, steps};
@@ -32,10 +31,15 @@ impl Scenario {
             keys.remove(key);
         }
         let mut root = Value::Table(table);
-        let spot = descend(&mut root, key)
-            .ok_or_else(|| ScenarioError::value(key, "is no key of a scenario"))?;
-        *spot = value;
-        let changed = Self::deserialize(root).map_err(|error| {
+        let no_key = || ScenarioError::value(key, "is no key of a scenario");
+        *descend(&mut root, key).ok_or_else(no_key)? = value;
+        if !root.is_table() {
+            return Err(no_key());
+        }
+        // Read as a file is, though a table could be read as well: all that reads a scenario is in the
+        // program once then, and it is large.
+        let text = text_of(&root)?;
+        let changed: Self = toml::from_str(&text).map_err(|error| {
             ScenarioError::Text(format!("{key}: {}", error.message().trim()), None)
         })?;
         Ok(Self {
@@ -56,9 +60,18 @@ impl Scenario {
         let mut table = self.table()?;
         drop_same(&mut table, &Self::plain(String::new()).table()?);
         table.iter_mut().for_each(|(_, value)| shorten(value));
-        // Scalars first: whatever follows a table's head belongs to it.
-        toml::to_string(&table).map_err(|error| ScenarioError::Text(error.to_string(), None))
+        text_of(&Value::Table(table))
     }
+
+    /// The same with everything, as it is.
+    pub(crate) fn to_whole_toml(&self) -> Result<String, ScenarioError> {
+        text_of(&Value::Table(self.table()?))
+    }
+}
+
+/// Scalars first: whatever follows a table's head belongs to it.
+fn text_of(root: &Value) -> Result<String, ScenarioError> {
+    toml::to_string(root).map_err(|error| ScenarioError::Text(error.to_string(), None))
 }
 
 /// The place of `key`, made where its parent is a table.

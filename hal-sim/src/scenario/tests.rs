@@ -60,7 +60,8 @@ fn a_scenario_says_what_it_is_in_a_line() {
         assert!(told.contains("about must be one line"), "{told}");
     }
     // What says nothing is written without.
-    let plain = toml::to_string(&Scenario::parse("name = \"a\"").unwrap()).unwrap();
+    let plain = Scenario::parse("name = \"a\"").unwrap();
+    let plain = plain.to_whole_toml().unwrap();
     assert!(!plain.contains("about"), "{plain}");
 }
 

@@ -185,7 +185,7 @@ impl Recorder {
             ("fleet", simulation.fleet().as_str().to_owned()),
             (
                 "scenario",
-                toml::to_string(simulation.scenario()).unwrap_or_default(),
+                simulation.scenario().to_whole_toml().unwrap_or_default(),
             ),
         ]);
         self.file.start(owned(words))?;

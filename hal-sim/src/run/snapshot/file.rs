@@ -82,7 +82,7 @@ impl Snapshot {
     /// # Errors
     /// [`SnapshotError::Scenario`] and [`SnapshotError::TooLarge`].
     pub fn to_bytes(&self) -> Result<Vec<u8>, SnapshotError> {
-        let scenario = toml::to_string(&self.scenario)
+        let scenario = (self.scenario.to_whole_toml())
             .map_err(|error| SnapshotError::Scenario(error.to_string()))?;
         match Scenario::parse(&scenario) {
             Ok(mut read) => {
