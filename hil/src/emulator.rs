@@ -27,7 +27,7 @@ pub use error::EmulatorError;
 pub use serial::Line;
 
 /// Where the image of the emulated board lies below a target directory.
-pub const IMAGE: &str = "boards/virt/riscv32imac-unknown-none-elf/release/crawler-virt";
+pub const IMAGE: &str = "boards/riscv32imac-unknown-none-elf/release/crawler-virt";
 /// Names another image.
 pub const IMAGE_VARIABLE: &str = "CRAWLER_VIRT_ELF";
 /// The emulator.

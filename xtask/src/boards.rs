@@ -88,6 +88,11 @@ pub(crate) fn manifest(workspace: &str) -> String {
     format!("firmware/boards/{workspace}/Cargo.toml")
 }
 
+/// Where all of them are built: what two have in common, as std and procedural macros, is built once.
+pub(crate) fn target_dir() -> PathBuf {
+    run::target_dir().join("boards")
+}
+
 /// Where the workspaces of the boards lie.
 pub(crate) fn folder() -> PathBuf {
     run::root().join("firmware/boards")
@@ -112,17 +117,9 @@ impl Board {
         folder().join(self.workspace)
     }
 
-    /// Where its workspace is built. The root's target folder holds everything.
-    pub(crate) fn target_dir(&self) -> PathBuf {
-        run::target_dir().join("boards").join(self.workspace)
-    }
-
     /// The program `binary` of its workspace, once built.
     pub(crate) fn elf(&self, binary: &str) -> PathBuf {
-        self.target_dir()
-            .join(self.triple)
-            .join("release")
-            .join(binary)
+        target_dir().join(self.triple).join("release").join(binary)
     }
 
     /// Bootloader, partition table and program, to be written from address 0.

@@ -164,7 +164,7 @@ fn check(
         .args(["-Zbuild-std=core,alloc", "-Zjson-target-spec", "--target"])
         .arg(specification_file(scratch))
         .arg("--target-dir")
-        .arg(scratch.join("build"))
+        .arg(boards::target_dir())
         .args(S3.features());
     for (name, folder) in patches {
         command.arg("--config");

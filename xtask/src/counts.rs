@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-use crate::boards::VIRT;
+use crate::boards::{self, VIRT};
 use crate::cross::{self, Compiler};
 use crate::files;
 use crate::image;
@@ -112,7 +112,7 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
 /// # Errors
 /// When it does not end well within three minutes.
 pub(crate) fn emulate(elf: &Path, name: &str) -> Outcome<String> {
-    let serial = VIRT.target_dir().join(format!("{name}.txt"));
+    let serial = boards::target_dir().join(format!("{name}.txt"));
     // What an earlier run left must not be taken for this one.
     files::write(&serial, "")?;
     let mut qemu = Command::new(tools::QEMU.program);

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, SystemTime};
 
-use crate::boards::Board;
+use crate::boards::{self, Board};
 use crate::run::{self, Failure, Outcome};
 
 /// Variables that chose a toolchain for this process and must not choose one for the boards.
@@ -208,7 +208,7 @@ impl Compiler {
             .stdin(std::process::Stdio::null())
             .args([subcommand, "--release", "--locked", "--quiet"])
             .args(["--target", board.triple, "--target-dir"])
-            .arg(board.target_dir())
+            .arg(boards::target_dir())
             .args(board.features());
         match self {
             Self::Stock => {}

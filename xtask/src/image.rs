@@ -98,7 +98,7 @@ pub(crate) fn crawler_image(arguments: &[&str]) -> Outcome {
 /// When it cannot be built, or fails.
 pub(crate) fn tool(workspace: &str, what: &str, arguments: &[&str]) -> Outcome {
     let manifest = boards::manifest(workspace);
-    let target = run::target_dir().join("boards").join(workspace);
+    let target = boards::target_dir();
     let target = target.to_string_lossy();
     let place = [
         what,

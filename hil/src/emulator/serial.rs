@@ -14,7 +14,7 @@ use std::time::Instant;
 use super::{EmulatorError, built};
 
 /// Where the decoder lies below a target directory.
-const DECODER: &str = "boards/log/debug/crawler-log";
+const DECODER: &str = "boards/debug/crawler-log";
 /// How an ELF file begins.
 const ELF: [u8; 4] = *b"\x7FELF";
 
