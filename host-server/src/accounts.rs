@@ -42,6 +42,8 @@ const KEY: &str = "token_key";
 pub(crate) const SESSION_LIFETIME: Duration = Duration::from_hours(14 * 24);
 /// Passwords hashed at a time: each takes 20 MB and a core.
 const HASHING: usize = 2;
+/// Refresh tokens exchanged at a time, at most.
+const REFRESHING: usize = 64;
 
 /// Somebody who has shown who they are.
 #[derive(Debug, Clone)]
@@ -73,8 +75,9 @@ pub(crate) struct Accounts {
     alive: Mutex<Alive>,
     tickets: Mutex<Tickets>,
     rotated: Mutex<Rotated>,
-    /// Held while a refresh token is exchanged, until that is noted in `rotated`.
-    refreshing: tokio::sync::Mutex<()>,
+    /// One is held while a refresh token is exchanged, until that is noted in `rotated`. Which one, its
+    /// digest says: while the records are slow, few people wait for each other.
+    refreshing: [tokio::sync::Mutex<()>; REFRESHING],
     /// Wrong passwords, also those at the broker.
     failures: Arc<Failures>,
     hashing: Semaphore,
@@ -114,7 +117,7 @@ impl Accounts {
             alive: Mutex::default(),
             tickets: Mutex::default(),
             rotated: Mutex::default(),
-            refreshing: tokio::sync::Mutex::new(()),
+            refreshing: std::array::from_fn(|_| tokio::sync::Mutex::default()),
             failures: Arc::new(Failures::new()),
             hashing: Semaphore::new(HASHING),
             changing: tokio::sync::Mutex::new(()),

@@ -205,7 +205,8 @@ impl Accounts {
         let old: Secret = refresh.parse().map_err(|_| LoginError::NoSession)?;
         let digest = old.digest();
         // Of two that come at once the second waits for the first, and is known for what it is.
-        let _refreshing = self.refreshing.lock().await;
+        let turn = usize::from(digest.0[0]) % self.refreshing.len();
+        let _refreshing = self.refreshing[turn].lock().await;
         let again = lock(&self.rotated).session(digest, Instant::now());
         if let Some(session) = again {
             return self.again(session).await;
