@@ -22,7 +22,7 @@ const PICTURE =
   'fill="#e83"/></svg>'
 
 /** `greet` tells every viewer of the arena anew. */
-export function createFleet({ world, commands, clock, greet }) {
+export function createFleet({ world, commands, clock, greet, answering }) {
   const values = new Map()
   const pictures = clock()
   const simulator = createSimulator({ world, clock, find, greet })
@@ -61,7 +61,7 @@ export function createFleet({ world, commands, clock, greet }) {
     const now = clock()
     const outcomes = record.outcomes.map((outcome, index) => {
       const due = record.slow ? Math.min(LONGEST_ANSWER_MS, index * ANSWER_EVERY_MS) : 0
-      const answered = now >= record.timestamp + due
+      const answered = now >= record.timestamp + due && (!record.slow || index < answering.most)
       const { status, reason } = answered ? outcome : { status: 'pending', reason: null }
       const at = answered ? record.timestamp + due + 4 : null
       return { robot: outcome.robot, status, reason, timestamp: at }

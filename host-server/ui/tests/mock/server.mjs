@@ -42,7 +42,15 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   const origin = performance.now()
   const hello = () =>
     jsonFrame('hello', { protocol: 2, fleet: 'swarm', time: clock(), arena: world.arena })
-  const fleet = createFleet({ world, commands, clock, greet: () => broadcast(hello()) })
+  /** How many robots answer a command that takes them long. */
+  const answering = { most: Number.POSITIVE_INFINITY }
+  const fleet = createFleet({
+    world,
+    commands,
+    clock,
+    greet: () => broadcast(hello()),
+    answering,
+  })
   const experiments = createExperiments({ clock })
   const fences = createFences({ world, clock, crossed })
   const record = createRecord({ world, clock, robots, seed })
@@ -252,6 +260,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     world,
     commands,
     faults,
+    answering,
     fences: fences.fences,
     accounts,
     experiments,
