@@ -26,6 +26,7 @@ mod suites;
 mod test;
 mod tools;
 mod ui;
+mod up;
 
 use std::process::ExitCode;
 
@@ -44,7 +45,7 @@ const TASKS: &[Task] = &[
         name: "up",
         arguments: "[OPTIONS]",
         about: "build the control room and start server, broker and 50 simulated robots (`cargo up`)",
-        run: up,
+        run: up::command,
     },
     Task {
         name: "setup",
@@ -180,23 +181,4 @@ fn print_tasks() {
         let call = format!("{} {}", task.name, task.arguments);
         println!("  {call:<24} {}", task.about);
     }
-}
-
-/// Starts the main job. The server still runs without a control room when Node.js is missing;
-/// its page then says how to get it.
-fn up(arguments: &[String]) -> Outcome {
-    if let Err(Failure(reason)) = ui::build() {
-        eprintln!("xtask up: starting without the control room: {reason}");
-    }
-    run::cargo(&[
-        "build",
-        "--release",
-        "--locked",
-        "--package",
-        "crawler-server",
-    ])?;
-    run::replace_with(
-        &run::target_dir().join("release/terracrawler"),
-        std::iter::once("up".to_owned()).chain(arguments.iter().cloned()),
-    )
 }

@@ -48,6 +48,13 @@ pub(crate) fn cargo(arguments: &[&str]) -> Outcome {
     run(&root(), &cargo_program(), arguments)
 }
 
+/// Cargo's `subcommand` at the root of the repository, for whoever reads what it prints.
+pub(crate) fn cargo_command(subcommand: &str) -> Command {
+    let mut command = command(&root(), &cargo_program(), &[subcommand]);
+    forget_this_package(&mut command);
+    command
+}
+
 /// Builds an example of a crate, optimised, and returns where it is.
 ///
 /// # Errors
