@@ -44,6 +44,8 @@ pub(crate) fn check() -> Outcome {
         return Ok(());
     }
     install()?;
+    // Otherwise its folder would be new after the beginning.
+    run::run(&folder(), "npm", &["run", "--silent", "generate"])?;
     // What is changed meanwhile may have been looked at before.
     let began = SystemTime::now();
     run::run(&folder(), "npm", &["run", "--silent", "check"])?;
@@ -84,7 +86,7 @@ fn modified(path: &Path) -> Option<SystemTime> {
     fs::metadata(path).ok()?.modified().ok()
 }
 
-/// When the newest source below `folder` was changed.
+/// When something below `folder` was last changed, put there or taken away.
 fn newest(folder: &Path) -> Outcome<SystemTime> {
     let unreadable =
         |error: std::io::Error| Failure(format!("cannot read {}: {error}", folder.display()));
@@ -92,27 +94,51 @@ fn newest(folder: &Path) -> Outcome<SystemTime> {
     for entry in fs::read_dir(folder).map_err(unreadable)? {
         let entry = entry.map_err(unreadable)?;
         let name = entry.file_name();
-        // The last is made from the others.
+        // Installed, built, and made from `interface.json`.
         if ["node_modules", "dist", ".generated"]
             .iter()
             .any(|made| name == *made)
         {
             continue;
         }
-        let kind = entry.file_type().map_err(unreadable)?;
-        let changed = if kind.is_dir() {
-            self::newest(&entry.path())?
-        } else {
-            modified(&entry.path()).unwrap_or(SystemTime::UNIX_EPOCH)
-        };
-        newest = newest.max(changed);
+        // That of a folder tells what went from it.
+        let changed = modified(&entry.path());
+        newest = newest.max(changed.unwrap_or(SystemTime::UNIX_EPOCH));
+        if entry.file_type().map_err(unreadable)?.is_dir() {
+            newest = newest.max(self::newest(&entry.path())?);
+        }
     }
     Ok(newest)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{OLDEST_NODE, parse_version};
+    use std::fs::{self, File};
+    use std::path::Path;
+    use std::time::{Duration, SystemTime};
+
+    use super::{OLDEST_NODE, newest, parse_version};
+    use crate::{files, run};
+
+    #[test]
+    fn a_change_and_a_removal_are_seen() {
+        let base = run::target_dir().join(format!("ui-test-{}", std::process::id()));
+        files::write(&base.join("src/a.ts"), "one").expect("written");
+        files::write(&base.join("src/b.ts"), "two").expect("written");
+        files::write(&base.join("dist/c.js"), "three").expect("written");
+        let set = |path: &Path, time| File::open(path).and_then(|file| file.set_modified(time));
+        let then = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000);
+        for path in ["src/a.ts", "src/b.ts", "src"] {
+            set(&base.join(path), then).expect("set");
+        }
+        assert_eq!(newest(&base).expect("read"), then);
+        let later = then + Duration::from_secs(1);
+        set(&base.join("src/a.ts"), later).expect("set");
+        assert_eq!(newest(&base).expect("read"), later);
+        fs::remove_file(base.join("src/b.ts")).expect("removed");
+        assert!(newest(&base).expect("read") > later);
+        files::remove(&base).expect("removed");
+    }
 
     #[test]
     fn node_versions_compare() {
