@@ -61,4 +61,15 @@ describe('the address', () => {
     expect(history.length).toBe(steps)
     address.close()
   })
+
+  it('is changed where somebody just went, though the browser has not said so yet', () => {
+    const address = useView()
+    history.replaceState(null, '', '#/robots?show=stale')
+    expect(address.leaving()).toBe(true)
+    address.change({ q: 'rover' })
+    expect(location.hash).toBe('#/robots?show=stale&q=rover')
+    expect([address.view.value, address.leaving()]).toEqual(['robots', false])
+    history.replaceState(null, '', '#/')
+    address.close()
+  })
 })
