@@ -52,8 +52,6 @@ fn options(path: &Path, synchronous: SqliteSynchronous) -> SqliteConnectOptions 
 impl Db {
     /// Opens or makes `path` and starts its writer. `safe` waits for the disk at each commit, so that
     /// not even a power cut takes back what was acknowledged.
-    ///
-    /// Boxed here and below, as in [`crate::query`], so that sqlx is compiled once.
     pub(crate) fn open<'a>(
         path: &'a Path,
         schema: &'a Schema,

@@ -115,8 +115,7 @@ impl Rows {
 
 /// A statement and its values.
 ///
-/// What drives an engine is boxed and the same for every type of row: the bodies of asynchronous
-/// functions are compiled in each crate that awaits them, and with them all of sqlx that they call.
+/// What drives an engine is [`Boxed`], and the same for every type of row.
 #[derive(Debug)]
 #[must_use = "it does nothing until it is executed"]
 pub(crate) struct Query {

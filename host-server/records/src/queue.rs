@@ -15,6 +15,8 @@ const QUEUE: usize = 256;
 /// Writes that share a transaction, and so the wait for the disk.
 const BATCH: usize = 128;
 
+/// What a function gives that is not `async` itself: the body of one that is, is compiled in each crate that
+/// awaits it, and with it all of sqlx that it calls. Behind a pointer both are compiled here, once.
 pub(crate) type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 /// Tells the caller what came of it, once the transaction is on disk or is not.
 type Answer = Box<dyn FnOnce(Result<(), RecordsError>) + Send>;
