@@ -145,9 +145,21 @@ impl Postgres {
     /// # Panics
     /// When that fails.
     pub fn database(&self) -> String {
+        self.database_like("template1")
+    }
+
+    /// Makes a copy of the database that has this name or address and returns its address.
+    ///
+    /// # Panics
+    /// When that fails, as it does while somebody is connected with the original.
+    pub fn database_like(&self, original: &str) -> String {
         static NUMBER: AtomicU32 = AtomicU32::new(1);
         let name = format!("fleet_{}", NUMBER.fetch_add(1, Ordering::Relaxed));
-        self.sql("postgres", &format!("CREATE DATABASE {name}"));
+        let original = name_of(original);
+        self.sql(
+            "postgres",
+            &format!("CREATE DATABASE {name} TEMPLATE {original}"),
+        );
         self.url(&name)
     }
 
@@ -162,7 +174,7 @@ impl Postgres {
     /// # Panics
     /// When the server refuses it.
     pub fn sql(&self, name: &str, sql: &str) -> String {
-        let name = name.rsplit('/').next().unwrap_or(name);
+        let name = name_of(name);
         let output = self
             .command("psql")
             .args([
@@ -231,6 +243,11 @@ impl Drop for Postgres {
             eprintln!("--- log of postgres ---\n{}", process.log());
         }
     }
+}
+
+/// The name of the database at an address, or that is its name already.
+fn name_of(database: &str) -> &str {
+    database.rsplit('/').next().unwrap_or(database)
 }
 
 fn is_root() -> bool {

@@ -27,6 +27,31 @@ pub(crate) struct Folder {
 
 impl Folder {
     pub(crate) fn new() -> Self {
+        let path = Self::empty();
+        let database = on_postgres().then(|| {
+            let server = Postgres::shared();
+            let url = server.database();
+            (server, url)
+        });
+        Self { path, database }
+    }
+
+    /// What is in this one, again: records that were closed.
+    pub(crate) fn copy(&self) -> Self {
+        let path = Self::empty();
+        for entry in std::fs::read_dir(&self.path).expect("a directory") {
+            let file = entry.expect("an entry").path();
+            let name = file.file_name().expect("a name");
+            std::fs::copy(&file, path.join(name)).expect("a copy");
+        }
+        let database = self.database.as_ref().map(|(server, url)| {
+            let copy = server.database_like(url);
+            (server.clone(), copy)
+        });
+        Self { path, database }
+    }
+
+    fn empty() -> PathBuf {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let name = format!(
             "records-{}-{}",
@@ -37,12 +62,7 @@ impl Folder {
         // A run before may have had the same process id.
         let _ = std::fs::remove_dir_all(&path);
         std::fs::create_dir_all(&path).expect("a directory");
-        let database = on_postgres().then(|| {
-            let server = Postgres::shared();
-            let url = server.database();
-            (server, url)
-        });
-        Self { path, database }
+        path
     }
 
     pub(crate) fn path(&self) -> &Path {
