@@ -38,7 +38,7 @@ async fn motion_expires_and_a_setting_waits_for_the_robot() {
     gone(&fixture).await;
     let motion = give(&fixture, MOVE).await;
     let set = give(&fixture, SET).await;
-    let accepted = fixture.get(&set).await.json()["timestamp"].as_u64();
+    let given = fixture.get(&motion).await.json()["timestamp"].as_u64();
     wait_status(&fixture, &motion, "expired").await;
     assert_eq!(fixture.get(&set).await.json()["status"], "pending");
 
@@ -47,8 +47,8 @@ async fn motion_expires_and_a_setting_waits_for_the_robot() {
     let command = robot.next_command().await;
     assert!(matches!(command.action, Action::Set(_)), "{command:?}");
     assert!(
-        command.timestamp >= accepted.expect("a time") + 1_900,
-        "a fresh time"
+        command.timestamp >= given.expect("a time") + 1_900,
+        "a fresh time: that motion has expired since, which takes two seconds"
     );
     robot
         .answer(command.seq, ResponseStatus::Completed, None)

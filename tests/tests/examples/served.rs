@@ -119,9 +119,12 @@ pub(crate) fn first_command(line: &str) {
                 if answer["status"] == "accepted" {
                     return;
                 }
-                // Until it knows the time it refuses motion. Numbers are seconds here, so that of
-                // the next try is another one when a second is over.
-                let early = answer["reason"] == "no_clock" || answer["status"] == "stale";
+                // Until it has started and knows the time it refuses motion. Numbers are seconds here, so
+                // that of the next try is another one when a second is over.
+                let early = ["busy", "no_clock"]
+                    .iter()
+                    .any(|reason| answer["reason"] == *reason)
+                    || answer["status"] == "stale";
                 assert!(early, "{answer} after {heard:?}");
                 heard.push(answer);
                 std::thread::sleep(Duration::from_millis(1_100));

@@ -224,7 +224,10 @@ export function createRecord({ world, clock, robots, seed }) {
         const ends = [...tracks.values()].map(({ points }) => points.at(-1).at)
         return { from: started - BEFORE_MS, to: Math.max(...ends), robots: tracks.size }
       }
-      if (failing !== null) throw new Refusal(failing, 'internal', 'the record is broken')
+      if (failing !== null) {
+        // Whoever reads it again before that was told to by somebody.
+        throw new Refusal(failing, 'internal', 'the record is broken', { 'retry-after': '3600' })
+      }
       if (path === 'history/frames') return frames(url)
       return path === 'events' ? listed(url) : telemetry(parts[1], url)
     },
