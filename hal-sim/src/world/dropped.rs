@@ -201,6 +201,7 @@ impl Space {
     }
 
     /// Has these things lie in the arena and no others: they lay in one like it.
+    #[cfg(feature = "live")]
     pub(super) fn lay_out(&mut self, items: Items) {
         self.without_items();
         self.items = items;
