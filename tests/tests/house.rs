@@ -30,11 +30,11 @@ const LICENCES: &[&str] = &[
 /// Longest source file: beyond this, tests or a part of it move to a file of their own.
 const LONGEST: usize = 450;
 
-/// The workspace of the host, and those of the boards, which have lock files of their own.
+/// The workspace of the host, and those of boards and models, which have lock files of their own.
 fn workspaces() -> Vec<PathBuf> {
-    let boards = root().join("firmware/boards");
+    let inside = |folder: &str| std::fs::read_dir(root().join(folder)).expect("a folder of ours");
     let mut found = vec![root()];
-    for entry in std::fs::read_dir(boards).expect("firmware/boards") {
+    for entry in inside("firmware/boards").chain(inside("models")) {
         let folder = entry.expect("readable entry").path();
         if std::fs::read_to_string(folder.join("Cargo.toml"))
             .is_ok_and(|manifest| manifest.lines().any(|line| line == "[workspace]"))

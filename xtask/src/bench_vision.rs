@@ -5,6 +5,7 @@ use std::path::Path;
 use crate::bench_sim::{Figures, get, parse};
 use crate::counts;
 use crate::dataset;
+use crate::detector;
 use crate::run::{self, Failure, Outcome};
 use crate::sight::Sight;
 use crate::tools;
@@ -123,12 +124,8 @@ fn engines(frames: u32) -> Outcome {
     let mut words = vec!["--out".to_owned(), out.into_owned()];
     words.extend(wanted.split(' ').map(str::to_owned));
     dataset::command(&words)?;
-    let mut command = std::process::Command::new(run::cargo_program());
-    command
-        .current_dir(run::root())
-        .args(["bench", "--locked", "--quiet", "--package"])
-        .args(["crawler-detector", "--bench", "engines", "--"])
-        .arg(folder.join("test/frames.bin"));
+    let mut command = detector::of_compare("bench", &["--bench", "engines", "--"]);
+    command.arg(folder.join("test/frames.bin"));
     let figures = figures(command)?;
     let (ours, theirs) = (
         get(&figures, "micromodel_frames_per_s"),

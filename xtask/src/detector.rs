@@ -1,6 +1,7 @@
 //! From pictures to the detector that robots carry, a step each.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use crate::run::{self, Failure, Outcome};
 
@@ -13,12 +14,16 @@ const FIRST: &str = "data/detector-first.npz";
 const ONNX: &str = "models/detector/detector.onnx";
 const BLOB: &str = "models/detector/detector.tcmm";
 
-/// `cargo xtask detector train|quantise|convert`
+/// The program that runs another engine: a workspace of its own.
+pub(crate) const COMPARE: &str = "models/compare/Cargo.toml";
+
+/// `cargo xtask detector train|quantise|convert|compare`
 ///
 /// # Errors
 /// When Python or one of its modules is missing, or a step fails.
 pub(crate) fn command(arguments: &[String]) -> Outcome {
-    let usage = || Failure("cargo xtask detector train|quantise|convert [OPTIONS]".to_owned());
+    let usage =
+        || Failure("cargo xtask detector train|quantise|convert|compare [OPTIONS]".to_owned());
     let (step, options) = arguments.split_first().ok_or_else(usage)?;
     match step.as_str() {
         "train" => {
@@ -37,8 +42,37 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
             words.extend(["--", ONNX, BLOB]);
             run::cargo(&words)
         }
+        "compare" => compare(options),
         _ => Err(usage()),
     }
+}
+
+/// Lints the program that runs another engine, and runs it.
+///
+/// # Errors
+/// When it cannot be built, or the engines differ, or one of them from the file that tests read.
+pub(crate) fn compare(options: &[String]) -> Outcome {
+    let strict = ["--all-targets", "--", "--deny", "warnings"];
+    run::run_command(of_compare("clippy", &strict))?;
+    let options = options.iter().map(String::as_str);
+    let words: Vec<&str> = std::iter::once("--").chain(options).collect();
+    run::run_command(of_compare("run", &words))
+}
+
+/// Cargo's `subcommand` in [`COMPARE`].
+pub(crate) fn of_compare(subcommand: &str, words: &[&str]) -> Command {
+    let mut command = run::cargo_command(subcommand);
+    command
+        .args([
+            "--locked",
+            "--quiet",
+            "--manifest-path",
+            COMPARE,
+            "--target-dir",
+        ])
+        .arg(run::target_dir().join("compare"))
+        .args(words);
+    command
 }
 
 /// With options one run of the script; without, the two that made the detector of the repository.

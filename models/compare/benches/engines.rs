@@ -2,7 +2,7 @@
 //! vision`.
 //!
 //! ```text
-//! cargo bench -p crawler-detector --bench engines -- FRAMES.bin
+//! cargo bench --manifest-path models/compare/Cargo.toml --bench engines -- FRAMES.bin
 //! ```
 //!
 //! `FRAMES.bin` has frames of 96 × 96 pixels of red, green, blue, as `cargo xtask dataset` writes
@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     if frames.is_empty() {
         return Err(format!("{file} has no frame").into());
     }
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("detector.onnx");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../detector/detector.onnx");
     let theirs = tract_onnx::onnx()
         .model_for_path(path)
         .and_then(InferenceModelExt::into_optimized)
