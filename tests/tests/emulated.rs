@@ -113,7 +113,7 @@ fn one_robot_joins_obeys_and_passes_the_suite() {
     std::fs::write(note.with_extension("stack"), used.to_string()).expect("a note beside it");
 }
 
-/// The most stack ever used, interrupts included, as the board reports it once a minute.
+/// The most stack ever used, interrupts included, as the board on a bench reports it every ten seconds.
 fn stack_used(board: &Board) -> u64 {
     let mut seen = board.logged();
     let until = Instant::now() + Duration::from_mins(4);

@@ -106,9 +106,12 @@ impl Selection {
         let filter = self.filter()?;
         let _load = self.under_load.then(Load::start).transpose()?;
         let count = self.repeat.to_string();
-        // Half of the tests wait for processes and sockets most of the time.
-        let at_once = (2 * cores()).to_string();
-        let mut more = vec!["run", "--test-threads", at_once.as_str()];
+        // Most of the time most tests wait for processes and sockets. Emulated boards run in real time:
+        // where they cannot come first, less may run beside them.
+        let in_time = run::output("chrt", &["--rr", "1", "true"]).is_some();
+        let for_each_core = if in_time { 4 } else { 2 };
+        let at_once = (for_each_core * cores()).to_string();
+        let mut more = vec!["run", "--test-threads", &at_once];
         if let Some(filter) = &filter {
             more.extend(["--filterset", filter.as_str()]);
         }

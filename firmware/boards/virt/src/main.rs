@@ -130,7 +130,13 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     spawner.spawn(store(robot, flash, noise).expect(FIRST));
     spawner.spawn(net(runner).expect(FIRST));
     spawner.spawn(link(robot, network, link_rng, secret).expect(FIRST));
-    spawner.spawn(report(robot, body).expect(FIRST));
+    // On a bench somebody waits for it.
+    let every = if arguments.bench {
+        Duration::from_secs(10)
+    } else {
+        REPORT_EVERY
+    };
+    spawner.spawn(report(robot, body, every).expect(FIRST));
     // Faults of the first start alone: after the reset they lead to, the robot is to go on.
     if cause == ResetCause::PowerOn {
         spawner.spawn(strike(arguments.faults).expect(FIRST));
@@ -297,7 +303,7 @@ async fn model(body: &'static Body) -> ! {
 
 /// Tells what no sensor tells, for whoever reads the log.
 #[embassy_executor::task]
-async fn report(robot: &'static Context, body: &'static Body) -> ! {
+async fn report(robot: &'static Context, body: &'static Body, every: Duration) -> ! {
     // The start is over by then, and its depth is known.
     Timer::after(Duration::from_secs(5)).await;
     loop {
@@ -313,7 +319,7 @@ async fn report(robot: &'static Context, body: &'static Body) -> ! {
             truth.pack_mv,
             truth.lamp,
         );
-        Timer::after(REPORT_EVERY).await;
+        Timer::after(every).await;
     }
 }
 
