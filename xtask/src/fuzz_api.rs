@@ -6,6 +6,7 @@ use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::run::{self, Failure, Outcome};
@@ -124,53 +125,54 @@ impl Drop for Server {
     }
 }
 
+/// A part of the cases, on a server of its own.
+struct Part {
+    what: &'static str,
+    /// What Schemathesis is told besides.
+    config: &'static str,
+    /// Whether it is the end of sessions, and nothing else.
+    ends: bool,
+}
+
+/// Each takes one core at most: one after the other, the other cores would wait.
+const PARTS: [&[Part]; 2] = [
+    &[Part {
+        what: "robots that are there",
+        config: KNOWN,
+        ends: false,
+    }],
+    &[
+        Part {
+            what: "robots that are not",
+            config: "",
+            ends: false,
+        },
+        Part {
+            what: "ends of sessions",
+            config: "",
+            ends: true,
+        },
+    ],
+];
+
 fn fuzz(tool: &Path, examples: u32, seed: u64) -> Outcome {
-    let server = start()?;
-    let token = server.sign_in()?;
     println!("{examples} cases for each operation, seed {seed}");
-    let config = server.folder.join("schemathesis.toml");
-    let written = |text: &str| {
-        fs::write(&config, text).map_err(|error| Failure(format!("{}: {error}", config.display())))
-    };
     let mut failed = Vec::new();
-    for (what, text, last) in [
-        ("robots that are there", KNOWN, false),
-        ("robots that are not", "", false),
-        ("ends of sessions", "", true),
-    ] {
-        written(text)?;
-        println!("\n-- {what}");
-        let mut command = Command::new(tool);
-        command
-            .arg("--config-file")
-            .arg(&config)
-            .args(["run", "--no-color", "--warnings", "off"])
-            .args(["--checks", CHECKS, "--phases", "examples,coverage,fuzzing"])
-            .args(["--rate-limit", RATE, "--continue-on-failure"])
-            .args(["--seed", &seed.to_string()])
-            .args(["--max-examples", &examples.to_string()])
-            .args(["--header", &format!("authorization: Bearer {token}")])
-            .arg(format!("http://{}/api/v1/openapi.json", server.http))
-            .current_dir(&server.folder)
-            .stdin(Stdio::null());
-        let which = if last {
-            "--include-operation-id"
-        } else {
-            "--exclude-operation-id"
-        };
-        command.args(LAST.iter().flat_map(|name| [which, name]));
-        let status = command
-            .status()
-            .map_err(|error| Failure(format!("cannot run {}: {error}", tool.display())))?;
-        if !status.success() {
-            failed.push(what);
+    std::thread::scope(|scope| {
+        let threads = PARTS.map(|parts| {
+            scope.spawn(move || {
+                let server = start()?;
+                server.fuzz(tool, parts, examples, seed)
+            })
+        });
+        for thread in threads {
+            match thread.join() {
+                Ok(Ok(())) => {}
+                Ok(Err(Failure(reason))) => failed.push(reason),
+                Err(_) => failed.push("a thread of this program has panicked".to_owned()),
+            }
         }
-    }
-    let log = server.log();
-    if log.contains("panicked") {
-        println!("{log}");
-        failed.push("the server's log has a panic");
-    }
+    });
     if failed.is_empty() {
         Ok(())
     } else {
@@ -180,11 +182,14 @@ fn fuzz(tool: &Path, examples: u32, seed: u64) -> Outcome {
 
 /// Starts a server with an administrator and two robots.
 fn start() -> Outcome<Server> {
+    static NUMBER: AtomicU32 = AtomicU32::new(1);
     let failed = |what: &str, error: std::io::Error| Failure(format!("{what}: {error}"));
     let program = run::root()
         .join(run::target_dir())
         .join("debug/terracrawler");
-    let folder = std::env::temp_dir().join(format!("terracrawler-fuzz-{}", std::process::id()));
+    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+    let name = format!("terracrawler-fuzz-{}-{number}", std::process::id());
+    let folder = std::env::temp_dir().join(name);
     fs::create_dir_all(&folder).map_err(|error| failed("a folder", error))?;
     let data = folder.join("data");
     let mut adding = Command::new(&program)
@@ -238,6 +243,63 @@ fn address(output: ChildStdout) -> Option<SocketAddr> {
 }
 
 impl Server {
+    /// Sends it `parts` of the cases, one after the other, and prints what each came to.
+    fn fuzz(&self, tool: &Path, parts: &[Part], examples: u32, seed: u64) -> Outcome {
+        let token = self.sign_in()?;
+        let mut failed = Vec::new();
+        for part in parts {
+            let mut command = self.schemathesis(tool, part, &token)?;
+            command
+                .args(["--seed", &seed.to_string()])
+                .args(["--max-examples", &examples.to_string()]);
+            // At once, so that what two say does not get mixed up.
+            let output = command
+                .output()
+                .map_err(|error| Failure(format!("cannot run {}: {error}", tool.display())))?;
+            let said = String::from_utf8_lossy(&output.stdout);
+            let complained = String::from_utf8_lossy(&output.stderr);
+            println!("\n-- {}\n{said}{complained}", part.what);
+            if !output.status.success() {
+                failed.push(part.what);
+            }
+        }
+        let log = self.log();
+        if log.contains("panicked") {
+            println!("{log}");
+            failed.push("the server's log has a panic");
+        }
+        if failed.is_empty() {
+            Ok(())
+        } else {
+            Err(Failure(failed.join(", ")))
+        }
+    }
+
+    /// The command for one part.
+    fn schemathesis(&self, tool: &Path, part: &Part, token: &str) -> Outcome<Command> {
+        let config = self.folder.join("schemathesis.toml");
+        fs::write(&config, part.config)
+            .map_err(|error| Failure(format!("{}: {error}", config.display())))?;
+        let mut command = Command::new(tool);
+        command
+            .arg("--config-file")
+            .arg(&config)
+            .args(["run", "--no-color", "--warnings", "off"])
+            .args(["--checks", CHECKS, "--phases", "examples,coverage,fuzzing"])
+            .args(["--rate-limit", RATE, "--continue-on-failure"])
+            .args(["--header", &format!("authorization: Bearer {token}")])
+            .arg(format!("http://{}/api/v1/openapi.json", self.http))
+            .current_dir(&self.folder)
+            .stdin(Stdio::null());
+        let which = if part.ends {
+            "--include-operation-id"
+        } else {
+            "--exclude-operation-id"
+        };
+        command.args(LAST.iter().flat_map(|name| [which, name]));
+        Ok(command)
+    }
+
     /// What it complained of.
     fn log(&self) -> String {
         fs::read_to_string(self.folder.join("log")).unwrap_or_default()

@@ -100,11 +100,15 @@ fn build(triple: Option<&str>) -> Outcome<PathBuf> {
     let line = "build --locked --quiet --package";
     let mut arguments: Vec<&str> = line.split(' ').collect();
     arguments.extend([PROGRAM, "--target", triple]);
-    let linker = [(
-        "CARGO_TARGET_RISCV64GC_UNKNOWN_LINUX_GNU_LINKER",
-        RISCV_LINKER.program,
-    )];
-    run::run_with_env(&run::root(), &run::cargo_program(), &arguments, &linker)?;
+    let variables = [
+        (
+            "CARGO_TARGET_RISCV64GC_UNKNOWN_LINUX_GNU_LINKER",
+            RISCV_LINKER.program,
+        ),
+        // Nor may optimisation change a history; and to optimise takes longer than it saves.
+        ("CARGO_PROFILE_DEV_OPT_LEVEL", "0"),
+    ];
+    run::run_with_env(&run::root(), &run::cargo_program(), &arguments, &variables)?;
     Ok(folder.join(triple).join("debug"))
 }
 
