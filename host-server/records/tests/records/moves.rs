@@ -234,6 +234,22 @@ async fn sqlx_in(dir: &Path, sql: &'static str) -> Result<(), sqlx::Error> {
     connection.close().await
 }
 
+/// What `attempt` comes to when the database has noticed that connections are gone, which it does a
+/// moment after they went: those of a refused attempt as well.
+async fn once_free<T>(
+    attempt: impl AsyncFn() -> Result<T, RecordsError>,
+) -> Result<T, RecordsError> {
+    let end = Instant::now() + Duration::from_mins(1);
+    loop {
+        match attempt().await {
+            Err(error) if error.is_passing() && Instant::now() < end => {
+                tokio::time::sleep(Duration::from_millis(50)).await;
+            }
+            outcome => return outcome,
+        }
+    }
+}
+
 #[tokio::test]
 async fn a_database_with_records_or_readers_is_not_overwritten() {
     let server = Postgres::shared();
@@ -253,18 +269,10 @@ async fn a_database_with_records_or_readers_is_not_overwritten() {
     let error = replace().await.expect_err("a server runs");
     assert!(matches!(error, RecordsError::InUse(_)), "{error:?}");
     running.close().await;
-    // The database notices a moment later that the connections are gone.
-    let end = Instant::now() + Duration::from_mins(1);
-    let error = loop {
-        let refused = Records::restore_database(&ready, &url, None).await;
-        let error = refused.expect_err("it holds records");
-        if !error.is_passing() || Instant::now() > end {
-            break error;
-        }
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    };
+    let refused = once_free(|| Records::restore_database(&ready, &url, None)).await;
+    let error = refused.expect_err("it holds records");
     assert!(matches!(error, RecordsError::Exists), "{error:?}");
-    replace().await.unwrap();
+    once_free(replace).await.unwrap();
     let there = Records::connect(&url, None, false).await.unwrap();
     assert_eq!(
         there.setting("from").await.unwrap().as_deref(),
