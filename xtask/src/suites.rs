@@ -109,7 +109,7 @@ impl Selection {
         // Most of the time most tests wait for processes and sockets. Emulated boards run in real time:
         // where they cannot come first, less may run beside them.
         let in_time = run::output("chrt", &["--rr", "1", "true"]).is_some();
-        let for_each_core = if in_time { 4 } else { 2 };
+        let for_each_core = if in_time { 3 } else { 2 };
         let at_once = (for_each_core * cores()).to_string();
         let mut more = vec!["run", "--test-threads", &at_once];
         if let Some(filter) = &filter {
