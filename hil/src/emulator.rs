@@ -116,23 +116,22 @@ impl Options {
     }
 }
 
-/// A command for `program` that gets a processor before everything else that wants one, where that is
+/// The command for QEMU, which gets a processor before everything else that wants one, where that is
 /// allowed: a board runs in real time, sleeps nearly always, and one that wakes too late has missed
 /// what its body told it.
-fn in_time(program: &str) -> Command {
+fn in_time() -> Command {
     // The lowest of the real-time priorities (sched(7)).
-    let first = ["--rr", "1"];
-    let mut attempt = Command::new("chrt");
-    attempt.args(first).arg("true").stdin(Stdio::null());
-    let allowed = attempt.stdout(Stdio::null()).stderr(Stdio::null()).status();
-    // Without QEMU, chrt would be what fails.
-    let there = || Command::new(program).arg("-version").output().is_ok();
-    if allowed.is_ok_and(|status| status.success()) && there() {
+    let first = || {
         let mut command = Command::new("chrt");
-        command.args(first).arg(program);
+        command.args(["--rr", "1", QEMU]);
         command
+    };
+    // This fails where it is not allowed, and where there is no QEMU.
+    let allowed = first().arg("-version").stdin(Stdio::null()).output();
+    if allowed.is_ok_and(|output| output.status.success()) {
+        first()
     } else {
-        Command::new(program)
+        Command::new(QEMU)
     }
 }
 
@@ -220,7 +219,7 @@ impl Emulator {
         let kernel = path("kernel");
         std::fs::write(&kernel, "none\n")
             .map_err(|error| EmulatorError::File(kernel.clone(), error))?;
-        let mut child = in_time(QEMU)
+        let mut child = in_time()
             .args(["-M", "virt", "-smp", "1", "-m", "32M"])
             .arg("-bios")
             .arg(&self.options.image)
