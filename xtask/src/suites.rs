@@ -110,7 +110,8 @@ impl Selection {
         // where they cannot come first, less may run beside them.
         let in_time = run::output("chrt", &["--rr", "1", "true"]).is_some();
         let for_each_core = if in_time { 3 } else { 2 };
-        let at_once = (for_each_core * cores()).to_string();
+        let cores = if self.one_core { 1 } else { cores() };
+        let at_once = (for_each_core * cores).to_string();
         let mut more = vec!["run", "--test-threads", &at_once];
         if let Some(filter) = &filter {
             more.extend(["--filterset", filter.as_str()]);
