@@ -1,7 +1,7 @@
 //! Robots on the emulated board, against the real server: the program as it is flashed, over a
 //! real network, with a cable that can be pulled.
 //!
-//! An emulated robot sleeps most of the time, so tests run side by side, as many as there are cores.
+//! Boards run in real time, so one test with boards runs at a time.
 
 #[path = "emulated/board.rs"]
 mod board;
