@@ -15,7 +15,7 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal_async::digital::Wait;
 use embedded_io_async::{Read, Write};
 
-use crate::context::Robot;
+use crate::context::{Robot, Snapshot};
 use crate::perception::{Reading, SensorHealth};
 
 pub use filter::RangeFilter;
@@ -55,9 +55,9 @@ where
             let measured = ranger.measure(&clock, lookout.air()).await;
             let now = clock.now();
             let measured = robot.injected.range(measured, now);
-            let moving = robot.snapshot().wheels.iter().any(|duty| *duty != 0.0);
             let before = lookout.health();
-            let reading = lookout.observe(measured, moving, now);
+            let Snapshot { wheels, pose, .. } = robot.snapshot();
+            let reading = lookout.observe(measured, wheels, pose.theta, now);
             robot.reading.lock(|cell| cell.set(reading));
             if reading.health != before {
                 let level = if reading.health.is_fault() {
@@ -110,16 +110,19 @@ impl Lookout {
         self.filter.reading().health
     }
 
-    /// Takes one measurement in; `moving` tells whether the wheels are driven.
+    /// Takes one measurement in. `wheels` are the duties of the wheels, and `heading` is where the robot
+    /// looks, in radians of odometry.
     pub fn observe(
         &mut self,
         measured: Result<Millimeters, RangeError>,
-        moving: bool,
+        wheels: [f32; 2],
+        heading: f32,
         now: Instant,
     ) -> Reading {
+        let moving = wheels.iter().any(|duty| *duty != 0.0);
         Reading {
             temperature: self.air,
-            ..self.filter.observe(measured, moving, now)
+            ..self.filter.observe(measured, moving, heading, now)
         }
     }
 

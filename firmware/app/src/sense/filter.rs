@@ -4,6 +4,7 @@ use crawler_drivers::median::Median;
 use crawler_drivers::us100::RangeError;
 use crawler_hal::{Duration, Instant, Millimeters};
 
+use crate::motion::wrap;
 use crate::perception::{Reading, STALE_AFTER, SensorHealth, Sight};
 
 /// Silence that makes a sensor dead: a dozen measurements.
@@ -13,9 +14,13 @@ const DEAD_AFTER: Duration = Duration::from_millis(1_000);
 const STUCK_AFTER: Duration = Duration::from_millis(4_000);
 /// No obstacle, and no robot, comes or goes this far between two measurements.
 const JUMP_MM: u16 = 1_200;
-/// So many jumps among the last eight measurements are absurd. A robot that turns past corners
+/// So many jumps among the last eight measurements are absurd. A robot that drives past corners
 /// sees one now and then.
 const ABSURD_JUMPS: u32 = 5;
+/// A robot that has turned further than this between two measurements, in radians, looks elsewhere: a
+/// jump says nothing of its sensor then. An escape turns three times as far in the time of a
+/// measurement, and looks from one robot to the next.
+const ELSEWHERE_RAD: f32 = 0.05;
 /// Down to so many, the sensor is believed again.
 const SANE_JUMPS: u32 = 1;
 /// Good measurements in a row that make a sensor believed at first, or again.
@@ -36,10 +41,11 @@ pub struct RangeFilter {
     heard: Instant,
     /// Last observation.
     observed: Instant,
-    last: Option<Millimeters>,
+    /// Last range, and where it was looked for: the heading, in radians.
+    last: Option<(Millimeters, f32)>,
     /// How long the robot has been driving on the same range.
     same_for: Duration,
-    /// One bit per reply, the newest lowest: whether it jumped.
+    /// One bit per reply, the newest lowest: whether it jumped although the robot looked the same way.
     jumps: u8,
     /// Good replies in a row.
     proof: u8,
@@ -69,11 +75,13 @@ impl RangeFilter {
         self.reading
     }
 
-    /// Takes one measurement in; `moving` tells whether the wheels are driven.
+    /// Takes one measurement in; `moving` tells whether the wheels are driven, and `heading` where the
+    /// robot looks, in radians of odometry.
     pub fn observe(
         &mut self,
         measured: Result<Millimeters, RangeError>,
         moving: bool,
+        heading: f32,
         now: Instant,
     ) -> Reading {
         let since = now - self.observed;
@@ -85,7 +93,14 @@ impl RangeFilter {
             Err(_) => None,
         };
         match raw {
-            Some(raw) => self.replied(raw, moving, since, now),
+            Some(raw) => {
+                self.same_for = if self.repeats(raw) {
+                    self.same_for + if moving { since } else { Duration::ZERO }
+                } else {
+                    Duration::ZERO
+                };
+                self.replied(raw, heading, now);
+            }
             None => self.silent(now),
         }
         self.reading
@@ -104,18 +119,23 @@ impl RangeFilter {
         }
     }
 
-    fn replied(&mut self, raw: Millimeters, moving: bool, since: Duration, now: Instant) {
-        self.heard = now;
-        let jumped = self.last.is_some_and(|last| is_jump(last, raw));
-        self.jumps = self.jumps << 1 | u8::from(jumped);
+    /// Whether the sensor says the very same as last time.
+    fn repeats(&self, raw: Millimeters) -> bool {
         let in_range = raw != CLEAR && raw != TOUCHING;
-        let same = self.last == Some(raw) && in_range;
-        if !same {
-            self.same_for = Duration::ZERO;
-        } else if moving {
-            self.same_for = self.same_for + since;
+        in_range && self.last.is_some_and(|(last, _)| last == raw)
+    }
+
+    fn replied(&mut self, raw: Millimeters, heading: f32, now: Instant) {
+        self.heard = now;
+        let looks_elsewhere = self
+            .last
+            .is_some_and(|(_, looked)| libm::fabsf(wrap(heading - looked)) > ELSEWHERE_RAD);
+        let jumped = self.last.is_some_and(|(last, _)| is_jump(last, raw));
+        // Nor does looking elsewhere clear a sensor of what it has said.
+        if !(looks_elsewhere && self.reading.health == SensorHealth::Absurd) {
+            self.jumps = self.jumps << 1 | u8::from(jumped && !looks_elsewhere);
         }
-        self.last = Some(raw);
+        self.last = Some((raw, heading));
         self.proof = self.proof.saturating_add(1).min(PROVING);
 
         let filtered = self.median.push(raw);

@@ -14,6 +14,7 @@ const NO_ECHO: Measured = Err(RangeError::NoEcho(Millimeters(9_999)));
 
 struct Bench {
     filter: RangeFilter,
+    heading: f32,
     now: Instant,
 }
 
@@ -21,6 +22,7 @@ impl Bench {
     fn new() -> Self {
         Self {
             filter: RangeFilter::new(Instant::BOOT),
+            heading: 0.0,
             now: Instant::BOOT,
         }
     }
@@ -28,7 +30,8 @@ impl Bench {
     fn feed(&mut self, measured: Measured, moving: bool, times: usize) -> Reading {
         for _ in 0..times {
             self.now += PERIOD;
-            self.filter.observe(measured, moving, self.now);
+            self.filter
+                .observe(measured, moving, self.heading, self.now);
         }
         self.filter.reading()
     }
@@ -126,6 +129,36 @@ fn jumping_about_is_absurd_and_a_corner_is_not() {
     assert_eq!(reading.health, SensorHealth::Good);
 }
 
+/// What a crowd looks like to a robot that turns: now the next one, now the wall behind it.
+#[test]
+fn jumping_about_is_the_world_while_the_robot_turns_and_the_sensor_while_it_does_not() {
+    let crowd = [4_000, 600, 3_900, 650, 4_100, 580].map(Millimeters);
+    for turned in [0.17, -0.17] {
+        let mut bench = Bench::new();
+        bench.heading = core::f32::consts::PI - 0.5;
+        bench.feed_all([800; 3], true);
+        for range in crowd.iter().cycle().take(30) {
+            bench.heading = crate::motion::wrap(bench.heading + turned);
+            let reading = bench.feed(Ok(*range), true, 1);
+            assert_eq!(reading.health, SensorHealth::Good, "turning by {turned}");
+        }
+    }
+    // Driving a slight curve it looks at the same things.
+    let mut bench = Bench::new();
+    bench.feed_all([800; 3], true);
+    for range in crowd {
+        bench.heading += 0.02;
+        bench.feed(Ok(range), true, 1);
+    }
+    assert_eq!(bench.filter.reading().health, SensorHealth::Absurd);
+    // And turning does not clear a sensor of what it said before.
+    for range in crowd {
+        bench.heading += 0.17;
+        let reading = bench.feed(Ok(range), true, 1);
+        assert_eq!(reading.fresh(bench.now), None);
+    }
+}
+
 proptest! {
     /// Whatever the sensor says, what may be acted upon was said by a sensor in good health, and
     /// recently.
@@ -149,7 +182,7 @@ proptest! {
         let mut heard = now;
         for (measured, moving, ms) in replies {
             now += Duration::from_millis(ms);
-            let reading = filter.observe(measured, moving, now);
+            let reading = filter.observe(measured, moving, 0.0, now);
             if measured != SILENT {
                 heard = now;
             }

@@ -217,8 +217,8 @@ impl Body {
             }
         };
         let now = self.local(pending.at);
-        let moving = self.brain.duties().iter().any(|duty| *duty != 0.0);
-        self.reading = self.lookout.observe(measured, moving, now);
+        let (wheels, heading) = (self.brain.duties(), self.brain.pose().theta);
+        self.reading = self.lookout.observe(measured, wheels, heading, now);
         if self.lookout.wants_temperature(measured, now) {
             let air_c = space.parameters.surroundings.air_c;
             self.lookout.feel(match self.wiring {
