@@ -18,6 +18,7 @@
 //! network) has none to lose.
 
 mod ahead;
+mod ends;
 mod orders;
 mod tuning;
 
@@ -32,11 +33,10 @@ use crate::motion::{Correction, Odometry, Ramp};
 use crate::neighbours::Neighbour;
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
-use crate::state::{Errand, Event, Fault, Side, State};
+use crate::state::{Event, Fault, Side, State};
 use crate::tracking::{Fix, TOLD_EVERY};
 use crate::vision::{InTheWay, View};
 
-use orders::reason_of;
 pub use tuning::Tuning;
 
 /// Time between two control steps.
@@ -307,103 +307,6 @@ impl Controller {
             if heard || now - Instant::BOOT >= START_PATIENCE {
                 self.state = self.state.step(Event::Ready, now);
             }
-        }
-    }
-
-    /// Raises and clears faults; whether the wheels have to stand because of one.
-    fn check_faults(&mut self, inputs: &Inputs<'_>, out: &mut Outputs, now: Instant) -> bool {
-        let ranger = inputs.reading.health.is_fault();
-        let fault = if inputs.motor_fault {
-            Some(Fault::Motor)
-        } else if inputs.charge == Charge::Critical {
-            Some(Fault::Battery)
-        } else if ranger && self.tuning.avoidance {
-            Some(Fault::Ranger)
-        } else {
-            None
-        };
-        let before = self.state.fault();
-        match fault {
-            Some(fault) if before != Some(fault) => {
-                if before != Some(Fault::EmergencyStop) {
-                    self.finish(Err(reason_of(fault)), out);
-                    out.note(Note::Raised(fault));
-                }
-                self.state = self.state.step(Event::Fault(fault), now);
-            }
-            None if before.is_some_and(|fault| fault != Fault::EmergencyStop) => {
-                self.state = self.state.step(Event::Recovered, now);
-                if let Some(before) = before {
-                    out.note(Note::Cleared(before));
-                }
-            }
-            Some(_) | None => {}
-        }
-        // With avoidance off a bad ranger is no fault of manual driving, but what needs it ends.
-        if ranger && self.needs_view() && self.is_under_way() {
-            self.finish(Err(Reason::NoRange), out);
-            self.state = self.state.step(Event::End, now);
-            return true;
-        }
-        self.state.fault().is_some()
-    }
-
-    /// Whether the wheels have to stand because the link was lost.
-    fn check_link(&mut self, link: LinkHealth, out: &mut Outputs, now: Instant) -> bool {
-        if link != LinkHealth::Lost {
-            self.link_lost_since = None;
-            return false;
-        }
-        let since = *self.link_lost_since.get_or_insert(now);
-        if self.state.errand().is_some_and(|e| e.is_autonomous())
-            && now - since < self.tuning.link_grace
-        {
-            return false;
-        }
-        if self.is_under_way() {
-            self.finish(Err(Reason::LinkLost), out);
-            self.state = self.state.step(Event::End, now);
-        }
-        true
-    }
-
-    /// Ends what has lasted long enough.
-    fn check_time(&mut self, out: &mut Outputs, now: Instant) {
-        let ended = match self.state {
-            State::Moving(errand) | State::Caution(errand) | State::Avoiding(errand, _) => {
-                match errand {
-                    Errand::Manual { until, bounded, .. } if now >= until => Some(if bounded {
-                        Ok(())
-                    } else {
-                        Err(Reason::Timeout)
-                    }),
-                    Errand::Goto { deadline, .. } if now >= deadline => Some(Err(Reason::Timeout)),
-                    Errand::Manual { .. }
-                    | Errand::Goto { .. }
-                    | Errand::Wander { .. }
-                    | Errand::Swarm(_) => None,
-                }
-            }
-            State::Scanning { deadline } if now >= deadline => Some(Err(Reason::Timeout)),
-            State::Scanning { .. } | State::Initializing | State::Idle | State::Error(_) => None,
-        };
-        if let Some(result) = ended {
-            self.finish(result, out);
-            self.state = self.state.step(Event::End, now);
-        }
-    }
-
-    fn halt(&mut self, halt: &Halt, out: &mut Outputs, now: Instant) {
-        if self.is_under_way() {
-            self.finish(Err(Reason::Interrupted), out);
-            self.state = self.state.step(Event::End, now);
-        }
-        if halt.emergency && self.state.fault() != Some(Fault::EmergencyStop) {
-            self.state = self.state.step(Event::Fault(Fault::EmergencyStop), now);
-            out.note(Note::Raised(Fault::EmergencyStop));
-        }
-        for sender in &halt.senders {
-            out.answer(sender.clone(), ResponseStatus::Completed, None);
         }
     }
 
