@@ -6,12 +6,13 @@ use std::string::String;
 
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{
-    Action, BehaviourSpec, CellDigest, Command, Neighbour, ParameterValue, Pose, PoseFix,
-    ResponseStatus, RobotId, RobotState,
+    Action, CellDigest, Command, Neighbour, ParameterValue, Pose, PoseFix, ResponseStatus, RobotId,
+    RobotState,
 };
 use proptest::prelude::*;
 
 use super::happening::{Happening, Number, Sensor};
+use super::meaning::{Meaning, Sent};
 use crate::control::Pilot;
 use crate::controller::Outputs;
 use crate::motion::DEAD_TIME;
@@ -24,59 +25,6 @@ use crate::testing::{TestRng, TestRobot, robot, source};
 const BOOTED_MS: u64 = 1_700_000_000_000;
 const PERIOD: Duration = Duration::from_millis(20);
 const EPSILON: f32 = 1e-5;
-
-/// What the observer expects of a command.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Meaning {
-    /// Moves the robot until then; a lasting one is answered a second time when it ends.
-    Motion {
-        until: Instant,
-        lasting: bool,
-    },
-    /// Ends motion, down the ramp.
-    Rest,
-    Halt,
-    Reset,
-    Other,
-}
-
-impl Meaning {
-    fn of(action: &Action, now: Instant) -> Self {
-        match action {
-            Action::Move { duration_ms: 0, .. } | Action::Drive { .. } => Self::Motion {
-                until: now + Duration::from_millis(500),
-                lasting: false,
-            },
-            Action::Move { duration_ms, .. } => Self::Motion {
-                until: now + Duration::from_millis(u64::from(*duration_ms)),
-                lasting: true,
-            },
-            Action::Goto { .. } | Action::Scan => Self::Motion {
-                until: Instant::FAR_FUTURE,
-                lasting: true,
-            },
-            Action::Behave(BehaviourSpec::Manual) => Self::Rest,
-            Action::Behave(BehaviourSpec::Policy) => Self::Other,
-            Action::Behave(_) => Self::Motion {
-                until: Instant::FAR_FUTURE,
-                lasting: false,
-            },
-            Action::Stop | Action::Estop => Self::Halt,
-            Action::Reset => Self::Reset,
-            _ => Self::Other,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Sent {
-    meaning: Meaning,
-    /// Whether it is of this time.
-    legitimate: bool,
-    /// How often it set the robot in motion.
-    begun: u32,
-    finals: u32,
-}
 
 // Each is one thing the observer knows.
 #[allow(clippy::struct_excessive_bools)]

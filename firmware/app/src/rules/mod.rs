@@ -5,4 +5,5 @@ mod activities;
 mod bench;
 mod happening;
 mod invariants;
+mod meaning;
 mod orders;
