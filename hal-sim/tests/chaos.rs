@@ -4,6 +4,8 @@
 mod chaos;
 
 use chaos::Chaos;
+use crawler_app::parameters::{Definition, Domain};
+use crawler_delivery::Class;
 
 #[test]
 fn no_command_is_lost_and_none_runs_twice_whatever_breaks() {
@@ -24,4 +26,14 @@ fn no_command_is_lost_and_none_runs_twice_whatever_breaks() {
 fn a_server_that_sends_once_loses_commands() {
     let report = Chaos::new(12, 11, true).run(5 * 60_000);
     assert!(report.lost > 0, "{report}");
+}
+
+/// Else a robot would take up what somebody has stopped while it was away.
+#[test]
+fn a_stop_waits_for_as_long_as_a_robot_may_take_something_up_again() {
+    let resume = Definition::by_name("resume_within_ms").map(|definition| definition.domain);
+    let Some(Domain::Number { max, .. }) = resume else {
+        panic!("{resume:?}");
+    };
+    assert!(Class::Halt.life_ms() as f32 >= max, "{max} ms");
 }

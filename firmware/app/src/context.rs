@@ -21,7 +21,7 @@ use crate::order::{Halts, Order, Sender, SetRequest, Task};
 use crate::outbox::Outbox;
 use crate::parameters::{Changes, Parameters};
 use crate::perception::{Battery, LinkHealth, Reading};
-use crate::state::Fault;
+use crate::state::{Errand, Fault};
 use crate::timesync::TimeSync;
 use crate::tracking::Tracking;
 use crate::trouble::{LinkTrouble, PANIC};
@@ -72,6 +72,13 @@ pub struct BootRecord {
     pub panicked: bool,
 }
 
+impl BootRecord {
+    /// Whether the program restarted because it was told to.
+    pub(crate) fn was_asked_for(&self) -> bool {
+        self.cause == ResetCause::Software && !self.panicked
+    }
+}
+
 /// Takes the level, the event and the text of a log record.
 pub type Echo = fn(Level, &str, core::fmt::Arguments<'_>);
 
@@ -105,6 +112,10 @@ pub struct Robot<M: RawMutex> {
     pub(crate) halt: Halts<M>,
     /// Intake → store.
     pub(crate) set_requests: Channel<M, SetRequest, 2>,
+    /// Control → store: the behaviour that a restart is about to interrupt.
+    pub(crate) unfinished: Signal<M, Errand>,
+    /// Store → control: the behaviour that the restart before this boot interrupted.
+    pub(crate) before: Mutex<M, Cell<Option<Errand>>>,
     /// Intake → camera.
     pub(crate) captures: Captures<M>,
     /// Control → camera, and camera → control and link.
@@ -155,6 +166,8 @@ impl<M: RawMutex> Robot<M> {
             orders: Channel::new(),
             halt: Halts::new(),
             set_requests: Channel::new(),
+            unfinished: Signal::new(),
+            before: Mutex::new(Cell::new(None)),
             captures: Captures::new(),
             sights: Sights::new(),
             reading: Mutex::new(Cell::new(Reading::default())),

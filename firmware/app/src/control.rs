@@ -193,6 +193,11 @@ impl Pilot {
         } else {
             Near::new()
         };
+        if let Some(errand) = robot.before.lock(Cell::take)
+            && robot.boot().was_asked_for()
+        {
+            self.controller.was_at(errand, now);
+        }
         let inputs = Inputs {
             reading: robot.reading.lock(Cell::get),
             charge: battery.charge,
@@ -236,6 +241,9 @@ impl Pilot {
             }
         }
         report(robot, outputs, now);
+        if let Some(errand) = outputs.unfinished {
+            robot.unfinished.signal(errand);
+        }
         if outputs.reboot {
             self.reboot_asked.get_or_insert(now);
         }
@@ -349,6 +357,10 @@ fn report<M: RawMutex>(robot: &Robot<M>, outputs: &Outputs, now: Instant) {
             }
             Note::Ended(reason) => {
                 robot.log(Level::Info, "motion-ended", format_args!("{reason}"), now);
+            }
+            Note::Resumed(behaviour) => {
+                let text = format_args!("{} goes on", behaviour.name());
+                robot.log(Level::Info, "resumed", text, now);
             }
             Note::HemmedIn(attempts) => {
                 let text = format_args!("no way out after {attempts} attempts");

@@ -13,13 +13,18 @@
 //! # When the link is lost
 //! Manual driving ends at once. So do behaviours by default: a robot nobody can stop should not
 //! drive. Where that is safe, `link_grace_ms` lets a behaviour go on for a while, so that a hiccup
-//! of the network does not scatter an experiment; when it has passed, the behaviour ends. Nothing
-//! resumes by itself when the link is back. A robot that never had a link (a simulation without a
-//! network) has none to lose.
+//! of the network does not scatter an experiment; when it has passed, the behaviour ends. A robot that
+//! never had a link (a simulation without a network) has none to lose.
+//!
+//! # What is taken up again
+//! A behaviour (not `goto`, whose sender was told that it failed) that the ranger or the link has ended
+//! goes on when both are well again, if that was within `resume_within_ms` and nobody has said otherwise
+//! meanwhile; so does one that `reboot` has ended. Nothing else resumes by itself.
 
 mod ahead;
 mod ends;
 mod orders;
+mod resume;
 mod tuning;
 
 use crawler_drivers::l298n::Trim;
@@ -33,10 +38,12 @@ use crate::motion::{Correction, Odometry, Ramp};
 use crate::neighbours::Neighbour;
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
-use crate::state::{Event, Fault, Side, State};
+use crate::state::{Errand, Event, Fault, Side, State};
 use crate::tracking::{Fix, TOLD_EVERY};
 use crate::vision::{InTheWay, View};
 
+pub use resume::CALM;
+use resume::Resumption;
 pub use tuning::Tuning;
 
 /// Time between two control steps.
@@ -103,6 +110,8 @@ pub enum Note {
     Cleared(Fault),
     /// Motion ended before its time.
     Ended(Reason),
+    /// A behaviour that had been interrupted goes on.
+    Resumed(BehaviourName),
     /// Turning aside has failed this many times in a row.
     HemmedIn(u8),
     /// An outside position reference was adopted: the estimate has jumped.
@@ -124,6 +133,8 @@ pub struct Outputs {
     pub identify: bool,
     /// Whether to restart, once the answers are out.
     pub reboot: bool,
+    /// The behaviour that the restart interrupts.
+    pub unfinished: Option<Errand>,
 }
 
 impl Outputs {
@@ -163,6 +174,7 @@ pub struct Controller {
     /// leads nowhere.
     last_escape: Option<(Side, Instant)>,
     detour: Option<Detour>,
+    resumption: Resumption,
     rebooting: bool,
     /// When a jump of the estimate was noted last.
     told_jump: Option<Instant>,
@@ -185,6 +197,7 @@ impl Controller {
             link_lost_since: None,
             last_escape: None,
             detour: None,
+            resumption: Resumption::default(),
             rebooting: false,
             told_jump: None,
             in_the_way: None,
@@ -271,6 +284,7 @@ impl Controller {
             // `reset` may have uncovered what the emergency stop hid.
             cut |= self.check_faults(inputs, out, now);
         }
+        self.resume(inputs, out, now);
         cut |= self.look_ahead(inputs, rng, out, now);
         let twist = self.wanted(inputs, out, now);
         cut |= !self.permits_motion(inputs, now);

@@ -125,6 +125,11 @@ impl Task {
         }
     }
 
+    /// Whether the task says what the robot is to do from now on: to move, or to stand.
+    pub const fn decides_motion(&self) -> bool {
+        self.is_motion() || matches!(self, Self::Manual | Self::Reboot)
+    }
+
     /// Whether a later `stop` or `estop` takes the task back while it still waits.
     ///
     /// Motion, because it would undo the halt; `reset`, because it would release an emergency

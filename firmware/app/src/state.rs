@@ -51,6 +51,11 @@ impl Errand {
         }
     }
 
+    /// Whether it goes on until somebody ends it.
+    pub const fn is_behaviour(&self) -> bool {
+        matches!(self, Self::Wander { .. } | Self::Swarm(_))
+    }
+
     /// The behaviour as reported.
     pub const fn behaviour(&self) -> BehaviourName {
         match self {

@@ -1,9 +1,11 @@
-//! The store activity: parameters and the count of boots, in flash.
+//! The store activity: parameters, the count of boots, and what a restart interrupts, in flash.
 //!
-//! Two items in a map of `sequential-storage`: all persistent parameters as one, so that a power
-//! cut leaves either the old set or the new one, and the count of boots. A corrupt flash is
+//! Three items in a map of `sequential-storage`: all persistent parameters as one, so that a power
+//! cut leaves either the old set or the new one, the count of boots, and the behaviour that the robot was
+//! at when it was told to restart. A corrupt flash is
 //! erased once and starts anew; one that refuses costs persistence, never the boot.
 
+mod errand;
 mod guard;
 #[cfg(test)]
 mod tests;
@@ -13,6 +15,7 @@ use core::ops::Deref;
 
 use crawler_hal::{Clock, Duration, Elapsed, with_deadline};
 use crawler_protocol::{Level, Reason, ResponseStatus};
+use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::NorFlash;
 use sequential_storage::Error;
@@ -23,6 +26,7 @@ use crate::context::Robot;
 use crate::hold::{Hold, Inline};
 use crate::order::SetRequest;
 use crate::parameters::{Changes, ENCODED_MAX, Parameters};
+use crate::state::Errand;
 
 use guard::{GuardError, Guarded};
 
@@ -30,6 +34,8 @@ use guard::{GuardError, Guarded};
 const PARAMETERS: u8 = 1;
 /// Key of the count of boots.
 const BOOTS: u8 = 2;
+/// Key of the behaviour that a restart interrupts.
+const UNFINISHED: u8 = 3;
 /// Longest item with its key, rounded up to any word of flash.
 const BUFFER: usize = (ENCODED_MAX + 1).next_multiple_of(32);
 /// How long the start waits for the first word on the battery before it touches the flash.
@@ -37,7 +43,8 @@ const BATTERY_PATIENCE: Duration = Duration::from_millis(300);
 /// Erasing a page takes up to 400 ms on a worn NOR flash, and one write may need to move a page.
 const FLASH_PATIENCE: Duration = Duration::from_millis(1_500);
 
-/// Loads parameters and the count of boots, then persists what `set` commands ask for.
+/// Loads parameters and the count of boots, then persists what `set` commands ask for, and what a restart
+/// interrupts.
 ///
 /// # Cancellation Safety
 /// As safe as a power cut, which the flash format survives at any byte.
@@ -69,7 +76,14 @@ pub fn store_held<H: Hold, M: RawMutex, F: NorFlash, C: Clock>(
         let mut shelf = Shelf::new(Guarded::new(flash, robot));
         H::hold(load(robot, &mut shelf, &clock)).await;
         loop {
-            let SetRequest { changes, sender } = robot.set_requests.receive().await;
+            let asked = select(robot.set_requests.receive(), robot.unfinished.wait()).await;
+            let SetRequest { changes, sender } = match asked {
+                Either::First(request) => request,
+                Either::Second(errand) => {
+                    H::hold(put_unfinished(robot, &mut shelf, &clock, &errand)).await;
+                    continue;
+                }
+            };
             let (status, reason) = match H::hold(set(robot, &mut shelf, &clock, changes)).await {
                 Ok(()) => (ResponseStatus::Completed, None),
                 Err(Refusal::Invalid(reason)) => (ResponseStatus::Rejected, Some(reason)),
@@ -192,6 +206,42 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
             robot.log(Level::Error, "flash", text, clock.now());
         }
     }
+    let deadline = clock.now() + FLASH_PATIENCE;
+    let unfinished = with_deadline(clock, deadline, take_unfinished(shelf)).await;
+    // What is wrong with the flash has just been told.
+    let unfinished = unfinished.ok().and_then(Result::ok).flatten();
+    robot.before.lock(|cell| cell.set(unfinished));
+}
+
+/// Keeps a behaviour over the restart that is about to come. One that cannot be kept is not taken up
+/// again, which costs no more.
+async fn put_unfinished<M: RawMutex, F: NorFlash, C: Clock>(
+    robot: &Robot<M>,
+    shelf: &mut Shelf<'_, M, F>,
+    clock: &C,
+    errand: &Errand,
+) {
+    let item = errand::encode(errand);
+    let deadline = clock.now() + FLASH_PATIENCE;
+    let stored = with_deadline(clock, deadline, shelf.put(UNFINISHED, &item)).await;
+    if let Err(error) = stored.unwrap_or(Err(ShelfError::Refused)) {
+        let text = format_args!("{}: the restart ends what it does", error.name());
+        robot.log(Level::Warn, "flash", text, clock.now());
+    }
+}
+
+/// The behaviour that the robot was at when it was told to restart. It is told once: a robot that does
+/// not get over what it does shall not do it again.
+async fn take_unfinished<M: RawMutex, F: NorFlash>(
+    shelf: &mut Shelf<'_, M, F>,
+) -> Result<Option<Errand>, ShelfError> {
+    let mut buffer = [0; BUFFER];
+    let errand = shelf.get(UNFINISHED, &mut buffer).await?;
+    let errand = errand.and_then(errand::decode);
+    if errand.is_some() {
+        shelf.put(UNFINISHED, &errand::NOTHING).await?;
+    }
+    Ok(errand)
 }
 
 /// Logs an erasure that nobody was told of yet.

@@ -168,7 +168,7 @@ fn the_longest_message_of_every_kind_fits() {
 
 fn report(at: usize, value: ParameterValue) -> ParameterReport {
     ParameterReport {
-        name: format!("{at:a>20}").as_str().try_into().unwrap(),
+        name: format!("{at:a>17}").as_str().try_into().unwrap(),
         default: Some(value.clone()),
         value,
         min: Some(LONG),

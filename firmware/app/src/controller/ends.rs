@@ -30,6 +30,11 @@ impl Controller {
         let before = self.state.fault();
         match fault {
             Some(fault) if before != Some(fault) => {
+                if fault == Fault::Ranger {
+                    self.resumption.interrupt(self.state.errand(), now);
+                } else {
+                    self.resumption.forget();
+                }
                 if before != Some(Fault::EmergencyStop) {
                     self.finish(Err(reason_of(fault)), out);
                     out.note(Note::Raised(fault));
@@ -46,6 +51,7 @@ impl Controller {
         }
         // With avoidance off a bad ranger is no fault of manual driving, but what needs it ends.
         if ranger && self.needs_view() && self.is_under_way() {
+            self.resumption.interrupt(self.state.errand(), now);
             self.finish(Err(Reason::NoRange), out);
             self.state = self.state.step(Event::End, now);
             return true;
@@ -66,6 +72,7 @@ impl Controller {
             return false;
         }
         if self.is_under_way() {
+            self.resumption.interrupt(self.state.errand(), now);
             self.finish(Err(Reason::LinkLost), out);
             self.state = self.state.step(Event::End, now);
         }
@@ -99,6 +106,7 @@ impl Controller {
     }
 
     pub(super) fn halt(&mut self, halt: &Halt, out: &mut Outputs, now: Instant) {
+        self.resumption.forget();
         if self.is_under_way() {
             self.finish(Err(Reason::Interrupted), out);
             self.state = self.state.step(Event::End, now);

@@ -43,6 +43,9 @@ impl Controller {
                 return out.answer(sender, ResponseStatus::Rejected, Some(reason));
             }
         }
+        if order.task.decides_motion() {
+            self.resumption.forget();
+        }
         match self.begin(order, out, now) {
             Answering::Now => out.answer(sender, ResponseStatus::Completed, None),
             Answering::AtEnd => {
@@ -161,6 +164,7 @@ impl Controller {
                 Answering::Now
             }
             Task::Reboot => {
+                out.unfinished = self.state.errand().filter(Errand::is_behaviour);
                 self.take_over(out);
                 self.state = self.state.step(Event::End, now);
                 self.rebooting = true;
@@ -180,7 +184,7 @@ impl Controller {
         GOTO_LEAST + Duration::from_millis((seconds * 1_000.0) as u64)
     }
 
-    fn start_errand(&mut self, errand: Errand, out: &mut Outputs, now: Instant) {
+    pub(super) fn start_errand(&mut self, errand: Errand, out: &mut Outputs, now: Instant) {
         let renewed = matches!(errand, Errand::Manual { bounded: false, .. })
             && matches!(
                 self.state.errand(),

@@ -29,6 +29,7 @@ pub struct Tuning {
     /// Metres.
     pub(super) arrive_tolerance: f32,
     pub(super) link_grace: Duration,
+    pub(super) resume_within: Duration,
     /// Whether to look through the camera whatever the robot does.
     pub(super) vision_always: bool,
     trims: [Trim; 2],
@@ -59,6 +60,7 @@ impl Tuning {
             goto_speed: number(Parameter::GotoSpeed) * 0.01,
             arrive_tolerance: number(Parameter::ArriveTolerance),
             link_grace: Duration::from_millis(number(Parameter::LinkGrace) as u64),
+            resume_within: Duration::from_millis(number(Parameter::ResumeWithin) as u64),
             vision_always: parameters.switch(Parameter::VisionAlways),
             trims: [Parameter::TrimLeft, Parameter::TrimRight]
                 .map(|trim| Trim::new(number(trim)).unwrap_or(Trim::NONE)),

@@ -43,6 +43,8 @@ pub enum Parameter {
     TelemetryFormat,
     /// Samples of telemetry that travel in one message, if as many fit.
     TelemetryBatch,
+    /// A behaviour that was interrupted for less than this goes on; 0 is never.
+    ResumeWithin,
 }
 
 /// Number of parameters.
@@ -143,7 +145,7 @@ const fn number(
 
 /// All parameters, in the order of [`Parameter`]. Ranges are written minimum, default, maximum.
 #[rustfmt::skip]
-pub const TABLE: [Definition; 19] = [
+pub const TABLE: [Definition; 20] = [
     Definition {
         parameter: Parameter::Name,
         name: "name",
@@ -189,4 +191,8 @@ pub const TABLE: [Definition; 19] = [
     },
     number(Parameter::TelemetryFormat, 19, "telemetry_format", None, [0.0, 0.0, 1.0], true),
     number(Parameter::TelemetryBatch, 20, "telemetry_batch", None, [1.0, 1.0, MAX_BATCH as f32], true),
+    // A ranger that is silent or a network that is gone for longer has been noticed by somebody, who
+    // may hold the robot in their hands when it is well again. Nor does a `stop` wait any longer for a
+    // robot that is away.
+    number(Parameter::ResumeWithin, 21, "resume_within_ms", None, [0.0, 60_000.0, 60_000.0], true),
 ];

@@ -14,7 +14,7 @@ use proptest::prelude::*;
 use super::happening::{Happening, Number, Sensor};
 use super::meaning::{Meaning, Sent};
 use crate::control::Pilot;
-use crate::controller::Outputs;
+use crate::controller::{CALM, Note, Outputs};
 use crate::motion::DEAD_TIME;
 use crate::neighbours::cell_at;
 use crate::order::Halt;
@@ -46,6 +46,11 @@ pub(super) struct Bench {
     until: Option<Instant>,
     estopped: bool,
     halted: bool,
+    /// Whether the last that was asked for is a behaviour, which may be taken up again after the ranger
+    /// or the link interrupted it.
+    wanted: bool,
+    /// When something was in the way of any motion last.
+    hindered: Instant,
     highest: HashMap<u8, u64>,
     sent: HashMap<(String, u64), Sent>,
 }
@@ -72,6 +77,8 @@ impl Bench {
             until: None,
             estopped: false,
             halted: false,
+            wanted: false,
+            hindered: Instant::BOOT,
             highest: HashMap::new(),
             sent: HashMap::new(),
         };
@@ -159,16 +166,22 @@ impl Bench {
     }
 
     fn set_avoidance(&mut self, on: bool) {
-        let values = [(
-            "avoidance".try_into().expect("short"),
-            ParameterValue::Bool(on),
-        )];
+        self.set("avoidance", ParameterValue::Bool(on));
+        self.avoidance = on;
+    }
+
+    /// Notes that the robot may take up what it was at before it restarted.
+    pub(super) fn expect_resumption(&mut self) {
+        self.wanted = true;
+    }
+
+    pub(super) fn set(&mut self, name: &str, value: ParameterValue) {
+        let values = [(name.try_into().expect("short"), value)];
         let values = values.into_iter().collect();
         self.robot.parameters.lock(|cell| {
             let next = cell.borrow().with(&values).expect("legal");
             *cell.borrow_mut() = next;
         });
-        self.avoidance = on;
     }
 
     pub(super) fn send(
@@ -222,6 +235,7 @@ impl Bench {
                 sent.legitimate &= sent.begun > 0 || sent.finals > 0;
             }
             self.halted = true;
+            self.wanted = false;
             self.until = None;
             self.estopped |= matches!(action, Action::Estop);
             // A halt wakes the loop: sometimes before, sometimes with the next period.
@@ -261,6 +275,7 @@ impl Bench {
         let ramp = 0.05 * ((self.now - self.last_turn).as_secs_f32() / 0.02).min(1.0);
         let standing = out.duties == [0.0, 0.0];
         self.judge_answers(out)?;
+        self.judge_resumption(out)?;
         let expired = self.until.is_none_or(|until| self.now >= until);
         // 1. A halt stops both wheels within the period, and only a new command moves them.
         if core::mem::take(&mut self.halted) {
@@ -330,6 +345,7 @@ impl Bench {
         // 5. An empty battery, and motors that do not obey.
         let critical = self.robot.battery.lock(core::cell::Cell::get).charge == Charge::Critical;
         if critical || self.motor_fault {
+            self.wanted = false;
             prop_assert!(standing, "moves with a fault");
             prop_assert_eq!(snapshot.state, RobotState::Error);
         }
@@ -343,6 +359,25 @@ impl Bench {
         prop_assert!(theta > -core::f32::consts::PI && theta <= core::f32::consts::PI);
         self.before = out.duties;
         self.last_turn = self.now;
+        Ok(())
+    }
+
+    /// Of what was interrupted only a behaviour goes on, when nothing has been in its way for a second, and
+    /// unless somebody has said otherwise or something is wrong that does not pass by itself.
+    fn judge_resumption(&mut self, out: &Outputs) -> Result<(), TestCaseError> {
+        let lost = self.robot.link_health.lock(core::cell::Cell::get) == LinkHealth::Lost;
+        let broken = self.robot.snapshot().state == RobotState::Error;
+        if lost || broken {
+            self.hindered = self.now;
+        }
+        for note in &out.notes {
+            if let Note::Resumed(_) = note {
+                prop_assert!(self.wanted, "takes up what nobody wants any more");
+                prop_assert!(!self.estopped);
+                prop_assert!(self.now - self.hindered >= CALM, "takes it up at once");
+                self.until = Some(Instant::FAR_FUTURE);
+            }
+        }
         Ok(())
     }
 
@@ -368,11 +403,15 @@ impl Bench {
                         prop_assert_eq!(sent.begun, 1, "carried out twice: {:?}", key);
                         prop_assert!(sent.legitimate, "of another time: {:?}", key);
                         self.until = Some(until);
+                        self.wanted = !lasting && until == Instant::FAR_FUTURE;
                     } else if lasting && sent.begun > 0 {
                         self.until = Some(self.now);
                     }
                 }
-                Meaning::Rest if completed => self.until = Some(self.now),
+                Meaning::Rest if completed => {
+                    self.until = Some(self.now);
+                    self.wanted = false;
+                }
                 Meaning::Reset if completed => {
                     prop_assert!(sent.legitimate, "released by a reset before the stop");
                     self.estopped = false;

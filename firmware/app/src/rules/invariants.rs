@@ -177,22 +177,28 @@ proptest! {
 }
 
 #[test]
-fn link_loss_ends_a_behaviour_and_nothing_resumes() {
-    let mut bench = Bench::new(7);
-    bench.happen(&Happening::Link(LinkHealth::Up)).expect("up");
+fn link_loss_ends_motion_and_driving_does_not_resume() {
+    let forward = Action::Move {
+        direction: Direction::Forward,
+        speed: 80,
+        duration_ms: 10_000,
+    };
     let wander = Action::Behave(BehaviourSpec::Wander { speed: 80 });
-    bench.send(&wander, 0, Number::Next, 0).expect("sent");
-    bench.happen(&Happening::Run(30)).expect("runs");
-    assert_eq!(bench.state(), RobotState::Moving);
-    bench
-        .happen(&Happening::Link(LinkHealth::Lost))
-        .expect("lost");
-    bench.happen(&Happening::Run(1)).expect("runs");
-    assert_eq!(bench.robot.snapshot().wheels, [0.0; 2]);
-    assert_eq!(bench.state(), RobotState::Idle);
-    bench.happen(&Happening::Link(LinkHealth::Up)).expect("up");
-    bench.happen(&Happening::Run(100)).expect("runs");
-    assert_eq!(bench.state(), RobotState::Idle);
+    for (action, afterwards) in [(forward, RobotState::Idle), (wander, RobotState::Moving)] {
+        let mut bench = Bench::new(7);
+        bench.happen(&Happening::Link(LinkHealth::Up)).expect("up");
+        bench.send(&action, 0, Number::Next, 0).expect("sent");
+        bench.happen(&Happening::Run(30)).expect("runs");
+        assert_eq!(bench.state(), RobotState::Moving);
+        let lost = Happening::Link(LinkHealth::Lost);
+        bench.happen(&lost).expect("lost");
+        bench.happen(&Happening::Run(1)).expect("runs");
+        assert_eq!(bench.robot.snapshot().wheels, [0.0; 2]);
+        assert_eq!(bench.state(), RobotState::Idle);
+        bench.happen(&Happening::Link(LinkHealth::Up)).expect("up");
+        bench.happen(&Happening::Run(100)).expect("runs");
+        assert_eq!(bench.state(), afterwards, "{action:?}");
+    }
 }
 
 #[test]

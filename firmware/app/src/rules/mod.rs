@@ -7,3 +7,4 @@ mod happening;
 mod invariants;
 mod meaning;
 mod orders;
+mod resuming;

@@ -5,8 +5,10 @@ use crawler_protocol::{Action, Command, ParameterValue, ParameterValues, Reason,
 use proptest::prelude::*;
 
 use super::store;
+use crate::behaviour::Swarm;
 use crate::parameters::Parameter;
 use crate::perception::Battery;
+use crate::state::Errand;
 use crate::testing::flash::{PAGE, TestFlash};
 use crate::testing::{Executor, TestRobot, robot, source};
 
@@ -65,6 +67,23 @@ fn boots_are_counted_and_parameters_kept() {
             assert_eq!(answer(robot), (ResponseStatus::Completed, None));
         });
     }
+}
+
+#[test]
+fn what_a_restart_interrupts_is_told_to_the_next_boot_alone() {
+    let flash = TestFlash::new(2);
+    let errand = Errand::Swarm(Swarm::Flock);
+    let told =
+        |flash: &TestFlash| boot(flash, |robot, _| robot.before.lock(core::cell::Cell::take));
+    assert_eq!(told(&flash), None);
+    boot(&flash, |robot, send| {
+        robot.unfinished.signal(errand);
+        // Whatever else is written meanwhile.
+        send(&set("max_speed", 0.3));
+    });
+    assert_eq!(told(&flash), Some(errand));
+    assert_eq!(told(&flash), None);
+    assert!((boot(&flash, |robot, _| max_speed(robot)) - 0.3).abs() < 1e-6);
 }
 
 #[test]

@@ -10,9 +10,10 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::{DecodeError, EncodeError, ParameterValue, RobotId, json};
 
-/// Most parameters of one robot. As many fit a message, whatever their names and values, as long
-/// as no more than one of them is a text, and that one needs no escapes.
-pub const MAX_PARAMETERS: usize = 19;
+/// Most parameters of one robot. As many fit a message, whatever their values, as long as their names
+/// have no more than 17 bytes on average, and no more than one of them is a text, which needs no
+/// escapes.
+pub const MAX_PARAMETERS: usize = 20;
 
 /// The parameters of one robot.
 pub type Reports = Vec<ParameterReport, MAX_PARAMETERS>;
@@ -53,7 +54,7 @@ pub struct ParametersMessage {
         feature = "schema",
         schemars(
             with = "std::collections::BTreeMap<std::string::String, Body>",
-            length(max = 19)
+            length(max = 20)
         )
     )]
     pub values: Reports,

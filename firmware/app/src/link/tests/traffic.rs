@@ -12,7 +12,7 @@ use super::harness::{EPOCH_MS, run};
 use super::wire::{command, field, packet};
 use crate::link::KEEP_ALIVE;
 use crate::order::Task;
-use crate::parameters::PARAMETER_COUNT;
+use crate::parameters::{PARAMETER_COUNT, TABLE};
 use crate::perception::LinkHealth;
 use crate::vision::{Class, Lens, Spot, View};
 
@@ -67,6 +67,9 @@ fn status_and_parameters_are_retained_once_commands_can_arrive() {
 #[test]
 fn every_parameter_fits_one_message() {
     const { assert!(PARAMETER_COUNT <= MAX_PARAMETERS) }
+    // What `MAX_PARAMETERS` asks of their names.
+    let letters: usize = TABLE.iter().map(|definition| definition.name.len()).sum();
+    assert!(letters <= 17 * PARAMETER_COUNT, "{letters}");
 }
 
 #[test]
