@@ -6,6 +6,7 @@
 
 mod adversary;
 mod batch;
+mod behaving;
 mod clearance;
 mod commands;
 mod judge;

@@ -105,6 +105,50 @@ fn what_goes_wrong_is_named() {
     assert_eq!(trial.measured.get(Metric::Success), Some(0.0));
 }
 
+/// Everybody wanders; then every ranger is dead for a while, later every link is lost, and at last everybody
+/// restarts.
+const INTERRUPTED: &str = "
+name = \"interrupted\"
+robots = 6
+duration_s = 90.0
+[arena]
+width = 4.0
+height = 4.0
+[command]
+command = \"behave\"
+parameters = { behaviour = \"wander\" }
+[[faults]]
+at_s = 10.0
+for_s = 3.0
+fault = \"ranger-dead\"
+[[faults]]
+at_s = 25.0
+for_s = 10.0
+fault = \"link-loss\"
+how = \"radio\"
+[[commands]]
+at_s = 50.0
+command = \"reboot\"
+";
+
+#[test]
+fn nobody_is_stranded_by_what_passes() {
+    let trial = run_trial(&parse(INTERRUPTED), 1);
+    assert_eq!(trial.failures, []);
+    assert_eq!(trial.measured.get(Metric::Stranded), Some(0.0));
+    // Six robots for 90 s are 0.15 hours, and each fell out three times.
+    let dropouts = trial.measured.get(Metric::Dropouts).unwrap();
+    assert!((dropouts - 12_000.0).abs() < 1.0, "{dropouts}");
+    // Who may not go on is stranded, and the run no success.
+    let never =
+        "[[commands]]\nat_s = 5.0\ncommand = \"set\"\nparameters = { resume_within_ms = 0 }\n";
+    let trial = run_trial(&parse(&format!("{INTERRUPTED}{never}")), 1);
+    assert_eq!(trial.measured.get(Metric::Stranded), Some(6.0));
+    let failures = trial.failures.iter();
+    let criteria: Vec<_> = failures.map(|failure| failure.criterion).collect();
+    assert_eq!(criteria, [Criterion::Stranded]);
+}
+
 #[test]
 fn a_robot_recovers_from_a_fault_and_is_sent_on() {
     let fault = "[[faults]]\nat_s = 8.0\nfor_s = 4.0\nfault = \"ranger-dead\"\n";

@@ -27,6 +27,8 @@ pub(super) struct Commands {
     /// Those without a first answer.
     open: Vec<(usize, u64)>,
     longest: Option<(u64, Issued)>,
+    /// Robots that were told since the last look what to do from now on.
+    pub(super) told: Vec<usize>,
     /// For each robot: since when it has to stand.
     standing: Vec<Option<Instant>>,
 }
@@ -47,6 +49,9 @@ impl Commands {
                 && !is_halt(issued.command)
             {
                 *standing = None;
+            }
+            if decides_motion(issued.command) {
+                self.told.push(issued.robot);
             }
             self.open.push(key);
             let given = Given {
@@ -111,6 +116,11 @@ impl Commands {
         }
     }
 
+    /// Whether the robot has answered everything it was told.
+    pub(super) fn is_settled(&self, robot: usize) -> bool {
+        self.open.iter().all(|&(other, _)| other != robot)
+    }
+
     /// Since when a robot has to stand, because it was told to and said so.
     pub(super) fn stands_since(&self, robot: usize) -> Option<Instant> {
         self.standing.get(robot).copied().flatten()
@@ -132,6 +142,21 @@ impl Commands {
         });
         (completed.count(), ended.count())
     }
+}
+
+/// Whether the command says what a robot is to do from now on: to move, or to stand.
+const fn decides_motion(command: CommandName) -> bool {
+    use CommandName as Name;
+    matches!(
+        command,
+        Name::Move
+            | Name::Drive
+            | Name::Stop
+            | Name::Estop
+            | Name::Scan
+            | Name::Behave
+            | Name::Goto
+    )
 }
 
 const fn is_halt(command: CommandName) -> bool {

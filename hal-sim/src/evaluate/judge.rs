@@ -17,6 +17,7 @@ impl Observer<'_> {
             Success {
                 reach: Some(Quota::All),
                 alive: Some(Quota::All),
+                stranded: Some(0),
                 ..Success::default()
             }
         } else {
@@ -60,6 +61,20 @@ impl Observer<'_> {
             if !quota.is_met(alive, self.robots.len()) {
                 let all = self.robots.len();
                 fail(Criterion::Alive, format!("{alive} of {all} robots work"));
+            }
+        }
+        if let Some(limit) = success.stranded {
+            let now = self.simulation.now();
+            let stranded = self
+                .robots
+                .iter()
+                .filter(|robot| robot.behaving.is_stranded(now));
+            let count = stranded.count();
+            if count > limit as usize {
+                let all = self.robots.len();
+                let what =
+                    format!("{count} of {all} robots stand although they are to do something");
+                fail(Criterion::Stranded, what);
             }
         }
         if let (Some(limit), Some((waited, issued))) =

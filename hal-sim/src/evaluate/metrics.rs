@@ -31,6 +31,10 @@ pub enum Metric {
     CommandSuccess,
     /// Way driven, metres for each robot.
     DistanceM,
+    /// Robots that stand at the end although they were sent to a behaviour and nobody has ended it.
+    Stranded,
+    /// How often a robot fell out of its behaviour by itself, in 100 hours of robots.
+    Dropouts,
 }
 
 impl Metric {
@@ -38,7 +42,7 @@ impl Metric {
     pub const COUNT: usize = Self::ALL.len();
 
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 14] = [
         Self::Success,
         Self::Reached,
         Self::TimeToGoalS,
@@ -51,6 +55,8 @@ impl Metric {
         Self::Uptime,
         Self::CommandSuccess,
         Self::DistanceM,
+        Self::Stranded,
+        Self::Dropouts,
     ];
 
     /// Name in tables, files and thresholds.
@@ -69,6 +75,8 @@ impl Metric {
             Self::Uptime => "uptime",
             Self::CommandSuccess => "command_success",
             Self::DistanceM => "distance_m",
+            Self::Stranded => "stranded",
+            Self::Dropouts => "dropouts",
         }
     }
 
@@ -92,6 +100,8 @@ impl Metric {
             Self::Collisions => "contacts",
             Self::MinClearanceM | Self::DistanceM => "m",
             Self::MessagesPerTask => "messages",
+            Self::Stranded => "robots",
+            Self::Dropouts => "dropouts",
         }
     }
 
@@ -109,7 +119,9 @@ impl Metric {
             | Self::EnergyJ
             | Self::Collisions
             | Self::RecoveryS
-            | Self::MessagesPerTask => Better::Less,
+            | Self::MessagesPerTask
+            | Self::Stranded
+            | Self::Dropouts => Better::Less,
             // To drive far is the task of one scenario and a detour in another.
             Self::DistanceM => Better::Neither,
         }

@@ -150,6 +150,7 @@ impl<'a> Shrinking<'a> {
             Criterion::Collisions => success.collisions = stated.collisions,
             Criterion::Impact => success.impact_mps = stated.impact_mps,
             Criterion::Alive => success.alive = stated.alive.or(Some(Quota::All)),
+            Criterion::Stranded => success.stranded = stated.stranded.or(Some(0)),
             Criterion::CommandSuccess => success.command_success = stated.command_success,
             Criterion::Answer => success.answer_s = stated.answer_s,
             Criterion::Clearance => success.clearance_m = stated.clearance_m,

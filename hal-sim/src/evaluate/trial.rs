@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{BehaviourName, RobotState, Topic};
 
+use super::behaving::Behaving;
 use super::clearance::{LIMIT_M, Near};
 use super::commands::Commands;
 use super::metrics::{Measured, Metric, Recovery, mean, path_optimality, share};
@@ -102,6 +103,7 @@ pub(super) struct Robot {
     up: u32,
     counted: u32,
     pub(super) was_up: bool,
+    pub(super) behaving: Behaving,
     pub(super) recoveries: Vec<(Recovery, Fault)>,
 }
 
@@ -203,6 +205,11 @@ impl<'a> Observer<'a> {
         self.commands.follow(&mut self.simulation, LOOK, |robot| {
             up.get(robot) == Some(&true)
         });
+        for number in std::mem::take(&mut self.commands.told) {
+            if let Some(robot) = self.robots.get_mut(number) {
+                robot.behaving.told();
+            }
+        }
         for number in 0..self.robots.len() {
             self.look_for_motion(number, now);
         }
@@ -283,7 +290,12 @@ impl<'a> Observer<'a> {
         robot.counted += u32::from(started);
         robot.up += u32::from(up);
         robot.was_up = up;
-        let busy = snapshot.is_some_and(|snapshot| snapshot.behaviour != BehaviourName::Manual);
+        let behaviour = snapshot.map_or(BehaviourName::Manual, |snapshot| snapshot.behaviour);
+        let busy = behaviour != BehaviourName::Manual;
+        // To go somewhere has an end.
+        let behaves = busy && behaviour != BehaviourName::Goto;
+        let settled = self.commands.is_settled(number);
+        robot.behaving.see(behaves, settled, now);
         let has_goals = !targets.is_empty();
         for (recovery, _) in &mut robot.recoveries {
             recovery.see(seconds(now), up, busy || has_goals && done);
@@ -371,6 +383,23 @@ impl<'a> Observer<'a> {
         measured.set(Metric::Uptime, share(up as usize, counted as usize));
         let ways = self.robots.iter().map(|robot| robot.driven_m);
         measured.set(Metric::DistanceM, mean(ways));
+        if self.robots.iter().any(|robot| robot.behaving.ever()) {
+            let now = self.simulation.now();
+            let stranded = self
+                .robots
+                .iter()
+                .filter(|robot| robot.behaving.is_stranded(now));
+            measured.set(Metric::Stranded, Some(stranded.count() as f64));
+            let dropouts = self
+                .robots
+                .iter()
+                .map(|robot| f64::from(robot.behaving.dropouts()));
+            let hours = self.robots.len() as f64 * seconds(now) / 3_600.0;
+            measured.set(
+                Metric::Dropouts,
+                Some(100.0 * dropouts.sum::<f64>() / hours),
+            );
+        }
         measured
     }
 

@@ -18,6 +18,8 @@ pub enum Criterion {
     Impact,
     /// Robots without power, or that stand with a fault.
     Alive,
+    /// Robots that stand although they are to do something.
+    Stranded,
     /// Commands that did not complete.
     CommandSuccess,
     /// A command without an answer.
@@ -36,13 +38,14 @@ pub enum Criterion {
 
 impl Criterion {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::SetUp,
         Self::Panic,
         Self::Reach,
         Self::Collisions,
         Self::Impact,
         Self::Alive,
+        Self::Stranded,
         Self::CommandSuccess,
         Self::Answer,
         Self::Clearance,
@@ -70,6 +73,7 @@ impl Criterion {
             Self::Collisions => "collisions",
             Self::Impact => "impact_mps",
             Self::Alive => "alive",
+            Self::Stranded => "stranded",
             Self::CommandSuccess => "command_success",
             Self::Answer => "answer_s",
             Self::Clearance => "clearance_m",

@@ -9,7 +9,7 @@ use super::{Quota, ScenarioError};
 use crate::evaluate::Metric;
 
 /// What a run must come to; everything stated must hold. Where nothing is stated, all goals must
-/// be reached, and every robot must be alive at the end.
+/// be reached, and every robot must be alive and none stranded at the end.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Success {
@@ -28,6 +28,10 @@ pub struct Success {
     /// How many robots have power and work, without a fault, at the end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alive: Option<Quota>,
+    /// Most robots that stand at the end although they were sent to a behaviour and nobody has ended
+    /// it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stranded: Option<u32>,
     /// Least share of commands that end as completed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub command_success: Option<f32>,

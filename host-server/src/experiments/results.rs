@@ -155,9 +155,33 @@ fn stored((number, trial): (u32, &Trial)) -> StoredTrial {
     }
 }
 
-/// What was measured of a trial, as it is stored; `None` when other things were than this program
-/// measures.
+/// What was measured of a trial, as it is stored. What this program has learned to measure since is
+/// missing; `None` when a newer one has measured more.
 pub(super) fn measured(trial: &StoredTrial) -> Option<Measured> {
-    let values = trial.measured.as_slice().try_into().ok()?;
+    let mut values = [None; Metric::COUNT];
+    let known = values.get_mut(..trial.measured.len())?;
+    known.copy_from_slice(&trial.measured);
     Some(Measured::of(values))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_trial_of_an_older_program_is_read_and_one_of_a_newer_is_not() {
+        let trial = |measured| StoredTrial {
+            number: 0,
+            seed: 1,
+            success: true,
+            reason: None,
+            measured,
+        };
+        let read = |count| measured(&trial(vec![Some(1.0); count]));
+        let older = read(12).expect("read");
+        assert_eq!(older.get(Metric::DistanceM), Some(1.0));
+        assert_eq!(older.get(Metric::Stranded), None);
+        assert!(read(Metric::COUNT).is_some());
+        assert_eq!(read(Metric::COUNT + 1), None);
+    }
 }

@@ -57,6 +57,8 @@ const METRICS: Readonly<Record<string, string>> = {
   uptime: 'Uptime',
   command_success: 'Commands completed',
   distance_m: 'Distance per robot',
+  stranded: 'Robots stranded',
+  dropouts: 'Dropouts in 100 robot-hours',
   episode_length_s: 'Length of a trial',
 }
 
@@ -64,7 +66,7 @@ const METRICS: Readonly<Record<string, string>> = {
 const SHARES = new Set(['success', 'reached', 'path_optimality', 'uptime', 'command_success'])
 
 /** The name of such a metric says what is counted. */
-const COUNTS = new Set(['contacts', 'messages', 'count', '1'])
+const COUNTS = new Set(['contacts', 'messages', 'robots', 'dropouts', 'count', '1'])
 
 /** What nobody has words for is shown by its name, without the unit at its end. */
 export function metricName(name: string): string {
