@@ -11,7 +11,7 @@ mod targets;
 use std::fs;
 use std::path::Path;
 
-use crawler_protocol::{Command, MAX_MESSAGE, Reason};
+use crawler_protocol::{Command, MAX_DEPTH, MAX_MESSAGE, Reason};
 use proptest::prelude::*;
 use targets::TARGETS;
 
@@ -150,6 +150,26 @@ fn a_nesting_bomb_is_malformed_and_costs_no_stack() {
             }
             let error = Command::parse(bomb.as_bytes()).unwrap_err();
             assert_eq!((error.reason, error.seq), (Reason::Malformed, Some(17)));
+        }
+    }
+}
+
+#[test]
+fn what_is_nested_to_the_limit_is_read_and_no_deeper() {
+    // The command itself is the first level.
+    let inside = usize::from(MAX_DEPTH) - 1;
+    let front = r#"{"command":"stop","seq":17,"timestamp":1"#;
+    for (field, reason) in [
+        ("x", Reason::UnknownField),
+        ("seq", Reason::DuplicateField),
+        ("source", Reason::WrongType),
+        ("parameters", Reason::WrongType),
+    ] {
+        for (levels, reason) in [(inside, reason), (inside + 1, Reason::Malformed)] {
+            let (open, close) = ("[".repeat(levels), "]".repeat(levels));
+            let json = format!("{front},\"{field}\":{open}1{close}}}");
+            let error = Command::parse(json.as_bytes()).unwrap_err();
+            assert_eq!(error.reason, reason, "{json}");
         }
     }
 }

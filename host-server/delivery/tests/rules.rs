@@ -103,6 +103,7 @@ fn an_answered_command_goes_once() {
     let id = scene.give(Class::Plain);
     assert_eq!(scene.sent(), [(id, id, false)]);
     assert_eq!(scene.desk.lives, [60_000]);
+    assert!(scene.delivery.len() == 1 && !scene.delivery.is_empty());
     assert_eq!(scene.answer(id), Some(id));
     assert_eq!(scene.answer(id), None);
     scene.pass(100_000);

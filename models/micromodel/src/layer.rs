@@ -208,3 +208,7 @@ impl Layer {
         (row * self.stride as usize).saturating_sub(self.before as usize)
     }
 }
+
+#[cfg(test)]
+#[path = "layer_tests.rs"]
+mod tests;

@@ -220,15 +220,16 @@ fn the_wheels_are_independent() {
 
 #[test]
 fn each_wheel_has_its_own_trim() {
-    let config = Config::new().with_trim(Trim::new(0.8).unwrap(), Trim::NONE);
+    let config = Config::new().with_trim(Trim::new(0.8).unwrap(), Trim::new(0.6).unwrap());
     let (bench, mut motors) = Bench::new(255, config);
     motors.coast(bench.at(ms(0))).unwrap();
     let applied = motors
         .apply(Duty::FULL, Duty::FULL, bench.at(ms(40)))
         .unwrap();
-    assert_eq!(bench.drives(), [204, 255]);
+    assert_eq!(bench.drives(), [204, 153]);
     assert_eq!(applied.left.command, Duty::FULL);
     assert_eq!(applied.left.duty, Duty::from_steps(204));
+    assert_eq!(applied.right.duty, Duty::from_steps(153));
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The link against a scripted broker, in virtual time.
 
+mod cells;
 mod harness;
 mod images;
 mod loss;
