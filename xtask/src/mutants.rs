@@ -18,8 +18,9 @@ const CRATES: [&str; 5] = [
 /// Mutants in a sample, about.
 const SAMPLE: usize = 300;
 
-/// So many of a hundred mutants that compile must be noticed.
-const FLOOR_PERCENT: usize = 80;
+/// So many of a hundred mutants that compile must be noticed: five fewer than of the sample in
+/// `docs/mutants.md`.
+const FLOOR_PERCENT: usize = 84;
 
 /// Tests that run so many seconds with a mutant hang: those of a crate take ten on a busy machine.
 const TIMEOUT_SECONDS: &str = "60";
@@ -148,16 +149,16 @@ mod tests {
             fs::write(folder.join(name), "mutant\n".repeat(count)).expect("written");
         };
         assert!(judge(&folder).is_err(), "nothing was tested");
-        write("caught.txt", 70);
+        write("caught.txt", 74);
         write("timeout.txt", 10);
-        write("missed.txt", 20);
+        write("missed.txt", 16);
         assert!(judge(&folder).is_ok());
-        write("missed.txt", 21);
+        write("missed.txt", 17);
         assert!(judge(&folder).is_err());
         write("missed.txt", 0);
-        write("unviable.txt", 80);
+        write("unviable.txt", 84);
         assert!(judge(&folder).is_ok());
-        write("unviable.txt", 81);
+        write("unviable.txt", 85);
         assert!(judge(&folder).is_err(), "the builds are what failed");
         fs::remove_dir_all(&folder).expect("removed");
     }
