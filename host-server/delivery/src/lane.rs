@@ -167,11 +167,12 @@ impl Lane {
         // When one goes again all that went do: the robot takes them in order.
         let flights = self.parcels.iter().filter_map(|parcel| parcel.flight);
         let again = flights.into_iter().any(|flight| flight.next <= now);
+        let mut stuck = false;
         for parcel in &mut self.parcels {
             let free = earlier.iter().all(|&class| parcel.follows(class));
             earlier.push(parcel.class);
             let halt = parcel.class == Class::Halt;
-            if !halt && !post.may_go(parcel.class) {
+            if !halt && (stuck || !post.may_go(parcel.class)) {
                 continue;
             }
             if self.offline && !(halt && parcel.flight.is_none()) {
@@ -199,8 +200,9 @@ impl Lane {
                 boot: self.boot,
             };
             if !post.send(&sending) {
-                // What comes after must not go before.
-                return;
+                // What comes after must not go before; halts may.
+                stuck = true;
+                continue;
             }
             self.highest = self.highest.max(seq);
             match (&mut parcel.flight, known) {

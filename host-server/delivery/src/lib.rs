@@ -119,7 +119,8 @@ pub trait Post {
     fn may_go(&self, _class: Class) -> bool {
         true
     }
-    /// Sends a command; false when it cannot go now.
+    /// Sends a command; false when it cannot go now. Nothing that came after it goes before it then, but
+    /// for halts.
     fn send(&mut self, sending: &Sending<'_>) -> bool;
     /// The command will not be sent any more.
     fn over(&mut self, id: u64, robot: &RobotId, end: End);

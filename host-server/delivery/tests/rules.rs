@@ -9,6 +9,8 @@ use crawler_protocol::RobotId;
 struct Desk {
     number: u64,
     open: bool,
+    /// A command that cannot go.
+    stuck: Option<u64>,
     sent: Vec<(u64, u64, bool)>,
     lives: Vec<Ms>,
     over: Vec<(u64, End)>,
@@ -28,6 +30,9 @@ impl Post for Desk {
     }
 
     fn send(&mut self, sending: &Sending<'_>) -> bool {
+        if self.stuck == Some(sending.id) {
+            return false;
+        }
         if self.open {
             self.sent.push((sending.id, sending.seq, sending.again));
             self.lives.push(sending.life_ms);
@@ -57,6 +62,7 @@ impl Scene {
             desk: Desk {
                 number: 1_000,
                 open: true,
+                stuck: None,
                 sent: Vec::new(),
                 lives: Vec::new(),
                 over: Vec::new(),
@@ -141,6 +147,29 @@ fn motion_for_a_robot_that_is_away_expires_and_never_goes() {
     assert_eq!(scene.desk.over, [(id, End::Expired)]);
     scene.status(true, 1);
     assert_eq!(scene.sent(), []);
+}
+
+/// A new number may have to be written down first. A halt does not wait with it; everything else does.
+#[test]
+fn a_halt_passes_a_command_that_cannot_go_yet() {
+    let mut scene = Scene::new();
+    scene.status(false, 1);
+    let setting = scene.give(Class::Setting);
+    let first = scene.give(Class::Halt);
+    assert_eq!(scene.sent(), [(first, first, false)]);
+    assert_eq!(scene.answer(first), Some(first));
+    scene.desk.stuck = Some(setting);
+    scene.status(true, 1);
+    let halt = scene.give(Class::Halt);
+    scene.give(Class::Motion);
+    assert_eq!(scene.sent(), [(halt, halt, false)]);
+    scene.desk.stuck = None;
+    scene.pass(0);
+    let sent = scene.sent();
+    let [(id, seq, false)] = sent[..] else {
+        panic!("the setting alone: {sent:?}")
+    };
+    assert!(id == setting && seq > halt, "{sent:?}");
 }
 
 #[test]
