@@ -12,6 +12,8 @@ mod send;
 mod sequence;
 mod shared;
 #[cfg(test)]
+mod slow_disk_tests;
+#[cfg(test)]
 mod tests;
 mod together;
 #[cfg(test)]
@@ -64,6 +66,11 @@ pub(crate) enum SendError {
     /// The other servers cannot be told: should this one fail, nobody would go on with it.
     NotShared {
         /// Whether it went to the robots all the same.
+        sent: bool,
+    },
+    /// It cannot be written down: should the server end, nobody would go on with it.
+    NotWritten {
+        /// Whether it went to some robot before that was known.
         sent: bool,
     },
 }

@@ -1,9 +1,13 @@
 //! The data directory: one server at a time, and what must survive a restart.
 
+#[cfg(test)]
+pub(crate) mod brake;
+
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Write as _};
 use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use crawler_records::{RECORDS_FILE, Records, RecordsError};
 
@@ -80,10 +84,48 @@ pub(crate) async fn open_records(settings: &Settings) -> Result<Records, Records
     Records::connect(url.reveal(), history, true).await
 }
 
+/// Brings what was written onto the disk. Tests put in front of that what disks do: they are slow, and
+/// they fail.
+#[derive(Clone, Default)]
+pub(crate) struct Disk(Option<Arc<Gate>>);
+
+type Gate = dyn Fn() -> io::Result<()> + Send + Sync;
+
+impl Disk {
+    /// A disk that does what `gate` says before it does anything.
+    #[cfg(test)]
+    pub(crate) fn behind(gate: impl Fn() -> io::Result<()> + Send + Sync + 'static) -> Self {
+        Self(Some(Arc::new(gate)))
+    }
+
+    fn pass(&self) -> io::Result<()> {
+        self.0.as_ref().map_or(Ok(()), |gate| gate())
+    }
+
+    /// Returns when the bytes of a file are safe.
+    pub(crate) fn sync_data(&self, file: &File) -> io::Result<()> {
+        self.pass()?;
+        file.sync_data()
+    }
+
+    /// Returns when a file, or the names in a directory, are safe.
+    pub(crate) fn sync_all(&self, file: &File) -> io::Result<()> {
+        self.pass()?;
+        file.sync_all()
+    }
+}
+
+impl std::fmt::Debug for Disk {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Disk")
+    }
+}
+
 /// The directory, ours while this value lives.
 #[derive(Debug)]
 pub(crate) struct DataDir {
     path: PathBuf,
+    disk: Disk,
     /// The lock goes with the file when it is closed.
     _lock: File,
 }
@@ -91,6 +133,11 @@ pub(crate) struct DataDir {
 impl DataDir {
     /// Makes the directory if need be and takes possession of it.
     pub(crate) fn open(path: &Path) -> Result<Self, DataError> {
+        Self::open_on(path, Disk::default())
+    }
+
+    /// The same on a disk that may be a test's.
+    pub(crate) fn open_on(path: &Path, disk: Disk) -> Result<Self, DataError> {
         let at = |path: &Path| {
             let path = path.to_owned();
             move |cause| DataError::Io { path, cause }
@@ -106,11 +153,17 @@ impl DataDir {
         match lock.try_lock() {
             Ok(()) => Ok(Self {
                 path: path.to_owned(),
+                disk,
                 _lock: lock,
             }),
             Err(TryLockError::WouldBlock) => Err(DataError::InUse(path.to_owned())),
             Err(TryLockError::Error(cause)) => Err(at(&lock_path)(cause)),
         }
+    }
+
+    /// What its files are on.
+    pub(crate) const fn disk(&self) -> &Disk {
+        &self.disk
     }
 
     /// Where the file `name` is.
@@ -154,10 +207,10 @@ impl DataDir {
         let write = || -> io::Result<()> {
             let mut file = File::create(&new)?;
             writeln!(file, "{number}")?;
-            file.sync_all()?;
+            self.disk.sync_all(&file)?;
             fs::rename(&new, &path)?;
             // Or a power cut can bring the old name back, and with it the old number.
-            File::open(&self.path)?.sync_all()
+            self.disk.sync_all(&File::open(&self.path)?)
         };
         write().map_err(|cause| DataError::Io {
             path: path.clone(),

@@ -78,6 +78,8 @@ pub(crate) struct Metrics {
     live_dropped: Counter,
     broker_up: Gauge,
     broker_losses: Counter,
+    journal_up: Gauge,
+    journal_failures: Counter,
     http_latency: http::Latency,
     drops: Family<ReasonLabel, Counter>,
     fence_crossings: fences::Crossings,
@@ -117,6 +119,8 @@ impl Metrics {
             live_dropped: Counter::default(),
             broker_up: Gauge::default(),
             broker_losses: Counter::default(),
+            journal_up: Gauge::default(),
+            journal_failures: Counter::default(),
             http_latency: http::Latency::new(&mut registry),
             drops: Family::default(),
             fence_crossings: fences::Crossings::new(&mut registry),
@@ -183,6 +187,16 @@ impl Metrics {
             "broker_losses",
             "Connections to the broker that were lost",
             metrics.broker_losses.clone(),
+        );
+        r.register(
+            "command_journal_up",
+            "1 while commands can be written down",
+            metrics.journal_up.clone(),
+        );
+        r.register(
+            "command_journal_failures",
+            "Writes of commands that failed",
+            metrics.journal_failures.clone(),
         );
         r.register(
             "drops",
@@ -303,6 +317,15 @@ impl Metrics {
 
     pub(crate) fn broker_lost(&self) {
         self.broker_losses.inc();
+    }
+
+    /// Says whether commands can be written down.
+    pub(crate) fn journal_up(&self, up: bool) {
+        self.journal_up.set(i64::from(up));
+    }
+
+    pub(crate) fn journal_failed(&self) {
+        self.journal_failures.inc();
     }
 
     /// Everything as text.

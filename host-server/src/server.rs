@@ -5,6 +5,8 @@ mod clockwork;
 mod cluster;
 mod ingest;
 mod robots;
+#[cfg(test)]
+mod slow_disk_tests;
 mod start_error;
 mod watch;
 mod ways;
@@ -16,6 +18,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use crawler_access::Secret;
+use crawler_cluster::ClusterError;
 use crawler_protocol::Source;
 use tokio::net::TcpListener;
 use tokio::sync::{Notify, Semaphore};
@@ -28,7 +31,7 @@ use crate::bus::{self, Bus};
 use crate::clock;
 use crate::commands::{CommandCenter, Journal, Outlet, Sequence};
 use crate::config::{BrokerUrl, Role, Settings};
-use crate::data::DataDir;
+use crate::data::{DataDir, Disk};
 use crate::experiments::{self, Experiments};
 use crate::feed::Feed;
 use crate::fences;
@@ -46,8 +49,6 @@ pub use robots::Robots;
 pub use start_error::StartError;
 pub(crate) use ways::{open_tunnel, outside};
 
-/// File of commands that robots are owed, in the data directory.
-const COMMANDS: &str = "commands";
 /// For each part of stopping.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -80,12 +81,16 @@ impl Server {
     /// # Errors
     /// [`StartError`] names what cannot be had. Whatever had been started by then is stopped.
     pub async fn start(settings: &Settings) -> Result<Self, StartError> {
-        let data = DataDir::open(&settings.data)?;
-        let mut journal =
-            Journal::open(&data.file(COMMANDS)).map_err(|cause| data.failed(COMMANDS, cause))?;
+        Self::start_on(settings, Disk::default()).await
+    }
+
+    /// The same on a disk that may be a test's.
+    async fn start_on(settings: &Settings, disk: Disk) -> Result<Self, StartError> {
+        let data = Arc::new(DataDir::open_on(&settings.data, disk)?);
+        let mut journal = Journal::of(&data)?;
         let name = data.file(cluster::NAME);
         let owner = experiments::owner(&data)?;
-        let sequence = Sequence::open(data, clock::unix_ms())?;
+        let sequence = Sequence::open(&data, clock::unix_ms())?;
         let (records, history) = history::open(settings).await?;
         let accounts = Accounts::open(records.clone(), settings.open).await?;
         let invitation = accounts.invite_first().await?;
@@ -133,15 +138,18 @@ impl Server {
         }
         let commands = CommandCenter::new(outlet, Arc::clone(&metrics), source, sequence);
         let (commands, membership) = match &settings.cache {
-            None => (commands.with_journal(journal, Instant::now()), None),
+            None => (commands.with_journal(journal, &data, Instant::now())?, None),
             Some(cache) => {
                 let fleet = &settings.fleet;
                 let joined = cluster::join(cache, fleet, name, &mut journal).await?;
-                let commands = joined.commands(commands, journal).await;
-                let commands = commands.map_err(|error| StartError::Cache {
+                let lost = |error: ClusterError| StartError::Cache {
                     cache: cache.to_string(),
                     reason: error.to_string(),
-                })?;
+                };
+                let shared = joined.share(commands, &mut journal).await;
+                let (commands, mine) = shared.map_err(lost)?;
+                let commands = commands.with_journal(journal, &data, Instant::now())?;
+                joined.go_on(&commands, mine).await.map_err(lost)?;
                 metrics.watch_cluster(&joined.together);
                 (commands, Some(joined))
             }
@@ -319,6 +327,10 @@ impl Server {
         }
         if let Some(broker) = self.broker {
             broker.stop().await;
+        }
+        let written = self.app.commands.close();
+        if tokio::time::timeout(PATIENCE, written).await.is_err() {
+            tracing::warn!("commands on their way are not written down and are left to the disk");
         }
         self.stop_trail.cancel();
         finish("the audit log", self.trail_task).await;

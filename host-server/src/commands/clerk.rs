@@ -6,7 +6,7 @@ use std::time::Instant;
 use crawler_delivery::{Class, Delivery, End, Post, SETTINGS, Sending};
 use crawler_protocol::{Command, EncodeError, MAX_MESSAGE, RobotId, Source, Topic};
 
-use super::journal::Journal;
+use super::journal::JournalQueue;
 use super::record::Record;
 use super::sequence::Sequence;
 use super::shared::SharedDesk;
@@ -23,7 +23,7 @@ pub(super) struct Desk {
     /// Whose command a number is that is not its id.
     pub(super) numbers: BTreeMap<u64, u64>,
     pub(super) outcomes: usize,
-    pub(super) journal: Option<Journal>,
+    pub(super) journal: Option<JournalQueue>,
     /// What other servers are told of it, where there are any.
     pub(super) shared: Option<SharedDesk>,
     /// Commands that have come to their end and that nobody has been told of.
@@ -94,7 +94,9 @@ impl Post for Clerk<'_> {
     fn number(&mut self, id: u64, robot: &RobotId, above: u64) -> u64 {
         let shared = self.desk.shared.as_ref();
         let reserved = shared.and_then(|shared| shared.reserved(id, robot));
-        match reserved.filter(|seq| *seq > above) {
+        let journal = self.desk.journal.as_mut();
+        let written = journal.and_then(|journal| journal.reserved(id, robot, above));
+        match reserved.filter(|seq| *seq > above).or(written) {
             Some(seq) => seq,
             None => self.desk.sequence.take(),
         }
@@ -109,6 +111,14 @@ impl Post for Clerk<'_> {
     fn send(&mut self, sending: &Sending<'_>) -> bool {
         let desk = &mut *self.desk;
         let renumbered = sending.seq != sending.id && !sending.again;
+        if renumbered
+            && let Some(journal) = &mut desk.journal
+            && !journal.may_go(sending.id, sending.robot, sending.seq, sending.boot)
+        {
+            // After a crash it must not go under yet another. It goes with the next poll after that is
+            // written down.
+            return false;
+        }
         if renumbered
             && let Some(shared) = &mut desk.shared
             && !shared.is_safe(sending)
@@ -135,9 +145,6 @@ impl Post for Clerk<'_> {
             command.timestamp = clock::unix_ms();
         }
         if renumbered {
-            if let Some(journal) = &mut desk.journal {
-                journal.numbered(sending.id, sending.robot, sending.seq, sending.boot);
-            }
             desk.numbers.insert(sending.seq, sending.id);
             record.numbers.push(sending.seq);
         }

@@ -6,6 +6,7 @@ use crawler_protocol::{ParameterValue, ParameterValues, ResponseStatus};
 
 use super::tests::{MOVE, Wire, answer, center, id};
 use super::*;
+use crate::data::DataDir;
 
 fn set(value: f32) -> Action {
     let mut values = ParameterValues::new();
@@ -155,26 +156,39 @@ fn who_did_not_hear_the_swarm_command_gets_it_alone() {
     assert_eq!(Command::parse(&sent[0].1).expect("a command").seq, number);
 }
 
+/// Ends what writes the journal.
+fn end(center: &CommandCenter) {
+    let mut runtime = tokio::runtime::Builder::new_current_thread();
+    runtime.build().expect("a runtime").block_on(center.close());
+}
+
 #[test]
 fn what_is_owed_survives_a_crash() {
     let folder: PathBuf = std::env::temp_dir().join(format!("crawler-owed-{}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).expect("a folder");
-    let open = || Journal::open(&folder.join("commands")).expect("a journal");
+    let data = || Arc::new(DataDir::open(&folder).expect("a folder"));
+    let with_journal = |center: CommandCenter, now| {
+        let data = data();
+        let journal = Journal::of(&data).expect("a journal");
+        center.with_journal(journal, &data, now).expect("a thread")
+    };
     let now = Instant::now();
     let (held, reboot) = {
         let (wire, center) = center();
-        let center = center.with_journal(open(), now);
+        let center = with_journal(center, now);
         center.status(&id("a"), false, 3, now);
         center.status(&id("b"), true, 7, now);
         let held = give(&center, set(420.0), now);
         let view = center.send(Action::Reboot, Target::Robot(id("b")), [id("b")], now);
         assert_eq!(sent(&wire).len(), 1);
+        let kept = std::fs::read(folder.join("commands")).expect("a file");
+        end(&center);
+        // As if there had been no good-bye.
+        std::fs::write(folder.join("commands"), kept).expect("a file");
         (held, view.expect("sent").seq)
-        // No good-bye: dropping it is as good as a crash.
     };
     let (wire, center) = center();
-    let center = center.with_journal(open(), now);
+    let center = with_journal(center, now);
     assert_eq!(status(&center, held), OutcomeStatus::Pending);
     center.sweep(now);
     assert_eq!(sent(&wire), [], "nobody knows yet who is there");
@@ -191,7 +205,8 @@ fn what_is_owed_survives_a_crash() {
         now,
     );
     assert_eq!(status(&center, held), OutcomeStatus::Completed);
-    drop(center);
-    assert_eq!(open().owed().count(), 0);
+    end(&center);
+    let journal = Journal::of(&data()).expect("a journal");
+    assert_eq!(journal.owed().count(), 0);
     std::fs::remove_dir_all(folder).expect("clean up");
 }

@@ -3,6 +3,16 @@
 //! One JSON object a line. What is accepted is on the disk before anybody is told so. That a
 //! delivery is done need not be: at worst a robot is asked once more and answers from memory. A
 //! last line that was cut short is a crash; it promised nothing.
+//!
+//! The file belongs to a thread of its own ([`writer`]), which others hand lines to ([`queue`]): a slow
+//! disk delays whoever waits for a line and nobody else.
+
+mod queue;
+#[cfg(test)]
+mod slow_tests;
+#[cfg(test)]
+mod tests;
+mod writer;
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -11,6 +21,10 @@ use std::path::{Path, PathBuf};
 
 use crawler_protocol::{Command, MAX_MESSAGE, RobotId};
 use serde::{Deserialize, Serialize};
+
+use crate::data::Disk;
+
+pub(super) use queue::{JournalQueue, Lines, Refused, Ticket};
 
 /// Lines beyond which the file is rewritten, when few of them still count.
 const MANY: usize = 1_024;
@@ -43,7 +57,7 @@ pub(super) struct Leg {
     pub(super) boot: Option<u32>,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Line {
     Accepted(Owed),
@@ -81,14 +95,17 @@ impl Owed {
     }
 }
 
-/// See the [module](self).
+/// The file, and what it says. See the [module](self).
 #[derive(Debug)]
 pub(crate) struct Journal {
     path: PathBuf,
+    disk: Disk,
     file: File,
+    /// Bytes of the file that are as they are to be.
+    length: u64,
     owed: BTreeMap<u64, Owed>,
     lines: usize,
-    /// A write failed, so nobody knows how the file ends.
+    /// A write failed, so nobody knows how the file ends, or it says more than is owed.
     damaged: bool,
 }
 
@@ -97,7 +114,7 @@ impl Journal {
     ///
     /// # Errors
     /// When the file cannot be read or written.
-    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+    pub(crate) fn open(path: &Path, disk: &Disk) -> io::Result<Self> {
         let mut owed = BTreeMap::new();
         match fs::metadata(path) {
             Ok(known) if known.len() > MAX_BYTES => {
@@ -123,10 +140,12 @@ impl Journal {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             Err(error) => return Err(error),
         }
-        let file = rewrite(path, &owed)?;
+        let (file, length) = rewrite(path, disk, &owed)?;
         Ok(Self {
             path: path.to_owned(),
+            disk: disk.clone(),
             file,
+            length,
             lines: owed.len(),
             owed,
             damaged: false,
@@ -136,30 +155,6 @@ impl Journal {
     /// What is owed, oldest first.
     pub(super) fn owed(&self) -> impl Iterator<Item = &Owed> {
         self.owed.values()
-    }
-
-    /// Notes a command; it is on the disk when this returns.
-    pub(super) fn accepted(&mut self, owed: Owed) {
-        if !owed.robots.is_empty() {
-            self.write(Line::Accepted(owed), true);
-        }
-    }
-
-    /// Notes under which new number a command is about to go; it is on the disk when this returns.
-    pub(super) fn numbered(&mut self, id: u64, robot: &RobotId, seq: u64, boot: Option<u32>) {
-        if self.is_owed(id, robot) {
-            let robot = robot.as_str().to_owned();
-            let leg = Leg { seq, boot };
-            self.write(Line::Numbered { id, robot, leg }, true);
-        }
-    }
-
-    /// Notes that nothing more is to be delivered.
-    pub(super) fn done(&mut self, id: u64, robot: &RobotId) {
-        if self.is_owed(id, robot) {
-            let robot = robot.as_str().to_owned();
-            self.write(Line::Done { id, robot }, false);
-        }
     }
 
     /// The commands in it.
@@ -173,44 +168,87 @@ impl Journal {
     /// When the file cannot be written.
     pub(crate) fn keep(&mut self, ours: impl Fn(u64) -> bool) -> io::Result<()> {
         self.owed.retain(|id, _| ours(*id));
+        self.rewrite()
+    }
+
+    /// Writes `lines`, all of them with one wait for the disk, and returns when they are safe.
+    ///
+    /// # Errors
+    /// When they are not. Commands that were to be accepted are not owed then; everything else is
+    /// remembered and in the file once a later call succeeds.
+    fn write(&mut self, lines: Vec<Line>) -> io::Result<()> {
+        let mut accepted = Vec::new();
+        let mut sync = false;
+        let mut text: serde_json::Result<Vec<u8>> = Ok(Vec::new());
+        let count = lines.len();
+        for line in lines {
+            if let Line::Accepted(owed) = &line {
+                accepted.push(owed.id);
+            }
+            sync |= !matches!(line, Line::Done { .. });
+            text = text.and_then(|mut text| {
+                serde_json::to_writer(&mut text, &line)?;
+                text.push(b'\n');
+                Ok(text)
+            });
+            apply(&mut self.owed, line);
+        }
+        let many = self.lines > MANY && self.lines > 4 * self.owed.len();
+        let written = if self.damaged || many {
+            self.rewrite()
+        } else {
+            text.map_err(io::Error::from)
+                .and_then(|text| self.append(&text, count, sync))
+        };
+        if written.is_err() {
+            for id in accepted {
+                self.owed.remove(&id);
+            }
+            // A process that ends now must not find at its next start what it refused.
+            let _ = self.file.set_len(self.length);
+        }
+        written
+    }
+
+    /// Notes lines that are not written now, but for commands that were to be accepted; the next write
+    /// says them.
+    fn remember(&mut self, lines: Vec<Line>) {
+        for line in lines {
+            if !matches!(line, Line::Accepted(_)) {
+                self.damaged = true;
+                apply(&mut self.owed, line);
+            }
+        }
+    }
+
+    fn append(&mut self, text: &[u8], count: usize, sync: bool) -> io::Result<()> {
+        if text.is_empty() {
+            return Ok(());
+        }
         self.damaged = true;
-        self.file = rewrite(&self.path, &self.owed)?;
+        self.file.write_all(text)?;
+        if sync {
+            self.disk.sync_data(&self.file)?;
+        }
+        self.damaged = false;
+        self.length += text.len() as u64;
+        self.lines += count;
+        Ok(())
+    }
+
+    fn rewrite(&mut self) -> io::Result<()> {
+        self.damaged = true;
+        let (file, length) = rewrite(&self.path, &self.disk, &self.owed)?;
+        (self.file, self.length) = (file, length);
         self.lines = self.owed.len();
         self.damaged = false;
         Ok(())
     }
 
-    fn is_owed(&self, id: u64, robot: &RobotId) -> bool {
-        self.owed
-            .get(&id)
-            .is_some_and(|owed| owed.robots.contains_key(robot.as_str()))
-    }
-
-    fn write(&mut self, line: Line, sync: bool) {
-        let text = serde_json::to_vec(&line);
-        apply(&mut self.owed, line);
-        let result = text.map_err(io::Error::from).and_then(|mut text| {
-            let many = self.lines > MANY && self.lines > 4 * self.owed.len();
-            if self.damaged || many {
-                self.file = rewrite(&self.path, &self.owed)?;
-                self.lines = self.owed.len();
-                self.damaged = false;
-                return Ok(());
-            }
-            text.push(b'\n');
-            self.damaged = true;
-            self.file.write_all(&text)?;
-            if sync {
-                self.file.sync_data()?;
-            }
-            self.damaged = false;
-            self.lines += 1;
-            Ok(())
-        });
-        if let Err(error) = result {
-            // Telling the robot matters more than telling the disk.
-            tracing::error!(%error, "commands on their way are not safe across a restart");
-        }
+    /// Forgets everything that is owed; the file says so with the next write.
+    fn clear(&mut self) {
+        self.owed.clear();
+        self.damaged = true;
     }
 }
 
@@ -237,144 +275,21 @@ fn apply(owed: &mut BTreeMap<u64, Owed>, line: Line) {
     }
 }
 
-/// Replaces the file by one that says what `owed` says, whole or not at all.
-fn rewrite(path: &Path, owed: &BTreeMap<u64, Owed>) -> io::Result<File> {
+/// Replaces the file by one that says what `owed` says, whole or not at all; returns it with its length.
+fn rewrite(path: &Path, disk: &Disk, owed: &BTreeMap<u64, Owed>) -> io::Result<(File, u64)> {
     let new = path.with_extension("new");
     let mut file = File::create(&new)?;
+    let mut length = 0;
     for command in owed.values() {
         let mut text = serde_json::to_vec(&Line::Accepted(command.clone()))?;
         text.push(b'\n');
         file.write_all(&text)?;
+        length += text.len() as u64;
     }
-    file.sync_all()?;
+    disk.sync_all(&file)?;
     fs::rename(&new, path)?;
     if let Some(folder) = path.parent() {
-        File::open(folder)?.sync_all()?;
+        disk.sync_all(&File::open(folder)?)?;
     }
-    Ok(file)
-}
-
-#[cfg(test)]
-mod tests {
-    use crawler_protocol::{Action, Source};
-
-    use super::*;
-
-    fn scratch(name: &str) -> PathBuf {
-        let folder =
-            std::env::temp_dir().join(format!("crawler-journal-{name}-{}", std::process::id()));
-        let _ = fs::remove_dir_all(&folder);
-        fs::create_dir_all(&folder).expect("a folder");
-        folder.join("commands")
-    }
-
-    fn owed(seq: u64, robots: &[&str]) -> Owed {
-        let command = Command {
-            action: Action::Identify,
-            timestamp: 5,
-            seq,
-            source: Source::new("server").expect("source"),
-        };
-        let robots = robots.iter().map(|robot| (id(robot), Some(3)));
-        Owed::new(&command, 99, robots.len() > 1, robots).expect("a command")
-    }
-
-    fn id(text: &str) -> RobotId {
-        RobotId::new(text).expect("robot id")
-    }
-
-    fn all(journal: &Journal) -> Vec<(u64, Vec<(String, u64)>)> {
-        let legs = |owed: &Owed| -> Vec<_> {
-            let legs = owed.robots.iter();
-            legs.map(|(robot, leg)| (robot.clone(), leg.seq)).collect()
-        };
-        journal.owed().map(|owed| (owed.id, legs(owed))).collect()
-    }
-
-    /// Wherever a crash cuts the file, what was accepted before is still there, and nothing that
-    /// was not.
-    #[test]
-    fn a_file_cut_anywhere_tells_what_was_on_it() {
-        let path = scratch("cut");
-        let mut journal = Journal::open(&path).expect("open");
-        let mut states = vec![(0, all(&journal))];
-        let length = || fs::metadata(&path).expect("file").len() as usize;
-        journal.accepted(owed(7, &["a", "b"]));
-        states.push((length(), all(&journal)));
-        journal.numbered(7, &id("b"), 12, Some(4));
-        states.push((length(), all(&journal)));
-        journal.done(7, &id("a"));
-        states.push((length(), all(&journal)));
-        journal.accepted(owed(13, &["a"]));
-        states.push((length(), all(&journal)));
-        journal.done(7, &id("b"));
-        journal.done(99, &id("b"));
-        states.push((length(), all(&journal)));
-        assert_eq!(all(&journal), [(13, vec![("a".to_owned(), 13)])]);
-        drop(journal);
-        let whole = fs::read(&path).expect("read");
-        for cut in 0..=whole.len() {
-            fs::write(&path, &whole[..cut]).expect("write");
-            let journal = Journal::open(&path).expect("open");
-            // A line counts with or without its end.
-            let known = states
-                .iter()
-                .rev()
-                .find(|(at, _)| at.saturating_sub(1) <= cut);
-            assert_eq!(all(&journal), known.expect("a state").1, "cut at {cut}");
-        }
-        fs::remove_dir_all(path.parent().expect("folder")).expect("clean up");
-    }
-
-    #[test]
-    fn it_is_rewritten_before_it_is_long_and_refuses_what_is_huge() {
-        let path = scratch("long");
-        let mut journal = Journal::open(&path).expect("open");
-        journal.accepted(owed(1, &["kept"]));
-        for number in 2..5_000 {
-            journal.accepted(owed(number, &["a"]));
-            journal.done(number, &id("a"));
-        }
-        let lines = fs::read_to_string(&path).expect("read").lines().count();
-        assert!(lines <= MANY + 2, "{lines} lines");
-        drop(journal);
-        let journal = Journal::open(&path).expect("open");
-        assert_eq!(all(&journal), [(1, vec![("kept".to_owned(), 1)])]);
-        assert_eq!(
-            journal
-                .owed()
-                .next()
-                .and_then(Owed::command)
-                .map(|c| c.action),
-            Some(Action::Identify)
-        );
-        drop(journal);
-        File::create(&path)
-            .and_then(|file| file.set_len(MAX_BYTES + 1))
-            .expect("grow");
-        assert!(Journal::open(&path).is_err());
-        fs::remove_dir_all(path.parent().expect("folder")).expect("clean up");
-    }
-
-    #[test]
-    fn garbage_between_lines_costs_only_itself() {
-        let path = scratch("garbage");
-        let mut journal = Journal::open(&path).expect("open");
-        journal.accepted(owed(1, &["a"]));
-        drop(journal);
-        let mut bytes = fs::read(&path).expect("read");
-        let good = bytes.clone();
-        bytes.extend_from_slice(b"\xff\x00nonsense\n{\"accepted\":{\"id\":3}}\n");
-        bytes.extend_from_slice(
-            &String::from_utf8(good)
-                .expect("text")
-                .replace(":1,", ":2,")
-                .into_bytes(),
-        );
-        fs::write(&path, bytes).expect("write");
-        let journal = Journal::open(&path).expect("open");
-        let ids: Vec<u64> = journal.owed().map(|owed| owed.id).collect();
-        assert_eq!(ids, [1, 2]);
-        fs::remove_dir_all(path.parent().expect("folder")).expect("clean up");
-    }
+    Ok((file, length))
 }

@@ -1,17 +1,40 @@
 //! Going on where the last server ended.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use crawler_delivery::Class;
 use crawler_protocol::RobotId;
 
-use super::journal::Journal;
-use super::{CommandCenter, Record, Target};
+use super::journal::{Journal, JournalQueue};
+use super::{CommandCenter, Record, Target, sequence};
 use crate::clock;
+use crate::data::{DataDir, DataError};
+
+/// File of commands that robots are owed, in the data directory.
+const FILE: &str = "commands";
+
+impl Journal {
+    /// Opens the journal of a server.
+    ///
+    /// # Errors
+    /// [`DataError`] when the file cannot be read or written.
+    pub(crate) fn of(data: &DataDir) -> Result<Self, DataError> {
+        Self::open(&data.file(FILE), data.disk()).map_err(|cause| data.failed(FILE, cause))
+    }
+}
 
 impl CommandCenter {
     /// Goes on with what the last server owed, and writes down what this one does.
-    pub(crate) fn with_journal(self, journal: Journal, now: Instant) -> Self {
+    ///
+    /// # Errors
+    /// [`DataError`] when nothing can be written down.
+    pub(crate) fn with_journal(
+        self,
+        journal: Journal,
+        data: &Arc<DataDir>,
+        now: Instant,
+    ) -> Result<Self, DataError> {
         {
             let mut book = self.book();
             let book = &mut *book;
@@ -61,11 +84,37 @@ impl CommandCenter {
             if commands > 0 {
                 tracing::info!(commands, "commands of the last run to deliver");
             }
-            book.desk.journal = Some(journal);
+            let metrics = Arc::clone(&self.metrics);
+            let queue = journal
+                .start(Arc::clone(data), sequence::FILE, metrics)
+                .map_err(|cause| data.failed(FILE, cause))?;
+            if let Some(number) = book.desk.sequence.write_to(queue.lines()) {
+                data.set_number(sequence::FILE, number)?;
+            }
+            book.desk.journal = Some(queue);
             for (id, robot) in stale {
                 book.desk.done(id, &robot);
             }
         }
-        self
+        Ok(self)
+    }
+
+    /// Has everything written down and returns when it is. From here on only halts and motion are
+    /// taken, and the data directory is not written any more.
+    ///
+    /// # Cancellation safety
+    /// It is written all the same.
+    pub(crate) async fn close(&self) {
+        let ended = self.book().desk.journal.as_ref().map(JournalQueue::end);
+        if let Some(ended) = ended {
+            ended.cancelled().await;
+        }
+    }
+
+    /// Whether commands that are to outlive the server can be written down.
+    pub(crate) fn is_written(&self) -> bool {
+        let book = self.book();
+        let journal = book.desk.journal.as_ref();
+        journal.is_none_or(|journal| !journal.lines().is_failing())
     }
 }

@@ -6,7 +6,7 @@ use crawler_delivery::Class;
 use crawler_protocol::{Action, Command, MAX_MESSAGE, RobotId, Source, Topic};
 
 use super::clerk::write;
-use super::journal::Owed;
+use super::journal::{Owed, Refused, Ticket};
 use super::shared::fields;
 use super::{Book, CommandCenter, CommandView, Record, SendError, Target};
 use crate::clock;
@@ -35,16 +35,38 @@ impl Drop for Promise<'_> {
     }
 }
 
+/// A command that was sent, or is held.
+struct Given {
+    view: CommandView,
+    /// Tells when it is on the disk, if that is where it is to be.
+    ticket: Option<Ticket>,
+    /// Name of its record.
+    id: u64,
+}
+
+/// Whether a command can be written down, if it is to be.
+fn check_journal(book: &Book, class: Class, robots: usize) -> Result<(), SendError> {
+    let (Class::Plain | Class::Setting, Some(journal)) = (class, &book.desk.journal) else {
+        return Ok(());
+    };
+    journal.check(robots).map_err(|refused| match refused {
+        Refused::Failing => SendError::NotWritten { sent: false },
+        Refused::Full => SendError::Full,
+    })
+}
+
 impl CommandCenter {
-    /// Sends somebody's command, or the server's own, and has it written down where the other
-    /// servers find it, if there are any. What this returns outlives this server.
+    /// Sends somebody's command, or the server's own, and has it written down: in the journal what is to
+    /// outlive this server, and where the other servers find it, if there are any. Returns when that
+    /// is safe. Halts and motion wait for no disk.
     ///
     /// # Errors
-    /// [`SendError`]; nothing has gone out then, and nothing will, but for a halt that is not
-    /// written down: halts go first.
+    /// [`SendError`]; nothing has gone out then, and nothing will, but for what says that it was sent:
+    /// a command may be with its robot before the disk has failed, and halts always go first.
     ///
     /// # Cancellation safety
-    /// Dropped half way, the command does not go, or has gone whole.
+    /// Dropped half way, the command does not go, or has gone whole. Nobody else's is delayed. One that
+    /// cannot be written down may be followed all the same until this server ends.
     pub(crate) async fn give(
         &self,
         source: Option<Source>,
@@ -54,12 +76,13 @@ impl CommandCenter {
     ) -> Result<CommandView, SendError> {
         let source = source.unwrap_or_else(|| self.source.clone());
         let Some(together) = &self.together else {
-            return self.send_as(source, action, target, expected, Instant::now());
+            let given = self.send_as(source, action, target, expected, Instant::now())?;
+            return self.written_down(given).await;
         };
         if Class::of(&action) == Class::Halt {
             return self.halt(together, source, action, target, expected).await;
         }
-        let _turn = self.turn.lock().await;
+        let turn = self.turn.lock().await;
         if !together.is_member() {
             return Err(SendError::NotShared { sent: false });
         }
@@ -69,6 +92,8 @@ impl CommandCenter {
         let (command, fields) = {
             let mut book = self.book();
             let book = &mut *book;
+            // Before the others are told.
+            check_journal(book, Class::of(&action), expected.len())?;
             let command = Command {
                 action,
                 timestamp: clock::unix_ms(),
@@ -91,13 +116,57 @@ impl CommandCenter {
             tracing::warn!(%error, "a command cannot be shared");
             SendError::NotShared { sent: false }
         })?;
-        let view = {
+        let given = {
             let mut book = self.book();
             book.desk.sequence.above(greatest);
             self.dispatch(&mut book, command, target, expected, Instant::now())?
         };
         promise.keep();
-        Ok(view)
+        // Nobody waits for the disk because of somebody else's command.
+        drop(turn);
+        self.written_down(given).await
+    }
+
+    /// Returns when a command that was sent is safe on the disk, where it is to be.
+    async fn written_down(&self, given: Given) -> Result<CommandView, SendError> {
+        let Given { view, ticket, id } = given;
+        let safe = match ticket {
+            Some(ticket) => ticket.safe().await,
+            None => true,
+        };
+        if safe {
+            Ok(view)
+        } else {
+            Err(self.take_back(id))
+        }
+    }
+
+    /// Takes back a command that cannot be written down, unless it has gone.
+    fn take_back(&self, id: u64) -> SendError {
+        let mut book = self.book();
+        let book = &mut *book;
+        let Some(record) = book.desk.records.get(&id) else {
+            // Answered and forgotten, or another server's by now.
+            return SendError::NotWritten { sent: true };
+        };
+        if !record.outcomes.keys().all(|robot| record.waited(robot)) {
+            // Whoever has it answers it, and whoever does not may still get it.
+            return SendError::NotWritten { sent: true };
+        }
+        let robots: Vec<RobotId> = record.outcomes.keys().cloned().collect();
+        for robot in &robots {
+            book.delivery.withdraw(id, robot);
+            book.desk.done(id, robot);
+        }
+        book.desk.records.remove(&id);
+        book.desk.open.remove(&id);
+        book.desk.outcomes -= robots.len();
+        book.sent -= robots.len() as u64;
+        if let Some(shared) = &mut book.desk.shared {
+            shared.forget(id);
+            shared.retract(id);
+        }
+        SendError::NotWritten { sent: false }
     }
 
     /// A halt goes first and is written down then.
@@ -109,7 +178,9 @@ impl CommandCenter {
         target: Target,
         expected: Vec<RobotId>,
     ) -> Result<CommandView, SendError> {
-        let view = self.send_as(source, action, target, expected, Instant::now())?;
+        let view = self
+            .send_as(source, action, target, expected, Instant::now())?
+            .view;
         let fields = {
             let mut book = self.book();
             let book = &mut *book;
@@ -153,22 +224,27 @@ impl CommandCenter {
         expected: impl IntoIterator<Item = RobotId>,
         now: Instant,
     ) -> Result<CommandView, SendError> {
-        self.send_as(self.source.clone(), action, target, expected, now)
+        let given = self.send_as(self.source.clone(), action, target, expected, now)?;
+        if given.ticket.is_none_or(Ticket::wait) {
+            Ok(given.view)
+        } else {
+            Err(self.take_back(given.id))
+        }
     }
 
-    /// Sends somebody's command, or holds it for a robot that is away, and remembers whose
-    /// answers it waits for.
+    /// Sends somebody's command, or holds it for a robot that is away, and remembers whose answers it
+    /// waits for. It may not be on the disk yet.
     ///
     /// # Errors
     /// [`SendError`]; nothing has gone out then, and nothing will.
-    pub(crate) fn send_as(
+    fn send_as(
         &self,
         source: Source,
         action: Action,
         target: Target,
         expected: impl IntoIterator<Item = RobotId>,
         now: Instant,
-    ) -> Result<CommandView, SendError> {
+    ) -> Result<Given, SendError> {
         let class = Class::of(&action);
         // Whoever steers must know that nobody hears. A setting can wait.
         if class != Class::Setting && !self.outlet.is_up() {
@@ -195,22 +271,23 @@ impl CommandCenter {
         target: Target,
         expected: impl IntoIterator<Item = RobotId>,
         now: Instant,
-    ) -> Result<CommandView, SendError> {
+    ) -> Result<Given, SendError> {
         let (seq, class) = (command.seq, Class::of(&command.action));
         let mut buffer = [0; MAX_MESSAGE];
         let length = write(&command, &mut buffer)?;
+        let mut record = Record::new(command, target, expected, now);
+        let robots: Vec<RobotId> = record.outcomes.keys().cloned().collect();
+        check_journal(book, class, robots.len())?;
         // Settings go to each robot by itself, so that none is overtaken.
-        let together = target == Target::Swarm && class != Class::Setting;
+        let together = record.target == Target::Swarm && class != Class::Setting;
         if together {
             let payload = buffer.get(..length).unwrap_or_default();
             self.outlet
                 .publish(&Topic::CommandSwarm, payload, class.life_ms())?;
         }
-        let mut record = Record::new(command, target, expected, now);
         if let Some(shared) = &book.desk.shared {
             record.settings.clone_from(&shared.settings);
         }
-        let robots: Vec<RobotId> = record.outcomes.keys().cloned().collect();
         let at = self.ms(now);
         if together {
             record.went_to_all(now);
@@ -235,6 +312,7 @@ impl CommandCenter {
                 legs.map(|robot| (robot.clone(), book.delivery.boot(robot))),
             );
         }
+        let mut ticket = None;
         if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.desk.journal) {
             let legs = robots.iter();
             let legs = legs.map(|robot| (robot.clone(), book.delivery.boot(robot)));
@@ -245,7 +323,7 @@ impl CommandCenter {
                 record.target == Target::Swarm,
                 legs,
             ) {
-                journal.accepted(owed);
+                ticket = journal.accepted(owed);
             }
         }
         let action = record.command.action.name();
@@ -279,6 +357,8 @@ impl CommandCenter {
         book.sent += robots.len() as u64;
         let view = book.desk.records.get(&seq).map(Record::view);
         book.desk.forget(&mut book.delivery, now);
-        view.ok_or(SendError::Full)
+        let view = view.ok_or(SendError::Full)?;
+        let id = seq;
+        Ok(Given { view, ticket, id })
     }
 }

@@ -1,14 +1,18 @@
 //! The numbers of commands: rising, also across restarts and clocks set back, and across the servers
 //! of a fleet where there are several.
 
+use std::sync::Arc;
+
 use crawler_cluster::{LONGEST_BLOCK, Numbers};
 
+use super::journal::Lines;
 use crate::clock;
 use crate::data::{DataDir, DataError};
 
-const FILE: &str = "command-sequence";
+/// File of the number that all used ones are below.
+pub(super) const FILE: &str = "command-sequence";
 /// Numbers reserved at a time. A restart skips the rest of them.
-const BLOCK: u64 = 10_000;
+const BLOCK: u64 = 20_000;
 /// What every reader of JSON can still count to, and far beyond the time in milliseconds.
 const GREATEST: u64 = 1 << 53;
 
@@ -21,8 +25,10 @@ const GREATEST: u64 = 1 << 53;
 /// number beyond all that went then too, so that a server that is alone again goes on above them.
 pub(crate) struct Sequence {
     next: u64,
+    /// Up to where numbers are kept free, or are about to be.
     reserved: u64,
-    data: Option<DataDir>,
+    /// Who writes that down; nobody needs to before [`Sequence::write_to`].
+    lines: Option<Arc<Lines>>,
     /// How the numbers of several servers are kept apart.
     numbers: Option<Numbers>,
     /// What the file held at the start.
@@ -34,7 +40,7 @@ impl Sequence {
     ///
     /// # Errors
     /// [`DataError`] when the file cannot be read or written.
-    pub(crate) fn open(data: DataDir, unix_ms: u64) -> Result<Self, DataError> {
+    pub(crate) fn open(data: &DataDir, unix_ms: u64) -> Result<Self, DataError> {
         let known = data.number(FILE)?.unwrap_or(0);
         if known > GREATEST {
             return Err(data.damaged(FILE, "is no number of a command; remove the file"));
@@ -45,7 +51,7 @@ impl Sequence {
         Ok(Self {
             next,
             reserved,
-            data: Some(data),
+            lines: None,
             numbers: None,
             known,
         })
@@ -55,8 +61,8 @@ impl Sequence {
     pub(crate) const fn in_memory(next: u64) -> Self {
         Self {
             next,
-            reserved: u64::MAX,
-            data: None,
+            reserved: 0,
+            lines: None,
             numbers: None,
             known: 0,
         }
@@ -77,6 +83,23 @@ impl Sequence {
         }
         self.numbers = Some(numbers);
         self.above(greatest);
+        // Numbers follow the clock here: also while none is used, those to come must be free.
+        self.keep_free();
+    }
+
+    /// Has the numbers to come written down by those who write `lines`, from here on. Returns up to where
+    /// they are to be kept free before any of them is used, if the file does not say so.
+    pub(super) fn write_to(&mut self, lines: &Arc<Lines>) -> Option<u64> {
+        self.lines = Some(Arc::clone(lines));
+        let (next, block) = (self.peek(), self.block());
+        (next + block / 2 >= self.reserved).then(|| {
+            self.reserved = next + block;
+            self.reserved
+        })
+    }
+
+    fn block(&self) -> u64 {
+        self.numbers.map_or(BLOCK, |_| LONGEST_BLOCK)
     }
 
     /// Goes on above a number that another server gave.
@@ -101,24 +124,24 @@ impl Sequence {
         number
     }
 
-    /// Uses up a number from [`Sequence::peek`]. What follows is on the disk, as one of a block that
-    /// a restart skips, before anybody can use it.
+    /// Uses up a number from [`Sequence::peek`].
     pub(crate) fn used(&mut self, number: u64) {
         self.next = self.next.max(number + 1);
-        if self.next < self.reserved {
-            return;
-        }
-        let block = self.numbers.map_or(BLOCK, |_| LONGEST_BLOCK);
-        let reserved = self.next + block;
-        if let Some(data) = &self.data
-            && let Err(error) = data.set_number(FILE, reserved)
+        self.keep_free();
+    }
+
+    /// Asks for the next block while half of the last one is left, so that it is on the disk, as one that
+    /// a restart skips, before anybody can use it. A disk that takes longer than half a block delays
+    /// whoever is told that a command is safe. It delays no halt: the clock alone does for the next
+    /// start then.
+    fn keep_free(&mut self) {
+        let (next, block) = (self.peek(), self.block());
+        if let Some(lines) = &self.lines
+            && next + block / 2 >= self.reserved
         {
-            // Commands matter more than the file: the clock alone will do for the next start. The
-            // next number tries again.
-            tracing::error!(%error, "the numbers of commands are not safe across a restart");
-            return;
+            self.reserved = next + block;
+            lines.reserve(self.reserved);
         }
-        self.reserved = reserved;
     }
 
     /// Takes back the number used last, which has not gone anywhere.
@@ -131,21 +154,65 @@ impl Sequence {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+    use std::time::Instant;
+
+    use super::super::journal::{Journal, JournalQueue};
     use super::*;
+    use crate::data::brake::LIMIT;
+    use crate::metrics::Metrics;
+
+    /// Numbers in `path` as a server with a clock at `unix_ms` has them, and what writes them down.
+    fn open(path: &Path, unix_ms: u64) -> (Sequence, JournalQueue) {
+        let data = Arc::new(DataDir::open(path).expect("open"));
+        let mut sequence = Sequence::open(&data, unix_ms).expect("numbers");
+        let journal = Journal::of(&data).expect("a journal");
+        let queue = journal.start(Arc::clone(&data), FILE, Arc::new(Metrics::new()));
+        let queue = queue.expect("a thread");
+        assert_eq!(
+            sequence.write_to(queue.lines()),
+            None,
+            "kept free by opening"
+        );
+        (sequence, queue)
+    }
+
+    /// Uses a number. A disk that takes longer than half a block is not what is looked at here.
+    fn take(sequence: &mut Sequence, path: &Path) {
+        let before = sequence.reserved;
+        sequence.take();
+        let end = Instant::now() + LIMIT;
+        while sequence.reserved != before && kept_free(path) < sequence.reserved {
+            assert!(Instant::now() < end, "{} is not written", sequence.reserved);
+            std::thread::yield_now();
+        }
+    }
+
+    fn kept_free(path: &Path) -> u64 {
+        let text = std::fs::read_to_string(path.join(FILE)).expect("a file");
+        text.trim().parse().expect("a number")
+    }
+
+    /// Ends what writes the numbers down, so that the directory is free.
+    fn end(queue: &JournalQueue) {
+        let mut runtime = tokio::runtime::Builder::new_current_thread();
+        let runtime = runtime.build().expect("a runtime");
+        runtime.block_on(queue.end().cancelled());
+    }
 
     #[test]
     fn a_restart_with_the_clock_set_back_goes_on_rising() {
         let path = std::env::temp_dir().join(format!("crawler-sequence-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&path);
-        let mut first =
-            Sequence::open(DataDir::open(&path).expect("open"), 5_000_000).expect("first");
+        let (mut first, queue) = open(&path, 5_000_000);
         for _ in 0..3 * BLOCK {
-            first.take();
+            take(&mut first, &path);
         }
         let last = first.peek();
-        drop(first);
-        let second = Sequence::open(DataDir::open(&path).expect("open"), 1_000).expect("second");
+        end(&queue);
+        let (second, queue) = open(&path, 1_000);
         assert!(second.peek() >= last, "{} after {last}", second.peek());
+        end(&queue);
         std::fs::remove_dir_all(path).expect("clean up");
     }
 
@@ -157,19 +224,25 @@ mod tests {
         let _ = std::fs::remove_dir_all(&path);
         let mut used = 0;
         for numbers in [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, 2 * BLOCK, 3] {
-            let data = DataDir::open(&path).expect("open");
             // The clock is of no help.
-            let mut sequence = Sequence::open(data, 0).expect("open");
+            let (mut sequence, queue) = open(&path, 0);
             for _ in 0..numbers {
                 assert!(sequence.peek() > used || used == 0, "{numbers}");
                 used = sequence.peek();
-                sequence.take();
+                take(&mut sequence, &path);
+                if sequence.next.is_multiple_of(1_000) {
+                    let kept = kept_free(&path);
+                    assert!(kept > used, "{kept} is kept free, {used} is used");
+                }
             }
-            // Nothing is written at the end: dropping is as good as a crash.
+            // Nothing is left to be written: this is as good as a crash.
+            let kept = kept_free(&path);
+            end(&queue);
+            assert_eq!(kept_free(&path), kept);
         }
         std::fs::write(path.join(FILE), "18446744073709551615").expect("write");
         let data = DataDir::open(&path).expect("open");
-        assert!(Sequence::open(data, 0).is_err(), "no number follows");
+        assert!(Sequence::open(&data, 0).is_err(), "no number follows");
         std::fs::remove_dir_all(path).expect("clean up");
     }
 
@@ -192,8 +265,8 @@ mod tests {
         let path =
             std::env::temp_dir().join(format!("crawler-sequence-shared-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&path);
-        let open = || Sequence::open(DataDir::open(&path).expect("open"), clock::unix_ms());
-        let mut sequence = open().expect("open");
+        let open = || open(&path, clock::unix_ms());
+        let (mut sequence, queue) = open();
         let alone = sequence.take();
         sequence.share(Numbers::new(3, 0), 0);
         let first = sequence.take();
@@ -201,19 +274,19 @@ mod tests {
         sequence.above(first + 160);
         assert!(sequence.take() > first + 160);
         let last = sequence.take();
-        drop(sequence);
+        end(&queue);
 
-        let mut again = open().expect("open");
+        let (mut again, queue) = open();
         assert!(again.take() > last, "alone again");
-        drop(again);
+        end(&queue);
         std::thread::sleep(std::time::Duration::from_millis(50));
-        let mut back = open().expect("open");
+        let (mut back, queue) = open();
         back.share(Numbers::new(4, 0), last);
         let next = back.take();
         assert!(next > last);
         let clock = Numbers::new(4, 0).next(clock::unix_us(), 0);
         assert!(next <= clock.max(last + 16), "not ahead of the others");
-        drop(back);
+        end(&queue);
         std::fs::remove_dir_all(path).expect("clean up");
     }
 }

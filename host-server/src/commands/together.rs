@@ -162,10 +162,8 @@ impl CommandCenter {
                 shared.forget(id);
             }
         }
-        if let Some(journal) = &mut book.desk.journal
-            && let Err(error) = journal.keep(|_| false)
-        {
-            tracing::error!(%error, "the journal of commands cannot be emptied");
+        if let Some(journal) = &mut book.desk.journal {
+            journal.clear();
         }
     }
 
@@ -238,6 +236,7 @@ impl CommandCenter {
                     .map(|(robot, _)| (robot.clone(), book.delivery.boot(robot))),
             )
         {
+            // The others know of it; nobody waits for this disk.
             journal.accepted(owed);
         }
         let over = (!record.is_open()).then(|| record.view());

@@ -118,6 +118,17 @@ fn failed(error: SendError) -> Problem {
             Reason::TooLarge.name(),
             "the command is too large for a message",
         ),
+        SendError::NotWritten { sent: false } => Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "not_written",
+            "the disk takes nothing, and this command must outlive the server; it was not sent",
+        ),
+        SendError::NotWritten { sent: true } => Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "sent_not_written",
+            "the command was sent, but the disk takes nothing: should the server end, nobody goes on \
+             with it",
+        ),
         SendError::NotShared { sent: false } => Problem::new(
             StatusCode::SERVICE_UNAVAILABLE,
             "not_shared",
@@ -224,7 +235,8 @@ async fn audit(
             content_type = "application/problem+json"),
         (status = 422, description = "Not a command", body = Problem,
             content_type = "application/problem+json"),
-        (status = 503, description = "No connection to the broker", body = Problem,
+        (status = 503, description = "No connection to the broker, or no disk to write it to",
+            body = Problem,
             content_type = "application/problem+json")))]
 pub(super) async fn to_robot(
     State(app): State<Arc<App>>,
@@ -250,7 +262,8 @@ pub(super) async fn to_robot(
             content_type = "application/problem+json"),
         (status = 422, description = "Not a command", body = Problem,
             content_type = "application/problem+json"),
-        (status = 503, description = "No connection to the broker", body = Problem,
+        (status = 503, description = "No connection to the broker, or no disk to write it to",
+            body = Problem,
             content_type = "application/problem+json")))]
 pub(super) async fn to_swarm(
     State(app): State<Arc<App>>,

@@ -35,6 +35,9 @@ struct Readiness {
     /// Whether what several servers share can be written.
     #[serde(skip_serializing_if = "Option::is_none")]
     cache: Option<bool>,
+    /// `false` while commands that are to outlive the server cannot be written down.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    journal: Option<bool>,
     #[serde(skip_serializing_if = "Option::is_none")]
     simulation: Option<bool>,
     /// Whether the engine that keeps the history answers, where there is one.
@@ -42,9 +45,9 @@ struct Readiness {
     history: Option<bool>,
 }
 
-/// 200 when commands reach robots: the broker is connected, what several servers share can be written
-/// where there are several, and the simulation, where there is one, is running. 503 otherwise, with
-/// what is missing.
+/// 200 when commands are taken and reach robots: the broker is connected, commands can be written down,
+/// what several servers share can be written where there are several, and the simulation, where there is
+/// one, is running. 503 otherwise, with what is missing.
 ///
 /// A database that does not answer is told and does not make it 503: whoever is logged in can still
 /// stop robots, and several servers that share it must not all be taken out of service at once. Robots
@@ -54,12 +57,14 @@ async fn ready(State(app): State<Arc<App>>) -> Response {
     let simulation = app.simulation.get().map(|world| world.is_running());
     let together = app.together.as_ref();
     let cache = together.map(|together| together.is_member());
-    let ready = broker && cache != Some(false) && simulation != Some(false);
+    let journal = (!app.commands.is_written()).then_some(false);
+    let ready = broker && journal.is_none() && cache != Some(false) && simulation != Some(false);
     let body = Json(Readiness {
         ready,
         broker,
         database: app.records.database().map(|stats| stats.up),
         cache,
+        journal,
         simulation,
         history: app.history.engine_up(),
     });

@@ -123,13 +123,13 @@ fn new_name(path: &Path) -> io::Result<String> {
 }
 
 impl Membership {
-    /// Commands that are shared, with those that this server owes by the word of `journal` and of
-    /// the others.
-    pub(super) async fn commands(
+    /// Commands that are shared, and those of them that this server owes by the word of the others. What
+    /// is not its own any more is dropped from `journal`.
+    pub(super) async fn share(
         &self,
         commands: CommandCenter,
-        mut journal: Journal,
-    ) -> Result<CommandCenter, ClusterError> {
+        journal: &mut Journal,
+    ) -> Result<(CommandCenter, Vec<u64>), ClusterError> {
         let cluster = &self.together.cluster;
         let commands = commands.with_cluster(&self.together);
         commands.share(
@@ -148,15 +148,25 @@ impl Membership {
         if let Err(error) = journal.keep(|id| forgotten.contains(&id)) {
             tracing::error!(%error, "the journal of commands cannot be written");
         }
+        Ok((commands, mine))
+    }
+
+    /// Goes on with what this server owes by the word of the others, and tells them what it owes by that of
+    /// its journal.
+    pub(super) async fn go_on(
+        &self,
+        commands: &CommandCenter,
+        mine: Vec<u64>,
+    ) -> Result<(), ClusterError> {
+        let cluster = &self.together.cluster;
         let now = Instant::now();
-        let commands = commands.with_journal(journal, now);
         for id in mine {
             commands.take_over(id, &cluster.read(id).await?, now);
         }
         for (id, fields) in commands.everything() {
             cluster.accept(id, &fields).await?;
         }
-        Ok(commands)
+        Ok(())
     }
 
     /// Starts what goes on until `stop`.
@@ -259,7 +269,10 @@ impl Membership {
                 Joined::Adopted => {
                     tracing::warn!("another server has taken over what this one owed");
                     app.commands.let_go();
-                    match new_name(&self.name) {
+                    let path = self.name.clone();
+                    // A slow disk must not hold up whoever else is on this thread.
+                    let named = tokio::task::spawn_blocking(move || new_name(&path)).await;
+                    match named.unwrap_or_else(|error| Err(io::Error::other(error))) {
                         Ok(name) => cluster.rename(name),
                         Err(error) => {
                             // Under the old name nothing is accepted any more.
