@@ -3,7 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crawler_records::Records;
+use crawler_records::{Records, RecordsError};
+use futures_util::future::join_all;
 use serde_json::Value;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
@@ -14,6 +15,8 @@ use crate::metrics::{Dropped, Metrics};
 
 /// Entries that wait to be written.
 const QUEUE: usize = 4_096;
+/// Those that are written at a time: the records put them into one transaction.
+const BATCH: usize = 128;
 /// Before an entry is tried again that a database did not take.
 const AGAIN: Duration = Duration::from_secs(1);
 
@@ -119,24 +122,50 @@ async fn keep(
     mut waiting: mpsc::Receiver<crawler_records::Entry>,
     stop: CancellationToken,
 ) {
+    let mut batch = Vec::with_capacity(BATCH);
     loop {
-        let entry = tokio::select! {
+        let taken = tokio::select! {
             biased;
-            entry = waiting.recv() => entry,
-            () = stop.cancelled() => None,
+            taken = waiting.recv_many(&mut batch, BATCH) => taken,
+            () = stop.cancelled() => 0,
         };
-        let Some(entry) = entry else {
+        if taken == 0 {
             return;
-        };
-        while let Err(error) = records.audit(entry.clone()).await {
-            if !error.is_passing() || stop.is_cancelled() {
-                missing(&error);
-                break;
-            }
-            tokio::select! {
-                () = stop.cancelled() => {}
-                () = tokio::time::sleep(AGAIN) => {}
-            }
+        }
+        // Handed over in their order, which the records keep.
+        let written = join_all(batch.iter().map(|entry| records.audit(entry.clone()))).await;
+        let left = batch.drain(..).zip(written);
+        for entry in left.filter_map(|(entry, written)| unwritten(entry, written)) {
+            write(&records, entry, &stop).await;
+        }
+    }
+}
+
+/// An entry that is to be tried again.
+fn unwritten<T>(
+    entry: crawler_records::Entry,
+    written: Result<T, RecordsError>,
+) -> Option<crawler_records::Entry> {
+    match written {
+        Err(error) if error.is_passing() => Some(entry),
+        Err(error) => {
+            missing(&error);
+            None
+        }
+        Ok(_) => None,
+    }
+}
+
+/// Tries until the records take it.
+async fn write(records: &Records, entry: crawler_records::Entry, stop: &CancellationToken) {
+    while let Err(error) = records.audit(entry.clone()).await {
+        if !error.is_passing() || stop.is_cancelled() {
+            missing(&error);
+            break;
+        }
+        tokio::select! {
+            () = stop.cancelled() => {}
+            () = tokio::time::sleep(AGAIN) => {}
         }
     }
 }

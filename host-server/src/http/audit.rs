@@ -36,6 +36,19 @@ impl App {
             .await;
     }
 
+    /// The same for whoever cannot wait for the records: it is written as soon as they take it.
+    pub(super) fn audit_later<T>(
+        &self,
+        caller: &Caller,
+        action: &'static str,
+        target: &str,
+        detail: Value,
+        result: &Result<T, Problem>,
+    ) {
+        let entry = entry(&caller.name(), caller, action, target, detail, result);
+        self.trail.note(entry);
+    }
+
     /// The same for somebody whom the request did not name.
     pub(super) async fn audit_as<T>(
         &self,
@@ -46,18 +59,7 @@ impl App {
         detail: Value,
         result: &Result<T, Problem>,
     ) {
-        let outcome = match result {
-            Ok(_) => "ok",
-            Err(problem) => problem.code(),
-        };
-        let entry = Entry {
-            who: who.to_owned(),
-            from: caller.peer.ip().to_string(),
-            action,
-            target: target.to_owned(),
-            detail,
-            outcome: outcome.to_owned(),
-        };
+        let entry = entry(who, caller, action, target, detail, result);
         self.trail.write(entry).await;
         // Whoever logs in here, or is locked out, is so everywhere. What is not told is found by
         // looking, some seconds later.
@@ -71,6 +73,29 @@ impl App {
                 }
             });
         }
+    }
+}
+
+/// What the caller did and what came of it.
+fn entry<T>(
+    who: &str,
+    caller: &Caller,
+    action: &'static str,
+    target: &str,
+    detail: Value,
+    result: &Result<T, Problem>,
+) -> Entry {
+    let outcome = match result {
+        Ok(_) => "ok",
+        Err(problem) => problem.code(),
+    };
+    Entry {
+        who: who.to_owned(),
+        from: caller.peer.ip().to_string(),
+        action,
+        target: target.to_owned(),
+        detail,
+        outcome: outcome.to_owned(),
     }
 }
 

@@ -1,5 +1,6 @@
 //! Telling robots what to do.
 
+use std::panic::resume_unwind;
 use std::sync::Arc;
 
 use axum::Json;
@@ -7,9 +8,11 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use crawler_delivery::Class;
 use crawler_protocol::{Action, Reason, RobotId};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use tracing::Instrument as _;
 use utoipa::{IntoParams, ToSchema};
 
 use super::App;
@@ -157,15 +160,39 @@ async fn send(
 }
 
 /// Reads a command and sends it to one robot; writes down that it was given.
+///
+/// # Cancellation safety
+/// What was begun is done, and written down: see [`whole`].
 pub(super) async fn send_to_robot(
-    app: &App,
-    caller: &Caller,
-    id: &str,
-    body: &[u8],
+    app: Arc<App>,
+    caller: Caller,
+    id: String,
+    body: Vec<u8>,
 ) -> Result<Accepted, Problem> {
-    let result = try_robot(app, caller, id, body).await;
-    audit(app, caller, id, body, &result).await;
-    result
+    whole(async move {
+        let result = try_robot(&app, &caller, &id, &body).await;
+        audit(&app, &caller, &id, &body, &result).await;
+        result
+    })
+    .await
+}
+
+/// Does `work` whether or not somebody still waits for it: whoever hangs up while a command waits for
+/// the disk has given it all the same, and the audit log says so.
+async fn whole(
+    work: impl Future<Output = Result<Accepted, Problem>> + Send + 'static,
+) -> Result<Accepted, Problem> {
+    match tokio::spawn(work.in_current_span()).await {
+        Ok(result) => result,
+        Err(error) => match error.try_into_panic() {
+            Ok(panic) => resume_unwind(panic),
+            Err(_) => Err(Problem::new(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "stopping",
+                "the server is about to end",
+            )),
+        },
+    }
 }
 
 async fn try_robot(app: &App, caller: &Caller, id: &str, body: &[u8]) -> Result<Accepted, Problem> {
@@ -198,7 +225,8 @@ async fn try_swarm(app: &App, caller: &Caller, body: &[u8]) -> Result<Accepted, 
     send(app, caller, action, Target::Swarm, expected).await
 }
 
-/// Writes down a command that was one. It has gone out by then: no stop waits for a disk.
+/// Writes down a command that was one. It has gone out by then. Nobody who stops or steers a robot
+/// waits for a disk: their entry is written when the disk takes it.
 async fn audit(
     app: &App,
     caller: &Caller,
@@ -208,14 +236,19 @@ async fn audit(
 ) {
     // The body was parsed, so it is small and says nothing but a command; where it was not, what
     // stands there is anybody's guess.
-    let mut detail = serde_json::from_slice(body).unwrap_or(Value::Null);
-    if Action::parse(body).is_err() {
-        detail = Value::Null;
-    }
+    let action = Action::parse(body);
+    let detail = match &action {
+        Ok(_) => serde_json::from_slice(body).unwrap_or(Value::Null),
+        Err(_) => Value::Null,
+    };
     let detail = match result {
         Ok(Accepted(view)) => json!({ "id": view.id, "request": detail }),
         Err(_) => json!({ "request": detail }),
     };
+    if action.is_ok_and(|action| matches!(Class::of(&action), Class::Halt | Class::Motion)) {
+        app.audit_later(caller, "command.send", target, detail, result);
+        return;
+    }
     app.audit(caller, "command.send", target, detail, result)
         .await;
 }
@@ -244,7 +277,7 @@ pub(super) async fn to_robot(
     Path(id): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Accepted, Problem> {
-    send_to_robot(&app, &caller, &id, &body).await
+    send_to_robot(app, caller, id, body.to_vec()).await
 }
 
 /// Sends a command to every robot
@@ -270,9 +303,12 @@ pub(super) async fn to_swarm(
     caller: Caller,
     JsonBody(body): JsonBody,
 ) -> Result<Accepted, Problem> {
-    let result = try_swarm(&app, &caller, &body).await;
-    audit(&app, &caller, "swarm", &body, &result).await;
-    result
+    whole(async move {
+        let result = try_swarm(&app, &caller, &body).await;
+        audit(&app, &caller, "swarm", &body, &result).await;
+        result
+    })
+    .await
 }
 
 /// Commands of one answer.

@@ -346,5 +346,5 @@ pub(super) async fn set_parameters(
     let mut request = br#"{"command":"set","parameters":"#.to_vec();
     request.extend_from_slice(&body);
     request.push(b'}');
-    send_to_robot(&app, &caller, &id, &request).await
+    send_to_robot(app, caller, id, request).await
 }

@@ -2,6 +2,7 @@
 //! the disk on it holds up all that is asked here.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use http_body_util::{BodyExt as _, Full};
 use hyper::body::Bytes;
@@ -12,6 +13,7 @@ use rumqttc::v5::mqttbytes::v5::Packet;
 use rumqttc::v5::{AsyncClient, Event, MqttOptions};
 use serde_json::Value;
 use tokio::sync::mpsc;
+use tokio::task::JoinSet;
 
 use super::*;
 use crate::config::Layer;
@@ -256,5 +258,90 @@ async fn a_full_disk_is_told_and_stops_go_all_the_same() {
         metrics.contains("terracrawler_command_journal_up 1\n"),
         "{metrics}"
     );
+    scene.stop().await;
+}
+
+/// Entries of the audit log that wait to be written before anybody asks for anything. More than come to
+/// their turn while a request is answered.
+const CROWD: usize = 20_000;
+
+/// Keeps the records so busy that whoever waits for them waits for [`CROWD`] others. Returns what is written
+/// so far, and the tasks.
+async fn crowd(scene: &Scene) -> (Arc<AtomicUsize>, JoinSet<()>) {
+    let (begun, written) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
+    let mut tasks = JoinSet::new();
+    for _ in 0..CROWD {
+        let records = scene.server.app.records.clone();
+        let (begun, written) = (Arc::clone(&begun), Arc::clone(&written));
+        tasks.spawn(async move {
+            let entry = crawler_records::Entry {
+                at: 1,
+                who: "crowd".to_owned(),
+                from: String::new(),
+                action: "test".to_owned(),
+                target: String::new(),
+                detail: Value::Null,
+                outcome: "ok".to_owned(),
+            };
+            begun.fetch_add(1, Ordering::Relaxed);
+            while records.audit(entry.clone()).await.is_ok() {
+                written.fetch_add(1, Ordering::Relaxed);
+            }
+        });
+    }
+    within("all of them wait", async {
+        while begun.load(Ordering::Relaxed) < CROWD {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    (written, tasks)
+}
+
+async fn is_audited(scene: &Scene, command: &str) {
+    let what = format!("{command} is in the audit log");
+    scene
+        .eventually(&what, "/api/v1/audit?limit=1000&who=anonymous", |page| {
+            let entries = page["entries"].as_array().expect("entries").iter();
+            let given = entries.filter(|entry| entry["action"] == "command.send");
+            given
+                .filter(|entry| entry["detail"]["request"]["command"] == command)
+                .any(|entry| entry["outcome"] == "ok")
+        })
+        .await;
+}
+
+#[tokio::test]
+async fn who_stops_or_steers_a_robot_does_not_wait_for_the_audit_log() {
+    let scene = Scene::new("audit").await;
+    let (written, mut crowd) = crowd(&scene).await;
+    for command in [MOVE, r#"{"command":"stop"}"#, r#"{"command":"estop"}"#] {
+        let before = written.load(Ordering::Relaxed);
+        let (status, body) = scene.give(command).await;
+        assert_eq!(status, 202, "{body}");
+        let waited = written.load(Ordering::Relaxed) - before;
+        assert!(waited < CROWD / 2, "{command} waited for {waited} others");
+    }
+    crowd.shutdown().await;
+    for command in ["move", "stop", "estop"] {
+        is_audited(&scene, command).await;
+    }
+    scene.stop().await;
+}
+
+#[tokio::test]
+async fn who_hangs_up_has_given_the_command_and_the_audit_log_says_so() {
+    let mut scene = Scene::new("hung-up").await;
+    scene.brake.hold();
+    let http = scene.server.http();
+    let setting = tokio::spawn(call(http, Method::POST, COMMANDS, SET));
+    assert_eq!(scene.next().await["command"], "set");
+    setting.abort();
+    let hung_up = setting.await;
+    assert!(hung_up.is_err_and(|error| error.is_cancelled()));
+    // The server has seen the end of that connection when it answers another.
+    assert_eq!(scene.get("/healthz").await.0, 200);
+    scene.brake.release();
+    is_audited(&scene, "set").await;
     scene.stop().await;
 }

@@ -5,27 +5,21 @@ use crate::support::{Fixture, eventually};
 use hyper::Method;
 use serde_json::{Value, json};
 
-/// The newest entry of an action.
-#[track_caller]
-fn newest<'a>(entries: &'a [Value], action: &str) -> &'a Value {
-    let mut entries = entries.iter();
-    entries
-        .find(|entry| entry["action"] == action)
-        .unwrap_or_else(|| panic!("no {action}"))
-}
-
 #[tokio::test(flavor = "multi_thread")]
 async fn whatever_somebody_does_is_written_down() {
     let fixture = Fixture::closed().await;
     let admin = fixture.login(ADMIN).await.token;
     let check = async |action: &str, who: &str, target: &str, outcome: &str| {
-        let entries = fixture.audit(&admin).await;
-        let entry = newest(&entries, action).clone();
-        assert_eq!(
-            (&entry["who"], &entry["target"], &entry["outcome"]),
-            (&json!(who), &json!(target), &json!(outcome)),
-            "{entry}"
-        );
+        let mut entry = Value::Null;
+        // Of halts and motion it is written a moment later.
+        eventually(&format!("{action} by {who}: {outcome}"), async || {
+            let entries = fixture.audit(&admin).await;
+            let of_action = entries.iter().find(|entry| entry["action"] == action);
+            entry = of_action.cloned().unwrap_or_default();
+            (&entry["who"], &entry["target"], &entry["outcome"])
+                == (&json!(who), &json!(target), &json!(outcome))
+        })
+        .await;
         assert_eq!(entry["from"], "127.0.0.1", "{entry}");
         assert!(entry["at"].as_i64() > Some(1_600_000_000_000), "{entry}");
         assert_eq!(entry["hash"].as_str().map(str::len), Some(64), "{entry}");
@@ -123,6 +117,10 @@ async fn the_log_is_read_page_by_page() {
         let path = "/api/v1/robots/a/commands";
         fixture.call_as(&admin, Method::POST, path, stop).await;
     }
+    eventually("all is written down", async || {
+        fixture.audit(&admin).await.len() == 6
+    })
+    .await;
     let mut numbers = Vec::new();
     let mut path = "/api/v1/audit?limit=2".to_owned();
     loop {
@@ -164,8 +162,15 @@ async fn an_open_server_writes_it_down_too() {
     let fixture = Fixture::start().await;
     let stop = r#"{"command":"stop"}"#;
     fixture.post("/api/v1/swarm/commands", stop).await;
-    let page = fixture.get("/api/v1/audit").await.json();
-    let entry = newest(page["entries"].as_array().expect("entries"), "command.send").clone();
+    let mut entry = Value::Null;
+    eventually("written down", async || {
+        let page = fixture.get("/api/v1/audit").await.json();
+        let entries = page["entries"].as_array().expect("entries").iter();
+        let mut of_action = entries.filter(|entry| entry["action"] == "command.send");
+        entry = of_action.next().cloned().unwrap_or_default();
+        !entry.is_null()
+    })
+    .await;
     assert_eq!(entry["who"], "anonymous");
     assert_eq!(entry["from"], "127.0.0.1");
     fixture.stop().await;
