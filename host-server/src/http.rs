@@ -199,11 +199,12 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr, proxies: Networks) -> Ro
         .merge(health::routes())
         .merge(mqtt::routes())
         .fallback(assets::serve)
-        .layer(DefaultBodyLimit::max(MAX_BODY))
         .layer(middleware::from_fn_with_state(
             Arc::clone(&app),
             access::check,
         ))
+        // Around the check, which reads commands.
+        .layer(DefaultBodyLimit::max(MAX_BODY))
         .layer(middleware::from_fn(guard::time_out))
         .layer(middleware::from_fn_with_state(
             guard::Rules::new(listen),

@@ -20,6 +20,13 @@ const ALLOWANCE: Allowance = Allowance {
     debt: 2_000.0,
     patience: Duration::from_secs(10),
 };
+/// Halts that one client may send whatever else it sends.
+const HALTS: Allowance = Allowance {
+    per_second: 50.0,
+    burst: 200.0,
+    debt: 0.0,
+    patience: Duration::ZERO,
+};
 /// Bytes that count as one message.
 const UNIT: usize = 1_024;
 /// Messages that a connection and a subscription count as. A subscription with a wildcard brings
@@ -97,6 +104,7 @@ struct Session {
 
 struct Meter {
     flood: Flood,
+    halts: Flood,
     used: Instant,
     /// When it last had to wait.
     waited: Option<Instant>,
@@ -246,6 +254,14 @@ impl Clients {
         self.lock().spend(client, units, now)
     }
 
+    /// Counts a halt. Whether it goes through at once, whatever the client has sent before; otherwise it
+    /// counts like anything else.
+    pub(super) fn halted(&self, client: &str, now: Instant) -> bool {
+        let mut inner = self.lock();
+        let meter = inner.meter(client, now);
+        meter.is_some_and(|meter| meter.halts.spend(1.0, now) == Verdict::Pass)
+    }
+
     /// Counts a subscription.
     pub(super) fn subscribed(&self, client: &str, filter: &str, now: Instant) -> Spent {
         let wide = filter.contains(['+', '#']);
@@ -286,18 +302,23 @@ impl Inner {
         }
     }
 
-    fn spend(&mut self, client: &str, units: f64, now: Instant) -> Spent {
+    fn meter(&mut self, client: &str, now: Instant) -> Option<&mut Meter> {
         if !self.meters.contains_key(client) {
             self.make_room(now);
             self.meters.insert(client.to_owned(), Meter::new(now));
         }
-        let Some(meter) = self.meters.get_mut(client) else {
+        let meter = self.meters.get_mut(client)?;
+        meter.used = now;
+        Some(meter)
+    }
+
+    fn spend(&mut self, client: &str, units: f64, now: Instant) -> Spent {
+        let Some(meter) = self.meter(client, now) else {
             return Spent::Locked;
         };
         if meter.is_locked(now) {
             return Spent::Locked;
         }
-        meter.used = now;
         match meter.flood.spend(units, now) {
             Verdict::Pass => Spent::Pass,
             Verdict::Wait(wait) => {
@@ -343,6 +364,7 @@ impl Meter {
     fn new(now: Instant) -> Self {
         Self {
             flood: Flood::new(ALLOWANCE, now),
+            halts: Flood::new(HALTS, now),
             used: now,
             waited: None,
             locked_until: None,

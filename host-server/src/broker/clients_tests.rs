@@ -211,3 +211,19 @@ fn memory_stays_bounded() {
     }
     assert!(clients.lock().sessions.len() <= MAX_CLIENTS);
 }
+
+#[test]
+fn a_halt_waits_for_nothing_that_was_sent_before() {
+    let (clients, start) = (clients(), Instant::now());
+    let (_, now) = flood(&clients, "a", start, Duration::from_secs(5));
+    assert!(matches!(clients.published("a", 100, now), Spent::Wait(_)));
+    assert!(clients.halted("a", now), "it is slowed down");
+    let (_, now) = flood(&clients, "a", now, Duration::from_mins(1));
+    assert_eq!(clients.published("a", 100, now), Spent::Locked);
+    assert!(clients.halted("a", now), "it is being cut off");
+    // A flood of halts is one all the same.
+    let passed = (0..10_000).filter(|_| clients.halted("b", now)).count();
+    assert_eq!(passed, 200);
+    assert_eq!(clients.published("b", 100, now), Spent::Pass);
+    assert!(clients.halted("b", now + Duration::from_secs(1)));
+}

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use async_trait::async_trait;
 use crawler_access::topics::Act;
 use crawler_access::{Digest, Secret};
-use crawler_protocol::{Fleet, MAX_MESSAGE, Topic};
+use crawler_protocol::{Action, Command, Fleet, MAX_MESSAGE, Topic};
 use rmqtt::codec::v5::{PublishAckReason, SubscribeAckReason};
 use rmqtt::context::ServerContext;
 use rmqtt::hook::{Handler, HookResult, Parameter, ReturnType};
@@ -189,12 +189,15 @@ impl Shared {
     /// Decides about a publish.
     async fn publish(&self, id: &Id, publish: &Publish) -> PublishAclResult {
         let key = key(id);
-        let spent = self
-            .clients
-            .published(key.client, publish.payload.len(), Instant::now());
-        if !self.pay(spent, id).await {
-            let text = "too many messages for too long";
-            return refuse(PublishAckReason::QuotaExceeded, text);
+        let now = Instant::now();
+        // A halt does not wait for what its sender has sent before.
+        if !(self.is_halt(publish) && self.clients.halted(key.client, now)) {
+            let length = publish.payload.len();
+            let spent = self.clients.published(key.client, length, now);
+            if !self.pay(spent, id).await {
+                let text = "too many messages for too long";
+                return refuse(PublishAckReason::QuotaExceeded, text);
+            }
         }
         let allowed = self
             .clients
@@ -275,6 +278,16 @@ impl Shared {
             }
             Spent::Locked => false,
         }
+    }
+
+    /// Whether this tells robots to stop.
+    fn is_halt(&self, publish: &Publish) -> bool {
+        let topic = Topic::parse(&self.fleet, &publish.topic);
+        let commands = matches!(topic, Ok(Topic::CommandSwarm | Topic::CommandRobot(_)));
+        let command = commands.then(|| Command::parse(&publish.payload));
+        command.is_some_and(|command| {
+            command.is_ok_and(|command| matches!(command.action, Action::Stop | Action::Estop))
+        })
     }
 
     /// Nothing but images and firmware may be longer than a message of the contract, whatever

@@ -13,9 +13,10 @@ use axum::response::{IntoResponse, Response};
 use crawler_access::Role;
 use crawler_protocol::Source;
 
-use super::App;
 use super::peer::Peer;
 use super::problem::Problem;
+use super::rates::{self, Charge};
+use super::{App, commands};
 use crate::accounts::{Identity, Stranger};
 use crate::cluster::Together;
 use crate::metrics::Dropped;
@@ -286,36 +287,63 @@ fn admit(app: &App, request: &Request, redeemed: Option<Identity>) -> Result<Cal
 }
 
 /// Lets a request through, or says why not.
-pub(super) async fn check(
-    State(app): State<Arc<App>>,
-    mut request: Request,
-    next: Next,
-) -> Response {
-    // Before the token is looked at: guessing tokens is to be no quicker than anything else.
-    let peer = Peer::of(&request);
-    let together = app.together.as_deref();
-    if let Err(problem) = app.rates.address(peer.ip(), together).await {
-        app.metrics.dropped(Dropped::RateLimited);
-        return problem.into_response();
+pub(super) async fn check(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    match pass(&app, request).await {
+        Ok(request) => next.run(request).await,
+        Err(problem) => {
+            if problem.code() == rates::LIMITED {
+                app.metrics.dropped(Dropped::RateLimited);
+            }
+            problem.into_response()
+        }
     }
-    let shared = shared_ticket(&app, &request);
+}
+
+/// The request with its caller, charged to what it counts against.
+async fn pass(app: &App, request: Request) -> Result<Request, Problem> {
+    let address = Peer::of(&request).ip();
+    let together = app.together.as_deref();
+    let charge = Charge::of(&request);
+    match charge {
+        Charge::Probe => app.rates.probe(address)?,
+        // Whose command it is comes first: strangers at the same address must not use up a halt.
+        Charge::Command => {}
+        // Before the token is looked at: guessing tokens is to be no quicker than anything else.
+        Charge::Other => app.rates.address(address, together).await?,
+    }
+    let shared = shared_ticket(app, &request);
     let redeemed = match shared {
         Some((together, ticket)) => app.accounts.redeem_shared(&ticket, together).await,
         None => None,
     };
-    let caller = match admit(&app, &request, redeemed) {
+    let caller = match admit(app, &request, redeemed) {
         Ok(caller) => caller,
-        Err(problem) => return problem.into_response(),
+        Err(problem) => {
+            if charge == Charge::Command {
+                app.rates.address(address, together).await?;
+            }
+            return Err(problem);
+        }
     };
-    if let Some(identity) = &caller.identity
-        && let Err(problem) = app.rates.user(&identity.user, together).await
-    {
-        app.metrics.dropped(Dropped::RateLimited);
-        return problem.into_response();
+    let read = match charge {
+        Charge::Command => commands::told_apart(request).await,
+        Charge::Probe | Charge::Other => Ok((request, false)),
+    };
+    let user = caller.identity.as_ref().map(|identity| &identity.user);
+    if matches!(read, Ok((_, true))) {
+        app.rates.halt(user, address)?;
+    } else {
+        if charge == Charge::Command {
+            app.rates.address(address, together).await?;
+        }
+        if let Some(user) = user.filter(|_| charge != Charge::Probe) {
+            app.rates.user(user, together).await?;
+        }
     }
+    let (mut request, _) = read?;
     tracing::debug!(user = caller.name(), "let in");
     request.extensions_mut().insert(caller);
-    next.run(request).await
+    Ok(request)
 }
 
 #[cfg(test)]

@@ -4,8 +4,9 @@ use std::panic::resume_unwind;
 use std::sync::Arc;
 
 use axum::Json;
+use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, State};
+use axum::extract::{FromRequest as _, Path, Query, Request, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use crawler_delivery::Class;
@@ -102,6 +103,15 @@ fn parse(body: &[u8]) -> Result<Action, Problem> {
 /// Whatever happens, these go out: they can only make things safer.
 const fn is_halt(action: &Action) -> bool {
     matches!(action, Action::Stop | Action::Estop)
+}
+
+/// A request for a command, with its body read, and whether that is a halt.
+pub(super) async fn told_apart(request: Request) -> Result<(Request, bool), Problem> {
+    let (parts, body) = request.into_parts();
+    let unread = Request::from_parts(parts.clone(), body);
+    let JsonBody(body) = JsonBody::from_request(unread, &()).await?;
+    let halts = Action::parse(&body).is_ok_and(|action| is_halt(&action));
+    Ok((Request::from_parts(parts, Body::from(body)), halts))
 }
 
 fn failed(error: SendError) -> Problem {

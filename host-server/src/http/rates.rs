@@ -1,4 +1,7 @@
 //! How many requests one address and one user may make.
+//!
+//! Halts have a budget of their own: whatever else somebody asks for, and whoever else asks from the same
+//! address, a stop goes through. Probes have one too, so that a monitor takes nothing from people.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -6,7 +9,8 @@ use std::net::IpAddr;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use axum::http::StatusCode;
+use axum::extract::{MatchedPath, Request};
+use axum::http::{Method, StatusCode};
 use crawler_access::UserName;
 use crawler_access::limits::{Allowance, Flood, Verdict, neighbourhood};
 use crawler_cluster::{Bucket, Spent};
@@ -14,6 +18,8 @@ use crawler_cluster::{Bucket, Spent};
 use super::problem::Problem;
 use crate::cluster::Together;
 
+/// The code of a problem that a limit of this module makes.
+pub(super) const LIMITED: &str = "rate_limited";
 /// For one address, which a house full of people may share.
 const ADDRESS: Allowance = Allowance {
     per_second: 200.0,
@@ -25,6 +31,28 @@ const ADDRESS: Allowance = Allowance {
 const USER: Allowance = Allowance {
     per_second: 50.0,
     burst: 300.0,
+    debt: 0.0,
+    patience: Duration::ZERO,
+};
+/// Halts of one user. Somebody who hammers on the key makes ten a second; a page that stops a selection
+/// of robots one by one makes thirty.
+const USER_HALTS: Allowance = Allowance {
+    per_second: 50.0,
+    burst: 200.0,
+    debt: 0.0,
+    patience: Duration::ZERO,
+};
+/// Halts of one address on an open server, where nobody has a name.
+const ADDRESS_HALTS: Allowance = Allowance {
+    per_second: 100.0,
+    burst: 400.0,
+    debt: 0.0,
+    patience: Duration::ZERO,
+};
+/// Probes of one address. Several monitors that ask every second are far below.
+const ADDRESS_PROBES: Allowance = Allowance {
+    per_second: 50.0,
+    burst: 200.0,
     debt: 0.0,
     patience: Duration::ZERO,
 };
@@ -71,10 +99,41 @@ impl<K: Hash + Eq> Buckets<K> {
     }
 }
 
+/// What a request is charged to, as far as its head tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Charge {
+    /// A monitor's question.
+    Probe,
+    /// A command, which may be a halt: the body says.
+    Command,
+    /// Anything else.
+    Other,
+}
+
+impl Charge {
+    /// What `request` is charged to.
+    pub(super) fn of(request: &Request) -> Self {
+        let path = request.extensions().get::<MatchedPath>();
+        let get = matches!(*request.method(), Method::GET | Method::HEAD);
+        match path.map(MatchedPath::as_str) {
+            Some("/healthz" | "/readyz" | "/metrics") if get => Self::Probe,
+            Some("/api/v1/robots/{id}/commands" | "/api/v1/swarm/commands")
+                if request.method() == Method::POST =>
+            {
+                Self::Command
+            }
+            _ => Self::Other,
+        }
+    }
+}
+
 /// The limits of the API.
 pub(crate) struct Rates {
     addresses: Mutex<Buckets<IpAddr>>,
     users: Mutex<Buckets<UserName>>,
+    address_halts: Mutex<Buckets<IpAddr>>,
+    user_halts: Mutex<Buckets<UserName>>,
+    probes: Mutex<Buckets<IpAddr>>,
 }
 
 impl Rates {
@@ -83,6 +142,9 @@ impl Rates {
         Self {
             addresses: Mutex::new(Buckets::new(ADDRESS)),
             users: Mutex::new(Buckets::new(USER)),
+            address_halts: Mutex::new(Buckets::new(ADDRESS_HALTS)),
+            user_halts: Mutex::new(Buckets::new(USER_HALTS)),
+            probes: Mutex::new(Buckets::new(ADDRESS_PROBES)),
         }
     }
 
@@ -105,6 +167,26 @@ impl Rates {
     ) -> Result<(), Problem> {
         spend(&self.users, user.clone(), "user", USER)?;
         spend_together(together, user.as_str(), "user", USER).await
+    }
+
+    /// Counts a halt of `user`, or of `address` where nobody has a name. On this server alone: a halt
+    /// waits for nothing.
+    pub(super) fn halt(&self, user: Option<&UserName>, address: IpAddr) -> Result<(), Problem> {
+        match user {
+            Some(user) => spend(&self.user_halts, user.clone(), "user", USER_HALTS),
+            None => spend(
+                &self.address_halts,
+                neighbourhood(address),
+                "address",
+                ADDRESS_HALTS,
+            ),
+        }
+    }
+
+    /// Counts a probe from `address`, on this server alone: it is the one that is asked about.
+    pub(super) fn probe(&self, address: IpAddr) -> Result<(), Problem> {
+        let place = neighbourhood(address);
+        spend(&self.probes, place, "address", ADDRESS_PROBES)
     }
 }
 
@@ -133,9 +215,9 @@ async fn spend_together(
 fn too_many(whose: &str, allowance: Allowance) -> Problem {
     Problem::later(
         StatusCode::TOO_MANY_REQUESTS,
-        "rate_limited",
+        LIMITED,
         format!(
-            "too many requests: one {whose} may make {} a second",
+            "too many requests: one {whose} may make {} of this kind a second",
             allowance.per_second
         ),
         Duration::from_secs(1),

@@ -13,6 +13,7 @@ mod descriptions;
 mod experiments;
 mod faults;
 mod fences;
+mod halts;
 mod hostile;
 mod images;
 mod link;
