@@ -33,7 +33,7 @@ use rmqtt::net::Builder;
 use rmqtt::server::MqttServer;
 use tokio::net::TcpStream;
 
-pub(crate) use accounts::{Accounts, Open, RecordAccounts};
+pub(crate) use accounts::{Accounts, Kind, Open, RecordAccounts};
 pub(crate) use clients::LinkState;
 pub(crate) use counters::GuardCounters;
 pub(crate) use numbers::Load;
@@ -131,22 +131,25 @@ impl BrokerHandle {
     }
 
     /// Ends every session of a name: a robot or simulator whose credential was revoked or replaced,
-    /// a person whose role has changed. From now on none of them is heard, and a login that is
+    /// a person whose role has changed. Who else has that name stays. From now on none of them is heard, and a login that is
     /// under way comes to nothing. Change the records first.
-    pub(crate) async fn drop_client(&self, name: &str) {
-        let mut clients = self.clients.expel(name, Instant::now());
+    pub(crate) async fn drop_client(&self, kind: Kind, name: &str) {
+        let mut ended = self.clients.expel(kind, name, Instant::now());
+        let clients = Arc::clone(&self.clients);
         let (context, name) = (self.context.clone(), name.to_owned());
         let counters = Arc::clone(&self.counters);
         // In the broker's own runtime, so that nothing of it outlives it. One after the other: a
         // name has one session, but for simulators.
         let ending = self.runtime.spawn(async move {
             // A session whose client is away keeps its subscriptions for whoever comes back to it.
-            clients.extend(guard::sessions_of(&context, &name).await);
-            clients.sort();
-            clients.dedup();
-            let ended = clients.len() as u64;
-            counters.dropped.fetch_add(ended, Ordering::Relaxed);
-            for client in clients {
+            let mut away = guard::sessions_of(&context, &name).await;
+            away.retain(|client| clients.kind(client) == Some(kind));
+            ended.extend(away);
+            ended.sort();
+            ended.dedup();
+            let count = ended.len() as u64;
+            counters.dropped.fetch_add(count, Ordering::Relaxed);
+            for client in ended {
                 guard::end_session(&context, &client).await;
             }
         });

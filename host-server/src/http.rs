@@ -43,7 +43,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::accounts::{Accounts, Trail};
-use crate::broker::BrokerHandle;
+use crate::broker::{BrokerHandle, Kind};
 use crate::bus::Bus;
 use crate::cluster::Together;
 use crate::commands::CommandCenter;
@@ -113,10 +113,10 @@ pub(crate) struct App {
 }
 
 impl App {
-    /// Ends what a name has at the broker, where the broker is ours.
-    pub(crate) async fn drop_client(&self, name: &str) {
+    /// Ends what a person or a machine of that name has at the broker, where the broker is ours.
+    pub(crate) async fn drop_client(&self, kind: Kind, name: &str) {
         if let Some(broker) = &self.broker {
-            broker.drop_client(name).await;
+            broker.drop_client(kind, name).await;
         }
     }
 }

@@ -50,6 +50,27 @@ pub(crate) enum Access {
     As(Principal),
 }
 
+/// Whose a name is. A person and a robot may have the same one: nothing that becomes of one is to reach
+/// the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Kind {
+    /// An account's.
+    Person,
+    /// A robot's or a simulator's.
+    Machine,
+}
+
+impl Access {
+    /// Whose name a session with it has. On an open server nobody has one.
+    pub(super) const fn kind(&self) -> Option<Kind> {
+        match self {
+            Self::Everything => None,
+            Self::As(Principal::User(_)) => Some(Kind::Person),
+            Self::As(_) => Some(Kind::Machine),
+        }
+    }
+}
+
 /// Why a client is not let in, or not heard. The names are those of the metric's label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Refusal {

@@ -8,7 +8,7 @@ use crawler_access::limits::{Allowance, Flood, Verdict};
 use crawler_access::topics::{Act, may};
 use crawler_protocol::{Fleet, RobotId};
 
-use super::accounts::{Access, Refusal};
+use super::accounts::{Access, Kind, Refusal};
 use crate::tls::Peers;
 
 /// What one client may publish without being slowed down. A robot publishes about seven messages a
@@ -114,9 +114,11 @@ struct Meter {
 #[derive(Default)]
 struct Inner {
     sessions: HashMap<String, Vec<Session>>,
+    /// Whose each session is, also while its client is away.
+    kinds: HashMap<String, Kind>,
     meters: HashMap<String, Meter>,
     /// When each name was dropped last. Only the records' names get in here.
-    drops: HashMap<String, Instant>,
+    drops: HashMap<(Kind, String), Instant>,
 }
 
 /// The list of clients.
@@ -165,15 +167,20 @@ impl Clients {
         now: Instant,
     ) -> Result<(), Refusal> {
         let mut inner = self.lock();
-        if inner.is_dropped(user, begun) {
+        let kind = access.kind();
+        if inner.is_dropped(kind, user, begun) {
             return Err(Refusal::Credentials);
         }
         match inner.spend(key.client, CONNECTION, now) {
             Spent::Pass | Spent::Wait(_) => {}
             Spent::CutOff | Spent::Locked => return Err(Refusal::CutOff),
         }
-        if inner.sessions.len() >= MAX_CLIENTS && !inner.sessions.contains_key(key.client) {
+        let is_new = !inner.sessions.contains_key(key.client);
+        if is_new && inner.is_full() {
             return Err(Refusal::Busy);
+        }
+        if let Some(kind) = kind {
+            inner.kinds.insert(key.client.to_owned(), kind);
         }
         let sessions = inner.sessions.entry(key.client.to_owned()).or_default();
         if sessions.len() >= MAX_SESSIONS {
@@ -191,9 +198,13 @@ impl Clients {
     /// Whether a session that has just been set up may stay: its name was not dropped meanwhile.
     pub(super) fn may_stay(&self, key: Key<'_>) -> bool {
         let inner = self.lock();
-        inner
-            .session(key)
-            .is_some_and(|session| !inner.is_dropped(session.user.as_deref(), session.begun))
+        inner.session(key).is_some_and(|session| {
+            !inner.is_dropped(
+                session.access.kind(),
+                session.user.as_deref(),
+                session.begun,
+            )
+        })
     }
 
     /// Forgets a session that has ended. What it sent counts on.
@@ -204,24 +215,33 @@ impl Clients {
 
     /// Whether there are so many clients that some must be ghosts: see [`prune`](Self::prune).
     pub(super) fn is_full(&self) -> bool {
-        self.lock().sessions.len() >= MAX_CLIENTS
+        self.lock().is_full()
     }
 
     /// Forgets the clients that are no longer among the broker's.
     pub(super) fn prune(&self, exists: impl Fn(&str) -> bool) {
-        self.lock().sessions.retain(|client, _| exists(client));
+        let mut inner = self.lock();
+        inner.sessions.retain(|client, _| exists(client));
+        inner.kinds.retain(|client, _| exists(client));
+    }
+
+    /// Whose the session of a client is, connected or not.
+    pub(super) fn kind(&self, client: &str) -> Option<Kind> {
+        self.lock().kinds.get(client).copied()
     }
 
     /// Takes everything from the sessions of a name, and keeps logins under way from getting it
     /// back. Returns their client ids.
-    pub(super) fn expel(&self, user: &str, now: Instant) -> Vec<String> {
+    pub(super) fn expel(&self, kind: Kind, user: &str, now: Instant) -> Vec<String> {
         let mut inner = self.lock();
         if inner.drops.len() >= MANY_DROPS {
             let recent = |at: Instant| now.saturating_duration_since(at) <= DROP_MEMORY;
             inner.drops.retain(|_, at| recent(*at));
         }
-        inner.drops.insert(user.to_owned(), now);
-        let of_user = |session: &Session| session.user.as_deref() == Some(user);
+        inner.drops.insert((kind, user.to_owned()), now);
+        let of_user = |session: &Session| {
+            session.access.kind() == Some(kind) && session.user.as_deref() == Some(user)
+        };
         let clients: Vec<_> = inner
             .sessions
             .iter()
@@ -353,9 +373,14 @@ impl Inner {
         }
     }
 
+    fn is_full(&self) -> bool {
+        self.sessions.len().max(self.kinds.len()) >= MAX_CLIENTS
+    }
+
     /// Whether a name was dropped since a login under it began.
-    fn is_dropped(&self, user: Option<&str>, begun: Instant) -> bool {
-        let dropped = user.and_then(|user| self.drops.get(user));
+    fn is_dropped(&self, kind: Option<Kind>, user: Option<&str>, begun: Instant) -> bool {
+        let name = kind.zip(user).map(|(kind, user)| (kind, user.to_owned()));
+        let dropped = name.and_then(|name| self.drops.get(&name));
         dropped.is_some_and(|at| *at >= begun)
     }
 }

@@ -155,7 +155,7 @@ fn who_is_dropped_is_not_heard_and_does_not_slip_back_in() {
             .enter(key(client, 1), Some(user), access(client), start, later(1))
             .expect("let in");
     }
-    let mut expelled = clients.expel("simulator-lab", later(10));
+    let mut expelled = clients.expel(Kind::Machine, "simulator-lab", later(10));
     expelled.sort();
     assert_eq!(expelled, ["sim-0001", "sim-0002"]);
     assert_eq!(clients.access(key("sim-0001", 1)), None);
@@ -181,7 +181,7 @@ fn who_is_dropped_is_not_heard_and_does_not_slip_back_in() {
     assert_eq!(fresh, Ok(()));
     assert!(clients.may_stay(key("sim-0001", 3)));
     // And this one is set up when its name goes.
-    clients.expel("b", later(50));
+    clients.expel(Kind::Machine, "b", later(50));
     assert!(!clients.may_stay(key("b", 1)));
 }
 
@@ -197,7 +197,7 @@ fn memory_stays_bounded() {
     assert!(clients.lock().meters.len() <= MAX_METERS);
     for number in 0..3_000_u64 {
         let later = now + Duration::from_secs(number);
-        clients.expel(&format!("c{number}"), later);
+        clients.expel(Kind::Machine, &format!("c{number}"), later);
     }
     assert!(clients.lock().drops.len() <= MANY_DROPS);
     for number in 0..60_000_u32 {

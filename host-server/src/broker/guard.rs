@@ -146,7 +146,7 @@ impl Shared {
             self.check_will(&access, &will)?;
         }
         if access != Access::Everything {
-            self.keep_apart(id, is_robot).await?;
+            self.keep_apart(id, &access, is_robot).await?;
         }
         if self.clients.is_full() {
             let broker = self.context.extends.shared().await;
@@ -169,14 +169,16 @@ impl Shared {
         allowed.then_some(()).ok_or(Refusal::Will)
     }
 
-    /// No session takes over what belongs to another name: its subscriptions and what waits for it.
-    /// A robot has a right to its id, so whoever goes by it has to leave.
-    async fn keep_apart(&self, id: &Id, is_robot: bool) -> Result<(), Refusal> {
+    /// No session takes over what belongs to another name, or to a person of the same name: its
+    /// subscriptions and what waits for it. A robot has a right to its id, so whoever goes by it has to
+    /// leave.
+    async fn keep_apart(&self, id: &Id, access: &Access, is_robot: bool) -> Result<(), Refusal> {
         let holder = {
             let broker = self.context.extends.shared().await;
             broker.entry(id.clone()).session()
         };
-        if holder.is_none_or(|holder| holder.id.username == id.username) {
+        let is_own = self.clients.kind(&id.client_id) == access.kind();
+        if holder.is_none_or(|holder| is_own && holder.id.username == id.username) {
             return Ok(());
         }
         if !is_robot {

@@ -166,7 +166,7 @@ async fn a_revoked_robot_is_gone_and_the_fleet_learns_of_it() {
 
     let revoked = bench.records.revoke_credential("rover-1", 2).await;
     revoked.expect("revoked");
-    handle.drop_client("rover-1").await;
+    handle.drop_client(Kind::Machine, "rover-1").await;
     robot.ends().await;
     // The fleet learns that it is gone.
     loop {
@@ -183,14 +183,14 @@ async fn a_revoked_robot_is_gone_and_the_fleet_learns_of_it() {
 
     // With a new secret it is welcome at once, and the old one stays worth nothing.
     let new = bench.enroll("rover-1").await;
-    handle.drop_client("rover-1").await;
+    handle.drop_client(Kind::Machine, "rover-1").await;
     let again = bench.connect("rover-1", "rover-1", &new).await;
     assert!(again.is_ok());
     let old = bench.connect("rover-1", "rover-1", &secret).await;
     assert_eq!(old.err(), Some(ConnectReturnCode::BadUserNamePassword));
     bench.broker.stop().await;
     // Of no effect, and no hang.
-    handle.drop_client("rover-1").await;
+    handle.drop_client(Kind::Machine, "rover-1").await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -217,15 +217,15 @@ async fn a_simulator_goes_with_all_its_robots_and_a_person_with_all_sessions() {
         all.push(client.expect("let in"));
     }
     let handle = bench.broker.handle();
-    handle.drop_client("sim-0001").await;
+    handle.drop_client(Kind::Machine, "sim-0001").await;
     // Its name is the simulator's.
     all[0].is_heard("swarm/heartbeat/sim-0001").await;
-    handle.drop_client("simulator-lab").await;
+    handle.drop_client(Kind::Machine, "simulator-lab").await;
     for client in &mut all[..3] {
         client.ends().await;
     }
     all[3].is_heard("swarm/command/swarm").await;
-    handle.drop_client("ada").await;
+    handle.drop_client(Kind::Person, "ada").await;
     for client in &mut all[3..] {
         client.ends().await;
     }
@@ -271,7 +271,7 @@ async fn a_session_that_waits_for_its_client_goes_too() {
     assert!(!present(&secret).await);
     assert!(present(&secret).await, "it waits");
     let again = bench.enroll("rover-1").await;
-    handle.drop_client("rover-1").await;
+    handle.drop_client(Kind::Machine, "rover-1").await;
     assert!(!present(&again).await);
     bench.broker.stop().await;
 }
@@ -304,7 +304,7 @@ async fn a_robot_that_floods_shows_and_can_be_dropped_meanwhile() {
     .await;
     let revoked = bench.records.revoke_credential("rover-1", 2).await;
     revoked.expect("revoked");
-    handle.drop_client("rover-1").await;
+    handle.drop_client(Kind::Machine, "rover-1").await;
     // Also in the middle of a flood.
     robot.ends().await;
     flood.abort();

@@ -18,6 +18,7 @@ use super::App;
 use super::access::Caller;
 use super::problem::Problem;
 use crate::accounts::now_ms;
+use crate::broker::Kind;
 use crate::config::BrokerUrl;
 
 /// A credential, without its secret, which nobody keeps.
@@ -149,7 +150,7 @@ pub(super) async fn enrol(
     )
     .await;
     result?;
-    app.drop_client(robot.as_str()).await;
+    app.drop_client(Kind::Machine, robot.as_str()).await;
     let view = NewCredentialView {
         url: address(&app, &headers, robot.as_str(), &secret),
         robot: robot.as_str().to_owned(),
@@ -190,7 +191,7 @@ pub(super) async fn revoke(
         });
     // Whoever would not hear of it in the records is not to stay at the broker either.
     if result.is_ok() {
-        app.drop_client(robot.as_str()).await;
+        app.drop_client(Kind::Machine, robot.as_str()).await;
     }
     app.audit(
         &caller,

@@ -21,6 +21,7 @@ use super::audit::DONE;
 use super::guard::JsonBody;
 use super::problem::Problem;
 use crate::accounts::{Entered, LoginError, SESSION_LIFETIME, TICKET_LIFETIME};
+use crate::broker::Kind;
 
 /// Name of the cookie with the refresh token.
 const COOKIE: &str = "terracrawler_refresh";
@@ -394,7 +395,7 @@ pub(super) async fn password(
     )
     .await;
     result?;
-    app.drop_client(identity.user.as_ref()).await;
+    app.drop_client(Kind::Person, identity.user.as_ref()).await;
     Ok(StatusCode::NO_CONTENT)
 }
 

@@ -18,6 +18,7 @@ use super::peer::Peer;
 use super::problem::Problem;
 use super::session::{LoggedIn, LoginView};
 use crate::accounts::{Change, LoginError, PeopleError, UserView};
+use crate::broker::Kind;
 
 impl From<PeopleError> for Problem {
     fn from(error: PeopleError) -> Self {
@@ -205,7 +206,7 @@ pub(super) async fn change(
     let result = result.map_err(Problem::from);
     if result.is_ok() {
         // At the broker somebody stays what they were when they logged in.
-        app.drop_client(name.as_ref()).await;
+        app.drop_client(Kind::Person, name.as_ref()).await;
     }
     app.audit(&caller, "user.change", name.as_ref(), detail, &result)
         .await;
@@ -231,7 +232,7 @@ pub(super) async fn delete(
     let name = named(&name)?;
     let result = app.accounts.delete(&name).await.map_err(Problem::from);
     if result.is_ok() {
-        app.drop_client(name.as_ref()).await;
+        app.drop_client(Kind::Person, name.as_ref()).await;
     }
     app.audit(&caller, "user.delete", name.as_ref(), json!({}), &result)
         .await;

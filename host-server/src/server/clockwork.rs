@@ -93,8 +93,8 @@ pub(super) async fn upkeep(app: Arc<App>, stop: CancellationToken) {
         }
         match watch.changed(&app.records).await {
             Ok(names) => {
-                for name in names {
-                    app.drop_client(&name).await;
+                for (kind, name) in names {
+                    app.drop_client(kind, &name).await;
                 }
             }
             Err(error) => tracing::warn!(%error, "cannot read what the console changed"),

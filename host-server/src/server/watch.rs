@@ -6,10 +6,12 @@ use std::hash::{DefaultHasher, Hasher as _};
 
 use crawler_records::{Records, RecordsError};
 
+use crate::broker::Kind;
+
 /// What counted when the records were last looked at, by name.
 #[derive(Default)]
 pub(super) struct Watch {
-    known: Option<HashMap<String, u64>>,
+    known: Option<HashMap<(Kind, String), u64>>,
 }
 
 impl Watch {
@@ -18,22 +20,27 @@ impl Watch {
     ///
     /// # Errors
     /// [`RecordsError`] when the records cannot be read; nothing is forgotten then.
-    pub(super) async fn changed(&mut self, records: &Records) -> Result<Vec<String>, RecordsError> {
+    pub(super) async fn changed(
+        &mut self,
+        records: &Records,
+    ) -> Result<Vec<(Kind, String)>, RecordsError> {
         let mut found = HashMap::new();
         let mut void = Vec::new();
         for credential in records.credentials().await? {
+            let name = (Kind::Machine, credential.name);
             if credential.revoked.is_some() {
-                void.push(credential.name.clone());
+                void.push(name.clone());
             }
             let counts = (credential.digest, credential.revoked);
-            found.insert(credential.name, fingerprint(counts));
+            found.insert(name, fingerprint(counts));
         }
         for user in records.users().await? {
+            let name = (Kind::Person, user.name.to_string());
             if user.disabled {
-                void.push(user.name.to_string());
+                void.push(name.clone());
             }
             let counts = (user.password, user.role, user.disabled);
-            found.insert(user.name.to_string(), fingerprint(counts));
+            found.insert(name, fingerprint(counts));
         }
         let changed = self.known.as_ref().map_or_else(Vec::new, |known| {
             // Between two looks somebody can be enrolled, log in, and be revoked.
@@ -63,6 +70,14 @@ mod tests {
     use crawler_access::{Role, Secret, UserName};
     use crawler_records::User;
 
+    fn machine(name: &str) -> [(Kind, String); 1] {
+        [(Kind::Machine, name.to_owned())]
+    }
+
+    fn person(name: &str) -> [(Kind, String); 1] {
+        [(Kind::Person, name.to_owned())]
+    }
+
     #[tokio::test]
     async fn what_changes_is_named_once() {
         let records = Records::in_memory().await.expect("records");
@@ -90,18 +105,24 @@ mod tests {
             .revoke_credential("rover-1", 2)
             .await
             .expect("revoked");
-        assert_eq!(watch.changed(&records).await.expect("read"), ["rover-1"]);
+        assert_eq!(
+            watch.changed(&records).await.expect("read"),
+            machine("rover-1")
+        );
         assert!(watch.changed(&records).await.expect("read").is_empty());
 
         records
             .enroll("rover-2", secret(), 3, "test")
             .await
             .expect("enrolled");
-        assert_eq!(watch.changed(&records).await.expect("read"), ["rover-2"]);
+        assert_eq!(
+            watch.changed(&records).await.expect("read"),
+            machine("rover-2")
+        );
         records.set_disabled(&ada, true, 4).await.expect("locked");
-        assert_eq!(watch.changed(&records).await.expect("read"), ["ada"]);
+        assert_eq!(watch.changed(&records).await.expect("read"), person("ada"));
         records.delete_user(&ada, 5).await.expect("removed");
-        assert_eq!(watch.changed(&records).await.expect("read"), ["ada"]);
+        assert_eq!(watch.changed(&records).await.expect("read"), person("ada"));
         // The first secret of somebody new is still good: there is no session to end.
         records
             .enroll("rover-3", secret(), 6, "test")
@@ -120,7 +141,10 @@ mod tests {
         enrolled.expect("enrolled");
         let revoked = records.revoke_credential("rover-1", 2).await;
         revoked.expect("revoked");
-        assert_eq!(watch.changed(&records).await.expect("read"), ["rover-1"]);
+        assert_eq!(
+            watch.changed(&records).await.expect("read"),
+            machine("rover-1")
+        );
         assert!(watch.changed(&records).await.expect("read").is_empty());
         let user = User {
             name: "ada".parse::<UserName>().expect("name"),
@@ -130,7 +154,7 @@ mod tests {
             disabled: true,
         };
         records.add_user(&user).await.expect("added");
-        assert_eq!(watch.changed(&records).await.expect("read"), ["ada"]);
+        assert_eq!(watch.changed(&records).await.expect("read"), person("ada"));
         assert!(watch.changed(&records).await.expect("read").is_empty());
     }
 }

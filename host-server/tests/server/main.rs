@@ -20,6 +20,7 @@ mod link;
 mod live;
 mod live_faults;
 mod mqtt_websocket;
+mod names;
 mod outside;
 mod recorded;
 mod roles;
