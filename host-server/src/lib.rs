@@ -12,6 +12,7 @@ pub mod run;
 pub mod server;
 
 mod accounts;
+mod addresses;
 mod broker;
 mod bus;
 mod clock;

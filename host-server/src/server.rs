@@ -26,6 +26,7 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use crate::accounts::{Accounts, Trail};
+use crate::addresses::{ADDRESSES_FILE, Addresses};
 use crate::broker::EmbeddedBroker;
 use crate::bus::{self, Bus};
 use crate::clock;
@@ -62,6 +63,8 @@ pub struct Server {
     invitation: Option<String>,
     broker: Option<EmbeddedBroker>,
     _tunnel: Option<Tunnel>,
+    /// What the console reads to find this server.
+    addresses: PathBuf,
     stop_http: CancellationToken,
     stop_bus: CancellationToken,
     stop_trail: CancellationToken,
@@ -242,6 +245,10 @@ impl Server {
             door,
             stop_http.clone(),
         ));
+        let plain = broker.as_ref().map(|broker| broker.address().port());
+        if let Err(error) = Addresses::bound(settings, http, &mqtt, plain).leave(&settings.data) {
+            tracing::warn!(%error, "the console is not told at which addresses this server is");
+        }
         let authority = certificates.as_ref().and_then(|own| own.authority());
         if let Some(certificates) = certificates {
             tokio::spawn(certificates.keep(stop_bus.clone()));
@@ -255,6 +262,7 @@ impl Server {
             invitation: invitation.map(|code| link(http, https, &code)),
             broker,
             _tunnel: tunnel,
+            addresses: settings.data.join(ADDRESSES_FILE),
             stop_http,
             stop_bus,
             stop_trail,
@@ -312,6 +320,8 @@ impl Server {
     /// broker. Takes at most a few times five seconds.
     pub async fn stop(self) {
         self.app.experiments.stop().await;
+        // Where it is missing, there is nothing to take away.
+        let _ = std::fs::remove_file(&self.addresses);
         if let Some(simulation) = self.app.simulation.get() {
             simulation.stop().await;
         }

@@ -88,9 +88,9 @@ pub enum UserTask {
     Invite {
         /// Name of the account, new or known; without it the person chooses
         name: Option<UserName>,
-        /// viewer, operator or admin
-        #[arg(long, default_value_t = Role::Viewer)]
-        role: Role,
+        /// viewer, operator or admin; who has an account keeps its role [default: viewer]
+        #[arg(long)]
+        role: Option<Role>,
         /// For how many hours the link is valid
         #[arg(long, default_value_t = 24, value_name = "N",
               value_parser = clap::value_parser!(u16).range(1..=720))]

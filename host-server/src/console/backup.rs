@@ -17,10 +17,12 @@ use crawler_records::{RECORDS_FILE, Records, RecordsError};
 use serde_json::json;
 
 use super::{Console, now, said};
+use crate::addresses::ADDRESSES_FILE;
 use crate::config::Settings;
 use crate::data::{self, DataDir};
 
-/// What is not copied as a file: locks belong to processes, and databases are copied by themselves.
+/// What is not copied as a file: locks and addresses belong to processes, and databases are copied by
+/// themselves.
 fn is_skipped(name: &str) -> bool {
     name.contains("lock")
         || name.contains(".sqlite")
@@ -29,6 +31,7 @@ fn is_skipped(name: &str) -> bool {
             .is_some_and(|ending| ending == "new")
         || name.starts_with(ASIDE)
         || name.starts_with(MAKING)
+        || name == ADDRESSES_FILE
 }
 
 fn is_database(name: &Path) -> bool {

@@ -1,13 +1,13 @@
 //! Credentials of robots and of simulators.
 
 use std::fmt::Write as _;
-use std::net::{IpAddr, SocketAddr, UdpSocket};
 
 use crawler_access::{Secret, UserName};
 use serde_json::json;
 
 use super::args::{RobotTask, Whose};
 use super::{Console, moment, now, said};
+use crate::addresses::{Addresses, Endpoint};
 use crate::config::{Broker, Settings};
 
 pub(super) async fn run(task: RobotTask, settings: &Settings) -> Result<(), String> {
@@ -44,7 +44,7 @@ async fn enroll(
     if let Some(robot) = &whose.robot {
         check_free(console, robot.as_str()).await?;
     }
-    let door = door(settings, address, whose.robot.is_some())?;
+    let broker = endpoint(settings, address, whose.robot.is_some())?;
     let before = console
         .records
         .credential(&name)
@@ -60,11 +60,11 @@ async fn enroll(
         .await?;
     // What a script wants is on standard output, what a person wants beside it.
     let url = format!(
-        "mqtt{}://{name}:{secret}@{door}",
-        if door.tls { "s" } else { "" }
+        "mqtt{}://{name}:{secret}@{broker}",
+        if broker.tls { "s" } else { "" }
     );
     println!("{url}");
-    eprint!("{}", advice(&url, &name, &secret, &door, settings));
+    eprint!("{}", advice(&url, &name, &secret, &broker, settings));
     if before.is_some_and(|credential| credential.revoked.is_none()) {
         eprintln!("The secret it had before is void.");
     }
@@ -95,7 +95,13 @@ async fn check_free(console: &Console, robot: &str) -> Result<(), String> {
 }
 
 /// What to do with a new secret.
-fn advice(url: &str, name: &str, secret: &Secret, door: &Door, settings: &Settings) -> String {
+fn advice(
+    url: &str,
+    name: &str,
+    secret: &Secret,
+    broker: &Endpoint,
+    settings: &Settings,
+) -> String {
     let mut text = String::from(
         "\nThis secret is shown once; the server keeps only its digest. If it is lost, enroll again.\n\n",
     );
@@ -109,16 +115,16 @@ fn advice(url: &str, name: &str, secret: &Secret, door: &Door, settings: &Settin
         write!(
             text,
             "On the robot's page (docs/provisioning.md) enter:\n  \
-             Address               {door}\n{}  \
+             Address               {broker}\n{}  \
              User name             {name}\n  \
              Password of the user  {secret}\n  \
              Name of this robot    {name}\n  \
              Fleet                 {}\n",
-            authority(door, settings),
+            authority(broker, settings),
             settings.fleet
         )
     };
-    if door.host_is_loopback() {
+    if broker.is_loopback() {
         text.push_str(
             "\nThe address is of this machine alone. For robots elsewhere let the broker listen on the \
              network (--mqtt) and name its address here with --address.\n",
@@ -128,8 +134,8 @@ fn advice(url: &str, name: &str, secret: &Secret, door: &Door, settings: &Settin
 }
 
 /// The line about what a robot knows the broker by.
-fn authority(door: &Door, settings: &Settings) -> String {
-    if !door.tls {
+fn authority(broker: &Endpoint, settings: &Settings) -> String {
+    if !broker.tls {
         return String::new();
     }
     let pinned = match &settings.broker {
@@ -189,49 +195,20 @@ async fn revoke(console: &Console, whose: &Whose) -> Result<(), String> {
     Ok(())
 }
 
-/// Where robots find the broker.
-struct Door {
-    host: String,
-    port: u16,
-    tls: bool,
-}
-
-impl Door {
-    fn host_is_loopback(&self) -> bool {
-        self.host == "localhost"
-            || self
-                .host
-                .parse::<IpAddr>()
-                .is_ok_and(|address| address.is_loopback())
-    }
-}
-
-impl std::fmt::Display for Door {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        if self.host.contains(':') {
-            write!(f, "[{}]:{}", self.host, self.port)
-        } else {
-            write!(f, "{}:{}", self.host, self.port)
-        }
-    }
-}
-
-/// Where robots find the broker: as told, or by the server's own options.
-fn door(settings: &Settings, address: Option<&str>, for_board: bool) -> Result<Door, String> {
-    let (host, port, tls) = match (&settings.broker, settings.tls.mqtt_plain) {
-        // Whoever opens a listener without TLS does it for boards.
-        (Broker::Embedded(_), Some(listen)) if for_board => {
-            (reachable(listen), listen.port(), false)
-        }
-        (Broker::Embedded(listen), _) => (
-            reachable(*listen),
-            listen.port(),
-            settings.tls.covers(*listen),
-        ),
-        (Broker::Outside(url), _) => (url.host.clone(), url.port, url.tls),
+/// Where robots find the broker: as told, or where the server is.
+fn endpoint(
+    settings: &Settings,
+    address: Option<&str>,
+    for_board: bool,
+) -> Result<Endpoint, String> {
+    let addresses = Addresses::of(settings);
+    let Endpoint { host, port, tls } = if for_board {
+        addresses.robots
+    } else {
+        addresses.simulators
     };
     let Some(address) = address else {
-        return Ok(Door { host, port, tls });
+        return Ok(Endpoint { host, port, tls });
     };
     let wrong = || format!("--address: `{address}` is not HOST or HOST:PORT");
     let (host, given) = if let Some(inner) = address.strip_prefix('[') {
@@ -255,48 +232,11 @@ fn door(settings: &Settings, address: Option<&str>, for_board: bool) -> Result<D
             .filter(|port| *port > 0)
             .ok_or_else(wrong)?,
     };
-    Ok(Door {
+    Ok(Endpoint {
         host: host.to_owned(),
         port,
         tls,
     })
-}
-
-/// The address of a listener as others would dial it.
-fn reachable(listen: SocketAddr) -> String {
-    if !listen.ip().is_unspecified() {
-        return listen.ip().to_string();
-    }
-    own_address().map_or_else(|| "localhost".into(), |address| address.to_string())
-}
-
-/// The address from which this machine would reach others. Nothing is sent: connecting a UDP socket
-/// only asks the routing table. The destination is from a block kept for documentation.
-fn own_address() -> Option<IpAddr> {
-    let socket = UdpSocket::bind("0.0.0.0:0").ok()?;
-    socket.connect("192.0.2.1:9").ok()?;
-    let address = socket.local_addr().ok()?.ip();
-    (!address.is_unspecified() && !address.is_loopback()).then_some(address)
-}
-
-/// Where a person finds the control room.
-pub(super) fn page(settings: &Settings) -> String {
-    // Browsers refuse a certificate that is for another name.
-    let named = settings.tls.names.as_slice().first().cloned();
-    let host = named
-        .filter(|_| !settings.http.ip().is_loopback())
-        .unwrap_or_else(|| reachable(settings.http));
-    let host = if host.contains(':') {
-        format!("[{host}]")
-    } else {
-        host
-    };
-    let scheme = if settings.tls.covers(settings.http) {
-        "https"
-    } else {
-        "http"
-    };
-    format!("{scheme}://{host}:{}/", settings.http.port())
 }
 
 #[cfg(test)]
@@ -322,8 +262,8 @@ mod tests {
             (Some("[fd00::1]:8883"), "[fd00::1]:8883"),
             (Some("[fd00::1]"), "[fd00::1]:1883"),
         ] {
-            let door = door(&settings, address, true).expect("an address");
-            assert_eq!(door.to_string(), text);
+            let broker = endpoint(&settings, address, true).expect("an address");
+            assert_eq!(broker.to_string(), text);
         }
         for wrong in [
             "",
@@ -334,7 +274,7 @@ mod tests {
             "[::1",
             "mqtt://host",
         ] {
-            assert!(door(&settings, Some(wrong), true).is_err(), "{wrong}");
+            assert!(endpoint(&settings, Some(wrong), true).is_err(), "{wrong}");
         }
     }
 
@@ -344,7 +284,7 @@ mod tests {
         let _ = std::fs::remove_dir_all(&data);
         let mut settings = settings("10.1.2.3:8883");
         settings.data.clone_from(&data);
-        let own = door(&settings, None, true).expect("an address");
+        let own = endpoint(&settings, None, true).expect("an address");
         assert!(own.tls && authority(&own, &settings).contains("docs/tls.md"));
         crate::tls::Certificates::of(&settings).expect("certificates");
         let told = authority(&own, &settings);
@@ -354,13 +294,7 @@ mod tests {
             "{told}"
         );
         let _ = std::fs::remove_dir_all(&data);
-        let plain = Door { tls: false, ..own };
+        let plain = Endpoint { tls: false, ..own };
         assert_eq!(authority(&plain, &settings), "");
-    }
-
-    #[test]
-    fn an_address_that_stands_for_all_is_told_as_one() {
-        let door = door(&self::settings("0.0.0.0:1883"), None, true).expect("an address");
-        assert!(!door.host.starts_with("0."), "{door}");
     }
 }

@@ -6,6 +6,7 @@ use serde_json::json;
 
 use super::args::UserTask;
 use super::{Console, moment, now, said, terminal};
+use crate::addresses::Addresses;
 use crate::config::Settings;
 
 const HOUR_MS: i64 = 3_600_000;
@@ -143,13 +144,12 @@ async fn invite(
     console: &Console,
     settings: &Settings,
     name: Option<&UserName>,
-    role: Role,
+    role: Option<Role>,
     hours: u16,
 ) -> Result<(), String> {
-    // An invitation to a known account sets a new password and leaves its role alone.
     let role = match name {
-        Some(name) => console.find(name).await?.map_or(role, |user| user.role),
-        None => role,
+        Some(name) => awaited(console, name, role).await?,
+        None => role.unwrap_or(Role::Viewer),
     };
     let code = Secret::generate().map_err(|error| error.to_string())?;
     let expires = now() + i64::from(hours) * HOUR_MS;
@@ -165,7 +165,10 @@ async fn invite(
             result,
         )
         .await?;
-    println!("{}#invite={code}", super::robots::page(settings));
+    let page = Addresses::of(settings).page;
+    // The page asks for a name where the link has none.
+    let named = name.map(|name| format!("&name={name}"));
+    println!("{page}#invite={code}{}", named.unwrap_or_default());
     eprintln!(
         "Valid once, until {}. Whoever opens this link becomes {}{role}: send it on a channel that \
          you trust.",
@@ -173,6 +176,38 @@ async fn invite(
         name.map(|name| format!("{name}, ")).unwrap_or_default(),
     );
     Ok(())
+}
+
+/// The role of the account that is invited to set a password. Somebody new gets one, which waits for it.
+async fn awaited(console: &Console, name: &UserName, role: Option<Role>) -> Result<Role, String> {
+    let Some(user) = console.find(name).await? else {
+        let role = role.unwrap_or(Role::Viewer);
+        let user = User {
+            name: name.clone(),
+            role,
+            password: None,
+            created: now(),
+            disabled: false,
+        };
+        let result = console.records.add_user(&user).await;
+        let detail = json!({ "role": role, "invited": true });
+        console
+            .noted("user.add", name.as_ref(), detail, result)
+            .await?;
+        return Ok(role);
+    };
+    if user.disabled {
+        return Err(format!(
+            "{name} is locked out and could not log in: `terracrawler user enable {name}` comes first"
+        ));
+    }
+    match role.filter(|role| *role != user.role) {
+        Some(role) => Err(format!(
+            "{name} is {} already: `terracrawler user role {name} {role}` changes that",
+            user.role
+        )),
+        None => Ok(user.role),
+    }
 }
 
 fn ask_password(name: &UserName) -> Result<String, String> {

@@ -6,9 +6,9 @@ use std::process::{Command, Output, Stdio};
 
 use crate::scratch::Scratch;
 
-const PASSWORD: &str = "correct horse battery";
+pub(crate) const PASSWORD: &str = "correct horse battery";
 
-fn program() -> Command {
+pub(crate) fn program() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_terracrawler"));
     for (name, _) in std::env::vars_os() {
         if name.to_string_lossy().starts_with("TERRACRAWLER_") {
@@ -25,28 +25,28 @@ fn program() -> Command {
 }
 
 /// A data directory and the console on it.
-struct Place(Scratch);
+pub(crate) struct Place(Scratch);
 
 impl Place {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(Scratch::new())
     }
 
-    fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.0.0
     }
 
-    fn command(&self, arguments: &[&str]) -> Command {
+    pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = program();
         command.args(arguments).arg("--data").arg(self.path());
         command
     }
 
-    fn run(&self, arguments: &[&str]) -> Output {
+    pub(crate) fn run(&self, arguments: &[&str]) -> Output {
         self.command(arguments).output().expect("runs")
     }
 
-    fn typed(&self, arguments: &[&str], input: &str) -> Output {
+    pub(crate) fn typed(&self, arguments: &[&str], input: &str) -> Output {
         let mut child = self
             .command(arguments)
             .stdin(Stdio::piped())
@@ -61,17 +61,17 @@ impl Place {
 
     /// What a command that must do prints.
     #[track_caller]
-    fn ok(&self, arguments: &[&str]) -> String {
+    pub(crate) fn ok(&self, arguments: &[&str]) -> String {
         done(&self.run(arguments))
     }
 
     /// What a command that must not do complains.
     #[track_caller]
-    fn refused(&self, arguments: &[&str]) -> String {
+    pub(crate) fn refused(&self, arguments: &[&str]) -> String {
         complaint(&self.run(arguments), 1)
     }
 
-    fn with_admin() -> Self {
+    pub(crate) fn with_admin() -> Self {
         let place = Self::new();
         done(&place.typed(&["user", "add", "ada", "--role", "admin"], PASSWORD));
         place
@@ -79,14 +79,14 @@ impl Place {
 }
 
 #[track_caller]
-fn done(output: &Output) -> String {
+pub(crate) fn done(output: &Output) -> String {
     let error = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{}: {error}", output.status);
     String::from_utf8(output.stdout.clone()).expect("UTF-8")
 }
 
 #[track_caller]
-fn complaint(output: &Output, code: i32) -> String {
+pub(crate) fn complaint(output: &Output, code: i32) -> String {
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(code), "{text}");
     assert!(text.starts_with("terracrawler: "), "{text}");
@@ -95,7 +95,7 @@ fn complaint(output: &Output, code: i32) -> String {
 
 /// The line of a table that begins with `name`.
 #[track_caller]
-fn row<'a>(table: &'a str, name: &str) -> &'a str {
+pub(crate) fn row<'a>(table: &'a str, name: &str) -> &'a str {
     table
         .lines()
         .find(|line| line.split_whitespace().next() == Some(name))
@@ -309,7 +309,7 @@ fn the_chain_is_verified_and_exported() {
 }
 
 /// A backup of `place` beside it.
-fn back_up(place: &Place) -> (Scratch, PathBuf) {
+pub(crate) fn back_up(place: &Place) -> (Scratch, PathBuf) {
     let folder = Scratch::new();
     std::fs::create_dir_all(&folder.0).expect("directory");
     let file = folder.0.join("backup.tar");

@@ -18,5 +18,6 @@ mod console;
 mod console_revokes;
 mod doctor;
 mod evaluate;
+mod newcomer;
 mod program;
 mod replay;
