@@ -5,6 +5,8 @@
 //! entry in the file must compute all later hashes anew; whoever keeps a copy of one later hash sees
 //! it. The database refuses such statements too, but only from those who use it as it is.
 
+mod append;
+
 use std::io::Write;
 
 use serde::Serialize;
@@ -14,6 +16,7 @@ use sha2::{Digest as _, Sha256};
 use crate::query::{Connection, query};
 use crate::text::{cut, hex};
 use crate::{Records, RecordsError};
+use append::{append, pass_foreign};
 
 /// Most entries in one answer.
 pub const MAX_AUDIT_PAGE: u32 = 1_000;
@@ -25,6 +28,9 @@ const MAX_OUTCOME: usize = 128;
 const MAX_DETAIL: usize = 8_192;
 /// Entries that are checked or written out at a time.
 const PAGE: u32 = 500;
+/// What the log itself writes down when it finds entries that it has not written. From outside nobody
+/// can: actions are words of this program.
+const FOREIGN: &str = "audit.foreign";
 /// Set before every entry's fields: a hash of something else is never one of an entry.
 const DOMAIN: &[u8] = b"terracrawler audit 1";
 
@@ -196,7 +202,8 @@ async fn after(
 }
 
 impl Records {
-    /// Appends an entry and returns its number, once it is on disk.
+    /// Appends an entry and returns its number, once it is on disk. Entries that somebody else has put
+    /// there are passed, which an entry of its own tells and [`Self::audit_verify`] for ever after.
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
@@ -205,26 +212,9 @@ impl Records {
         self.db()
             .write(move |connection| {
                 Box::pin(async move {
-                    let (last, before) = end(connection).await?;
-                    let seq = last + 1;
-                    let hash = entry.hash(seq, &before).to_vec();
-                    query("INSERT INTO audit VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)")
-                        .bind(seq)
-                        .bind(entry.at)
-                        .bind(entry.who)
-                        .bind(entry.from)
-                        .bind(entry.action)
-                        .bind(entry.target)
-                        .bind(entry.detail)
-                        .bind(entry.outcome)
-                        .bind(hash.clone())
-                        .execute(&mut *connection)
-                        .await?;
-                    query("UPDATE audit_end SET seq = $1, hash = $2 WHERE one = 1")
-                        .bind(seq)
-                        .bind(hash)
-                        .execute(connection)
-                        .await?;
+                    let end = end(connection).await?;
+                    let end = pass_foreign(connection, end, entry.at).await?;
+                    let (seq, _) = append(connection, entry, end).await?;
                     Ok(seq as u64)
                 })
             })
@@ -304,6 +294,10 @@ impl Records {
                 if entry.hash(found, &hash).as_slice() != its_hash {
                     return Err(broken(found, "it was changed, or one before it was"));
                 }
+                if entry.action == FOREIGN {
+                    let first = entry.target.parse().unwrap_or(found);
+                    return Err(broken(first, NOT_OURS));
+                }
                 (seq, hash) = (found, its_hash);
             }
         }
@@ -313,7 +307,26 @@ impl Records {
                 "it is not the one that was written last",
             ));
         }
-        Ok(last as u64)
+        // In one statement: entries that come in meanwhile move the end along.
+        let foreign: Option<(i64,)> = self
+            .db()
+            .read(|connection| {
+                Box::pin(async move {
+                    query(
+                        "SELECT seq FROM audit
+                         WHERE seq < 1 OR seq > (SELECT seq FROM audit_end WHERE one = 1)
+                         ORDER BY seq LIMIT 1",
+                    )
+                    .fetch_optional(connection)
+                    .await
+                })
+            })
+            .await
+            .map_err(|error| unreadable(last + 1, &error))?;
+        match foreign {
+            Some((seq,)) => Err(broken(seq, NOT_OURS)),
+            None => Ok(last as u64),
+        }
     }
 
     /// Writes the log as JSON, one entry a line, oldest first, and returns how many there are.
@@ -347,9 +360,12 @@ impl Records {
     }
 }
 
+/// Why an entry outside of the chain is not one of the log.
+const NOT_OURS: &str = "it was put there by something else than this program";
+
 fn broken(seq: i64, why: &str) -> Broken {
     Broken {
-        seq: seq as u64,
+        seq: seq.max(0) as u64,
         why: why.to_owned(),
     }
 }

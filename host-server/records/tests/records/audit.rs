@@ -187,6 +187,22 @@ async fn tampering_is_found_where_it_was_done() {
             6,
         ),
         ("DELETE FROM audit_end", 1),
+        // Beside what is sealed: behind the end, far behind it, and before the beginning.
+        (
+            "INSERT INTO audit SELECT 704, at, 'eve', came_from, action, target, detail, outcome, hash
+             FROM audit WHERE seq = 2",
+            704,
+        ),
+        (
+            "INSERT INTO audit SELECT 9999, at, 'eve', came_from, action, target, detail, outcome, hash
+             FROM audit WHERE seq = 2",
+            9_999,
+        ),
+        (
+            "INSERT INTO audit SELECT -7, at, 'eve', came_from, action, target, detail, outcome, hash
+             FROM audit WHERE seq = 2",
+            0,
+        ),
     ] {
         let folder = original.copy();
         let records = open(&folder).await;
@@ -215,4 +231,61 @@ async fn many_at_once_make_one_chain() {
     assert_eq!(seqs, (1..=200).collect::<Vec<u64>>());
     assert_eq!(one.audit_verify().await, Ok(200));
     assert_eq!(other.audit_verify().await, Ok(200));
+}
+
+/// The statement that puts the entry `seq` of `records` into another log, as it is.
+async fn as_it_is(records: &Records, seq: u64) -> &'static str {
+    let page = records.audit_page(Some(seq + 1), 1, None).await.unwrap();
+    let stored = &page[0];
+    let entry = &stored.entry;
+    let hash = if on_postgres() {
+        format!("decode('{}', 'hex')", stored.hash)
+    } else {
+        format!("x'{}'", stored.hash)
+    };
+    let sql = format!(
+        "INSERT INTO audit VALUES ({seq}, {}, '{}', '{}', '{}', '{}', '{}', '{}', {hash})",
+        entry.at, entry.who, entry.from, entry.action, entry.target, entry.detail, entry.outcome
+    );
+    sql.leak()
+}
+
+#[tokio::test]
+async fn what_stands_behind_the_end_is_told_of_and_blocks_nothing() {
+    let original = Folder::new();
+    let records = open(&original).await;
+    fill(&records, 3).await;
+    records.close().await;
+    let longer = original.copy();
+    let records = open(&longer).await;
+    assert_eq!(records.audit(entry(4)).await.unwrap(), 4);
+    // Its hash is right, as if the server had written it.
+    let right = as_it_is(&records, 4).await;
+    records.close().await;
+    let wrong = "INSERT INTO audit SELECT 4, at, 'eve', came_from, action, target, detail, outcome,
+                 hash FROM audit WHERE seq = 2";
+    for sql in [right, wrong] {
+        let folder = original.copy();
+        let records = open(&folder).await;
+        // It has the number that comes next, so the database takes it from anybody.
+        folder.tamper(sql).await.unwrap();
+        assert_eq!(records.audit_verify().await.unwrap_err().seq, 4, "{sql}");
+        // The log goes on behind it, and says so.
+        assert_eq!(records.audit(entry(5)).await.unwrap(), 6, "{sql}");
+        let page = records.audit_page(None, 2, None).await.unwrap();
+        assert_eq!(page[0].entry, entry(5));
+        let note = &page[1].entry;
+        assert_eq!(
+            (note.who.as_str(), note.action.as_str()),
+            ("server", "audit.foreign")
+        );
+        assert_eq!(
+            (note.target.as_str(), &note.detail["first"]),
+            ("4", &json!(4))
+        );
+        assert_eq!(records.audit(entry(6)).await.unwrap(), 7, "{sql}");
+        // That does not make it good.
+        assert_eq!(records.audit_verify().await.unwrap_err().seq, 4, "{sql}");
+        records.close().await;
+    }
 }
