@@ -8,6 +8,7 @@ use tracing_subscriber::EnvFilter;
 
 use crate::config::{Broker, LogFormat, Role, Settings};
 use crate::server::{Robots, Server, StartError};
+use crate::text::log_fields;
 
 /// Stopping takes at most this long; whatever still hangs then is left to the operating system.
 const LAST_CALL: Duration = Duration::from_secs(20);
@@ -132,7 +133,10 @@ fn log_to_stderr(settings: &Settings) -> Result<(), RunError> {
         .with_env_filter(filter)
         .with_writer(std::io::stderr);
     let result = match settings.log_format {
-        LogFormat::Text => log.with_ansi(std::io::stderr().is_terminal()).try_init(),
+        LogFormat::Text => log
+            .fmt_fields(log_fields())
+            .with_ansi(std::io::stderr().is_terminal())
+            .try_init(),
         LogFormat::Json => log.json().flatten_event(true).try_init(),
     };
     result.map_err(|error| RunError::Log(error.to_string()))

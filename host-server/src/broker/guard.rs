@@ -21,6 +21,7 @@ use super::accounts::{Access, Accounts, Login, Refusal, Who, admit};
 use super::clients::{Clients, Key, Spent};
 use super::{Credentials, GuardCounters};
 use crate::accounts::Entry;
+use crate::text::Shown;
 
 /// How long a session that has to end may be in the middle of a handshake.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -101,8 +102,8 @@ impl Shared {
             let id = info.id();
             tracing::warn!(
                 reason = reason.name(),
-                user = id.username_ref(),
-                client = %id.client_id,
+                user = %Shown(id.username_ref()),
+                client = %Shown(&id.client_id),
                 from = ?id.remote_addr.map(|seen| self.clients.peers().origin(seen)),
                 "refused a client of the broker"
             );
@@ -207,7 +208,9 @@ impl Shared {
             .is_some_and(|access| self.clients.may(&access, Act::Publish, &publish.topic));
         if !allowed {
             self.counters.refuse(Refusal::Publish);
-            tracing::debug!(client = key.client, topic = %publish.topic, "refused a publish");
+            tracing::debug!(
+                client = %Shown(key.client), topic = %Shown(&publish.topic), "refused a publish"
+            );
             let text = "not a topic of yours to publish on";
             return refuse(PublishAckReason::NotAuthorized, text);
         }
@@ -238,7 +241,9 @@ impl Shared {
             return SubscribeAclResult::new_success(subscribe.opts.qos(), None);
         }
         self.counters.refuse(Refusal::Subscribe);
-        tracing::debug!(client = key.client, %filter, "refused a subscription");
+        tracing::debug!(
+            client = %Shown(key.client), filter = %Shown(filter), "refused a subscription"
+        );
         SubscribeAclResult::new_failure(SubscribeAckReason::NotAuthorized)
     }
 
@@ -257,8 +262,8 @@ impl Shared {
                 self.counters.cut_off.fetch_add(1, Ordering::Relaxed);
                 let from = id.remote_addr.map(|seen| self.clients.peers().origin(seen));
                 tracing::warn!(
-                    client = %id.client_id,
-                    user = id.username_ref(),
+                    client = %Shown(&id.client_id),
+                    user = %Shown(id.username_ref()),
                     ?from,
                     "cut off a client that sends too much for too long"
                 );
@@ -345,13 +350,13 @@ pub(super) async fn end_session(context: &ServerContext, client: &str) {
         match entry.try_lock().await {
             Ok(mut entry) => {
                 if let Err(error) = entry.kick(true, true, true).await {
-                    tracing::warn!(client, %error, "a session does not end");
+                    tracing::warn!(client = %Shown(client), %error, "a session does not end");
                 }
                 return;
             }
             Err(_) if Instant::now() < end => tokio::time::sleep(TRY_EVERY).await,
             Err(_) => {
-                tracing::error!(client, "a session cannot be ended");
+                tracing::error!(client = %Shown(client), "a session cannot be ended");
                 return;
             }
         }

@@ -22,6 +22,7 @@ use tracing::Instrument as _;
 use super::App;
 use super::peer::Peer;
 use super::problem::{self, Problem};
+use crate::text::Shown;
 
 /// The id of a request, in its answer.
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -160,7 +161,7 @@ pub(super) async fn finish(State(app): State<Arc<App>>, request: Request, next: 
     let peer = Peer::of(&request);
     let id = app.requests.next();
     let span = tracing::info_span!("request", id = %id, from = %peer.ip());
-    let line = format!("{} {:?}", request.method(), request.uri().path());
+    let line = format!("{} {}", request.method(), Shown(request.uri().path()));
     let begun = Instant::now();
     let response = next.run(request).instrument(span.clone()).await;
     let mut response = problem::name(response, &id);

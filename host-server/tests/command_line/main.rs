@@ -18,6 +18,7 @@ mod console;
 mod console_revokes;
 mod doctor;
 mod evaluate;
+mod hostile_names;
 mod newcomer;
 mod program;
 mod replay;
