@@ -110,10 +110,11 @@ fn need(method: &Method, path: &str) -> Need {
         "HEAD" => "GET",
         other => other,
     };
-    TABLE
-        .iter()
-        .find(|row| row.0 == method && row.1 == path)
-        .map_or(ADMIN, |row| row.2)
+    let mut rows = TABLE.iter().filter(|row| row.1 == path);
+    // Whoever may call all of an address may hear which methods it takes.
+    let public = rows.clone().all(|row| row.2 == Need::Nothing) && rows.clone().count() > 0;
+    let others = if public { Need::Nothing } else { ADMIN };
+    rows.find(|row| row.0 == method).map_or(others, |row| row.2)
 }
 
 /// Who makes a request, once it has passed the check.
@@ -360,6 +361,9 @@ mod tests {
             assert_eq!(need(&method, path), ADMIN, "{method} {path}");
         }
         assert_eq!(need(&Method::HEAD, "/api/v1/robots"), VIEWER);
+        for path in ["/healthz", "/readyz", "/mqtt", "/api/v1/invitations"] {
+            assert_eq!(need(&Method::DELETE, path), Need::Nothing, "{path}");
+        }
     }
 
     #[test]

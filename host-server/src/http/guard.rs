@@ -46,15 +46,18 @@ impl Rules {
 
     fn check(self, headers: &HeaderMap) -> Result<(), Problem> {
         let forbidden = |code, detail| Err(Problem::new(StatusCode::FORBIDDEN, code, detail));
-        let host = headers
-            .get(header::HOST)
+        // Of two, a proxy may have looked at the other one.
+        let mut hosts = headers.get_all(header::HOST).into_iter();
+        let host = hosts
+            .next()
+            .filter(|_| hosts.next().is_none())
             .and_then(|host| host.to_str().ok())
             .and_then(|host| host.parse::<Authority>().ok());
         let Some(host) = host else {
             return Err(Problem::new(
                 StatusCode::BAD_REQUEST,
                 "bad_host",
-                "the Host header is missing or not one",
+                "the Host header is missing, there twice, or not one",
             ));
         };
         if self.loopback_only && !is_loopback_name(host.host()) {
@@ -325,6 +328,18 @@ mod tests {
             assert!(!verdict("127.0.0.1:8080", host, None), "{host}");
         }
         assert!(verdict("0.0.0.0:8080", "robots.local:8080", None));
+    }
+
+    #[test]
+    fn a_request_is_for_one_host() {
+        let rules = Rules::new("0.0.0.0:8080".parse().expect("address"));
+        let mut headers = HeaderMap::new();
+        assert!(rules.check(&headers).is_err());
+        let host = HeaderValue::from_static("robots.local:8080");
+        headers.append(header::HOST, host.clone());
+        assert!(rules.check(&headers).is_ok());
+        headers.append(header::HOST, host);
+        assert!(rules.check(&headers).is_err());
     }
 
     #[test]

@@ -163,6 +163,20 @@ async fn what_everybody_may_see_stays_visible() {
         .get("/api/v1/nope")
         .await
         .is_problem(404, "not_found");
+    // A proxy in front may have looked at the other name.
+    let host = fixture.server.http().to_string();
+    let twice = [("host", host.as_str()), ("host", host.as_str())];
+    fixture
+        .call(Method::GET, "/healthz", &twice, "")
+        .await
+        .is_problem(400, "bad_host");
+    // Of what everybody may call there is nothing to hide.
+    for path in ["/healthz", "/readyz"] {
+        fixture
+            .call(Method::DELETE, path, &[], "")
+            .await
+            .is_problem(405, "method_not_allowed");
+    }
     fixture.stop().await;
 }
 
