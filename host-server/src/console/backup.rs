@@ -7,6 +7,8 @@
 //! on writing; small files beside them (numbers, keys and certificates) are replaced whole by whoever
 //! writes them, so each is copied whole.
 
+mod checksums;
+
 use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
@@ -20,6 +22,7 @@ use super::{Console, now, said};
 use crate::addresses::ADDRESSES_FILE;
 use crate::config::Settings;
 use crate::data::{self, DataDir};
+use checksums::{CHECKSUMS, Checksums, Hashing, append};
 
 /// What is not copied as a file: locks and addresses belong to processes, and databases are copied by
 /// themselves.
@@ -32,6 +35,7 @@ fn is_skipped(name: &str) -> bool {
         || name.starts_with(ASIDE)
         || name.starts_with(MAKING)
         || name == ADDRESSES_FILE
+        || name == CHECKSUMS
 }
 
 fn is_database(name: &Path) -> bool {
@@ -98,18 +102,23 @@ async fn write(console: &Console, data: &Path, file: &Path, out: File) -> Result
         .await
         .map_err(|error| said(&error))?;
     let mut tar = tar::Builder::new(out);
-    tar.mode(tar::HeaderMode::Deterministic);
+    let mut sums = Checksums::default();
     for name in DATABASES {
-        tar.append_path_with_name(copy.0.join(name), name)
-            .map_err(cannot)?;
+        let name = Path::new(name);
+        append(&mut tar, &mut sums, &copy.0.join(name), name).map_err(cannot)?;
     }
     let mut files = Vec::new();
     collect(data, Path::new(""), DEEPEST, &mut files)
         .map_err(|error| format!("cannot read {}: {error}", data.display()))?;
     for name in files {
-        tar.append_path_with_name(data.join(&name), &name)
-            .map_err(cannot)?;
+        append(&mut tar, &mut sums, &data.join(&name), &name).map_err(cannot)?;
     }
+    let text = sums.to_text();
+    let mut header = tar::Header::new_gnu();
+    header.set_mode(0o644);
+    header.set_size(text.len() as u64);
+    tar.append_data(&mut header, CHECKSUMS, text.as_bytes())
+        .map_err(cannot)?;
     let out = tar.into_inner().map_err(cannot)?;
     out.sync_all().map_err(cannot)
 }
@@ -261,6 +270,7 @@ fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, String> {
         File::open(file).map_err(|error| format!("cannot read {}: {error}", file.display()))?;
     let mut archive = tar::Archive::new(archive);
     let mut names = Vec::new();
+    let mut sums = Checksums::default();
     for entry in archive.entries().map_err(|error| broken(&error))? {
         let mut entry = entry.map_err(|error| broken(&error))?;
         let name = entry.path().map_err(|error| broken(&error))?.into_owned();
@@ -279,6 +289,7 @@ fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, String> {
             return Err(broken(&format!("`{}` is too large", name.display())));
         }
         let path = into.join(&name);
+        let mut content = Hashing::new(entry.by_ref().take(largest));
         let written = path
             .parent()
             .map_or(Ok(()), data::make_private)
@@ -290,14 +301,25 @@ fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, String> {
                     .open(&path)
             })
             .and_then(|mut out| {
-                io::copy(&mut entry.by_ref().take(largest), &mut out)?;
+                io::copy(&mut content, &mut out)?;
                 out.sync_all()
             });
         written.map_err(|error| broken(&error))?;
-        names.push(name);
+        if name != Path::new(CHECKSUMS) {
+            sums.add(&name, content);
+            names.push(name);
+        }
     }
     if !names.iter().any(|name| name == Path::new(RECORDS_FILE)) {
         return Err(broken(&"it holds no records"));
+    }
+    match fs::read_to_string(into.join(CHECKSUMS)) {
+        Ok(text) => sums.check(&text).map_err(|error| broken(&error))?,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => eprintln!(
+            "{} has no checksums, as backups of earlier versions: whether it is whole cannot be told.",
+            file.display()
+        ),
+        Err(error) => return Err(broken(&error)),
     }
     Ok(names)
 }

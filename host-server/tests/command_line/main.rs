@@ -14,6 +14,7 @@ mod scratch;
 /// How long a test waits for something that is to happen, however slow the machine is.
 const LIMIT: std::time::Duration = std::time::Duration::from_mins(1);
 
+mod backups;
 mod console;
 mod console_revokes;
 mod doctor;
