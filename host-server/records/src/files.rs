@@ -30,6 +30,20 @@ pub(crate) fn beside(path: &Path, end: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
+/// Refuses records of no bytes beside a history. A new server begins with such a file, but before there is
+/// any history: these have been lost, and whoever comes next must not be taken for the first.
+pub(crate) fn not_emptied(records: &Path, history: &Path) -> Result<(), RecordsError> {
+    let length = |path: &Path| std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    let is_empty = records.is_file() && length(records) == 0;
+    if is_empty && length(&beside(records, "-wal")) == 0 && length(history) > 0 {
+        return Err(RecordsError::damaged(
+            records,
+            "it is empty, although the server has run before",
+        ));
+    }
+    Ok(())
+}
+
 /// Waits until the file, or the list of files of the directory, is on disk.
 pub(crate) fn sync(path: &Path) -> Result<(), RecordsError> {
     File::open(path)

@@ -61,6 +61,7 @@ pub use settings::{MAX_SETTING, MAX_SETTING_KEY};
 pub use users::{Invitation, MAX_INVITATIONS, MAX_PASSWORD_HASH, MAX_USERS, User};
 
 use db::Db;
+use files::not_emptied;
 use history::History;
 use history::start::Running;
 use lock::{Hold, Lock};
@@ -114,6 +115,7 @@ impl Records {
             let lock = Lock::take(&dir.join(LOCK_FILE), Hold::Shared)?
                 .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
             let path = dir.join(RECORDS_FILE);
+            not_emptied(&path, &dir.join(history::HISTORY_FILE))?;
             let db = Db::open(&path, &schema::RECORDS, true).await?;
             let file = path.clone();
             let whole = db

@@ -48,12 +48,13 @@ async fn closed() -> (Folder, PathBuf, PathBuf) {
 
 #[tokio::test]
 async fn a_damaged_file_is_refused_and_left_as_it_is() {
-    for damage in ["garbage", "cut", "pages"] {
+    for damage in ["garbage", "cut", "pages", "emptied"] {
         let (folder, file, _) = closed().await;
         let mut bytes = fs::read(&file).unwrap();
         match damage {
             "garbage" => bytes = b"this is no database".repeat(1_000),
             "cut" => bytes.truncate(bytes.len() / 2),
+            "emptied" => bytes.clear(),
             _ => {
                 let begin = 2 * 4_096;
                 bytes[begin..].iter_mut().for_each(|byte| *byte ^= 0x5a);
