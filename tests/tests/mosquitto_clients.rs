@@ -1,6 +1,6 @@
 //! A person with `mosquitto_pub` and `mosquitto_sub` against the embedded broker.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::net::TcpListener;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -10,6 +10,8 @@ use serde_json::{Value, json};
 const ROBOTS: usize = 5;
 /// For everything that has to happen on a busy machine.
 const LIMIT: Duration = Duration::from_mins(2);
+/// What topics of telemetry begin with.
+const TELEMETRY: &str = "swarm/telemetry/";
 /// Where one of the robots answers.
 const ANSWERS: &str = "swarm/response/robot/sim-0001";
 
@@ -166,10 +168,10 @@ fn ctrl_c_stops_the_robots_first_and_ends_cleanly() {
         let telemetry: Value = serde_json::from_str(payload).expect("telemetry in JSON");
         telemetry["wheels"].clone()
     };
-    let mut subscription = Subscription::start(server.mqtt(), "swarm/telemetry/+");
+    let mut subscription = Subscription::start(server.mqtt(), "swarm/#");
     let mut driving = BTreeSet::new();
     subscription.wait("every robot drives", |topic, payload| {
-        if wheels(payload) != standing {
+        if topic.starts_with(TELEMETRY) && wheels(payload) != standing {
             driving.insert(topic.to_owned());
         }
         (driving.len() == ROBOTS).then_some(())
@@ -182,12 +184,18 @@ fn ctrl_c_stops_the_robots_first_and_ends_cleanly() {
     wait_for("mosquitto_sub has read everything", LIMIT, || {
         (listener.accept().is_ok() || subscription.has_ended()).then_some(())
     });
-    let mut last = BTreeMap::new();
+    // Each of them says that it has stopped, and does not drive any more.
+    let mut stopped = BTreeSet::new();
     for (topic, payload) in subscription.end() {
-        last.insert(topic, wheels(&payload));
+        if let Some(robot) = topic.strip_prefix("swarm/response/robot/") {
+            let answer: Value = serde_json::from_str(&payload).expect("an answer in JSON");
+            assert_eq!(answer["status"], "completed", "{payload}");
+            stopped.insert(robot.to_owned());
+        } else if let Some(robot) = topic.strip_prefix(TELEMETRY)
+            && stopped.contains(robot)
+        {
+            assert_eq!(wheels(&payload), standing, "{robot} at the end");
+        }
     }
-    assert_eq!(last.len(), ROBOTS, "telemetry of every robot");
-    for (topic, wheels) in last {
-        assert_eq!(wheels, standing, "{topic} at the end");
-    }
+    assert_eq!(stopped.len(), ROBOTS, "{stopped:?}");
 }
