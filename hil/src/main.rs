@@ -88,7 +88,7 @@ async fn interrupted(target: Target) -> ExitCode {
         bench.close().await;
         Ok::<(), BenchError>(())
     };
-    match stopped.await {
+    match Box::pin(stopped).await {
         Ok(()) => eprintln!(
             "hil: interrupted; the robot is told to stop, parameters are as the last case left them"
         ),

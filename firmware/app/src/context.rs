@@ -74,7 +74,7 @@ pub struct BootRecord {
 
 impl BootRecord {
     /// Whether the program restarted because it was told to.
-    pub(crate) fn was_asked_for(&self) -> bool {
+    pub(crate) fn was_asked_for(self) -> bool {
         self.cause == ResetCause::Software && !self.panicked
     }
 }
