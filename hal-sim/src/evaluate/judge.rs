@@ -63,19 +63,14 @@ impl Observer<'_> {
                 fail(Criterion::Alive, format!("{alive} of {all} robots work"));
             }
         }
-        if let Some(limit) = success.stranded {
-            let now = self.simulation.now();
-            let stranded = self
-                .robots
-                .iter()
-                .filter(|robot| robot.behaving.is_stranded(now));
-            let count = stranded.count();
-            if count > limit as usize {
-                let all = self.robots.len();
-                let what =
-                    format!("{count} of {all} robots stand although they are to do something");
-                fail(Criterion::Stranded, what);
-            }
+        if let (Some(limit), Some(count)) = (success.stranded, measured.get(Metric::Stranded))
+            && count > f64::from(limit)
+        {
+            let all = self.robots.len();
+            fail(
+                Criterion::Stranded,
+                format!("{count} of {all} robots stand although they are to do something"),
+            );
         }
         if let (Some(limit), Some((waited, issued))) =
             (success.answer_s, self.commands.longest_wait())

@@ -103,7 +103,7 @@ pub(super) struct Robot {
     up: u32,
     counted: u32,
     pub(super) was_up: bool,
-    pub(super) behaving: Behaving,
+    behaving: Behaving,
     pub(super) recoveries: Vec<(Recovery, Fault)>,
 }
 
