@@ -1,7 +1,7 @@
 //! The data directory: one server at a time, and what must survive a restart.
 
 #[cfg(test)]
-pub(crate) mod brake;
+pub(crate) mod test_disk;
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Write as _};

@@ -2,33 +2,11 @@
 
 use std::path::PathBuf;
 
-use crawler_protocol::{ParameterValue, ParameterValues, ResponseStatus};
+use crawler_protocol::ResponseStatus;
 
-use super::tests::{MOVE, Wire, answer, center, id};
+use super::tests::{MOVE, answer, center, give, id, sent, set};
 use super::*;
 use crate::data::DataDir;
-
-fn set(value: f32) -> Action {
-    let mut values = ParameterValues::new();
-    let name = "safe_distance_mm".try_into().expect("a name");
-    values
-        .push((name, ParameterValue::Number(value)))
-        .expect("room");
-    Action::Set(values)
-}
-
-fn sent(wire: &Wire) -> Vec<Command> {
-    let sent = std::mem::take(&mut *wire.sent.lock().expect("lock"));
-    let commands = sent.iter();
-    commands
-        .map(|(_, payload)| Command::parse(payload).expect("a command"))
-        .collect()
-}
-
-fn give(center: &CommandCenter, action: Action, now: Instant) -> u64 {
-    let view = center.send(action, Target::Robot(id("a")), [id("a")], now);
-    view.expect("taken").id.parse().expect("a number")
-}
 
 fn status(center: &CommandCenter, number: u64) -> OutcomeStatus {
     center.view(number).expect("known").status

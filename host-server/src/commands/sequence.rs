@@ -159,7 +159,7 @@ mod tests {
 
     use super::super::journal::{Journal, JournalQueue};
     use super::*;
-    use crate::data::brake::LIMIT;
+    use crate::data::test_disk::LIMIT;
     use crate::metrics::Metrics;
 
     /// Numbers in `path` as a server with a clock at `unix_ms` has them, and what writes them down.

@@ -3,19 +3,19 @@
 use std::path::PathBuf;
 use std::task::Poll;
 
-use crawler_protocol::{ParameterValue, ParameterValues, ResponseStatus};
+use crawler_protocol::ResponseStatus;
 use futures_util::poll;
 
-use super::tests::{MOVE, Wire, answer, center, id};
+use super::tests::{MOVE, Wire, answer, center, id, set};
 use super::*;
 use crate::data::DataDir;
-use crate::data::brake::{Brake, LIMIT};
+use crate::data::test_disk::{LIMIT, TestDisk};
 
 /// Commands on a disk that the test has in its hand.
 struct Scene {
     center: CommandCenter,
     wire: Arc<Wire>,
-    brake: Brake,
+    disk: TestDisk,
     folder: PathBuf,
 }
 
@@ -24,8 +24,8 @@ impl Scene {
         let name = format!("crawler-slow-disk-{name}-{}", std::process::id());
         let folder = std::env::temp_dir().join(name);
         let _ = std::fs::remove_dir_all(&folder);
-        let brake = Brake::default();
-        let data = DataDir::open_on(&folder, brake.disk()).expect("a directory");
+        let disk = TestDisk::default();
+        let data = DataDir::open_on(&folder, disk.handle()).expect("a directory");
         let data = Arc::new(data);
         let journal = Journal::of(&data).expect("a journal");
         let (wire, center) = center();
@@ -33,7 +33,7 @@ impl Scene {
         Self {
             center: center.expect("a thread"),
             wire,
-            brake,
+            disk,
             folder,
         }
     }
@@ -72,18 +72,9 @@ impl Scene {
 
 impl Drop for Scene {
     fn drop(&mut self) {
-        self.brake.release();
+        self.disk.release();
         let _ = std::fs::remove_dir_all(&self.folder);
     }
-}
-
-fn set(value: f32) -> Action {
-    let mut values = ParameterValues::new();
-    let name = "safe_distance_mm".try_into().expect("a name");
-    values
-        .push((name, ParameterValue::Number(value)))
-        .expect("room");
-    Action::Set(values)
 }
 
 /// On one thread: whatever waits for the disk on it holds up everything else here, and the test.
@@ -93,10 +84,10 @@ async fn halts_and_motion_wait_for_no_disk() {
     let center = &scene.center;
     let now = Instant::now();
     center.status(&id("a"), true, 3, now);
-    scene.brake.hold();
+    scene.disk.hold();
     let mut setting = Box::pin(scene.give(set(420.0)));
     assert_eq!(poll!(setting.as_mut()), Poll::Pending);
-    scene.brake.wait_for_sync();
+    scene.disk.wait_for_sync();
     let [sent] = &scene.sent()[..] else {
         panic!("it goes at once")
     };
@@ -118,7 +109,7 @@ async fn halts_and_motion_wait_for_no_disk() {
     assert_eq!(scene.sent(), [MOVE]);
 
     assert_eq!(poll!(setting.as_mut()), Poll::Pending, "nobody is told yet");
-    scene.brake.release();
+    scene.disk.release();
     let view = setting.await.expect("written");
     assert!(scene.file().contains(&view.id), "{}", scene.file());
 }
@@ -126,14 +117,14 @@ async fn halts_and_motion_wait_for_no_disk() {
 #[tokio::test]
 async fn who_hangs_up_tears_nothing() {
     let scene = Scene::new("hung-up");
-    scene.brake.hold();
+    scene.disk.hold();
     for value in [410.0, 420.0] {
         let mut given = Box::pin(scene.give(set(value)));
         assert_eq!(poll!(given.as_mut()), Poll::Pending);
     }
     let mut third = Box::pin(scene.give(set(430.0)));
     assert_eq!(poll!(third.as_mut()), Poll::Pending);
-    scene.brake.release();
+    scene.disk.release();
     third.await.expect("written");
     assert_eq!(scene.file().lines().count(), 3, "{}", scene.file());
 }
@@ -150,14 +141,14 @@ async fn a_stop_passes_a_command_whose_number_is_not_written() {
     center.answer(&answer("a", stop.seq, ResponseStatus::Completed), true, now);
     assert_eq!(scene.sent(), [Action::Stop]);
 
-    scene.brake.hold();
+    scene.disk.hold();
     center.status(&id("a"), true, 3, now);
-    scene.brake.wait_for_sync();
+    scene.disk.wait_for_sync();
     center.sweep(now);
     assert_eq!(scene.sent(), [], "its number is not on the disk");
     scene.give(Action::Stop).await.expect("sent");
     assert_eq!(scene.sent(), [Action::Stop]);
-    scene.brake.release();
+    scene.disk.release();
     scene
         .eventually("the setting goes", || {
             center.sweep(now);
@@ -180,7 +171,7 @@ async fn a_full_disk_refuses_what_must_outlive_the_server() {
     let center = &scene.center;
     let now = Instant::now();
     center.status(&id("a"), false, 3, now);
-    scene.brake.set_full(true);
+    scene.disk.set_full(true);
     // Found out with the first; it has not gone and does not go later.
     let sent = false;
     for _ in 0..2 {
@@ -196,7 +187,7 @@ async fn a_full_disk_refuses_what_must_outlive_the_server() {
     center.sweep(now);
     assert_eq!(scene.sent(), [Action::Stop]);
 
-    scene.brake.set_full(false);
+    scene.disk.set_full(false);
     scene.eventually("room again", || center.is_written()).await;
     let view = scene.give(set(430.0)).await.expect("written");
     assert_eq!(scene.file().lines().count(), 1, "{}", scene.file());
@@ -209,7 +200,7 @@ async fn what_has_gone_before_the_disk_failed_is_told() {
     let scene = Scene::new("gone");
     let now = Instant::now();
     scene.center.status(&id("a"), true, 3, now);
-    scene.brake.set_full(true);
+    scene.disk.set_full(true);
     let sent = true;
     assert_eq!(
         scene.give(set(420.0)).await,

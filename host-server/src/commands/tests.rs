@@ -1,7 +1,7 @@
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use crawler_protocol::{Direction, Reason, ResponseStatus};
+use crawler_protocol::{Direction, ParameterValue, ParameterValues, Reason, ResponseStatus};
 
 use super::*;
 
@@ -48,6 +48,31 @@ pub(super) fn answer(robot: &str, seq: u64, status: ResponseStatus) -> Response 
         reason: None,
         timestamp: 7,
     }
+}
+
+/// A setting, which is held for a robot that is away.
+pub(super) fn set(value: f32) -> Action {
+    let mut values = ParameterValues::new();
+    let name = "safe_distance_mm".try_into().expect("a name");
+    values
+        .push((name, ParameterValue::Number(value)))
+        .expect("room");
+    Action::Set(values)
+}
+
+/// Takes what was sent since the last call.
+pub(super) fn sent(wire: &Wire) -> Vec<Command> {
+    let sent = std::mem::take(&mut *wire.sent.lock().expect("lock"));
+    let commands = sent.iter();
+    commands
+        .map(|(_, payload)| Command::parse(payload).expect("a command"))
+        .collect()
+}
+
+/// Gives robot `a` a command, and returns its number.
+pub(super) fn give(center: &CommandCenter, action: Action, now: Instant) -> u64 {
+    let view = center.send(action, Target::Robot(id("a")), [id("a")], now);
+    view.expect("taken").id.parse().expect("a number")
 }
 
 pub(super) const MOVE: Action = Action::Move {

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use crawler_cluster::{Cluster, Fields, HEAD, Numbers, Renewed};
-use crawler_protocol::{ParameterValue, ParameterValues, ResponseStatus};
+use crawler_protocol::ResponseStatus;
 
-use super::tests::{Wire, answer, center, id};
+use super::tests::{Wire, answer, center, give, id, sent, set};
 use super::*;
 
 /// A server with a lease. Redis is not asked: what is told is handed from one to the other here.
@@ -23,28 +23,6 @@ fn server(slot: u8) -> (Arc<Wire>, CommandCenter) {
     let center = center.with_cluster(&together);
     center.share(Numbers::new(slot, 0), 0);
     (wire, center)
-}
-
-fn set(value: f32) -> Action {
-    let mut values = ParameterValues::new();
-    let name = "safe_distance_mm".try_into().expect("a name");
-    values
-        .push((name, ParameterValue::Number(value)))
-        .expect("room");
-    Action::Set(values)
-}
-
-fn give(center: &CommandCenter, action: Action, now: Instant) -> u64 {
-    let view = center.send(action, Target::Robot(id("a")), [id("a")], now);
-    view.expect("taken").id.parse().expect("a number")
-}
-
-fn sent(wire: &Wire) -> Vec<Command> {
-    let sent = std::mem::take(&mut *wire.sent.lock().expect("lock"));
-    let commands = sent.iter();
-    commands
-        .map(|(_, payload)| Command::parse(payload).expect("a command"))
-        .collect()
 }
 
 /// What Redis would hold of a command.

@@ -17,7 +17,7 @@ use tokio::task::JoinSet;
 
 use super::*;
 use crate::config::Layer;
-use crate::data::brake::{Brake, LIMIT};
+use crate::data::test_disk::{LIMIT, TestDisk};
 
 const COMMANDS: &str = "/api/v1/robots/a/commands";
 const SET: &str = r#"{"command":"set","parameters":{"safe_distance_mm":420}}"#;
@@ -26,7 +26,7 @@ const MOVE: &str =
 
 struct Scene {
     server: Server,
-    brake: Brake,
+    disk: TestDisk,
     folder: PathBuf,
     robot: AsyncClient,
     /// Payloads of the commands that the robot has got.
@@ -77,8 +77,8 @@ impl Scene {
             ..Layer::default()
         };
         let settings = Settings::from_layers(Role::Serve, &[layer]).expect("settings");
-        let brake = Brake::default();
-        let server = Server::start_on(&settings, brake.disk()).await;
+        let disk = TestDisk::default();
+        let server = Server::start_on(&settings, disk.handle()).await;
         let server = server.expect("the server starts");
         let options = MqttOptions::new("a", "127.0.0.1", server.mqtt().port);
         let (robot, mut events) = AsyncClient::new(options, 100);
@@ -96,7 +96,7 @@ impl Scene {
         });
         let scene = Self {
             server,
-            brake,
+            disk,
             folder,
             robot,
             inbox,
@@ -161,7 +161,7 @@ impl Scene {
     }
 
     async fn stop(self) {
-        self.brake.release();
+        self.disk.release();
         within("the server stops", self.server.stop()).await;
         let _ = std::fs::remove_dir_all(self.folder);
     }
@@ -170,7 +170,7 @@ impl Scene {
 #[tokio::test]
 async fn a_slow_disk_delays_those_who_must_wait_for_it_and_nobody_else() {
     let mut scene = Scene::new("slow").await;
-    scene.brake.hold();
+    scene.disk.hold();
     let http = scene.server.http();
     let setting = tokio::spawn(call(http, Method::POST, COMMANDS, SET));
     let set = scene.next().await;
@@ -203,7 +203,7 @@ async fn a_slow_disk_delays_those_who_must_wait_for_it_and_nobody_else() {
     assert_eq!(status, 202, "{body}");
 
     assert!(!setting.is_finished(), "nobody is told yet");
-    scene.brake.release();
+    scene.disk.release();
     let (status, body) = within("the setting", setting).await.expect("answered");
     assert_eq!(status, 202, "{body}");
     let text = std::fs::read_to_string(scene.folder.join("commands")).expect("a file");
@@ -218,7 +218,7 @@ async fn a_full_disk_is_told_and_stops_go_all_the_same() {
     let mut scene = Scene::new("full").await;
     let (status, body) = scene.get("/readyz").await;
     assert_eq!(status, 200, "{body}");
-    scene.brake.set_full(true);
+    scene.disk.set_full(true);
     // The first finds out, after it has gone.
     for (code, text) in [("sent_not_written", SET), ("not_written", SET)] {
         let (status, body) = scene.give(text).await;
@@ -247,7 +247,7 @@ async fn a_full_disk_is_told_and_stops_go_all_the_same() {
     }
     assert_eq!(got, ["set", "stop"], "and not what was refused");
 
-    scene.brake.set_full(false);
+    scene.disk.set_full(false);
     scene
         .eventually("ready", "/readyz", |ready| ready["ready"] == true)
         .await;
@@ -332,7 +332,7 @@ async fn who_stops_or_steers_a_robot_does_not_wait_for_the_audit_log() {
 #[tokio::test]
 async fn who_hangs_up_has_given_the_command_and_the_audit_log_says_so() {
     let mut scene = Scene::new("hung-up").await;
-    scene.brake.hold();
+    scene.disk.hold();
     let http = scene.server.http();
     let setting = tokio::spawn(call(http, Method::POST, COMMANDS, SET));
     assert_eq!(scene.next().await["command"], "set");
@@ -341,7 +341,7 @@ async fn who_hangs_up_has_given_the_command_and_the_audit_log_says_so() {
     assert!(hung_up.is_err_and(|error| error.is_cancelled()));
     // The server has seen the end of that connection when it answers another.
     assert_eq!(scene.get("/healthz").await.0, 200);
-    scene.brake.release();
+    scene.disk.release();
     is_audited(&scene, "set").await;
     scene.stop().await;
 }

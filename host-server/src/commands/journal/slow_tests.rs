@@ -11,7 +11,7 @@ use super::queue::Lines;
 use super::writer::Writer;
 use super::*;
 use crate::data::DataDir;
-use crate::data::brake::{Brake, LIMIT};
+use crate::data::test_disk::{LIMIT, TestDisk};
 use crate::metrics::Metrics;
 
 struct Scratch(PathBuf);
@@ -46,8 +46,8 @@ fn robot_id(robot: u8) -> RobotId {
     RobotId::new(&format!("r-{robot}")).expect("robot id")
 }
 
-fn start(scratch: &Scratch, brake: &Brake) -> (JournalQueue, PathBuf) {
-    let data = Arc::new(DataDir::open_on(&scratch.0, brake.disk()).expect("a directory"));
+fn start(scratch: &Scratch, disk: &TestDisk) -> (JournalQueue, PathBuf) {
+    let data = Arc::new(DataDir::open_on(&scratch.0, disk.handle()).expect("a directory"));
     let path = data.file("commands");
     let journal = Journal::open(&path, data.disk()).expect("a journal");
     let queue = journal.start(data, "numbers", Arc::new(Metrics::new()));
@@ -66,18 +66,18 @@ fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
 fn commands_that_wait_together_are_written_together() {
     const MANY: u64 = 200;
     let scratch = Scratch::new("together");
-    let brake = Brake::default();
-    let (mut queue, path) = start(&scratch, &brake);
-    brake.hold();
+    let disk = TestDisk::default();
+    let (mut queue, path) = start(&scratch, &disk);
+    disk.hold();
     let mut tickets = vec![queue.accepted(owed(1, 1)).expect("a ticket")];
-    brake.wait_for_sync();
-    let before = brake.begun();
+    disk.wait_for_sync();
+    let before = disk.begun();
     tickets.extend((2..=MANY).filter_map(|id| queue.accepted(owed(id, 1))));
     assert!(tickets.iter_mut().all(|ticket| ticket.decided().is_none()));
-    brake.release();
+    disk.release();
     assert!(tickets.into_iter().all(Ticket::wait));
     // One for all those that waited while the first was written.
-    assert_eq!(brake.begun() - before, 1);
+    assert_eq!(disk.begun() - before, 1);
     let text = fs::read_to_string(&path).expect("a file");
     assert_eq!(text.lines().count() as u64, MANY);
 }
@@ -85,11 +85,11 @@ fn commands_that_wait_together_are_written_together() {
 #[test]
 fn what_waits_is_bounded() {
     let scratch = Scratch::new("bounded");
-    let brake = Brake::default();
-    let (mut queue, _) = start(&scratch, &brake);
-    brake.hold();
+    let disk = TestDisk::default();
+    let (mut queue, _) = start(&scratch, &disk);
+    disk.hold();
     let first = queue.accepted(owed(1, 1)).expect("a ticket");
-    brake.wait_for_sync();
+    disk.wait_for_sync();
     assert_eq!(queue.check(1_000_000), Ok(()), "one alone always goes");
     let mut waiting = Vec::new();
     while queue.check(200) == Ok(()) {
@@ -98,7 +98,7 @@ fn what_waits_is_bounded() {
         assert!(waiting.len() <= 250, "no end");
     }
     assert_eq!(queue.check(200), Err(Refused::Full));
-    brake.release();
+    disk.release();
     assert!(first.wait() && waiting.into_iter().all(Ticket::wait));
     assert_eq!(queue.check(200), Ok(()));
 }
@@ -106,17 +106,17 @@ fn what_waits_is_bounded() {
 #[test]
 fn a_full_disk_refuses_and_takes_again_when_there_is_room() {
     let scratch = Scratch::new("full");
-    let brake = Brake::default();
-    let (mut queue, path) = start(&scratch, &brake);
+    let disk = TestDisk::default();
+    let (mut queue, path) = start(&scratch, &disk);
     assert!(queue.accepted(owed(1, 2)).expect("a ticket").wait());
-    brake.set_full(true);
+    disk.set_full(true);
     assert!(!queue.accepted(owed(2, 1)).expect("a ticket").wait());
     assert_eq!(queue.check(1), Err(Refused::Failing));
     // What is known of earlier commands is not lost with that.
     queue.done(1, &robot_id(0));
     assert_eq!(queue.reserved(1, &robot_id(1), 0), None);
     assert!(queue.may_go(1, &robot_id(1), 7, Some(4)), "it was accepted");
-    brake.set_full(false);
+    disk.set_full(false);
     eventually("room again", || queue.check(1) == Ok(()));
     assert_eq!(queue.reserved(1, &robot_id(1), 0), Some(7));
     assert!(queue.may_go(1, &robot_id(1), 7, Some(4)));
@@ -132,16 +132,16 @@ fn a_full_disk_refuses_and_takes_again_when_there_is_room() {
 #[test]
 fn nothing_counts_as_written_before_its_number_is_kept_free() {
     let scratch = Scratch::new("free");
-    let brake = Brake::default();
-    let (mut queue, _) = start(&scratch, &brake);
+    let disk = TestDisk::default();
+    let (mut queue, _) = start(&scratch, &disk);
     let numbers = scratch.0.join("numbers");
-    brake.hold();
+    disk.hold();
     queue.lines().reserve(500);
     let mut ticket = queue.accepted(owed(499, 1)).expect("a ticket");
-    brake.wait_for_sync();
+    disk.wait_for_sync();
     assert_eq!(ticket.decided(), None);
     assert!(!numbers.exists());
-    brake.release();
+    disk.release();
     assert!(ticket.wait());
     assert_eq!(fs::read_to_string(numbers).expect("a file"), "500\n");
 }
@@ -149,18 +149,18 @@ fn nothing_counts_as_written_before_its_number_is_kept_free() {
 #[test]
 fn the_end_writes_what_waits() {
     let scratch = Scratch::new("end");
-    let brake = Brake::default();
-    let (mut queue, path) = start(&scratch, &brake);
-    brake.hold();
+    let disk = TestDisk::default();
+    let (mut queue, path) = start(&scratch, &disk);
+    disk.hold();
     let ticket = queue.accepted(owed(1, 1)).expect("a ticket");
     queue.done(1, &robot_id(0));
     // Of what is not in it nothing is said.
     queue.done(2, &robot_id(0));
     let ended = queue.end();
     assert_eq!(queue.check(1), Err(Refused::Failing), "nobody writes it");
-    brake.wait_for_sync();
+    disk.wait_for_sync();
     assert!(!ended.is_cancelled());
-    brake.release();
+    disk.release();
     assert!(ticket.wait());
     eventually("the end", || ended.is_cancelled());
     let text = fs::read_to_string(&path).expect("a file");
@@ -230,8 +230,8 @@ fn crash(path: &Path, bytes: &[u8], known: &Known, failing: bool) {
 
 fn live(scratch: &Scratch, steps: Vec<Step>, cut: prop::sample::Index) {
     let _ = fs::remove_dir_all(&scratch.0);
-    let brake = Brake::default();
-    let data = Arc::new(DataDir::open_on(&scratch.0, brake.disk()).expect("a directory"));
+    let disk = TestDisk::default();
+    let data = Arc::new(DataDir::open_on(&scratch.0, disk.handle()).expect("a directory"));
     let path = data.file("commands");
     let lines = Arc::new(Lines::default());
     let journal = Journal::open(&path, data.disk()).expect("a journal");
@@ -279,8 +279,8 @@ fn live(scratch: &Scratch, steps: Vec<Step>, cut: prop::sample::Index) {
             }
             Step::Write(fits) => {
                 let (before, told) = (fs::read(&path).expect("a file"), known.clone());
-                let syncs = brake.begun();
-                brake.set_full(!fits);
+                let syncs = disk.begun();
+                disk.set_full(!fits);
                 writer.step(lines.next(Some(Duration::ZERO)), &lines);
                 for (id, (mut ticket, robots)) in std::mem::take(&mut waiting) {
                     match ticket.decided() {
@@ -289,14 +289,14 @@ fn live(scratch: &Scratch, steps: Vec<Step>, cut: prop::sample::Index) {
                         None => panic!("nobody says what became of {id}"),
                     }
                 }
-                assert_eq!(lines.is_failing(), !fits && brake.begun() > syncs);
+                assert_eq!(lines.is_failing(), !fits && disk.begun() > syncs);
                 let after = fs::read(&path).expect("a file");
                 if after.starts_with(&before) {
                     // The power goes while it is written: somewhere behind what was synced.
                     let cut = synced + cut.index(after.len() - synced + 1);
                     crash(&path, &after[..cut], &told, true);
                 }
-                if fits && (brake.begun() > syncs || !after.starts_with(&before)) {
+                if fits && (disk.begun() > syncs || !after.starts_with(&before)) {
                     synced = after.len();
                 } else if !after.starts_with(&before) {
                     synced = synced.min(after.len());

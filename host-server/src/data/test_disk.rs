@@ -21,9 +21,9 @@ struct State {
 
 /// See the [module](self). A clone is another handle of the same.
 #[derive(Clone, Default)]
-pub(crate) struct Brake(Arc<(Mutex<State>, Condvar)>);
+pub(crate) struct TestDisk(Arc<(Mutex<State>, Condvar)>);
 
-impl Brake {
+impl TestDisk {
     fn state(&self) -> MutexGuard<'_, State> {
         self.0.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -33,10 +33,10 @@ impl Brake {
         self.0.1.notify_all();
     }
 
-    /// The disk.
-    pub(crate) fn disk(&self) -> Disk {
-        let brake = self.clone();
-        Disk::behind(move || brake.sync())
+    /// It, as a server has it.
+    pub(crate) fn handle(&self) -> Disk {
+        let disk = self.clone();
+        Disk::behind(move || disk.sync())
     }
 
     fn sync(&self) -> io::Result<()> {
@@ -53,7 +53,7 @@ impl Brake {
         Ok(())
     }
 
-    /// Whatever is synced waits for [`Brake::release`].
+    /// Whatever is synced waits for [`TestDisk::release`].
     pub(crate) fn hold(&self) {
         self.set(|state| state.held = true);
     }
