@@ -113,9 +113,9 @@ pub struct Robot<M: RawMutex> {
     /// Intake → store.
     pub(crate) set_requests: Channel<M, SetRequest, 2>,
     /// Control → store: the behaviour that a restart is about to interrupt.
-    pub(crate) unfinished: Signal<M, Errand>,
+    pub(crate) behaviour_to_keep: Signal<M, Errand>,
     /// Store → control: the behaviour that the restart before this boot interrupted.
-    pub(crate) before: Mutex<M, Cell<Option<Errand>>>,
+    pub(crate) behaviour_before_restart: Mutex<M, Cell<Option<Errand>>>,
     /// Intake → camera.
     pub(crate) captures: Captures<M>,
     /// Control → camera, and camera → control and link.
@@ -166,8 +166,8 @@ impl<M: RawMutex> Robot<M> {
             orders: Channel::new(),
             halt: Halts::new(),
             set_requests: Channel::new(),
-            unfinished: Signal::new(),
-            before: Mutex::new(Cell::new(None)),
+            behaviour_to_keep: Signal::new(),
+            behaviour_before_restart: Mutex::new(Cell::new(None)),
             captures: Captures::new(),
             sights: Sights::new(),
             reading: Mutex::new(Cell::new(Reading::default())),

@@ -193,7 +193,7 @@ impl Pilot {
         } else {
             Near::new()
         };
-        if let Some(errand) = robot.before.lock(Cell::take)
+        if let Some(errand) = robot.behaviour_before_restart.lock(Cell::take)
             && robot.boot().was_asked_for()
         {
             self.controller.was_at(errand, now);
@@ -242,7 +242,7 @@ impl Pilot {
         }
         report(robot, outputs, now);
         if let Some(errand) = outputs.unfinished {
-            robot.unfinished.signal(errand);
+            robot.behaviour_to_keep.signal(errand);
         }
         if outputs.reboot {
             self.reboot_asked.get_or_insert(now);

@@ -76,7 +76,7 @@ pub fn store_held<H: Hold, M: RawMutex, F: NorFlash, C: Clock>(
         let mut shelf = Shelf::new(Guarded::new(flash, robot));
         H::hold(load(robot, &mut shelf, &clock)).await;
         loop {
-            let asked = select(robot.set_requests.receive(), robot.unfinished.wait()).await;
+            let asked = select(robot.set_requests.receive(), robot.behaviour_to_keep.wait()).await;
             let SetRequest { changes, sender } = match asked {
                 Either::First(request) => request,
                 Either::Second(errand) => {
@@ -210,7 +210,9 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
     let unfinished = with_deadline(clock, deadline, take_unfinished(shelf)).await;
     // What is wrong with the flash has just been told.
     let unfinished = unfinished.ok().and_then(Result::ok).flatten();
-    robot.before.lock(|cell| cell.set(unfinished));
+    robot
+        .behaviour_before_restart
+        .lock(|cell| cell.set(unfinished));
 }
 
 /// Keeps a behaviour over the restart that is about to come. One that cannot be kept is not taken up

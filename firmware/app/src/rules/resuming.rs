@@ -100,7 +100,10 @@ fn restarted(cause: ResetCause, panic: Option<&str>) -> Result<Bench, TestCaseEr
     let mut bench = Bench::new(7);
     bench.robot.set_boot_cause(cause, panic, bench.now());
     let errand = Errand::Wander { speed: 0.5 };
-    bench.robot.before.lock(|cell| cell.set(Some(errand)));
+    bench
+        .robot
+        .behaviour_before_restart
+        .lock(|cell| cell.set(Some(errand)));
     bench.expect_resumption();
     seconds(&mut bench, 3)?;
     assert_eq!(bench.state(), RobotState::Idle, "nobody could stop it yet");

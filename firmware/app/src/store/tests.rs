@@ -73,11 +73,14 @@ fn boots_are_counted_and_parameters_kept() {
 fn what_a_restart_interrupts_is_told_to_the_next_boot_alone() {
     let flash = TestFlash::new(2);
     let errand = Errand::Swarm(Swarm::Flock);
-    let told =
-        |flash: &TestFlash| boot(flash, |robot, _| robot.before.lock(core::cell::Cell::take));
+    let told = |flash: &TestFlash| {
+        boot(flash, |robot, _| {
+            robot.behaviour_before_restart.lock(core::cell::Cell::take)
+        })
+    };
     assert_eq!(told(&flash), None);
     boot(&flash, |robot, send| {
-        robot.unfinished.signal(errand);
+        robot.behaviour_to_keep.signal(errand);
         // Whatever else is written meanwhile.
         send(&set("max_speed", 0.3));
     });
