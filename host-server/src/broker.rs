@@ -131,8 +131,8 @@ impl BrokerHandle {
     }
 
     /// Ends every session of a name: a robot or simulator whose credential was revoked or replaced,
-    /// a person whose role has changed. Who else has that name stays. From now on none of them is heard, and a login that is
-    /// under way comes to nothing. Change the records first.
+    /// a person whose role has changed. From now on none of them is heard, and a login that is under
+    /// way comes to nothing. Who else has that name stays. Change the records first.
     pub(crate) async fn drop_client(&self, kind: Kind, name: &str) {
         let mut ended = self.clients.expel(kind, name, Instant::now());
         let clients = Arc::clone(&self.clients);

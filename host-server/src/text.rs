@@ -36,42 +36,42 @@ pub(crate) struct Shown<'a>(pub(crate) &'a str);
 
 impl fmt::Display for Shown<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        Tame::new(f, LONGEST_SHOWN).write_str(self.0)
+        Escaped::new(f, LONGEST_SHOWN).write_str(self.0)
     }
 }
 
 /// How the fields of a line of the text log are written. Libraries log too, and an error may quote what
-/// somebody has sent, so all of them are tamed.
+/// somebody has sent, so all of them are escaped.
 pub(crate) fn log_fields() -> impl for<'w> FormatFields<'w> + 'static {
     let fields = debug_fn(|to, field, value| {
         if field.name() != "message" {
             write!(to, "{}=", field.name())?;
         }
-        write!(Tame::new(to, LONGEST_FIELD), "{value:?}")
+        write!(Escaped::new(to, LONGEST_FIELD), "{value:?}")
     });
     fields.delimited(" ")
 }
 
 /// Passes a text on without control characters and those that turn the direction of writing, up to a
 /// length.
-struct Tame<'a> {
+struct Escaped<'a> {
     to: &'a mut dyn fmt::Write,
     left: usize,
 }
 
-impl<'a> Tame<'a> {
+impl<'a> Escaped<'a> {
     fn new(to: &'a mut dyn fmt::Write, most: usize) -> Self {
         Self { to, left: most }
     }
 }
 
-impl fmt::Write for Tame<'_> {
+impl fmt::Write for Escaped<'_> {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         for c in text.chars() {
             match self.left {
                 0 => return Ok(()),
                 1 => self.to.write_char('…')?,
-                _ if is_tame(c) => self.to.write_char(c)?,
+                _ if is_harmless(c) => self.to.write_char(c)?,
                 _ => write!(self.to, "{}", c.escape_default())?,
             }
             self.left -= 1;
@@ -80,7 +80,7 @@ impl fmt::Write for Tame<'_> {
     }
 }
 
-const fn is_tame(c: char) -> bool {
+const fn is_harmless(c: char) -> bool {
     !matches!(c,
         '\0'..='\x1f' | '\x7f'..='\u{9f}' | '\u{61c}' | '\u{200e}' | '\u{200f}'
         | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
@@ -105,9 +105,9 @@ mod tests {
         assert_eq!(long, format!("{}…", "x".repeat(LONGEST_SHOWN - 1)));
         // Also where it comes in pieces.
         let mut text = String::new();
-        let mut tame = Tame::new(&mut text, 4);
+        let mut escaped = Escaped::new(&mut text, 4);
         for piece in ["a\n", "b", "cd"] {
-            tame.write_str(piece).expect("a String");
+            escaped.write_str(piece).expect("a String");
         }
         assert_eq!(text, "a\\nb…");
     }
