@@ -3,6 +3,7 @@
 mod common;
 
 use common::{Answers, collect, duty, forward, lockstep, settle, travel, wander};
+use crawler_app::controller::{FAILSAFE, HOLD};
 use crawler_app::parameters::Parameter;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{
@@ -92,21 +93,48 @@ fn a_lost_link_ends_driving() {
     }
 }
 
+/// However slow the ramp, and however the last word falls between two control periods.
 #[test]
-fn continuous_driving_ends_when_its_controller_falls_silent() {
-    let mut simulation = lockstep("empty", 1, 5);
-    settle(&mut simulation);
-    let drive = Action::Drive { v: 0.0, w: 1.5 };
-    for _ in 0..10 {
-        simulation.submit(0, drive.clone());
-        simulation.run_for(Duration::from_millis(150));
-        assert_ne!(duty(&simulation, 0), [0, 0]);
+fn wheels_stand_half_a_second_after_the_last_word_of_their_controller() {
+    let step = Duration::from_millis(1);
+    let drive = Action::Drive { v: 0.0, w: 4.0 };
+    let mut slowest = Duration::from_millis(0);
+    for (ramp, seed) in [1.0, 5.0, 20.0].into_iter().flat_map(|r| [(r, 5), (r, 6)]) {
+        let mut simulation = lockstep("empty", 1, seed);
+        settle(&mut simulation);
+        let name = heapless::String::try_from("ramp_step").unwrap();
+        let mut values = ParameterValues::new();
+        values.push((name, ParameterValue::Number(ramp))).unwrap();
+        simulation.submit(0, Action::Set(values));
+        for phase in 0..7 {
+            for _ in 0..12 {
+                simulation.submit(0, drive.clone());
+                simulation.run_for(Duration::from_millis(150));
+                assert_ne!(duty(&simulation, 0), [0, 0], "ramp {ramp}");
+            }
+            simulation.run_for(step * (phase * 3));
+            simulation.submit(0, drive.clone());
+            // Its way is up to 5 ms long. Then the link is cut, and the robot does not know it.
+            simulation.run_for(step * 10);
+            simulation.cut(0, Cut::Silent);
+            let heard = simulation.robot(0).unwrap().tally().motion.unwrap();
+            assert!(simulation.now() - heard <= step * 10, "the last word came");
+            let alone = loop {
+                simulation.run_for(step);
+                let alone = simulation.now() - heard;
+                if duty(&simulation, 0) == [0, 0] {
+                    break alone;
+                }
+                assert!(alone <= FAILSAFE, "ramp {ramp}, phase {phase}: {alone:?}");
+            };
+            assert!(alone >= HOLD, "ramp {ramp}, phase {phase}: {alone:?}");
+            slowest = slowest.max(alone);
+            simulation.cut(0, Cut::None);
+            simulation.run_for(Duration::from_secs(1));
+            assert_eq!(duty(&simulation, 0), [0, 0]);
+        }
     }
-    // The link is cut and the robot does not know it.
-    simulation.cut(0, Cut::Silent);
-    simulation.submit(0, drive);
-    simulation.run_for(Duration::from_millis(500));
-    assert_eq!(duty(&simulation, 0), [0, 0]);
+    println!("after {} ms at the latest", slowest.as_millis());
 }
 
 #[test]

@@ -5,6 +5,8 @@
 
 #[path = "emulated/board.rs"]
 mod board;
+#[path = "emulated/driving.rs"]
+mod driving;
 #[path = "emulated/tls.rs"]
 mod tls;
 

@@ -8,7 +8,11 @@
 //! | cause | duties |
 //! |---|---|
 //! | `stop`, `estop`, fault, lost link, no fresh view, blocked way | zero within the same step |
-//! | duration over, failsafe of continuous driving, arrival, `behave manual`, new order | down the ramp |
+//! | duration over, arrival, `behave manual`, new order | down the ramp |
+//! | failsafe of continuous driving | down the ramp, or as much faster as it takes to stand in time |
+//!
+//! Continuous driving is over [`FAILSAFE`] after its last word, and the wheels stand then: they begin to
+//! slow down before, as late as the ramp permits, but not while the word is younger than [`HOLD`].
 //!
 //! # When the link is lost
 //! Manual driving ends at once. So do behaviours by default: a robot nobody can stop should not
@@ -48,8 +52,13 @@ pub use tuning::Tuning;
 
 /// Time between two control steps.
 pub const PERIOD: Duration = Duration::from_millis(20);
-/// Continuous driving ends this long after the last word of whoever drives.
+/// The wheels stand this long after the last word of whoever drives continuously, however slow the ramp.
 pub const FAILSAFE: Duration = Duration::from_millis(500);
+/// A word of continuous driving holds in full for this long, however slow the ramp: a controller sends
+/// one every 100 to 200 ms, and one that is late by half of that must not be felt. What is left of
+/// [`FAILSAFE`] stops a wheel from full duty at a tenth of it a period, which is half as steep as the
+/// steepest ramp there is.
+pub const HOLD: Duration = Duration::from_millis(300);
 /// Longest a bounded `move` may last.
 pub const LONGEST_MOVE: Duration = Duration::from_millis(10_000);
 /// How long the start waits for the flash and the ranger before it goes on without them.
@@ -272,7 +281,7 @@ impl Controller {
         self.start(inputs, now);
         let mut cut = self.check_faults(inputs, out, now);
         cut |= self.check_link(inputs.link, out, now);
-        self.check_time(out, now);
+        cut |= self.check_time(out, now);
         if let Some(halt) = inputs.halt {
             self.halt(halt, out, now);
             cut = true;
@@ -280,7 +289,7 @@ impl Controller {
         if let Some(order) = inputs.order {
             self.take_order(order, inputs, out, now);
             // A short move may have been over before its turn came.
-            self.check_time(out, now);
+            cut |= self.check_time(out, now);
             // `reset` may have uncovered what the emergency stop hid.
             cut |= self.check_faults(inputs, out, now);
         }

@@ -51,6 +51,11 @@ impl Errand {
         }
     }
 
+    /// Whether it needs a word again and again: the failsafe ends it.
+    pub const fn is_continuous(&self) -> bool {
+        matches!(self, Self::Manual { bounded: false, .. })
+    }
+
     /// Whether it goes on until somebody ends it.
     pub const fn is_behaviour(&self) -> bool {
         matches!(self, Self::Wander { .. } | Self::Swarm(_))

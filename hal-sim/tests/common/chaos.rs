@@ -27,9 +27,8 @@ use report::{Kind, Report};
 
 /// What robots may need from the end of a fault until they are back.
 pub(crate) const BACK_WITHIN_MS: u64 = 10_000;
-/// A robot begins to stop so long after the last word of its controller reached it, and stands after a
-/// control period and the ramp down.
-const LEASE: Duration = Duration::from_millis(500 + 20 + 80);
+/// A robot stands so long after the last word of its controller reached it.
+const LEASE: Duration = Duration::from_millis(500);
 const TICK: Duration = Duration::from_millis(50);
 /// Longer than anything but a setting lives.
 const CALM_MS: u64 = 65_000;

@@ -7,10 +7,10 @@ use serde_json::{Value, json};
 use super::report::{Counts, Report};
 use super::tape::{Answer, Duty, Tape, Tapes};
 
-/// Nobody steers any more so long after the last word of `drive`, microseconds.
+/// So long after the last word of `drive` the wheels stand, microseconds.
 const LEASE_US: u64 = 500_000;
-/// From then until the wheels stand, microseconds: the control period in which the word was read, the
-/// one in which its end is, and the ramp down of 80 ms.
+/// From the end of a `move` until the wheels stand, microseconds: the control period in which the word
+/// was read, the one in which its end is, and the ramp down of 80 ms.
 const RAMP_US: u64 = 120_000;
 
 /// Kinds of commands.
@@ -277,32 +277,32 @@ fn wheels(tape: &Tape, end_us: u64, report: &mut Report) {
             return None;
         }
         match Kind::named(&delivery.command)? {
-            Kind::Drive => Some((delivery.at_us, delivery.at_us + LEASE_US)),
+            Kind::Drive => Some((delivery.at_us, delivery.at_us + LEASE_US, 0)),
             Kind::Move => {
                 let ms = delivery.parameters["duration"].as_u64()?;
-                Some((delivery.at_us, delivery.at_us + ms * 1_000))
+                Some((delivery.at_us, delivery.at_us + ms * 1_000, RAMP_US))
             }
             _ => None,
         }
     });
-    let mut words: Vec<(u64, u64)> = words.collect();
+    let mut words: Vec<(u64, u64, u64)> = words.collect();
     words.sort_unstable();
     let ends = tape.duties.iter().skip(1).map(|duty| duty.0);
     for (duty, end) in tape.duties.iter().zip(ends.chain([end_us])) {
         let Duty(begin, true) = *duty else { continue };
         // Where the words of this span leave gaps.
         // The newer word replaces the older.
-        let mut known = words.iter().filter(|(at, _)| *at <= begin);
-        let mut until = known.next_back().map_or(0, |(_, until)| *until);
-        let inside = words.iter().filter(|(at, _)| begin < *at && *at < end);
-        let mut beyond = 0;
-        for &(at, next) in inside {
-            beyond = beyond.max(at.saturating_sub(until.max(begin)));
-            until = next;
+        let mut known = words.iter().filter(|(at, ..)| *at <= begin);
+        let (mut until, mut ramp) = known.next_back().map_or((0, 0), |word| (word.1, word.2));
+        let inside = words.iter().filter(|(at, ..)| begin < *at && *at < end);
+        let mut runaway = false;
+        for &(at, next, next_ramp) in inside.chain([&(end, 0, 0)]) {
+            let beyond = at.saturating_sub(until.max(begin));
+            report.longest_beyond_ms = report.longest_beyond_ms.max(beyond / 1_000);
+            runaway |= beyond > ramp;
+            (until, ramp) = (next, next_ramp);
         }
-        beyond = beyond.max(end.saturating_sub(until.max(begin)));
-        report.longest_beyond_ms = report.longest_beyond_ms.max(beyond / 1_000);
-        report.runaways += u64::from(beyond > RAMP_US);
+        report.runaways += u64::from(runaway);
     }
 }
 

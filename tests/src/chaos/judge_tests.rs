@@ -148,7 +148,7 @@ fn a_robot_that_says_what_it_did_not_do_is_found_out() {
 
 #[test]
 fn wheels_need_a_word() {
-    let what = "times driven without a controller, beyond the ramp";
+    let what = "times driven without a controller";
     let (given, good) = good();
     for (duties, beyond) in [
         // Longer than the move and its ramp.
@@ -185,12 +185,15 @@ fn wheels_need_a_word() {
         tape.answers.insert(seq, vec![answer("accepted", None)]);
     }
     tape.carried_out = (8, 36);
-    tape.duties[1] = Duty(4_800_000 + 569_000, false);
+    tape.duties[1] = Duty(4_800_000 + 500_000, false);
     let mut given = given;
     given.extend((4..9).map(|mark| super::tests::given(Kind::Drive, mark, "an id")));
-    let report = judged(&given, tape);
+    let report = judged(&given, tape.clone());
     assert_eq!(red(&report), [""; 0], "{report}");
-    assert_eq!(report.longest_beyond_ms, 69);
+    assert_eq!(report.longest_beyond_ms, 0);
+    // And stands half a second after the last one, ramp and all.
+    tape.duties[1] = Duty(4_800_000 + 501_000, false);
+    assert_eq!(red(&judged(&given, tape)), [what]);
 }
 
 #[test]

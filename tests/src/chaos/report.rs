@@ -50,7 +50,7 @@ pub struct Report {
     pub wrong_settings: u64,
     /// Commands that the server still called open when it had had time to bring them to an end.
     pub open: u64,
-    /// Times a wheel was driven though nobody steered, and the ramp was over.
+    /// Times a wheel was driven though nobody steered, and the ramp of a `move` was over.
     pub runaways: u64,
     /// The longest a wheel was driven beyond the word it had, milliseconds.
     pub longest_beyond_ms: u64,
@@ -91,10 +91,7 @@ impl Report {
                 self.wrong_settings,
             ),
             ("commands left open by the server", self.open),
-            (
-                "times driven without a controller, beyond the ramp",
-                self.runaways,
-            ),
+            ("times driven without a controller", self.runaways),
             ("robots that started anew", self.reboots),
             ("events that the recording lost", self.unrecorded),
         ]

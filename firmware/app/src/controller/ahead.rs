@@ -4,7 +4,7 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::Reason;
 use rand_core::Rng;
 
-use super::{Controller, Inputs, Note, Outputs, PERIOD};
+use super::{Controller, FAILSAFE, HOLD, Inputs, Note, Outputs, PERIOD};
 use crate::behaviour::{Detour, escape_twist, goto_twist, swarm_twist};
 use crate::motion::Twist;
 use crate::perception::{Charge, Sight};
@@ -285,13 +285,45 @@ impl Controller {
         }
     }
 
-    /// Moves the duties towards `twist`.
+    /// Moves the duties towards `twist`, by the ramp; faster towards zero where the wheels would not
+    /// stand by the end of continuous driving otherwise.
     pub(super) fn drive(&mut self, twist: Twist, elapsed: Duration, now: Instant) {
         let share = (elapsed.as_secs_f32() / PERIOD.as_secs_f32()).min(1.0);
         let step = self.tuning.ramp_step * share;
+        let left = self.steps_left(now);
         for (ramp, duty) in self.ramps.iter_mut().zip(self.tuning.duties(twist)) {
-            ramp.towards(duty, step, now);
+            let Some(left) = left else {
+                ramp.towards(duty, step, now);
+                continue;
+            };
+            // The most from which the steps left lead to zero: by the ramp, or evenly where it is
+            // too slow.
+            let before = libm::fabsf(ramp.duty());
+            let most = left * self.tuning.ramp_step.max(before / (left + 1.0));
+            ramp.towards(duty.clamp(-most, most), step.max(before - most), now);
         }
+    }
+
+    /// How many steps are to come until the wheels have to stand because no word of continuous
+    /// driving has come; `None` while there is time, and for what needs no words.
+    ///
+    /// Reckons with the wheels standing a period early, so that a step may come late by as much.
+    fn steps_left(&self, now: Instant) -> Option<f32> {
+        let Some(Errand::Manual {
+            until,
+            bounded: false,
+            ..
+        }) = self.state.errand()
+        else {
+            return None;
+        };
+        let left = until - now;
+        if left + HOLD > FAILSAFE {
+            return None;
+        }
+        // At most nine. In 32 bits, in which boards divide by themselves.
+        let periods = left.saturating_sub(PERIOD).as_micros() as u32 / PERIOD.as_micros() as u32;
+        Some(periods as f32)
     }
 
     /// The last gate before the wheels, whatever was decided above: where avoidance counts, no

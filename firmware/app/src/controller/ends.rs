@@ -79,8 +79,9 @@ impl Controller {
         true
     }
 
-    /// Ends what has lasted long enough.
-    pub(super) fn check_time(&mut self, out: &mut Outputs, now: Instant) {
+    /// Ends what has lasted long enough; whether the wheels have to stand because it was continuous
+    /// driving. They do already unless steps came late: see [`Controller::drive`].
+    pub(super) fn check_time(&mut self, out: &mut Outputs, now: Instant) -> bool {
         let ended = match self.state {
             State::Moving(errand) | State::Caution(errand) | State::Avoiding(errand, _) => {
                 match errand {
@@ -99,10 +100,13 @@ impl Controller {
             State::Scanning { deadline } if now >= deadline => Some(Err(Reason::Timeout)),
             State::Scanning { .. } | State::Initializing | State::Idle | State::Error(_) => None,
         };
-        if let Some(result) = ended {
-            self.finish(result, out);
-            self.state = self.state.step(Event::End, now);
-        }
+        let Some(result) = ended else {
+            return false;
+        };
+        let continuous = self.state.errand().is_some_and(|e| e.is_continuous());
+        self.finish(result, out);
+        self.state = self.state.step(Event::End, now);
+        continuous
     }
 
     pub(super) fn halt(&mut self, halt: &Halt, out: &mut Outputs, now: Instant) {

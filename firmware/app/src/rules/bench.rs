@@ -18,6 +18,7 @@ use crate::controller::{CALM, Note, Outputs};
 use crate::motion::DEAD_TIME;
 use crate::neighbours::cell_at;
 use crate::order::Halt;
+use crate::parameters::Parameter;
 use crate::perception::{Battery, Charge, LinkHealth, Reading, SensorHealth, Sight};
 use crate::testing::{TestRng, TestRobot, robot, source};
 
@@ -44,6 +45,8 @@ pub(super) struct Bench {
     zero_since: [Instant; 2],
     /// Until when the robot may move; `None` while only a new command may move it.
     until: Option<Instant>,
+    /// Whether that is the end of continuous driving, at which the wheels stand.
+    continuous: bool,
     estopped: bool,
     halted: bool,
     /// Whether the last that was asked for is a behaviour, which may be taken up again after the ranger
@@ -75,6 +78,7 @@ impl Bench {
             direction: [0.0; 2],
             zero_since: [Instant::BOOT; 2],
             until: None,
+            continuous: false,
             estopped: false,
             halted: false,
             wanted: false,
@@ -184,6 +188,12 @@ impl Bench {
         });
     }
 
+    /// Change of duty per period that the ramp allows.
+    fn ramp_step(&self) -> f32 {
+        let parameters = self.robot.parameters.lock(|cell| cell.borrow().clone());
+        parameters.number(Parameter::RampStep) * 0.01
+    }
+
     pub(super) fn send(
         &mut self,
         action: &Action,
@@ -272,11 +282,14 @@ impl Bench {
 
     fn judge(&mut self, out: &Outputs) -> Result<(), TestCaseError> {
         let snapshot = self.robot.snapshot();
-        let ramp = 0.05 * ((self.now - self.last_turn).as_secs_f32() / 0.02).min(1.0);
+        let ramp = self.ramp_step() * ((self.now - self.last_turn).as_secs_f32() / 0.02).min(1.0);
         let standing = out.duties == [0.0, 0.0];
         self.judge_answers(out)?;
         self.judge_resumption(out)?;
         let expired = self.until.is_none_or(|until| self.now >= until);
+        // Its last 200 ms may be steeper than the ramp.
+        let soon = self.now + Duration::from_millis(200);
+        let braking = self.continuous && self.until.is_some_and(|until| soon >= until);
         // 1. A halt stops both wheels within the period, and only a new command moves them.
         if core::mem::take(&mut self.halted) {
             prop_assert!(standing, "not halted: {:?}", out.duties);
@@ -293,7 +306,9 @@ impl Bench {
             prop_assert!((-1.0..=1.0).contains(&after), "duty {}", after);
             prop_assert!(before * after >= 0.0, "jumps from {} to {}", before, after);
             prop_assert!(
-                after == 0.0 || (after - before).abs() <= ramp + EPSILON,
+                after == 0.0
+                    || (after - before).abs() <= ramp + EPSILON
+                    || braking && after.abs() < before.abs(),
                 "{} to {} in {:?}",
                 before,
                 after,
@@ -308,8 +323,11 @@ impl Bench {
                 }
                 self.direction[wheel] = after;
             }
-            // 3. What has expired only slows down, as fast as the ramp goes.
-            if expired {
+            // 3. What has expired only slows down, as fast as the ramp goes; of continuous driving
+            // nothing is left.
+            if expired && self.continuous {
+                prop_assert_eq!(after, 0.0, "after the end of continuous driving");
+            } else if expired {
                 let slower = (before.abs() - ramp).max(0.0) + EPSILON;
                 prop_assert!(
                     after.abs() <= slower,
@@ -376,6 +394,7 @@ impl Bench {
                 prop_assert!(!self.estopped);
                 prop_assert!(self.now - self.hindered >= CALM, "takes it up at once");
                 self.until = Some(Instant::FAR_FUTURE);
+                self.continuous = false;
             }
         }
         Ok(())
@@ -403,13 +422,16 @@ impl Bench {
                         prop_assert_eq!(sent.begun, 1, "carried out twice: {:?}", key);
                         prop_assert!(sent.legitimate, "of another time: {:?}", key);
                         self.until = Some(until);
+                        self.continuous = !lasting && until != Instant::FAR_FUTURE;
                         self.wanted = !lasting && until == Instant::FAR_FUTURE;
                     } else if lasting && sent.begun > 0 {
                         self.until = Some(self.now);
+                        self.continuous = false;
                     }
                 }
                 Meaning::Rest if completed => {
                     self.until = Some(self.now);
+                    self.continuous = false;
                     self.wanted = false;
                 }
                 Meaning::Reset if completed => {

@@ -3,6 +3,7 @@
 
 mod activities;
 mod bench;
+mod continuous;
 mod happening;
 mod invariants;
 mod meaning;

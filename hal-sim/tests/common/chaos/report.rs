@@ -97,7 +97,7 @@ impl Report {
                 self.wrong_settings,
             ),
             (
-                "moments of motion 500 ms after the last word, and the ramp down",
+                "moments of motion 500 ms after the last word",
                 self.runaways,
             ),
             (
