@@ -17,7 +17,8 @@ pub const MADE_AFTER: u64 = 1_793_491_200;
 pub(crate) fn check(list: &[u8], expected: &Expected<'_>) -> Result<[u8; POINT], TlsError> {
     let name = Name::new(expected.host)?;
     let mut list = Reader::new(list);
-    let server = next(&mut list)?.ok_or(TlsError::BadCertificate)?;
+    // RFC 8446, section 4.4.2.4: an empty list is no message.
+    let server = next(&mut list)?.ok_or(TlsError::Malformed)?;
     let key = *server.key()?;
     server.check_server()?;
     check_time(&server, expected.now)?;
@@ -57,7 +58,7 @@ fn next<'a>(list: &mut Reader<'a>) -> Result<Option<Certificate<'a>>, TlsError> 
     let certificate = list.take(length)?;
     // None was asked for.
     if !list.long()?.is_empty() {
-        return Err(TlsError::Choice);
+        return Err(TlsError::Extension);
     }
     Certificate::parse(certificate).map(Some)
 }

@@ -6,7 +6,7 @@ use rand_core::CryptoRng;
 
 use crate::TlsError;
 use crate::authority::Authority;
-use crate::handshake::{Handshake, Outcome};
+use crate::handshake::{Handshake, Outcome, check_ticket};
 use crate::record::{ALERT, CHANGE_CIPHER_SPEC, DATA, HANDSHAKE, HEADER, Keys, OVERHEAD, head};
 
 /// Bytes for what arrives: a record of [`FRAGMENT`] bytes, and a message of the handshake of which
@@ -323,8 +323,7 @@ impl<'b> Connection<'b> {
         let last = end == self.kept;
         let Phase::Handshake(handshake) = &mut self.phase else {
             return match whole {
-                // Nothing is resumed.
-                [NEW_SESSION_TICKET, ..] => Ok(()),
+                [NEW_SESSION_TICKET, ..] => check_ticket(whole),
                 [KEY_UPDATE, 0, 0, 1, asked @ 0..=1] if last => {
                     self.update_due |= *asked == 1;
                     self.read.as_mut().map_or(Ok(()), Keys::update)
@@ -356,8 +355,21 @@ impl<'b> Connection<'b> {
         Ok(())
     }
 
-    /// Puts the content of the record behind the plaintext.
+    /// Takes the record, and counts those that bring nothing.
     fn take_record(&mut self) -> Result<(), TlsError> {
+        self.idle = if self.open_record()? {
+            0
+        } else {
+            self.idle + 1
+        };
+        if self.idle > MOST_IDLE {
+            return Err(TlsError::Flood);
+        }
+        Ok(())
+    }
+
+    /// Puts the content of the record behind the plaintext; whether it brings anything on.
+    fn open_record(&mut self) -> Result<bool, TlsError> {
         let (kept, filled) = (self.kept, self.filled);
         // What comes of it is set below; the record is used up in any case.
         self.filled = kept;
@@ -368,10 +380,6 @@ impl<'b> Connection<'b> {
         let [outer, ..] = *header;
         let encrypted = self.read.is_some();
         let open = matches!(self.phase, Phase::Open);
-        self.idle += 1;
-        if self.idle > MOST_IDLE {
-            return Err(TlsError::Flood);
-        }
         if outer == CHANGE_CIPHER_SPEC {
             // Means nothing, and may stand in a handshake once the server has been heard.
             let expected = match &self.phase {
@@ -380,7 +388,7 @@ impl<'b> Connection<'b> {
             };
             let fits = expected && body == [1] && self.from == self.kept;
             return if fits {
-                Ok(())
+                Ok(false)
             } else {
                 Err(TlsError::Unexpected)
             };
@@ -399,20 +407,19 @@ impl<'b> Connection<'b> {
             (ALERT, [_, CLOSE_NOTIFY]) if encrypted => {
                 self.ended = true;
                 // Before the server has proved who it is that is no good-bye.
-                return if open { Ok(()) } else { Err(TlsError::Closed) };
+                return if open {
+                    Ok(true)
+                } else {
+                    Err(TlsError::Closed)
+                };
             }
-            (ALERT, [WARNING, USER_CANCELED]) => return Ok(()),
+            (ALERT, [WARNING, USER_CANCELED]) => return Ok(false),
             (ALERT, [_, code]) => {
                 self.ended = true;
                 return Err(TlsError::Alert(*code));
             }
             (HANDSHAKE, [_, ..]) => {}
-            (DATA, _) if open => {
-                self.is_data = length > 0;
-                if self.is_data {
-                    self.idle = 0;
-                }
-            }
+            (DATA, _) if open => self.is_data = length > 0,
             _ => return Err(TlsError::Unexpected),
         }
         let from = kept + HEADER;
@@ -420,9 +427,6 @@ impl<'b> Connection<'b> {
         self.kept += length;
         self.filled = self.kept;
         // A message of many small records is bounded by its length.
-        if kind == HANDSHAKE && !open {
-            self.idle = 0;
-        }
-        Ok(())
+        Ok(self.is_data || kind == HANDSHAKE && !open)
     }
 }

@@ -12,8 +12,10 @@ pub enum TlsError {
     Alert(u8),
     /// The server does not speak TLS 1.3.
     Version,
-    /// The server chose a suite, a group or an extension that was not offered.
+    /// The server chose a suite or a group that was not offered, or an extension where it has no place.
     Choice,
+    /// The server answered an extension that was not offered.
+    Extension,
     /// A message is not what the protocol says.
     Malformed,
     /// A message that has no place here.
@@ -57,6 +59,7 @@ impl TlsError {
             Self::Alert(_) => "alert",
             Self::Version => "version",
             Self::Choice => "choice",
+            Self::Extension => "extension",
             Self::Malformed => "malformed",
             Self::Unexpected => "unexpected",
             Self::TooBig => "too-big",
@@ -93,6 +96,7 @@ impl TlsError {
             Self::Signature | Self::Finished => Some(51),
             Self::Version => Some(70),
             Self::Unusable => Some(80),
+            Self::Extension => Some(110),
         }
     }
 }

@@ -22,6 +22,19 @@ const CERTIFICATE_REQUEST: u8 = 13;
 const CERTIFICATE_VERIFY: u8 = 15;
 const FINISHED: u8 = 20;
 
+/// Checks the form of a `NewSessionTicket` (section 4.6.1), `whole` with its header. Nothing is resumed.
+pub(crate) fn check_ticket(whole: &[u8]) -> Result<(), TlsError> {
+    let mut r = Reader::new(whole);
+    let _header: [u8; 4] = r.array()?;
+    let (_lifetime, _age_add): ([u8; 4], [u8; 4]) = (r.array()?, r.array()?);
+    let _nonce = r.short()?;
+    if r.long()?.is_empty() {
+        return Err(TlsError::Malformed);
+    }
+    r.long()?.extensions()?;
+    r.end()
+}
+
 /// Bytes of the last messages of a client: a Certificate without certificates, and Finished.
 const FAREWELL: usize = 8 + 4 + HASH;
 
@@ -119,12 +132,12 @@ impl Handshake {
         // An error ends the handshake.
         match (core::mem::replace(&mut self.next, Next::Done), kind) {
             (Next::ServerHello(secret), SERVER_HELLO) => {
-                let share = hello::read(body)?;
+                let share = hello::read(body, Name::new(expected.host)?)?;
                 self.transcript.update(whole);
                 self.agree(&secret, &share)
             }
             (Next::EncryptedExtensions, ENCRYPTED_EXTENSIONS) => {
-                let limit = hello::read_encrypted(body)?;
+                let limit = hello::read_encrypted(body, Name::new(expected.host)?)?;
                 self.transcript.update(whole);
                 self.next = Next::Certificate;
                 Ok(limit.map_or(Outcome::Next, Outcome::Limit))
@@ -135,7 +148,8 @@ impl Handshake {
                 if !r.short()?.is_empty() {
                     return Err(TlsError::Malformed);
                 }
-                r.long()?;
+                // Whatever they ask for, there is nothing to show.
+                r.long()?.extensions()?;
                 r.end()?;
                 self.asked = true;
                 self.transcript.update(whole);

@@ -90,8 +90,19 @@ fn extensions(w: &mut Writer<'_>, name: Name<'_>, share: &[u8]) -> Result<(), Tl
     })
 }
 
-/// Reads a `ServerHello`: the server's share of the key.
-pub(crate) fn read(body: &[u8]) -> Result<[u8; POINT], TlsError> {
+/// What is wrong with an extension of the server that has no place in its message (section 4.2): that it
+/// was not offered at all, or that it belongs elsewhere.
+const fn misplaced(kind: u16, name: Name<'_>) -> TlsError {
+    match kind {
+        SERVER_NAME if matches!(name, Name::Address(_)) => TlsError::Extension,
+        SERVER_NAME | MAX_FRAGMENT_LENGTH | SUPPORTED_GROUPS | SIGNATURE_ALGORITHMS
+        | RECORD_SIZE_LIMIT | SUPPORTED_VERSIONS | KEY_SHARE => TlsError::Choice,
+        _ => TlsError::Extension,
+    }
+}
+
+/// Reads a `ServerHello` of the host with that name: the server's share of the key.
+pub(crate) fn read(body: &[u8], name: Name<'_>) -> Result<[u8; POINT], TlsError> {
     let mut r = Reader::new(body);
     let version = r.u16()?;
     let random: [u8; 32] = r.array()?;
@@ -108,7 +119,7 @@ pub(crate) fn read(body: &[u8]) -> Result<[u8; POINT], TlsError> {
         r.long()?
     };
     r.end()?;
-    let (mut chosen, mut share, mut others) = (None, None, false);
+    let (mut chosen, mut share, mut other) = (None, None, None);
     while !extensions.is_empty() {
         let kind = extensions.u16()?;
         let mut content = extensions.long()?;
@@ -126,7 +137,7 @@ pub(crate) fn read(body: &[u8]) -> Result<[u8; POINT], TlsError> {
             }
             // An older version has others, and no version among them.
             _ => {
-                others = true;
+                other = other.or(Some(misplaced(kind, name)));
                 continue;
             }
         };
@@ -139,7 +150,10 @@ pub(crate) fn read(body: &[u8]) -> Result<[u8; POINT], TlsError> {
     if chosen != Some(VERSION) {
         return Err(TlsError::Version);
     }
-    if others || suite != CHACHA20_POLY1305_SHA256 || compression != 0 || !session.is_empty() {
+    if let Some(error) = other {
+        return Err(error);
+    }
+    if suite != CHACHA20_POLY1305_SHA256 || compression != 0 || !session.is_empty() {
         return Err(TlsError::Choice);
     }
     // The one group is offered with its key: there is nothing to retry with.
@@ -149,8 +163,9 @@ pub(crate) fn read(body: &[u8]) -> Result<[u8; POINT], TlsError> {
     share.ok_or(TlsError::Choice)
 }
 
-/// Reads `EncryptedExtensions`: the limit that the server sets to content and type of our records.
-pub(crate) fn read_encrypted(body: &[u8]) -> Result<Option<u16>, TlsError> {
+/// Reads `EncryptedExtensions` of the host with that name: the limit that the server sets to content and
+/// type of our records.
+pub(crate) fn read_encrypted(body: &[u8], name: Name<'_>) -> Result<Option<u16>, TlsError> {
     let mut r = Reader::new(body);
     let mut extensions = r.long()?;
     r.end()?;
@@ -160,17 +175,21 @@ pub(crate) fn read_encrypted(body: &[u8]) -> Result<Option<u16>, TlsError> {
         let kind = extensions.u16()?;
         let mut content = extensions.long()?;
         match kind {
-            SERVER_NAME => {}
+            SERVER_NAME if matches!(name, Name::Host(_)) => {}
             // For a later time.
             SUPPORTED_GROUPS => content = Reader::new(&[]),
-            MAX_FRAGMENT_LENGTH if content.u8()? == FRAGMENT_CODE => {}
+            MAX_FRAGMENT_LENGTH => {
+                if content.u8()? != FRAGMENT_CODE {
+                    return Err(TlsError::Choice);
+                }
+            }
             RECORD_SIZE_LIMIT => {
                 limit = Some(content.u16()?);
                 if limit < Some(LEAST_LIMIT) {
                     return Err(TlsError::Choice);
                 }
             }
-            _ => return Err(TlsError::Choice),
+            _ => return Err(misplaced(kind, name)),
         }
         content.end()?;
         // Those above are below 64.

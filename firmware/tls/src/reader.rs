@@ -50,6 +50,15 @@ impl<'a> Reader<'a> {
         self.take(length.into()).map(Self)
     }
 
+    /// Checks the form of a list of extensions, whatever they are.
+    pub(crate) fn extensions(mut self) -> Result<(), TlsError> {
+        while !self.is_empty() {
+            let _kind = self.u16()?;
+            self.long()?;
+        }
+        Ok(())
+    }
+
     pub(crate) const fn rest(self) -> &'a [u8] {
         self.0
     }

@@ -1,5 +1,6 @@
 //! The client against rustls, and against servers that mean it no good.
 
+mod answers;
 mod certificates;
 mod hostile;
 mod interop;

@@ -186,7 +186,7 @@ fn only_the_authority_and_whom_it_made_one_can_sign() {
     let gone = Made::below(&root, params);
     let (leaf, _) = server(&gone, &server_params());
     assert_eq!(check(&[leaf[0].clone(), gone.der]), Err(TlsError::Expired));
-    assert_eq!(check(&[]), Err(TlsError::BadCertificate));
+    assert_eq!(check(&[]), Err(TlsError::Malformed));
 }
 
 #[test]

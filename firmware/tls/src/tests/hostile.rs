@@ -8,12 +8,15 @@ use proptest::prelude::*;
 
 use super::interop::Made;
 use super::server::{Flight, Scripted};
-use super::{Canned, TestRng, expected, record, talk};
+use super::{Canned, HOST, TestRng, expected, record, talk};
+use crate::name::Name;
 use crate::record::{ALERT, CHANGE_CIPHER_SPEC, DATA, HANDSHAKE};
 use crate::{Authority, Buffers, Connection, INPUT, Step, TlsError};
 
 /// What comes of a handshake in which the server says this.
-fn said(script: impl FnMut(&mut Flight) -> Vec<u8> + 'static) -> Result<Vec<u8>, TlsError> {
+pub(super) fn said(
+    script: impl FnMut(&mut Flight) -> Vec<u8> + 'static,
+) -> Result<Vec<u8>, TlsError> {
     let root = Made::root();
     let mut peer = Scripted {
         root: &root,
@@ -32,7 +35,9 @@ fn said(script: impl FnMut(&mut Flight) -> Vec<u8> + 'static) -> Result<Vec<u8>,
 }
 
 /// The same after a good handshake.
-fn then(mut script: impl FnMut(&mut Flight) -> Vec<u8> + 'static) -> Result<Vec<u8>, TlsError> {
+pub(super) fn then(
+    mut script: impl FnMut(&mut Flight) -> Vec<u8> + 'static,
+) -> Result<Vec<u8>, TlsError> {
     said(move |flight| {
         let mut all = flight.clear_hello();
         all.extend(flight.sealed_rest());
@@ -40,6 +45,18 @@ fn then(mut script: impl FnMut(&mut Flight) -> Vec<u8> + 'static) -> Result<Vec<
         all.extend(script(flight));
         all
     })
+}
+
+/// A `NewSessionTicket` with a ticket of that many bytes.
+fn ticket(length: u16) -> Vec<u8> {
+    let mut message = vec![4, 0];
+    message.extend((length + 13).to_be_bytes());
+    // Lifetime and addend, no nonce, the ticket, no extensions.
+    message.extend([0; 9]);
+    message.extend(length.to_be_bytes());
+    message.extend((0..length).map(|_| 7));
+    message.extend([0; 2]);
+    message
 }
 
 #[test]
@@ -144,7 +161,10 @@ fn a_lie_in_the_handshake_ends_it() {
             all.extend(flight.seal(HANDSHAKE, &message));
             all
         });
-        let refused = matches!(result, Err(TlsError::Choice | TlsError::Malformed));
+        let refused = matches!(
+            result,
+            Err(TlsError::Choice | TlsError::Extension | TlsError::Malformed)
+        );
         assert!(refused, "{result:?}");
     }
 }
@@ -189,7 +209,7 @@ fn a_hello_must_be_of_what_was_offered() {
     assert_eq!(hello([9; 32], 0x1303, &[V13, V13]), TlsError::Malformed);
     assert_eq!(
         hello([9; 32], 0x1303, &[(41, &[0, 0]), V13]),
-        TlsError::Choice,
+        TlsError::Extension,
         "no secret was shared"
     );
     assert_eq!(
@@ -286,7 +306,7 @@ fn records_have_their_place() {
 fn an_open_connection_takes_what_it_should() {
     let refused = |script: fn(&mut Flight) -> Vec<u8>| then(script).unwrap_err();
     assert_eq!(
-        then(|flight| flight.seal(HANDSHAKE, &[4, 0, 0, 1, 0])),
+        then(|flight| flight.seal(HANDSHAKE, &ticket(1))),
         Ok(vec![])
     );
     assert_eq!(
@@ -335,10 +355,7 @@ fn a_message_may_lie_anywhere_in_the_records() {
         all.extend(flight.seal(HANDSHAKE, second));
         flight.open();
         // A ticket that is nearly too long, behind one that is short.
-        let mut tickets = vec![4, 0, 0, 10];
-        tickets.extend([0; 10]);
-        tickets.extend([4, 0, 0x0F, 0x00]);
-        tickets.extend([0; 0x0F00]);
+        let tickets = [ticket(1), ticket(0x0EF3)].concat();
         for part in tickets.chunks(2_000) {
             all.extend(flight.seal(HANDSHAKE, part));
         }
@@ -400,7 +417,10 @@ proptest! {
 
     #[test]
     fn no_hello_makes_it_panic(body in prop::collection::vec(any::<u8>(), 0..200)) {
-        let _ = crate::hello::read(&body);
-        let _ = crate::hello::read_encrypted(&body);
+        for host in [HOST, "10.0.2.2"] {
+            let name = Name::new(host).expect("legal");
+            let _ = crate::hello::read(&body, name);
+            let _ = crate::hello::read_encrypted(&body, name);
+        }
     }
 }

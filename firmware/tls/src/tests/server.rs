@@ -115,6 +115,14 @@ impl Flight {
         self.said(message(8, &extensions(list)))
     }
 
+    /// A request for a certificate of the client, with these extensions.
+    pub(super) fn request(&mut self, list: &[u8]) -> Vec<u8> {
+        let mut body = vec![0];
+        body.extend((list.len() as u16).to_be_bytes());
+        body.extend_from_slice(list);
+        self.said(message(13, &body))
+    }
+
     pub(super) fn certificate(&mut self) -> Vec<u8> {
         let mut body = vec![0];
         body.extend_from_slice(&(self.list.len() as u32).to_be_bytes()[1..]);
