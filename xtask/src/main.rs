@@ -5,6 +5,7 @@ mod bench_server;
 mod bench_sim;
 mod bench_vision;
 mod boards;
+mod bogo;
 mod check_s3;
 mod counts;
 mod cross;
@@ -124,6 +125,12 @@ const TASKS: &[Task] = &[
         arguments: "[--seconds N|api [--examples N] [--seed N]]",
         about: "run every fuzz target for N seconds (default 30); or the API from its description",
         run: fuzz::all,
+    },
+    Task {
+        name: "bogo",
+        arguments: "--runner FILE",
+        about: "the robot's TLS client under BoringSSL's tests, whose runner is that FILE: docs/tls.md",
+        run: bogo::command,
     },
     Task {
         name: "mutants",

@@ -5,8 +5,8 @@ use crate::report::Report;
 use crate::run::{self, Failure, Outcome};
 use crate::suites::Selection;
 use crate::{
-    bench_server, check_s3, counts, cross, detector, fuzz, fuzz_api, histories, image, mutants,
-    size, tools, ui,
+    bench_server, bogo, check_s3, counts, cross, detector, fuzz, fuzz_api, histories, image,
+    mutants, size, tools, ui,
 };
 
 /// Seconds for each fuzz target of the deep tier.
@@ -113,6 +113,7 @@ fn deep() -> Outcome {
     });
     report.step("clippy of the other RISC-V chip", |_| clippy_of(&[&C6]));
     report.step("another engine", |_| detector::compare(&[]));
+    report.step("TLS tests of BoringSSL", |_| bogo::if_there());
     report.step("mutants", |_| mutants::sample(seed));
     report.step("trouble and load", |_| soak());
     report.step("undefined behaviour", |_| miri());
