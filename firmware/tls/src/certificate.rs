@@ -84,10 +84,7 @@ impl<'a> Certificate<'a> {
         let (from, until) = (time::read(&mut validity)?, time::read(&mut validity)?);
         validity.end()?;
         let subject = tbs.expect(SEQUENCE)?;
-        let mut key = tbs.sequence()?;
-        let key_algorithm = key.expect(SEQUENCE)?;
-        let point = whole_bits(key.expect(BIT_STRING)?)?;
-        key.end()?;
+        let (key_algorithm, key) = key_info(&mut tbs)?;
         // Unique identifiers, which nobody writes any more.
         let _ = (tbs.optional(0x81)?, tbs.optional(0x82)?);
         let mut certificate = Self {
@@ -99,7 +96,7 @@ impl<'a> Certificate<'a> {
             from,
             until,
             key_algorithm,
-            key: point,
+            key,
             authority: None,
             key_usage: None,
             server_auth: None,
@@ -148,10 +145,7 @@ impl<'a> Certificate<'a> {
 
     /// The key, an uncompressed point.
     pub(crate) fn key(&self) -> Result<&'a [u8; POINT], TlsError> {
-        if self.key_algorithm != P256 {
-            return Err(TlsError::Algorithm);
-        }
-        self.key.try_into().map_err(|_| TlsError::Algorithm)
+        point((self.key_algorithm, self.key))
     }
 
     /// Whether a server may show it.
@@ -191,6 +185,24 @@ impl<'a> Certificate<'a> {
             Err(TlsError::Untrusted)
         }
     }
+}
+
+/// Reads a `SubjectPublicKeyInfo` (section 4.1): algorithm and key.
+pub(crate) fn key_info<'a>(der: &mut Der<'a>) -> Result<(&'a [u8], &'a [u8]), TlsError> {
+    let mut info = der.sequence()?;
+    let algorithm = info.expect(SEQUENCE)?;
+    let key = whole_bits(info.expect(BIT_STRING)?)?;
+    info.end()?;
+    Ok((algorithm, key))
+}
+
+/// A key of the one kind there is, as an uncompressed point. Whether it is one of the curve is found out
+/// when it is used.
+pub(crate) fn point<'a>((algorithm, key): (&[u8], &'a [u8])) -> Result<&'a [u8; POINT], TlsError> {
+    if algorithm != P256 {
+        return Err(TlsError::Algorithm);
+    }
+    key.try_into().map_err(|_| TlsError::Algorithm)
 }
 
 /// Whether `signature`, in DER, is that of the holder of `key` on what `parts` say.

@@ -22,6 +22,11 @@ const CERTIFICATE_REQUEST: u8 = 13;
 const CERTIFICATE_VERIFY: u8 = 15;
 const FINISHED: u8 = 20;
 
+/// The server's share of the key: uncompressed, and on the curve (section 4.2.8.2).
+pub(crate) fn public(share: &[u8; POINT]) -> Result<PublicKey, TlsError> {
+    PublicKey::from_sec1_bytes(share).map_err(|_| TlsError::Choice)
+}
+
 /// Checks the form of a `NewSessionTicket` (section 4.6.1), `whole` with its header. Nothing is resumed.
 pub(crate) fn check_ticket(whole: &[u8]) -> Result<(), TlsError> {
     let mut r = Reader::new(whole);
@@ -190,9 +195,7 @@ impl Handshake {
         secret: &EphemeralSecret,
         share: &[u8; POINT],
     ) -> Result<Outcome, TlsError> {
-        // Section 4.2.8.2: uncompressed, and on the curve.
-        let share = PublicKey::from_sec1_bytes(share).map_err(|_| TlsError::Choice)?;
-        let shared = secret.diffie_hellman(&share);
+        let shared = secret.diffie_hellman(&public(share)?);
         self.stage = keys::handshake(shared.raw_secret_bytes())?;
         let hash = self.hash();
         self.client = keys::derive(&self.stage, "c hs traffic", &hash)?;

@@ -31,10 +31,19 @@ pub(crate) fn expand(
         &context_length,
         context,
     ];
-    // Neither can fail: the secret is as long as a hash, and no more than one is asked for.
+    // Does not fail: no more than one hash is asked for.
+    expand_info(secret, &info, out)
+}
+
+/// `HKDF-Expand` (RFC 5869, section 2.3), which has an end at 255 hashes.
+pub(crate) fn expand_info(
+    secret: &[u8; HASH],
+    info: &[&[u8]],
+    out: &mut [u8],
+) -> Result<(), TlsError> {
     Hkdf::<Sha256>::from_prk(secret)
         .map_err(|_| TlsError::Unusable)?
-        .expand_multi_info(&info, out)
+        .expand_multi_info(info, out)
         .map_err(|_| TlsError::Unusable)
 }
 
@@ -50,7 +59,7 @@ pub(crate) fn derive(
 }
 
 /// `HKDF-Extract`.
-fn extract(salt: &[u8; HASH], input: &[u8]) -> Secret {
+pub(crate) fn extract(salt: &[u8; HASH], input: &[u8]) -> Secret {
     let (secret, _) = Hkdf::<Sha256>::extract(Some(salt), input);
     Zeroizing::new(secret.into())
 }

@@ -38,6 +38,17 @@ impl Keys {
         Ok(keys)
     }
 
+    /// With this very key, which no secret stands behind.
+    #[cfg(test)]
+    pub(crate) fn with_key(key: Secret) -> Self {
+        Self {
+            secret: Secret::default(),
+            key,
+            iv: [0; 12],
+            sequence: 0,
+        }
+    }
+
     fn derive(&mut self) -> Result<(), TlsError> {
         expand(&self.secret, "key", &[], &mut *self.key)?;
         expand(&self.secret, "iv", &[], &mut self.iv)?;
@@ -68,6 +79,32 @@ impl Keys {
         ChaCha20Poly1305::new((&*self.key).into())
     }
 
+    /// Encrypts `inner` where it is; the tag.
+    pub(crate) fn encrypt(
+        &self,
+        nonce: [u8; 12],
+        header: &[u8],
+        inner: &mut [u8],
+    ) -> Result<[u8; TAG], TlsError> {
+        self.cipher()
+            .encrypt_inout_detached(&nonce.into(), header, inner.into())
+            .map(Into::into)
+            .map_err(|_| TlsError::Unusable)
+    }
+
+    /// Decrypts `inner` where it is.
+    pub(crate) fn decrypt(
+        &self,
+        nonce: [u8; 12],
+        header: &[u8],
+        inner: &mut [u8],
+        tag: [u8; TAG],
+    ) -> Result<(), TlsError> {
+        self.cipher()
+            .decrypt_inout_detached(&nonce.into(), header, inner.into(), &tag.into())
+            .map_err(|_| TlsError::BadRecord)
+    }
+
     /// Writes a record with this content to the front of `out`; its length.
     pub(crate) fn seal(
         &mut self,
@@ -86,11 +123,7 @@ impl Keys {
             *to = *from;
         }
         let nonce = self.nonce()?;
-        let made = self
-            .cipher()
-            .encrypt_inout_detached(&nonce.into(), header, inner.into())
-            .map_err(|_| TlsError::Unusable)?;
-        tag.copy_from_slice(&made);
+        tag.copy_from_slice(&self.encrypt(nonce, header, inner)?);
         Ok(total)
     }
 
@@ -107,9 +140,7 @@ impl Keys {
             .ok_or(TlsError::BadRecord)?;
         let tag: [u8; TAG] = (&*tag).try_into().map_err(|_| TlsError::BadRecord)?;
         let nonce = self.nonce()?;
-        self.cipher()
-            .decrypt_inout_detached(&nonce.into(), &header, (&mut *inner).into(), &tag.into())
-            .map_err(|_| TlsError::BadRecord)?;
+        self.decrypt(nonce, &header, inner, tag)?;
         // Zeros behind the type are there to hide the length.
         let end = inner.iter().rposition(|byte| *byte != 0);
         let end = end.ok_or(TlsError::Unexpected)?;

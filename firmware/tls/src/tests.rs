@@ -7,6 +7,7 @@ mod interop;
 mod recorded;
 mod server;
 mod traces;
+mod wycheproof;
 
 use std::vec;
 use std::vec::Vec;

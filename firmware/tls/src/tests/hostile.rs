@@ -374,9 +374,9 @@ fn the_end_comes_once() {
     let mut peer = Canned(record(ALERT, &[2, 40]));
     let result = talk(&mut client, &expected, &mut peer, 1);
     assert_eq!(result, Err(TlsError::Alert(40)));
-    assert_eq!(client.pending(), [], "nobody is there to be told");
+    assert_eq!(client.pending(), [0_u8; 0], "nobody is there to be told");
     assert_eq!(client.shake(&expected), Ok(Step::Ended));
-    assert_eq!(client.plaintext(), []);
+    assert_eq!(client.plaintext(), [0_u8; 0]);
     let mut buffers = Buffers::new();
     let mut client = Connection::start(&mut buffers, &expected, &mut TestRng(1)).unwrap();
     let result = talk(&mut client, &expected, &mut Canned(record(DATA, b"")), 1);
@@ -399,11 +399,11 @@ proptest! {
         let mut client = Connection::start(&mut buffers, &expected, &mut TestRng(1)).unwrap();
         let result = talk(&mut client, &expected, &mut Canned(wire), usize::MAX);
         prop_assert!(!client.is_open(), "nobody has proved anything");
-        prop_assert_eq!(client.plaintext(), []);
+        prop_assert_eq!(client.plaintext(), [0_u8; 0]);
         match result {
             Ok(heard) => {
-                prop_assert_eq!(heard, [], "from whom?");
-                prop_assert_eq!(client.pending(), [], "it waits, and has nothing to say");
+                prop_assert_eq!(heard, [0_u8; 0], "from whom?");
+                prop_assert_eq!(client.pending(), [0_u8; 0], "it waits, and has nothing to say");
                 prop_assert_eq!(client.shake(&expected), Ok(Step::Hungry));
             }
             Err(error) => {
