@@ -156,18 +156,19 @@ fn a_nesting_bomb_is_malformed_and_costs_no_stack() {
 
 #[test]
 fn what_is_nested_to_the_limit_is_read_and_no_deeper() {
-    // The command itself is the first level.
+    // The command itself is the first level, and parameters are the second.
     let inside = usize::from(MAX_DEPTH) - 1;
     let front = r#"{"command":"stop","seq":17,"timestamp":1"#;
-    for (field, reason) in [
-        ("x", Reason::UnknownField),
-        ("seq", Reason::DuplicateField),
-        ("source", Reason::WrongType),
-        ("parameters", Reason::WrongType),
+    for (field, inside, end, reason) in [
+        (r#""x":"#, inside, "", Reason::UnknownField),
+        (r#""seq":"#, inside, "", Reason::DuplicateField),
+        (r#""source":"#, inside, "", Reason::WrongType),
+        (r#""parameters":"#, inside, "", Reason::WrongType),
+        (r#""parameters":{"x":"#, inside - 1, "}", Reason::WrongType),
     ] {
         for (levels, reason) in [(inside, reason), (inside + 1, Reason::Malformed)] {
             let (open, close) = ("[".repeat(levels), "]".repeat(levels));
-            let json = format!("{front},\"{field}\":{open}1{close}}}");
+            let json = format!("{front},{field}{open}1{close}{end}}}");
             let error = Command::parse(json.as_bytes()).unwrap_err();
             assert_eq!(error.reason, reason, "{json}");
         }

@@ -125,32 +125,34 @@ impl Frame {
         }
         *met |= bit;
         match field {
-            Field::Command => self.command = self.scalar(reader, command_name)?,
+            Field::Command => self.command = self.scalar(reader, 1, command_name)?,
             Field::Parameters => self.parameters(reader)?,
-            Field::Timestamp => self.timestamp = self.scalar(reader, whole_number)?,
+            Field::Timestamp => self.timestamp = self.scalar(reader, 1, whole_number)?,
             Field::Seq => {
-                let seq = self.scalar(reader, whole_number)?;
+                let seq = self.scalar(reader, 1, whole_number)?;
                 // A number at the end of a truncated text may be the front of another.
                 if reader.goes_on() {
                     self.seq = seq;
                 }
             }
-            Field::Source => self.source = self.scalar(reader, source)?,
+            Field::Source => self.source = self.scalar(reader, 1, source)?,
         }
         Ok(())
     }
 
-    /// Reads one value as what `meaning` takes it for; blames it and goes on where it is not.
+    /// Reads one value as what `meaning` takes it for; blames it and goes on where it is not. There are
+    /// so many `levels` around it.
     fn scalar<T>(
         &mut self,
         reader: &mut Reader<'_>,
+        levels: u8,
         meaning: fn(Value<'_>) -> Result<T, Reason>,
     ) -> Result<Option<T>, DecodeError> {
         let before = reader.clone();
         let result = match reader.value()? {
             Value::Object | Value::Array => {
                 *reader = before;
-                reader.skip(MAX_DEPTH - 1)?;
+                reader.skip(MAX_DEPTH - levels)?;
                 Err(Reason::WrongType)
             }
             value => meaning(value),
@@ -173,7 +175,7 @@ impl Frame {
         while let Some(name) = reader.member(first)? {
             first = false;
             let name = name.decode::<32>();
-            let value = self.scalar(reader, parameter)?;
+            let value = self.scalar(reader, 2, parameter)?;
             let Some(name) = name else {
                 self.long_name = true;
                 continue;
