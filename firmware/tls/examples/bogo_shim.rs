@@ -1,4 +1,4 @@
-//! The client as `BoGo`, the runner of TLS tests of BoringSSL, wants to have it: `docs/tls.md`.
+//! The client as `BoGo`, the runner of TLS tests of `BoringSSL`, wants to have it: `docs/tls.md`.
 //!
 //! The runner starts this program once for each test, with options that say what to do. It connects to
 //! the runner, shakes hands, and gives back every byte it is told with its bits inverted. Code 0 is a
@@ -37,6 +37,8 @@ const CHANGE_CIPHER_SPEC: [u8; 6] = [20, 3, 3, 0, 1, 1];
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// What a test asks for.
+// Each is one option of the runner's.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Default)]
 struct Options {
     port: u16,

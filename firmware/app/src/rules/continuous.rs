@@ -114,7 +114,7 @@ fn a_ramp_that_is_too_slow_is_made_steeper_and_even() {
         let ages: Vec<u64> = losses.iter().map(|(age, _)| *age).collect();
         assert_eq!(
             ages,
-            Vec::from_iter((300..=480).step_by(20)),
+            (300..=480).step_by(20).collect::<Vec<_>>(),
             "{ramp_percent} %"
         );
         for (_, loss) in &losses {
