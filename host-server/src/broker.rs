@@ -4,7 +4,7 @@
 //! has a runtime of its own: stopping it ends every session with it, and a busy broker does not
 //! delay the API.
 //!
-//! What protects it from its clients: names and passwords (see [`accounts`]), a table of what each
+//! What protects it from its clients: who comes from outside comes in through an [`edge`]; names and passwords (see [`accounts`]), a table of what each
 //! may publish and subscribe ([`guard`]), a budget of messages per client ([`clients`]), the sizes
 //! and counts below, retained messages only where the contract has them, and a send time-out that
 //! ends a session whose reader has stalled.
@@ -12,6 +12,7 @@
 mod accounts;
 mod clients;
 mod counters;
+mod edge;
 mod guard;
 mod numbers;
 mod retain;
@@ -19,7 +20,7 @@ mod sharing;
 #[cfg(test)]
 mod tests;
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::num::NonZeroU16;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -31,17 +32,19 @@ use rmqtt::context::ServerContext;
 use rmqtt::hook::Type;
 use rmqtt::net::Builder;
 use rmqtt::server::MqttServer;
-use tokio::net::TcpStream;
+use tokio::io::DuplexStream;
 
 pub(crate) use accounts::{Accounts, Kind, Open, RecordAccounts};
 pub(crate) use clients::LinkState;
 pub(crate) use counters::GuardCounters;
+pub(crate) use edge::Limits;
 pub(crate) use numbers::Load;
 
 use crate::accounts::Notes;
 use crate::places::{Place, Places};
-use crate::tls::{Door, Front, Note, reachable};
+use crate::tls::Door;
 use clients::Clients;
+use edge::Edge;
 
 /// Largest packet the broker takes: an image with its topic and properties.
 pub(crate) const LARGEST_PACKET: u32 = 256 * 1024;
@@ -96,7 +99,7 @@ pub(crate) struct BrokerHandle {
     counters: Arc<GuardCounters>,
     context: ServerContext,
     runtime: tokio::runtime::Handle,
-    address: SocketAddr,
+    edge: Arc<Edge>,
     sockets: Arc<Places>,
 }
 
@@ -116,18 +119,10 @@ impl BrokerHandle {
         self.sockets.take(from)
     }
 
-    /// A connection to the broker for somebody at `origin`, under whose address it counts as long as
-    /// the note is kept.
-    ///
-    /// # Errors
-    /// What the operating system says when the broker takes no connection.
-    pub(crate) async fn enter(&self, origin: SocketAddr) -> std::io::Result<(TcpStream, Note)> {
-        let stream = TcpStream::connect(reachable(self.address)).await?;
-        // Only costs latency when it fails.
-        let _ = stream.set_nodelay(true);
-        // Before the first byte: the broker asks with the first packet.
-        let note = self.clients.peers().note(stream.local_addr()?, origin);
-        Ok((stream, note))
+    /// A connection to the broker for somebody at `origin`, under whose address it counts. Who carries it
+    /// closes it when the client is silent.
+    pub(crate) fn enter(&self, origin: SocketAddr) -> DuplexStream {
+        self.edge.enter(origin, &self.runtime)
     }
 
     /// Ends every session of a name: a robot or simulator whose credential was revoked or replaced,
@@ -160,14 +155,15 @@ impl BrokerHandle {
 }
 
 impl EmbeddedBroker {
-    /// Binds `listen` and serves it.
+    /// Starts it, for this process alone; [`listen`](Self::listen) lets others in, as many as `limits`
+    /// say.
     ///
     /// # Errors
-    /// What the operating system says when the address cannot be bound.
+    /// What the operating system says when no port is to be had on loopback.
     pub(crate) async fn start(
-        listen: SocketAddr,
         fleet: &Fleet,
         accounts: Arc<dyn Accounts>,
+        limits: Limits,
     ) -> std::io::Result<Self> {
         let server = Credentials::new("server-")?;
         let simulator = Credentials::new(accounts::SIMULATOR)?;
@@ -179,7 +175,6 @@ impl EmbeddedBroker {
             .enable_all()
             .build()?;
         let setup = serve(Setup {
-            listen,
             fleet: fleet.clone(),
             server: server.clone(),
             simulator: simulator.clone(),
@@ -198,11 +193,16 @@ impl EmbeddedBroker {
                 server,
                 simulator,
                 handle: BrokerHandle {
+                    edge: Edge::new(
+                        address,
+                        limits,
+                        Arc::clone(clients.peers()),
+                        Arc::clone(&counters),
+                    ),
                     clients,
                     counters,
                     context,
                     runtime: runtime.handle().clone(),
-                    address,
                     sockets: Places::new(MAX_SOCKETS, MAX_SOCKETS_OF_ONE),
                 },
                 runtime: Some(runtime),
@@ -214,8 +214,8 @@ impl EmbeddedBroker {
         }
     }
 
-    /// The address it listens at, with the port chosen by the system when none was asked for.
-    pub(crate) const fn address(&self) -> SocketAddr {
+    /// Where this process finds it.
+    pub(crate) const fn inside(&self) -> SocketAddr {
         self.address
     }
 
@@ -239,20 +239,21 @@ impl EmbeddedBroker {
         self.handle.clone()
     }
 
-    /// Puts a listener with TLS in front of it.
+    /// Lets clients in at `listen`, through TLS when there is a `door`. Returns the address it listens at,
+    /// with the port chosen by the system when none was asked for.
     ///
     /// # Errors
     /// What the operating system says when the address cannot be bound.
-    pub(crate) async fn front(&self, listen: SocketAddr, door: Door) -> std::io::Result<Front> {
-        let Some(runtime) = &self.runtime else {
-            return Err(std::io::ErrorKind::NotConnected.into());
-        };
-        let to = reachable(self.address);
-        let peers = Arc::clone(self.handle.clients.peers());
-        Front::start(listen, to, door, peers, runtime.handle()).await
+    pub(crate) async fn listen(
+        &self,
+        listen: SocketAddr,
+        door: Option<Door>,
+    ) -> std::io::Result<SocketAddr> {
+        let BrokerHandle { edge, runtime, .. } = &self.handle;
+        edge.listen(listen, door, runtime).await
     }
 
-    /// Ends every session and frees the port.
+    /// Ends every session and frees the ports.
     pub(crate) async fn stop(mut self) {
         if let Some(runtime) = self.runtime.take() {
             let stopped = tokio::task::spawn_blocking(move || {
@@ -275,7 +276,6 @@ impl Drop for EmbeddedBroker {
 
 /// What the broker is made from.
 struct Setup {
-    listen: SocketAddr,
     fleet: Fleet,
     server: Credentials,
     simulator: Credentials,
@@ -286,7 +286,6 @@ struct Setup {
 
 async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
     let Setup {
-        listen,
         fleet,
         server,
         simulator,
@@ -296,9 +295,7 @@ async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
     } = setup;
     let listener = Builder::new()
         .name("fleet")
-        .laddr(listen)
-        // A restarted server gets its port back while old connections linger.
-        .reuseaddr(Some(true))
+        .laddr(SocketAddr::new(Ipv4Addr::LOCALHOST.into(), 0))
         .nodelay(true)
         .allow_anonymous(false)
         .max_connections(MAX_CONNECTIONS)

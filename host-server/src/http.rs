@@ -4,6 +4,7 @@ mod access;
 mod assets;
 mod audit;
 mod commands;
+mod connection;
 mod credentials;
 mod events;
 mod experiments;
@@ -58,7 +59,6 @@ use crate::recorder::Recorder;
 use crate::simulation::Simulation;
 
 pub(crate) use guard::RequestIds;
-pub(crate) use live::MAX_READERS;
 pub(crate) use rates::Rates;
 pub(crate) use serve::serve;
 pub(crate) use simulator::{SimulatorAnswer, code as control_code};

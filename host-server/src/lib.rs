@@ -19,6 +19,7 @@ mod clock;
 mod cluster;
 mod commands;
 mod data;
+mod descriptors;
 mod experiments;
 mod feed;
 mod fences;
@@ -34,6 +35,7 @@ mod simulation;
 mod simulator;
 mod text;
 mod tls;
+mod waiting;
 
 pub use data::DataError;
 pub use recipe::Randomisation;

@@ -31,8 +31,9 @@ use crate::broker::EmbeddedBroker;
 use crate::bus::{self, Bus};
 use crate::clock;
 use crate::commands::{CommandCenter, Journal, Outlet, Sequence};
-use crate::config::{BrokerUrl, Role, Settings};
+use crate::config::{BrokerUrl, DEFAULT_ROBOTS, Role, Settings};
 use crate::data::{DataDir, Disk};
+use crate::descriptors::Descriptors;
 use crate::experiments::{self, Experiments};
 use crate::feed::Feed;
 use crate::fences;
@@ -98,6 +99,10 @@ impl Server {
         let accounts = Accounts::open(records.clone(), settings.open).await?;
         let invitation = accounts.invite_first().await?;
         let certificates = Certificates::of(settings)?;
+        let descriptors = Descriptors::of_process(match settings.role {
+            Role::Up => settings.robots.unwrap_or(DEFAULT_ROBOTS),
+            Role::Serve | Role::Sim => 0,
+        });
         // Bind before anything moves: a port in use must not cost a fleet its broker.
         let listener = TcpListener::bind(settings.http)
             .await
@@ -111,12 +116,14 @@ impl Server {
             tunnel,
             target,
             mqtt,
+            plain,
             inside,
         } = ways::open(
             settings,
             &records,
             certificates.as_ref(),
             accounts.failures(),
+            descriptors,
         )
         .await?;
         let metrics = Arc::new(Metrics::new());
@@ -184,7 +191,7 @@ impl Server {
             drawing: Arc::new(Semaphore::new(1)),
             time_wanted: AtomicBool::new(false),
             requests: http::RequestIds::new(),
-            readers: Arc::new(Semaphore::new(http::MAX_READERS)),
+            readers: Arc::new(Semaphore::new(descriptors.readers)),
             stop: CancellationToken::new(),
             together,
             records_changed: Notify::new(),
@@ -243,9 +250,9 @@ impl Server {
             listener,
             http::router(Arc::clone(&app), http, settings.trusted_proxies.clone()),
             door,
+            descriptors.http,
             stop_http.clone(),
         ));
-        let plain = broker.as_ref().map(|broker| broker.address().port());
         if let Err(error) = Addresses::bound(settings, http, &mqtt, plain).leave(&settings.data) {
             tracing::warn!(%error, "the console is not told at which addresses this server is");
         }

@@ -9,7 +9,6 @@ mod carry;
 mod door;
 mod error;
 mod files;
-mod front;
 mod names;
 mod shown;
 #[cfg(test)]
@@ -36,7 +35,6 @@ use validity::{Validity, day_of};
 
 pub(crate) use door::{Door, Refusal};
 pub use error::TlsError;
-pub(crate) use front::{Front, Note, Peers};
 pub(crate) use shown::Shown;
 pub(crate) use tunnel::{Tunnel, reachable};
 

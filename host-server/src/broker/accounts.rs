@@ -94,11 +94,25 @@ pub(crate) enum Refusal {
     Subscribe,
     /// The records cannot be read.
     Records,
+    /// It did not say in time who it is.
+    Silent,
+    /// It had to make room for others before it had said who it is.
+    Crowded,
+    /// There are as many clients as there can be.
+    Full,
+    /// It has failed to agree on TLS.
+    Tls,
+    /// What it sent first is no CONNECT, or one that is too large.
+    Malformed,
+    /// It speaks another version of MQTT.
+    Version,
+    /// It has used a topic alias, which nobody announced.
+    TopicAlias,
 }
 
 impl Refusal {
     /// Every reason.
-    pub(crate) const ALL: [Self; 10] = [
+    pub(crate) const ALL: [Self; 17] = [
         Self::Nameless,
         Self::Credentials,
         Self::Attempts,
@@ -109,6 +123,13 @@ impl Refusal {
         Self::Publish,
         Self::Subscribe,
         Self::Records,
+        Self::Silent,
+        Self::Crowded,
+        Self::Full,
+        Self::Tls,
+        Self::Malformed,
+        Self::Version,
+        Self::TopicAlias,
     ];
 
     /// As metrics and logs name it.
@@ -124,6 +145,13 @@ impl Refusal {
             Self::Publish => "publish",
             Self::Subscribe => "subscribe",
             Self::Records => "records",
+            Self::Silent => "silent",
+            Self::Crowded => "crowded",
+            Self::Full => "full",
+            Self::Tls => "tls",
+            Self::Malformed => "malformed",
+            Self::Version => "version",
+            Self::TopicAlias => "topic_alias",
         }
     }
 }

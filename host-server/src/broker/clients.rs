@@ -9,7 +9,7 @@ use crawler_access::topics::{Act, may};
 use crawler_protocol::{Fleet, RobotId};
 
 use super::accounts::{Access, Kind, Refusal};
-use crate::tls::Peers;
+use super::edge::Peers;
 
 /// What one client may publish without being slowed down. A robot publishes about seven messages a
 /// second; a controller steering at 50 Hz stays far below as well.

@@ -29,6 +29,7 @@ async fn within<T>(what: &str, happening: impl Future<Output = T>) -> T {
 struct Bench {
     broker: EmbeddedBroker,
     records: Records,
+    port: u16,
 }
 
 impl Bench {
@@ -39,11 +40,17 @@ impl Bench {
             records.clone(),
             Arc::new(crate::accounts::Failures::new()),
         ));
-        let any = "127.0.0.1:0".parse().expect("an address");
-        let broker = EmbeddedBroker::start(any, &fleet, accounts)
+        let limits = crate::descriptors::Descriptors::MOST.into();
+        let broker = EmbeddedBroker::start(&fleet, accounts, limits)
             .await
             .expect("a broker");
-        Self { broker, records }
+        let any = "127.0.0.1:0".parse().expect("an address");
+        let port = broker.listen(any, None).await.expect("a port").port();
+        Self {
+            broker,
+            records,
+            port,
+        }
     }
 
     async fn enroll(&self, name: &str) -> String {
@@ -54,7 +61,7 @@ impl Bench {
     }
 
     fn options(&self, client_id: &str, user: &str, secret: &str) -> MqttOptions {
-        let mut options = MqttOptions::new(client_id, "127.0.0.1", self.broker.address().port());
+        let mut options = MqttOptions::new(client_id, "127.0.0.1", self.port);
         options
             .set_keep_alive(Duration::from_secs(5))
             .set_clean_start(true)

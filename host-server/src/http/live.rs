@@ -18,8 +18,6 @@ use super::access::Caller;
 use super::problem::Problem;
 use crate::accounts::Ending;
 
-/// Readers at a time.
-pub(crate) const MAX_READERS: usize = 64;
 /// A reader that takes nothing for so long is gone.
 const STALLED: Duration = Duration::from_secs(5);
 /// For the snapshot of a large fleet over a slow link.
@@ -59,7 +57,7 @@ pub(super) async fn connect(
         Problem::new(
             StatusCode::SERVICE_UNAVAILABLE,
             "too_many_readers",
-            format!("the feed has {MAX_READERS} readers already"),
+            "the feed has as many readers as it may have",
         )
     })?;
     Ok(upgrade

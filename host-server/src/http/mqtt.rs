@@ -19,8 +19,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use axum::routing::get;
 use futures_util::{Sink, SinkExt as _, Stream, StreamExt as _};
-use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
-use tokio::net::TcpStream;
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _, DuplexStream};
 use tokio_util::sync::CancellationToken;
 
 use super::App;
@@ -36,7 +35,7 @@ const LARGEST: usize = LARGEST_PACKET as usize;
 const CHUNK: usize = 16 * 1024;
 /// For the first bytes of a client.
 const FIRST_WORD: Duration = Duration::from_secs(10);
-/// For the whole CONNECT, up to the answer of the broker, which waits for ever for the rest of one.
+/// For the whole CONNECT, up to the answer of the broker.
 const FIRST_ANSWER: Duration = Duration::from_secs(20);
 /// A client that takes nothing for so long is gone.
 const STALLED: Duration = Duration::from_secs(5);
@@ -85,15 +84,7 @@ async fn connect(
             Duration::from_secs(5),
         )
     })?;
-    let (stream, note) = broker.enter(caller.peer.address).await.map_err(|error| {
-        tracing::warn!(%error, "the broker takes no connection");
-        Problem::later(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "broker_unavailable",
-            "the broker takes no connection",
-            Duration::from_secs(1),
-        )
-    })?;
+    let stream = broker.enter(caller.peer.address);
     let stop = app.stop.clone();
     Ok(upgrade
         .read_buffer_size(CHUNK)
@@ -104,7 +95,7 @@ async fn connect(
         .on_upgrade(async move |socket| {
             let end = tunnel(socket, stream, stop).await;
             tracing::debug!(from = %caller.peer.address, ?end, "an MQTT client over WebSocket ended");
-            drop((note, place));
+            drop(place);
         }))
 }
 
@@ -145,9 +136,9 @@ impl End {
 }
 
 /// Carries bytes both ways until there is a reason not to.
-async fn tunnel(socket: WebSocket, broker: TcpStream, stop: CancellationToken) -> End {
+async fn tunnel(socket: WebSocket, broker: DuplexStream, stop: CancellationToken) -> End {
     let (mut sink, mut stream) = socket.split();
-    let (mut from_broker, mut to_broker) = broker.into_split();
+    let (mut from_broker, mut to_broker) = tokio::io::split(broker);
     let end = tokio::select! {
         biased;
         () = stop.cancelled() => End::Stopped,

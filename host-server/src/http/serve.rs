@@ -1,5 +1,9 @@
 //! Serving connections: a bounded number of them, with a limit on how long a request may take to
 //! arrive, and an end in good order.
+//!
+//! A connection without a request under way is closed when there is no room for a new one, and so is one
+//! whose client does not take its answer: see [`Waiting`]. So a crowd of connections, however slowly it
+//! speaks, keeps out nobody who wants to stop a robot.
 
 use std::net::SocketAddr;
 use std::pin::pin;
@@ -16,11 +20,15 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
 
+use super::connection::awaited;
 use super::peer::Peer;
 use crate::tls::{Door, Refusal};
+use crate::waiting::{Slot, Waiting};
 
-/// Connections at a time; live feeds have a limit of their own. Others wait in the system's queue.
-const MAX_CONNECTIONS: u32 = 1_024;
+/// Connections of one address that wait for their client. Browsers keep six, proxies a few hundred.
+const MOST_OF_ONE: usize = 256;
+/// How soon somebody who waits for room is looked after again, where every connection is at work.
+const LOOK: Duration = Duration::from_millis(100);
 /// For the head of a request, counted from the end of the one before on a kept connection.
 const HEAD_TIME_OUT: Duration = Duration::from_secs(30);
 /// For requests under way when the server stops.
@@ -37,27 +45,32 @@ const PLAIN_TIME_OUT: Duration = Duration::from_secs(2);
 type Service = TowerToHyperService<Router>;
 
 /// Serves `router` until `stop`, then lets requests under way finish. With a `door` connections are
-/// encrypted.
+/// encrypted. There are at most so many `connections` at a time; live feeds and MQTT over a WebSocket have
+/// limits of their own.
 pub(crate) async fn serve(
     listener: TcpListener,
     router: Router,
     door: Option<Door>,
+    connections: usize,
     stop: CancellationToken,
 ) {
-    let permits = Arc::new(Semaphore::new(MAX_CONNECTIONS as usize));
+    let permits = Arc::new(Semaphore::new(connections));
+    let waiting = Waiting::new(connections, MOST_OF_ONE.min(connections / 2));
     let service = TowerToHyperService::new(router);
     let door = door.map(Arc::new);
     loop {
         let accepted = tokio::select! {
             biased;
             () = stop.cancelled() => break,
-            accepted = accept(&listener, &permits) => accepted,
+            accepted = accept(&listener, &permits, &waiting) => accepted,
         };
         let (stream, address, permit) = match accepted {
             Ok(accepted) => accepted,
             Err(error) => {
-                // Out of file descriptors, most likely: trying at once would only burn time.
                 tracing::warn!(%error, "cannot accept a connection");
+                // Out of descriptors, most likely: trying at once would only burn time, and who says
+                // nothing has one to spare.
+                waiting.close_oldest();
                 tokio::time::sleep(Duration::from_millis(200)).await;
                 continue;
             }
@@ -69,22 +82,14 @@ pub(crate) async fn serve(
             address,
             tls: door.is_some(),
         };
+        let slot = Arc::new(waiting.enter(peer.ip()));
         let (service, door, stop) = (service.clone(), door.clone(), stop.clone());
         tokio::spawn(async move {
-            match door {
-                None => speak(stream, peer, service, stop).await,
-                Some(door) => {
-                    let entered = tokio::select! {
-                        () = stop.cancelled() => return,
-                        entered = door.enter(stream, address.ip()) => entered,
-                    };
-                    match entered {
-                        Ok(stream) => speak(stream, peer, service, stop).await,
-                        Err(Refusal::Plain(stream)) => explain(stream).await,
-                        Err(refusal) => {
-                            tracing::debug!(%address, %refusal, "a client did not get in");
-                        }
-                    }
+            let serving = one(stream, peer, Arc::clone(&slot), service, door, stop);
+            tokio::select! {
+                () = serving => {}
+                () = slot.crowded_out() => {
+                    tracing::debug!(%address, "a connection made room for others");
                 }
             }
             drop(permit);
@@ -92,20 +97,47 @@ pub(crate) async fn serve(
     }
     drop(listener);
     // Every connection gives its permit back when it ends.
-    let all = permits.acquire_many(MAX_CONNECTIONS);
+    let all = permits.acquire_many(u32::try_from(connections).unwrap_or(u32::MAX));
     if tokio::time::timeout(DRAIN, all).await.is_err() {
         tracing::warn!("requests were under way and did not come to their end");
     }
 }
 
+/// Serves one connection, with TLS or without.
+async fn one(
+    stream: TcpStream,
+    peer: Peer,
+    slot: Arc<Slot>,
+    service: Service,
+    door: Option<Arc<Door>>,
+    stop: CancellationToken,
+) {
+    let Some(door) = door else {
+        return speak(stream, peer, slot, service, stop).await;
+    };
+    let entered = tokio::select! {
+        () = stop.cancelled() => return,
+        entered = door.enter(stream) => entered,
+    };
+    match entered {
+        Ok(stream) => speak(stream, peer, slot, service, stop).await,
+        Err(Refusal::Plain(stream)) => explain(stream).await,
+        Err(refusal) => {
+            tracing::debug!(address = %peer.address, %refusal, "a client did not get in");
+        }
+    }
+}
+
 /// Serves one connection to its end.
-async fn speak<S>(stream: S, peer: Peer, service: Service, stop: CancellationToken)
+async fn speak<S>(stream: S, peer: Peer, slot: Arc<Slot>, service: Service, stop: CancellationToken)
 where
     S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
 {
     let service = hyper::service::service_fn(move |mut request| {
         peer.mark(&mut request);
-        service.call(request)
+        slot.settle();
+        let (answering, slot) = (service.call(request), Arc::clone(&slot));
+        async move { answering.await.map(|response| awaited(response, slot)) }
     });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -142,11 +174,26 @@ async fn explain(mut stream: TcpStream) {
 async fn accept(
     listener: &TcpListener,
     permits: &Arc<Semaphore>,
+    waiting: &Waiting,
 ) -> std::io::Result<(TcpStream, SocketAddr, OwnedSemaphorePermit)> {
-    let permit = Arc::clone(permits)
-        .acquire_owned()
-        .await
-        .map_err(std::io::Error::other)?;
     let (stream, address) = listener.accept().await?;
-    Ok((stream, address, permit))
+    let mut room = pin!(Arc::clone(permits).acquire_owned());
+    if permits.available_permits() == 0 {
+        waiting.close_oldest();
+    }
+    loop {
+        tokio::select! {
+            biased;
+            permit = room.as_mut() => {
+                return Ok((stream, address, permit.map_err(std::io::Error::other)?));
+            }
+            () = tokio::time::sleep(LOOK) => {
+                waiting.close_oldest();
+            }
+        }
+    }
 }
+
+#[cfg(test)]
+#[path = "serve_tests.rs"]
+mod tests;

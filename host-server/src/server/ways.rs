@@ -1,6 +1,6 @@
 //! The ways to the fleet's broker.
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
 use std::sync::Arc;
 
 use crawler_records::Records;
@@ -10,6 +10,7 @@ use crate::accounts::Failures;
 use crate::broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
 use crate::bus::Target;
 use crate::config::{Broker, BrokerUrl, Settings};
+use crate::descriptors::Descriptors;
 use crate::tls::{Certificates, Door, Tunnel, reachable};
 
 /// The fleet's broker, and the ways to it.
@@ -20,6 +21,8 @@ pub(super) struct Ways {
     pub(super) target: Target,
     /// Where others find the broker.
     pub(super) mqtt: BrokerUrl,
+    /// The port of the listener without TLS, where there is one beside that with it.
+    pub(super) plain: Option<u16>,
     /// Where this process finds it without TLS.
     pub(super) inside: BrokerUrl,
 }
@@ -30,10 +33,16 @@ pub(super) async fn open(
     records: &Records,
     certificates: Option<&Arc<Certificates>>,
     failures: Arc<Failures>,
+    descriptors: Descriptors,
 ) -> Result<Ways, StartError> {
     match &settings.broker {
         Broker::Embedded(listen) => {
-            embedded(settings, *listen, records, certificates, failures).await
+            let accounts: Arc<dyn Accounts> = if settings.open {
+                Arc::new(Open)
+            } else {
+                Arc::new(RecordAccounts::new(records.clone(), failures))
+            };
+            embedded(settings, *listen, accounts, certificates, descriptors).await
         }
         Broker::Outside(mqtt) => {
             let tunnel = open_tunnel(settings, mqtt).await?;
@@ -46,6 +55,7 @@ pub(super) async fn open(
                 },
                 tunnel,
                 mqtt: mqtt.clone(),
+                plain: None,
                 inside,
             })
         }
@@ -55,35 +65,31 @@ pub(super) async fn open(
 async fn embedded(
     settings: &Settings,
     listen: SocketAddr,
-    records: &Records,
+    accounts: Arc<dyn Accounts>,
     certificates: Option<&Arc<Certificates>>,
-    failures: Arc<Failures>,
+    descriptors: Descriptors,
 ) -> Result<Ways, StartError> {
     let tls = &settings.tls;
     let certificates = certificates.filter(|_| tls.covers(listen));
-    let plain = if certificates.is_some() {
-        let nobody_else = SocketAddr::new(Ipv4Addr::LOCALHOST.into(), 0);
-        tls.mqtt_plain.unwrap_or(nobody_else)
-    } else {
-        listen
-    };
-    let accounts: Arc<dyn Accounts> = if settings.open {
-        Arc::new(Open)
-    } else {
-        Arc::new(RecordAccounts::new(records.clone(), failures))
-    };
-    let broker = EmbeddedBroker::start(plain, &settings.fleet, accounts)
+    let broker = EmbeddedBroker::start(&settings.fleet, accounts, descriptors.into())
         .await
-        .map_err(|cause| StartError::mqtt(plain, cause))?;
-    let inside = url(broker.address(), false);
-    let mqtt = match certificates {
-        None => inside.clone(),
+        .map_err(|cause| StartError::mqtt(listen, cause))?;
+    let inside = url(broker.inside(), false);
+    let bind = async |address, door| {
+        let bound = broker.listen(address, door).await;
+        bound.map_err(|cause| StartError::mqtt(address, cause))
+    };
+    let (mqtt, plain) = match certificates {
+        None => (url(bind(listen, None).await?, false), None),
         Some(certificates) => {
             let client_ca = tls.client_ca.as_deref();
             let door = Door::new(certificates.acceptor(crate::tls::MQTT, client_ca)?);
-            let front = broker.front(listen, door).await;
-            let front = front.map_err(|cause| StartError::mqtt(listen, cause))?;
-            url(front.address(), true)
+            let mqtt = url(bind(listen, Some(door)).await?, true);
+            let plain = match tls.mqtt_plain {
+                None => None,
+                Some(plain) => Some(bind(plain, None).await?.port()),
+            };
+            (mqtt, plain)
         }
     };
     let server = broker.server();
@@ -99,6 +105,7 @@ async fn embedded(
         tunnel: None,
         target,
         mqtt,
+        plain,
         inside,
     })
 }

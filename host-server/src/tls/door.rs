@@ -1,26 +1,17 @@
-//! The way in: a handshake that takes a bounded time, of a bounded number at once.
+//! The way in: a handshake that takes a bounded time.
 //!
-//! A handshake costs the server more than the client. What waits for one is bounded in total, and
-//! for each address on its own, so that one machine that opens connections and says nothing does not
-//! keep out the others.
+//! A handshake costs the server more than the client. How many wait for one at once is for the listener to
+//! bound: see [`crate::waiting`].
 
 use std::io;
-use std::net::IpAddr;
-use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::net::TcpStream;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
 
-use crate::places::Places;
-
 /// For the whole handshake.
 pub(crate) const TIME_OUT: Duration = Duration::from_secs(10);
-/// Handshakes at once.
-const MOST: usize = 2_048;
-/// Handshakes at once with one address. A simulator opens 64 connections at a time.
-const MOST_OF_ONE: usize = 256;
 /// The first byte of every TLS connection (RFC 8446, section 5.1: handshake).
 const HANDSHAKE: u8 = 22;
 
@@ -29,11 +20,11 @@ const HANDSHAKE: u8 = 22;
 pub(crate) enum Refusal {
     /// They do not speak TLS.
     Plain(TcpStream),
-    /// Too many are in the doorway.
-    Crowded,
+    /// They went away before they said anything.
+    Gone,
     /// They took too long.
     Late,
-    /// The handshake failed, or they are gone.
+    /// The handshake failed.
     Failed(io::Error),
 }
 
@@ -41,7 +32,7 @@ impl std::fmt::Display for Refusal {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Plain(_) => f.write_str("it does not speak TLS"),
-            Self::Crowded => f.write_str("too many shake hands already"),
+            Self::Gone => f.write_str("it went away"),
             Self::Late => f.write_str("it took too long"),
             Self::Failed(error) => error.fmt(f),
         }
@@ -51,7 +42,6 @@ impl std::fmt::Display for Refusal {
 /// Where encrypted connections come in.
 pub(crate) struct Door {
     acceptor: TlsAcceptor,
-    doorway: Arc<Places>,
     time_out: Duration,
 }
 
@@ -59,24 +49,25 @@ impl Door {
     pub(crate) fn new(acceptor: TlsAcceptor) -> Self {
         Self {
             acceptor,
-            doorway: Places::new(MOST, MOST_OF_ONE),
             time_out: TIME_OUT,
         }
     }
 
+    /// The same with another time for the whole handshake.
+    #[cfg(test)]
+    pub(crate) fn within(self, time_out: Duration) -> Self {
+        Self { time_out, ..self }
+    }
+
     /// Shakes hands.
-    pub(crate) async fn enter(
-        &self,
-        tcp: TcpStream,
-        from: IpAddr,
-    ) -> Result<TlsStream<TcpStream>, Refusal> {
-        let Some(_place) = self.doorway.take(from) else {
-            return Err(Refusal::Crowded);
-        };
+    ///
+    /// # Errors
+    /// [`Refusal`] says why somebody does not get in.
+    pub(crate) async fn enter(&self, tcp: TcpStream) -> Result<TlsStream<TcpStream>, Refusal> {
         let entering = async {
             let mut first = [0];
             match tcp.peek(&mut first).await {
-                Ok(0) => Err(Refusal::Failed(io::ErrorKind::UnexpectedEof.into())),
+                Ok(0) => Err(Refusal::Gone),
                 Ok(_) if first != [HANDSHAKE] => Err(Refusal::Plain(tcp)),
                 Ok(_) => self.acceptor.accept(tcp).await.map_err(Refusal::Failed),
                 Err(error) => Err(Refusal::Failed(error)),

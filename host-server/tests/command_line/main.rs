@@ -17,6 +17,7 @@ const LIMIT: std::time::Duration = std::time::Duration::from_mins(1);
 mod backups;
 mod console;
 mod console_revokes;
+mod crowds;
 mod doctor;
 mod evaluate;
 mod hostile_names;
