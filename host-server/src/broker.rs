@@ -48,7 +48,8 @@ use edge::Edge;
 
 /// Largest packet the broker takes: an image with its topic and properties.
 pub(crate) const LARGEST_PACKET: u32 = 256 * 1024;
-/// Sessions at a time, robots and others together.
+/// Connections at a time, robots and others together. How many sessions there may be is a matter of
+/// [`Limits`].
 const MAX_CONNECTIONS: usize = 25_000;
 /// Messages waiting for the server's own session. At 10,000 robots a burst of every robot's
 /// retained messages and a second of telemetry fit several times over.
@@ -176,6 +177,7 @@ impl EmbeddedBroker {
             .build()?;
         let setup = serve(Setup {
             fleet: fleet.clone(),
+            sessions: limits.sessions,
             server: server.clone(),
             simulator: simulator.clone(),
             accounts,
@@ -277,6 +279,7 @@ impl Drop for EmbeddedBroker {
 /// What the broker is made from.
 struct Setup {
     fleet: Fleet,
+    sessions: usize,
     server: Credentials,
     simulator: Credentials,
     accounts: Arc<dyn Accounts>,
@@ -287,6 +290,7 @@ struct Setup {
 async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
     let Setup {
         fleet,
+        sessions,
         server,
         simulator,
         accounts,
@@ -316,7 +320,7 @@ async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
     let context = ServerContext::new()
         // The load average of a laptop that compiles is no reason to refuse a robot.
         .busy_check_enable(false)
-        .mqtt_max_sessions(MAX_CONNECTIONS as isize)
+        .mqtt_max_sessions(isize::try_from(sessions).unwrap_or(isize::MAX))
         .build()
         .await;
     counters.watch(context.clone());

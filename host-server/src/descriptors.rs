@@ -5,10 +5,13 @@ use rlimit::Resource;
 
 /// For files, databases, engines and whatever else the process opens.
 const FILES: u64 = 128;
-/// A connection through the broker's listener takes one, and two more from there to the broker.
+/// A connection through the broker's listener takes one, and two more from there to the broker, which keeps
+/// one of them for as long as it keeps the session, also when its client is away.
 const OF_CLIENT: u64 = 3;
 /// A robot in this process has both ends of its connection here.
 const OF_ROBOT: u64 = 2;
+/// Sessions that the server has with its broker.
+const OWN_SESSIONS: usize = 16;
 /// What is assumed where the system does not say: the usual limit of a process.
 const USUAL: u64 = 1_024;
 
@@ -23,6 +26,8 @@ pub(crate) struct Descriptors {
     pub(crate) waiting: usize,
     /// Connections to the broker.
     pub(crate) clients: usize,
+    /// Sessions with the broker, also of this process and of clients that are away.
+    pub(crate) sessions: usize,
 }
 
 impl Descriptors {
@@ -32,6 +37,7 @@ impl Descriptors {
         readers: 64,
         waiting: 2_048,
         clients: 25_000,
+        sessions: 25_000,
     };
 
     /// What this process may have, with so many simulated robots in it.
@@ -53,6 +59,7 @@ impl Descriptors {
             readers: readers as usize,
             waiting: waiting as usize,
             clients: clients as usize,
+            sessions: (clients as usize + robots as usize + OWN_SESSIONS).min(Self::MOST.sessions),
         }
     }
 }

@@ -19,6 +19,7 @@ mod hil;
 mod histories;
 mod image;
 mod mutants;
+mod paho;
 mod report;
 mod run;
 mod sight;
@@ -101,6 +102,12 @@ const TASKS: &[Task] = &[
         arguments: "[--update]",
         about: "instructions of the robot program in QEMU, against docs/counts.md",
         run: counts::command,
+    },
+    Task {
+        name: "paho",
+        arguments: "[DIRECTORY]",
+        about: "the interoperability suite of Eclipse Paho, against docs/conformance.md",
+        run: paho::command,
     },
     Task {
         name: "emulate",

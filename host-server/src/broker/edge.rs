@@ -81,6 +81,8 @@ pub(crate) struct Limits {
     pub(crate) waiting_of_one: usize,
     /// Clients in all.
     pub(crate) clients: usize,
+    /// Sessions, also of this process and of clients that are away.
+    pub(crate) sessions: usize,
     pub(crate) times: Times,
 }
 
@@ -91,6 +93,7 @@ impl From<Descriptors> for Limits {
             // Half for others, however few there are.
             waiting_of_one: MOST_OF_ONE.min(descriptors.waiting / 2),
             clients: descriptors.clients,
+            sessions: descriptors.sessions,
             times: Times::default(),
         }
     }

@@ -16,6 +16,8 @@ const LAST_WORDS: Duration = Duration::from_secs(5);
 /// A client that takes nothing for so long is gone. The broker ends the session of one sooner, by its
 /// send time-out.
 const STALLED: Duration = Duration::from_secs(10);
+/// For a client to read why it is cut off.
+const FAREWELL: Duration = Duration::from_secs(1);
 /// DISCONNECT with *topic alias invalid* (MQTT 5, section 3.14.2.1).
 const ALIAS_INVALID: &[u8] = &[0xe0, 2, 0x94, 0];
 
@@ -35,7 +37,27 @@ where
     C: AsyncRead + AsyncWrite,
     B: AsyncRead + AsyncWrite,
 {
-    let (from_client, to_client) = tokio::io::split(client);
+    let (mut from_client, to_client) = tokio::io::split(client);
+    let end = both(&mut from_client, to_client, broker, packets).await;
+    if end == End::Alias {
+        // A connection that is closed with bytes unread loses what was sent last.
+        let mut rest = [0; 256];
+        let reading =
+            async { while from_client.read(&mut rest).await.is_ok_and(|read| read > 0) {} };
+        let _ = timeout(FAREWELL, reading).await;
+    }
+    end
+}
+
+async fn both<B>(
+    from_client: impl AsyncRead + Unpin,
+    to_client: impl AsyncWrite + Unpin,
+    broker: B,
+    packets: bool,
+) -> End
+where
+    B: AsyncRead + AsyncWrite,
+{
     let (from_broker, to_broker) = tokio::io::split(broker);
     let cut = CancellationToken::new();
     let mut there = pin!(there(from_client, to_broker, packets));
