@@ -64,9 +64,24 @@ impl Descriptors {
     }
 }
 
+/// Whether something failed because the process, or the machine, has no descriptor left.
+pub(crate) fn are_used_up(error: &std::io::Error) -> bool {
+    use rustix::io::Errno;
+    let error = Errno::from_io_error(error);
+    error.is_some_and(|error| [Errno::MFILE, Errno::NFILE].contains(&error))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn errors_tell_whether_descriptors_are_used_up() {
+        let error = |error: rustix::io::Errno| std::io::Error::from(error);
+        assert!(are_used_up(&error(rustix::io::Errno::MFILE)));
+        assert!(are_used_up(&error(rustix::io::Errno::NFILE)));
+        assert!(!are_used_up(&error(rustix::io::Errno::CONNABORTED)));
+    }
 
     #[test]
     fn what_is_shared_out_is_there() {

@@ -29,7 +29,7 @@ use tokio::time::timeout;
 
 use super::GuardCounters;
 use super::accounts::Refusal;
-use crate::descriptors::Descriptors;
+use crate::descriptors::{self, Descriptors};
 use crate::tls::{self, Door};
 use crate::waiting::{Slot, Waiting};
 use connect::{LEVEL_5, NoConnect};
@@ -41,7 +41,7 @@ const MOST_OF_ONE: usize = 256;
 const PIPE: usize = 16 * 1024;
 /// For a refused client to read why.
 const FAREWELL: Duration = Duration::from_secs(1);
-/// Out of descriptors: trying at once would only burn time.
+/// After a failure to accept: trying at once would only burn time.
 const BACK_OFF: Duration = Duration::from_millis(200);
 /// The first byte of a CONNACK (MQTT 5, section 3.2); the second behind its head is zero when the client is
 /// let in.
@@ -171,8 +171,10 @@ impl Edge {
                 Ok(accepted) => accepted,
                 Err(error) => {
                     tracing::warn!(%error, "cannot accept a connection to the broker");
-                    // Out of descriptors, most likely: who says nothing has one to spare.
-                    self.waiting.close_oldest();
+                    if descriptors::are_used_up(&error) {
+                        // Who says nothing has one to spare.
+                        self.waiting.close_oldest();
+                    }
                     tokio::time::sleep(BACK_OFF).await;
                     continue;
                 }

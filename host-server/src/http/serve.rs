@@ -20,8 +20,9 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
 
-use super::connection::awaited;
+use super::connection::{arriving, awaited};
 use super::peer::Peer;
+use crate::descriptors;
 use crate::tls::{Door, Refusal};
 use crate::waiting::{Slot, Waiting};
 
@@ -68,9 +69,11 @@ pub(crate) async fn serve(
             Ok(accepted) => accepted,
             Err(error) => {
                 tracing::warn!(%error, "cannot accept a connection");
-                // Out of descriptors, most likely: trying at once would only burn time, and who says
-                // nothing has one to spare.
-                waiting.close_oldest();
+                if descriptors::are_used_up(&error) {
+                    // Who says nothing has one to spare.
+                    waiting.close_oldest();
+                }
+                // Trying at once would only burn time.
                 tokio::time::sleep(Duration::from_millis(200)).await;
                 continue;
             }
@@ -135,8 +138,8 @@ where
 {
     let service = hyper::service::service_fn(move |mut request| {
         peer.mark(&mut request);
-        slot.settle();
-        let (answering, slot) = (service.call(request), Arc::clone(&slot));
+        let answering = service.call(arriving(request, Arc::clone(&slot)));
+        let slot = Arc::clone(&slot);
         async move { answering.await.map(|response| awaited(response, slot)) }
     });
     let connection = http1::Builder::new()

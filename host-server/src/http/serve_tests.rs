@@ -1,5 +1,5 @@
 use axum::body::Body;
-use axum::routing::get;
+use axum::routing::{get, post};
 
 use super::*;
 
@@ -20,6 +20,7 @@ impl Served {
         let large = || async { Body::from(vec![b'x'; 32 * 1024 * 1024]) };
         let router = Router::new()
             .route("/halt", get(|| async { "halted" }))
+            .route("/take", post(async |body: axum::body::Bytes| body))
             .route("/large", get(large));
         let stop = CancellationToken::new();
         let task = tokio::spawn(serve(listener, router, None, CONNECTIONS, stop.clone()));
@@ -72,6 +73,7 @@ async fn connections_that_say_little_or_nothing_make_room() {
         &b""[..],
         b"G",
         b"GET /halt HTTP/1.1\r\nhost: a\r\nx-slow: ",
+        b"POST /take HTTP/1.1\r\nhost: a\r\ncontent-length: 9\r\n\r\nhalf",
         // An answer that was taken, and then nothing.
         b"GET /halt HTTP/1.1\r\nhost: a\r\n\r\n",
     ] {
@@ -83,6 +85,25 @@ async fn connections_that_say_little_or_nothing_make_room() {
         // The oldest went first.
         closed(crowd.remove(0)).await;
     }
+    served.end().await;
+}
+
+#[tokio::test]
+async fn a_request_that_comes_in_pieces_is_answered() {
+    let served = Served::start().await;
+    let mut crowd = Vec::new();
+    let mut whole = served
+        .say(b"POST /take HTTP/1.1\r\nhost: a\r\nconnection: close\r\ncontent-length: 4\r\n\r\n1")
+        .await;
+    // It goes on while it is not the oldest, and comes to its end.
+    for _ in 0..CONNECTIONS / 4 {
+        crowd.push(served.say(b"").await);
+    }
+    whole.write_all(b"234").await.expect("sent");
+    let mut answer = String::new();
+    let read = tokio::time::timeout(LIMIT, whole.read_to_string(&mut answer)).await;
+    read.expect("in time").expect("no reset");
+    assert!(answer.ends_with("1234"), "{answer}");
     served.end().await;
 }
 

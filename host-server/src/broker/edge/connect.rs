@@ -9,8 +9,8 @@ use super::Times;
 use super::packets::Properties;
 use crate::broker::accounts::Refusal;
 
-/// Largest CONNECT. Names and secrets are short, and a will is at most 1,024 bytes.
-const LARGEST: usize = 16 * 1024;
+/// Largest CONNECT: room for one field of any length (65,535 bytes), and for all else that there is.
+const LARGEST: usize = 72 * 1024;
 /// CONNECT, with the reserved flags zero (MQTT 5, section 2.1).
 const CONNECT: u8 = 0x10;
 /// The levels of MQTT 3.1, 3.1.1 and 5.

@@ -37,7 +37,7 @@ fn packet(body: &[u8]) -> Vec<u8> {
 
 /// What comes of a client that says this and then waits.
 async fn said(bytes: &[u8]) -> Result<Connect, NoConnect> {
-    let (mut ours, mut theirs) = duplex(64 * 1024);
+    let (mut ours, mut theirs) = duplex(2 * LARGEST);
     theirs.write_all(bytes).await.expect("room");
     read(&mut ours, TIMES).await
 }
@@ -90,13 +90,13 @@ async fn what_is_no_connect_is_refused_as_soon_as_that_shows() {
     ] {
         assert_eq!(said(bytes).await, Err(MALFORMED), "{bytes:?}");
     }
-    let large = connect(b"MQTT", 5, &[b'a'; LARGEST]);
+    let large = connect(b"MQTT", 5, &vec![b'a'; LARGEST]);
     let told = NoConnect::Refused {
         reason: Refusal::Malformed,
         answer: TOO_LARGE_5,
     };
     assert_eq!(said(&large).await, Err(told));
-    let large = connect(b"MQTT", 4, &[b'a'; LARGEST]);
+    let large = connect(b"MQTT", 4, &vec![b'a'; LARGEST]);
     assert_eq!(said(&large).await, Err(MALFORMED));
 }
 
