@@ -4,7 +4,7 @@
 use std::fs;
 use std::io;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -84,11 +84,26 @@ impl Addresses {
             .unwrap_or_else(|| Self::by_options(settings))
     }
 
-    /// Leaves them in the data directory.
-    pub(crate) fn leave(&self, data: &Path) -> io::Result<()> {
+    /// Leaves them in the data directory, until what this returns is dropped.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub(crate) fn leave(&self, data: &Path) -> io::Result<LeftAddresses> {
         let new = data.join(format!("{ADDRESSES_FILE}.new"));
         fs::write(&new, serde_json::to_vec(self)?)?;
-        fs::rename(new, data.join(ADDRESSES_FILE))
+        let path = data.join(ADDRESSES_FILE);
+        fs::rename(new, &path)?;
+        Ok(LeftAddresses(path))
+    }
+}
+
+/// The file with the addresses of a server; dropping this takes it away.
+pub(crate) struct LeftAddresses(PathBuf);
+
+impl Drop for LeftAddresses {
+    fn drop(&mut self) {
+        // Where it is missing, there is nothing to take away.
+        let _ = fs::remove_file(&self.0);
     }
 }
 

@@ -210,7 +210,7 @@ impl EmbeddedBroker {
                 runtime: Some(runtime),
             }),
             Err(error) => {
-                runtime.shutdown_background();
+                end(runtime).await;
                 Err(error)
             }
         }
@@ -258,13 +258,18 @@ impl EmbeddedBroker {
     /// Ends every session and frees the ports.
     pub(crate) async fn stop(mut self) {
         if let Some(runtime) = self.runtime.take() {
-            let stopped = tokio::task::spawn_blocking(move || {
-                runtime.shutdown_timeout(Duration::from_secs(2));
-            });
-            if let Err(error) = stopped.await {
-                tracing::error!(%error, "the broker did not stop in order");
-            }
+            end(runtime).await;
         }
+    }
+}
+
+/// Ends every task of the broker, and its threads.
+async fn end(runtime: tokio::runtime::Runtime) {
+    let stopped = tokio::task::spawn_blocking(move || {
+        runtime.shutdown_timeout(Duration::from_secs(2));
+    });
+    if let Err(error) = stopped.await {
+        tracing::error!(%error, "the broker did not stop in order");
     }
 }
 

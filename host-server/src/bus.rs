@@ -17,8 +17,8 @@ use rumqttc::v5::mqttbytes::v5::{
     ConnectReturnCode, Filter, Packet, PublishProperties, SubscribeReasonCode,
 };
 use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
-use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::AbortOnDropHandle;
 
 use crate::metrics::{Dropped, Metrics};
 
@@ -315,17 +315,17 @@ fn describe(error: &ConnectionError) -> String {
     }
 }
 
-/// Serves `connection`, and when it is lost new ones, until `stop`. `bus` is up when this returns.
-pub(crate) fn start(
+/// What serves `connection`, and when it is lost new ones, until `stop`. `bus` is up when this returns.
+pub(crate) fn serve(
     bus: Arc<Bus>,
     target: Target,
     connection: Connection,
     receiver: Arc<dyn Receiver>,
     stop: CancellationToken,
-) -> JoinHandle<()> {
+) -> impl Future<Output = ()> + Send {
     // Here and not in the task: whoever has a started server may publish at once.
     bus.set(Some(connection.client.clone()));
-    tokio::spawn(run(bus, target, connection, receiver, stop))
+    run(bus, target, connection, receiver, stop)
 }
 
 async fn run(
@@ -340,9 +340,11 @@ async fn run(
     while !stop.is_cancelled() {
         let connection = match next.take() {
             Some(connection) => Ok(connection),
-            None => connect(&target, &bus.fleet)
-                .await
-                .inspect(|connection| bus.set(Some(connection.client.clone()))),
+            None => tokio::select! {
+                () = stop.cancelled() => return,
+                connected = connect(&target, &bus.fleet) => connected
+                    .inspect(|connection| bus.set(Some(connection.client.clone()))),
+            },
         };
         match connection {
             Ok(connection) => {
@@ -350,7 +352,8 @@ async fn run(
                 receiver.connection(true, "connected to the broker");
                 // A task of its own: should the client library panic over what a broker sends, that
                 // costs the connection and not the server.
-                let session = tokio::spawn(serve(connection, Arc::clone(&receiver), stop.clone()));
+                let session = serve_one(connection, Arc::clone(&receiver), stop.clone());
+                let session = AbortOnDropHandle::new(tokio::spawn(session));
                 let reason = match session.await {
                     Ok(reason) => reason,
                     Err(error) => format!("the MQTT client failed: {error}"),
@@ -384,7 +387,7 @@ fn jitter(pause: Duration) -> Duration {
 }
 
 /// Serves one connection to its end and says why it ended.
-async fn serve(
+async fn serve_one(
     mut connection: Connection,
     receiver: Arc<dyn Receiver>,
     stop: CancellationToken,

@@ -19,7 +19,6 @@ use std::time::Duration;
 
 use crawler_records::{Experiment, ExperimentState, RecordsError};
 use tokio::sync::Semaphore;
-use tokio_util::sync::CancellationToken;
 
 use crate::config::Settings;
 use crate::data::{DataDir, DataError};
@@ -28,6 +27,7 @@ use crate::http::App;
 
 use board::Board;
 pub(crate) use control::{Action, ControlError, act, create, delete};
+pub(crate) use keeper::keep;
 pub(crate) use recipe::{FieldError, Recipe};
 use results::Tally;
 pub(crate) use results::{Judged, MetricView, Results, Summary};
@@ -50,7 +50,6 @@ pub(crate) struct Experiments {
     workers: Mutex<Vec<JoinHandle<()>>>,
     building: Arc<Semaphore>,
     counts: Counts,
-    stop: CancellationToken,
 }
 
 /// Counted for the metrics.
@@ -104,24 +103,21 @@ impl Experiments {
             workers: Mutex::default(),
             building: Arc::new(Semaphore::new(BUILDING)),
             counts: Counts::default(),
-            stop: CancellationToken::new(),
         }
     }
 
-    /// Goes on with what ran when the server stopped, and stores what trials come to, until
-    /// [`Experiments::stop`].
+    /// Runs trials until [`Experiments::end`], or until this is dropped. What they come to, [`keep`] stores.
     ///
     /// # Errors
-    /// What the operating system said when it refused threads.
-    pub(crate) fn begin(&self, app: &Arc<App>) -> std::io::Result<tokio::task::JoinHandle<()>> {
+    /// What the operating system said when it refused threads. There are none then.
+    pub(crate) fn begin(&self) -> std::io::Result<()> {
         let workers = self.board.start(self.threads)?;
         *self.workers.lock().unwrap_or_else(PoisonError::into_inner) = workers;
-        Ok(tokio::spawn(keeper::keep(Arc::clone(app))))
+        Ok(())
     }
 
-    /// Gives up the trials under way and ends the threads; what [`Experiments::begin`] returned then
-    /// stores what is done, and ends. What runs goes on at the next start.
-    pub(crate) async fn stop(&self) {
+    /// Gives up the trials under way and ends the threads. What runs goes on at the next start.
+    pub(crate) async fn end(&self) {
         self.board.end();
         let workers =
             std::mem::take(&mut *self.workers.lock().unwrap_or_else(PoisonError::into_inner));
@@ -137,7 +133,6 @@ impl Experiments {
             Ok(_) => tracing::error!("a thread of experiments ended badly"),
             Err(_) => tracing::warn!("a trial does not stop and is left behind"),
         }
-        self.stop.cancel();
     }
 
     /// Whether this server runs that experiment. Records in a file are its own, whoever wrote them.
@@ -173,6 +168,12 @@ impl Experiments {
             kept.store(count, Ordering::Relaxed);
         }
         Ok(())
+    }
+}
+
+impl Drop for Experiments {
+    fn drop(&mut self) {
+        self.board.end();
     }
 }
 

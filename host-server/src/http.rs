@@ -39,6 +39,7 @@ use axum::middleware;
 use crawler_records::Records;
 use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -102,8 +103,10 @@ pub(crate) struct App {
     pub(crate) requests: RequestIds,
     /// Readers the live feed still has room for.
     pub(crate) readers: Arc<Semaphore>,
-    /// Ends the live feed's connections.
+    /// Ends the API: what reads the live feed, and requests.
     pub(crate) stop: CancellationToken,
+    /// What requests have begun and goes on without them.
+    pub(crate) tasks: TaskTracker,
     /// The other servers of the fleet, where there may be any.
     pub(crate) together: Option<Arc<Together>>,
     /// Another server has changed something in the records.

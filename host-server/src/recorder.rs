@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use crawler_records::{Event, EventLevel, EventRetention, Records, RecordsError};
 use serde_json::Value;
-use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use crate::accounts::now_ms;
@@ -143,21 +142,19 @@ impl Recorder {
         }
     }
 
-    /// Writes to `records` what comes in, until `stop` or until this is the last handle, and then what
-    /// is left.
-    pub(crate) fn start(&self, records: Records, stop: CancellationToken) -> JoinHandle<()> {
-        let keeper = Keeper {
+    /// What writes to `records` what comes in.
+    pub(crate) fn writer(&self, records: Records) -> Writer {
+        Writer {
             recorder: self.clone(),
             records,
             pending: Inbox::default(),
             complained: false,
-        };
-        tokio::spawn(keeper.run(stop))
+        }
     }
 }
 
-/// The one task that writes.
-struct Keeper {
+/// What writes; there is one.
+pub(crate) struct Writer {
     recorder: Recorder,
     records: Records,
     /// Taken from the inbox, and not written.
@@ -165,8 +162,9 @@ struct Keeper {
     complained: bool,
 }
 
-impl Keeper {
-    async fn run(mut self, stop: CancellationToken) {
+impl Writer {
+    /// Writes what comes in, until `stop`, and then what is left.
+    pub(crate) async fn run(mut self, stop: CancellationToken) {
         let mut retained: Option<Instant> = None;
         loop {
             let wait = if self.pending.is_empty() { TICK } else { AGAIN };
@@ -174,8 +172,7 @@ impl Keeper {
                 () = stop.cancelled() => {}
                 () = tokio::time::sleep(wait) => {}
             }
-            // Or when nobody is left who could hand in anything: a server that did not get up.
-            let ends = stop.is_cancelled() || Arc::strong_count(&self.recorder.0) == 1;
+            let ends = stop.is_cancelled();
             self.write().await;
             if self.pending.is_empty() {
                 self.pending = std::mem::take(&mut *self.recorder.inbox());
@@ -271,9 +268,8 @@ mod tests {
         assert_eq!((stats.queued, stats.dropped), (EVENTS, 3), "{stats:?}");
 
         let stop = CancellationToken::new();
-        let task = recorder.start(records.clone(), stop.clone());
         stop.cancel();
-        task.await.expect("it ends");
+        recorder.writer(records.clone()).run(stop).await;
         let stats = recorder.stats();
         assert_eq!(
             (stats.queued, stats.written),
@@ -306,31 +302,10 @@ mod tests {
         let recorder = Recorder::new(None);
         recorder.record(&event("lost"), Known::Here);
         let stop = CancellationToken::new();
-        let task = recorder.start(records, stop.clone());
         stop.cancel();
-        task.await.expect("it ends");
+        recorder.writer(records).run(stop).await;
         let stats = recorder.stats();
         assert_eq!((stats.dropped, stats.written), (1, 0), "{stats:?}");
         assert_eq!(stats.failures, 1, "{stats:?}");
-    }
-
-    #[tokio::test]
-    async fn a_recorder_that_nobody_has_ends() {
-        let records = Records::in_memory().await.expect("records");
-        let recorder = Recorder::new(None);
-        recorder.record(&event("last words"), Known::Here);
-        let task = recorder.start(records.clone(), CancellationToken::new());
-        drop(recorder);
-        task.await.expect("it ends");
-        let wanted = EventQuery {
-            from: 0,
-            to: 6,
-            level: EventLevel::Warn,
-            robot: None,
-            before: None,
-            limit: 9,
-        };
-        assert_eq!(records.events(wanted).await.expect("events").len(), 1);
-        records.close().await;
     }
 }

@@ -9,7 +9,6 @@ use crawler_sim::run::live::{
 };
 use crawler_sim::world::Arena;
 use tokio::sync::watch;
-use tokio_util::sync::CancellationToken;
 
 use crate::config::{BrokerUrl, Settings};
 use crate::http::App;
@@ -94,13 +93,14 @@ impl Simulation {
         self.world.watch_scene()
     }
 
-    /// Tells readers of the live feed what the arena is, and of every other one until `stop`.
-    pub(crate) fn tell_arenas(&self, app: &Arc<App>, stop: CancellationToken) {
+    /// Tells readers of the live feed what the arena is; what this returns tells of every other one, until
+    /// the world ends.
+    pub(crate) fn tell_arenas(&self, app: &Arc<App>) -> impl Future<Output = ()> + Send + use<> {
         let mut scene = self.watch_scene();
         let mut told = Arc::clone(&scene.borrow_and_update().arena);
         tell(app, &told);
         let app = Arc::clone(app);
-        tokio::spawn(stop.run_until_cancelled_owned(async move {
+        async move {
             // An error says that the world has ended.
             while scene.changed().await.is_ok() {
                 let arena = Arc::clone(&scene.borrow_and_update().arena);
@@ -112,7 +112,7 @@ impl Simulation {
                 let pause = Duration::from_millis((bytes / ARENA_PACE) as u64);
                 tokio::time::sleep(pause.max(ARENA_PAUSE)).await;
             }
-        }));
+        }
     }
 
     /// What the world is made of.

@@ -16,6 +16,7 @@ use rumqttc::v5::{AsyncClient, Event};
 use serde_json::{Value, json};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::AbortOnDropHandle;
 
 use crate::bus::Target;
 use crate::http::{SimulatorAnswer, control_code};
@@ -68,14 +69,14 @@ pub(crate) async fn listen(
 async fn serve(simulation: &Arc<Simulation>, target: &Target, fleet: &Fleet) -> String {
     let (client, mut events) = AsyncClient::new(target.options(MAX_PACKET), OUTGOING);
     let (to_world, orders) = mpsc::channel(WAITING);
-    let worker = tokio::spawn(obey(
+    let _worker = AbortOnDropHandle::new(tokio::spawn(obey(
         Arc::clone(simulation),
         orders,
         client.clone(),
         response_topic(fleet),
-    ));
+    )));
     let topic = Topic::SimulatorCommand.render(fleet).as_str().to_owned();
-    let reason = loop {
+    loop {
         match events.poll().await {
             Ok(Event::Incoming(Packet::ConnAck(_))) => {
                 if let Err(error) = client.try_subscribe(topic.clone(), QoS::AtLeastOnce) {
@@ -92,9 +93,7 @@ async fn serve(simulation: &Arc<Simulation>, target: &Target, fleet: &Fleet) -> 
             Ok(_) => {}
             Err(error) => break error.to_string(),
         }
-    };
-    worker.abort();
-    reason
+    }
 }
 
 /// Has the world do one thing after the other.

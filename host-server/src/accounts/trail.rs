@@ -7,7 +7,6 @@ use crawler_records::{Records, RecordsError};
 use futures_util::future::join_all;
 use serde_json::Value;
 use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::now_ms;
@@ -75,18 +74,22 @@ pub(crate) struct Trail {
     notes: Notes,
 }
 
+/// What writes the lines that are only noted.
+pub(crate) struct Writer {
+    records: Records,
+    waiting: mpsc::Receiver<crawler_records::Entry>,
+}
+
 impl Trail {
-    /// A log in `records`, and the task that writes what is only noted. It ends some time after
-    /// `stop`, when nothing waits any more.
-    pub(crate) fn new(
-        records: Records,
-        metrics: Arc<Metrics>,
-        stop: CancellationToken,
-    ) -> (Self, JoinHandle<()>) {
+    /// A log in `records`, and what is to run for as long as it is used.
+    pub(crate) fn new(records: Records, metrics: Arc<Metrics>) -> (Self, Writer) {
         let (queue, waiting) = mpsc::channel(QUEUE);
-        let task = tokio::spawn(keep(records.clone(), waiting, stop));
+        let writer = Writer {
+            records: records.clone(),
+            waiting,
+        };
         let notes = Notes { queue, metrics };
-        (Self { records, notes }, task)
+        (Self { records, notes }, writer)
     }
 
     /// For others who cannot wait.
@@ -114,6 +117,13 @@ impl Trail {
     /// Notes a line, for whoever cannot wait.
     pub(crate) fn note(&self, entry: Entry) {
         self.notes.note(entry);
+    }
+}
+
+impl Writer {
+    /// Writes what is noted, until `stop` and until nothing waits any more.
+    pub(crate) async fn run(self, stop: CancellationToken) {
+        keep(self.records, self.waiting, stop).await;
     }
 }
 

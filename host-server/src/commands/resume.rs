@@ -84,13 +84,15 @@ impl CommandCenter {
             if commands > 0 {
                 tracing::info!(commands, "commands of the last run to deliver");
             }
+            // Before there is a thread: nothing after it fails.
+            if let Some(number) = book.desk.sequence.to_keep_free() {
+                data.set_number(sequence::FILE, number)?;
+            }
             let metrics = Arc::clone(&self.metrics);
             let queue = journal
                 .start(Arc::clone(data), sequence::FILE, metrics)
                 .map_err(|cause| data.failed(FILE, cause))?;
-            if let Some(number) = book.desk.sequence.write_to(queue.lines()) {
-                data.set_number(sequence::FILE, number)?;
-            }
+            book.desk.sequence.write_to(queue.lines());
             book.desk.journal = Some(queue);
             for (id, robot) in stale {
                 book.desk.done(id, &robot);
@@ -99,15 +101,19 @@ impl CommandCenter {
         Ok(self)
     }
 
-    /// Has everything written down and returns when it is. From here on only halts and motion are
-    /// taken, and the data directory is not written any more.
+    /// Has everything written down once it is polled, and returns when it is. From there on only halts and
+    /// motion are taken, and the data directory is not written any more.
     ///
     /// # Cancellation safety
     /// It is written all the same.
-    pub(crate) async fn close(&self) {
-        let ended = self.book().desk.journal.as_ref().map(JournalQueue::end);
-        if let Some(ended) = ended {
-            ended.cancelled().await;
+    pub(crate) fn close(&self) -> impl Future<Output = ()> + Send + use<> {
+        let book = self.book();
+        let lines = book.desk.journal.as_ref().map(JournalQueue::lines);
+        let lines = lines.map(Arc::clone);
+        async move {
+            if let Some(lines) = lines {
+                lines.end().cancelled().await;
+            }
         }
     }
 

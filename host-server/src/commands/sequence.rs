@@ -87,10 +87,13 @@ impl Sequence {
         self.keep_free();
     }
 
-    /// Has the numbers to come written down by those who write `lines`, from here on. Returns up to where
-    /// they are to be kept free before any of them is used, if the file does not say so.
-    pub(super) fn write_to(&mut self, lines: &Arc<Lines>) -> Option<u64> {
+    /// Has the numbers to come written down by those who write `lines`, from here on.
+    pub(super) fn write_to(&mut self, lines: &Arc<Lines>) {
         self.lines = Some(Arc::clone(lines));
+    }
+
+    /// Up to where numbers are to be kept free before any of them is used, if the file does not say so.
+    pub(super) fn to_keep_free(&mut self) -> Option<u64> {
         let (next, block) = (self.peek(), self.block());
         (next + block / 2 >= self.reserved).then(|| {
             self.reserved = next + block;
@@ -169,11 +172,8 @@ mod tests {
         let journal = Journal::of(&data).expect("a journal");
         let queue = journal.start(Arc::clone(&data), FILE, Arc::new(Metrics::new()));
         let queue = queue.expect("a thread");
-        assert_eq!(
-            sequence.write_to(queue.lines()),
-            None,
-            "kept free by opening"
-        );
+        assert_eq!(sequence.to_keep_free(), None, "kept free by opening");
+        sequence.write_to(queue.lines());
         (sequence, queue)
     }
 
@@ -197,7 +197,7 @@ mod tests {
     fn end(queue: &JournalQueue) {
         let mut runtime = tokio::runtime::Builder::new_current_thread();
         let runtime = runtime.build().expect("a runtime");
-        runtime.block_on(queue.end().cancelled());
+        runtime.block_on(queue.lines().end().cancelled());
     }
 
     #[test]

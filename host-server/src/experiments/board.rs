@@ -269,11 +269,19 @@ impl Board {
             let thread = std::thread::Builder::new().name("experiment".to_owned());
             thread.spawn(move || board.work())
         };
-        let started: std::io::Result<Vec<_>> = (0..threads).map(start).collect();
-        if started.is_err() {
-            self.end();
+        let mut started = Vec::with_capacity(threads);
+        for thread in (0..threads).map(start) {
+            match thread {
+                Ok(thread) => started.push(thread),
+                Err(error) => {
+                    self.end();
+                    // None of them has anything to do yet. One that panicked has ended as well.
+                    started.into_iter().for_each(|thread| drop(thread.join()));
+                    return Err(error);
+                }
+            }
         }
-        started
+        Ok(started)
     }
 }
 

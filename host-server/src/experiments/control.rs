@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use crawler_records::{Experiment, ExperimentState, NewExperiment, RecordsError};
 use serde_json::{Map, Value};
+use tokio_util::task::TaskTracker;
 
 use super::board::Entry;
 use super::keeper::{metrics, recount, store, take_up};
@@ -83,9 +84,10 @@ impl From<RecordsError> for ControlError {
 
 /// Carries out `work` also when whoever waits for it goes away: it is not to end half-way.
 async fn whole<T: Send + 'static>(
+    tasks: &TaskTracker,
     work: impl Future<Output = Result<T, ControlError>> + Send + 'static,
 ) -> Result<T, ControlError> {
-    let done = tokio::spawn(work).await;
+    let done = tasks.spawn(work).await;
     done.unwrap_or(Err(ControlError::Internal(
         "a task of experiments ended badly",
     )))
@@ -115,8 +117,8 @@ pub(crate) async fn create(
         Ok(wanted) => wanted.map_err(ControlError::Invalid)?,
         Err(_) => return Err(ControlError::Internal("a world could not be built")),
     };
-    let app = Arc::clone(app);
-    whole(async move {
+    let (app, tasks) = (Arc::clone(app), &app.tasks);
+    whole(tasks, async move {
         let recipe = serde_json::to_string(&wanted.recipe);
         let new = NewExperiment {
             owner: app.experiments.owner.clone(),
@@ -162,8 +164,8 @@ pub(crate) async fn act(
     id: i64,
     action: Action,
 ) -> Result<Experiment, ControlError> {
-    let app = Arc::clone(app);
-    whole(async move {
+    let (app, tasks) = (Arc::clone(app), &app.tasks);
+    whole(tasks, async move {
         let mut tallies = app.experiments.tallies.lock().await;
         let row = own(&app, id).await?;
         let to = action
@@ -216,8 +218,8 @@ pub(crate) async fn act(
 /// # Errors
 /// [`ControlError`]; it is as it was then.
 pub(crate) async fn delete(app: &Arc<App>, id: i64) -> Result<(), ControlError> {
-    let app = Arc::clone(app);
-    whole(async move {
+    let (app, tasks) = (Arc::clone(app), &app.tasks);
+    whole(tasks, async move {
         let _alone = app.experiments.tallies.lock().await;
         let row = app.records.experiment(id).await?;
         let row = row.ok_or(ControlError::Unknown)?;

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use crawler_records::{Experiment, ExperimentState, RecordsError};
 use crawler_sim::evaluate::{Measured, Trial};
+use tokio_util::sync::CancellationToken;
 
 use super::board::Entry;
 use super::results::{self, MetricView, Tally};
@@ -22,14 +23,15 @@ const LOOK: Duration = Duration::from_secs(10);
 /// Trials that are read from the records at a time.
 const PAGE: u32 = 2_000;
 
-/// Stores what trials come to and takes up what runs, until the experiments are stopped.
-pub(super) async fn keep(app: Arc<App>) {
+/// Goes on with what ran when the server stopped, and stores what trials come to, until `stop`; then what
+/// is done by then.
+pub(crate) async fn keep(app: Arc<App>, stop: CancellationToken) {
     let experiments = &app.experiments;
     let mut look = tokio::time::interval(LOOK);
     look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         tokio::select! {
-            () = experiments.stop.cancelled() => break,
+            () = stop.cancelled() => break,
             () = experiments.board.news.notified() => {}
             _ = look.tick() => {
                 if let Err(error) = take_up_all(&app).await {
@@ -39,12 +41,15 @@ pub(super) async fn keep(app: Arc<App>) {
             }
         }
         tokio::select! {
-            () = experiments.stop.cancelled() => break,
+            () = stop.cancelled() => break,
             () = tokio::time::sleep(GATHER) => {}
         }
         if !store_all(&app).await {
             // Once more in a while, whether or not more is done by then.
-            tokio::time::sleep(GATHER * 4).await;
+            tokio::select! {
+                () = stop.cancelled() => break,
+                () = tokio::time::sleep(GATHER * 4) => {}
+            }
             experiments.board.news.notify_one();
         }
     }

@@ -67,7 +67,7 @@ impl App {
             && result.is_ok()
             && !action.starts_with("command.")
         {
-            tokio::spawn(async move {
+            self.tasks.spawn(async move {
                 if let Err(error) = together.cluster.changed().await {
                     tracing::debug!(%error, "the other servers are not told of a change");
                 }

@@ -13,6 +13,7 @@ use crawler_delivery::Class;
 use crawler_protocol::{Action, Reason, RobotId};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use tokio_util::task::TaskTracker;
 use tracing::Instrument as _;
 use utoipa::{IntoParams, ToSchema};
 
@@ -179,7 +180,8 @@ pub(super) async fn send_to_robot(
     id: String,
     body: Vec<u8>,
 ) -> Result<Accepted, Problem> {
-    whole(async move {
+    let tasks = app.tasks.clone();
+    whole(&tasks, async move {
         let result = try_robot(&app, &caller, &id, &body).await;
         audit(&app, &caller, &id, &body, &result).await;
         result
@@ -190,9 +192,10 @@ pub(super) async fn send_to_robot(
 /// Does `work` whether or not somebody still waits for it: whoever hangs up while a command waits for
 /// the disk has given it all the same, and the audit log says so.
 async fn whole(
+    tasks: &TaskTracker,
     work: impl Future<Output = Result<Accepted, Problem>> + Send + 'static,
 ) -> Result<Accepted, Problem> {
-    match tokio::spawn(work.in_current_span()).await {
+    match tasks.spawn(work.in_current_span()).await {
         Ok(result) => result,
         Err(error) => match error.try_into_panic() {
             Ok(panic) => resume_unwind(panic),
@@ -313,7 +316,8 @@ pub(super) async fn to_swarm(
     caller: Caller,
     JsonBody(body): JsonBody,
 ) -> Result<Accepted, Problem> {
-    whole(async move {
+    let tasks = app.tasks.clone();
+    whole(&tasks, async move {
         let result = try_swarm(&app, &caller, &body).await;
         audit(&app, &caller, "swarm", &body, &result).await;
         result

@@ -60,6 +60,7 @@ pub(super) async fn connect(
             "the feed has as many readers as it may have",
         )
     })?;
+    let task = app.tasks.token();
     Ok(upgrade
         .max_message_size(1_024)
         .max_frame_size(1_024)
@@ -83,7 +84,7 @@ pub(super) async fn connect(
                 app.metrics.live_dropped();
                 tracing::warn!(?end, "dropped a reader of the live feed");
             }
-            drop(permit);
+            drop((permit, task));
         }))
 }
 

@@ -85,7 +85,7 @@ async fn connect(
         )
     })?;
     let stream = broker.enter(caller.peer.address);
-    let stop = app.stop.clone();
+    let (stop, task) = (app.stop.clone(), app.tasks.token());
     Ok(upgrade
         .read_buffer_size(CHUNK)
         .write_buffer_size(0)
@@ -95,7 +95,7 @@ async fn connect(
         .on_upgrade(async move |socket| {
             let end = tunnel(socket, stream, stop).await;
             tracing::debug!(from = %caller.peer.address, ?end, "an MQTT client over WebSocket ended");
-            drop(place);
+            drop((place, task));
         }))
 }
 

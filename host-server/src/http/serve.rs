@@ -19,6 +19,7 @@ use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 
 use super::connection::{arriving, awaited};
 use super::peer::Peer;
@@ -57,6 +58,10 @@ pub(crate) async fn serve(
 ) {
     let permits = Arc::new(Semaphore::new(connections));
     let waiting = Waiting::new(connections, MOST_OF_ONE.min(connections / 2));
+    let serving = TaskTracker::new();
+    // Cancelled also when nobody waits for the end.
+    let cut = CancellationToken::new();
+    let guard = cut.clone().drop_guard();
     let service = TowerToHyperService::new(router);
     let door = door.map(Arc::new);
     loop {
@@ -87,10 +92,12 @@ pub(crate) async fn serve(
         };
         let slot = Arc::new(waiting.enter(peer.ip()));
         let (service, door, stop) = (service.clone(), door.clone(), stop.clone());
-        tokio::spawn(async move {
+        let cut = cut.clone();
+        serving.spawn(async move {
             let serving = one(stream, peer, Arc::clone(&slot), service, door, stop);
             tokio::select! {
                 () = serving => {}
+                () = cut.cancelled() => {}
                 () = slot.crowded_out() => {
                     tracing::debug!(%address, "a connection made room for others");
                 }
@@ -99,10 +106,11 @@ pub(crate) async fn serve(
         });
     }
     drop(listener);
-    // Every connection gives its permit back when it ends.
-    let all = permits.acquire_many(u32::try_from(connections).unwrap_or(u32::MAX));
-    if tokio::time::timeout(DRAIN, all).await.is_err() {
+    serving.close();
+    if tokio::time::timeout(DRAIN, serving.wait()).await.is_err() {
         tracing::warn!("requests were under way and did not come to their end");
+        drop(guard);
+        serving.wait().await;
     }
 }
 

@@ -13,10 +13,10 @@ use crawler_cluster::{
 };
 use crawler_protocol::Fleet;
 use futures_util::{StreamExt as _, stream};
-use tokio_util::sync::CancellationToken;
 
 use super::StartError;
 use super::ingest::{self, Ingest};
+use super::parts::Parts;
 use crate::cluster::Together;
 use crate::commands::{CommandCenter, Journal};
 use crate::config::{EngineUrl, Redis};
@@ -101,6 +101,15 @@ pub(super) async fn join(
     })
 }
 
+/// Says goodbye to the other servers.
+pub(super) async fn leave(together: Arc<Together>) {
+    let slot = together.slot();
+    together.lapsed();
+    if let Err(error) = together.cluster.leave(slot).await {
+        tracing::warn!(%error, "the other servers have to find out that this one is gone");
+    }
+}
+
 fn read_name(path: &Path) -> io::Result<Option<String>> {
     match fs::read_to_string(path) {
         Ok(text) => {
@@ -169,36 +178,33 @@ impl Membership {
         Ok(())
     }
 
-    /// Starts what goes on until `stop`.
+    /// Starts what goes on for as long as the server does.
     pub(super) fn start(
         self,
         app: &Arc<App>,
         ingest: &Arc<Ingest>,
-        stop: &CancellationToken,
-    ) -> tokio::task::JoinHandle<()> {
-        let together = &self.together;
-        let tasks = [
-            tokio::spawn(flush(Arc::clone(app), Arc::clone(together))),
-            tokio::spawn(tell(Arc::clone(together))),
-            tokio::spawn(listen(
-                Arc::clone(app),
-                Arc::clone(ingest),
-                Arc::clone(together),
-            )),
-        ];
-        let (app, stop) = (Arc::clone(app), stop.clone());
-        tokio::spawn(async move {
-            stop.run_until_cancelled(self.keep(&app)).await;
-            for task in tasks {
-                task.abort();
+        parts: &mut Parts,
+    ) -> Result<(), StartError> {
+        let together = Arc::clone(&self.together);
+        let (own, all) = (Arc::clone(app), Arc::clone(&together));
+        parts.task("what other servers are told of commands", |stop| {
+            async move {
+                stop.run_until_cancelled(flush(&own, &all)).await;
+                // What was answered in the last moment.
+                write(&own, &all).await;
             }
-            let slot = self.together.slot();
-            // What was answered in the last moment, and goodbye.
-            write(&app, &self.together).await;
-            self.together.lapsed();
-            if let Err(error) = self.together.cluster.leave(slot).await {
-                tracing::warn!(%error, "the other servers have to find out that this one is gone");
-            }
+        })?;
+        let own = Arc::clone(app);
+        parts.task("the lease among the servers", |stop| async move {
+            stop.run_until_cancelled(self.keep(&own)).await;
+        })?;
+        let telling = tell(Arc::clone(&together));
+        parts.task("what other servers are told", |stop| async move {
+            stop.run_until_cancelled(telling).await;
+        })?;
+        let hearing = listen(Arc::clone(app), Arc::clone(ingest), together);
+        parts.task("what other servers tell", |stop| async move {
+            stop.run_until_cancelled(hearing).await;
         })
     }
 
@@ -322,11 +328,11 @@ async fn inherit(app: &App, together: &Together, unsure: bool) -> Result<(), Clu
 }
 
 /// Tells the others what becomes of commands.
-async fn flush(app: Arc<App>, together: Arc<Together>) {
+async fn flush(app: &App, together: &Together) {
     loop {
         tokio::time::sleep(TELL).await;
         if together.is_member() {
-            write(&app, &together).await;
+            write(app, together).await;
         }
     }
 }

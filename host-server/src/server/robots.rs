@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use tokio_util::sync::CancellationToken;
-
 use super::StartError;
+use super::parts::Parts;
 use super::ways::{open_tunnel, outside};
 use crate::bus;
 use crate::config::{Broker, BrokerUrl, Settings};
@@ -16,22 +15,43 @@ use crate::tls::Tunnel;
 pub struct Robots {
     simulation: Arc<Simulation>,
     broker: BrokerUrl,
-    stop_listening: CancellationToken,
-    _tunnel: Option<Tunnel>,
+    parts: Parts,
 }
 
 impl Robots {
     /// Starts the robots, once the broker has answered.
     ///
     /// # Errors
-    /// [`StartError::BrokerUnreachable`] and [`StartError::Simulation`].
+    /// [`StartError::BrokerUnreachable`] and [`StartError::Simulation`]. Whatever had been started by then
+    /// has ended.
     pub async fn start(settings: &Settings) -> Result<Self, StartError> {
+        let mut parts = Parts::default();
+        match Self::start_parts(settings, &mut parts).await {
+            Ok((simulation, broker)) => Ok(Self {
+                simulation,
+                broker,
+                parts,
+            }),
+            Err(error) => {
+                parts.stop().await;
+                Err(error)
+            }
+        }
+    }
+
+    async fn start_parts(
+        settings: &Settings,
+        parts: &mut Parts,
+    ) -> Result<(Arc<Simulation>, BrokerUrl), StartError> {
         let broker = match &settings.broker {
             Broker::Outside(url) => url.clone(),
             Broker::Embedded(_) => return Err(StartError::Internal("robots without a broker")),
         };
         let tunnel = open_tunnel(settings, &broker).await?;
         let inside = tunnel.as_ref().map_or(&broker, Tunnel::inside).clone();
+        if let Some(tunnel) = tunnel {
+            parts.end_with(tunnel.stop())?;
+        }
         // Robots try again for ever, and would do so in silence.
         // As the part of a simulator that is no robot: it may log in wherever the robots may.
         let target = outside(&inside)?.named("simulator");
@@ -45,19 +65,13 @@ impl Robots {
             .await
             .map_err(StartError::Simulation)?;
         let simulation = Arc::new(simulation);
-        let stop_listening = CancellationToken::new();
-        tokio::spawn(simulator::listen(
-            Arc::clone(&simulation),
-            target,
-            settings.fleet.clone(),
-            stop_listening.clone(),
-        ));
-        Ok(Self {
-            simulation,
-            broker,
-            stop_listening,
-            _tunnel: tunnel,
-        })
+        let ending = Arc::clone(&simulation);
+        parts.end_with(async move { ending.stop().await })?;
+        let (world, fleet) = (Arc::clone(&simulation), settings.fleet.clone());
+        parts.task("the commands to the simulator", |stop| {
+            simulator::listen(world, target, fleet, stop)
+        })?;
+        Ok((simulation, broker))
     }
 
     /// How many there are.
@@ -74,7 +88,6 @@ impl Robots {
 
     /// Stops the robots, says goodbye for each, and ends their world.
     pub async fn stop(self) {
-        self.stop_listening.cancel();
-        self.simulation.stop().await;
+        self.parts.stop().await;
     }
 }

@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 
 use http_body_util::{BodyExt as _, Full};
 use hyper::body::Bytes;
@@ -16,7 +17,7 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
 use super::*;
-use crate::config::Layer;
+use crate::config::{Layer, Role};
 use crate::data::test_disk::{LIMIT, TestDisk};
 
 const COMMANDS: &str = "/api/v1/robots/a/commands";
@@ -78,7 +79,7 @@ impl Scene {
         };
         let settings = Settings::from_layers(Role::Serve, &[layer]).expect("settings");
         let disk = TestDisk::default();
-        let server = Server::start_on(&settings, disk.handle()).await;
+        let server = Server::start_on(&settings, disk.handle(), Parts::default()).await;
         let server = server.expect("the server starts");
         let options = MqttOptions::new("a", "127.0.0.1", server.mqtt().port);
         let (robot, mut events) = AsyncClient::new(options, 100);

@@ -69,29 +69,18 @@ async fn embedded(
     certificates: Option<&Arc<Certificates>>,
     descriptors: Descriptors,
 ) -> Result<Ways, StartError> {
-    let tls = &settings.tls;
-    let certificates = certificates.filter(|_| tls.covers(listen));
+    let certificates = certificates.filter(|_| settings.tls.covers(listen));
     let broker = EmbeddedBroker::start(&settings.fleet, accounts, descriptors.into())
         .await
         .map_err(|cause| StartError::mqtt(listen, cause))?;
-    let inside = url(broker.inside(), false);
-    let bind = async |address, door| {
-        let bound = broker.listen(address, door).await;
-        bound.map_err(|cause| StartError::mqtt(address, cause))
-    };
-    let (mqtt, plain) = match certificates {
-        None => (url(bind(listen, None).await?, false), None),
-        Some(certificates) => {
-            let client_ca = tls.client_ca.as_deref();
-            let door = Door::new(certificates.acceptor(crate::tls::MQTT, client_ca)?);
-            let mqtt = url(bind(listen, Some(door)).await?, true);
-            let plain = match tls.mqtt_plain {
-                None => None,
-                Some(plain) => Some(bind(plain, None).await?.port()),
-            };
-            (mqtt, plain)
+    let (mqtt, plain) = match listen_at(&broker, listen, settings, certificates).await {
+        Ok(addresses) => addresses,
+        Err(error) => {
+            broker.stop().await;
+            return Err(error);
         }
     };
+    let inside = url(broker.inside(), false);
     let server = broker.server();
     let target = Target {
         host: bracketed(&inside.host),
@@ -108,6 +97,31 @@ async fn embedded(
         plain,
         inside,
     })
+}
+
+/// Lets clients in, and says where: with TLS where there are certificates, and without as the settings say.
+async fn listen_at(
+    broker: &EmbeddedBroker,
+    listen: SocketAddr,
+    settings: &Settings,
+    certificates: Option<&Arc<Certificates>>,
+) -> Result<(BrokerUrl, Option<u16>), StartError> {
+    let bind = async |address, door| {
+        let bound = broker.listen(address, door).await;
+        bound.map_err(|cause| StartError::mqtt(address, cause))
+    };
+    let Some(certificates) = certificates else {
+        return Ok((url(bind(listen, None).await?, false), None));
+    };
+    let tls = &settings.tls;
+    let client_ca = tls.client_ca.as_deref();
+    let door = Door::new(certificates.acceptor(crate::tls::MQTT, client_ca)?);
+    let mqtt = url(bind(listen, Some(door)).await?, true);
+    let plain = match tls.mqtt_plain {
+        None => None,
+        Some(plain) => Some(bind(plain, None).await?.port()),
+    };
+    Ok((mqtt, plain))
 }
 
 /// The way to an outside broker that speaks TLS.

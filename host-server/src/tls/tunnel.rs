@@ -19,6 +19,7 @@ use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::pki_types::ServerName;
 use tokio_rustls::rustls::{CertificateError, ClientConfig, Error, RootCertStore};
 use tokio_util::sync::{CancellationToken, DropGuard};
+use tokio_util::task::TaskTracker;
 
 use super::carry::carry;
 use super::{files, provider, unix_now};
@@ -34,7 +35,8 @@ const SILENCE: i64 = 10;
 /// A way to one broker, until it is dropped.
 pub(crate) struct Tunnel {
     inside: BrokerUrl,
-    _stop: DropGuard,
+    connections: TaskTracker,
+    stop: DropGuard,
 }
 
 impl Tunnel {
@@ -52,7 +54,8 @@ impl Tunnel {
             .map_err(|error| error.to_string())?;
         let inside = listener.local_addr().map_err(|error| error.to_string())?;
         let stop = CancellationToken::new();
-        tokio::spawn(serve(listener, far, stop.clone()));
+        let connections = TaskTracker::new();
+        connections.spawn(serve(listener, far, connections.clone(), stop.clone()));
         Ok(Self {
             inside: BrokerUrl {
                 host: inside.ip().to_string(),
@@ -60,8 +63,19 @@ impl Tunnel {
                 credentials: url.credentials.clone(),
                 tls: false,
             },
-            _stop: stop.drop_guard(),
+            connections,
+            stop: stop.drop_guard(),
         })
+    }
+
+    /// Ends every connection and frees the port.
+    pub(crate) async fn stop(self) {
+        let Self {
+            connections, stop, ..
+        } = self;
+        drop(stop);
+        connections.close();
+        connections.wait().await;
     }
 
     /// Where the broker is reached without TLS, from this machine alone.
@@ -162,15 +176,20 @@ fn describe(error: &io::Error) -> String {
     }
 }
 
-async fn serve(listener: TcpListener, far: Arc<Far>, stop: CancellationToken) {
+async fn serve(
+    listener: TcpListener,
+    far: Arc<Far>,
+    connections: TaskTracker,
+    stop: CancellationToken,
+) {
     let places = Arc::new(Semaphore::new(MOST));
     loop {
-        let Ok(place) = Arc::clone(&places).acquire_owned().await else {
-            return;
+        let accepting = async {
+            let place = Arc::clone(&places).acquire_owned().await;
+            (place, listener.accept().await)
         };
-        let accepted = tokio::select! {
-            () = stop.cancelled() => return,
-            accepted = listener.accept() => accepted,
+        let Some((Ok(place), accepted)) = stop.run_until_cancelled(accepting).await else {
+            return;
         };
         let near = match accepted {
             Ok((near, _)) => near,
@@ -181,7 +200,7 @@ async fn serve(listener: TcpListener, far: Arc<Far>, stop: CancellationToken) {
             }
         };
         let far = Arc::clone(&far);
-        tokio::spawn(async move {
+        let carrying = async move {
             let _ = near.set_nodelay(true);
             match far.connect().await {
                 Ok(broker) => carry(near, broker).await,
@@ -192,6 +211,10 @@ async fn serve(listener: TcpListener, far: Arc<Far>, stop: CancellationToken) {
                 }
             }
             drop(place);
+        };
+        let stop = stop.clone();
+        connections.spawn(async move {
+            stop.run_until_cancelled(carrying).await;
         });
     }
 }

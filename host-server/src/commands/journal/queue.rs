@@ -84,10 +84,12 @@ impl Lines {
         self.added.notify_one();
     }
 
-    /// Has the thread end when everything is written.
-    fn end(&self) {
+    /// Has everything written, and no more taken. What this returns is cancelled when the thread has come
+    /// to its end.
+    pub(in crate::commands) fn end(&self) -> CancellationToken {
         self.batch().last = true;
         self.added.notify_one();
+        self.ended.clone()
     }
 
     /// Whether commands are refused because they cannot be written down.
@@ -277,12 +279,6 @@ impl JournalQueue {
     pub(in crate::commands) fn clear(&mut self) {
         self.owed.clear();
         self.lines.push(Job::Clear);
-    }
-
-    /// Has everything written, and no more taken.
-    pub(in crate::commands) fn end(&self) -> CancellationToken {
-        self.lines.end();
-        self.lines.ended.clone()
     }
 }
 

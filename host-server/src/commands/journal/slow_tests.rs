@@ -156,7 +156,7 @@ fn the_end_writes_what_waits() {
     queue.done(1, &robot_id(0));
     // Of what is not in it nothing is said.
     queue.done(2, &robot_id(0));
-    let ended = queue.end();
+    let ended = queue.lines().end();
     assert_eq!(queue.check(1), Err(Refused::Failing), "nobody writes it");
     disk.wait_for_sync();
     assert!(!ended.is_cancelled());

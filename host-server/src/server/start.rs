@@ -1,0 +1,315 @@
+//! Starting a server, part by part.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, OnceLock};
+use std::time::Instant;
+
+use crawler_access::Secret;
+use crawler_cluster::ClusterError;
+use crawler_protocol::Source;
+use tokio::net::TcpListener;
+use tokio::sync::{Notify, Semaphore};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use super::cluster::Membership;
+use super::ingest::Ingest;
+use super::parts::{PATIENCE, Parts, finish};
+use super::ways::{self, Ways};
+use super::{StartError, clockwork, cluster};
+use crate::accounts::{Accounts, Trail};
+use crate::addresses::Addresses;
+use crate::broker::EmbeddedBroker;
+use crate::bus::{self, Bus};
+use crate::clock;
+use crate::commands::{CommandCenter, Journal, Outlet, Sequence};
+use crate::config::{BrokerUrl, DEFAULT_ROBOTS, EngineUrl, Redis, Role, Settings};
+use crate::data::{DataDir, Disk};
+use crate::descriptors::Descriptors;
+use crate::experiments::{self, Experiments};
+use crate::feed::Feed;
+use crate::fences;
+use crate::fleet::SharedFleet;
+use crate::history;
+use crate::http::{self, App};
+use crate::metrics::Metrics;
+use crate::recorder::Recorder;
+use crate::simulation::Simulation;
+use crate::simulator;
+use crate::tls::{Certificates, Door};
+
+/// What is known of a server when all its parts run.
+pub(super) struct Started {
+    pub(super) app: Arc<App>,
+    pub(super) http: SocketAddr,
+    pub(super) https: bool,
+    pub(super) authority: Option<PathBuf>,
+    pub(super) mqtt: BrokerUrl,
+    /// The code of the first administrator's invitation, where there is none yet.
+    pub(super) invitation: Option<Secret>,
+}
+
+/// Starts everything that `settings` ask for. Whatever runs when this returns, also with an error, is
+/// among `parts`.
+pub(super) async fn start(
+    settings: &Settings,
+    disk: Disk,
+    parts: &mut Parts,
+) -> Result<Started, StartError> {
+    let data = Arc::new(DataDir::open_on(&settings.data, disk)?);
+    let journal = Journal::of(&data)?;
+    let owner = experiments::owner(&data)?;
+    let sequence = Sequence::open(&data, clock::unix_ms())?;
+    let (records, history) = history::open(settings).await?;
+    let closing = (records.clone(), history.clone());
+    parts.end_with(async move {
+        let (records, history) = closing;
+        history.close().await;
+        records.close().await;
+    })?;
+    let metrics = Arc::new(Metrics::new());
+    metrics.watch_data(&settings.data);
+    metrics.watch_records(&records);
+    metrics.watch_history(&history);
+    let (trail, writer) = Trail::new(records.clone(), Arc::clone(&metrics));
+    parts.task("the audit log", |stop| writer.run(stop))?;
+    let accounts = Accounts::open(records.clone(), settings.open).await?;
+    let invitation = accounts.invite_first().await?;
+    let certificates = Certificates::of(settings)?;
+    let authority = certificates.as_ref().and_then(|own| own.authority());
+    let descriptors = Descriptors::of_process(match settings.role {
+        Role::Up => settings.robots.unwrap_or(DEFAULT_ROBOTS),
+        Role::Serve | Role::Sim => 0,
+    });
+    // Bind before anything moves: a port in use must not cost a fleet its broker.
+    let listener = TcpListener::bind(settings.http)
+        .await
+        .map_err(|cause| StartError::http(settings.http, cause))?;
+    let http = listener
+        .local_addr()
+        .map_err(|cause| StartError::http(settings.http, cause))?;
+    let door = match &certificates {
+        Some(certificates) if settings.tls.covers(settings.http) => {
+            Some(Door::new(certificates.acceptor(b"http/1.1", None)?))
+        }
+        _ => None,
+    };
+    let https = door.is_some();
+
+    let Ways {
+        broker,
+        tunnel,
+        target,
+        mqtt,
+        plain,
+        inside,
+    } = ways::open(
+        settings,
+        &records,
+        certificates.as_ref(),
+        accounts.failures(),
+        descriptors,
+    )
+    .await?;
+    let inside = ways::for_robots(&inside, broker.as_ref(), settings);
+    let handle = broker.as_ref().map(EmbeddedBroker::handle);
+    if let Some(broker) = broker {
+        broker.note_in(trail.notes());
+        parts.end_with(broker.stop())?;
+    }
+    if let Some(tunnel) = tunnel {
+        parts.end_with(tunnel.stop())?;
+    }
+    let connection = bus::connect(&target, &settings.fleet)
+        .await
+        .map_err(|reason| StartError::BrokerUnreachable {
+            broker: mqtt.to_string(),
+            reason,
+        })?;
+
+    let bus = Arc::new(Bus::new(settings.fleet.clone(), Arc::clone(&metrics)));
+    let outlet: Arc<dyn Outlet> = Arc::clone(&bus) as _;
+    let source = Source::new("server").map_err(|_| StartError::Internal("source"))?;
+    let commands = CommandCenter::new(outlet, Arc::clone(&metrics), source, sequence);
+    let (commands, membership) = match &settings.cache {
+        None => (write_down(commands, journal, &data, parts)?, None),
+        Some(cache) => {
+            let (commands, joined) = join(settings, cache, commands, journal, &data, parts).await?;
+            metrics.watch_cluster(&joined.together);
+            (commands, Some(joined))
+        }
+    };
+    let together = membership
+        .as_ref()
+        .map(|joined| Arc::clone(&joined.together));
+    // Who has records of its own keeps everything in them.
+    let shared = records.database().is_some();
+    let recorder = Recorder::new(together.clone().filter(|_| shared));
+    metrics.watch_recorder(&recorder);
+    let writer = recorder.writer(records.clone());
+    parts.task("what is recorded", |stop| writer.run(stop))?;
+    let app = Arc::new(App {
+        records,
+        history,
+        experiments: Experiments::new(settings, owner),
+        recorder,
+        accounts,
+        trail,
+        mqtt: mqtt.clone(),
+        rates: http::Rates::new(),
+        fleet: SharedFleet::new(settings.fleet.clone()),
+        commands,
+        bus: Arc::clone(&bus),
+        metrics,
+        feed: Feed::new(settings.fleet.clone()),
+        broker: handle,
+        simulation: OnceLock::new(),
+        drawing: Arc::new(Semaphore::new(1)),
+        time_wanted: AtomicBool::new(false),
+        requests: http::RequestIds::new(),
+        readers: Arc::new(Semaphore::new(descriptors.readers)),
+        stop: CancellationToken::new(),
+        tasks: TaskTracker::new(),
+        together,
+        records_changed: Notify::new(),
+        fence_stops: fences::Stops::default(),
+    });
+    if membership.is_some() {
+        app.fleet.lock().relayed();
+    }
+    app.fleet.lock().events.record_in(app.recorder.clone());
+    fences::catch_up(&app).await;
+
+    let ingest = Ingest::new(Arc::clone(&app), settings.fleet.clone());
+    if let Some(joined) = membership {
+        joined.start(&app, &ingest, parts)?;
+    }
+    let own = || Arc::clone(&app);
+    parts.task("what happens by the clock", |stop| {
+        clockwork::heart(own(), stop)
+    })?;
+    parts.task("the upkeep of the records", |stop| {
+        clockwork::upkeep(own(), stop)
+    })?;
+    parts.task("the fences", |stop| fences::enforce(own(), stop))?;
+    parts.task("the connection to the broker", |stop| {
+        bus::serve(bus, target, connection, ingest, stop)
+    })?;
+    if settings.role == Role::Up {
+        // The connection is served already, so the robots' first words find a listener.
+        simulate(settings, &app, &inside, parts).await?;
+    } else if app.together.is_none() || app.records.database().is_none() {
+        // Another server with the same records may have a world; else there is none.
+        app.recorder.record_arena(&serde_json::Value::Null);
+    }
+    experiment(&app, parts)?;
+    if let Some(certificates) = certificates {
+        parts.task("the certificate", |stop| certificates.keep(stop))?;
+    }
+    let router = http::router(own(), http, settings.trusted_proxies.clone());
+    let stop = app.stop.clone();
+    let serving = http::serve(listener, router, door, descriptors.http, stop.clone());
+    let serving = tokio::spawn(serving);
+    parts.add(stop, end_requests(own(), serving))?;
+    match Addresses::bound(settings, http, &mqtt, plain).leave(&settings.data) {
+        Ok(left) => parts.end_with(async move { drop(left) })?,
+        Err(error) => {
+            tracing::warn!(%error, "the console is not told at which addresses this server is");
+        }
+    }
+    Ok(Started {
+        app,
+        http,
+        https,
+        authority,
+        mqtt,
+        invitation,
+    })
+}
+
+/// Has commands written down.
+fn write_down(
+    commands: CommandCenter,
+    journal: Journal,
+    data: &Arc<DataDir>,
+    parts: &mut Parts,
+) -> Result<CommandCenter, StartError> {
+    let commands = commands.with_journal(journal, data, Instant::now())?;
+    let written = commands.close();
+    parts.end_with(async move {
+        if tokio::time::timeout(PATIENCE, written).await.is_err() {
+            tracing::warn!("commands on their way are not written down and are left to the disk");
+        }
+    })?;
+    Ok(commands)
+}
+
+/// Joins the other servers.
+async fn join(
+    settings: &Settings,
+    cache: &EngineUrl<Redis>,
+    commands: CommandCenter,
+    mut journal: Journal,
+    data: &Arc<DataDir>,
+    parts: &mut Parts,
+) -> Result<(CommandCenter, Membership), StartError> {
+    let name = data.file(cluster::NAME);
+    let joined = cluster::join(cache, &settings.fleet, name, &mut journal).await?;
+    parts.end_with(cluster::leave(Arc::clone(&joined.together)))?;
+    let lost = |error: ClusterError| StartError::Cache {
+        cache: cache.to_string(),
+        reason: error.to_string(),
+    };
+    let (commands, mine) = joined.share(commands, &mut journal).await.map_err(lost)?;
+    let commands = write_down(commands, journal, data, parts)?;
+    joined.go_on(&commands, mine).await.map_err(lost)?;
+    Ok((commands, joined))
+}
+
+/// Sets up the simulated robots of this process, which reach their broker at `inside`.
+async fn simulate(
+    settings: &Settings,
+    app: &Arc<App>,
+    inside: &BrokerUrl,
+    parts: &mut Parts,
+) -> Result<(), StartError> {
+    let simulation = Simulation::start(settings, inside)
+        .await
+        .map_err(StartError::Simulation)?;
+    let simulation = Arc::new(simulation);
+    let ending = Arc::clone(&simulation);
+    parts.end_with(async move { ending.stop().await })?;
+    let telling = simulation.tell_arenas(app);
+    parts.task("what is told of the arena", |stop| async move {
+        stop.run_until_cancelled(telling).await;
+    })?;
+    let _ = app.simulation.set(Arc::clone(&simulation));
+    let target = ways::outside(inside)?.named("simulator");
+    let fleet = settings.fleet.clone();
+    parts.task("the commands to the simulator", |stop| {
+        simulator::listen(simulation, target, fleet, stop)
+    })
+}
+
+/// Lets experiments run.
+fn experiment(app: &Arc<App>, parts: &mut Parts) -> Result<(), StartError> {
+    let own = Arc::clone(app);
+    parts.task("the experiments", |stop| experiments::keep(own, stop))?;
+    app.experiments.begin().map_err(StartError::Experiments)?;
+    let own = Arc::clone(app);
+    parts.end_with(async move { own.experiments.end().await })
+}
+
+/// Returns when nobody asks for anything any more and what requests have begun is done.
+async fn end_requests(app: Arc<App>, serving: tokio::task::JoinHandle<()>) {
+    finish("the API", serving).await;
+    app.tasks.close();
+    if tokio::time::timeout(PATIENCE, app.tasks.wait())
+        .await
+        .is_err()
+    {
+        tracing::warn!("what requests have begun does not end and is left behind");
+    }
+}
