@@ -2,6 +2,7 @@
 //!
 //! `docs/monitor.md` says what each of them tells and when to worry.
 
+mod audit;
 mod cluster;
 mod dropped;
 mod experiments;
@@ -80,6 +81,7 @@ pub(crate) struct Metrics {
     broker_losses: Counter,
     journal_up: Gauge,
     journal_failures: Counter,
+    pub(crate) audit: audit::AuditLog,
     http_latency: http::Latency,
     drops: Family<ReasonLabel, Counter>,
     fence_crossings: fences::Crossings,
@@ -121,6 +123,7 @@ impl Metrics {
             broker_losses: Counter::default(),
             journal_up: Gauge::default(),
             journal_failures: Counter::default(),
+            audit: audit::AuditLog::new(&mut registry),
             http_latency: http::Latency::new(&mut registry),
             drops: Family::default(),
             fence_crossings: fences::Crossings::new(&mut registry),

@@ -31,6 +31,8 @@ const PAGE: u32 = 500;
 /// What the log itself writes down when it finds entries that it has not written. From outside nobody
 /// can: actions are words of this program.
 const FOREIGN: &str = "audit.foreign";
+/// What stands where entries are missing that could neither be written nor kept.
+const GAP: &str = "audit.gap";
 /// Set before every entry's fields: a hash of something else is never one of an entry.
 const DOMAIN: &[u8] = b"terracrawler audit 1";
 
@@ -53,6 +55,23 @@ pub struct Entry {
     pub detail: Value,
     /// What came of it: `ok`, or a reason; 128 bytes.
     pub outcome: String,
+}
+
+impl Entry {
+    /// Tells that `entries` of them are missing, which came from `from` to `to`, Unix milliseconds. It
+    /// stands where they would.
+    #[must_use]
+    pub fn gap(entries: u64, from: i64, to: i64) -> Self {
+        Self {
+            at: to,
+            who: "server".to_owned(),
+            from: String::new(),
+            action: GAP.to_owned(),
+            target: String::new(),
+            detail: serde_json::json!({ "entries": entries, "from": from, "to": to }),
+            outcome: "lost: the log could not be written, and too many waited".to_owned(),
+        }
+    }
 }
 
 /// An entry as it is in the log.
@@ -219,6 +238,50 @@ impl Records {
                 })
             })
             .await
+    }
+
+    /// Appends entries in their order, all or none of them, and returns when they are on disk. As
+    /// [`Records::audit`] for the rest.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when they cannot be written.
+    pub async fn audit_all(&self, entries: Vec<Entry>) -> Result<(), RecordsError> {
+        let entries: Vec<_> = entries.iter().map(Canonical::new).collect();
+        self.db()
+            .write(move |connection| {
+                Box::pin(async move {
+                    let mut end = end(connection).await?;
+                    for entry in entries {
+                        end = pass_foreign(connection, end, entry.at).await?;
+                        end = append(connection, entry, end).await?;
+                    }
+                    Ok(())
+                })
+            })
+            .await
+    }
+
+    /// How many entries are missing, by what the log itself says: see [`Entry::gap`].
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it cannot be read.
+    pub async fn audit_lost(&self) -> Result<u64, RecordsError> {
+        let gaps: Vec<(String,)> = self
+            .db()
+            .read(|connection| {
+                Box::pin(async move {
+                    query("SELECT detail FROM audit WHERE action = $1")
+                        .bind(GAP.to_owned())
+                        .fetch_all(connection)
+                        .await
+                })
+            })
+            .await?;
+        let count = |(detail,): (String,)| {
+            let detail: Option<Value> = serde_json::from_str(&detail).ok();
+            detail.and_then(|detail| detail["entries"].as_u64())
+        };
+        Ok(gaps.into_iter().filter_map(count).sum())
     }
 
     /// Up to `limit` entries before number `before`, or the last ones, newest first; only those of

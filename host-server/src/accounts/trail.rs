@@ -1,22 +1,27 @@
 //! The audit log: who did what, when, from where, and what came of it.
+//!
+//! One task writes, in the order in which entries came. What the records do not take for now waits in memory
+//! and is tried again. Entries for which there is no room there leave a gap, which is written down in its
+//! place as an entry of its own.
+
+mod queue;
+#[cfg(test)]
+mod tests;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_records::{Records, RecordsError};
-use futures_util::future::join_all;
 use serde_json::Value;
-use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::now_ms;
-use crate::metrics::{Dropped, Metrics};
+use crate::metrics::Metrics;
+use queue::Queue;
 
-/// Entries that wait to be written.
-const QUEUE: usize = 4_096;
-/// Those that are written at a time: the records put them into one transaction.
+/// Entries that are written at a time, in one transaction.
 const BATCH: usize = 128;
-/// Before an entry is tried again that a database did not take.
+/// Before what the records did not take is tried again.
 const AGAIN: Duration = Duration::from_secs(1);
 
 /// One line of the log.
@@ -53,43 +58,31 @@ impl Entry {
 
 /// Notes lines of the log, for whoever cannot wait. A handle.
 #[derive(Clone)]
-pub(crate) struct Notes {
-    queue: mpsc::Sender<crawler_records::Entry>,
-    metrics: Arc<Metrics>,
-}
+pub(crate) struct Notes(Arc<Queue>);
 
 impl Notes {
     /// Notes a line.
     pub(crate) fn note(&self, entry: Entry) {
-        if let Err(error) = self.queue.try_send(entry.into_record()) {
-            self.metrics.dropped(Dropped::AuditFull);
-            missing(&error);
-        }
+        self.0.push(entry.into_record());
     }
 }
 
 /// Writes to the log.
 pub(crate) struct Trail {
-    records: Records,
     notes: Notes,
-}
-
-/// What writes the lines that are only noted.
-pub(crate) struct Writer {
-    records: Records,
-    waiting: mpsc::Receiver<crawler_records::Entry>,
+    /// Whether the records are in a file, and not in a database that others bring back.
+    in_file: bool,
 }
 
 impl Trail {
     /// A log in `records`, and what is to run for as long as it is used.
     pub(crate) fn new(records: Records, metrics: Arc<Metrics>) -> (Self, Writer) {
-        let (queue, waiting) = mpsc::channel(QUEUE);
-        let writer = Writer {
-            records: records.clone(),
-            waiting,
+        let queue = Arc::new(Queue::new(metrics));
+        let trail = Self {
+            notes: Notes(Arc::clone(&queue)),
+            in_file: records.database().is_none(),
         };
-        let notes = Notes { queue, metrics };
-        (Self { records, notes }, writer)
+        (trail, Writer { records, queue })
     }
 
     /// For others who cannot wait.
@@ -97,89 +90,75 @@ impl Trail {
         self.notes.clone()
     }
 
-    /// Writes a line and returns when it is on disk. What was done is done by then: an answer that
-    /// says otherwise would be wrong, so a failure is logged. A line that a database does not take for
-    /// now is written when it does; rather twice than never.
+    /// Writes a line and returns when it is on disk, or is known not to be for now: it waits in memory
+    /// then. What was done is done, so an answer that says otherwise would be wrong. An answer of a
+    /// database may be lost: a line is there rather twice than never.
+    ///
+    /// # Cancellation safety
+    /// It is written all the same.
     pub(crate) async fn write(&self, entry: Entry) {
-        let entry = entry.into_record();
-        match self.records.audit(entry.clone()).await {
-            Err(error) if error.is_passing() => {
-                if self.notes.queue.try_send(entry).is_err() {
-                    self.notes.metrics.dropped(Dropped::AuditFull);
-                    missing(&error);
-                }
-            }
-            Err(error) => missing(&error),
-            Ok(_) => {}
-        }
+        self.notes.0.push_and_wait(entry.into_record()).await;
     }
 
     /// Notes a line, for whoever cannot wait.
     pub(crate) fn note(&self, entry: Entry) {
         self.notes.note(entry);
     }
+
+    /// Whether the records took what was written last.
+    pub(crate) fn is_written(&self) -> bool {
+        !self.notes.0.is_failing()
+    }
+
+    /// Whether something may be done that has to be in the log. A file that takes nothing says that the
+    /// disk is full. A database that is away comes back, and until then half of the memory is for those
+    /// who may wait; the rest is for halts and motion.
+    pub(crate) fn has_room(&self) -> bool {
+        (self.is_written() || !self.in_file) && self.notes.0.is_half_empty()
+    }
+}
+
+/// What writes the lines.
+pub(crate) struct Writer {
+    records: Records,
+    queue: Arc<Queue>,
 }
 
 impl Writer {
-    /// Writes what is noted, until `stop` and until nothing waits any more.
+    /// Writes what comes in, until `stop` and until nothing waits that the records take.
     pub(crate) async fn run(self, stop: CancellationToken) {
-        keep(self.records, self.waiting, stop).await;
-    }
-}
-
-async fn keep(
-    records: Records,
-    mut waiting: mpsc::Receiver<crawler_records::Entry>,
-    stop: CancellationToken,
-) {
-    let mut batch = Vec::with_capacity(BATCH);
-    loop {
-        let taken = tokio::select! {
-            biased;
-            taken = waiting.recv_many(&mut batch, BATCH) => taken,
-            () = stop.cancelled() => 0,
-        };
-        if taken == 0 {
-            return;
-        }
-        // Handed over in their order, which the records keep.
-        let written = join_all(batch.iter().map(|entry| records.audit(entry.clone()))).await;
-        let left = batch.drain(..).zip(written);
-        for entry in left.filter_map(|(entry, written)| unwritten(entry, written)) {
-            write(&records, entry, &stop).await;
-        }
-    }
-}
-
-/// An entry that is to be tried again.
-fn unwritten<T>(
-    entry: crawler_records::Entry,
-    written: Result<T, RecordsError>,
-) -> Option<crawler_records::Entry> {
-    match written {
-        Err(error) if error.is_passing() => Some(entry),
-        Err(error) => {
-            missing(&error);
-            None
-        }
-        Ok(_) => None,
-    }
-}
-
-/// Tries until the records take it.
-async fn write(records: &Records, entry: crawler_records::Entry, stop: &CancellationToken) {
-    while let Err(error) = records.audit(entry.clone()).await {
-        if !error.is_passing() || stop.is_cancelled() {
-            missing(&error);
-            break;
-        }
-        tokio::select! {
-            () = stop.cancelled() => {}
-            () = tokio::time::sleep(AGAIN) => {}
+        loop {
+            let batch = self.queue.batch(BATCH);
+            if batch.is_empty() {
+                if stop.is_cancelled() {
+                    return;
+                }
+                tokio::select! {
+                    () = stop.cancelled() => {}
+                    () = self.queue.added() => {}
+                }
+                continue;
+            }
+            let count = batch.len();
+            match self.records.audit_all(batch).await {
+                Ok(()) => self.queue.written(count),
+                Err(error) => {
+                    self.queue.failed(&error);
+                    if stop.is_cancelled() || matches!(error, RecordsError::Closed) {
+                        return;
+                    }
+                    tokio::select! {
+                        () = stop.cancelled() => {}
+                        () = tokio::time::sleep(AGAIN) => {}
+                    }
+                }
+            }
         }
     }
 }
 
-fn missing(error: &dyn std::fmt::Display) {
-    tracing::error!(%error, "a line of the audit log is lost");
+impl Drop for Writer {
+    fn drop(&mut self) {
+        self.queue.end();
+    }
 }

@@ -12,6 +12,7 @@ use rumqttc::v5::mqttbytes::v5::{
 use rumqttc::v5::{AsyncClient, ConnectionError, Event, MqttOptions};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
 
 use super::*;
 
@@ -36,9 +37,13 @@ impl Bench {
     async fn new() -> Self {
         let records = Records::in_memory().await.expect("records");
         let fleet = Fleet::new("swarm").expect("a fleet");
+        let metrics = Arc::new(crate::metrics::Metrics::new());
+        let (trail, writer) = crate::accounts::Trail::new(records.clone(), metrics);
+        tokio::spawn(writer.run(CancellationToken::new()));
         let accounts = Arc::new(RecordAccounts::new(
             records.clone(),
             Arc::new(crate::accounts::Failures::new()),
+            trail.notes(),
         ));
         let limits = crate::descriptors::Descriptors::MOST.into();
         let broker = EmbeddedBroker::start(&fleet, accounts, limits)

@@ -78,6 +78,17 @@ async fn verify(console: &Console) -> ExitCode {
     match console.records.audit_verify().await {
         Ok(entries) => {
             println!("The chain is whole: {entries} entries.");
+            match console.records.audit_lost().await {
+                Ok(0) => {}
+                Ok(lost) => println!(
+                    "{lost} more are missing, which could not be written when they came: entries \
+                     `audit.gap` say where."
+                ),
+                Err(error) => {
+                    eprintln!("terracrawler: how many entries are missing cannot be read: {error}");
+                    return ExitCode::FAILURE;
+                }
+            }
             ExitCode::SUCCESS
         }
         Err(broken) => {

@@ -287,6 +287,23 @@ fn admit(app: &App, request: &Request, redeemed: Option<Identity>) -> Result<Cal
     Ok(caller(Some(identity), role))
 }
 
+/// Whether a request changes something that the audit log must have. Commands to robots are told apart by
+/// what they are, and people may always log in and out.
+fn must_be_audited(request: &Request) -> bool {
+    const COMMANDS: [&str; 3] = [
+        "/api/v1/robots/{id}/commands",
+        "/api/v1/robots/{id}/parameters",
+        "/api/v1/swarm/commands",
+    ];
+    let safe = matches!(*request.method(), Method::GET | Method::HEAD);
+    let path = request.extensions().get::<MatchedPath>();
+    path.map(MatchedPath::as_str).is_some_and(|path| {
+        let need = need(request.method(), path);
+        let steers = matches!(need, Need::Role(role) if role >= Role::Operator);
+        steers && !safe && !COMMANDS.contains(&path)
+    })
+}
+
 /// Lets a request through, or says why not.
 pub(super) async fn check(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     match pass(&app, request).await {
@@ -326,6 +343,9 @@ async fn pass(app: &App, request: Request) -> Result<Request, Problem> {
             return Err(problem);
         }
     };
+    if must_be_audited(&request) {
+        app.may_be_audited()?;
+    }
     let read = match charge {
         Charge::Command => commands::told_apart(request).await,
         Charge::Probe | Charge::Other => Ok((request, false)),

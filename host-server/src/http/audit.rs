@@ -1,6 +1,7 @@
 //! The audit log: writing to it, and reading it.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::Json;
 use axum::extract::{Query, State};
@@ -47,6 +48,22 @@ impl App {
     ) {
         let entry = entry(&caller.name(), caller, action, target, detail, result);
         self.trail.note(entry);
+    }
+
+    /// Whether something may be done that has to be in the log: it must not be lost on its way there.
+    ///
+    /// # Errors
+    /// What the caller is told when it may not.
+    pub(super) fn may_be_audited(&self) -> Result<(), Problem> {
+        if self.trail.has_room() {
+            return Ok(());
+        }
+        Err(Problem::later(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "not_audited",
+            "the audit log cannot be written, and this has to be in it; nothing was done",
+            Duration::from_secs(1),
+        ))
     }
 
     /// The same for somebody whom the request did not name.
@@ -205,6 +222,8 @@ pub(super) struct Verdict {
     intact: bool,
     /// The first line that is not.
     broken_at: Option<u64>,
+    /// How many lines could not be written when they came, by what the log says in their place.
+    lost: u64,
 }
 
 /// Whether the audit log is whole
@@ -212,12 +231,15 @@ pub(super) struct Verdict {
 /// Computes the chain of fingerprints anew, from the first line.
 #[utoipa::path(get, path = "/audit/verify", tag = "accounts",
     responses((status = 200, description = "The verdict", body = Verdict)))]
-pub(super) async fn verify(State(app): State<Arc<App>>) -> Json<Verdict> {
-    Json(match app.records.audit_verify().await {
+pub(super) async fn verify(State(app): State<Arc<App>>) -> Result<Json<Verdict>, Problem> {
+    let lost = app.records.audit_lost().await;
+    let lost = lost.map_err(|error| Problem::records(&error))?;
+    Ok(Json(match app.records.audit_verify().await {
         Ok(entries) => Verdict {
             entries,
             intact: true,
             broken_at: None,
+            lost,
         },
         Err(broken) => {
             tracing::error!(%broken, "the audit log is not whole");
@@ -225,7 +247,8 @@ pub(super) async fn verify(State(app): State<Arc<App>>) -> Json<Verdict> {
                 entries: broken.seq.saturating_sub(1),
                 intact: false,
                 broken_at: Some(broken.seq),
+                lost,
             }
         }
-    })
+    }))
 }

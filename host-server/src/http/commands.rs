@@ -208,8 +208,16 @@ async fn whole(
     }
 }
 
+/// Whether a command waits for the audit log. Nobody who stops or steers a robot does.
+fn must_be_audited(action: &Action) -> bool {
+    !matches!(Class::of(action), Class::Halt | Class::Motion)
+}
+
 async fn try_robot(app: &App, caller: &Caller, id: &str, body: &[u8]) -> Result<Accepted, Problem> {
     let action = parse(body)?;
+    if must_be_audited(&action) {
+        app.may_be_audited()?;
+    }
     let unknown = || Problem::unknown_robot(id);
     let robot = RobotId::new(id).map_err(|_| unknown())?;
     if app.fleet.lock().get(&robot).is_none() {
@@ -221,6 +229,9 @@ async fn try_robot(app: &App, caller: &Caller, id: &str, body: &[u8]) -> Result<
 
 async fn try_swarm(app: &App, caller: &Caller, body: &[u8]) -> Result<Accepted, Problem> {
     let action = parse(body)?;
+    if must_be_audited(&action) {
+        app.may_be_audited()?;
+    }
     let expected: Vec<RobotId> = {
         let fleet = app.fleet.lock();
         let online = fleet
@@ -258,7 +269,7 @@ async fn audit(
         Ok(Accepted(view)) => json!({ "id": view.id, "request": detail }),
         Err(_) => json!({ "request": detail }),
     };
-    if action.is_ok_and(|action| matches!(Class::of(&action), Class::Halt | Class::Motion)) {
+    if action.is_ok_and(|action| !must_be_audited(&action)) {
         app.audit_later(caller, "command.send", target, detail, result);
         return;
     }

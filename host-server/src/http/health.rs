@@ -38,6 +38,9 @@ struct Readiness {
     /// `false` while commands that are to outlive the server cannot be written down.
     #[serde(skip_serializing_if = "Option::is_none")]
     journal: Option<bool>,
+    /// `false` while the audit log cannot be written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    audit: Option<bool>,
     #[serde(skip_serializing_if = "Option::is_none")]
     simulation: Option<bool>,
     /// Whether the engine that keeps the history answers, where there is one.
@@ -45,8 +48,8 @@ struct Readiness {
     history: Option<bool>,
 }
 
-/// 200 when commands are taken and reach robots: the broker is connected, commands can be written down,
-/// what several servers share can be written where there are several, and the simulation, where there is
+/// 200 when commands are taken and reach robots: the broker is connected, commands and the audit log can be
+/// written down, what several servers share can be written where there are several, and the simulation, where there is
 /// one, is running. 503 otherwise, with what is missing.
 ///
 /// A database that does not answer is told and does not make it 503: whoever is logged in can still
@@ -58,13 +61,18 @@ async fn ready(State(app): State<Arc<App>>) -> Response {
     let together = app.together.as_ref();
     let cache = together.map(|together| together.is_member());
     let journal = (!app.commands.is_written()).then_some(false);
-    let ready = broker && journal.is_none() && cache != Some(false) && simulation != Some(false);
+    let audit = (!app.trail.is_written()).then_some(false);
+    let database = app.records.database().map(|stats| stats.up);
+    // With a database it is told of, as that is.
+    let written = journal.is_none() && (audit.is_none() || database.is_some());
+    let ready = broker && written && cache != Some(false) && simulation != Some(false);
     let body = Json(Readiness {
         ready,
         broker,
-        database: app.records.database().map(|stats| stats.up),
+        database,
         cache,
         journal,
+        audit,
         simulation,
         history: app.history.engine_up(),
     });

@@ -110,6 +110,7 @@ pub(super) async fn start(
         &records,
         certificates.as_ref(),
         accounts.failures(),
+        trail.notes(),
         descriptors,
     )
     .await?;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crawler_records::Records;
 
 use super::StartError;
-use crate::accounts::Failures;
+use crate::accounts::{Failures, Notes};
 use crate::broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
 use crate::bus::Target;
 use crate::config::{Broker, BrokerUrl, Settings};
@@ -33,6 +33,7 @@ pub(super) async fn open(
     records: &Records,
     certificates: Option<&Arc<Certificates>>,
     failures: Arc<Failures>,
+    notes: Notes,
     descriptors: Descriptors,
 ) -> Result<Ways, StartError> {
     match &settings.broker {
@@ -40,7 +41,7 @@ pub(super) async fn open(
             let accounts: Arc<dyn Accounts> = if settings.open {
                 Arc::new(Open)
             } else {
-                Arc::new(RecordAccounts::new(records.clone(), failures))
+                Arc::new(RecordAccounts::new(records.clone(), failures, notes))
             };
             embedded(settings, *listen, accounts, certificates, descriptors).await
         }

@@ -152,7 +152,7 @@ async fn the_log_is_read_page_by_page() {
     let verdict = fixture.get_as(&admin, "/api/v1/audit/verify").await;
     assert_eq!(
         verdict.json(),
-        json!({ "entries": 6, "intact": true, "broken_at": null })
+        json!({ "entries": 6, "intact": true, "broken_at": null, "lost": 0 })
     );
     fixture.stop().await;
 }

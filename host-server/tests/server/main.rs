@@ -5,6 +5,7 @@ mod support;
 
 mod accounts;
 mod audit;
+mod audit_disk;
 mod broker_attacks;
 mod broker_floods;
 mod broker_rules;

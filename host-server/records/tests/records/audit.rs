@@ -289,3 +289,23 @@ async fn what_stands_behind_the_end_is_told_of_and_blocks_nothing() {
         records.close().await;
     }
 }
+
+#[tokio::test]
+async fn a_batch_stays_in_its_order_and_a_gap_is_counted() {
+    let folder = Folder::new();
+    let records = open(&folder).await;
+    records.audit_all(Vec::new()).await.unwrap();
+    assert_eq!(records.audit_lost().await.unwrap(), 0);
+    let mut batch: Vec<Entry> = (1..=130).map(entry).collect();
+    batch.push(Entry::gap(7, 131, 137));
+    batch.push(Entry::gap(5, 138, 142));
+    records.audit_all(batch.clone()).await.unwrap();
+    records.audit(entry(143)).await.unwrap();
+    assert_eq!(records.audit_verify().await, Ok(133), "gaps are sealed too");
+    assert_eq!(records.audit_lost().await.unwrap(), 12);
+    let mut page = records.audit_page(None, 1_000, None).await.unwrap();
+    page.reverse();
+    batch.push(entry(143));
+    let kept: Vec<Entry> = page.into_iter().map(|stored| stored.entry).collect();
+    assert_eq!(kept, batch);
+}

@@ -7,12 +7,11 @@ use std::time::{Duration, Instant};
 use async_trait::async_trait;
 use crawler_access::{Secret, UserName, password};
 use crawler_protocol::RobotId;
-use crawler_records::{Entry, Records, RecordsError};
+use crawler_records::{Records, RecordsError};
 use tokio::sync::{Semaphore, SemaphorePermit};
 
 use super::{Accounts, Login, Refusal, SIMULATOR, Who};
-use crate::accounts::Failures;
-use crate::clock;
+use crate::accounts::{Entry, Failures, Notes};
 
 /// Passwords that are checked at a time. Each takes 19 MiB and some tens of milliseconds.
 const HASHING: usize = 2;
@@ -27,16 +26,18 @@ pub(crate) struct RecordAccounts {
     failures: Arc<Failures>,
     hashing: Semaphore,
     queue: Semaphore,
+    notes: Notes,
 }
 
 impl RecordAccounts {
-    /// Robots and people of `records`; wrong passwords count among `failures`.
-    pub(crate) fn new(records: Records, failures: Arc<Failures>) -> Self {
+    /// Robots and people of `records`; wrong passwords count among `failures`, and logins are noted.
+    pub(crate) fn new(records: Records, failures: Arc<Failures>, notes: Notes) -> Self {
         Self {
             records,
             failures,
             hashing: Semaphore::new(HASHING),
             queue: Semaphore::new(QUEUE),
+            notes,
         }
     }
 
@@ -84,7 +85,7 @@ impl RecordAccounts {
             // Not the fault of whoever came.
             Err(_) => {}
         }
-        self.note(&name, from, &result).await;
+        self.note(&name, from, &result);
         result
     }
 
@@ -121,24 +122,20 @@ impl RecordAccounts {
         }
     }
 
-    /// Writes a person's login into the audit log, as the API does. A log that cannot be written
-    /// does not keep anybody out: robots do not wait for it either.
-    async fn note(&self, name: &UserName, from: IpAddr, result: &Result<Who, Refusal>) {
-        let entry = Entry {
-            at: i64::try_from(clock::unix_ms()).unwrap_or(i64::MAX),
+    /// Notes a person's login in the audit log, as the API does. A log that cannot be written does not
+    /// keep anybody out: robots do not wait for it either.
+    fn note(&self, name: &UserName, from: IpAddr, result: &Result<Who, Refusal>) {
+        self.notes.note(Entry {
             who: name.to_string(),
             from: from.to_string(),
-            action: "login".into(),
+            action: "login",
             target: "broker".into(),
             detail: serde_json::Value::Null,
             outcome: match result {
                 Ok(_) => "ok".into(),
                 Err(reason) => reason.name().into(),
             },
-        };
-        if let Err(error) = self.records.audit(entry).await {
-            tracing::error!(%error, "a login is missing in the audit log");
-        }
+        });
     }
 }
 
@@ -190,6 +187,8 @@ impl Accounts for RecordAccounts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accounts::Trail;
+    use crate::metrics::Metrics;
 
     fn login<'a>(user: &'a str, password: &'a str) -> Login<'a> {
         Login {
@@ -206,7 +205,8 @@ mod tests {
         let secret = Secret::generate().expect("randomness");
         let enrolled = records.enroll("rover-1", secret.digest(), 1, "test").await;
         enrolled.expect("enrolled");
-        let accounts = RecordAccounts::new(records, Arc::new(Failures::new()));
+        let (trail, _writer) = Trail::new(records.clone(), Arc::new(Metrics::new()));
+        let accounts = RecordAccounts::new(records, Arc::new(Failures::new()), trail.notes());
         let checked = accounts.hashing.acquire_many(HASHING as u32).await;
         let waiting = accounts.queue.acquire_many(QUEUE as u32).await;
         let stranger = accounts.identify(login("ada", "correct horse")).await;

@@ -171,7 +171,15 @@ fn judge_sizes(records: u64, log: u64) -> Finding {
 async fn audit(records: &Records) -> Finding {
     const WHAT: &str = "audit log";
     match records.audit_verify().await {
-        Ok(entries) => Finding::ok(WHAT, format!("{entries} entries, the chain is whole")),
+        Ok(entries) => {
+            let found = match records.audit_lost().await {
+                Ok(lost) if lost > 0 => {
+                    format!("{entries} entries, the chain is whole; {lost} were lost (`audit.gap`)")
+                }
+                _ => format!("{entries} entries, the chain is whole"),
+            };
+            Finding::ok(WHAT, found)
+        }
         Err(broken) => Finding::fail(
             WHAT,
             format!("changed after it was written: {broken}"),
