@@ -5,6 +5,7 @@
 //! is in memory.
 
 mod attempts;
+mod hashing;
 mod invitations;
 mod login;
 mod people;
@@ -19,7 +20,6 @@ use std::time::{Duration, Instant};
 use crawler_access::token::{Claims, Key, TokenError};
 use crawler_access::{Digest, Role, Secret, UserName};
 use crawler_records::{Records, RecordsError};
-use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use crate::clock;
@@ -30,6 +30,7 @@ use sessions::Alive;
 use tickets::Tickets;
 
 pub(crate) use attempts::Failures;
+pub(crate) use hashing::{Busy, Hashing};
 pub(crate) use login::{Entered, LoginError};
 pub(crate) use people::{Change, PeopleError, UserView};
 pub(crate) use sessions::Ending;
@@ -40,8 +41,10 @@ pub(crate) use trail::{Entry, Notes, Trail};
 const KEY: &str = "token_key";
 /// For how long a session lasts that nobody refreshes.
 pub(crate) const SESSION_LIFETIME: Duration = Duration::from_hours(14 * 24);
-/// Passwords hashed at a time: each takes 20 MB and a core.
-const HASHING: usize = 2;
+/// For a place among the passwords that are checked. Whoever waits at the broker holds one of its places for
+/// handshakes, and robots need those.
+const AT_API: Duration = Duration::from_secs(5);
+const AT_BROKER: Duration = Duration::from_secs(3);
 /// Refresh tokens exchanged at a time, at most.
 const REFRESHING: usize = 64;
 
@@ -80,7 +83,7 @@ pub(crate) struct Accounts {
     refreshing: [tokio::sync::Mutex<()>; REFRESHING],
     /// Wrong passwords, also those at the broker.
     failures: Arc<Failures>,
-    hashing: Semaphore,
+    hashing: Hashing,
     /// Held while accounts change, so that what was checked still holds when it is written.
     changing: tokio::sync::Mutex<()>,
     /// The invitation of the first administrator, and until when it is good.
@@ -119,7 +122,7 @@ impl Accounts {
             rotated: Mutex::default(),
             refreshing: std::array::from_fn(|_| tokio::sync::Mutex::default()),
             failures: Arc::new(Failures::new()),
-            hashing: Semaphore::new(HASHING),
+            hashing: Hashing::new(AT_API),
             changing: tokio::sync::Mutex::new(()),
             first: Mutex::default(),
         };
@@ -130,6 +133,11 @@ impl Accounts {
     /// Wrong passwords, for whoever checks some elsewhere.
     pub(crate) fn failures(&self) -> Arc<Failures> {
         Arc::clone(&self.failures)
+    }
+
+    /// The places at which passwords are checked that come to the broker.
+    pub(crate) fn hashing_at_broker(&self) -> Hashing {
+        self.hashing.other(AT_BROKER)
     }
 
     /// Whether everybody who reaches the server may do everything.

@@ -1,15 +1,16 @@
 //! Passwords of people: what is good enough, and what is kept.
 //!
-//! A hash costs about 20 MB and some tens of milliseconds, on purpose. So call [`hash`], [`verify`]
-//! and [`verify_nobody`] off the threads that serve others, only a few at a time, and only after
-//! [`limits::Attempts`](crate::limits::Attempts) let the attempt pass.
+//! A hash costs 19 MiB and some tens of milliseconds, on purpose. The [`Memory`] is the caller's, who uses
+//! it again and again: allocated anew each time, what allocators keep of it for each thread adds up. So hash
+//! off the threads that serve others, with as many memories as there may be passwords at a time, and only
+//! after [`limits::Attempts`](crate::limits::Attempts) let the attempt pass.
 
 use core::fmt;
 use core::hint::black_box;
 
-use argon2::password_hash::phc::PasswordHash;
-use argon2::password_hash::{PasswordHasher as _, PasswordVerifier as _};
-use argon2::{Algorithm, Argon2, Params, Version};
+use argon2::password_hash::phc::{Output, ParamsString, PasswordHash, Salt};
+use argon2::{Algorithm, Argon2, Block, Params, Version};
+use subtle::ConstantTimeEq as _;
 
 use crate::{NoRandomness, UserName};
 
@@ -69,46 +70,85 @@ pub fn check(name: &UserName, password: &str) -> Result<(), Weak> {
     Ok(())
 }
 
-/// What is kept of `password`: Argon2id with a random salt, as a PHC string.
+/// What one password at a time is hashed in: 19 MiB, once it was used.
 ///
-/// # Errors
-/// [`HashError`] when it is too long or there are no random numbers.
-pub fn hash(password: &str) -> Result<String, HashError> {
-    if too_long(password) {
-        return Err(HashError::TooLong);
+/// What it holds afterwards comes from a password and a salt, and is no easier to guess from than the hash.
+#[derive(Default)]
+pub struct Memory(Vec<Block>);
+
+impl Memory {
+    /// One that takes its room with the first password.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(Vec::new())
     }
-    let mut salt = [0; 16];
-    getrandom::fill(&mut salt).map_err(|_| HashError::NoRandomness(NoRandomness))?;
-    let argon2 = algorithm().ok_or(HashError::Failed)?;
-    let hash: PasswordHash = argon2
-        .hash_password_with_salt(password.as_bytes(), &salt)
-        .map_err(|_| HashError::Failed)?;
-    Ok(hash.to_string())
+
+    /// What is kept of `password`: Argon2id with a random salt, as a PHC string.
+    ///
+    /// # Errors
+    /// [`HashError`] when it is too long or there are no random numbers.
+    pub fn hash(&mut self, password: &str) -> Result<String, HashError> {
+        if too_long(password) {
+            return Err(HashError::TooLong);
+        }
+        let mut salt = [0; 16];
+        getrandom::fill(&mut salt).map_err(|_| HashError::NoRandomness(NoRandomness))?;
+        self.hash_with(password, &salt).ok_or(HashError::Failed)
+    }
+
+    fn hash_with(&mut self, password: &str, salt: &[u8]) -> Option<String> {
+        let argon2 = algorithm()?;
+        let hash = PasswordHash {
+            algorithm: Algorithm::Argon2id.ident(),
+            version: Some(Version::V0x13.into()),
+            params: ParamsString::try_from(argon2.params()).ok()?,
+            salt: Some(Salt::new(salt).ok()?),
+            hash: Some(Output::new(&self.digest(&argon2, password, salt)?).ok()?),
+        };
+        Some(hash.to_string())
+    }
+
+    fn digest(&mut self, argon2: &Argon2<'_>, password: &str, salt: &[u8]) -> Option<Digest> {
+        self.0.resize(argon2.params().block_count(), Block::new());
+        let mut digest = Digest::default();
+        argon2
+            .hash_password_into_with_memory(password.as_bytes(), salt, &mut digest, &mut self.0)
+            .ok()?;
+        Some(digest)
+    }
+
+    /// Whether `hash` was made of `password`. What is not a hash of ours belongs to no password.
+    #[must_use]
+    pub fn verify(&mut self, password: &str, hash: &str) -> bool {
+        if too_long(password) || hash.len() > MAX_HASH {
+            return false;
+        }
+        let (Ok(hash), Some(argon2)) = (PasswordHash::new(hash), algorithm()) else {
+            return false;
+        };
+        // The cost stands in the hash. One from elsewhere could ask for all memory and all day.
+        let affordable = Params::try_from(&hash).is_ok_and(|params| {
+            (params.m_cost(), params.t_cost(), params.p_cost()) == (MEMORY, PASSES, LANES)
+        });
+        let version = hash.version.map(Version::try_from);
+        let ours = hash.algorithm == Algorithm::Argon2id.ident()
+            && affordable
+            && matches!(version, None | Some(Ok(Version::V0x13)));
+        let (true, Some(salt), Some(kept)) = (ours, hash.salt, hash.hash) else {
+            return false;
+        };
+        let digest = self.digest(&argon2, password, &salt);
+        digest.is_some_and(|digest| digest.ct_eq(kept.as_bytes()).into())
+    }
+
+    /// Does the work of [`Memory::verify`] for nothing. Call it where there is no hash to compare with, so
+    /// that the time of an answer does not tell which names exist.
+    pub fn verify_nobody(&mut self, password: &str) {
+        let _ = black_box(self.verify(black_box(password), NOBODY));
+    }
 }
 
-/// Whether `hash` was made of `password`. What is not a hash of ours belongs to no password.
-#[must_use]
-pub fn verify(password: &str, hash: &str) -> bool {
-    if too_long(password) || hash.len() > MAX_HASH {
-        return false;
-    }
-    let (Ok(hash), Some(argon2)) = (PasswordHash::new(hash), algorithm()) else {
-        return false;
-    };
-    // The cost stands in the hash. One from elsewhere could ask for all memory and all day.
-    let affordable = Params::try_from(&hash).is_ok_and(|params| {
-        (params.m_cost(), params.t_cost(), params.p_cost()) == (MEMORY, PASSES, LANES)
-    });
-    hash.algorithm == Algorithm::Argon2id.ident()
-        && affordable
-        && argon2.verify_password(password.as_bytes(), &hash).is_ok()
-}
-
-/// Does the work of [`verify`] for nothing. Call it where there is no hash to compare with, so that
-/// the time of an answer does not tell which names exist.
-pub fn verify_nobody(password: &str) {
-    let _ = black_box(verify(black_box(password), NOBODY));
-}
+type Digest = [u8; Params::DEFAULT_OUTPUT_LEN];
 
 /// The bytes are looked at first: counting the characters of a huge text takes time as well.
 fn too_long(password: &str) -> bool {

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use crawler_access::password::{self, HashError, Weak};
+use crawler_access::password::{self, HashError, Memory, Weak};
 use crawler_access::{Digest, Role, Secret, UserName, UserNameError};
 use proptest::prelude::*;
 
@@ -84,29 +84,32 @@ fn a_password_is_long_but_not_too_long_and_not_the_name() {
 
 #[test]
 fn a_hash_belongs_to_one_password_and_says_how_it_was_made() {
-    let hash = password::hash("correct horse").expect("a hash");
+    let hash = Memory::new().hash("correct horse").expect("a hash");
     assert!(
         hash.starts_with("$argon2id$v=19$m=19456,t=2,p=1$"),
         "{hash}"
     );
-    assert!(password::verify("correct horse", &hash));
-    assert!(!password::verify("correct horsf", &hash));
-    assert!(!password::verify("", &hash));
+    assert!(Memory::new().verify("correct horse", &hash));
+    assert!(!Memory::new().verify("correct horsf", &hash));
+    assert!(!Memory::new().verify("", &hash));
     assert_ne!(
-        password::hash("correct horse").expect("a hash"),
+        Memory::new().hash("correct horse").expect("a hash"),
         hash,
         "the salt is random"
     );
-    assert_eq!(password::hash(&"x".repeat(2_000)), Err(HashError::TooLong));
-    assert!(!password::verify(&"x".repeat(2_000), &hash));
+    assert_eq!(
+        Memory::new().hash(&"x".repeat(2_000)),
+        Err(HashError::TooLong)
+    );
+    assert!(!Memory::new().verify(&"x".repeat(2_000), &hash));
 }
 
 /// A hash made by another program, the reference implementation in C.
 #[test]
 fn a_hash_from_elsewhere_with_our_settings_is_read() {
     let hash = "$argon2id$v=19$m=19456,t=2,p=1$MDEyMzQ1Njc4OWFiY2RlZg$69I7qCjDTsQwhQqFvpQJiqEI0lGQvxC84fXE0Ktxca4";
-    assert!(password::verify("correct horse battery", hash));
-    assert!(!password::verify("correct horse batterx", hash));
+    assert!(Memory::new().verify("correct horse battery", hash));
+    assert!(!Memory::new().verify("correct horse batterx", hash));
 }
 
 /// Right hashes of the password, made elsewhere with other settings. A hash must not choose its own
@@ -121,13 +124,13 @@ fn a_hash_with_other_settings_belongs_to_no_password() {
         "$argon2i$v=19$m=19456,t=2,p=1$MDEyMzQ1Njc4OWFiY2RlZg$k3A0Ke+5sl7ZwafSXeKqxs+yQZnuzL2o0YbQttdD+7g",
         "$argon2d$v=19$m=19456,t=2,p=1$MDEyMzQ1Njc4OWFiY2RlZg$ehhukC+zLV/ynXWcd/EW/fbTdSD8qV3qRmsYmalQHzI",
     ] {
-        assert!(!password::verify("correct horse", hash), "{hash}");
+        assert!(!Memory::new().verify("correct horse", hash), "{hash}");
     }
 }
 
 #[test]
 fn what_is_no_hash_belongs_to_no_password() {
-    let good = password::hash("correct horse").expect("a hash");
+    let good = Memory::new().hash("correct horse").expect("a hash");
     for hash in [
         String::new(),
         "correct horse".to_owned(),
@@ -139,7 +142,7 @@ fn what_is_no_hash_belongs_to_no_password() {
         format!("{good}{}", " ".repeat(300)),
         "$argon2id$v=19$m=19456,t=2,p=1$c29tZXNhbHQ$".to_owned(),
     ] {
-        assert!(!password::verify("correct horse", &hash), "{hash}");
+        assert!(!Memory::new().verify("correct horse", &hash), "{hash}");
     }
 }
 
@@ -155,14 +158,14 @@ fn worked() -> u64 {
 #[cfg(target_os = "linux")]
 #[test]
 fn an_unknown_name_costs_the_work_of_a_wrong_password() {
-    let hash = password::hash("correct horse").expect("a hash");
+    let hash = Memory::new().hash("correct horse").expect("a hash");
     let begin = worked();
     for _ in 0..5 {
-        assert!(!password::verify("wrong horse", &hash));
+        assert!(!Memory::new().verify("wrong horse", &hash));
     }
     let known = worked() - begin;
     for _ in 0..5 {
-        password::verify_nobody("wrong horse");
+        Memory::new().verify_nobody("wrong horse");
     }
     let unknown = worked() - begin - known;
     let ratio = known as f64 / unknown as f64;
@@ -224,7 +227,7 @@ proptest! {
             prop_assert_eq!(secret.to_string(), text.clone());
         }
         let _ = password::check(&name("ada"), &text);
-        prop_assert!(!password::verify("correct horse", &text));
+        prop_assert!(!Memory::new().verify("correct horse", &text));
     }
 
     #[test]

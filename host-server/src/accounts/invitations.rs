@@ -106,7 +106,10 @@ impl Accounts {
     }
 
     async fn make(&self, name: UserName, role: Role, password: String) -> Result<User, LoginError> {
-        let hash = self.hashing(move || password::hash(&password)).await??;
+        let hash = self
+            .hashing
+            .run(move |memory| memory.hash(&password))
+            .await??;
         let user = User {
             name,
             role,
@@ -158,7 +161,10 @@ impl Accounts {
         let user = user
             .filter(|user| !user.disabled)
             .ok_or(LoginError::Invitation)?;
-        let hash = self.hashing(move || password::hash(&password)).await??;
+        let hash = self
+            .hashing
+            .run(move |memory| memory.hash(&password))
+            .await??;
         self.records.set_password(name, &hash).await?;
         // Whoever was in with an older password is not who was invited.
         self.end_sessions(name, None).await?;

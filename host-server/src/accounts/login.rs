@@ -8,15 +8,13 @@ use crawler_access::password::{self, HashError, Weak};
 use crawler_access::{Digest, Role, Secret, UserName};
 use crawler_records::{RecordsError, Refreshed, User};
 
-use super::{Accounts, Identity, SESSION_LIFETIME, lock, now_ms};
+use super::{Accounts, Busy, Identity, SESSION_LIFETIME, lock, now_ms};
 
 /// Two pages of one browser may use the same refresh token at the same moment. The second is not a
 /// thief when it comes this soon after the first; it gets no refresh token of its own.
 const GRACE: Duration = Duration::from_secs(2);
 /// Refresh tokens remembered for that.
 const MOST_ROTATED: usize = 1_024;
-/// For a place among those whose password is being hashed.
-const HASHING_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What somebody has who got in.
 pub(crate) struct Entered {
@@ -67,6 +65,12 @@ impl From<RecordsError> for LoginError {
             RecordsError::Exists => Self::Exists,
             error => Self::Records(error),
         }
+    }
+}
+
+impl From<Busy> for LoginError {
+    fn from(_: Busy) -> Self {
+        Self::Busy
     }
 }
 
@@ -122,12 +126,13 @@ impl Accounts {
         };
         let hash = user.as_ref().and_then(|user| user.password.clone());
         let good = self
-            .hashing(move || {
+            .hashing
+            .run(move |memory| {
                 if let Some(hash) = hash {
-                    return password::verify(&password, &hash);
+                    return memory.verify(&password, &hash);
                 }
                 // As long as for a name that exists.
-                password::verify_nobody(&password);
+                memory.verify_nobody(&password);
                 false
             })
             .await?;
@@ -141,21 +146,6 @@ impl Accounts {
                 Err(LoginError::Credentials)
             }
         }
-    }
-
-    /// Does what takes a core and 20 MB, a few at a time and off the threads that serve others.
-    pub(super) async fn hashing<T: Send + 'static>(
-        &self,
-        work: impl FnOnce() -> T + Send + 'static,
-    ) -> Result<T, LoginError> {
-        let place = tokio::time::timeout(HASHING_PATIENCE, self.hashing.acquire());
-        let _place = place
-            .await
-            .map_err(|_| LoginError::Busy)?
-            .map_err(|_| LoginError::Busy)?;
-        tokio::task::spawn_blocking(work)
-            .await
-            .map_err(|_| LoginError::Internal("a password could not be checked"))
     }
 
     /// Opens a session for a user who has proven to be that.
@@ -288,7 +278,8 @@ impl Accounts {
             .and_then(|user| user.password)
             .ok_or(LoginError::Credentials)?;
         let hashed = self
-            .hashing(move || password::verify(&old, &hash).then(|| password::hash(&new)))
+            .hashing
+            .run(move |memory| memory.verify(&old, &hash).then(|| memory.hash(&new)))
             .await?
             .ok_or(LoginError::Credentials)??;
         self.failures.succeeded(name, from);

@@ -157,7 +157,11 @@ impl Accounts {
 
     async fn hash(&self, name: &UserName, password: String) -> Result<String, PeopleError> {
         password::check(name, &password).map_err(PeopleError::Weak)?;
-        let hash = self.hashing(move || password::hash(&password)).await?;
+        let hash = self
+            .hashing
+            .run(move |memory| memory.hash(&password))
+            .await
+            .map_err(LoginError::from)?;
         Ok(hash.map_err(LoginError::from)?)
     }
 

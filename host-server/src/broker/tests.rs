@@ -43,6 +43,7 @@ impl Bench {
         let accounts = Arc::new(RecordAccounts::new(
             records.clone(),
             Arc::new(crate::accounts::Failures::new()),
+            crate::accounts::Hashing::new(Duration::from_mins(1)),
             trail.notes(),
         ));
         let limits = crate::descriptors::Descriptors::MOST.into();
@@ -212,7 +213,7 @@ async fn a_simulator_goes_with_all_its_robots_and_a_person_with_all_sessions() {
     let user = User {
         name: "ada".parse::<UserName>().expect("a name"),
         role: Role::Operator,
-        password: Some(password::hash(PASSWORD).expect("a hash")),
+        password: Some(password::Memory::new().hash(PASSWORD).expect("a hash")),
         created: 1,
         disabled: false,
     };

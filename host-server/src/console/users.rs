@@ -213,7 +213,9 @@ async fn awaited(console: &Console, name: &UserName, role: Option<Role>) -> Resu
 fn ask_password(name: &UserName) -> Result<String, String> {
     let password = terminal::new_password(name.as_ref())?;
     password::check(name, &password).map_err(|weak| weak.to_string())?;
-    password::hash(&password).map_err(|error| error.to_string())
+    password::Memory::new()
+        .hash(&password)
+        .map_err(|error| error.to_string())
 }
 
 fn ended_text(sessions: usize) -> String {

@@ -109,7 +109,7 @@ pub(super) async fn start(
         settings,
         &records,
         certificates.as_ref(),
-        accounts.failures(),
+        &accounts,
         trail.notes(),
         descriptors,
     )

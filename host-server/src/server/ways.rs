@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crawler_records::Records;
 
 use super::StartError;
-use crate::accounts::{Failures, Notes};
+use crate::accounts::{Accounts as People, Notes};
 use crate::broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
 use crate::bus::Target;
 use crate::config::{Broker, BrokerUrl, Settings};
@@ -32,7 +32,7 @@ pub(super) async fn open(
     settings: &Settings,
     records: &Records,
     certificates: Option<&Arc<Certificates>>,
-    failures: Arc<Failures>,
+    people: &People,
     notes: Notes,
     descriptors: Descriptors,
 ) -> Result<Ways, StartError> {
@@ -41,7 +41,13 @@ pub(super) async fn open(
             let accounts: Arc<dyn Accounts> = if settings.open {
                 Arc::new(Open)
             } else {
-                Arc::new(RecordAccounts::new(records.clone(), failures, notes))
+                let (failures, hashing) = (people.failures(), people.hashing_at_broker());
+                Arc::new(RecordAccounts::new(
+                    records.clone(),
+                    failures,
+                    hashing,
+                    notes,
+                ))
             };
             embedded(settings, *listen, accounts, certificates, descriptors).await
         }

@@ -406,10 +406,10 @@ fn it_works_beside_a_running_server() {
 }
 
 /// A running server on the place, ended with the value.
-struct Server(std::process::Child);
+pub(crate) struct Server(pub(crate) std::process::Child);
 
 impl Server {
-    fn start(place: &Place) -> Self {
+    pub(crate) fn start(place: &Place) -> Self {
         use std::io::BufRead as _;
         let mut child = place
             .command(&["serve", "--http", "127.0.0.1:0", "--mqtt", "127.0.0.1:0"])

@@ -2,40 +2,42 @@
 
 use std::net::IpAddr;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use async_trait::async_trait;
 use crawler_access::{Secret, UserName, password};
 use crawler_protocol::RobotId;
 use crawler_records::{Records, RecordsError};
-use tokio::sync::{Semaphore, SemaphorePermit};
+use tokio::sync::Semaphore;
 
 use super::{Accounts, Login, Refusal, SIMULATOR, Who};
-use crate::accounts::{Entry, Failures, Notes};
+use crate::accounts::{Busy, Entry, Failures, Hashing, Notes};
 
-/// Passwords that are checked at a time. Each takes 19 MiB and some tens of milliseconds.
-const HASHING: usize = 2;
-/// Passwords that may wait for that, and how long. The rest is sent away at once: whoever waits
-/// holds one of the broker's places for handshakes, and robots need those.
+/// Passwords that may wait to be checked. The rest is sent away at once: whoever waits holds one of the
+/// broker's places for handshakes, and robots need those.
 const QUEUE: usize = 16;
-const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Robots and simulators by the digests of their secrets, people by their passwords.
 pub(crate) struct RecordAccounts {
     records: Records,
     failures: Arc<Failures>,
-    hashing: Semaphore,
+    hashing: Hashing,
     queue: Semaphore,
     notes: Notes,
 }
 
 impl RecordAccounts {
     /// Robots and people of `records`; wrong passwords count among `failures`, and logins are noted.
-    pub(crate) fn new(records: Records, failures: Arc<Failures>, notes: Notes) -> Self {
+    pub(crate) fn new(
+        records: Records,
+        failures: Arc<Failures>,
+        hashing: Hashing,
+        notes: Notes,
+    ) -> Self {
         Self {
             records,
             failures,
-            hashing: Semaphore::new(HASHING),
+            hashing,
             queue: Semaphore::new(QUEUE),
             notes,
         }
@@ -90,7 +92,6 @@ impl RecordAccounts {
     }
 
     async fn check(&self, name: &UserName, given: &str) -> Result<Who, Refusal> {
-        let _permit = self.permit().await?;
         let user = self
             .records
             .user(name)
@@ -99,26 +100,17 @@ impl RecordAccounts {
         let known = user.filter(|user| !user.disabled);
         let hash = known.as_ref().and_then(|user| user.password.clone());
         let given = given.to_owned();
-        let verified = tokio::task::spawn_blocking(move || {
+        let checking = self.hashing.run(move |memory| {
             if let Some(hash) = hash {
-                return password::verify(&given, &hash);
+                return memory.verify(&given, &hash);
             }
-            password::verify_nobody(&given);
+            memory.verify_nobody(&given);
             false
-        })
-        .await
-        .map_err(|_| Refusal::Busy)?;
+        });
+        let verified = checking.await.map_err(|Busy| Refusal::Busy)?;
         match known {
             Some(user) if verified => Ok(Who::User(user.role)),
             _ => Err(Refusal::Credentials),
-        }
-    }
-
-    /// Leave to check a password. Without it a crowd of strangers would take all of the machine.
-    async fn permit(&self) -> Result<SemaphorePermit<'_>, Refusal> {
-        match tokio::time::timeout(PATIENCE, self.hashing.acquire()).await {
-            Ok(Ok(permit)) => Ok(permit),
-            Ok(Err(_)) | Err(_) => Err(Refusal::Busy),
         }
     }
 
@@ -186,6 +178,8 @@ impl Accounts for RecordAccounts {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
     use crate::accounts::Trail;
     use crate::metrics::Metrics;
@@ -206,8 +200,13 @@ mod tests {
         let enrolled = records.enroll("rover-1", secret.digest(), 1, "test").await;
         enrolled.expect("enrolled");
         let (trail, _writer) = Trail::new(records.clone(), Arc::new(Metrics::new()));
-        let accounts = RecordAccounts::new(records, Arc::new(Failures::new()), trail.notes());
-        let checked = accounts.hashing.acquire_many(HASHING as u32).await;
+        let accounts = RecordAccounts::new(
+            records,
+            Arc::new(Failures::new()),
+            Hashing::new(Duration::from_mins(1)),
+            trail.notes(),
+        );
+        let checked = accounts.hashing.occupy().await;
         let waiting = accounts.queue.acquire_many(QUEUE as u32).await;
         let stranger = accounts.identify(login("ada", "correct horse")).await;
         assert_eq!(stranger, Err(Refusal::Busy));

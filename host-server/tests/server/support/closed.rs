@@ -44,7 +44,7 @@ impl Login {
 /// Takes half a second, so once for all tests of a file.
 fn hash() -> String {
     static HASH: OnceLock<String> = OnceLock::new();
-    let hash = HASH.get_or_init(|| password::hash(PASSWORD).expect("a hash"));
+    let hash = HASH.get_or_init(|| password::Memory::new().hash(PASSWORD).expect("a hash"));
     hash.clone()
 }
 

@@ -49,7 +49,7 @@ impl Closed {
         let user = User {
             name: name.parse::<UserName>().expect("a name"),
             role,
-            password: Some(password::hash(PASSWORD).expect("a hash")),
+            password: Some(password::Memory::new().hash(PASSWORD).expect("a hash")),
             created: 1,
             disabled: false,
         };
