@@ -338,13 +338,14 @@ async fn run(
     let mut next = Some(connection);
     let mut pause = FIRST_PAUSE;
     while !stop.is_cancelled() {
-        let connection = match next.take() {
-            Some(connection) => Ok(connection),
-            None => tokio::select! {
+        let connection = if let Some(connection) = next.take() {
+            Ok(connection)
+        } else {
+            tokio::select! {
                 () = stop.cancelled() => return,
                 connected = connect(&target, &bus.fleet) => connected
                     .inspect(|connection| bus.set(Some(connection.client.clone()))),
-            },
+            }
         };
         match connection {
             Ok(connection) => {

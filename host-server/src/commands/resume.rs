@@ -85,7 +85,7 @@ impl CommandCenter {
                 tracing::info!(commands, "commands of the last run to deliver");
             }
             // Before there is a thread: nothing after it fails.
-            if let Some(number) = book.desk.sequence.to_keep_free() {
+            if let Some(number) = book.desk.sequence.reserve_first() {
                 data.set_number(sequence::FILE, number)?;
             }
             let metrics = Arc::clone(&self.metrics);

@@ -93,7 +93,7 @@ impl Sequence {
     }
 
     /// Up to where numbers are to be kept free before any of them is used, if the file does not say so.
-    pub(super) fn to_keep_free(&mut self) -> Option<u64> {
+    pub(super) fn reserve_first(&mut self) -> Option<u64> {
         let (next, block) = (self.peek(), self.block());
         (next + block / 2 >= self.reserved).then(|| {
             self.reserved = next + block;
@@ -172,7 +172,7 @@ mod tests {
         let journal = Journal::of(&data).expect("a journal");
         let queue = journal.start(Arc::clone(&data), FILE, Arc::new(Metrics::new()));
         let queue = queue.expect("a thread");
-        assert_eq!(sequence.to_keep_free(), None, "kept free by opening");
+        assert_eq!(sequence.reserve_first(), None, "kept free by opening");
         sequence.write_to(queue.lines());
         (sequence, queue)
     }

@@ -276,7 +276,9 @@ impl Board {
                 Err(error) => {
                     self.end();
                     // None of them has anything to do yet. One that panicked has ended as well.
-                    started.into_iter().for_each(|thread| drop(thread.join()));
+                    for thread in started {
+                        let _ = thread.join();
+                    }
                     return Err(error);
                 }
             }

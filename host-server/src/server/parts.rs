@@ -29,7 +29,6 @@ struct Part {
 pub(super) struct Parts {
     parts: Vec<Part>,
     /// After how many parts a test has the start fail.
-    #[cfg(test)]
     fail_after: Option<usize>,
 }
 
@@ -74,7 +73,6 @@ impl Parts {
             stop: stop.drop_guard(),
             end: Box::pin(end),
         });
-        #[cfg(test)]
         if self.fail_after == Some(self.parts.len()) {
             return Err(StartError::Internal("what a test asked for"));
         }
