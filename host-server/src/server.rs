@@ -14,6 +14,7 @@ mod start_error;
 mod start_tests;
 mod watch;
 mod ways;
+mod writable;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};

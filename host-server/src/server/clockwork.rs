@@ -10,6 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::cells::Cells;
 use super::ingest;
 use super::watch::Watch;
+use super::writable::Writable;
 use crate::accounts;
 use crate::bus::Bus;
 use crate::clock;
@@ -26,12 +27,14 @@ const CATCH_UP: Duration = Duration::from_secs(5);
 /// How often what is over is taken out of the records.
 const PRUNE: Duration = Duration::from_hours(1);
 
-/// What happens by the clock: the feed, overdue answers, the time for robots and who is near them.
+/// What happens by the clock: the feed, overdue answers, what cannot be written, the time for robots and who
+/// is near them.
 pub(super) async fn heart(app: Arc<App>, stop: CancellationToken) {
     let mut tick = tokio::time::interval(feed::INTERVAL);
     tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
     let mut time_sent: Option<Instant> = None;
     let mut cells = Cells::default();
+    let mut writable = Writable::default();
     loop {
         tokio::select! {
             () = stop.cancelled() => return,
@@ -49,6 +52,7 @@ pub(super) async fn heart(app: Arc<App>, stop: CancellationToken) {
         for command in app.commands.sweep(now) {
             ingest::tell(&app, &command);
         }
+        writable.tell(&app);
         let wait = if app.time_wanted.load(Ordering::Relaxed) {
             TIME_AGAIN
         } else {

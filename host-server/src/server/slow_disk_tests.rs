@@ -19,6 +19,7 @@ use tokio::task::JoinSet;
 use super::*;
 use crate::config::{Layer, Role};
 use crate::data::test_disk::{LIMIT, TestDisk};
+use crate::fleet;
 
 const COMMANDS: &str = "/api/v1/robots/a/commands";
 const SET: &str = r#"{"command":"set","parameters":{"safe_distance_mm":420}}"#;
@@ -239,6 +240,19 @@ async fn a_full_disk_is_told_and_stops_go_all_the_same() {
         .find_map(|line| line.strip_prefix("terracrawler_command_journal_failures_total "));
     let failures = failures.and_then(|count| count.parse().ok());
     assert!(failures >= Some(1), "{failures:?}");
+    let app = Arc::clone(&scene.server.app);
+    let told = |level, text| {
+        let events = app.fleet.lock();
+        let told = |event: &fleet::Event| (event.level, &event.text[..]) == (level, text);
+        events.events.newest(100).any(told)
+    };
+    let cannot = "commands cannot be written down: only halts and motion are taken";
+    within("an event", async {
+        while !told(fleet::Level::Error, cannot) {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    })
+    .await;
 
     let (status, body) = scene.give(r#"{"command":"stop"}"#).await;
     assert_eq!(status, 202, "{body}");
@@ -259,6 +273,12 @@ async fn a_full_disk_is_told_and_stops_go_all_the_same() {
         metrics.contains("terracrawler_command_journal_up 1\n"),
         "{metrics}"
     );
+    within("another event", async {
+        while !told(fleet::Level::Info, "commands can be written down again") {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    })
+    .await;
     scene.stop().await;
 }
 

@@ -196,6 +196,14 @@ async function audit(page) {
       return names.length > 0 && names.every((name) => name === 'ada')
     })
   })
+  await byMock('lines that the log has not are counted', async () => {
+    mock.accounts.loseLines(2)
+    await id(page, 'verify').click()
+    await page.locator('[data-testid=lost]', { hasText: '2 lines' }).waitFor()
+    await axe(page, 'a log with a gap')
+    await picture(page, 'audit-gap')
+    mock.accounts.loseLines(0)
+  })
   await byMock('older entries follow, and a changed log is named', async () => {
     await id(page, 'audit-who').fill('')
     await page.keyboard.press('Enter')

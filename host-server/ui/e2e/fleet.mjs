@@ -62,6 +62,18 @@ async function dashboard(page) {
       return (await data(id(page, 'health'), 'gravity')) === 'watch'
     })
   })
+  await check('a disk that takes nothing is told', async () => {
+    Object.assign(mock.ready, { journal: false, audit: false })
+    for (const code of ['journal', 'audit']) {
+      await page.locator(`[data-testid=findings] li[data-code=${code}]`).waitFor()
+    }
+    await axe(page, 'a full disk')
+    delete mock.ready.journal
+    delete mock.ready.audit
+    await until('it is told for ever', async () => {
+      return (await page.locator('[data-testid=findings] li[data-code=journal]').count()) === 0
+    })
+  })
   await check('a finding leads to the robots that it is about', async () => {
     await page.locator('[data-testid=findings] li[data-code=stale] a').click()
     await until('others are shown', async () => {

@@ -134,6 +134,9 @@ export function createApi(send: Send = (...args) => fetch(...args)): Api {
       return {
         broker: body['broker'],
         simulation: typeof simulation === 'boolean' ? simulation : null,
+        // Told of only when they fail.
+        journal: body['journal'] !== false,
+        audit: body['audit'] !== false,
       }
     },
     async metrics() {

@@ -29,6 +29,8 @@ export const health = {
     silent: 'No news',
     broker: 'Broker lost',
     simulation: 'Simulation ended',
+    journal: 'Commands not kept',
+    audit: 'Audit log not kept',
     stop: 'Emergency stop on',
     empty: 'No robots',
     none: 'No robot online',
@@ -44,6 +46,10 @@ export const health = {
   silent: (age: number) => `The server has said nothing for ${duration(age)}.`,
   noBroker: 'The server has lost its broker: commands reach no robot.',
   noSimulation: 'The simulated world has ended.',
+  noJournal:
+    'Commands cannot be written down: only stops and motion are taken. Is the server’s disk full?',
+  noAudit:
+    'The audit log cannot be written: its lines wait in memory. Is the disk full, or a database away?',
   stopped: 'Emergency stop is on: robots refuse motion until somebody re-arms.',
   error: (number: number) => `${count(number, 'reports', 'report')} an error.`,
   empty: 'No robot has ever connected.',

@@ -139,6 +139,8 @@ export const words = {
     verifying: 'Verifying…',
     intact: (count: number) =>
       `The log is intact: all ${count.toLocaleString('en')} entries fit together.`,
+    lost: (count: number) =>
+      `${count === 1 ? 'One line' : `${count.toLocaleString('en')} lines`} could not be written when there was no room. Entries “audit.gap” stand in their place.`,
     broken: (at: number | null) =>
       at === null
         ? 'The log has been changed.'

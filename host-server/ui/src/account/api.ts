@@ -59,6 +59,8 @@ export interface AuditCheck {
   entries: number
   intact: boolean
   brokenAt: number | null
+  /** Lines that could not be written when they came. */
+  lost: number
 }
 
 /** Reading the whole log takes its time. */
@@ -168,6 +170,7 @@ export function accountApi(send: Send) {
         entries: numeric(body['entries']) ?? 0,
         intact: body['intact'] === true,
         brokenAt: numeric(body['broken_at']),
+        lost: numeric(body['lost']) ?? 0,
       }
     },
   }

@@ -11,6 +11,10 @@ export interface Readiness {
   broker: boolean
   /** `null` where no world is simulated. */
   simulation: boolean | null
+  /** `false` while commands cannot be written down, and only halts and motion are taken. */
+  journal: boolean
+  /** `false` while the audit log cannot be written. */
+  audit: boolean
 }
 
 export type Gravity = 'good' | 'watch' | 'bad'
@@ -71,6 +75,8 @@ export function findings(signs: Signs): Finding[] {
   if (signs.readiness?.simulation === false) {
     add('bad', 'simulation', words.noSimulation, linkTo('simulation'))
   }
+  if (signs.readiness?.journal === false) add('bad', 'journal', words.noJournal)
+  if (signs.readiness?.audit === false) add('bad', 'audit', words.noAudit)
   const { counts, figures } = signs
   const all = counts.online + counts.stale + counts.offline
   const stopped = signs.stop !== 'armed'

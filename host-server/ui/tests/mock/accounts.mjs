@@ -27,6 +27,7 @@ export function createAccounts({ open = true, tokenSeconds = 900, freeAttempts =
   const firstCode = secret()
   let nextSession = 1
   let brokenAt = null
+  let lost = 0
   invitations.set(firstCode, { name: null, role: 'admin' })
 
   function audit(who, action, target, outcome = 'ok', detail = {}) {
@@ -254,6 +255,9 @@ export function createAccounts({ open = true, tokenSeconds = 900, freeAttempts =
     breakLog(seq) {
       brokenAt = seq
     },
+    loseLines(count) {
+      lost = count
+    },
     setOpen(now) {
       open = now
       api.open = now
@@ -328,7 +332,7 @@ export function createAccounts({ open = true, tokenSeconds = 900, freeAttempts =
         caller(request, 'admin')
         if (parts[1] !== 'verify') return auditPage(url.searchParams)
         const intact = brokenAt === null
-        return { status: 200, body: { entries: log.length, intact, broken_at: brokenAt } }
+        return { status: 200, body: { entries: log.length, intact, broken_at: brokenAt, lost } }
       }
       return null
     },

@@ -150,7 +150,10 @@ describe('what the server lists', () => {
       entries: 3,
       intact: false,
       brokenAt: null,
+      lost: 0,
     })
+    const gap = { entries: 3, intact: true, lost: 2 }
+    expect(await answering(gap).verifyAudit()).toMatchObject({ intact: true, lost: 2 })
   })
 })
 

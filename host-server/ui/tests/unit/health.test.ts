@@ -11,7 +11,7 @@ const figures: Figures = figuresOf('', 0)
 const well: Signs = {
   connection: 'live',
   age: 0.2,
-  readiness: { broker: true, simulation: null },
+  readiness: { broker: true, simulation: null, journal: true, audit: true },
   stop: 'armed',
   counts: { online: 5, stale: 0, offline: 0, error: 0, low: 0, fence: 0 },
   figures,
@@ -30,7 +30,7 @@ describe('how things are', () => {
   it('names the worst first, and a single thing by name', () => {
     const found = findings({
       ...well,
-      readiness: { broker: false, simulation: false },
+      readiness: { broker: false, simulation: false, journal: true, audit: true },
       counts: { online: 5, stale: 1, offline: 2, error: 0, low: 1, fence: 3 },
     })
     expect(found.map(({ code }) => code)).toEqual([
@@ -45,6 +45,13 @@ describe('how things are', () => {
     const [stale] = findings({ ...well, counts: { ...well.counts, stale: 1 } })
     expect(stale?.words).toBe('One robot has not been heard of for a few seconds.')
     expect(stale?.link).toBe('#/robots?show=stale')
+  })
+
+  it('tells that the server cannot write', () => {
+    const readiness = { broker: true, simulation: null, journal: false, audit: false }
+    expect(codes({ readiness })).toEqual(['bad journal', 'bad audit'])
+    const [found] = findings({ ...well, readiness: { ...readiness, audit: true } })
+    expect(verdict(found === undefined ? [] : [found], 'live').words).toBe('Commands not kept')
   })
 
   it('says how old what is seen is', () => {

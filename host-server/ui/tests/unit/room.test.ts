@@ -44,7 +44,8 @@ function setUp(
     outcome: () => Promise.resolve(outcome),
     robot: () => Promise.reject(new Error('not asked for here')),
     summaries: () => Promise.resolve(new Map()),
-    readiness: () => Promise.resolve({ broker: true, simulation: null }),
+    readiness: () =>
+      Promise.resolve({ broker: true, simulation: null, journal: true, audit: true }),
     metrics: () => Promise.resolve(''),
     picture: () => Promise.reject(new Error('not asked for here')),
   }
