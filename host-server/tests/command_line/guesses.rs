@@ -34,7 +34,8 @@ fn connect(number: u8, turn: u8, to: SocketAddr) -> TcpStream {
     stream
 }
 
-fn guess_over_http(mut stream: TcpStream, user: &str) {
+/// Whether the password was looked at: it is not where others were before it for too long.
+fn guess_over_http(mut stream: TcpStream, user: &str) -> bool {
     let body = format!(r#"{{"user":"{user}","password":"wrong, entirely"}}"#);
     let request = format!(
         "POST /api/v1/session HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n\
@@ -44,10 +45,13 @@ fn guess_over_http(mut stream: TcpStream, user: &str) {
     stream.write_all(request.as_bytes()).expect("sent");
     let mut answer = String::new();
     stream.read_to_string(&mut answer).expect("an answer");
-    assert!(answer.starts_with("HTTP/1.1 401 "), "{answer}");
+    let busy = answer.starts_with("HTTP/1.1 503 ");
+    assert!(busy || answer.starts_with("HTTP/1.1 401 "), "{answer}");
+    !busy
 }
 
-fn guess_at_broker(mut stream: TcpStream, user: &str) {
+/// The same.
+fn guess_at_broker(mut stream: TcpStream, user: &str) -> bool {
     let text = |text: &str| {
         let mut bytes = u16::try_from(text.len())
             .expect("short")
@@ -64,8 +68,9 @@ fn guess_at_broker(mut stream: TcpStream, user: &str) {
     stream.write_all(&packet).expect("sent");
     let mut answer = [0; 4];
     stream.read_exact(&mut answer).expect("an answer");
-    // CONNACK: bad user name or password.
-    assert_eq!((answer[0], answer[3]), (0x20, 0x86), "{answer:?}");
+    // CONNACK: bad user name or password, or not authorised for want of time.
+    assert!(matches!(answer, [0x20, _, _, 0x86 | 0x87]), "{answer:?}");
+    answer[3] == 0x86
 }
 
 /// What a process has in memory, in MiB.
@@ -95,11 +100,12 @@ fn wrong_passwords_cost_no_memory_that_stays() {
             scope.spawn(move || {
                 for turn in 0..EACH {
                     let user = format!("user-{number}-{turn}");
-                    if turn % 2 == 0 {
-                        guess_over_http(connect(number, turn, http), &user);
-                    } else {
-                        guess_at_broker(connect(number, turn, broker), &user);
-                    }
+                    let guess = || match turn % 2 {
+                        0 => guess_over_http(connect(number, turn, http), &user),
+                        _ => guess_at_broker(connect(number, turn, broker), &user),
+                    };
+                    // Under way again until it was looked at: what is not costs nothing.
+                    while !guess() {}
                 }
             });
         }
