@@ -187,6 +187,7 @@ impl Chaos {
         }
         if matches!(kind, Kind::ServerKilled | Kind::BothKilled) {
             self.alive = false;
+            self.desk.forget_halts();
         }
         *self.report.faults.entry(kind).or_default() += 1;
         self.fault = Some(Fault { kind, ends, robots });
@@ -298,6 +299,7 @@ impl Chaos {
             end: None,
             ran: BTreeSet::new(),
             answered: None,
+            forgotten: false,
         };
         self.desk.given.insert(id, given);
         if self.careless {

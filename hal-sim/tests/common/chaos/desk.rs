@@ -17,6 +17,8 @@ pub(super) struct Given {
     /// Numbers under which it ran.
     pub(super) ran: BTreeSet<u64>,
     pub(super) answered: Option<ResponseStatus>,
+    /// The server was killed before it was over, and had not written it down.
+    pub(super) forgotten: bool,
 }
 
 /// What survives the server.
@@ -35,6 +37,16 @@ pub(super) struct Desk {
     pub(super) journal: BTreeMap<u64, Kept>,
     pub(super) sent: u64,
     pub(super) again: u64,
+}
+
+impl Desk {
+    /// Halts wait for no disk, so a server that is killed knows nothing of those that are not over.
+    pub(super) fn forget_halts(&mut self) {
+        for given in self.given.values_mut() {
+            let over = given.end.is_some() || given.answered.is_some();
+            given.forgotten |= given.class == Class::Halt && !over;
+        }
+    }
 }
 
 pub(super) struct Clerk<'a> {

@@ -43,6 +43,9 @@ impl Chaos {
                 self.report.unanswered_motion += 1;
                 row[3] += 1;
                 perhaps[given.robot] += 1;
+            } else if given.forgotten && *id == last_halts[given.robot] {
+                self.report.forgotten_halts += 1;
+                row[2] += 1;
             } else if given.class != Class::Halt || *id == last_halts[given.robot] {
                 self.report.lost += 1;
                 perhaps[given.robot] += 1;

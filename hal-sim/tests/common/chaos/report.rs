@@ -28,6 +28,8 @@ pub(crate) struct Report {
     pub(crate) twice: u64,
     /// Said to have run, and did not.
     pub(crate) invented: u64,
+    /// Halts whose answer the server did not live to hear.
+    pub(crate) forgotten_halts: u64,
     /// Motion that went, without an answer within its life.
     pub(crate) unanswered_motion: u64,
     /// Moments in which a robot moved and nobody steered it.
@@ -77,6 +79,11 @@ impl fmt::Display for Report {
             f,
             "\nlongest motion after the last word of a controller: {} ms",
             self.longest_alone_ms
+        )?;
+        writeln!(
+            f,
+            "halts whose answer the server did not live to hear: {}",
+            self.forgotten_halts
         )?;
         writeln!(
             f,
