@@ -23,6 +23,8 @@ pub struct Terracrawler {
     folder: TempDir,
     /// What it was started with.
     arguments: Vec<String>,
+    /// So much longer its disk takes, from the next start on.
+    slow: Duration,
 }
 
 /// The binary that cargo built next to the running test.
@@ -45,13 +47,25 @@ pub fn binary() -> PathBuf {
 }
 
 /// Starts the binary; what it says goes behind what is in the log already.
-fn spawn(arguments: &[String], folder: &TempDir) -> Child {
+fn spawn(arguments: &[String], folder: &TempDir, slow: Duration) -> Child {
     let log = File::options()
         .create(true)
         .append(true)
         .open(folder.path().join("log"))
         .expect("a log file");
-    Command::new(binary())
+    let mut command = if slow.is_zero() {
+        Command::new(binary())
+    } else {
+        let mut command = Command::new("strace");
+        // The process started here is the server; strace ends with it, and stops it at these calls alone.
+        command.args(["-D", "-f", "--seccomp-bpf", "-qq", "-o", "/dev/null"]);
+        command.args(["-e", "trace=fsync,fdatasync", "-e", "signal=none", "-e"]);
+        let micros = slow.as_micros();
+        command.arg(format!("inject=fsync,fdatasync:delay_enter={micros}"));
+        command.arg(binary());
+        command
+    };
+    command
         .args(arguments)
         .arg("--data")
         .arg(folder.path().join("data"))
@@ -59,7 +73,7 @@ fn spawn(arguments: &[String], folder: &TempDir) -> Child {
         .stdout(log.try_clone().expect("a log file"))
         .stderr(log)
         .spawn()
-        .expect("terracrawler starts")
+        .expect("terracrawler, and strace where its disk is slow")
 }
 
 impl Terracrawler {
@@ -112,7 +126,8 @@ impl Terracrawler {
             arguments.extend(["--mqtt".to_owned(), format!("127.0.0.1:{}", mqtt.number())]);
         }
         Self {
-            child: spawn(&arguments, &folder),
+            child: spawn(&arguments, &folder, Duration::ZERO),
+            slow: Duration::ZERO,
             arguments,
             http,
             mqtt,
@@ -145,7 +160,13 @@ impl Terracrawler {
     pub fn restart(&mut self) {
         let ended = self.child.try_wait().expect("our own process");
         assert!(ended.is_some(), "it still runs");
-        self.child = spawn(&self.arguments, &self.folder);
+        self.child = spawn(&self.arguments, &self.folder, self.slow);
+    }
+
+    /// From the next start on every `fsync` and `fdatasync` takes so much longer. That is done by `strace`, of
+    /// version 6 or newer.
+    pub const fn slow_disk(&mut self, by: Duration) {
+        self.slow = by;
     }
 
     /// Its data directory.

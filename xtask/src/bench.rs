@@ -21,14 +21,16 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
         "ui" => control_room(rest),
         "server" => bench_server::load(rest),
         "chaos" => bench_server::chaos(rest),
+        "disk" => bench_server::disk(rest),
         "all" => bench_sim::table(&[])
             .and_then(|()| fleet(&[]))
             .and_then(|()| bench_vision::tables(&[]))
             .and_then(|()| control_room(&[]))
             .and_then(|()| bench_server::load(&[]))
-            .and_then(|()| bench_server::chaos(&[])),
+            .and_then(|()| bench_server::chaos(&[]))
+            .and_then(|()| bench_server::disk(&[])),
         other => Err(Failure(format!(
-            "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos"
+            "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos, disk"
         ))),
     }
 }

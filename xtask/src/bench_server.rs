@@ -19,6 +19,14 @@ pub(crate) fn chaos(arguments: &[String]) -> Outcome {
     example("live_chaos", arguments)
 }
 
+/// Halts while the disk of the server is slow; fails when one is lost.
+///
+/// # Errors
+/// When something cannot be built, or a count is wrong.
+pub(crate) fn disk(arguments: &[String]) -> Outcome {
+    example("slow_disk", arguments)
+}
+
 /// Builds server and program with the same features, so that nothing is built twice.
 fn example(name: &str, arguments: &[String]) -> Outcome {
     let words = "build --release --locked --quiet --package crawler-server --bin terracrawler \

@@ -159,7 +159,7 @@ const TASKS: &[Task] = &[
     },
     Task {
         name: "bench",
-        arguments: "[sim [ROBOTS...]|fleet [--seconds N] [ROBOTS...]|vision [FRAMES]|server [OPTIONS]|chaos [OPTIONS]]",
+        arguments: "[sim [ROBOTS...]|fleet [--seconds N] [ROBOTS...]|vision [FRAMES]|server [OPTIONS]|chaos [OPTIONS]|disk [OPTIONS]]",
         about: "measure, and print tables in the form of docs/numbers.md",
         run: bench::all,
     },
