@@ -1,6 +1,10 @@
 //! Wall-clock time in the unit of the wire.
 
+mod fleet_time;
+
 use std::time::{SystemTime, UNIX_EPOCH};
+
+pub(crate) use fleet_time::FleetTime;
 
 /// Unix milliseconds; 0 when the machine's clock stands before 1970.
 pub(crate) fn unix_ms() -> u64 {

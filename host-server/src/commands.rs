@@ -30,7 +30,7 @@ use crawler_protocol::{Action, Command};
 use crawler_protocol::{MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, Topic};
 
 use crate::bus::{Bus, PublishError};
-use crate::clock;
+use crate::clock::{self, FleetTime};
 use crate::cluster::Together;
 use crate::metrics::Metrics;
 
@@ -98,6 +98,8 @@ pub(crate) struct CommandCenter {
     outlet: Arc<dyn Outlet>,
     metrics: Arc<Metrics>,
     source: Source,
+    /// The time that commands carry.
+    pub(crate) time: FleetTime,
     /// Where the time of deliveries begins.
     start: Instant,
     book: Mutex<Book>,
@@ -143,6 +145,7 @@ impl CommandCenter {
             outlet,
             metrics,
             source,
+            time: FleetTime::new(),
             start: Instant::now(),
             book: Mutex::new(Book {
                 delivery: Delivery::new(),

@@ -12,7 +12,6 @@ use super::sequence::Sequence;
 use super::shared::SharedDesk;
 use super::{CommandCenter, CommandView, MAX_AGE, MAX_OUTCOMES, MAX_RECORDS, SendError, Target};
 use crate::bus::PublishError;
-use crate::clock;
 use crate::metrics::Dropped;
 
 /// All commands that are remembered.
@@ -142,7 +141,7 @@ impl Post for Clerk<'_> {
         // What waited is as new as its delivery; only motion must never be taken for newer than
         // it is.
         if Class::of(&command.action) != Class::Motion && record.waited(sending.robot) {
-            command.timestamp = clock::unix_ms();
+            command.timestamp = self.center.time.now_ms();
         }
         if renumbered {
             desk.numbers.insert(sending.seq, sending.id);

@@ -96,7 +96,7 @@ impl CommandCenter {
             check_journal(book, Class::of(&action), expected.len())?;
             let command = Command {
                 action,
-                timestamp: clock::unix_ms(),
+                timestamp: self.time.now_ms(),
                 seq: book.desk.sequence.take(),
                 source,
             };
@@ -256,7 +256,7 @@ impl CommandCenter {
         let book = &mut *book;
         let command = Command {
             action,
-            timestamp: clock::unix_ms(),
+            timestamp: self.time.now_ms(),
             seq: book.desk.sequence.peek(),
             source,
         };
@@ -316,7 +316,7 @@ impl CommandCenter {
         if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.desk.journal) {
             let legs = robots.iter();
             let legs = legs.map(|robot| (robot.clone(), book.delivery.boot(robot)));
-            let expires = record.command.timestamp + class.life_ms();
+            let expires = clock::unix_ms().saturating_add(class.life_ms());
             if let Some(owed) = Owed::new(
                 &record.command,
                 expires,

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::record::{OutcomeStatus, Record};
 use super::{Desk, Target};
+use crate::clock;
 
 /// Answers to commands of other servers that are remembered, for the time it takes until one of them
 /// is given up and its commands are ours.
@@ -95,7 +96,7 @@ fn head(command: &Command, swarm: bool, settings: Option<&Source>) -> Option<Str
     let head = Head {
         command: std::str::from_utf8(buffer.get(..length)?).ok()?.to_owned(),
         swarm,
-        expires: command.timestamp.saturating_add(class.life_ms()),
+        expires: clock::unix_ms().saturating_add(class.life_ms()),
         settings: settings
             .filter(|_| class == Class::Setting)
             .map(|source| source.as_str().to_owned()),

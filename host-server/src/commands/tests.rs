@@ -299,3 +299,23 @@ fn reasons_reach_the_operator() {
     assert_eq!(view.reason, Some("estopped"));
     assert_eq!(view.outcomes[0].reason, Some("estopped"));
 }
+
+#[test]
+fn commands_keep_the_time_of_robots_when_the_clock_is_set_back() {
+    let (wire, center) = center();
+    let now = Instant::now();
+    let before = clock::unix_ms() + 60_000;
+    center.time.set_by(60_000);
+    give(&center, MOVE, now);
+    center.time.set_by(0);
+    give(&center, MOVE, now);
+    // Robots want to hear of it more often than once.
+    let told = center.time.tell().set_by_ms.expect("news");
+    assert!((-61_000..-59_000).contains(&told), "{told}");
+    give(&center, Action::Stop, now);
+    let commands = sent(&wire);
+    assert_eq!(commands.len(), 3);
+    for command in commands {
+        assert!(command.timestamp >= before, "{command:?} before {before}");
+    }
+}

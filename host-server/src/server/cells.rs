@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 use crawler_protocol::{MAX_MESSAGE, Neighbour, Pose, RobotId, Topic};
 use crawler_sim::cells;
 
-use crate::clock;
 use crate::fleet::Presence;
 use crate::http::App;
 
@@ -45,7 +44,8 @@ impl Cells {
             return;
         }
         self.told = Some(now);
-        let unix = clock::unix_ms();
+        // Held against what robots say of their own clocks.
+        let unix = app.commands.time.now_ms();
         let (listeners, robots) = {
             let fleet = app.fleet.lock();
             let known = || {

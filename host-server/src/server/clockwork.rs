@@ -12,16 +12,11 @@ use super::ingest;
 use super::watch::Watch;
 use super::writable::Writable;
 use crate::accounts;
-use crate::bus::Bus;
-use crate::clock;
 use crate::feed::{self, Numbers};
 use crate::fences;
+use crate::fleet::Level;
 use crate::http::App;
 
-const TIME_EVERY: Duration = Duration::from_secs(5);
-/// A robot that has just come online takes no motion command before it knows the time. One message
-/// serves all that come within this time.
-const TIME_AGAIN: Duration = Duration::from_millis(200);
 /// What another process changes about sessions holds after this time.
 const CATCH_UP: Duration = Duration::from_secs(5);
 /// How often what is over is taken out of the records.
@@ -53,11 +48,8 @@ pub(super) async fn heart(app: Arc<App>, stop: CancellationToken) {
             ingest::tell(&app, &command);
         }
         writable.tell(&app);
-        let wait = if app.time_wanted.load(Ordering::Relaxed) {
-            TIME_AGAIN
-        } else {
-            TIME_EVERY
-        };
+        let wanted = app.time_wanted.load(Ordering::Relaxed);
+        let wait = app.commands.time.tell_after(wanted);
         let due = time_sent.is_none_or(|at| now.saturating_duration_since(at) >= wait);
         // Of several servers one tells robots who is near, and the time.
         let together = app.together.as_ref();
@@ -71,9 +63,7 @@ pub(super) async fn heart(app: Arc<App>, stop: CancellationToken) {
         } else if due {
             time_sent = Some(now);
             app.time_wanted.store(false, Ordering::Relaxed);
-            if leads {
-                publish_time(&app.bus);
-            }
+            tell_time(&app, leads);
         }
     }
 }
@@ -112,15 +102,26 @@ pub(super) async fn upkeep(app: Arc<App>, stop: CancellationToken) {
     }
 }
 
-fn publish_time(bus: &Bus) {
+/// Tells robots the time. A server that another one leads follows in the same way a clock that was set: that
+/// of its leader was set as well, or it is for whoever set the one to set the other.
+fn tell_time(app: &App, leads: bool) {
+    let telling = app.commands.time.tell();
+    if let Some(ms) = telling.set_by_ms {
+        let seconds = ms as f64 / 1_000.0;
+        let text = format!("the server's clock was set by {seconds:+.1} s");
+        app.fleet.lock().events.push(Level::Warn, None, text);
+    }
+    if !leads {
+        return;
+    }
     let message = TimeMessage {
-        timestamp: clock::unix_ms(),
+        timestamp: telling.unix_ms,
     };
     let mut buffer = [0; MAX_MESSAGE];
     match message.to_json(&mut buffer) {
         Ok(length) => {
             let payload = buffer.get(..length).unwrap_or_default();
-            if let Err(error) = bus.publish(&Topic::Time, payload) {
+            if let Err(error) = app.bus.publish(&Topic::Time, payload) {
                 tracing::debug!(?error, "the time did not go out");
             }
         }
