@@ -28,7 +28,7 @@ use crate::http::App;
 use board::Board;
 pub(crate) use control::{Action, ControlError, act, create, delete};
 pub(crate) use keeper::keep;
-pub(crate) use recipe::{FieldError, Recipe};
+pub(crate) use recipe::{FieldError, MAX_SEED, Recipe};
 use results::Tally;
 pub(crate) use results::{Judged, MetricView, Results, Summary};
 

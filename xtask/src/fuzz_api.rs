@@ -20,7 +20,10 @@ const FEW: u32 = 10;
 /// One user may make 50 requests a second.
 const RATE: &str = "45/s";
 const CHECKS: &str = "not_a_server_error,status_code_conformance,content_type_conformance,\
-                      response_headers_conformance,response_schema_conformance";
+                      response_headers_conformance,response_schema_conformance,\
+                      negative_data_rejection,positive_data_acceptance";
+/// Where these do not hold, and why.
+const EXCEPTIONS: &str = include_str!("fuzz_api.toml");
 /// These end the session that the others need, so they come last.
 const LAST: [&str; 2] = ["delete_session", "delete_sessions_id"];
 /// Half of the cases are about a robot that is there.
@@ -278,7 +281,7 @@ impl Server {
     /// The command for one part.
     fn schemathesis(&self, tool: &Path, part: &Part, token: &str) -> Outcome<Command> {
         let config = self.folder.join("schemathesis.toml");
-        fs::write(&config, part.config)
+        fs::write(&config, format!("{EXCEPTIONS}\n{}", part.config))
             .map_err(|error| Failure(format!("{}: {error}", config.display())))?;
         let mut command = Command::new(tool);
         command

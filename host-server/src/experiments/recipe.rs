@@ -21,7 +21,7 @@ const MAX_THRESHOLDS: usize = 16;
 /// Longest word of a recipe, in bytes.
 const MAX_WORD: usize = 256;
 /// What every reader of JSON can count to.
-const MAX_SEED: u64 = (1 << 53) - 1;
+pub(crate) const MAX_SEED: u64 = (1 << 53) - 1;
 
 /// A field that is wrong, and how.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]

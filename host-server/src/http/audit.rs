@@ -22,6 +22,8 @@ pub(super) const VERIFY: &str = "/api/v1/audit/verify";
 /// Entries of a page, and most of them.
 const PAGE: u32 = 100;
 const LARGEST_PAGE: u32 = 1_000;
+/// No entry has a greater number: readers of JSON have whole numbers up to 2^53 - 1.
+const LARGEST_NUMBER: u64 = (1 << 53) - 1;
 
 impl App {
     /// Writes down what the caller did and what came of it.
@@ -122,8 +124,10 @@ fn entry<T>(
 #[into_params(parameter_in = Query)]
 pub(super) struct AuditQuery {
     /// Only entries older than this one.
+    #[param(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     before: Option<u64>,
     /// At most so many, up to 1,000; 100 when not given.
+    #[param(minimum = 1, maximum = 1_000)]
     limit: Option<u32>,
     /// Only what this account did.
     who: Option<String>,
@@ -177,6 +181,13 @@ pub(super) async fn page(
 ) -> Result<Json<AuditList>, Problem> {
     let Query(query) = query
         .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
+    if query.before.is_some_and(|before| before > LARGEST_NUMBER) {
+        return Err(Problem::new(
+            StatusCode::BAD_REQUEST,
+            "bad_query",
+            format!("`before` must be 0 to {LARGEST_NUMBER}"),
+        ));
+    }
     let limit = query.limit.unwrap_or(PAGE);
     if !(1..=LARGEST_PAGE).contains(&limit) {
         return Err(Problem::new(

@@ -347,7 +347,8 @@ pub(super) struct ListQuery {
     /// Those that went to this robot, with its outcome; all, without outcomes, when not given.
     robot: Option<String>,
     /// At most so many, up to 500; 50 when not given.
-    limit: Option<usize>,
+    #[param(maximum = 4_294_967_295_u64)]
+    limit: Option<u32>,
     /// With the `drive` commands, of which steering sends many a second.
     drive: Option<bool>,
 }
@@ -382,7 +383,7 @@ pub(super) async fn list(
         robot.map_err(|_| Problem::unknown_robot(id))
     });
     let robot = robot.transpose()?;
-    let limit = query.limit.unwrap_or(50).min(MOST_LISTED);
+    let limit = (query.limit.unwrap_or(50) as usize).min(MOST_LISTED);
     let drive = query.drive.unwrap_or(false);
     let commands = app.commands.newest(robot.as_ref(), drive, limit);
     Ok(Json(CommandList { commands }))

@@ -113,7 +113,8 @@ fn named(name: &str) -> Result<RobotId, Problem> {
 /// `simulator-NAME` enrols a simulator, whose one secret is good for all robots in it. One that had
 /// a secret gets another, and its connection to an embedded broker ends.
 #[utoipa::path(post, path = "/robots/{id}/credential", tag = "accounts",
-    params(("id" = String, Path, description = "Robot id, or `simulator-…`")),
+    params(("id" = String, Path, pattern = "^[a-z0-9-]{1,32}$",
+        description = "Robot id, or `simulator-…`")),
     responses(
         (status = 201, description = "Enrolled; the secret is shown this once",
             body = NewCredentialView),

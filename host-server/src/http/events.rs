@@ -61,10 +61,13 @@ pub(super) struct EventsQuery {
     /// Only those that matter at least so much.
     level: Option<LevelView>,
     /// Only those about this robot.
+    #[param(pattern = "^[a-z0-9-]{1,32}$")]
     robot: Option<String>,
     /// At most so many, up to 1,000; 200 when not given.
+    #[param(minimum = 1, maximum = 1_000)]
     limit: Option<u32>,
     /// Only those before this place: `next` of the page before.
+    #[param(pattern = "^[0-9]{1,18}-[0-9]{1,18}$")]
     before: Option<String>,
 }
 

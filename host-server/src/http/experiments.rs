@@ -9,6 +9,7 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
+use crawler_records::MAX_SEEDS;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use utoipa::IntoParams;
@@ -33,6 +34,7 @@ const MOST_TRIALS: u32 = 5_000;
 #[into_params(parameter_in = Query)]
 pub(super) struct ListQuery {
     /// Only experiments before this one
+    #[param(pattern = "^[0-9]{1,18}$")]
     before: Option<String>,
     /// How many at most, 1 to 200; 50 where it is left out
     #[param(minimum = 1, maximum = 200)]
@@ -45,6 +47,7 @@ pub(super) struct ListQuery {
 #[into_params(parameter_in = Query)]
 pub(super) struct MetricsQuery {
     /// Only trials after the one of this number
+    #[param(minimum = 0, maximum = 100_000)]
     after: Option<u32>,
     /// How many at most, 1 to 5000; 1000 where it is left out
     #[param(minimum = 1, maximum = 5000)]
@@ -238,6 +241,9 @@ pub(super) async fn metrics(
 ) -> Result<Json<MetricsView>, Problem> {
     let Query(query) = query.map_err(|error| bad_query(error.body_text()))?;
     let limit = within(query.limit.unwrap_or(TRIALS), MOST_TRIALS)?;
+    if query.after.is_some_and(|after| after > MAX_SEEDS) {
+        return Err(bad_query(format!("`after` must be 0 to {MAX_SEEDS}")));
+    }
     let id = number(&id)?;
     let row = app.records.experiment(id).await;
     let row = row.map_err(|error| Problem::records(&error))?;

@@ -27,7 +27,7 @@ pub(super) struct FaultRequest {
     #[schema(value_type = Object, example = json!({"fault": "ranger-stuck", "mm": 300}))]
     fault: (),
     /// For how long, in milliseconds, up to a day; left out, until it is healed.
-    #[schema(example = 5000)]
+    #[schema(value_type = u32, required = false, minimum = 1, maximum = 86_400_000, example = 5000)]
     lasting_ms: Option<u32>,
 }
 

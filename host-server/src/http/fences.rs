@@ -9,6 +9,7 @@ use crawler_records::{KeptFence, MAX_FENCE_NAME, MAX_FENCES, RecordsError};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use utoipa::ToSchema;
+use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
 
 use super::App;
 use super::access::Caller;
@@ -59,6 +60,17 @@ pub(super) struct FenceList {
     fences: Vec<FenceView>,
 }
 
+/// Pairs of numbers.
+fn corners() -> Array {
+    let number = ObjectBuilder::new().schema_type(Type::Number);
+    let corner = ArrayBuilder::new().items(number);
+    ArrayBuilder::new()
+        .items(corner.min_items(Some(2)).max_items(Some(2)))
+        .min_items(Some(3))
+        .max_items(Some(32))
+        .build()
+}
+
 /// What somebody wants a fence to be.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -70,7 +82,7 @@ pub(super) struct NewFence {
     kind: Kind,
     /// Its corners, x and y in metres: 3 to 32, in either direction. Edges meet in corners alone, and
     /// enclose more than 0.01 m².
-    #[schema(value_type = Vec<[f64; 2]>, min_items = 3, max_items = 32)]
+    #[schema(schema_with = corners)]
     corners: Vec<Vec<f64>>,
     /// What happens when a robot crosses it.
     action: Action,

@@ -68,13 +68,17 @@ pub(super) async fn span(State(app): State<Arc<App>>) -> Result<Json<SpanView>, 
 #[into_params(parameter_in = Query)]
 pub(super) struct FramesQuery {
     /// Unix milliseconds of its beginning; an hour before the end when not given.
+    #[param(minimum = 0)]
     from: Option<i64>,
     /// Unix milliseconds of its end; now when not given.
+    #[param(minimum = 1)]
     to: Option<i64>,
     /// Milliseconds from one point to the next, at least 100; a 300th of the whole when not given, or
     /// more where there are many robots.
+    #[param(minimum = 100)]
     step: Option<i64>,
     /// Names of robots with commas between them; all when not given.
+    #[param(pattern = "^[a-z0-9-]{1,32}(,[a-z0-9-]{1,32})*$")]
     robots: Option<String>,
 }
 

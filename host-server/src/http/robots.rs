@@ -224,7 +224,8 @@ pub(super) async fn one(
 #[into_params(parameter_in = Query)]
 pub(super) struct LogQuery {
     /// At most so many; 200 when not given.
-    limit: Option<usize>,
+    #[param(maximum = 4_294_967_295_u64)]
+    limit: Option<u32>,
 }
 
 /// What a robot has logged, newest first.
@@ -256,7 +257,10 @@ pub(super) async fn logs(
         .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
     let records = with_robot(&app, &id, |robot| {
         let newest = robot.logs.iter().rev();
-        newest.take(query.limit.unwrap_or(200)).cloned().collect()
+        newest
+            .take(query.limit.unwrap_or(200) as usize)
+            .cloned()
+            .collect()
     })?;
     Ok(Json(LogList { records }))
 }
@@ -320,13 +324,18 @@ pub(super) async fn parameters(
     }))
 }
 
+/// New values by name. The schema `command-request` says what they may be.
+#[derive(ToSchema)]
+#[allow(dead_code)] // describes a body that the protocol's own parser reads
+pub(super) struct ParameterChanges {}
+
 /// Changes parameters of a robot
 ///
 /// The body is an object of new values, like `{"safe_distance_mm": 600}`. It goes to the robot as a
 /// `set` command, which answers for all of them together.
 #[utoipa::path(put, path = "/robots/{id}/parameters", tag = "robots",
     params(("id" = String, Path, description = "Robot id")),
-    request_body(content = Object, description = "New values by name"),
+    request_body(content = ParameterChanges, description = "New values by name"),
     responses(
         (status = 202, description = "Sent to the robot", body = Accepted),
         (status = 404, description = "Nobody knows it", body = Problem,

@@ -7,6 +7,7 @@ use axum::extract::Path;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use serde_json::{Value, json};
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::{Content, OpenApi, Ref, RefOr, ResponseBuilder};
 
@@ -51,7 +52,7 @@ pub(super) async fn one(Path(message): Path<String>) -> Result<Response, Problem
 }
 
 /// What is checked before any call, whatever it is.
-const ALWAYS: [(&str, &str); 4] = [
+const ALWAYS: [(&str, &str); 5] = [
     ("400", "Not a request that this call can take"),
     (
         "401",
@@ -61,6 +62,7 @@ const ALWAYS: [(&str, &str); 4] = [
         "403",
         "Another role is needed, or the request comes from another origin",
     ),
+    ("408", "The request did not come to its end in time"),
     (
         "429",
         "Too many requests of this account or address; `Retry-After` says when",
@@ -119,16 +121,76 @@ fn add(operation: &mut Operation, answers: &[(&str, &str)]) {
     }
 }
 
+/// Bodies that the protocol's own parser reads, and the message whose schema says what they may be.
+const MESSAGES: [(&str, &str); 2] = [
+    ("CommandRequest", "command-request"),
+    ("SimulatorCommand", "simulator-command"),
+];
+
+/// Puts what bodies of commands may be in the place of what the handlers tell of them.
+///
+/// `None` when the document or a schema has not the shape that it is known to have.
+fn describe_commands(document: &mut Value) -> Option<()> {
+    let schemas = document.pointer_mut("/components/schemas")?;
+    let schemas = schemas.as_object_mut()?;
+    for (component, message) in MESSAGES {
+        let all = crawler_protocol::schemas();
+        let (_, schema) = all.into_iter().find(|(name, _)| *name == message)?;
+        let mut schema = serde_json::to_value(schema).ok()?;
+        refer_within(&mut schema, component);
+        let body = schema.as_object_mut()?;
+        body.remove("$schema");
+        if let Some(Value::Object(parts)) = body.remove("$defs") {
+            for (name, part) in parts {
+                schemas.insert(format!("{component}.{name}"), part);
+            }
+        }
+        schemas.insert(component.to_owned(), schema);
+    }
+    let commands = schemas.get("CommandRequest")?.get("oneOf")?.as_array()?;
+    let set = commands.iter().find(|command| command["title"] == "set")?;
+    let values = set.pointer("/properties/parameters")?.clone();
+    schemas.insert("ParameterChanges".to_owned(), values);
+    let fault = schemas.get_mut("FaultRequest")?;
+    *fault.pointer_mut("/properties/fault")? =
+        json!({ "$ref": "#/components/schemas/SimulatorCommand.FaultSpec" });
+    Some(())
+}
+
+/// Makes references to parts of a schema into references to parts of `component`.
+fn refer_within(schema: &mut Value, component: &str) {
+    match schema {
+        Value::Object(fields) => {
+            for (name, field) in fields {
+                match field {
+                    Value::String(text) if name == "$ref" => {
+                        let part = text.trim_start_matches("#/$defs/");
+                        *text = format!("#/components/schemas/{component}.{part}");
+                    }
+                    field => refer_within(field, component),
+                }
+            }
+        }
+        Value::Array(items) => {
+            for item in items {
+                refer_within(item, component);
+            }
+        }
+        _ => {}
+    }
+}
+
 /// The OpenAPI document, written out once.
 pub(super) fn document(mut document: OpenApi) -> Router<Arc<App>> {
     complete(&mut document);
-    let text: Arc<str> = document
-        .to_json()
-        .unwrap_or_else(|error| {
-            tracing::error!(%error, "the OpenAPI document cannot be written");
-            "{}".into()
-        })
-        .into();
+    let mut document = serde_json::to_value(document).unwrap_or_else(|error| {
+        tracing::error!(%error, "the OpenAPI document cannot be written");
+        Value::Null
+    });
+    if describe_commands(&mut document).is_none() {
+        tracing::error!("the OpenAPI document does not say what commands may be");
+    }
+    let text: Arc<str> = document.to_string().into();
     Router::new().route(
         "/api/v1/openapi.json",
         get(move || {

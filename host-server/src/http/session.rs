@@ -358,6 +358,7 @@ pub(super) struct PasswordRequest {
     /// The one so far.
     old: String,
     /// The one from now on: 10 to 256 characters, and not the name.
+    #[schema(min_length = 10, max_length = 256)]
     new: String,
 }
 

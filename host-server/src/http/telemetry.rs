@@ -51,10 +51,13 @@ pub(crate) fn sample(telemetry: &Telemetry, at: i64) -> Sample {
 #[into_params(parameter_in = Query)]
 pub(super) struct TelemetryQuery {
     /// Unix milliseconds of its beginning; an hour before the end when not given.
+    #[param(minimum = 0)]
     from: Option<i64>,
     /// Unix milliseconds of its end; now when not given.
+    #[param(minimum = 1)]
     to: Option<i64>,
     /// Milliseconds from one point to the next; a 360th of the whole when not given.
+    #[param(minimum = 1)]
     step: Option<i64>,
 }
 

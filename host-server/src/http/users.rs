@@ -10,6 +10,7 @@ use crawler_access::{Role, Secret, UserName};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use utoipa::ToSchema;
+use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use super::App;
 use super::access::{ANONYMOUS, Caller, no_accounts};
@@ -73,17 +74,37 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<UserList>, 
     Ok(Json(UserList { users }))
 }
 
+/// The names of roles.
+fn roles() -> Object {
+    ObjectBuilder::new()
+        .schema_type(Type::String)
+        .enum_values(Some(["viewer", "operator", "admin"]))
+        .examples([json!("operator")])
+        .build()
+}
+
+/// As [`roles`], where one may be left out.
+fn role_or_null() -> Object {
+    let mut schema = roles();
+    schema.schema_type = [Type::String, Type::Null].into_iter().collect();
+    if let Some(values) = &mut schema.enum_values {
+        values.push(json!(null));
+    }
+    schema
+}
+
 /// An account that is to be.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct UserRequest {
     /// Its name: 1 to 32 of `a-z`, `0-9`, dot, underscore and hyphen, beginning with a letter.
-    #[schema(value_type = String, example = "ada")]
+    #[schema(value_type = String, pattern = "^[a-z][a-z0-9._-]{0,31}$", example = "ada")]
     name: String,
     /// What it may do.
-    #[schema(value_type = String, example = "operator")]
+    #[schema(schema_with = roles)]
     role: Role,
     /// Its password; left out, whoever gets the invitation chooses it.
+    #[schema(min_length = 10, max_length = 256)]
     password: Option<String>,
 }
 
@@ -160,11 +181,12 @@ pub(super) async fn add(
 #[serde(deny_unknown_fields)]
 pub(super) struct UserChange {
     /// What it may do.
-    #[schema(value_type = Option<String>)]
+    #[schema(schema_with = role_or_null, required = false)]
     role: Option<Role>,
     /// Whether it is locked out.
     disabled: Option<bool>,
     /// Its password.
+    #[schema(min_length = 10, max_length = 256)]
     password: Option<String>,
 }
 
@@ -247,8 +269,10 @@ pub(super) struct AcceptRequest {
     /// What the link has after `#invite=`.
     code: String,
     /// The name of the account, where the invitation leaves it open.
+    #[schema(pattern = "^[a-z][a-z0-9._-]{0,31}$")]
     name: Option<String>,
     /// Its password: 10 to 256 characters, and not the name.
+    #[schema(min_length = 10, max_length = 256)]
     password: String,
 }
 

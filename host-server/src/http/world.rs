@@ -15,6 +15,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::App;
 use super::problem::Problem;
+use crate::experiments::MAX_SEED;
 use crate::simulation::arena_json;
 
 /// Most robots whose places a preview tells.
@@ -214,6 +215,7 @@ pub(super) struct ScenarioPreview {
 #[into_params(parameter_in = Query)]
 pub(super) struct PreviewQuery {
     /// Its seed; 1 when not given.
+    #[param(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     seed: Option<u64>,
     /// How many robots; as many as the scenario says when not given.
     #[param(minimum = 1, maximum = 65_535)]
@@ -307,6 +309,9 @@ pub(super) async fn scenario(
 ) -> Result<Json<ScenarioPreview>, Problem> {
     let bad = |detail: String| Problem::new(StatusCode::BAD_REQUEST, "bad_query", detail);
     let Query(query) = query.map_err(|error| bad(error.body_text()))?;
+    if query.seed.is_some_and(|seed| seed > MAX_SEED) {
+        return Err(bad(format!("`seed` must be 0 to {MAX_SEED}")));
+    }
     if query
         .robots
         .is_some_and(|robots| robots == 0 || robots as usize > MAX_ROBOTS)

@@ -35,6 +35,52 @@ async fn the_control_room_knows_this_interface() {
     );
 }
 
+/// All that a document refers to.
+fn references<'a>(value: &'a Value, found: &mut BTreeSet<&'a str>) {
+    match value {
+        Value::Object(fields) => {
+            for (name, field) in fields {
+                match field {
+                    Value::String(target) if name == "$ref" => {
+                        found.insert(target);
+                    }
+                    field => references(field, found),
+                }
+            }
+        }
+        Value::Array(items) => items.iter().for_each(|item| references(item, found)),
+        _ => {}
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bodies_of_commands_are_described_to_the_last_field() {
+    let fixture = Fixture::start().await;
+    let document = fixture.get("/api/v1/openapi.json").await.json();
+    fixture.stop().await;
+    let mut targets = BTreeSet::new();
+    references(&document, &mut targets);
+    for target in targets {
+        let place = target.strip_prefix('#').expect("in the document");
+        assert!(document.pointer(place).is_some(), "nothing at {target}");
+    }
+    let schemas = &document["components"]["schemas"];
+    for (schema, field, word) in [
+        ("CommandRequest", "speed", "move"),
+        ("SimulatorCommand", "factor", "speed"),
+    ] {
+        let all = schemas[schema]["oneOf"].as_array();
+        let all = all.unwrap_or_else(|| panic!("{}", schemas[schema]));
+        let one = all.iter().find(|one| one["title"] == word).expect(word);
+        let text = one.to_string();
+        assert!(text.contains(field), "{text}");
+    }
+    let values = &schemas["ParameterChanges"]["additionalProperties"]["$ref"];
+    assert_eq!(values, "#/components/schemas/CommandRequest.ParameterValue");
+    let fault = &schemas["FaultRequest"]["properties"]["fault"]["$ref"];
+    assert_eq!(fault, "#/components/schemas/SimulatorCommand.FaultSpec");
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn descriptions_fit_what_is_there() {
     let fixture = Fixture::start().await;

@@ -23,13 +23,14 @@ pub(in crate::http) struct NewExperiment {
     /// How many seeds, each of which makes a trial.
     #[schema(minimum = 1, maximum = 100_000, example = 20)]
     seeds: u32,
-    /// The first seed; left out, 1.
-    #[schema(minimum = 0)]
+    /// The first seed; left out, 1. The last one is 2^53 - 1 at most.
+    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     first_seed: Option<u64>,
     /// From 0 to 1, or the name of one of the scenario's levels.
     #[schema(example = "0.5")]
     difficulty: Option<String>,
     /// How far parameters differ from trial to trial: `none`, `mild` or `wild`.
+    #[schema(pattern = "^(none|mild|wild)$")]
     randomisation: Option<String>,
     /// Other values for keys of the scenario, `KEY=VALUE`.
     #[schema(max_items = 32)]
