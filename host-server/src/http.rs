@@ -4,6 +4,7 @@ mod access;
 mod assets;
 mod audit;
 mod commands;
+mod compression;
 mod connection;
 mod credentials;
 mod events;
@@ -206,6 +207,8 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr, proxies: Networks) -> Ro
             Arc::clone(&app),
             access::check,
         ))
+        .layer(compression::layer())
+        .layer(middleware::from_fn(compression::only_where_it_may))
         // Around the check, which reads commands.
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .layer(middleware::from_fn(guard::time_out))

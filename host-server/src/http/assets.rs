@@ -50,7 +50,9 @@ fn not_found() -> Response {
 }
 
 fn send(name: &str, file: &EmbeddedFile, request: &HeaderMap) -> Response {
+    // Weak: compressed or not, it is the same to a reader, but not byte for byte.
     let tag = format!("\"{}\"", crate::hex(&file.metadata.sha256_hash()));
+    let weak = format!("W/{tag}");
     // Vite puts a hash of the content into the names below `assets/`.
     let caching = if name.starts_with("assets/") {
         "public, max-age=31536000, immutable"
@@ -75,7 +77,8 @@ fn send(name: &str, file: &EmbeddedFile, request: &HeaderMap) -> Response {
     };
     let headers = response.headers_mut();
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(caching));
-    if let Ok(tag) = HeaderValue::from_str(&tag) {
+    headers.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
+    if let Ok(tag) = HeaderValue::from_str(&weak) {
         headers.insert(header::ETAG, tag);
     }
     response

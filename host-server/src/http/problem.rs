@@ -105,6 +105,10 @@ impl Problem {
                 "method_not_allowed",
                 "this address does not take this method",
             ),
+            StatusCode::NOT_ACCEPTABLE => (
+                "not_acceptable",
+                "the answer would be in gzip or as it is, and `Accept-Encoding` takes neither",
+            ),
             StatusCode::PAYLOAD_TOO_LARGE => ("too_large", "the body is larger than 4096 bytes"),
             StatusCode::UNSUPPORTED_MEDIA_TYPE => (
                 "unsupported_media_type",

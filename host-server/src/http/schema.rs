@@ -68,6 +68,11 @@ const ALWAYS: [(&str, &str); 5] = [
         "Too many requests of this account or address; `Retry-After` says when",
     ),
 ];
+/// And of calls that only read.
+const WHEN_READ: [(&str, &str); 1] = [(
+    "406",
+    "`Accept-Encoding` takes neither gzip nor what is not encoded",
+)];
 /// And before any body is looked at.
 const WITH_BODY: [(&str, &str); 2] = [
     ("413", "The body is too large"),
@@ -89,6 +94,9 @@ fn complete(document: &mut OpenApi) {
             operation.operation_id = Some(operation_id(method, path));
             let with_body = operation.request_body.is_some();
             add(operation, &ALWAYS);
+            if method == "get" {
+                add(operation, &WHEN_READ);
+            }
             if with_body {
                 add(operation, &WITH_BODY);
             }

@@ -9,6 +9,7 @@ mod audit_disk;
 mod broker_attacks;
 mod broker_floods;
 mod broker_rules;
+mod compression;
 mod contract;
 mod descriptions;
 mod experiments;
