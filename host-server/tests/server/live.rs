@@ -64,6 +64,11 @@ async fn a_snapshot_comes_first_and_then_what_changes() {
     let robot = fixture.robot("a").await;
     robot.introduce().await;
     fixture.wait_presence("a", "online").await;
+    eventually("its pose", async || {
+        let told = fixture.get("/api/v1/robots/a").await.json();
+        !told["pose"].is_null()
+    })
+    .await;
 
     let own = format!("http://{}", fixture.server.http());
     let mut socket = connect(&fixture, Some(&own)).await.expect("our own page");
