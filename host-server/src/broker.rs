@@ -16,6 +16,7 @@ mod edge;
 mod guard;
 mod numbers;
 mod retain;
+mod routes;
 mod sharing;
 #[cfg(test)]
 mod tests;
@@ -31,6 +32,7 @@ use crawler_protocol::{Fleet, RobotId};
 use rmqtt::context::ServerContext;
 use rmqtt::hook::Type;
 use rmqtt::net::Builder;
+use rmqtt::router::DefaultRouter;
 use rmqtt::server::MqttServer;
 use tokio::io::DuplexStream;
 
@@ -329,6 +331,8 @@ async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
         .build()
         .await;
     counters.watch(context.clone());
+    let library = DefaultRouter::new(Some(context.clone()));
+    *context.extends.router_mut().await = Box::new(routes::Routes::new(library));
     *context.extends.retain_mut().await = Box::new(retain::Retained::new(Arc::clone(&counters)));
     *context.extends.shared_subscription_mut().await = Box::new(sharing::RoundRobin::default());
     *context.extends.fitter_mgr_mut().await =
