@@ -1,6 +1,7 @@
 //! What the broker knows of its clients: what each may do, and how much each sends.
 
 use std::collections::HashMap;
+use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -73,12 +74,21 @@ impl LinkState {
     }
 }
 
-/// Which session is meant: a client id, and when the session began by the broker's clock. A client
-/// that connects again has a new session before the old one has ended.
+/// Which session is meant. A client that connects again has a new session before the old one has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Key<'a> {
     pub(super) client: &'a str,
-    pub(super) created: i64,
+    pub(super) made: Made,
+}
+
+/// When and how a session began. Two of a client may begin in the same millisecond, but not over the same
+/// connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Made {
+    /// Unix time by the broker's clock, in milliseconds.
+    pub(super) at: i64,
+    /// The far end of its connection, as the broker sees it.
+    pub(super) over: Option<SocketAddr>,
 }
 
 /// What becomes of something that counts.
@@ -95,7 +105,7 @@ pub(super) enum Spent {
 }
 
 struct Session {
-    created: i64,
+    made: Made,
     /// When its login began.
     begun: Instant,
     user: Option<String>,
@@ -187,7 +197,7 @@ impl Clients {
             sessions.remove(0);
         }
         sessions.push(Session {
-            created: key.created,
+            made: key.made,
             begun,
             user: user.map(str::to_owned),
             access,
@@ -210,7 +220,7 @@ impl Clients {
     /// Forgets a session that has ended. What it sent counts on.
     pub(super) fn leave(&self, key: Key<'_>) {
         self.lock()
-            .keep(key.client, |session| session.created != key.created);
+            .keep(key.client, |session| session.made != key.made);
     }
 
     /// Whether there are so many clients that some must be ghosts: see [`prune`](Self::prune).
@@ -308,9 +318,7 @@ impl Clients {
 impl Inner {
     fn session(&self, key: Key<'_>) -> Option<&Session> {
         let sessions = self.sessions.get(key.client)?;
-        sessions
-            .iter()
-            .find(|session| session.created == key.created)
+        sessions.iter().find(|session| session.made == key.made)
     }
 
     fn keep(&mut self, client: &str, wanted: impl Fn(&Session) -> bool) {

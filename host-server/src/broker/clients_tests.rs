@@ -14,8 +14,9 @@ fn access(id: &str) -> Access {
     Access::As(Principal::Robot(robot(id)))
 }
 
-const fn key(client: &str, created: i64) -> Key<'_> {
-    Key { client, created }
+const fn key(client: &str, at: i64) -> Key<'_> {
+    let made = Made { at, over: None };
+    Key { client, made }
 }
 
 /// Publishes as fast as the verdicts allow, until it is cut off or `limit` has passed.
@@ -75,6 +76,27 @@ fn a_flood_is_slowed_then_cut_off_then_forgiven() {
     assert_eq!(clients.link(&robot("a"), later), None);
     let again = clients.enter(key("a", 3), Some("a"), access("a"), later, later);
     assert_eq!(again, Ok(()));
+}
+
+#[test]
+fn two_sessions_of_one_millisecond_are_told_apart() {
+    let (clients, now) = (clients(), Instant::now());
+    let over = |port| Some(SocketAddr::from(([127, 0, 0, 1], port)));
+    let [old, new] = [1, 2].map(|port| Key {
+        client: "a",
+        made: Made {
+            at: 7,
+            over: over(port),
+        },
+    });
+    for key in [old, new] {
+        let entered = clients.enter(key, Some("a"), access("a"), now, now);
+        assert_eq!(entered, Ok(()));
+    }
+    clients.leave(old);
+    assert!(clients.may_stay(new));
+    assert_eq!(clients.access(new), Some(access("a")));
+    assert_eq!(clients.access(old), None);
 }
 
 #[test]

@@ -18,7 +18,7 @@ use rmqtt::types::{
 };
 
 use super::accounts::{Access, Accounts, Login, Refusal, Who, admit};
-use super::clients::{Clients, Key, Spent};
+use super::clients::{Clients, Key, Made, Spent};
 use super::{Credentials, GuardCounters};
 use crate::accounts::Entry;
 use crate::text::Shown;
@@ -321,7 +321,10 @@ fn refuse(reason: PublishAckReason, text: &'static str) -> PublishAclResult {
 fn key(id: &Id) -> Key<'_> {
     Key {
         client: id.client_id.as_ref(),
-        created: id.create_time,
+        made: Made {
+            at: id.create_time,
+            over: id.remote_addr,
+        },
     }
 }
 
