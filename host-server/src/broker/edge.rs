@@ -32,19 +32,24 @@ use super::accounts::Refusal;
 use crate::descriptors::{self, Descriptors};
 use crate::tls::{self, Door};
 use crate::waiting::{Slot, Waiting};
-use connect::{LEVEL_5, NoConnect};
+use connect::{Connect, LEVEL_5, NoConnect};
+use peers::Note;
 pub(super) use peers::Peers;
 
 /// Connections of one address that the broker has not let in yet. A simulator opens 64 at a time.
 const MOST_OF_ONE: usize = 256;
 /// Bytes under way between a WebSocket and here, each way.
 const PIPE: usize = 16 * 1024;
+/// How often a client is introduced to the broker. The library answers *server unavailable* to one that comes
+/// back while another connection of it is coming or going, which is over a moment later.
+const INTRODUCTIONS: usize = 3;
+const INTRODUCE_EVERY: Duration = Duration::from_millis(20);
 /// For a refused client to read why.
 const FAREWELL: Duration = Duration::from_secs(1);
 /// After a failure to accept: trying at once would only burn time.
 const BACK_OFF: Duration = Duration::from_millis(200);
-/// The first byte of a CONNACK (MQTT 5, section 3.2); the second behind its head is zero when the client is
-/// let in.
+/// The first byte of a CONNACK (MQTT 5, section 3.2); the second behind its head is the reason code, zero when
+/// the client is let in.
 const CONNACK: u8 = 0x20;
 /// What the system sends to a client that is silent, so that one whose network is gone is noticed.
 const PROBE_AFTER: Duration = Duration::from_mins(1);
@@ -227,38 +232,58 @@ impl Edge {
             self.refuse(Refusal::Full, origin);
             return farewell(client, connect::busy(connect.level)).await;
         };
-        let broker = match TcpStream::connect(self.broker).await {
-            Ok(broker) => broker,
-            Err(error) => {
+        let introduced = tokio::select! {
+            introduced = timeout(times.answer, self.introduce(&connect, origin)) => introduced,
+            () = slot.crowded_out() => return self.refuse(Refusal::Crowded, origin),
+        };
+        let introduced = match introduced {
+            Ok(Ok(introduced)) => introduced,
+            Ok(Err(NoAnswer::NoConnection(error))) => {
                 tracing::warn!(%error, "the broker takes no connection");
                 return farewell(client, connect::busy(connect.level)).await;
             }
+            Ok(Err(NoAnswer::Closed)) | Err(_) => return,
         };
-        // Only costs latency when it fails.
-        let _ = broker.set_nodelay(true);
-        let Ok(seen) = broker.local_addr() else {
-            return;
-        };
-        // Before the first byte: the broker asks with the first packet.
-        let _note = self.peers.note(seen, origin);
-        let introduced = tokio::select! {
-            introduced = timeout(times.answer, introduce(broker, &connect.bytes)) => introduced,
-            () = slot.crowded_out() => return self.refuse(Refusal::Crowded, origin),
-        };
-        let Ok(Ok(introduced)) = introduced else {
-            return;
-        };
-        if !introduced.let_in {
+        if !introduced.is_let_in() {
             return farewell(client, &introduced.answer).await;
         }
         if relay::send(&mut client, &introduced.answer).await.is_err() {
             return;
         }
-        let broker = introduced.broker;
+        let Introduced {
+            broker,
+            note: _note,
+            ..
+        } = introduced;
         drop((slot, connect.bytes));
         let end = relay::carry(client, broker, connect.level == LEVEL_5).await;
         if end == relay::End::Alias {
             self.refuse(Refusal::TopicAlias, origin);
+        }
+    }
+
+    /// Hands a CONNECT to the broker, again if it cannot let the client in at this very moment.
+    async fn introduce(
+        &self,
+        connect: &Connect,
+        origin: SocketAddr,
+    ) -> Result<Introduced, NoAnswer> {
+        let mut tries = 1;
+        loop {
+            let broker = TcpStream::connect(self.broker)
+                .await
+                .map_err(NoAnswer::NoConnection)?;
+            // Only costs latency when it fails.
+            let _ = broker.set_nodelay(true);
+            let seen = broker.local_addr()?;
+            // Before the first byte: the broker asks with the first packet.
+            let note = self.peers.note(seen, origin);
+            let introduced = introduce(broker, note, &connect.bytes).await?;
+            if tries == INTRODUCTIONS || !introduced.is_unavailable(connect.level) {
+                return Ok(introduced);
+            }
+            tries += 1;
+            tokio::time::sleep(INTRODUCE_EVERY).await;
         }
     }
 
@@ -273,13 +298,45 @@ impl Edge {
 /// What the broker says to a client.
 struct Introduced {
     broker: TcpStream,
+    /// As long as the connection is there.
+    note: Note,
     /// A CONNACK.
     answer: Vec<u8>,
-    let_in: bool,
+    /// Its reason code; `None` when it is something else.
+    reason: Option<u8>,
 }
 
-/// Hands a CONNECT to the broker.
-async fn introduce(mut broker: TcpStream, connect: &[u8]) -> std::io::Result<Introduced> {
+impl Introduced {
+    fn is_let_in(&self) -> bool {
+        self.reason == Some(0)
+    }
+
+    /// *Server unavailable*, as the library says it to clients of this level (MQTT 5, section 3.2.2.2; MQTT
+    /// 3.1.1, section 3.2.2.3).
+    fn is_unavailable(&self, level: u8) -> bool {
+        self.reason == Some(if level == LEVEL_5 { 0x88 } else { 3 })
+    }
+}
+
+/// Why the broker has not answered a CONNECT.
+#[derive(Debug)]
+enum NoAnswer {
+    NoConnection(std::io::Error),
+    Closed,
+}
+
+impl From<std::io::Error> for NoAnswer {
+    fn from(_: std::io::Error) -> Self {
+        Self::Closed
+    }
+}
+
+/// Hands a CONNECT to the broker over a connection.
+async fn introduce(
+    mut broker: TcpStream,
+    note: Note,
+    connect: &[u8],
+) -> std::io::Result<Introduced> {
     broker.write_all(connect).await?;
     let mut answer = vec![broker.read_u8().await?];
     let mut length = 0;
@@ -296,11 +353,13 @@ async fn introduce(mut broker: TcpStream, connect: &[u8]) -> std::io::Result<Int
     broker
         .read_exact(answer.get_mut(head..).unwrap_or_default())
         .await?;
-    let let_in = answer.first() == Some(&CONNACK) && answer.get(head + 1) == Some(&0);
+    let is_connack = answer.first() == Some(&CONNACK);
+    let reason = is_connack.then(|| answer.get(head + 1).copied()).flatten();
     Ok(Introduced {
         broker,
+        note,
         answer,
-        let_in,
+        reason,
     })
 }
 

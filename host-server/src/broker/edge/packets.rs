@@ -1,9 +1,11 @@
-//! What the broker's library gets wrong of MQTT 5, put right on the way to it.
+//! What the broker's library gets wrong of MQTT, put right on the way to it.
 //!
 //! - A publish with a *message expiry interval* of zero is allowed (section 3.3.2.3.3). The library takes
 //!   it for malformed and ends the session, so it is changed to a second.
 //! - No topic alias is announced, so one that is used ends the session with *topic alias invalid*
 //!   (section 3.3.2.3.4). The library would take the publish without looking the alias up.
+//! - Nothing comes after a DISCONNECT (section 3.14.4; MQTT 3.1.1, section 3.14.4), whether its sender closes
+//!   the connection or not. The library would wait for more of it for ever.
 //!
 //! Packets are read as they pass, whatever pieces they come in. What is malformed is left to the broker.
 
@@ -11,11 +13,14 @@
 const PUBLISH: u8 = 0x30;
 const QOS: u8 = 0x06;
 
+/// A packet of the control type DISCONNECT.
+const DISCONNECT: u8 = 0xe0;
+
 /// The client has used a topic alias.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct TopicAlias;
 
-/// A stream of packets of MQTT 5.
+/// A stream of packets of MQTT.
 #[derive(Debug)]
 pub(super) struct Packets {
     stage: Stage,
@@ -23,6 +28,9 @@ pub(super) struct Packets {
     left: u32,
     /// Whether publishes are looked into, or packets only told apart.
     into: bool,
+    /// Whether the packet that has begun is a DISCONNECT.
+    last: bool,
+    over: bool,
 }
 
 #[derive(Debug)]
@@ -47,21 +55,28 @@ enum Stage {
 }
 
 impl Packets {
-    /// Those of a client.
-    pub(super) const fn of_client() -> Self {
+    /// Those of a client that speaks MQTT 5.
+    pub(super) const fn looked_into() -> Self {
         Self {
-            stage: Stage::Between,
-            left: 0,
             into: true,
+            ..Self::told_apart()
         }
     }
 
-    /// Those of the broker, which are told apart and no more.
-    pub(super) const fn of_broker() -> Self {
+    /// Those of the broker, and of clients whose publishes have no properties.
+    pub(super) const fn told_apart() -> Self {
         Self {
+            stage: Stage::Between,
+            left: 0,
             into: false,
-            ..Self::of_client()
+            last: false,
+            over: false,
         }
+    }
+
+    /// Whether their sender has said that no more will come.
+    pub(super) const fn are_over(&self) -> bool {
+        self.over
     }
 
     /// Whether a packet has ended and no other has begun.
@@ -69,16 +84,19 @@ impl Packets {
         matches!(self.stage, Stage::Between)
     }
 
-    /// Reads what comes next and changes what has to be.
+    /// Reads what comes next and changes what has to be. Tells how many of these bytes count: all of them, up
+    /// to the end of a DISCONNECT.
     ///
     /// # Errors
     /// [`TopicAlias`]; what comes after it is not looked at.
-    pub(super) fn pass(&mut self, bytes: &mut [u8]) -> Result<(), TopicAlias> {
+    pub(super) fn pass(&mut self, bytes: &mut [u8]) -> Result<usize, TopicAlias> {
         let mut at = 0;
-        while let Some(rest) = bytes.get_mut(at..).filter(|rest| !rest.is_empty()) {
+        while !self.over
+            && let Some(rest) = bytes.get_mut(at..).filter(|rest| !rest.is_empty())
+        {
             at += self.step(rest)?;
         }
-        Ok(())
+        Ok(at)
     }
 
     /// How many of these bytes belong to the packet that has begun; all of them when it goes on.
@@ -110,6 +128,7 @@ impl Packets {
             Stage::Length { first, number } => {
                 if let Some(length) = number.pass(*byte) {
                     self.left = length;
+                    self.last = *first & 0xf0 == DISCONNECT;
                     self.stage = if self.into && *first & 0xf0 == PUBLISH {
                         let qos = *first & QOS != 0;
                         Stage::Topic { qos, high: None }
@@ -165,6 +184,7 @@ impl Packets {
     fn end(&mut self) {
         if self.left == 0 {
             self.stage = Stage::Between;
+            self.over = self.last;
         }
     }
 }

@@ -125,23 +125,24 @@ fn any_packet() -> impl Strategy<Value = Packet> {
             payload,
         },
     );
-    let first = prop_oneof![Just(0xc0), Just(0x82), Just(0x40), Just(0xe0)];
+    let first = prop_oneof![Just(0xc0), Just(0x82), Just(0x40), Just(0xa2)];
     let other = (first, bytes(200)).prop_map(|(first, body)| Packet::Other(first, body));
     prop_oneof![3 => publish, 1 => other]
 }
 
-/// Passes bytes in pieces of these lengths, over and over.
-fn pass(packets: &mut Packets, bytes: &mut [u8], pieces: &[usize]) -> Result<(), TopicAlias> {
+/// Passes bytes in pieces of these lengths, over and over. How many of them counted.
+fn pass(packets: &mut Packets, bytes: &mut [u8], pieces: &[usize]) -> Result<usize, TopicAlias> {
+    let mut counted = 0;
     let mut rest = bytes;
     for piece in pieces.iter().cycle() {
         if rest.is_empty() {
             break;
         }
         let (piece, behind) = rest.split_at_mut(rest.len().min(*piece));
-        packets.pass(piece)?;
+        counted += packets.pass(piece)?;
         rest = behind;
     }
-    Ok(())
+    Ok(counted)
 }
 
 proptest! {
@@ -152,10 +153,29 @@ proptest! {
     ) {
         let mut bytes: Vec<u8> = sent.iter().flat_map(Packet::bytes).collect();
         let expected: Vec<u8> = sent.iter().flat_map(|packet| packet.mended().bytes()).collect();
-        let mut packets = Packets::of_client();
-        prop_assert_eq!(pass(&mut packets, &mut bytes, &pieces), Ok(()));
+        let mut packets = Packets::looked_into();
+        prop_assert_eq!(pass(&mut packets, &mut bytes, &pieces), Ok(expected.len()));
         prop_assert_eq!(bytes, expected);
         prop_assert!(packets.is_between());
+        prop_assert!(!packets.are_over());
+    }
+
+    #[test]
+    fn nothing_counts_behind_a_disconnect(
+        before in vec(any_packet(), 0..3),
+        reason in bytes(20),
+        behind in bytes(100),
+        pieces in vec(1..50_usize, 1..6),
+        into in any::<bool>(),
+    ) {
+        let mut bytes: Vec<u8> = before.iter().flat_map(Packet::bytes).collect();
+        bytes.extend_from_slice(&packet(DISCONNECT, &reason));
+        let end = bytes.len();
+        bytes.extend_from_slice(&behind);
+        let mut packets = if into { Packets::looked_into() } else { Packets::told_apart() };
+        prop_assert_eq!(pass(&mut packets, &mut bytes, &pieces), Ok(end));
+        prop_assert!(packets.are_over());
+        prop_assert!(bytes.ends_with(&behind));
     }
 
     #[test]
@@ -169,7 +189,7 @@ proptest! {
         block.extend_from_slice(&[0x23, 0, 1]);
         let body = [text(b"t"), variable(block.len()), block, b"x".to_vec()].concat();
         bytes.extend_from_slice(&packet(PUBLISH, &body));
-        let mut packets = Packets::of_client();
+        let mut packets = Packets::looked_into();
         prop_assert_eq!(pass(&mut packets, &mut bytes, &pieces), Err(TopicAlias));
     }
 
@@ -179,7 +199,7 @@ proptest! {
         pieces in vec(1..50_usize, 1..6),
     ) {
         let length = bytes.len();
-        let _ = pass(&mut Packets::of_client(), &mut bytes, &pieces);
+        let _ = pass(&mut Packets::looked_into(), &mut bytes, &pieces);
         prop_assert_eq!(bytes.len(), length);
     }
 
@@ -188,11 +208,11 @@ proptest! {
         sent in vec(any_packet(), 1..4),
         cut in 0..100_usize,
     ) {
-        let mut packets = Packets::of_broker();
+        let mut packets = Packets::told_apart();
         let mut first = sent[0].bytes();
         let cut = cut.clamp(1, first.len() - 1);
         let mut rest = first.split_off(cut);
-        prop_assert_eq!(packets.pass(&mut first), Ok(()));
+        prop_assert_eq!(packets.pass(&mut first), Ok(cut));
         prop_assert!(!packets.is_between());
         let end = rest.len();
         rest.extend(sent.iter().skip(1).flat_map(Packet::bytes));

@@ -30,15 +30,15 @@ pub(super) enum End {
     Alias,
 }
 
-/// Carries bytes until both sides have ended, or one is gone. With `packets` those of the client are
-/// looked at: it speaks MQTT 5.
-pub(super) async fn carry<C, B>(client: C, broker: B, packets: bool) -> End
+/// Carries bytes until both sides have ended, or one is gone. With `properties` the client's publishes are
+/// looked into: it speaks MQTT 5.
+pub(super) async fn carry<C, B>(client: C, broker: B, properties: bool) -> End
 where
     C: AsyncRead + AsyncWrite,
     B: AsyncRead + AsyncWrite,
 {
     let (mut from_client, to_client) = tokio::io::split(client);
-    let end = both(&mut from_client, to_client, broker, packets).await;
+    let end = both(&mut from_client, to_client, broker, properties).await;
     if end == End::Alias {
         // A connection that is closed with bytes unread loses what was sent last.
         let mut rest = [0; 256];
@@ -53,15 +53,20 @@ async fn both<B>(
     from_client: impl AsyncRead + Unpin,
     to_client: impl AsyncWrite + Unpin,
     broker: B,
-    packets: bool,
+    properties: bool,
 ) -> End
 where
     B: AsyncRead + AsyncWrite,
 {
     let (from_broker, to_broker) = tokio::io::split(broker);
     let cut = CancellationToken::new();
+    let packets = if properties {
+        Packets::looked_into()
+    } else {
+        Packets::told_apart()
+    };
     let mut there = pin!(there(from_client, to_broker, packets));
-    let mut back = pin!(back(from_broker, to_client, packets, &cut));
+    let mut back = pin!(back(from_broker, to_client, &cut));
     // A way that breaks ends both connections at once.
     tokio::select! {
         ended = &mut there => match ended {
@@ -101,25 +106,24 @@ impl From<TopicAlias> for Broken {
     }
 }
 
-/// From the client to the broker.
+/// From the client to the broker, until the client has closed its side or said that nothing more comes.
 async fn there(
     mut client: impl AsyncRead + Unpin,
     mut broker: impl AsyncWrite + Unpin,
-    looked_at: bool,
+    mut packets: Packets,
 ) -> Result<(), Broken> {
     let mut chunk = vec![0; CHUNK];
-    let mut packets = Packets::of_client();
     loop {
         let length = client.read(&mut chunk).await?;
         let bytes = chunk.get_mut(..length).unwrap_or_default();
-        if bytes.is_empty() {
-            broker.shutdown().await?;
-            return Ok(());
+        let is_closed = bytes.is_empty();
+        let count = packets.pass(bytes)?;
+        broker
+            .write_all(bytes.get(..count).unwrap_or_default())
+            .await?;
+        if is_closed || packets.are_over() {
+            return Ok(broker.shutdown().await?);
         }
-        if looked_at {
-            packets.pass(bytes)?;
-        }
-        broker.write_all(bytes).await?;
     }
 }
 
@@ -127,11 +131,10 @@ async fn there(
 async fn back(
     mut broker: impl AsyncRead + Unpin,
     mut client: impl AsyncWrite + Unpin,
-    looked_at: bool,
     cut: &CancellationToken,
 ) -> Result<(), Broken> {
     let mut chunk = vec![0; CHUNK];
-    let mut packets = Packets::of_broker();
+    let mut packets = Packets::told_apart();
     loop {
         if cut.is_cancelled() && packets.is_between() {
             send(&mut client, ALIAS_INVALID).await?;
@@ -149,7 +152,7 @@ async fn back(
         if cut.is_cancelled() {
             let end = packets.finish(bytes);
             bytes = bytes.get_mut(..end).unwrap_or_default();
-        } else if looked_at {
+        } else {
             packets.pass(bytes)?;
         }
         send(&mut client, bytes).await?;

@@ -80,6 +80,25 @@ async fn clients_before_mqtt_5_have_no_properties() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn who_says_that_it_goes_is_heard_no_longer() {
+    for properties in [true, false] {
+        let mut ends = start(64, properties);
+        let said = [PING, &[0xe0, 0], PING].concat();
+        ends.client.write_all(&said).await.expect("room");
+        let mut heard = Vec::new();
+        // The client keeps its side open.
+        ends.broker.read_to_end(&mut heard).await.expect("the end");
+        assert_eq!(heard, [PING, &[0xe0, 0]].concat());
+        ends.broker.write_all(PINGED).await.expect("room");
+        drop(ends.broker);
+        let mut told = Vec::new();
+        ends.client.read_to_end(&mut told).await.expect("the end");
+        assert_eq!(told, PINGED);
+        assert_eq!(ends.carrying.await.expect("no panic"), End::Closed);
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_client_that_takes_nothing_is_gone() {
     let mut ends = start(8, true);
     let begun = tokio::time::Instant::now();

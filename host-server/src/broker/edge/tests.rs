@@ -294,6 +294,63 @@ async fn a_message_that_expires_at_once_ends_no_session() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn who_says_that_it_goes_is_closed() {
+    let bench = Bench::start(limits(100, 100, 100, LONG)).await;
+    let old = b"\x10\x12\0\x04MQTT\x04\x02\0\0\0\x06speedy".to_vec();
+    for said in [connect("wheely"), old] {
+        let (reason, mut stream) = bench.reason(&said).await;
+        assert_eq!(reason, LET_IN);
+        stream.write_all(b"\xe0\0").await.expect("sent");
+        assert_eq!(end(&mut stream).await, [0_u8; 0]);
+    }
+    bench.broker.stop().await;
+}
+
+/// A broker that answers `reasons` to one connection after the other, and the way in to it.
+async fn answering(reasons: Vec<u8>) -> (Arc<Edge>, tokio::task::JoinHandle<usize>) {
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let address = listener.local_addr().expect("its address");
+    let broker = tokio::spawn(async move {
+        let (mut asked, mut open) = (0, Vec::new());
+        for reason in reasons {
+            let (mut stream, _) = listener.accept().await.expect("a connection");
+            let mut said = vec![0; connect("wheely").len()];
+            stream.read_exact(&mut said).await.expect("a CONNECT");
+            assert_eq!(said, connect("wheely"));
+            let answer = [0x20, 3, 0, reason, 0];
+            stream.write_all(&answer).await.expect("sent");
+            open.push(stream);
+            asked += 1;
+        }
+        asked
+    });
+    let counters = Arc::new(GuardCounters::default());
+    let edge = Edge::new(address, limits(9, 9, 9, LONG), Arc::default(), counters);
+    (edge, broker)
+}
+
+#[tokio::test]
+async fn a_client_that_comes_at_a_bad_moment_is_introduced_again() {
+    const UNAVAILABLE: u8 = 0x88;
+    const NOT_AUTHORIZED: u8 = 0x87;
+    let origin = "192.0.2.1:4242".parse().expect("an address");
+    for (reasons, told) in [
+        (vec![UNAVAILABLE, UNAVAILABLE, LET_IN], LET_IN),
+        (vec![UNAVAILABLE; INTRODUCTIONS], UNAVAILABLE),
+        // Whoever may not come in is not asked about twice.
+        (vec![UNAVAILABLE, NOT_AUTHORIZED], NOT_AUTHORIZED),
+    ] {
+        let times = reasons.len();
+        let (edge, broker) = answering(reasons).await;
+        let mut client = edge.enter(origin, &Handle::current());
+        client.write_all(&connect("wheely")).await.expect("sent");
+        assert_eq!(reason(&mut client).await, told);
+        let asked = within("the broker is asked so often", broker).await;
+        assert_eq!(asked.expect("no panic"), times);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_topic_alias_that_nobody_announced_ends_the_session() {
     let bench = Bench::start(limits(100, 100, 100, LONG)).await;
     let (_, mut stream) = bench.reason(&connect("wheely")).await;
