@@ -9,7 +9,7 @@ use crawler_protocol::RobotId;
 use tokio::sync::mpsc;
 
 use super::fold::{self, Raw};
-use super::memory::{Shared, Waiting};
+use super::memory::{Lots, Shared, Waiting};
 use super::retention::{self, Retention};
 use super::{MAX_ROBOTS, Sample, codec};
 use crate::RecordsError;
@@ -43,6 +43,8 @@ pub(super) struct Keeper {
     pub(super) next_tail: i64,
     /// Last row of the tail that is in what is being sealed.
     pub(super) sealing_up_to: i64,
+    /// Room for the samples of the next seal, left by the last one.
+    pub(super) spare: Lots,
     sealed: Instant,
     retained: Instant,
     refused: Option<Instant>,
@@ -59,6 +61,7 @@ impl Keeper {
             pending: Vec::new(),
             next_tail,
             sealing_up_to: 0,
+            spare: Lots::new(),
             sealed: now,
             retained: now,
             refused: None,

@@ -31,7 +31,7 @@ pub(super) struct Inbox {
 
 /// The last block of minutes of a robot, which is written anew until it is an hour long: a block per
 /// minute would be all overhead.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Minutes {
     pub(super) block: i64,
     pub(super) rows: Vec<Bucket>,
@@ -48,7 +48,7 @@ pub(super) struct Memory {
     pub(super) open_count: usize,
     /// What is being made into blocks. Still read from here until they are on disk.
     pub(super) sealing: Option<Arc<Lots>>,
-    pub(super) minutes: HashMap<i64, Minutes>,
+    pub(super) minutes: HashMap<i64, Arc<Minutes>>,
     /// Blocks from this number on have samples that are in `open` or `sealing`.
     pub(super) next_block: i64,
 }
@@ -62,7 +62,7 @@ pub(super) struct View {
     /// Blocks from this number on are not to be read.
     pub(super) below: i64,
     pub(super) rows: Vec<Raw>,
-    pub(super) minutes: Option<Minutes>,
+    pub(super) minutes: Option<Arc<Minutes>>,
 }
 
 impl Memory {

@@ -30,7 +30,8 @@ struct Block {
 /// What a seal comes to.
 struct Sealed {
     blocks: Vec<Block>,
-    minutes: HashMap<i64, Minutes>,
+    /// Those of the robots that sent something.
+    minutes: HashMap<i64, Arc<Minutes>>,
     next_block: i64,
 }
 
@@ -46,15 +47,20 @@ fn block<const N: usize>(id: i64, level: i64, robot: i64, rows: &[[i64; N]]) -> 
     }
 }
 
-fn make(lots: &Lots, mut minutes: HashMap<i64, Minutes>, mut next_block: i64) -> Sealed {
+fn make(lots: &Lots, minutes: &HashMap<i64, Arc<Minutes>>, mut next_block: i64) -> Sealed {
+    let mut sealed = HashMap::with_capacity(lots.len());
     let mut blocks = Vec::with_capacity(lots.len() * 3);
     let mut next = || {
         next_block += 1;
         next_block - 1
     };
+    let mut rows: Vec<Raw> = Vec::new();
     for (&robot, lot) in lots {
-        let mut rows: Vec<Raw> = lot.clone();
+        if lot.is_empty() {
+            continue;
+        }
         // In order of time, whatever the order of arrival.
+        rows.clone_from(lot);
         rows.sort_by_key(|row| row[0]);
         for rows in rows.chunks(BLOCK_ROWS) {
             blocks.push(block(next(), 0, robot, rows));
@@ -62,10 +68,12 @@ fn make(lots: &Lots, mut minutes: HashMap<i64, Minutes>, mut next_block: i64) ->
         for rows in fold::buckets(&rows, STEPS[1]).chunks(BLOCK_ROWS) {
             blocks.push(block(next(), 1, robot, rows));
         }
-        let current = minutes.entry(robot).or_insert_with(|| Minutes {
-            block: next(),
+        let last = minutes.get(&robot);
+        let mut current = Minutes {
+            block: last.map_or_else(&mut next, |last| last.block),
             rows: Vec::with_capacity(HOUR),
-        });
+        };
+        current.rows.extend(last.iter().flat_map(|last| &last.rows));
         for row in fold::buckets(&rows, STEPS[2]) {
             if let Some(last) = current.rows.last_mut().filter(|last| last[0] == row[0]) {
                 *last = fold::merge(last, &row);
@@ -79,12 +87,25 @@ fn make(lots: &Lots, mut minutes: HashMap<i64, Minutes>, mut next_block: i64) ->
             current.rows.push(row);
         }
         blocks.push(block(current.block, 2, robot, &current.rows));
+        sealed.insert(robot, Arc::new(current));
     }
     Sealed {
         blocks,
-        minutes,
+        minutes: sealed,
         next_block,
     }
+}
+
+/// The same lots without a sample, and with room for about as many as they had. Robots that sent nothing get
+/// none. Samples of a minute would otherwise be allocated anew every minute, on whatever thread they come in:
+/// memory that the system's allocator keeps for each of them.
+fn emptied(mut lots: Lots) -> Lots {
+    lots.retain(|_, lot| !lot.is_empty());
+    for lot in lots.values_mut() {
+        lot.shrink_to(2 * lot.len());
+        lot.clear();
+    }
+    lots
 }
 
 impl Keeper {
@@ -94,11 +115,12 @@ impl Keeper {
         let (lots, minutes, next_block) = {
             let mut memory = self.shared.memory();
             if memory.sealing.is_none() {
-                if memory.open.is_empty() {
+                if memory.open_count == 0 {
                     return Ok(());
                 }
                 memory.open_count = 0;
-                memory.sealing = Some(Arc::new(std::mem::take(&mut memory.open)));
+                let room = std::mem::take(&mut self.spare);
+                memory.sealing = Some(Arc::new(std::mem::replace(&mut memory.open, room)));
                 self.sealing_up_to = self.next_tail - 1;
             }
             (
@@ -111,7 +133,7 @@ impl Keeper {
             blocks,
             minutes,
             next_block,
-        } = tokio::task::spawn_blocking(move || make(&lots, minutes, next_block))
+        } = tokio::task::spawn_blocking(move || make(&lots, &minutes, next_block))
             .await
             // Ends only with the runtime, or by a panic, which is a bug and not the disk's fault.
             .map_err(|_| RecordsError::Closed)?;
@@ -142,11 +164,15 @@ impl Keeper {
                 })
             })
             .await?;
-        let mut memory = self.shared.memory();
-        memory.sealing = None;
-        memory.minutes = minutes;
-        memory.next_block = next_block;
-        drop(memory);
+        let sealed = {
+            let mut memory = self.shared.memory();
+            memory.minutes.extend(minutes);
+            memory.next_block = next_block;
+            memory.sealing.take()
+        };
+        self.spare = sealed
+            .and_then(Arc::into_inner)
+            .map_or_else(Lots::new, emptied);
         self.shared
             .counts
             .blocks

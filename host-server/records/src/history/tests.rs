@@ -69,3 +69,22 @@ async fn a_full_disk_delays_samples_and_loses_none() {
     assert_eq!(history.stats().open, 0);
     assert_eq!(count(history, begin).await, 5_001);
 }
+
+#[tokio::test]
+async fn a_robot_that_sent_nothing_has_no_block_in_a_seal() {
+    let records = Records::in_memory().await.expect("records");
+    let history = records.history();
+    let begin = now() - 3_600_000;
+    // Room that one seal leaves is used by the next but one.
+    for (turn, name) in (1..).zip(["sim-1", "sim-2", "sim-3", "sim-1", "sim-1"]) {
+        let robot = RobotId::new(name).expect("a robot id");
+        let sample = sample(turn, begin + turn);
+        history.push(Sample { robot, ..sample }).expect("room");
+        history.settle().await.expect("room on disk");
+        let stats = history.stats();
+        assert_eq!(stats.open, 0);
+        // Every sample, seconds, minutes.
+        assert_eq!(stats.blocks, 3 * turn.unsigned_abs(), "{name}");
+    }
+    assert_eq!(count(history, begin).await, 3);
+}
