@@ -112,6 +112,16 @@ impl BrokerHandle {
         &self.counters
     }
 
+    /// What it holds at this moment.
+    pub(crate) async fn load(&self) -> Load {
+        Load::of(&self.context).await
+    }
+
+    /// Tasks of its runtime that have not ended.
+    pub(crate) fn tasks(&self) -> usize {
+        self.runtime.metrics().num_alive_tasks()
+    }
+
     /// How the link to a robot is, when it is not well.
     pub(crate) fn link(&self, robot: &RobotId) -> Option<LinkState> {
         self.clients.link(robot, Instant::now())
@@ -330,7 +340,6 @@ async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
         .mqtt_max_sessions(isize::try_from(sessions).unwrap_or(isize::MAX))
         .build()
         .await;
-    counters.watch(context.clone());
     let library = DefaultRouter::new(Some(context.clone()));
     *context.extends.router_mut().await = Box::new(routes::Routes::new(library));
     *context.extends.retain_mut().await = Box::new(retain::Retained::new(Arc::clone(&counters)));

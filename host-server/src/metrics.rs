@@ -25,7 +25,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
-use crate::broker::GuardCounters;
+use crate::broker::{GuardCounters, Load};
 use crate::cluster::Together;
 use crate::history::History;
 use crate::recorder::Recorder;
@@ -33,7 +33,7 @@ use crate::recorder::Recorder;
 pub(crate) use dropped::Dropped;
 pub(crate) use http::observe as observe_http;
 use observed::counter;
-pub(crate) use observed::{Observed, Robots, Simulated};
+pub(crate) use observed::{Observed, Robots, Simulated, Tasks};
 
 /// What a command comes to that nobody answers.
 const TIMEOUT: &str = "timeout";
@@ -332,7 +332,11 @@ impl Metrics {
     }
 
     /// Everything as text.
-    pub(crate) fn encode(&self, observed: &Observed, guard: Option<&GuardCounters>) -> String {
+    pub(crate) fn encode(
+        &self,
+        observed: &Observed,
+        broker: Option<(&GuardCounters, Load)>,
+    ) -> String {
         let mut out = String::new();
         let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
         // Writing to a String does not fail.
@@ -357,8 +361,8 @@ impl Metrics {
         }
         cluster::write(&mut out, self.together.get().map(AsRef::as_ref));
         observed.write(&mut out);
-        if let Some(guard) = guard {
-            observed::write_broker(&mut out, guard.load());
+        if let Some((guard, load)) = broker {
+            observed::write_broker(&mut out, load);
             for (name, help, value) in [
                 (
                     "oversize",

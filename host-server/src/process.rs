@@ -1,6 +1,6 @@
 //! What this process costs, from `/proc`. Other systems have no such files and report nothing.
 
-/// CPU time and memory of this process.
+/// CPU time, memory and open files of this process.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Usage {
     /// User and system time of all threads, in seconds.
@@ -9,6 +9,8 @@ pub(crate) struct Usage {
     pub(crate) resident_bytes: u64,
     /// Threads.
     pub(crate) threads: u64,
+    /// Open descriptors.
+    pub(crate) descriptors: u64,
 }
 
 /// Ticks per second of `/proc/self/stat`. The kernel scales them to 100 for programs on every
@@ -17,13 +19,16 @@ const TICKS_PER_SECOND: f64 = 100.0;
 
 /// Reads the current usage.
 pub(crate) fn usage() -> Option<Usage> {
+    let open = std::fs::read_dir("/proc/self/fd").ok()?.count() as u64;
     parse(
         &std::fs::read_to_string("/proc/self/stat").ok()?,
         &std::fs::read_to_string("/proc/self/status").ok()?,
+        // Without the one that reads the list.
+        open.saturating_sub(1),
     )
 }
 
-fn parse(stat: &str, status: &str) -> Option<Usage> {
+fn parse(stat: &str, status: &str, descriptors: u64) -> Option<Usage> {
     // The name in parentheses may hold spaces; fields are counted from behind it. Field 3 is the
     // first, so utime (14) and stime (15) are the 12th and 13th.
     let mut fields = stat.rsplit_once(')')?.1.split_ascii_whitespace();
@@ -42,6 +47,7 @@ fn parse(stat: &str, status: &str) -> Option<Usage> {
         cpu_seconds: (user + system) as f64 / TICKS_PER_SECOND,
         resident_bytes: line("VmRSS:")? * 1024,
         threads: line("Threads:")?,
+        descriptors,
     })
 }
 
@@ -55,19 +61,20 @@ mod tests {
             "42 (a ) name) S 1 42 42 0 -1 4194304 100 0 0 0 250 50 0 0 20 0 8 0 100 1000 200";
         let status = "Name:\ta\nVmRSS:\t    2048 kB\nThreads:\t8\n";
         assert_eq!(
-            parse(stat, status),
+            parse(stat, status, 12),
             Some(Usage {
                 cpu_seconds: 3.0,
                 resident_bytes: 2 * 1024 * 1024,
-                threads: 8
+                threads: 8,
+                descriptors: 12,
             })
         );
     }
 
     #[test]
     fn nonsense_is_no_usage() {
-        assert_eq!(parse("", ""), None);
-        assert_eq!(parse("1 (x) S", "VmRSS: 1 kB"), None);
+        assert_eq!(parse("", "", 0), None);
+        assert_eq!(parse("1 (x) S", "VmRSS: 1 kB", 0), None);
     }
 
     #[cfg(target_os = "linux")]
@@ -76,5 +83,11 @@ mod tests {
         let usage = usage().expect("/proc");
         assert!(usage.resident_bytes > 1024 * 1024, "{usage:?}");
         assert!(usage.threads >= 1);
+        let files: Vec<_> = (0..100)
+            .map(|_| std::fs::File::open("/proc/self/stat"))
+            .collect();
+        let more = super::usage().expect("/proc").descriptors;
+        drop(files);
+        assert!(more >= 100, "{more}");
     }
 }

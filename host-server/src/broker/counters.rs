@@ -4,8 +4,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use rmqtt::context::ServerContext;
-
 use super::accounts::Refusal;
 use crate::accounts::Notes;
 
@@ -29,8 +27,6 @@ pub(crate) struct GuardCounters {
     pub(crate) cut_off: AtomicU64,
     /// Sessions ended because their account or credential no longer counts.
     pub(crate) dropped: AtomicU64,
-    /// The broker itself, once it runs.
-    pub(super) broker: OnceLock<ServerContext>,
     /// The audit log, once there is one.
     pub(super) notes: OnceLock<Notes>,
     reasons: [AtomicU64; Refusal::ALL.len()],

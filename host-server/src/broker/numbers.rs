@@ -2,8 +2,6 @@
 
 use rmqtt::context::ServerContext;
 
-use super::GuardCounters;
-
 /// What the broker holds at this moment.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Load {
@@ -19,26 +17,27 @@ pub(crate) struct Load {
     pub(crate) unacknowledged: u64,
 }
 
-impl GuardCounters {
-    /// Takes note of the broker these counters belong to.
-    pub(super) fn watch(&self, broker: ServerContext) {
-        // Set once, when the broker starts.
-        let _ = self.broker.set(broker);
-    }
-
-    /// What the broker holds; nothing before it runs.
-    pub(crate) fn load(&self) -> Load {
-        let Some(broker) = self.broker.get() else {
-            return Load::default();
-        };
+impl Load {
+    /// Asks the library. Messages are counted where they are: its own counts of them keep those of sessions
+    /// that have ended for ever.
+    pub(super) async fn of(broker: &ServerContext) -> Self {
         // The library counts in signed numbers and may be one below for a moment.
         let count = |value: isize| u64::try_from(value).unwrap_or(0);
-        Load {
+        let mut load = Self {
             connections: count(broker.connections.count()),
             sessions: count(broker.sessions.count()),
             subscriptions: count(broker.stats.subscriptions.count()),
-            queued: count(broker.stats.message_queues.count()),
-            unacknowledged: count(broker.stats.out_inflights.count()),
+            queued: 0,
+            unacknowledged: 0,
+        };
+        let sessions: Vec<_> = {
+            let shared = broker.extends.shared().await;
+            shared.iter().filter_map(|entry| entry.session()).collect()
+        };
+        for session in sessions {
+            load.queued += session.deliver_queue().len() as u64;
+            load.unacknowledged += session.out_inflight().read().await.len() as u64;
         }
+        load
     }
 }

@@ -8,10 +8,11 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
 use serde::Serialize;
+use tokio::runtime::Handle;
 
 use super::App;
 use crate::broker::BrokerHandle;
-use crate::metrics::{Observed, Robots};
+use crate::metrics::{Observed, Robots, Tasks};
 
 pub(super) fn routes() -> Router<Arc<App>> {
     Router::new()
@@ -91,10 +92,16 @@ async fn metrics(State(app): State<Arc<App>>) -> Response {
         open_commands: app.commands.totals().open,
         simulation: app.simulation.get().map(|world| world.numbers()),
         experiments: app.experiments.numbers(),
+        tasks: Tasks {
+            server: Handle::current().metrics().num_alive_tasks(),
+            broker: app.broker.as_ref().map(BrokerHandle::tasks),
+        },
     };
-    let text = app
-        .metrics
-        .encode(&observed, app.broker.as_ref().map(BrokerHandle::counters));
+    let broker = match &app.broker {
+        Some(broker) => Some((broker.counters(), broker.load().await)),
+        None => None,
+    };
+    let text = app.metrics.encode(&observed, broker);
     (
         [(
             header::CONTENT_TYPE,

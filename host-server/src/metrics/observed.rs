@@ -22,8 +22,18 @@ const UNTOLD: &str = "unknown";
 pub(crate) struct Observed {
     pub(crate) robots: Robots,
     pub(crate) open_commands: usize,
+    /// Tasks that have not ended, of each runtime of this process.
+    pub(crate) tasks: Tasks,
     pub(crate) simulation: Option<Simulated>,
     pub(crate) experiments: ExperimentNumbers,
+}
+
+/// Tasks that have not ended.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Tasks {
+    pub(crate) server: usize,
+    /// Of the embedded broker, where there is one.
+    pub(crate) broker: Option<usize>,
 }
 
 /// The robots of the fleet, counted.
@@ -145,6 +155,14 @@ impl Observed {
             "terracrawler_commands_open",
             "Commands some robot has not answered for good",
             self.open_commands as f64,
+        );
+        let of_broker = self.tasks.broker.map(|count| ("broker", count));
+        family(
+            out,
+            "terracrawler_tasks",
+            "Tasks that have not ended, by runtime",
+            "runtime",
+            std::iter::once(("server", self.tasks.server)).chain(of_broker),
         );
         if let Some(simulation) = self.simulation {
             simulation.write(out);
@@ -372,6 +390,12 @@ pub(super) fn write_process(out: &mut String) {
         "process_threads",
         "Threads of this process",
         usage.threads as f64,
+    );
+    gauge(
+        out,
+        "process_open_fds",
+        "Open descriptors of this process",
+        usage.descriptors as f64,
     );
 }
 

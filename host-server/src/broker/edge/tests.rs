@@ -40,6 +40,14 @@ fn connect(id: &str) -> Vec<u8> {
     [&[0x10, body.len() as u8][..], &body].concat()
 }
 
+/// The same, of a client whose session is to be kept for an hour.
+fn staying(id: &str) -> Vec<u8> {
+    let mut packet = connect(id);
+    packet[1] += 5;
+    packet.splice(12..13, [5, 0x11, 0, 0, 0x0e, 0x10]);
+    packet
+}
+
 fn limits(waiting: usize, waiting_of_one: usize, clients: usize, times: Times) -> Limits {
     Limits {
         waiting,
@@ -244,10 +252,7 @@ async fn there_is_an_end_to_sessions_whose_clients_are_away() {
     };
     let bench = Bench::start(few).await;
     for number in 0..4 {
-        // Its session is to be kept for an hour.
-        let mut packet = connect("wheely-0");
-        packet[1] += 5;
-        packet.splice(12..13, [5, 0x11, 0, 0, 0x0e, 0x10]);
+        let mut packet = staying("wheely-0");
         let last = packet.len() - 1;
         packet[last] += number;
         let (reason, mut stream) = bench.reason(&packet).await;
@@ -256,6 +261,44 @@ async fn there_is_an_end_to_sessions_whose_clients_are_away() {
     }
     // Whoever has one gets it back.
     assert_eq!(bench.reason(&connect("wheely-0")).await.0, LET_IN);
+    bench.broker.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_waits_for_a_client_is_counted_as_long_as_it_waits() {
+    let bench = Bench::start(limits(100, 100, 100, LONG)).await;
+    let handle = bench.broker.handle();
+    let waits = async |count| {
+        let counted = async {
+            while handle.load().await.queued != count {
+                tokio::time::sleep(Duration::from_millis(10)).await;
+            }
+        };
+        within("so many messages wait", counted).await;
+    };
+    let (reason, mut away) = bench.reason(&staying("wheely")).await;
+    assert_eq!(reason, LET_IN);
+    let subscribe = b"\x82\x07\0\x01\0\0\x01t\x01";
+    away.write_all(subscribe).await.expect("sent");
+    assert_eq!(away.read_u8().await.expect("a SUBACK"), 0x90);
+    drop(away);
+
+    let (_, mut sender) = bench.reason(&connect("speedy")).await;
+    let publish = b"\x32\x06\0\x01t\0\x07\0";
+    // As many as it takes: those that are sent before the broker has seen it go are under way.
+    while handle.load().await.queued == 0 {
+        sender.write_all(publish).await.expect("sent");
+        assert_eq!(sender.read_u8().await.expect("a PUBACK"), 0x40);
+        let length = sender.read_u8().await.expect("a PUBACK");
+        let mut rest = vec![0; usize::from(length)];
+        sender.read_exact(&mut rest).await.expect("a PUBACK");
+    }
+    // It begins anew, and nothing waits for it any more.
+    let (reason, _back) = bench.reason(&connect("wheely")).await;
+    assert_eq!(reason, LET_IN);
+    waits(0).await;
+    let load = handle.load().await;
+    assert_eq!((load.connections, load.unacknowledged), (2, 0), "{load:?}");
     bench.broker.stop().await;
 }
 
