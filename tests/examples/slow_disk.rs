@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use crawler_protocol::{Action, Command, MAX_MESSAGE, Source};
 use crawler_tests::measure::{metrics, milliseconds, percentile, sum, unix_ms};
 use crawler_tests::{Simulated, Terracrawler};
+use rumqttc::Outgoing;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::Packet;
 use rumqttc::v5::{Client, Event, MqttOptions};
@@ -30,11 +31,19 @@ const OPERATORS: usize = 4;
 /// Pause between two halts of a kind.
 const HALT_EVERY: Duration = Duration::from_millis(200);
 const HEALTH_EVERY: Duration = Duration::from_millis(50);
+/// Robots send five samples a second each, so a server that waits for nobody takes some in every tenth of a
+/// second.
+const COUNT_EVERY: Duration = Duration::from_millis(100);
+/// Of one operator, on a disk that is quick: nobody presses faster.
+const SET_EVERY: Duration = Duration::from_millis(25);
 /// Before anything is measured.
 const WARM_UP: Duration = Duration::from_secs(5);
 /// For what is under way at the end.
 const PATIENCE: Duration = Duration::from_secs(10);
 const ONLINE: Duration = Duration::from_mins(3);
+
+/// What the server counts of it.
+const TELEMETRY: &str = "terracrawler_mqtt_messages_in_total{kind=\"telemetry\"}";
 
 /// How a halt is given, and which.
 const HALTS: [(Way, &str); 4] = [
@@ -78,6 +87,8 @@ struct Measured {
     /// How long 202 took, and how many were refused.
     settings: Mutex<(Vec<Duration>, usize)>,
     health: Mutex<Vec<Duration>>,
+    /// The longest stretch in which the server took in no telemetry.
+    pause: Mutex<Duration>,
     stop: AtomicBool,
 }
 
@@ -108,17 +119,11 @@ fn main() -> ExitCode {
          | worst |\n|---:|---|---:|---:|---:|---:|---:|---:|---:|"
     );
     for run in &runs {
-        println!(
-            "{}",
-            run.halts.join(
-                "
-"
-            )
-        );
+        println!("{}", run.halts.join("\n"));
     }
     println!(
         "\n| `fsync` takes longer by | `set`: 202 | refused | p50, ms | p99 | `/healthz`: p50, ms | p99 | worst \
-         | telemetry, 1/s | let go |\n|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
+         | telemetry, 1/s | longest pause, ms | let go |\n|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
     );
     for run in &runs {
         println!("{}", run.others);
@@ -170,6 +175,8 @@ fn run(delay: Duration, robots: usize, span: Duration) -> Run {
     }
     let url = server.url();
     work(Box::new(move |measured| ask(measured, &url)));
+    let url = server.url();
+    work(Box::new(move |measured| count(measured, &url)));
     std::thread::sleep(span);
     let (took, after) = (before.0.elapsed(), metrics(&server));
     measured.stop.store(true, Ordering::Relaxed);
@@ -182,7 +189,7 @@ fn run(delay: Duration, robots: usize, span: Duration) -> Run {
     drop(simulated);
     server.kill();
     let grown = |name: &str| sum(&after, name) - sum(&before.1, name);
-    let telemetry = grown("terracrawler_mqtt_messages_in_total{kind=\"telemetry\"}");
+    let telemetry = grown(TELEMETRY);
     let let_go = grown("terracrawler_drops_total") + grown("terracrawler_history_dropped_total");
     measured.rows(delay, telemetry / took.as_secs_f64(), let_go)
 }
@@ -281,7 +288,7 @@ fn over_mqtt(measured: &Measured, client: &Client, kind: usize, name: &str, robo
 /// Sets a parameter of one robot after the other.
 fn set(measured: &Measured, url: &str, operator: usize, robots: usize) {
     let agent = agent();
-    regularly(measured, Duration::ZERO, |turn| {
+    regularly(measured, SET_EVERY, |turn| {
         let robot = (turn * OPERATORS + operator) % robots;
         let value = 300 + (turn % 100);
         let body = json!({ "command": "set", "parameters": { "safe_distance_mm": value } });
@@ -302,12 +309,31 @@ fn ask(measured: &Measured, url: &str) {
         let begun = Instant::now();
         let mut answer = agent.get(format!("{url}/healthz")).call().expect("healthz");
         answer.body_mut().read_to_string().expect("healthz");
+        assert_eq!(answer.status(), 200, "healthz");
         let took = begun.elapsed();
         measured.health.lock().expect("health").push(took);
     });
 }
 
-/// Notes when commands and answers come past, until the connection ends.
+/// Looks for the longest stretch in which no telemetry is taken in.
+fn count(measured: &Measured, url: &str) {
+    let agent = agent();
+    let (mut last, mut since) = (0.0, Instant::now());
+    regularly(measured, COUNT_EVERY, |_| {
+        let mut answer = agent.get(format!("{url}/metrics")).call().expect("metrics");
+        let text = answer.body_mut().read_to_string().expect("metrics");
+        assert_eq!(answer.status(), 200, "metrics");
+        let taken = sum(&text, TELEMETRY);
+        let now = Instant::now();
+        let mut pause = measured.pause.lock().expect("pause");
+        *pause = (*pause).max(now - since);
+        if taken > last {
+            (last, since) = (taken, now);
+        }
+    });
+}
+
+/// Notes when commands and answers come past, until this side ends the connection.
 fn listen(measured: &Arc<Measured>, port: u16, robots: usize) -> (Client, JoinHandle<()>) {
     let options = MqttOptions::new("bench", "127.0.0.1", port);
     let (client, mut connection) = Client::new(options, 1_000);
@@ -317,11 +343,10 @@ fn listen(measured: &Arc<Measured>, port: u16, robots: usize) -> (Client, JoinHa
     let measured = Arc::clone(measured);
     let listener = std::thread::spawn(move || {
         for event in connection.iter() {
-            let Ok(Event::Incoming(Packet::Publish(publish))) = event else {
-                if event.is_err() {
-                    return;
-                }
-                continue;
+            let publish = match event.expect("the connection") {
+                Event::Incoming(Packet::Publish(publish)) => publish,
+                Event::Outgoing(Outgoing::Disconnect) => return,
+                _ => continue,
             };
             let at = Instant::now();
             let topic = String::from_utf8_lossy(&publish.topic).into_owned();
@@ -362,7 +387,11 @@ impl Measured {
     }
 
     fn rows(&self, delay: Duration, telemetry: f64, let_go: f64) -> Run {
-        let delay = format!("{} ms", delay.as_millis());
+        let delay = if delay.is_zero() {
+            "not held up".to_owned()
+        } else {
+            format!("{} ms", delay.as_millis())
+        };
         let heard = self.heard.lock().expect("heard");
         let halts = self.halts.lock().expect("halts");
         let rows = HALTS.iter().enumerate().map(|(kind, (way, name))| {
@@ -384,8 +413,9 @@ impl Measured {
         let mut took = settings.0.clone();
         took.sort_unstable();
         let part = |percent| percentile(&took, percent).map_or(0.0, milliseconds);
+        let pause = milliseconds(*self.pause.lock().expect("pause"));
         let others = format!(
-            "| {delay} | {} | {} | {:.0} | {:.0} | {} | {telemetry:.0} | {let_go:.0} |",
+            "| {delay} | {} | {} | {:.0} | {:.0} | {} | {telemetry:.0} | {pause:.0} | {let_go:.0} |",
             took.len(),
             settings.1,
             part(50),
