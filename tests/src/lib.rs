@@ -9,13 +9,14 @@ pub mod load;
 pub mod measure;
 mod port;
 mod server;
+pub mod soak;
 mod tamper;
 
 pub use certificates::TestAuthority;
 pub use clients::{Heard, Subscription, publish, subscribe, subscribe_with};
 pub use engines::mosquitto::Mosquitto;
 pub use port::ReservedPort;
-pub use server::{Simulated, Terracrawler, binary};
+pub use server::{Simulated, Terracrawler, agent, binary};
 pub use tamper::Tamper;
 
 use std::fmt::Debug;

@@ -5,7 +5,7 @@
 //! full skips a turn, which is counted. Every payload carries its publisher, its number and when it
 //! was written, so that what was lost, came twice, and how long it took are known exactly.
 
-mod packet;
+pub(crate) mod packet;
 mod publishers;
 mod subscriber;
 

@@ -356,10 +356,10 @@ impl Drop for Terracrawler {
     }
 }
 
-fn agent() -> ureq::Agent {
+/// A client for HTTP that waits a minute for an answer, and takes 4xx and 5xx for answers.
+pub fn agent() -> ureq::Agent {
     ureq::Agent::config_builder()
         .timeout_global(Some(ANSWER))
-        // 4xx and 5xx are answers here, not errors.
         .http_status_as_error(false)
         .build()
         .into()

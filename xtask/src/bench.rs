@@ -6,7 +6,7 @@ use crate::bench_vision;
 use crate::run::{self, Failure, Outcome};
 use crate::ui;
 
-/// Runs the measurements named, or all of them.
+/// Runs the measurements named, or all of them but the soak, which takes an hour.
 ///
 /// # Errors
 /// When a measurement is unknown or fails.
@@ -22,6 +22,7 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
         "server" => bench_server::load(rest),
         "chaos" => bench_server::chaos(rest),
         "disk" => bench_server::disk(rest),
+        "soak" => bench_server::soak(rest),
         "all" => bench_sim::table(&[])
             .and_then(|()| fleet(&[]))
             .and_then(|()| bench_vision::tables(&[]))
@@ -30,7 +31,7 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
             .and_then(|()| bench_server::chaos(&[]))
             .and_then(|()| bench_server::disk(&[])),
         other => Err(Failure(format!(
-            "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos, disk"
+            "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos, disk, soak"
         ))),
     }
 }

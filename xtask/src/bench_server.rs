@@ -27,6 +27,14 @@ pub(crate) fn disk(arguments: &[String]) -> Outcome {
     example("slow_disk", arguments)
 }
 
+/// An hour of everything at once; fails when the server does not come back to what it was.
+///
+/// # Errors
+/// When something cannot be built, or a rule does not hold.
+pub(crate) fn soak(arguments: &[String]) -> Outcome {
+    example("soak", arguments)
+}
+
 /// Builds server and program with the same features, so that nothing is built twice.
 fn example(name: &str, arguments: &[String]) -> Outcome {
     let words = "build --release --locked --quiet --package crawler-server --bin terracrawler \

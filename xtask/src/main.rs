@@ -159,7 +159,7 @@ const TASKS: &[Task] = &[
     },
     Task {
         name: "bench",
-        arguments: "[sim [ROBOTS...]|fleet [--seconds N] [ROBOTS...]|vision [FRAMES]|server [OPTIONS]|chaos [OPTIONS]|disk [OPTIONS]]",
+        arguments: "[sim [ROBOTS...]|fleet [--seconds N] [ROBOTS...]|vision [FRAMES]|server [OPTIONS]|chaos [OPTIONS]|disk [OPTIONS]|soak [OPTIONS]]",
         about: "measure, and print tables in the form of docs/numbers.md",
         run: bench::all,
     },

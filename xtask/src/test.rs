@@ -193,7 +193,9 @@ fn documentation() -> Outcome {
 /// count that must be zero.
 fn soak() -> Outcome {
     bench_server::chaos(&[])?;
-    bench_server::load(&[])
+    bench_server::load(&[])?;
+    bench_server::disk(&[])?;
+    bench_server::soak(&[])
 }
 
 /// Miri on the crates that read bytes from outside and do without a heap; it takes a nightly compiler.

@@ -35,7 +35,7 @@ fn text(into: &mut Vec<u8>, text: &str) {
 }
 
 /// CONNECT, with a clean start.
-pub(super) fn connect(client: &str) -> Vec<u8> {
+pub(crate) fn connect(client: &str) -> Vec<u8> {
     let mut body = Vec::new();
     text(&mut body, "MQTT");
     body.extend_from_slice(&[5, 0x02]);
@@ -46,7 +46,7 @@ pub(super) fn connect(client: &str) -> Vec<u8> {
 }
 
 /// SUBSCRIBE to one filter.
-pub(super) fn subscribe(filter: &str, qos: Qos) -> Vec<u8> {
+pub(crate) fn subscribe(filter: &str, qos: Qos) -> Vec<u8> {
     let mut body = vec![0, 1, 0];
     text(&mut body, filter);
     body.push(qos.number());
@@ -54,7 +54,7 @@ pub(super) fn subscribe(filter: &str, qos: Qos) -> Vec<u8> {
 }
 
 /// PUBLISH. `id` counts at QoS 1 alone.
-pub(super) fn publish(topic: &str, qos: Qos, id: u16, payload: &[u8]) -> Vec<u8> {
+pub(crate) fn publish(topic: &str, qos: Qos, id: u16, payload: &[u8]) -> Vec<u8> {
     let mut body = Vec::with_capacity(topic.len() + payload.len() + 8);
     text(&mut body, topic);
     if qos == Qos::One {
