@@ -144,7 +144,7 @@ fn command(work: &Work, url: &str, first: usize, robots: usize, follow: &impl Fn
                 (json!({ "command": "set", "parameters": parameters }), true)
             }
             2 | 6 => {
-                let parameters = json!({ "v": 0.1, "duration_ms": 300 });
+                let parameters = json!({ "direction": "left", "speed": 50, "duration": 300 });
                 (
                     json!({ "command": "move", "parameters": parameters }),
                     false,
