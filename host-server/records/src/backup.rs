@@ -88,8 +88,7 @@ impl Records {
         }
         transfer::load(&options(&file), &mut connection).await?;
         connection.run("COMMIT").await?;
-        // Everything is done; what has broken since is let go by the database.
-        let _ = connection.close().await;
+        postgres::leave(connection).await;
         Ok(())
     }
 

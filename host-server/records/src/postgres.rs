@@ -37,6 +37,7 @@ const BEGIN: &str = "BEGIN; SELECT pg_advisory_xact_lock(1413698162, 1)";
 /// Held by everyone who has the database open, and alone by who replaces what is in it.
 const OPEN_SHARED: &str = "SELECT pg_try_advisory_lock_shared(1413698162, 2)";
 const OPEN_ALONE: &str = "SELECT pg_try_advisory_lock(1413698162, 2)";
+const LEAVE_ALONE: &str = "SELECT pg_advisory_unlock(1413698162, 2)";
 /// An answer must mean that it is on disk, whatever the database's own default is.
 const DURABLE: &str = "SELECT set_config('synchronous_commit', 'on', false)
     WHERE current_setting('synchronous_commit') = 'off'";
@@ -253,6 +254,19 @@ pub(crate) fn alone(url: &str) -> Boxed<'_, Result<PgConnection, RecordsError>> 
             .await
             .map_err(|error| place.explain(error))?;
         Ok(connection)
+    })
+}
+
+/// Ends a connection that nobody shares. Whoever comes next finds the database free: by itself it notices only
+/// a moment later that a connection has ended.
+pub(crate) fn leave(mut connection: PgConnection) -> Boxed<'static, ()> {
+    Box::pin(async move {
+        let goodbye = async move {
+            connection.run(LEAVE_ALONE).await?;
+            Ok::<_, RecordsError>(connection.close().await?)
+        };
+        // Everything is done; what has broken since is let go by the database.
+        let _ = tokio::time::timeout(GOODBYE, goodbye).await;
     })
 }
 
