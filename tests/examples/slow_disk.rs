@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use crawler_protocol::{Action, Command, MAX_MESSAGE, Source};
 use crawler_tests::measure::{metrics, milliseconds, percentile, sum, unix_ms};
-use crawler_tests::{Simulated, Terracrawler};
+use crawler_tests::{Simulated, Terracrawler, agent};
 use rumqttc::Outgoing;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::Packet;
@@ -192,14 +192,6 @@ fn run(delay: Duration, robots: usize, span: Duration) -> Run {
     let telemetry = grown(TELEMETRY);
     let let_go = grown("terracrawler_drops_total") + grown("terracrawler_history_dropped_total");
     measured.rows(delay, telemetry / took.as_secs_f64(), let_go)
-}
-
-fn agent() -> ureq::Agent {
-    ureq::Agent::config_builder()
-        .timeout_global(Some(Duration::from_secs(30)))
-        .http_status_as_error(false)
-        .build()
-        .into()
 }
 
 /// Whether this was acknowledged.

@@ -115,15 +115,16 @@ mod tests {
         let tree = library.topics.clone();
         let routes = Routes::new(library);
         let options = SubscriptionOptions::default;
-        let first = routes.add(FILTER, id("first"), options()).await;
-        first.expect("a filter");
+        let first = id("first");
+        let added = routes.add(FILTER, first.clone(), options()).await;
+        added.expect("a filter");
 
         // As long as the tree is read, one has to wait half-way.
         let reading = tree.read().await;
         let (added, removed, ()) = tokio::join!(
             biased;
             routes.add(FILTER, id("second"), options()),
-            routes.remove(FILTER, id("first")),
+            routes.remove(FILTER, first),
             async { drop(reading) },
         );
         added.expect("a filter");
