@@ -1,15 +1,17 @@
-//! The API from its own description: a server with accounts in a folder of its own, and Schemathesis
-//! signed in as its administrator.
+//! The API from its own description: servers with accounts, and Schemathesis signed in as their
+//! administrator.
 
-use std::fs::{self, File};
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::fs;
+use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, Stdio};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::run::{self, Failure, Outcome};
+use crate::server::Server;
 
 /// The release that is known to get along with the description.
 const VERSION: &str = "4.32.5";
@@ -24,8 +26,6 @@ const CHECKS: &str = "not_a_server_error,status_code_conformance,content_type_co
                       negative_data_rejection,positive_data_acceptance";
 /// Where these do not hold, and why.
 const EXCEPTIONS: &str = include_str!("fuzz_api.toml");
-/// These end the session that the others need, so they come last.
-const LAST: [&str; 2] = ["delete_session", "delete_sessions_id"];
 /// Half of the cases are about a robot that is there.
 const KNOWN: &str = "[[operations]]\ninclude-path-regex = \"^/api/v1/robots/\"\n\
                      parameters = { id = \"sim-0001\" }\n";
@@ -112,233 +112,202 @@ fn tool() -> Outcome<PathBuf> {
     Ok(program)
 }
 
-/// A server that ends with this, and its folder with it.
-struct Server {
-    child: Child,
-    folder: PathBuf,
-    http: SocketAddr,
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        // Already ended is fine.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-        let _ = fs::remove_dir_all(&self.folder);
-    }
-}
-
 /// A part of the cases, on a server of its own.
 struct Part {
     what: &'static str,
+    /// Which operations, in options of Schemathesis.
+    which: &'static [&'static str],
     /// What Schemathesis is told besides.
     config: &'static str,
-    /// Whether it is the end of sessions, and nothing else.
-    ends: bool,
 }
 
-/// Each takes one core at most: one after the other, the other cores would wait.
-const PARTS: [&[Part]; 2] = [
-    &[Part {
+/// What is about one robot.
+const ROBOTS: &str = "_robots_id";
+/// What is about worlds.
+const WORLDS: &str = "_(experiments|fences|simulator)";
+/// These end the session that the others need.
+const ENDS: &str = "^delete_sessions?(_id)?$";
+/// The longest ones first.
+const PARTS: [Part; 5] = [
+    Part {
+        what: "experiments and simulations",
+        which: &["--include-operation-id-regex", WORLDS],
+        config: "",
+    },
+    Part {
+        what: "accounts, records and the fleet",
+        which: &[
+            "--exclude-operation-id-regex",
+            "_(experiments|fences|robots_id|simulator)|^delete_sessions?(_id)?$",
+        ],
+        config: "",
+    },
+    Part {
         what: "robots that are there",
+        which: &["--include-operation-id-regex", ROBOTS],
         config: KNOWN,
-        ends: false,
-    }],
-    &[
-        Part {
-            what: "robots that are not",
-            config: "",
-            ends: false,
-        },
-        Part {
-            what: "ends of sessions",
-            config: "",
-            ends: true,
-        },
-    ],
+    },
+    Part {
+        what: "robots that are not",
+        which: &["--include-operation-id-regex", ROBOTS],
+        config: "",
+    },
+    Part {
+        what: "ends of sessions",
+        which: &["--include-operation-id-regex", ENDS],
+        config: "",
+    },
 ];
+
+/// Schemathesis takes one core at most, and a part sends no more than [`RATE`] a second.
+const AT_ONCE: usize = 2;
 
 fn fuzz(tool: &Path, examples: u32, seed: u64) -> Outcome {
     println!("{examples} cases for each operation, seed {seed}");
-    let mut failed = Vec::new();
+    let next = AtomicUsize::new(0);
+    let failed = Mutex::new(Vec::new());
+    // Operations that were sent to, and all there are.
+    let sent_to = Mutex::new((0, 0));
     std::thread::scope(|scope| {
-        let threads = PARTS.map(|parts| {
-            scope.spawn(move || {
-                let server = start()?;
-                server.fuzz(tool, parts, examples, seed)
-            })
-        });
-        for thread in threads {
-            match thread.join() {
-                Ok(Ok(())) => {}
-                Ok(Err(Failure(reason))) => failed.push(reason),
-                Err(_) => failed.push("a thread of this program has panicked".to_owned()),
-            }
+        for _ in 0..AT_ONCE {
+            scope.spawn(|| {
+                while let Some(part) = PARTS.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    match send(tool, part, examples, seed) {
+                        Ok((selected, total)) => {
+                            let mut sent_to =
+                                sent_to.lock().unwrap_or_else(PoisonError::into_inner);
+                            // Robots that are there are a second time the same operations.
+                            let again = !part.config.is_empty();
+                            sent_to.0 += if again { 0 } else { selected };
+                            sent_to.1 = total;
+                        }
+                        Err(Failure(reason)) => {
+                            let mut failed = failed.lock().unwrap_or_else(PoisonError::into_inner);
+                            failed.push(format!("{}: {reason}", part.what));
+                        }
+                    }
+                }
+            });
         }
     });
-    if failed.is_empty() {
+    let failed = failed.into_inner().unwrap_or_else(PoisonError::into_inner);
+    if !failed.is_empty() {
+        return Err(Failure(format!("seed {seed}: {}", failed.join(", "))));
+    }
+    let (sent_to, all) = sent_to.into_inner().unwrap_or_else(PoisonError::into_inner);
+    if sent_to == all {
         Ok(())
     } else {
-        Err(Failure(format!("seed {seed}: {}", failed.join(", "))))
+        Err(Failure(format!(
+            "{sent_to} of {all} operations are in a part"
+        )))
     }
 }
 
-/// Starts a server with an administrator and two robots.
+/// A server with an administrator and two robots.
 fn start() -> Outcome<Server> {
-    static NUMBER: AtomicU32 = AtomicU32::new(1);
-    let failed = |what: &str, error: std::io::Error| Failure(format!("{what}: {error}"));
-    let program = run::root()
-        .join(run::target_dir())
-        .join("debug/terracrawler");
-    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-    let name = format!("terracrawler-fuzz-{}-{number}", std::process::id());
-    let folder = std::env::temp_dir().join(name);
-    fs::create_dir_all(&folder).map_err(|error| failed("a folder", error))?;
-    let data = folder.join("data");
-    let mut adding = Command::new(&program)
-        .args(["user", "add", USER, "--role", "admin", "--data"])
-        .arg(&data)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .spawn()
-        .map_err(|error| failed(&program.display().to_string(), error))?;
-    if let Some(mut input) = adding.stdin.take() {
-        writeln!(input, "{PASSWORD}").map_err(|error| failed("the password", error))?;
-    }
-    let added = adding.wait().map_err(|error| failed("an account", error))?;
-    if !added.success() {
-        return Err(Failure(format!("no account could be made: {added}")));
-    }
-    let log = folder.join("log");
-    let errors = File::create(&log).map_err(|error| failed("a log", error))?;
-    let mut child = Command::new(&program)
-        .args(["up", "--robots", "2", "--scenario", "empty"])
-        .args(["--http", "127.0.0.1:0", "--mqtt", "127.0.0.1:0"])
-        .arg("--data")
-        .arg(&data)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(errors)
-        .spawn()
-        .map_err(|error| failed(&program.display().to_string(), error))?;
-    let output = child.stdout.take();
-    let mut server = Server {
-        child,
-        folder,
-        http: SocketAddr::from(([127, 0, 0, 1], 0)),
-    };
-    server.http = output
-        .and_then(address)
-        .ok_or_else(|| Failure(format!("no server:\n{}", server.log())))?;
-    Ok(server)
+    Server::start(
+        &["up", "--robots", "2", "--scenario", "empty"],
+        |program, data| {
+            let mut adding = Command::new(program)
+                .args(["user", "add", USER, "--role", "admin", "--data"])
+                .arg(data)
+                .stdin(Stdio::piped())
+                .stdout(Stdio::null())
+                .spawn()
+                .map_err(|error| Failure(format!("{}: {error}", program.display())))?;
+            if let Some(mut input) = adding.stdin.take() {
+                writeln!(input, "{PASSWORD}")
+                    .map_err(|error| Failure(format!("the password: {error}")))?;
+            }
+            match adding.wait() {
+                Ok(status) if status.success() => Ok(()),
+                status => Err(Failure(format!("no account could be made: {status:?}"))),
+            }
+        },
+    )
 }
 
-/// Where a server says that it listens. What it says after that is read by a thread, so that it never
-/// waits for a reader.
-fn address(output: ChildStdout) -> Option<SocketAddr> {
-    let mut lines = BufReader::new(output).lines();
-    let address = lines.by_ref().map_while(Result::ok).find_map(|line| {
-        let (_, rest) = line.split_once("http://")?;
-        rest.split(['/', ' ']).next()?.parse().ok()
-    })?;
-    std::thread::spawn(move || lines.map_while(Result::ok).for_each(drop));
-    Some(address)
+/// Sends a part of the cases to a server of its own, and prints what it came to. To how many operations, and
+/// of how many.
+fn send(tool: &Path, part: &Part, examples: u32, seed: u64) -> Outcome<(u32, u32)> {
+    let server = start()?;
+    let token = sign_in(&server)?;
+    // At once, so that what two say does not get mixed up.
+    let output = schemathesis(tool, &server, part, &token)?
+        .args(["--seed", &seed.to_string()])
+        .args(["--max-examples", &examples.to_string()])
+        .output()
+        .map_err(|error| Failure(format!("cannot run {}: {error}", tool.display())))?;
+    let said = String::from_utf8_lossy(&output.stdout);
+    let complained = String::from_utf8_lossy(&output.stderr);
+    println!("\n-- {}\n{said}{complained}", part.what);
+    let log = server.log();
+    if log.contains("panicked") {
+        return Err(Failure(format!("the server's log has a panic:\n{log}")));
+    }
+    if !output.status.success() {
+        return Err(Failure(output.status.to_string()));
+    }
+    operations(&said).ok_or_else(|| Failure("it does not say to how many operations".to_owned()))
 }
 
-impl Server {
-    /// Sends it `parts` of the cases, one after the other, and prints what each came to.
-    fn fuzz(&self, tool: &Path, parts: &[Part], examples: u32, seed: u64) -> Outcome {
-        let token = self.sign_in()?;
-        let mut failed = Vec::new();
-        for part in parts {
-            let mut command = self.schemathesis(tool, part, &token)?;
-            command
-                .args(["--seed", &seed.to_string()])
-                .args(["--max-examples", &examples.to_string()]);
-            // At once, so that what two say does not get mixed up.
-            let output = command
-                .output()
-                .map_err(|error| Failure(format!("cannot run {}: {error}", tool.display())))?;
-            let said = String::from_utf8_lossy(&output.stdout);
-            let complained = String::from_utf8_lossy(&output.stderr);
-            println!("\n-- {}\n{said}{complained}", part.what);
-            if !output.status.success() {
-                failed.push(part.what);
-            }
-        }
-        let log = self.log();
-        if log.contains("panicked") {
-            println!("{log}");
-            failed.push("the server's log has a panic");
-        }
-        if failed.is_empty() {
-            Ok(())
-        } else {
-            Err(Failure(failed.join(", ")))
-        }
-    }
+/// How many operations Schemathesis says it has selected, and of how many.
+fn operations(said: &str) -> Option<(u32, u32)> {
+    let line = said.lines().find(|line| line.contains(" selected / "))?;
+    let mut numbers = line.split_whitespace().filter_map(|word| word.parse().ok());
+    Some((numbers.next()?, numbers.next()?))
+}
 
-    /// The command for one part.
-    fn schemathesis(&self, tool: &Path, part: &Part, token: &str) -> Outcome<Command> {
-        let config = self.folder.join("schemathesis.toml");
-        fs::write(&config, format!("{EXCEPTIONS}\n{}", part.config))
-            .map_err(|error| Failure(format!("{}: {error}", config.display())))?;
-        let mut command = Command::new(tool);
-        command
-            .arg("--config-file")
-            .arg(&config)
-            .args(["run", "--no-color", "--warnings", "off"])
-            .args(["--checks", CHECKS, "--phases", "examples,coverage,fuzzing"])
-            .args(["--rate-limit", RATE, "--continue-on-failure"])
-            .args(["--header", &format!("authorization: Bearer {token}")])
-            .arg(format!("http://{}/api/v1/openapi.json", self.http))
-            .current_dir(&self.folder)
-            .stdin(Stdio::null());
-        let which = if part.ends {
-            "--include-operation-id"
-        } else {
-            "--exclude-operation-id"
-        };
-        command.args(LAST.iter().flat_map(|name| [which, name]));
-        Ok(command)
-    }
+/// The command for one part.
+fn schemathesis(tool: &Path, server: &Server, part: &Part, token: &str) -> Outcome<Command> {
+    let config = server.folder().join("schemathesis.toml");
+    fs::write(&config, format!("{EXCEPTIONS}\n{}", part.config))
+        .map_err(|error| Failure(format!("{}: {error}", config.display())))?;
+    let mut command = Command::new(tool);
+    command
+        .arg("--config-file")
+        .arg(&config)
+        .args(["run", "--no-color", "--warnings", "off"])
+        .args(["--checks", CHECKS, "--phases", "examples,coverage,fuzzing"])
+        .args(["--rate-limit", RATE, "--continue-on-failure"])
+        .args(["--header", &format!("authorization: Bearer {token}")])
+        .args(part.which)
+        .arg(format!("http://{}/api/v1/openapi.json", server.http()))
+        .current_dir(server.folder())
+        .stdin(Stdio::null());
+    Ok(command)
+}
 
-    /// What it complained of.
-    fn log(&self) -> String {
-        fs::read_to_string(self.folder.join("log")).unwrap_or_default()
-    }
-
-    /// An administrator's token, as soon as the server gives one.
-    fn sign_in(&self) -> Outcome<String> {
-        let began = Instant::now();
-        loop {
-            if let Some(token) = self.try_sign_in() {
-                return Ok(token);
-            }
-            if began.elapsed() > PATIENCE {
-                let log = self.log();
-                return Err(Failure(format!("the server lets nobody in:\n{log}")));
-            }
-            std::thread::sleep(Duration::from_millis(500));
+/// An administrator's token, as soon as the server gives one.
+fn sign_in(server: &Server) -> Outcome<String> {
+    let began = Instant::now();
+    loop {
+        if let Some(token) = try_sign_in(server.http()) {
+            return Ok(token);
         }
+        if began.elapsed() > PATIENCE {
+            let log = server.log();
+            return Err(Failure(format!("the server lets nobody in:\n{log}")));
+        }
+        std::thread::sleep(Duration::from_millis(500));
     }
+}
 
-    fn try_sign_in(&self) -> Option<String> {
-        let body = format!("{{\"user\": \"{USER}\", \"password\": \"{PASSWORD}\"}}");
-        let mut stream = TcpStream::connect(self.http).ok()?;
-        stream.set_read_timeout(Some(PATIENCE)).ok()?;
-        write!(
-            stream,
-            "POST /api/v1/session HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n\
-             Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
-            self.http,
-            body.len()
-        )
-        .ok()?;
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).ok()?;
-        token(&answer).map(str::to_owned)
-    }
+fn try_sign_in(http: SocketAddr) -> Option<String> {
+    let body = format!("{{\"user\": \"{USER}\", \"password\": \"{PASSWORD}\"}}");
+    let mut stream = TcpStream::connect(http).ok()?;
+    stream.set_read_timeout(Some(PATIENCE)).ok()?;
+    write!(
+        stream,
+        "POST /api/v1/session HTTP/1.1\r\nHost: {http}\r\nContent-Type: application/json\r\n\
+         Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
+        body.len()
+    )
+    .ok()?;
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).ok()?;
+    token(&answer).map(str::to_owned)
 }
 
 /// The token in the answer to a login.
@@ -356,6 +325,13 @@ mod tests {
         let answer = "HTTP/1.1 200 OK\r\n\r\n{\"token\": \"abc.def\",\"user\":\"x\"}";
         assert_eq!(token(answer), Some("abc.def"));
         assert_eq!(token("HTTP/1.1 401 Unauthorized\r\n\r\n{}"), None);
+    }
+
+    #[test]
+    fn what_was_sent_to_is_found_in_what_it_says() {
+        let said = "\n     Specification:    Open API 3.1.0\n     Operations:       51 selected / 53 total\n";
+        assert_eq!(operations(said), Some((51, 53)));
+        assert_eq!(operations("     Operations:       53 total"), None);
     }
 
     #[test]

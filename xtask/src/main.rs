@@ -22,6 +22,7 @@ mod mutants;
 mod paho;
 mod report;
 mod run;
+mod server;
 mod sight;
 mod size;
 mod suites;
