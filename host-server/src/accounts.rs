@@ -23,7 +23,7 @@ use crawler_records::{Records, RecordsError};
 use tokio_util::sync::CancellationToken;
 
 use crate::clock;
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 use crate::hex;
 use login::Rotated;
 use sessions::Alive;
@@ -200,13 +200,13 @@ impl Accounts {
     pub(crate) async fn shared_ticket(
         &self,
         identity: &Identity,
-        together: &Together,
+        membership: &ClusterMembership,
     ) -> Option<Secret> {
         // Also here, for as long as Redis is away.
         let ticket = self.ticket(identity)?;
         let lent = tickets::Lent::of(identity);
         let name = hex(&ticket.digest().0);
-        let told = together.cluster.lend(&name, &lent, TICKET_LIFETIME).await;
+        let told = membership.cluster.lend(&name, &lent, TICKET_LIFETIME).await;
         if let Err(error) = told {
             tracing::warn!(%error, "a ticket is good on this server alone");
         }
@@ -217,11 +217,11 @@ impl Accounts {
     pub(crate) async fn redeem_shared(
         &self,
         ticket: &str,
-        together: &Together,
+        membership: &ClusterMembership,
     ) -> Option<Identity> {
         let secret: Secret = ticket.parse().ok()?;
         let own = lock(&self.tickets).redeem(&secret, Instant::now());
-        match together.cluster.redeem(&hex(&secret.digest().0)).await {
+        match membership.cluster.redeem(&hex(&secret.digest().0)).await {
             Ok(lent) => {
                 let (session, role) = tickets::Lent::read(&lent?)?;
                 let alive = lock(&self.alive);

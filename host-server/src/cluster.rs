@@ -11,7 +11,7 @@ use crawler_protocol::Topic;
 const MARGIN: Duration = Duration::from_millis(250);
 
 /// What this server has with the others.
-pub(crate) struct Together {
+pub(crate) struct ClusterMembership {
     pub(crate) cluster: Cluster,
     /// What the others are to be told.
     pub(crate) queue: Queue,
@@ -39,7 +39,7 @@ pub(crate) struct Counts {
     pub(crate) lapses: AtomicU64,
 }
 
-impl Together {
+impl ClusterMembership {
     pub(crate) fn new(cluster: Cluster) -> Self {
         Self {
             queue: Queue::new(cluster.token()),

@@ -2,6 +2,9 @@
 //! are away, and followed until every robot has answered for good.
 
 mod clerk;
+mod cluster;
+#[cfg(test)]
+mod cluster_tests;
 #[cfg(test)]
 mod held_tests;
 mod journal;
@@ -15,9 +18,6 @@ mod shared;
 mod slow_disk_tests;
 #[cfg(test)]
 mod tests;
-mod together;
-#[cfg(test)]
-mod together_tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem;
@@ -31,14 +31,14 @@ use crawler_protocol::{MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, To
 
 use crate::bus::{Bus, PublishError};
 use crate::clock::{self, FleetTime};
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 use crate::metrics::Metrics;
 
 use clerk::{Clerk, Desk};
+pub(crate) use cluster::view_of;
 pub(crate) use journal::Journal;
 pub(crate) use record::{CommandView, OutcomeStatus, Record};
 pub(crate) use sequence::Sequence;
-pub(crate) use together::view_of;
 
 /// Commands remembered. Steering at seven commands a second fills this in ten minutes.
 const MAX_RECORDS: usize = 4_096;
@@ -104,7 +104,7 @@ pub(crate) struct CommandCenter {
     start: Instant,
     book: Mutex<Book>,
     /// The other servers, where there are any.
-    together: Option<Arc<Together>>,
+    membership: Option<Arc<ClusterMembership>>,
     /// Held while a command is written down for them: they go in the order of their numbers.
     turn: tokio::sync::Mutex<()>,
 }
@@ -153,7 +153,7 @@ impl CommandCenter {
                 sent: 0,
                 answered: 0,
             }),
-            together: None,
+            membership: None,
             turn: tokio::sync::Mutex::new(()),
         }
     }

@@ -48,7 +48,7 @@ use utoipa_axum::routes;
 use crate::accounts::{Accounts, Trail};
 use crate::broker::{BrokerHandle, Kind};
 use crate::bus::Bus;
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 use crate::commands::CommandCenter;
 use crate::config::{BrokerUrl, Networks};
 use crate::experiments::Experiments;
@@ -109,7 +109,7 @@ pub(crate) struct App {
     /// What requests have begun and goes on without them.
     pub(crate) tasks: TaskTracker,
     /// The other servers of the fleet, where there may be any.
-    pub(crate) together: Option<Arc<Together>>,
+    pub(crate) membership: Option<Arc<ClusterMembership>>,
     /// Another server has changed something in the records.
     pub(crate) records_changed: Notify,
     /// Robots that have crossed a fence and are to be stopped.

@@ -26,7 +26,7 @@ use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
 use crate::broker::{GuardCounters, Load};
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 use crate::history::History;
 use crate::recorder::Recorder;
 
@@ -94,7 +94,7 @@ pub(crate) struct Metrics {
     /// What is recorded beside that.
     recorder: OnceLock<Recorder>,
     /// The other servers.
-    together: OnceLock<Arc<Together>>,
+    membership: OnceLock<Arc<ClusterMembership>>,
 }
 
 /// From a quarter of a millisecond to a minute: an instantaneous command takes one, `goto` the other.
@@ -131,7 +131,7 @@ impl Metrics {
             history: OnceLock::new(),
             records: OnceLock::new(),
             recorder: OnceLock::new(),
-            together: OnceLock::new(),
+            membership: OnceLock::new(),
             registry: Mutex::default(),
         };
         let r = &mut registry;
@@ -304,8 +304,8 @@ impl Metrics {
     }
 
     /// Has what goes on between the servers watched.
-    pub(crate) fn watch_cluster(&self, together: &Arc<Together>) {
-        let _ = self.together.set(Arc::clone(together));
+    pub(crate) fn watch_cluster(&self, membership: &Arc<ClusterMembership>) {
+        let _ = self.membership.set(Arc::clone(membership));
     }
 
     /// Counts something that is let go.
@@ -359,7 +359,7 @@ impl Metrics {
         if let Some(stats) = self.records.get().and_then(Records::database) {
             observed::write_database(&mut out, &stats);
         }
-        cluster::write(&mut out, self.together.get().map(AsRef::as_ref));
+        cluster::write(&mut out, self.membership.get().map(AsRef::as_ref));
         observed.write(&mut out);
         if let Some((guard, load)) = broker {
             observed::write_broker(&mut out, load);

@@ -10,7 +10,7 @@ use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
 use crate::accounts::now_ms;
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 use crate::fleet;
 
 /// Events that wait to be written.
@@ -65,7 +65,7 @@ pub(crate) struct Stats {
 
 struct Inner {
     inbox: Mutex<Inbox>,
-    together: Option<Arc<Together>>,
+    membership: Option<Arc<ClusterMembership>>,
     written: AtomicU64,
     dropped: AtomicU64,
     failures: AtomicU64,
@@ -82,11 +82,11 @@ impl std::fmt::Debug for Recorder {
 }
 
 impl Recorder {
-    /// A recorder for one of the servers in `together`, or for the only one.
-    pub(crate) fn new(together: Option<Arc<Together>>) -> Self {
+    /// A recorder for one of the servers in `membership`, or for the only one.
+    pub(crate) fn new(membership: Option<Arc<ClusterMembership>>) -> Self {
         Self(Arc::new(Inner {
             inbox: Mutex::default(),
-            together,
+            membership,
             written: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
             failures: AtomicU64::new(0),
@@ -99,7 +99,7 @@ impl Recorder {
 
     /// Takes an event, without waiting. One too many is counted as dropped.
     pub(crate) fn record(&self, event: &fleet::Event, known: Known) {
-        let leads = || self.0.together.as_ref().is_none_or(|all| all.leads());
+        let leads = || self.0.membership.as_ref().is_none_or(|all| all.leads());
         if known == Known::Everywhere && !leads() {
             return;
         }

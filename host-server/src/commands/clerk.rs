@@ -103,8 +103,8 @@ impl Post for Clerk<'_> {
 
     fn may_go(&self, _: Class) -> bool {
         // Whoever has no lease may have lost its commands to another server.
-        let together = self.center.together.as_ref();
-        together.is_none_or(|together| together.is_member())
+        let membership = self.center.membership.as_ref();
+        membership.is_none_or(|membership| membership.is_member())
     }
 
     fn send(&mut self, sending: &Sending<'_>) -> bool {

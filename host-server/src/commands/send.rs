@@ -10,7 +10,7 @@ use super::journal::{Owed, Refused, Ticket};
 use super::shared::fields;
 use super::{Book, CommandCenter, CommandView, Record, SendError, Target};
 use crate::clock;
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 use crate::metrics::Dropped;
 
 /// A command that the other servers were told of and nobody else was. Taken back when dropped.
@@ -75,15 +75,17 @@ impl CommandCenter {
         expected: Vec<RobotId>,
     ) -> Result<CommandView, SendError> {
         let source = source.unwrap_or_else(|| self.source.clone());
-        let Some(together) = &self.together else {
+        let Some(membership) = &self.membership else {
             let given = self.send_as(source, action, target, expected, Instant::now())?;
             return self.written_down(given).await;
         };
         if Class::of(&action) == Class::Halt {
-            return self.halt(together, source, action, target, expected).await;
+            return self
+                .halt(membership, source, action, target, expected)
+                .await;
         }
         let turn = self.turn.lock().await;
-        if !together.is_member() {
+        if !membership.is_member() {
             return Err(SendError::NotShared { sent: false });
         }
         if Class::of(&action) != Class::Setting && !self.outlet.is_up() {
@@ -111,7 +113,7 @@ impl CommandCenter {
             center: self,
             id: Some(command.seq),
         };
-        let told = together.cluster.accept(command.seq, &fields).await;
+        let told = membership.cluster.accept(command.seq, &fields).await;
         let greatest = told.map_err(|error| {
             tracing::warn!(%error, "a command cannot be shared");
             SendError::NotShared { sent: false }
@@ -172,7 +174,7 @@ impl CommandCenter {
     /// A halt goes first and is written down then.
     async fn halt(
         &self,
-        together: &Together,
+        membership: &ClusterMembership,
         source: Source,
         action: Action,
         target: Target,
@@ -195,7 +197,7 @@ impl CommandCenter {
             };
             fields
         };
-        match together.cluster.accept(view.seq, &fields).await {
+        match membership.cluster.accept(view.seq, &fields).await {
             Ok(greatest) => {
                 let mut book = self.book();
                 book.desk.sequence.above(greatest);
@@ -279,8 +281,8 @@ impl CommandCenter {
         let robots: Vec<RobotId> = record.outcomes.keys().cloned().collect();
         check_journal(book, class, robots.len())?;
         // Settings go to each robot by itself, so that none is overtaken.
-        let together = record.target == Target::Swarm && class != Class::Setting;
-        if together {
+        let at_once = record.target == Target::Swarm && class != Class::Setting;
+        if at_once {
             let payload = buffer.get(..length).unwrap_or_default();
             self.outlet
                 .publish(&Topic::CommandSwarm, payload, class.life_ms())?;
@@ -289,7 +291,7 @@ impl CommandCenter {
             record.settings.clone_from(&shared.settings);
         }
         let at = self.ms(now);
-        if together {
+        if at_once {
             record.went_to_all(now);
             book.delivery
                 .broadcast(seq, robots.iter().cloned(), class, at);
@@ -331,7 +333,7 @@ impl CommandCenter {
         book.desk.records.insert(seq, record);
         book.desk.open.insert(seq);
         let mut clerk = self.clerk(&mut book.desk, now);
-        if !together {
+        if !at_once {
             for robot in &robots {
                 book.delivery.poll_one(robot, at, &mut clerk);
             }

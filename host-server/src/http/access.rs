@@ -18,7 +18,7 @@ use super::problem::Problem;
 use super::rates::{self, Charge};
 use super::{App, commands};
 use crate::accounts::{Identity, Stranger};
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 use crate::metrics::Dropped;
 
 /// What a call asks of whoever makes it.
@@ -235,13 +235,13 @@ fn known(
 }
 
 /// Whose ticket a request shows, where any of several servers may have given it.
-fn shared_ticket<'a>(app: &'a App, request: &Request) -> Option<(&'a Together, String)> {
-    let together = app.together.as_deref()?;
+fn shared_ticket<'a>(app: &'a App, request: &Request) -> Option<(&'a ClusterMembership, String)> {
+    let membership = app.membership.as_deref()?;
     let path = request.extensions().get::<MatchedPath>()?;
     let wanted = need(request.method(), path.as_str()) == Need::Ticket
         && !request.headers().contains_key(header::AUTHORIZATION);
     let ticket = ticket(request).filter(|_| wanted)?;
-    Some((together, ticket.to_owned()))
+    Some((membership, ticket.to_owned()))
 }
 
 fn admit(app: &App, request: &Request, redeemed: Option<Identity>) -> Result<Caller, Problem> {
@@ -320,25 +320,25 @@ pub(super) async fn check(State(app): State<Arc<App>>, request: Request, next: N
 /// The request with its caller, charged to what it counts against.
 async fn pass(app: &App, request: Request) -> Result<Request, Problem> {
     let address = Peer::of(&request).ip();
-    let together = app.together.as_deref();
+    let membership = app.membership.as_deref();
     let charge = Charge::of(&request);
     match charge {
         Charge::Probe => app.rates.probe(address)?,
         // Whose command it is comes first: strangers at the same address must not use up a halt.
         Charge::Command => {}
         // Before the token is looked at: guessing tokens is to be no quicker than anything else.
-        Charge::Other => app.rates.address(address, together).await?,
+        Charge::Other => app.rates.address(address, membership).await?,
     }
     let shared = shared_ticket(app, &request);
     let redeemed = match shared {
-        Some((together, ticket)) => app.accounts.redeem_shared(&ticket, together).await,
+        Some((membership, ticket)) => app.accounts.redeem_shared(&ticket, membership).await,
         None => None,
     };
     let caller = match admit(app, &request, redeemed) {
         Ok(caller) => caller,
         Err(problem) => {
             if charge == Charge::Command {
-                app.rates.address(address, together).await?;
+                app.rates.address(address, membership).await?;
             }
             return Err(problem);
         }
@@ -355,10 +355,10 @@ async fn pass(app: &App, request: Request) -> Result<Request, Problem> {
         app.rates.halt(user, address)?;
     } else {
         if charge == Charge::Command {
-            app.rates.address(address, together).await?;
+            app.rates.address(address, membership).await?;
         }
         if let Some(user) = user.filter(|_| charge != Charge::Probe) {
-            app.rates.user(user, together).await?;
+            app.rates.user(user, membership).await?;
         }
     }
     let (mut request, _) = read?;

@@ -82,12 +82,12 @@ impl App {
         self.trail.write(entry).await;
         // Whoever logs in here, or is locked out, is so everywhere. What is not told is found by
         // looking, some seconds later.
-        if let Some(together) = self.together.clone()
+        if let Some(membership) = self.membership.clone()
             && result.is_ok()
             && !action.starts_with("command.")
         {
             self.tasks.spawn(async move {
-                if let Err(error) = together.cluster.changed().await {
+                if let Err(error) = membership.cluster.changed().await {
                     tracing::debug!(%error, "the other servers are not told of a change");
                 }
             });

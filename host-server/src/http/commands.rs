@@ -415,8 +415,8 @@ pub(super) async fn one(
     if let Some(view) = app.commands.view(id) {
         return Ok(Json(view));
     }
-    let together = app.together.as_ref().ok_or_else(unknown)?;
-    let fields = together.cluster.read(id).await.map_err(|error| {
+    let membership = app.membership.as_ref().ok_or_else(unknown)?;
+    let fields = membership.cluster.read(id).await.map_err(|error| {
         tracing::warn!(%error, "cannot look up a command of another server");
         Problem::new(
             StatusCode::SERVICE_UNAVAILABLE,

@@ -59,8 +59,8 @@ struct Readiness {
 async fn ready(State(app): State<Arc<App>>) -> Response {
     let broker = app.bus.is_up();
     let simulation = app.simulation.get().map(|world| world.is_running());
-    let together = app.together.as_ref();
-    let cache = together.map(|together| together.is_member());
+    let membership = app.membership.as_ref();
+    let cache = membership.map(|membership| membership.is_member());
     let journal = (!app.commands.is_written()).then_some(false);
     let audit = (!app.trail.is_written()).then_some(false);
     let database = app.records.database().map(|stats| stats.up);

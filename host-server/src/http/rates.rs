@@ -16,7 +16,7 @@ use crawler_access::limits::{Allowance, Flood, Verdict, neighbourhood};
 use crawler_cluster::{Bucket, Spent};
 
 use super::problem::Problem;
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 
 /// The code of a problem that a limit of this module makes.
 pub(super) const LIMITED: &str = "rate_limited";
@@ -152,21 +152,21 @@ impl Rates {
     pub(super) async fn address(
         &self,
         address: IpAddr,
-        together: Option<&Together>,
+        membership: Option<&ClusterMembership>,
     ) -> Result<(), Problem> {
         let place = neighbourhood(address);
         spend(&self.addresses, place, "address", ADDRESS)?;
-        spend_together(together, &place.to_string(), "address", ADDRESS).await
+        spend_shared(membership, &place.to_string(), "address", ADDRESS).await
     }
 
     /// Counts a request of `user`, on all servers together.
     pub(super) async fn user(
         &self,
         user: &UserName,
-        together: Option<&Together>,
+        membership: Option<&ClusterMembership>,
     ) -> Result<(), Problem> {
         spend(&self.users, user.clone(), "user", USER)?;
-        spend_together(together, user.as_str(), "user", USER).await
+        spend_shared(membership, user.as_str(), "user", USER).await
     }
 
     /// Counts a halt of `user`, or of `address` where nobody has a name. On this server alone: a halt
@@ -192,13 +192,13 @@ impl Rates {
 
 /// Without Redis every server counts for itself: that more is let through is better than that nothing
 /// is.
-async fn spend_together(
-    together: Option<&Together>,
+async fn spend_shared(
+    membership: Option<&ClusterMembership>,
     name: &str,
     whose: &str,
     allowance: Allowance,
 ) -> Result<(), Problem> {
-    let Some(together) = together.filter(|together| together.is_member()) else {
+    let Some(membership) = membership.filter(|membership| membership.is_member()) else {
         return Ok(());
     };
     let bucket = Bucket {
@@ -206,7 +206,7 @@ async fn spend_together(
         burst: allowance.burst,
     };
     let name = format!("{whose}:{name}");
-    match together.cluster.spend(&name, bucket, 1).await {
+    match membership.cluster.spend(&name, bucket, 1).await {
         Ok(Spent::Refused) => Err(too_many(whose, allowance)),
         Ok(Spent::Passed) | Err(_) => Ok(()),
     }

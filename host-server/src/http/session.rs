@@ -425,8 +425,8 @@ pub(super) async fn ticket(
     caller: Caller,
 ) -> Result<Json<TicketView>, Problem> {
     let identity = caller.identity()?;
-    let ticket = match &app.together {
-        Some(together) => app.accounts.shared_ticket(identity, together).await,
+    let ticket = match &app.membership {
+        Some(membership) => app.accounts.shared_ticket(identity, membership).await,
         None => app.accounts.ticket(identity),
     };
     let ticket = ticket.ok_or_else(|| Problem::internal("no randomness"))?;

@@ -3,11 +3,12 @@
 use std::sync::atomic::Ordering;
 
 use super::observed::{counter, gauge};
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 
 /// Zeros for a server that is alone.
-pub(super) fn write(out: &mut String, together: Option<&Together>) {
-    let flag = |value: fn(&Together) -> bool| f64::from(u8::from(together.is_some_and(value)));
+pub(super) fn write(out: &mut String, membership: Option<&ClusterMembership>) {
+    let flag =
+        |value: fn(&ClusterMembership) -> bool| f64::from(u8::from(membership.is_some_and(value)));
     for (name, help, value) in [
         (
             "configured",
@@ -17,22 +18,22 @@ pub(super) fn write(out: &mut String, together: Option<&Together>) {
         (
             "redis_up",
             "1 while Redis answers",
-            flag(|together| together.cluster.is_up()),
+            flag(|membership| membership.cluster.is_up()),
         ),
         (
             "member",
             "1 while this server has a lease, and accepts commands",
-            flag(Together::is_member),
+            flag(ClusterMembership::is_member),
         ),
         (
             "leader",
             "1 on the server that does what one of them is to do",
-            flag(|together| together.is_member() && together.leads()),
+            flag(|membership| membership.is_member() && membership.leads()),
         ),
     ] {
         gauge(out, &format!("terracrawler_cluster_{name}"), help, value);
     }
-    let counts = together.map(|together| &together.counts);
+    let counts = membership.map(|membership| &membership.counts);
     let count = |pick: fn(&crate::cluster::Counts) -> &std::sync::atomic::AtomicU64| {
         counts.map_or(0, |counts| pick(counts).load(Ordering::Relaxed)) as f64
     };
@@ -60,7 +61,7 @@ pub(super) fn write(out: &mut String, together: Option<&Together>) {
         (
             "dropped",
             "Messages that the other servers were not told because too many waited",
-            together.map_or(0, |together| together.queue.dropped()) as f64,
+            membership.map_or(0, |membership| membership.queue.dropped()) as f64,
         ),
     ] {
         counter(out, &format!("terracrawler_cluster_{name}"), help, value);

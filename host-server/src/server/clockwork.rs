@@ -52,8 +52,8 @@ pub(super) async fn heart(app: Arc<App>, stop: CancellationToken) {
         let wait = app.commands.time.tell_after(wanted);
         let due = time_sent.is_none_or(|at| now.saturating_duration_since(at) >= wait);
         // Of several servers one tells robots who is near, and the time.
-        let together = app.together.as_ref();
-        let leads = together.is_none_or(|together| together.leads());
+        let membership = app.membership.as_ref();
+        let leads = membership.is_none_or(|membership| membership.leads());
         if leads {
             cells.tell(&app, now);
         }

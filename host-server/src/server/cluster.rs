@@ -17,7 +17,7 @@ use futures_util::{StreamExt as _, stream};
 use super::StartError;
 use super::ingest::{self, Ingest};
 use super::parts::Parts;
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 use crate::commands::{CommandCenter, Journal};
 use crate::config::{EngineUrl, Redis};
 use crate::http::App;
@@ -35,7 +35,7 @@ const CALLS: usize = 16;
 
 /// One of several servers, with a lease.
 pub(super) struct Membership {
-    pub(super) together: Arc<Together>,
+    pub(super) membership: Arc<ClusterMembership>,
     lease: Renewed,
     slot: u8,
     name: PathBuf,
@@ -91,10 +91,10 @@ pub(super) async fn join(
     };
     let lease = cluster.renew(slot).await;
     let lease = lease.map_err(|error| refused(error.to_string()))?;
-    let together = Arc::new(Together::new(cluster));
-    together.renewed(slot, &lease);
+    let membership = Arc::new(ClusterMembership::new(cluster));
+    membership.renewed(slot, &lease);
     Ok(Membership {
-        together,
+        membership,
         lease,
         slot,
         name,
@@ -102,10 +102,10 @@ pub(super) async fn join(
 }
 
 /// Says goodbye to the other servers.
-pub(super) async fn leave(together: Arc<Together>) {
-    let slot = together.slot();
-    together.lapsed();
-    if let Err(error) = together.cluster.leave(slot).await {
+pub(super) async fn leave(membership: Arc<ClusterMembership>) {
+    let slot = membership.slot();
+    membership.lapsed();
+    if let Err(error) = membership.cluster.leave(slot).await {
         tracing::warn!(%error, "the other servers have to find out that this one is gone");
     }
 }
@@ -139,8 +139,8 @@ impl Membership {
         commands: CommandCenter,
         journal: &mut Journal,
     ) -> Result<(CommandCenter, Vec<u64>), ClusterError> {
-        let cluster = &self.together.cluster;
-        let commands = commands.with_cluster(&self.together);
+        let cluster = &self.membership.cluster;
+        let commands = commands.with_cluster(&self.membership);
         commands.share(
             Numbers::new(self.slot, self.lease.ahead_us),
             self.lease.greatest,
@@ -167,7 +167,7 @@ impl Membership {
         commands: &CommandCenter,
         mine: Vec<u64>,
     ) -> Result<(), ClusterError> {
-        let cluster = &self.together.cluster;
+        let cluster = &self.membership.cluster;
         let now = Instant::now();
         for id in mine {
             commands.take_over(id, &cluster.read(id).await?, now);
@@ -185,8 +185,8 @@ impl Membership {
         ingest: &Arc<Ingest>,
         parts: &mut Parts,
     ) -> Result<(), StartError> {
-        let together = Arc::clone(&self.together);
-        let (own, all) = (Arc::clone(app), Arc::clone(&together));
+        let membership = Arc::clone(&self.membership);
+        let (own, all) = (Arc::clone(app), Arc::clone(&membership));
         parts.task("what other servers are told of commands", |stop| {
             async move {
                 stop.run_until_cancelled(flush(&own, &all)).await;
@@ -198,11 +198,11 @@ impl Membership {
         parts.task("the lease among the servers", |stop| async move {
             stop.run_until_cancelled(self.keep(&own)).await;
         })?;
-        let telling = tell(Arc::clone(&together));
+        let telling = tell(Arc::clone(&membership));
         parts.task("what other servers are told", |stop| async move {
             stop.run_until_cancelled(telling).await;
         })?;
-        let hearing = listen(Arc::clone(app), Arc::clone(ingest), together);
+        let hearing = listen(Arc::clone(app), Arc::clone(ingest), membership);
         parts.task("what other servers tell", |stop| async move {
             stop.run_until_cancelled(hearing).await;
         })
@@ -210,7 +210,7 @@ impl Membership {
 
     /// Keeps the lease, and takes over from those who have lost theirs.
     async fn keep(&self, app: &App) {
-        let together = &self.together;
+        let membership = &self.membership;
         let mut tick = tokio::time::interval(RENEW);
         tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         // Whoever has just come, or come back, gives the others time to do so.
@@ -219,17 +219,17 @@ impl Membership {
         let mut unsure = false;
         loop {
             tick.tick().await;
-            match together.cluster.renew(together.slot()).await {
+            match membership.cluster.renew(membership.slot()).await {
                 Ok(lease) => {
-                    together.renewed(together.slot(), &lease);
-                    let numbers = Numbers::new(together.slot(), lease.ahead_us);
+                    membership.renewed(membership.slot(), &lease);
+                    let numbers = Numbers::new(membership.slot(), lease.ahead_us);
                     app.commands.share(numbers, lease.greatest);
                     if std::mem::take(&mut away) {
                         tracing::info!("Redis is back");
                         since = Instant::now();
                     }
                     if since.elapsed() > LEASE {
-                        match inherit(app, together, unsure).await {
+                        match inherit(app, membership, unsure).await {
                             Ok(()) => unsure = false,
                             Err(error) => {
                                 unsure = true;
@@ -239,8 +239,8 @@ impl Membership {
                     }
                 }
                 Err(ClusterError::NoLease) => {
-                    together.counts.lapses.fetch_add(1, Ordering::Relaxed);
-                    together.lapsed();
+                    membership.counts.lapses.fetch_add(1, Ordering::Relaxed);
+                    membership.lapsed();
                     since = Instant::now();
                     if let Err(error) = self.rejoin(app).await {
                         tracing::warn!(%error, "cannot join the other servers");
@@ -257,7 +257,7 @@ impl Membership {
 
     /// Comes back after the lease was over.
     async fn rejoin(&self, app: &App) -> Result<(), ClusterError> {
-        let cluster = &self.together.cluster;
+        let cluster = &self.membership.cluster;
         for _ in 0..2 {
             match cluster.join().await? {
                 Joined::Slot(slot) => {
@@ -268,7 +268,7 @@ impl Membership {
                     for (id, fields) in app.commands.everything() {
                         cluster.accept(id, &fields).await?;
                     }
-                    self.together.renewed(slot, &lease);
+                    self.membership.renewed(slot, &lease);
                     tracing::warn!(slot, "joined the other servers again");
                     return Ok(());
                 }
@@ -302,8 +302,12 @@ impl Membership {
 }
 
 /// Takes over what servers owe that are gone.
-async fn inherit(app: &App, together: &Together, unsure: bool) -> Result<(), ClusterError> {
-    let cluster = &together.cluster;
+async fn inherit(
+    app: &App,
+    membership: &ClusterMembership,
+    unsure: bool,
+) -> Result<(), ClusterError> {
+    let cluster = &membership.cluster;
     let mut ids = Vec::new();
     for adopted in cluster.adopt().await? {
         tracing::warn!(
@@ -319,7 +323,7 @@ async fn inherit(app: &App, together: &Together, unsure: bool) -> Result<(), Clu
     }
     for id in ids {
         let fields = cluster.read(id).await?;
-        together.counts.adopted.fetch_add(1, Ordering::Relaxed);
+        membership.counts.adopted.fetch_add(1, Ordering::Relaxed);
         if let Some(over) = app.commands.take_over(id, &fields, Instant::now()) {
             ingest::tell(app, &over);
         }
@@ -328,17 +332,17 @@ async fn inherit(app: &App, together: &Together, unsure: bool) -> Result<(), Clu
 }
 
 /// Tells the others what becomes of commands.
-async fn flush(app: &App, together: &Together) {
+async fn flush(app: &App, membership: &ClusterMembership) {
     loop {
         tokio::time::sleep(TELL).await;
-        if together.is_member() {
-            write(app, together).await;
+        if membership.is_member() {
+            write(app, membership).await;
         }
     }
 }
 
-async fn write(app: &App, together: &Together) {
-    let cluster = &together.cluster;
+async fn write(app: &App, membership: &ClusterMembership) {
+    let cluster = &membership.cluster;
     for id in app.commands.retracted() {
         if let Err(error) = cluster.retract(id).await {
             tracing::debug!(%error, id, "a command cannot be taken back yet");
@@ -360,36 +364,36 @@ async fn write(app: &App, together: &Together) {
 }
 
 /// Tells the others what this server has heard.
-async fn tell(together: Arc<Together>) {
+async fn tell(membership: Arc<ClusterMembership>) {
     let mut told = Instant::now();
     loop {
         tokio::time::sleep(TELL).await;
-        let mut next = together.queue.take();
+        let mut next = membership.queue.take();
         if next.is_none() && told.elapsed() >= SIGN {
-            next = Some(frame::begin(together.cluster.token()));
+            next = Some(frame::begin(membership.cluster.token()));
         }
         while let Some(frame) = next {
             told = Instant::now();
-            if let Err(error) = together.cluster.tell(&frame).await {
+            if let Err(error) = membership.cluster.tell(&frame).await {
                 // What was heard a second ago is of no use to anybody.
                 tracing::debug!(%error, "the others do not hear what this server hears");
             }
-            next = together.queue.take();
+            next = membership.queue.take();
         }
     }
 }
 
 /// Hears what the others tell.
-async fn listen(app: Arc<App>, ingest: Arc<Ingest>, together: Arc<Together>) {
+async fn listen(app: Arc<App>, ingest: Arc<Ingest>, membership: Arc<ClusterMembership>) {
     loop {
-        match together.cluster.subscribe().await {
+        match membership.cluster.subscribe().await {
             Ok(mut subscription) => {
                 // Whatever was told in between is in the records.
                 app.records_changed.notify_one();
                 while let Ok(Some(news)) = tokio::time::timeout(SILENCE, subscription.next()).await
                 {
                     match news {
-                        News::Heard(bytes) => hear(&ingest, &together, &bytes),
+                        News::Heard(bytes) => hear(&ingest, &membership, &bytes),
                         News::Changed => app.records_changed.notify_one(),
                     }
                 }
@@ -401,18 +405,21 @@ async fn listen(app: Arc<App>, ingest: Arc<Ingest>, together: Arc<Together>) {
     }
 }
 
-fn hear(ingest: &Ingest, together: &Together, bytes: &[u8]) {
+fn hear(ingest: &Ingest, membership: &ClusterMembership, bytes: &[u8]) {
     match frame::read(bytes) {
-        Ok((sender, _)) if sender == together.cluster.token() => {}
+        Ok((sender, _)) if sender == membership.cluster.token() => {}
         Ok((_, messages)) => {
             let count = messages.len() as u64;
-            together.counts.relayed.fetch_add(count, Ordering::Relaxed);
+            membership
+                .counts
+                .relayed
+                .fetch_add(count, Ordering::Relaxed);
             for message in &messages {
                 ingest.relayed(message);
             }
         }
         Err(error) => {
-            together.counts.unreadable.fetch_add(1, Ordering::Relaxed);
+            membership.counts.unreadable.fetch_add(1, Ordering::Relaxed);
             tracing::debug!(%error, "another server cannot be understood");
         }
     }

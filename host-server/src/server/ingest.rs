@@ -106,10 +106,10 @@ impl Receiver for Ingest {
         match received {
             Ok((topic, received)) => {
                 self.app.metrics.message_in(&topic);
-                if let Some(together) = &self.app.together
+                if let Some(membership) = &self.app.membership
                     && is_shared(&topic)
                 {
-                    together.queue.push(Told {
+                    membership.queue.push(Told {
                         topic: message.topic,
                         payload: message.payload,
                         retained: message.retained,

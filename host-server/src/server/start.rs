@@ -134,20 +134,18 @@ pub(super) async fn start(
     let outlet: Arc<dyn Outlet> = Arc::clone(&bus) as _;
     let source = Source::new("server").map_err(|_| StartError::Internal("source"))?;
     let commands = CommandCenter::new(outlet, Arc::clone(&metrics), source, sequence);
-    let (commands, membership) = match &settings.cache {
+    let (commands, joined) = match &settings.cache {
         None => (write_down(commands, journal, &data, parts)?, None),
         Some(cache) => {
             let (commands, joined) = join(settings, cache, commands, journal, &data, parts).await?;
-            metrics.watch_cluster(&joined.together);
+            metrics.watch_cluster(&joined.membership);
             (commands, Some(joined))
         }
     };
-    let together = membership
-        .as_ref()
-        .map(|joined| Arc::clone(&joined.together));
+    let membership = joined.as_ref().map(|joined| Arc::clone(&joined.membership));
     // Who has records of its own keeps everything in them.
     let shared = records.database().is_some();
-    let recorder = Recorder::new(together.clone().filter(|_| shared));
+    let recorder = Recorder::new(membership.clone().filter(|_| shared));
     metrics.watch_recorder(&recorder);
     let writer = recorder.writer(records.clone());
     parts.task("what is recorded", |stop| writer.run(stop))?;
@@ -173,18 +171,18 @@ pub(super) async fn start(
         readers: Arc::new(Semaphore::new(descriptors.readers)),
         stop: CancellationToken::new(),
         tasks: TaskTracker::new(),
-        together,
+        membership,
         records_changed: Notify::new(),
         fence_stops: fences::Stops::default(),
     });
-    if membership.is_some() {
+    if joined.is_some() {
         app.fleet.lock().relayed();
     }
     app.fleet.lock().events.record_in(app.recorder.clone());
     fences::catch_up(&app).await;
 
     let ingest = Ingest::new(Arc::clone(&app), settings.fleet.clone());
-    if let Some(joined) = membership {
+    if let Some(joined) = joined {
         joined.start(&app, &ingest, parts)?;
     }
     let own = || Arc::clone(&app);
@@ -201,7 +199,7 @@ pub(super) async fn start(
     if settings.role == Role::Up {
         // The connection is served already, so the robots' first words find a listener.
         simulate(settings, &app, &inside, parts).await?;
-    } else if app.together.is_none() || app.records.database().is_none() {
+    } else if app.membership.is_none() || app.records.database().is_none() {
         // Another server with the same records may have a world; else there is none.
         app.recorder.record_arena(&serde_json::Value::Null);
     }
@@ -258,7 +256,7 @@ async fn join(
 ) -> Result<(CommandCenter, Membership), StartError> {
     let name = data.file(cluster::NAME);
     let joined = cluster::join(cache, &settings.fleet, name, &mut journal).await?;
-    parts.end_with(cluster::leave(Arc::clone(&joined.together)))?;
+    parts.end_with(cluster::leave(Arc::clone(&joined.membership)))?;
     let lost = |error: ClusterError| StartError::Cache {
         cache: cache.to_string(),
         reason: error.to_string(),

@@ -12,15 +12,15 @@ use super::*;
 fn server(slot: u8) -> (Arc<Wire>, CommandCenter) {
     let (wire, center) = center();
     let cluster = Cluster::open("redis://127.0.0.1:1", "swarm", "0".repeat(16)).expect("a name");
-    let together = Arc::new(Together::new(cluster));
+    let membership = Arc::new(ClusterMembership::new(cluster));
     let lease = Renewed {
         until: Instant::now() + Duration::from_hours(1),
         leader: true,
         ahead_us: 0,
         greatest: 0,
     };
-    together.renewed(slot, &lease);
-    let center = center.with_cluster(&together);
+    membership.renewed(slot, &lease);
+    let center = center.with_cluster(&membership);
     center.share(Numbers::new(slot, 0), 0);
     (wire, center)
 }
@@ -144,7 +144,7 @@ async fn without_a_lease_only_halts_go() {
     let now = Instant::now();
     first.status(&id("a"), false, 3, now);
     give(&first, Action::Identify, now);
-    first.together.as_ref().expect("several").lapsed();
+    first.membership.as_ref().expect("several").lapsed();
     first.status(&id("a"), true, 3, now);
     assert_eq!(sent(&wire), [], "it may be another server's by now");
     give(&first, Action::Stop, now);

@@ -13,7 +13,7 @@ use super::record::Outcome;
 use super::shared::{Change, SharedDesk, read};
 use super::{CommandCenter, CommandView, OutcomeStatus, Record, Target};
 use crate::clock;
-use crate::cluster::Together;
+use crate::cluster::ClusterMembership;
 
 /// What was another server's, read and ready.
 struct Inherited {
@@ -73,8 +73,8 @@ pub(crate) fn view_of(id: u64, fields: &Fields) -> Option<CommandView> {
 
 impl CommandCenter {
     /// Makes it one of several.
-    pub(crate) fn with_cluster(mut self, together: &Arc<Together>) -> Self {
-        self.together = Some(Arc::clone(together));
+    pub(crate) fn with_cluster(mut self, membership: &Arc<ClusterMembership>) -> Self {
+        self.membership = Some(Arc::clone(membership));
         self.book().desk.shared = Some(SharedDesk::default());
         self
     }
