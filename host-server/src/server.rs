@@ -3,6 +3,7 @@
 mod cells;
 mod clockwork;
 mod cluster;
+mod endpoints;
 mod ingest;
 mod parts;
 mod robots;
@@ -13,7 +14,6 @@ mod start_error;
 #[cfg(test)]
 mod start_tests;
 mod watch;
-mod ways;
 mod writable;
 
 use std::net::SocketAddr;
@@ -27,9 +27,9 @@ use crate::data::Disk;
 use crate::http::App;
 use parts::Parts;
 
+pub(crate) use endpoints::{open_tunnel, outside};
 pub use robots::Robots;
 pub use start_error::StartError;
-pub(crate) use ways::{open_tunnel, outside};
 
 /// A running server. Dropped without [`Server::stop`] it stops in the background, as long as there is a
 /// runtime.

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::StartError;
+use super::endpoints::{open_tunnel, outside};
 use super::parts::Parts;
-use super::ways::{open_tunnel, outside};
 use crate::bus;
 use crate::config::{Broker, BrokerUrl, Settings};
 use crate::simulation::Simulation;

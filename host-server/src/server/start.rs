@@ -15,9 +15,9 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::cluster::Membership;
+use super::endpoints::{self, BrokerEndpoints};
 use super::ingest::Ingest;
 use super::parts::{PATIENCE, Parts, finish};
-use super::ways::{self, Ways};
 use super::{StartError, clockwork, cluster};
 use crate::accounts::{Accounts, Trail};
 use crate::addresses::Addresses;
@@ -98,14 +98,14 @@ pub(super) async fn start(
     };
     let https = door.is_some();
 
-    let Ways {
+    let BrokerEndpoints {
         broker,
         tunnel,
         target,
         mqtt,
         plain,
         inside,
-    } = ways::open(
+    } = endpoints::open(
         settings,
         &records,
         certificates.as_ref(),
@@ -114,7 +114,7 @@ pub(super) async fn start(
         descriptors,
     )
     .await?;
-    let inside = ways::for_robots(&inside, broker.as_ref(), settings);
+    let inside = endpoints::for_robots(&inside, broker.as_ref(), settings);
     let handle = broker.as_ref().map(EmbeddedBroker::handle);
     if let Some(broker) = broker {
         broker.note_in(trail.notes());
@@ -285,7 +285,7 @@ async fn simulate(
         stop.run_until_cancelled(telling).await;
     })?;
     let _ = app.simulation.set(Arc::clone(&simulation));
-    let target = ways::outside(inside)?.named("simulator");
+    let target = endpoints::outside(inside)?.named("simulator");
     let fleet = settings.fleet.clone();
     parts.task("the commands to the simulator", |stop| {
         simulator::listen(simulation, target, fleet, stop)

@@ -1,4 +1,4 @@
-//! The ways to the fleet's broker.
+//! The endpoints of the fleet's broker.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -13,8 +13,8 @@ use crate::config::{Broker, BrokerUrl, Settings};
 use crate::descriptors::Descriptors;
 use crate::tls::{Certificates, Door, Tunnel, reachable};
 
-/// The fleet's broker, and the ways to it.
-pub(super) struct Ways {
+/// The fleet's broker, and where each finds it.
+pub(super) struct BrokerEndpoints {
     pub(super) broker: Option<EmbeddedBroker>,
     pub(super) tunnel: Option<Tunnel>,
     /// Our own session.
@@ -35,7 +35,7 @@ pub(super) async fn open(
     people: &People,
     notes: Notes,
     descriptors: Descriptors,
-) -> Result<Ways, StartError> {
+) -> Result<BrokerEndpoints, StartError> {
     match &settings.broker {
         Broker::Embedded(listen) => {
             let accounts: Arc<dyn Accounts> = if settings.open {
@@ -54,7 +54,7 @@ pub(super) async fn open(
         Broker::Outside(mqtt) => {
             let tunnel = open_tunnel(settings, mqtt).await?;
             let inside = tunnel.as_ref().map_or(mqtt, Tunnel::inside).clone();
-            Ok(Ways {
+            Ok(BrokerEndpoints {
                 broker: None,
                 target: Target {
                     shared: settings.cache.is_some(),
@@ -75,7 +75,7 @@ async fn embedded(
     accounts: Arc<dyn Accounts>,
     certificates: Option<&Arc<Certificates>>,
     descriptors: Descriptors,
-) -> Result<Ways, StartError> {
+) -> Result<BrokerEndpoints, StartError> {
     let certificates = certificates.filter(|_| settings.tls.covers(listen));
     let broker = EmbeddedBroker::start(&settings.fleet, accounts, descriptors.into())
         .await
@@ -96,7 +96,7 @@ async fn embedded(
         credentials: Some((server.user.clone(), server.password.to_string())),
         shared: false,
     };
-    Ok(Ways {
+    Ok(BrokerEndpoints {
         broker: Some(broker),
         tunnel: None,
         target,
