@@ -1,10 +1,10 @@
 //! Commands on their way: numbered, sent, sent again where no answer came, held for robots that
 //! are away, and followed until every robot has answered for good.
 
-mod clerk;
 mod cluster;
 #[cfg(test)]
 mod cluster_tests;
+mod driver;
 #[cfg(test)]
 mod held_tests;
 mod journal;
@@ -34,8 +34,8 @@ use crate::clock::{self, FleetTime};
 use crate::cluster::ClusterMembership;
 use crate::metrics::Metrics;
 
-use clerk::{Clerk, Desk};
 pub(crate) use cluster::view_of;
+use driver::{CommandTable, DeliveryDriver};
 pub(crate) use journal::Journal;
 pub(crate) use record::{CommandView, OutcomeStatus, Record};
 pub(crate) use sequence::Sequence;
@@ -111,7 +111,7 @@ pub(crate) struct CommandCenter {
 
 struct Book {
     delivery: Delivery,
-    desk: Desk,
+    table: CommandTable,
     sent: u64,
     answered: u64,
 }
@@ -131,7 +131,7 @@ impl CommandCenter {
         source: Source,
         sequence: Sequence,
     ) -> Self {
-        let desk = Desk {
+        let table = CommandTable {
             sequence,
             records: BTreeMap::new(),
             open: BTreeSet::new(),
@@ -149,7 +149,7 @@ impl CommandCenter {
             start: Instant::now(),
             book: Mutex::new(Book {
                 delivery: Delivery::new(),
-                desk,
+                table,
                 sent: 0,
                 answered: 0,
             }),
@@ -163,10 +163,10 @@ impl CommandCenter {
         u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
     }
 
-    fn clerk<'a>(&'a self, desk: &'a mut Desk, now: Instant) -> Clerk<'a> {
-        Clerk {
+    fn driver<'a>(&'a self, table: &'a mut CommandTable, now: Instant) -> DeliveryDriver<'a> {
+        DeliveryDriver {
             center: self,
-            desk,
+            table,
             now,
             refused: None,
         }
@@ -190,18 +190,18 @@ impl CommandCenter {
         let book = &mut *book;
         let robot = &response.robot;
         let id = if let Some(id) = book.delivery.answered(robot, response.seq) {
-            book.desk.done(id, robot);
+            book.table.done(id, robot);
             id
         } else {
-            let known = book.desk.numbers.get(&response.seq);
+            let known = book.table.numbers.get(&response.seq);
             known.copied().unwrap_or(response.seq)
         };
         // An answer makes way for what waits behind the command.
         let at = self.ms(now);
-        let mut clerk = self.clerk(&mut book.desk, now);
-        book.delivery.poll_one(robot, at, &mut clerk);
-        let Some(record) = book.desk.records.get_mut(&id) else {
-            if let Some(shared) = &mut book.desk.shared {
+        let mut driver = self.driver(&mut book.table, now);
+        book.delivery.poll_one(robot, at, &mut driver);
+        let Some(record) = book.table.records.get_mut(&id) else {
+            if let Some(shared) = &mut book.table.shared {
                 // Another server's, and perhaps ours before long.
                 shared.heard(response);
             }
@@ -209,10 +209,10 @@ impl CommandCenter {
         };
         let before = record.outcomes.len();
         let change = record.answer(response, known)?;
-        if let Some(shared) = &mut book.desk.shared {
+        if let Some(shared) = &mut book.table.shared {
             shared.touch(id, robot);
         }
-        book.desk.outcomes += record.outcomes.len() - before;
+        book.table.outcomes += record.outcomes.len() - before;
         if change.first_final {
             book.answered += 1;
             self.metrics.answer(response.status.name());
@@ -223,10 +223,10 @@ impl CommandCenter {
         }
         if record.is_open() {
             // Also when a robot that had been given up accepts after all.
-            book.desk.open.insert(id);
+            book.table.open.insert(id);
             return None;
         }
-        if !book.desk.open.remove(&id) {
+        if !book.table.open.remove(&id) {
             return None;
         }
         let view = record.view();
@@ -240,8 +240,8 @@ impl CommandCenter {
         let book = &mut *book;
         let at = self.ms(now);
         book.delivery.status(robot, online, boot, at);
-        let mut clerk = self.clerk(&mut book.desk, now);
-        book.delivery.poll_one(robot, at, &mut clerk);
+        let mut driver = self.driver(&mut book.table, now);
+        book.delivery.poll_one(robot, at, &mut driver);
     }
 
     /// A robot has spoken.
@@ -263,20 +263,20 @@ impl CommandCenter {
         let mut book = self.book();
         let book = &mut *book;
         let at = self.ms(now);
-        let mut clerk = self.clerk(&mut book.desk, now);
-        book.delivery.poll(at, &mut clerk);
-        let mut over = mem::take(&mut book.desk.over);
-        let open: Vec<u64> = book.desk.open.iter().copied().collect();
+        let mut driver = self.driver(&mut book.table, now);
+        book.delivery.poll(at, &mut driver);
+        let mut over = mem::take(&mut book.table.over);
+        let open: Vec<u64> = book.table.open.iter().copied().collect();
         for id in open {
-            let Some(record) = book.desk.records.get_mut(&id) else {
-                book.desk.open.remove(&id);
+            let Some(record) = book.table.records.get_mut(&id) else {
+                book.table.open.remove(&id);
                 continue;
             };
             let expired = record.expire(now);
             for _ in 0..expired {
                 self.metrics.answer(OutcomeStatus::Timeout.name());
             }
-            if let Some(shared) = &mut book.desk.shared
+            if let Some(shared) = &mut book.table.shared
                 && expired > 0
             {
                 for robot in record.outcomes.keys() {
@@ -284,12 +284,12 @@ impl CommandCenter {
                 }
             }
             if !record.is_open() {
-                book.desk.open.remove(&id);
+                book.table.open.remove(&id);
                 over.push(record.view());
                 self.announce(record);
             }
         }
-        book.desk.forget(&mut book.delivery, now);
+        book.table.forget(&mut book.delivery, now);
         over
     }
 
@@ -320,7 +320,7 @@ impl CommandCenter {
     }
 
     pub(crate) fn view(&self, seq: u64) -> Option<CommandView> {
-        self.book().desk.records.get(&seq).map(Record::view)
+        self.book().table.records.get(&seq).map(Record::view)
     }
 
     pub(crate) fn totals(&self) -> Totals {
@@ -328,7 +328,7 @@ impl CommandCenter {
         Totals {
             sent: book.sent,
             answered: book.answered,
-            open: book.desk.open.len(),
+            open: book.table.open.len(),
         }
     }
 }

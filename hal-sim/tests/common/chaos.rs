@@ -1,8 +1,8 @@
 //! A server, its broker and its robots, and everything between them going wrong: with the server's
 //! own delivery of commands and the real program of the robots, in virtual time.
 
-#[path = "chaos/desk.rs"]
-mod desk;
+#[path = "chaos/driver.rs"]
+mod driver;
 #[path = "chaos/judge.rs"]
 mod judge;
 #[path = "chaos/report.rs"]
@@ -10,7 +10,7 @@ mod report;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crawler_delivery::{Class, Delivery, Ms, Post as _, Sending};
+use crawler_delivery::{Class, Delivery, DeliverySink as _, Ms, Sending};
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{
     Action, Direction, ParameterValue, ParameterValues, Reason, Response, ResponseStatus, RobotId,
@@ -22,7 +22,7 @@ use crawler_sim::scenario::Scenario;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 
-use desk::{Clerk, Desk, Given, Kept};
+use driver::{CommandTable, DeliveryDriver, Given, Kept};
 use report::{Kind, Report};
 
 /// What robots may need from the end of a fault until they are back.
@@ -66,7 +66,7 @@ pub(crate) struct Chaos {
     simulation: Simulation,
     rng: Pcg32,
     delivery: Delivery,
-    desk: Desk,
+    table: CommandTable,
     ids: Vec<RobotId>,
     by_id: BTreeMap<RobotId, usize>,
     topics: BTreeMap<RobotId, String>,
@@ -108,7 +108,7 @@ impl Chaos {
             ids,
             rng: Pcg32::seed_from_u64(seed),
             delivery: Delivery::new(),
-            desk: Desk {
+            table: CommandTable {
                 number: 1_000_000,
                 given: BTreeMap::new(),
                 numbers: BTreeMap::new(),
@@ -187,7 +187,7 @@ impl Chaos {
         }
         if matches!(kind, Kind::ServerKilled | Kind::BothKilled) {
             self.alive = false;
-            self.desk.forget_halts();
+            self.table.forget_halts();
         }
         *self.report.faults.entry(kind).or_default() += 1;
         self.fault = Some(Fault { kind, ends, robots });
@@ -207,14 +207,14 @@ impl Chaos {
         if !self.alive {
             self.alive = true;
             self.delivery = Delivery::new();
-            let journal = std::mem::take(&mut self.desk.journal);
+            let journal = std::mem::take(&mut self.table.journal);
             for (&id, kept) in journal.iter().filter(|(_, kept)| kept.expires > now) {
-                let given = &self.desk.given[&id];
+                let given = &self.table.given[&id];
                 let (robot, flight) = (&self.ids[given.robot], (kept.seq, kept.boot));
                 let times = (now, kept.expires);
                 self.delivery.resume(id, robot, given.class, flight, times);
             }
-            self.desk.journal = journal;
+            self.table.journal = journal;
         }
         if !self.connected {
             self.connected = true;
@@ -269,7 +269,7 @@ impl Chaos {
             return;
         }
         let now = self.now();
-        let id = self.desk.number + 1;
+        let id = self.table.number + 1;
         if self
             .delivery
             .submit(id, &self.ids[robot], class, now)
@@ -277,11 +277,11 @@ impl Chaos {
         {
             return;
         }
-        self.desk.number = id;
+        self.table.number = id;
         if matches!(class, Class::Plain | Class::Setting) {
             let boot = self.delivery.boot(&self.ids[robot]);
             let expires = now + class.life_ms();
-            self.desk.journal.insert(
+            self.table.journal.insert(
                 id,
                 Kept {
                     seq: id,
@@ -301,7 +301,7 @@ impl Chaos {
             answered: None,
             forgotten: false,
         };
-        self.desk.given.insert(id, given);
+        self.table.given.insert(id, given);
         if self.careless {
             let id_of = self.ids[robot].clone();
             let sending = Sending {
@@ -312,12 +312,12 @@ impl Chaos {
                 life_ms: 1,
                 boot: None,
             };
-            let mut clerk = Clerk {
-                desk: &mut self.desk,
+            let mut driver = DeliveryDriver {
+                table: &mut self.table,
                 simulation: &mut self.simulation,
                 topics: &self.topics,
             };
-            clerk.send(&sending);
+            driver.send(&sending);
             return;
         }
         self.poll_one(robot);
@@ -325,13 +325,13 @@ impl Chaos {
 
     fn poll_one(&mut self, robot: usize) {
         let now = self.now();
-        let mut clerk = Clerk {
-            desk: &mut self.desk,
+        let mut driver = DeliveryDriver {
+            table: &mut self.table,
             simulation: &mut self.simulation,
             topics: &self.topics,
         };
         if self.alive && !self.careless {
-            self.delivery.poll_one(&self.ids[robot], now, &mut clerk);
+            self.delivery.poll_one(&self.ids[robot], now, &mut driver);
         }
     }
 
@@ -341,12 +341,12 @@ impl Chaos {
         self.listen();
         let now = self.now();
         if self.alive && !self.careless {
-            let mut clerk = Clerk {
-                desk: &mut self.desk,
+            let mut driver = DeliveryDriver {
+                table: &mut self.table,
                 simulation: &mut self.simulation,
                 topics: &self.topics,
             };
-            self.delivery.poll(now, &mut clerk);
+            self.delivery.poll(now, &mut driver);
         }
         self.watch();
         if let Some((kind, since, back)) = &self.returning {
@@ -406,14 +406,14 @@ impl Chaos {
     fn answer(&mut self, response: &Response) {
         let (seq, status) = (response.seq, response.status);
         let answered = self.delivery.answered(&response.robot, seq);
-        let Some(&id) = self.desk.numbers.get(&seq) else {
+        let Some(&id) = self.table.numbers.get(&seq) else {
             panic!("nobody gave {seq}");
         };
         if answered.is_some() {
-            self.desk.journal.remove(&id);
+            self.table.journal.remove(&id);
         }
         self.poll_one(self.by_id[&response.robot]);
-        let given = self.desk.given.get_mut(&id).unwrap();
+        let given = self.table.given.get_mut(&id).unwrap();
         given.answered = Some(status);
         let refused = matches!(
             response.reason,

@@ -1,6 +1,6 @@
 //! When a command goes to a robot, when it goes again, and when it is given up.
 //!
-//! Nothing here does anything: time is handed in, and what is to be sent is handed to a [`Post`].
+//! Nothing here does anything: time is handed in, and what is to be sent is handed to a [`DeliverySink`].
 //! The server and the chaos runs of the simulator use the same [`Delivery`].
 //!
 //! # What makes sure that nothing is lost and nothing runs twice
@@ -23,13 +23,13 @@
 //! What a halt or a command to the whole swarm has overtaken may come back `stale`; that is its outcome
 //! then.
 
-mod lane;
+mod queue;
 
 use std::collections::BTreeMap;
 
 use crawler_protocol::{Action, RobotId};
 
-use lane::{Lane, Parcel};
+use queue::{PendingCommand, RobotQueue};
 
 /// Milliseconds since any moment that is the same for all calls.
 pub type Ms = u64;
@@ -111,7 +111,7 @@ pub enum End {
 }
 
 /// Who carries things out.
-pub trait Post {
+pub trait DeliverySink {
     /// The number that the command `id` is about to go to a robot under: above `above`, and above all
     /// that were given before. What could not go under its number may get the same one again.
     fn number(&mut self, id: u64, robot: &RobotId, above: u64) -> u64;
@@ -141,13 +141,13 @@ impl std::error::Error for Full {}
 /// All commands under way to all robots.
 #[derive(Debug, Default)]
 pub struct Delivery {
-    lanes: BTreeMap<RobotId, Lane>,
+    queues: BTreeMap<RobotId, RobotQueue>,
     /// Whether there is no connection to the broker.
     down: bool,
     /// The newest number that went to all robots.
     broadcast: u64,
     /// Commands under way.
-    parcels: usize,
+    pending: usize,
 }
 
 impl Delivery {
@@ -165,13 +165,13 @@ impl Delivery {
     /// # Errors
     /// [`Full`] when too many wait; never for a halt.
     pub fn submit(&mut self, id: u64, robot: &RobotId, class: Class, now: Ms) -> Result<(), Full> {
-        let room = self.parcels < MOST;
-        let lane = self.lanes.entry(robot.clone()).or_default();
-        if class != Class::Halt && !(room && lane.len() < MOST_PER_ROBOT) {
+        let room = self.pending < MOST;
+        let queue = self.queues.entry(robot.clone()).or_default();
+        if class != Class::Halt && !(room && queue.len() < MOST_PER_ROBOT) {
             return Err(Full);
         }
-        lane.push(Parcel::new(id, class, now + class.life_ms()));
-        self.parcels += 1;
+        queue.push(PendingCommand::new(id, class, now + class.life_ms()));
+        self.pending += 1;
         Ok(())
     }
 
@@ -186,10 +186,10 @@ impl Delivery {
     ) {
         self.broadcast = self.broadcast.max(id);
         for robot in robots {
-            let lane = self.lanes.entry(robot).or_default();
-            if self.parcels < MOST && lane.len() < MOST_PER_ROBOT {
-                lane.push_sent(Parcel::new(id, class, now + class.life_ms()), now);
-                self.parcels += 1;
+            let queue = self.queues.entry(robot).or_default();
+            if self.pending < MOST && queue.len() < MOST_PER_ROBOT {
+                queue.push_sent(PendingCommand::new(id, class, now + class.life_ms()), now);
+                self.pending += 1;
             }
         }
     }
@@ -204,16 +204,16 @@ impl Delivery {
         (seq, boot): (u64, Option<u32>),
         (now, expires): (Ms, Ms),
     ) {
-        let lane = self.lanes.entry(robot.clone()).or_default();
-        lane.push_sent(Parcel::new(id, class, expires), now);
-        lane.took_off(id, seq, boot, now);
-        self.parcels += 1;
+        let queue = self.queues.entry(robot.clone()).or_default();
+        queue.push_sent(PendingCommand::new(id, class, expires), now);
+        queue.took_off(id, seq, boot, now);
+        self.pending += 1;
     }
 
     /// Takes a command back. Nothing is said of it any more.
     pub fn withdraw(&mut self, id: u64, robot: &RobotId) {
-        if let Some(lane) = self.lanes.get_mut(robot) {
-            self.parcels -= lane.remove(|parcel| parcel.id() == id);
+        if let Some(queue) = self.queues.get_mut(robot) {
+            self.pending -= queue.remove(|pending| pending.id() == id);
         }
     }
 
@@ -221,8 +221,8 @@ impl Delivery {
     /// answer goes again at once: a broker that has started anew has forgotten it.
     pub fn connection(&mut self, up: bool, now: Ms) {
         if up && self.down {
-            for lane in self.lanes.values_mut() {
-                lane.rouse(now);
+            for queue in self.queues.values_mut() {
+                queue.rouse(now);
             }
         }
         self.down = !up;
@@ -230,67 +230,67 @@ impl Delivery {
 
     /// A robot has told its status, or its broker has told that it is gone.
     pub fn status(&mut self, robot: &RobotId, online: bool, boot: u32, now: Ms) {
-        let lane = self.lanes.entry(robot.clone()).or_default();
-        lane.status(online, boot, now);
+        let queue = self.queues.entry(robot.clone()).or_default();
+        queue.status(online, boot, now);
     }
 
     /// A robot has spoken, whatever its status says: a last will can come late.
     pub fn heard(&mut self, robot: &RobotId, now: Ms) {
-        if let Some(lane) = self.lanes.get_mut(robot) {
-            lane.heard(now);
+        if let Some(queue) = self.queues.get_mut(robot) {
+            queue.heard(now);
         }
     }
 
     /// Whether commands for this robot go at once, as far as is known.
     #[must_use]
     pub fn is_online(&self, robot: &RobotId) -> bool {
-        !self.down && self.lanes.get(robot).is_none_or(Lane::is_online)
+        !self.down && self.queues.get(robot).is_none_or(RobotQueue::is_online)
     }
 
     /// How often the robot had started when it last told its status.
     #[must_use]
     pub fn boot(&self, robot: &RobotId) -> Option<u32> {
-        self.lanes.get(robot)?.boot()
+        self.queues.get(robot)?.boot()
     }
 
     /// The robot has answered the number `seq`: nothing is sent any more. Returns whose command it
     /// was, if it was still under way.
     pub fn answered(&mut self, robot: &RobotId, seq: u64) -> Option<u64> {
-        let id = self.lanes.get_mut(robot)?.answered(seq)?;
-        self.parcels -= 1;
+        let id = self.queues.get_mut(robot)?.answered(seq)?;
+        self.pending -= 1;
         Some(id)
     }
 
     /// Sends what is due, and gives up what is too old.
-    pub fn poll(&mut self, now: Ms, post: &mut dyn Post) {
-        for (robot, lane) in &mut self.lanes {
-            if lane.len() == 0 {
+    pub fn poll(&mut self, now: Ms, sink: &mut dyn DeliverySink) {
+        for (robot, queue) in &mut self.queues {
+            if queue.len() == 0 {
                 continue;
             }
-            let before = lane.len();
-            lane.poll(robot, self.broadcast, !self.down, now, post);
-            self.parcels -= before - lane.len();
+            let before = queue.len();
+            queue.poll(robot, self.broadcast, !self.down, now, sink);
+            self.pending -= before - queue.len();
         }
     }
 
     /// As [`Delivery::poll`], for one robot.
-    pub fn poll_one(&mut self, robot: &RobotId, now: Ms, post: &mut dyn Post) {
-        if let Some(lane) = self.lanes.get_mut(robot) {
-            let before = lane.len();
-            lane.poll(robot, self.broadcast, !self.down, now, post);
-            self.parcels -= before - lane.len();
+    pub fn poll_one(&mut self, robot: &RobotId, now: Ms, sink: &mut dyn DeliverySink) {
+        if let Some(queue) = self.queues.get_mut(robot) {
+            let before = queue.len();
+            queue.poll(robot, self.broadcast, !self.down, now, sink);
+            self.pending -= before - queue.len();
         }
     }
 
     /// Commands under way, counted per robot.
     #[must_use]
     pub const fn len(&self) -> usize {
-        self.parcels
+        self.pending
     }
 
     /// Whether nothing is under way.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
-        self.parcels == 0
+        self.pending == 0
     }
 }

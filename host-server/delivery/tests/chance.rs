@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use crawler_delivery::{Class, Delivery, End, Ms, Post, Sending};
+use crawler_delivery::{Class, Delivery, DeliverySink, End, Ms, Sending};
 use crawler_protocol::RobotId;
 use proptest::prelude::*;
 
@@ -67,7 +67,7 @@ impl Net {
     }
 }
 
-impl Post for Net {
+impl DeliverySink for Net {
     fn number(&mut self, _: u64, _: &RobotId, _: u64) -> u64 {
         self.next()
     }

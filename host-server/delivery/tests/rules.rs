@@ -1,12 +1,13 @@
 //! The rules of delivery, one by one.
 
 use crawler_delivery::{
-    Class, Delivery, End, Full, MOST_PER_ROBOT, Ms, Post, RESEND_AFTER_MS, SETTINGS, Sending,
+    Class, Delivery, DeliverySink, End, Full, MOST_PER_ROBOT, Ms, RESEND_AFTER_MS, SETTINGS,
+    Sending,
 };
 use crawler_protocol::RobotId;
 
 /// Keeps what goes.
-struct Desk {
+struct Sink {
     number: u64,
     open: bool,
     /// A command that cannot go.
@@ -16,7 +17,7 @@ struct Desk {
     over: Vec<(u64, End)>,
 }
 
-impl Desk {
+impl Sink {
     /// A number above all before it.
     fn next(&mut self) -> u64 {
         self.number += 1;
@@ -24,7 +25,7 @@ impl Desk {
     }
 }
 
-impl Post for Desk {
+impl DeliverySink for Sink {
     fn number(&mut self, _: u64, _: &RobotId, _: u64) -> u64 {
         self.next()
     }
@@ -47,7 +48,7 @@ impl Post for Desk {
 
 struct Scene {
     delivery: Delivery,
-    desk: Desk,
+    sink: Sink,
     robot: RobotId,
     now: Ms,
 }
@@ -59,7 +60,7 @@ impl Scene {
         delivery.status(&robot, true, 1, 0);
         Self {
             delivery,
-            desk: Desk {
+            sink: Sink {
                 number: 1_000,
                 open: true,
                 stuck: None,
@@ -73,7 +74,7 @@ impl Scene {
     }
 
     fn give(&mut self, class: Class) -> u64 {
-        let id = self.desk.next();
+        let id = self.sink.next();
         let robot = self.robot.clone();
         self.delivery.submit(id, &robot, class, self.now).unwrap();
         self.pass(0);
@@ -82,7 +83,7 @@ impl Scene {
 
     fn pass(&mut self, ms: Ms) {
         self.now += ms;
-        self.delivery.poll(self.now, &mut self.desk);
+        self.delivery.poll(self.now, &mut self.sink);
     }
 
     fn status(&mut self, online: bool, boot: u32) {
@@ -99,7 +100,7 @@ impl Scene {
     }
 
     fn sent(&mut self) -> Vec<(u64, u64, bool)> {
-        std::mem::take(&mut self.desk.sent)
+        std::mem::take(&mut self.sink.sent)
     }
 }
 
@@ -108,13 +109,13 @@ fn an_answered_command_goes_once() {
     let mut scene = Scene::new();
     let id = scene.give(Class::Plain);
     assert_eq!(scene.sent(), [(id, id, false)]);
-    assert_eq!(scene.desk.lives, [60_000]);
+    assert_eq!(scene.sink.lives, [60_000]);
     assert!(scene.delivery.len() == 1 && !scene.delivery.is_empty());
     assert_eq!(scene.answer(id), Some(id));
     assert_eq!(scene.answer(id), None);
     scene.pass(100_000);
     assert_eq!(scene.sent(), []);
-    assert!(scene.desk.over.is_empty() && scene.delivery.is_empty());
+    assert!(scene.sink.over.is_empty() && scene.delivery.is_empty());
 }
 
 #[test]
@@ -132,8 +133,8 @@ fn without_an_answer_it_goes_again_ever_less_often() {
         }
     }
     assert_eq!(times, [1_000, 2_000, 4_000, 8_000, 16_000, 32_000]);
-    assert_eq!(scene.desk.over, [(id, End::Unanswered)]);
-    assert!(scene.desk.lives.iter().all(|life| *life > 0));
+    assert_eq!(scene.sink.over, [(id, End::Unanswered)]);
+    assert!(scene.sink.lives.iter().all(|life| *life > 0));
 }
 
 #[test]
@@ -142,9 +143,9 @@ fn motion_for_a_robot_that_is_away_expires_and_never_goes() {
     scene.status(false, 1);
     let id = scene.give(Class::Motion);
     scene.pass(1_999);
-    assert!(scene.desk.over.is_empty());
+    assert!(scene.sink.over.is_empty());
     scene.pass(1);
-    assert_eq!(scene.desk.over, [(id, End::Expired)]);
+    assert_eq!(scene.sink.over, [(id, End::Expired)]);
     scene.status(true, 1);
     assert_eq!(scene.sent(), []);
 }
@@ -158,12 +159,12 @@ fn a_halt_passes_a_command_that_cannot_go_yet() {
     let first = scene.give(Class::Halt);
     assert_eq!(scene.sent(), [(first, first, false)]);
     assert_eq!(scene.answer(first), Some(first));
-    scene.desk.stuck = Some(setting);
+    scene.sink.stuck = Some(setting);
     scene.status(true, 1);
     let halt = scene.give(Class::Halt);
     scene.give(Class::Motion);
     assert_eq!(scene.sent(), [(halt, halt, false)]);
-    scene.desk.stuck = None;
+    scene.sink.stuck = None;
     scene.pass(0);
     let sent = scene.sent();
     let [(id, seq, false)] = sent[..] else {
@@ -190,12 +191,12 @@ fn a_setting_waits_for_its_robot_for_55_minutes() {
     assert_eq!(scene.answer(seq), Some(first));
     assert_eq!(scene.sent().len(), 1, "then the next");
     scene.pass(2 * 60_000);
-    assert!(scene.desk.over.contains(&(second, End::Unanswered)));
+    assert!(scene.sink.over.contains(&(second, End::Unanswered)));
 
     scene.status(false, 2);
     let third = scene.give(Class::Setting);
     scene.pass(55 * 60_000);
-    assert!(scene.desk.over.contains(&(third, End::Expired)));
+    assert!(scene.sink.over.contains(&(third, End::Expired)));
 }
 
 #[test]
@@ -264,7 +265,7 @@ fn a_robot_that_has_started_anew_is_not_told_twice() {
     scene.sent();
     scene.status(true, 2);
     assert_eq!(scene.sent(), []);
-    assert_eq!(scene.desk.over, [(reboot, End::Unanswered)]);
+    assert_eq!(scene.sink.over, [(reboot, End::Unanswered)]);
     let set = scene.give(Class::Setting);
     scene.sent();
     scene.status(true, 3);
@@ -280,14 +281,14 @@ fn a_halt_is_not_repeated_after_something_newer() {
     let stop = scene.give(Class::Halt);
     scene.pass(RESEND_AFTER_MS);
     assert_eq!(scene.sent(), [(stop, stop, false), (stop, stop, true)]);
-    let all = scene.desk.next();
+    let all = scene.sink.next();
     let robot = scene.robot.clone();
     scene
         .delivery
         .broadcast(all, [robot], Class::Motion, scene.now);
     scene.pass(10_000);
     assert!(scene.sent().iter().all(|(id, ..)| *id != stop));
-    assert!(scene.desk.over.contains(&(stop, End::Unanswered)));
+    assert!(scene.sink.over.contains(&(stop, End::Unanswered)));
 }
 
 #[test]
@@ -307,7 +308,7 @@ fn the_swarm_hears_once_and_who_is_silent_again() {
     let mut scene = Scene::new();
     let other = RobotId::new("b").unwrap();
     scene.delivery.status(&other, true, 1, 0);
-    let id = scene.desk.next();
+    let id = scene.sink.next();
     let robots = [scene.robot.clone(), other.clone()];
     scene
         .delivery
@@ -333,7 +334,7 @@ fn after_a_restart_it_goes_on_where_it_was() {
     scene.status(true, 4);
     assert_eq!(scene.sent(), [(7, 7, true), (8, 8, true)]);
     scene.status(true, 5);
-    assert_eq!(scene.desk.over, [(7, End::Unanswered)]);
+    assert_eq!(scene.sink.over, [(7, End::Unanswered)]);
     assert_eq!(scene.sent(), [(8, 1_001, false)]);
     scene.pass(30_000);
     assert!(scene.delivery.is_empty());
@@ -342,9 +343,9 @@ fn after_a_restart_it_goes_on_where_it_was() {
 #[test]
 fn a_closed_post_keeps_the_order() {
     let mut scene = Scene::new();
-    scene.desk.open = false;
+    scene.sink.open = false;
     let [one, two] = [scene.give(Class::Motion), scene.give(Class::Motion)];
-    scene.desk.open = true;
+    scene.sink.open = true;
     scene.pass(1);
     assert_eq!(scene.sent(), [(one, one, false), (two, two, false)]);
     let robot = scene.robot.clone();

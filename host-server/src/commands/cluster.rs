@@ -10,7 +10,7 @@ use crawler_protocol::{Command, RobotId, Source};
 
 use super::journal::Owed;
 use super::record::Outcome;
-use super::shared::{Change, SharedDesk, read};
+use super::shared::{Change, SharedTable, read};
 use super::{CommandCenter, CommandView, OutcomeStatus, Record, Target};
 use crate::clock;
 use crate::cluster::ClusterMembership;
@@ -75,15 +75,15 @@ impl CommandCenter {
     /// Makes it one of several.
     pub(crate) fn with_cluster(mut self, membership: &Arc<ClusterMembership>) -> Self {
         self.membership = Some(Arc::clone(membership));
-        self.book().desk.shared = Some(SharedDesk::default());
+        self.book().table.shared = Some(SharedTable::default());
         self
     }
 
     /// From here on commands have the numbers of this slot, above `greatest`.
     pub(crate) fn share(&self, numbers: Numbers, greatest: u64) {
         let mut book = self.book();
-        book.desk.sequence.share(numbers, greatest);
-        if let Some(shared) = &mut book.desk.shared {
+        book.table.sequence.share(numbers, greatest);
+        if let Some(shared) = &mut book.table.shared {
             // Robots compare numbers per source, and two servers do not wait for each other.
             let own = match numbers.slot() {
                 0 => SETTINGS.to_owned(),
@@ -95,19 +95,19 @@ impl CommandCenter {
 
     /// Takes what the other servers are to be told.
     pub(crate) fn changes(&self) -> Vec<Change> {
-        self.book().desk.take_changes()
+        self.book().table.take_changes()
     }
 
     /// They were told of it.
     pub(crate) fn written(&self, change: Change) {
-        if let Some(shared) = &mut self.book().desk.shared {
+        if let Some(shared) = &mut self.book().table.shared {
             shared.written(change);
         }
     }
 
     /// They could not be told of it.
     pub(crate) fn unwritten(&self, change: Change) {
-        if let Some(shared) = &mut self.book().desk.shared {
+        if let Some(shared) = &mut self.book().table.shared {
             shared.unwritten(change);
         }
     }
@@ -115,13 +115,13 @@ impl CommandCenter {
     /// Takes the commands that they were told of for nothing.
     pub(crate) fn retracted(&self) -> Vec<u64> {
         let mut book = self.book();
-        let shared = book.desk.shared.as_mut();
-        shared.map_or_else(Vec::new, SharedDesk::take_retracted)
+        let shared = book.table.shared.as_mut();
+        shared.map_or_else(Vec::new, SharedTable::take_retracted)
     }
 
     /// Puts back one that could not be taken back.
     pub(crate) fn retract(&self, id: u64) {
-        if let Some(shared) = &mut self.book().desk.shared {
+        if let Some(shared) = &mut self.book().table.shared {
             shared.retract(id);
         }
     }
@@ -129,12 +129,12 @@ impl CommandCenter {
     /// Everything that something is left to do for, for servers that have been told nothing.
     pub(crate) fn everything(&self) -> Vec<(u64, Fields)> {
         let book = self.book();
-        let Some(shared) = &book.desk.shared else {
+        let Some(shared) = &book.table.shared else {
             return Vec::new();
         };
-        let open = book.desk.open.iter().copied();
+        let open = book.table.open.iter().copied();
         let ids: BTreeSet<u64> = open.chain(shared.owed()).collect();
-        let records = ids.into_iter().filter_map(|id| book.desk.records.get(&id));
+        let records = ids.into_iter().filter_map(|id| book.table.records.get(&id));
         records
             .filter_map(|record| Some((record.id, shared.all(record)?)))
             .collect()
@@ -144,25 +144,25 @@ impl CommandCenter {
     pub(crate) fn let_go(&self) {
         let mut book = self.book();
         let book = &mut *book;
-        let open: Vec<u64> = book.desk.open.iter().copied().collect();
-        let shared = book.desk.shared.as_ref();
+        let open: Vec<u64> = book.table.open.iter().copied().collect();
+        let shared = book.table.shared.as_ref();
         let owed: Vec<u64> = shared.map_or_else(Vec::new, |shared| shared.owed().collect());
         for id in open.into_iter().chain(owed) {
-            if let Some(record) = book.desk.records.remove(&id) {
-                book.desk.outcomes -= record.outcomes.len();
+            if let Some(record) = book.table.records.remove(&id) {
+                book.table.outcomes -= record.outcomes.len();
                 for robot in record.outcomes.keys() {
                     book.delivery.withdraw(id, robot);
                 }
                 for seq in record.numbers {
-                    book.desk.numbers.remove(&seq);
+                    book.table.numbers.remove(&seq);
                 }
             }
-            book.desk.open.remove(&id);
-            if let Some(shared) = &mut book.desk.shared {
+            book.table.open.remove(&id);
+            if let Some(shared) = &mut book.table.shared {
                 shared.forget(id);
             }
         }
-        if let Some(journal) = &mut book.desk.journal {
+        if let Some(journal) = &mut book.table.journal {
             journal.clear();
         }
     }
@@ -172,10 +172,10 @@ impl CommandCenter {
     pub(crate) fn take_over(&self, id: u64, fields: &Fields, now: Instant) -> Option<CommandView> {
         let mut book = self.book();
         let book = &mut *book;
-        if book.desk.records.contains_key(&id) {
+        if book.table.records.contains_key(&id) {
             return None;
         }
-        let shared = book.desk.shared.as_mut()?;
+        let shared = book.table.shared.as_mut()?;
         // Whatever comes of it, it is written.
         shared.touch_all(id);
         let Some(inherited) = Inherited::read(id, fields, now) else {
@@ -217,11 +217,11 @@ impl CommandCenter {
             }
         }
         for seq in &record.numbers {
-            book.desk.numbers.insert(*seq, id);
-            book.desk.sequence.above(*seq);
+            book.table.numbers.insert(*seq, id);
+            book.table.sequence.above(*seq);
         }
-        book.desk.sequence.above(id);
-        if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.desk.journal)
+        book.table.sequence.above(id);
+        if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.table.journal)
             && let Some(owed) = Owed::new(
                 &Command {
                     seq: id,
@@ -241,10 +241,10 @@ impl CommandCenter {
         }
         let over = (!record.is_open()).then(|| record.view());
         if over.is_none() {
-            book.desk.open.insert(id);
+            book.table.open.insert(id);
         }
-        book.desk.outcomes += record.outcomes.len();
-        book.desk.records.insert(id, record);
+        book.table.outcomes += record.outcomes.len();
+        book.table.records.insert(id, record);
         over
     }
 }

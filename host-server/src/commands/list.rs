@@ -19,7 +19,7 @@ impl CommandCenter {
             None => Some(record.summary()),
         };
         let book = self.book();
-        let records = book.desk.records.values().rev();
+        let records = book.table.records.values().rev();
         records
             .filter(|record| drive || !matches!(record.command.action, Action::Drive { .. }))
             .filter_map(view)

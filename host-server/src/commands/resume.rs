@@ -65,19 +65,19 @@ impl CommandCenter {
                         continue;
                     }
                     if leg.seq != owed.id {
-                        book.desk.numbers.insert(leg.seq, owed.id);
+                        book.table.numbers.insert(leg.seq, owed.id);
                         record.numbers.push(leg.seq);
                     }
                     let (delivery, flight) = (&mut book.delivery, (leg.seq, leg.boot));
                     delivery.resume(owed.id, robot, class, flight, (at, at + left));
-                    if let Some(shared) = &mut book.desk.shared {
+                    if let Some(shared) = &mut book.table.shared {
                         shared.owe_one(owed.id, robot.clone(), leg.seq, leg.boot);
                     }
                 }
                 if left > 0 {
-                    book.desk.outcomes += record.outcomes.len();
-                    book.desk.open.insert(owed.id);
-                    book.desk.records.insert(owed.id, record);
+                    book.table.outcomes += record.outcomes.len();
+                    book.table.open.insert(owed.id);
+                    book.table.records.insert(owed.id, record);
                 }
             }
             let commands = book.delivery.len();
@@ -85,17 +85,17 @@ impl CommandCenter {
                 tracing::info!(commands, "commands of the last run to deliver");
             }
             // Before there is a thread: nothing after it fails.
-            if let Some(number) = book.desk.sequence.reserve_first() {
+            if let Some(number) = book.table.sequence.reserve_first() {
                 data.set_number(sequence::FILE, number)?;
             }
             let metrics = Arc::clone(&self.metrics);
             let queue = journal
                 .start(Arc::clone(data), sequence::FILE, metrics)
                 .map_err(|cause| data.failed(FILE, cause))?;
-            book.desk.sequence.write_to(queue.lines());
-            book.desk.journal = Some(queue);
+            book.table.sequence.write_to(queue.lines());
+            book.table.journal = Some(queue);
             for (id, robot) in stale {
-                book.desk.done(id, &robot);
+                book.table.done(id, &robot);
             }
         }
         Ok(self)
@@ -108,7 +108,7 @@ impl CommandCenter {
     /// It is written all the same.
     pub(crate) fn close(&self) -> impl Future<Output = ()> + Send + use<> {
         let book = self.book();
-        let lines = book.desk.journal.as_ref().map(JournalQueue::lines);
+        let lines = book.table.journal.as_ref().map(JournalQueue::lines);
         let lines = lines.map(Arc::clone);
         async move {
             if let Some(lines) = lines {
@@ -120,7 +120,7 @@ impl CommandCenter {
     /// Whether commands that are to outlive the server can be written down.
     pub(crate) fn is_written(&self) -> bool {
         let book = self.book();
-        let journal = book.desk.journal.as_ref();
+        let journal = book.table.journal.as_ref();
         journal.is_none_or(|journal| !journal.lines().is_failing())
     }
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use crawler_delivery::Class;
 use crawler_protocol::{Action, Command, MAX_MESSAGE, RobotId, Source, Topic};
 
-use super::clerk::write;
+use super::driver::write;
 use super::journal::{Owed, Refused, Ticket};
 use super::shared::fields;
 use super::{Book, CommandCenter, CommandView, Record, SendError, Target};
@@ -28,7 +28,7 @@ impl Promise<'_> {
 impl Drop for Promise<'_> {
     fn drop(&mut self) {
         if let Some(id) = self.id
-            && let Some(shared) = &mut self.center.book().desk.shared
+            && let Some(shared) = &mut self.center.book().table.shared
         {
             shared.retract(id);
         }
@@ -46,7 +46,7 @@ struct Given {
 
 /// Whether a command can be written down, if it is to be.
 fn check_journal(book: &Book, class: Class, robots: usize) -> Result<(), SendError> {
-    let (Class::Plain | Class::Setting, Some(journal)) = (class, &book.desk.journal) else {
+    let (Class::Plain | Class::Setting, Some(journal)) = (class, &book.table.journal) else {
         return Ok(());
     };
     journal.check(robots).map_err(|refused| match refused {
@@ -99,10 +99,10 @@ impl CommandCenter {
             let command = Command {
                 action,
                 timestamp: self.time.now_ms(),
-                seq: book.desk.sequence.take(),
+                seq: book.table.sequence.take(),
                 source,
             };
-            let settings = book.desk.shared.as_ref();
+            let settings = book.table.shared.as_ref();
             let settings = settings.and_then(|shared| shared.settings.as_ref());
             let boots = expected.iter();
             let boots = boots.map(|robot| (robot, book.delivery.boot(robot)));
@@ -120,7 +120,7 @@ impl CommandCenter {
         })?;
         let given = {
             let mut book = self.book();
-            book.desk.sequence.above(greatest);
+            book.table.sequence.above(greatest);
             self.dispatch(&mut book, command, target, expected, Instant::now())?
         };
         promise.keep();
@@ -147,7 +147,7 @@ impl CommandCenter {
     fn take_back(&self, id: u64) -> SendError {
         let mut book = self.book();
         let book = &mut *book;
-        let Some(record) = book.desk.records.get(&id) else {
+        let Some(record) = book.table.records.get(&id) else {
             // Answered and forgotten, or another server's by now.
             return SendError::NotWritten { sent: true };
         };
@@ -158,13 +158,13 @@ impl CommandCenter {
         let robots: Vec<RobotId> = record.outcomes.keys().cloned().collect();
         for robot in &robots {
             book.delivery.withdraw(id, robot);
-            book.desk.done(id, robot);
+            book.table.done(id, robot);
         }
-        book.desk.records.remove(&id);
-        book.desk.open.remove(&id);
-        book.desk.outcomes -= robots.len();
+        book.table.records.remove(&id);
+        book.table.open.remove(&id);
+        book.table.outcomes -= robots.len();
         book.sent -= robots.len() as u64;
-        if let Some(shared) = &mut book.desk.shared {
+        if let Some(shared) = &mut book.table.shared {
             shared.forget(id);
             shared.retract(id);
         }
@@ -186,8 +186,8 @@ impl CommandCenter {
         let fields = {
             let mut book = self.book();
             let book = &mut *book;
-            let shared = book.desk.shared.as_ref();
-            let record = book.desk.records.get(&view.seq);
+            let shared = book.table.shared.as_ref();
+            let record = book.table.records.get(&view.seq);
             let fields = shared
                 .zip(record)
                 .and_then(|(shared, record)| shared.all(record));
@@ -200,9 +200,9 @@ impl CommandCenter {
         match membership.cluster.accept(view.seq, &fields).await {
             Ok(greatest) => {
                 let mut book = self.book();
-                book.desk.sequence.above(greatest);
+                book.table.sequence.above(greatest);
                 // Answers that came before it was there.
-                if let Some(shared) = &mut book.desk.shared {
+                if let Some(shared) = &mut book.table.shared {
                     shared.touch_all(view.seq);
                 }
                 Ok(view)
@@ -259,7 +259,7 @@ impl CommandCenter {
         let command = Command {
             action,
             timestamp: self.time.now_ms(),
-            seq: book.desk.sequence.peek(),
+            seq: book.table.sequence.peek(),
             source,
         };
         self.dispatch(book, command, target, expected, now)
@@ -287,7 +287,7 @@ impl CommandCenter {
             self.outlet
                 .publish(&Topic::CommandSwarm, payload, class.life_ms())?;
         }
-        if let Some(shared) = &book.desk.shared {
+        if let Some(shared) = &book.table.shared {
             record.settings.clone_from(&shared.settings);
         }
         let at = self.ms(now);
@@ -306,8 +306,8 @@ impl CommandCenter {
                 }
             }
         }
-        book.desk.sequence.used(seq);
-        if let Some(shared) = &mut book.desk.shared {
+        book.table.sequence.used(seq);
+        if let Some(shared) = &mut book.table.shared {
             let legs = robots.iter();
             shared.owe(
                 seq,
@@ -315,7 +315,7 @@ impl CommandCenter {
             );
         }
         let mut ticket = None;
-        if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.desk.journal) {
+        if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.table.journal) {
             let legs = robots.iter();
             let legs = legs.map(|robot| (robot.clone(), book.delivery.boot(robot)));
             let expires = clock::unix_ms().saturating_add(class.life_ms());
@@ -329,36 +329,36 @@ impl CommandCenter {
             }
         }
         let action = record.command.action.name();
-        book.desk.outcomes += robots.len();
-        book.desk.records.insert(seq, record);
-        book.desk.open.insert(seq);
-        let mut clerk = self.clerk(&mut book.desk, now);
+        book.table.outcomes += robots.len();
+        book.table.records.insert(seq, record);
+        book.table.open.insert(seq);
+        let mut driver = self.driver(&mut book.table, now);
         if !at_once {
             for robot in &robots {
-                book.delivery.poll_one(robot, at, &mut clerk);
+                book.delivery.poll_one(robot, at, &mut driver);
             }
         }
         // A robot that was to be told at once, and could not.
-        let refused = clerk.refused.filter(|_| class != Class::Setting);
+        let refused = driver.refused.filter(|_| class != Class::Setting);
         if let (Some(error), [robot]) = (refused, robots.as_slice())
             && book
-                .desk
+                .table
                 .records
                 .get(&seq)
                 .is_some_and(|record| record.waited(robot))
         {
             book.delivery.withdraw(seq, robot);
-            book.desk.done(seq, robot);
-            book.desk.records.remove(&seq);
-            book.desk.open.remove(&seq);
-            book.desk.outcomes -= 1;
-            book.desk.sequence.take_back(seq);
+            book.table.done(seq, robot);
+            book.table.records.remove(&seq);
+            book.table.open.remove(&seq);
+            book.table.outcomes -= 1;
+            book.table.sequence.take_back(seq);
             return Err(error.into());
         }
         self.metrics.command_sent(action, robots.len());
         book.sent += robots.len() as u64;
-        let view = book.desk.records.get(&seq).map(Record::view);
-        book.desk.forget(&mut book.delivery, now);
+        let view = book.table.records.get(&seq).map(Record::view);
+        book.table.forget(&mut book.delivery, now);
         let view = view.ok_or(SendError::Full)?;
         let id = seq;
         Ok(Given { view, ticket, id })

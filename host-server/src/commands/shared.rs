@@ -13,7 +13,7 @@ use crawler_protocol::{Command, MAX_MESSAGE, Reason, Response, RobotId, Source};
 use serde::{Deserialize, Serialize};
 
 use super::record::{OutcomeStatus, Record};
-use super::{Desk, Target};
+use super::{CommandTable, Target};
 use crate::clock;
 
 /// Answers to commands of other servers that are remembered, for the time it takes until one of them
@@ -143,7 +143,7 @@ pub(crate) struct Change {
 
 /// See the [module](self).
 #[derive(Debug, Default)]
-pub(super) struct SharedDesk {
+pub(super) struct SharedTable {
     /// What is to be delivered, by command and robot.
     legs: BTreeMap<u64, BTreeMap<RobotId, Leg>>,
     reserved: BTreeMap<(u64, RobotId), Reserved>,
@@ -157,7 +157,7 @@ pub(super) struct SharedDesk {
     pub(super) settings: Option<Source>,
 }
 
-impl SharedDesk {
+impl SharedTable {
     /// Notes a command that is to be delivered.
     pub(super) fn owe(
         &mut self,
@@ -291,7 +291,7 @@ impl SharedDesk {
     }
 }
 
-impl Desk {
+impl CommandTable {
     /// Takes what the other servers do not know yet.
     pub(super) fn take_changes(&mut self) -> Vec<Change> {
         let Some(shared) = &mut self.shared else {
@@ -325,7 +325,7 @@ impl Desk {
     }
 }
 
-impl SharedDesk {
+impl SharedTable {
     /// The others know of a change.
     pub(super) fn written(&mut self, change: Change) {
         for (robot, seq) in change.numbers {

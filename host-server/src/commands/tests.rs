@@ -274,11 +274,11 @@ fn records_are_bounded_by_count_outcomes_and_age() {
             .send(Action::Stop, Target::Swarm, robots.iter().cloned(), start)
             .expect("sent");
     }
-    assert!(center.book().desk.outcomes <= MAX_OUTCOMES);
+    assert!(center.book().table.outcomes <= MAX_OUTCOMES);
 
     center.sweep(start + MAX_AGE + Duration::from_secs(1));
-    assert_eq!(center.book().desk.records.len(), 0);
-    assert_eq!(center.book().desk.outcomes, 0);
+    assert_eq!(center.book().table.records.len(), 0);
+    assert_eq!(center.book().table.outcomes, 0);
     assert_eq!(center.totals().open, 0);
 }
 

@@ -1,4 +1,4 @@
-//! What came of it all, from the server's desk and from the robots themselves.
+//! What came of it all, from the server's commands and from the robots themselves.
 
 use std::collections::BTreeSet;
 
@@ -11,12 +11,12 @@ use super::{Chaos, Report};
 impl Chaos {
     pub(super) fn judge(mut self) -> Report {
         self.report.virtual_s = self.now() / 1_000;
-        (self.report.sent, self.report.again) = (self.desk.sent, self.desk.again);
+        (self.report.sent, self.report.again) = (self.table.sent, self.table.again);
         let mut definite: Vec<BTreeSet<u64>> = vec![BTreeSet::new(); self.ids.len()];
         let mut perhaps = vec![0_u32; self.ids.len()];
         let last_halt = |robot: usize| -> u64 {
             let halts = self
-                .desk
+                .table
                 .given
                 .iter()
                 .filter(|(_, given)| given.robot == robot && given.class == Class::Halt);
@@ -24,7 +24,7 @@ impl Chaos {
         };
         let last_halts: Vec<u64> = (0..self.ids.len()).map(last_halt).collect();
         let mut settings: Vec<Option<f32>> = vec![None; self.ids.len()];
-        for (id, given) in &self.desk.given {
+        for (id, given) in &self.table.given {
             let name = match given.class {
                 Class::Halt => "stop",
                 Class::Motion => "move, drive",

@@ -3,19 +3,19 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
-use crawler_delivery::{Class, Delivery, End, Post, SETTINGS, Sending};
+use crawler_delivery::{Class, Delivery, DeliverySink, End, SETTINGS, Sending};
 use crawler_protocol::{Command, EncodeError, MAX_MESSAGE, RobotId, Source, Topic};
 
 use super::journal::JournalQueue;
 use super::record::Record;
 use super::sequence::Sequence;
-use super::shared::SharedDesk;
+use super::shared::SharedTable;
 use super::{CommandCenter, CommandView, MAX_AGE, MAX_OUTCOMES, MAX_RECORDS, SendError, Target};
 use crate::bus::PublishError;
 use crate::metrics::Dropped;
 
 /// All commands that are remembered.
-pub(super) struct Desk {
+pub(super) struct CommandTable {
     pub(super) sequence: Sequence,
     pub(super) records: BTreeMap<u64, Record>,
     pub(super) open: BTreeSet<u64>,
@@ -24,12 +24,12 @@ pub(super) struct Desk {
     pub(super) outcomes: usize,
     pub(super) journal: Option<JournalQueue>,
     /// What other servers are told of it, where there are any.
-    pub(super) shared: Option<SharedDesk>,
+    pub(super) shared: Option<SharedTable>,
     /// Commands that have come to their end and that nobody has been told of.
     pub(super) over: Vec<CommandView>,
 }
 
-impl Desk {
+impl CommandTable {
     pub(super) fn done(&mut self, id: u64, robot: &RobotId) {
         if let Some(journal) = &mut self.journal {
             journal.done(id, robot);
@@ -81,23 +81,23 @@ pub(super) fn write(command: &Command, buffer: &mut [u8; MAX_MESSAGE]) -> Result
 }
 
 /// See the [module](self).
-pub(super) struct Clerk<'a> {
+pub(super) struct DeliveryDriver<'a> {
     pub(super) center: &'a CommandCenter,
-    pub(super) desk: &'a mut Desk,
+    pub(super) table: &'a mut CommandTable,
     pub(super) now: Instant,
     /// Why something could not go.
     pub(super) refused: Option<PublishError>,
 }
 
-impl Post for Clerk<'_> {
+impl DeliverySink for DeliveryDriver<'_> {
     fn number(&mut self, id: u64, robot: &RobotId, above: u64) -> u64 {
-        let shared = self.desk.shared.as_ref();
+        let shared = self.table.shared.as_ref();
         let reserved = shared.and_then(|shared| shared.reserved(id, robot));
-        let journal = self.desk.journal.as_mut();
+        let journal = self.table.journal.as_mut();
         let written = journal.and_then(|journal| journal.reserved(id, robot, above));
         match reserved.filter(|seq| *seq > above).or(written) {
             Some(seq) => seq,
-            None => self.desk.sequence.take(),
+            None => self.table.sequence.take(),
         }
     }
 
@@ -108,10 +108,10 @@ impl Post for Clerk<'_> {
     }
 
     fn send(&mut self, sending: &Sending<'_>) -> bool {
-        let desk = &mut *self.desk;
+        let table = &mut *self.table;
         let renumbered = sending.seq != sending.id && !sending.again;
         if renumbered
-            && let Some(journal) = &mut desk.journal
+            && let Some(journal) = &mut table.journal
             && !journal.may_go(sending.id, sending.robot, sending.seq, sending.boot)
         {
             // After a crash it must not go under yet another. It goes with the next poll after that is
@@ -119,14 +119,14 @@ impl Post for Clerk<'_> {
             return false;
         }
         if renumbered
-            && let Some(shared) = &mut desk.shared
+            && let Some(shared) = &mut table.shared
             && !shared.is_safe(sending)
         {
             // Another server that takes over must not give it yet another number. It goes with the
             // next poll after that is written down.
             return false;
         }
-        let Some(record) = desk.records.get_mut(&sending.id) else {
+        let Some(record) = table.records.get_mut(&sending.id) else {
             // Forgotten, and nobody waits for it.
             return true;
         };
@@ -144,7 +144,7 @@ impl Post for Clerk<'_> {
             command.timestamp = self.center.time.now_ms();
         }
         if renumbered {
-            desk.numbers.insert(sending.seq, sending.id);
+            table.numbers.insert(sending.seq, sending.id);
             record.numbers.push(sending.seq);
         }
         let mut buffer = [0; MAX_MESSAGE];
@@ -167,8 +167,8 @@ impl Post for Clerk<'_> {
     }
 
     fn over(&mut self, id: u64, robot: &RobotId, end: End) {
-        self.desk.done(id, robot);
-        let Some(record) = self.desk.records.get_mut(&id) else {
+        self.table.done(id, robot);
+        let Some(record) = self.table.records.get_mut(&id) else {
             return;
         };
         let Some(status) = record.over(robot, end) else {
@@ -178,12 +178,12 @@ impl Post for Clerk<'_> {
         if end == End::Expired {
             self.center.metrics.dropped(Dropped::CommandExpired);
         }
-        if !record.is_open() && self.desk.open.remove(&id) {
+        if !record.is_open() && self.table.open.remove(&id) {
             let view = record.view();
             if record.target == Target::Swarm {
                 self.center.announce(record);
             }
-            self.desk.over.push(view);
+            self.table.over.push(view);
         }
     }
 }

@@ -4,11 +4,13 @@ use std::collections::VecDeque;
 
 use crawler_protocol::RobotId;
 
-use super::{Class, End, LONGEST_PAUSE_MS, MOST_NUMBERS, Ms, Post, RESEND_AFTER_MS, Sending};
+use super::{
+    Class, DeliverySink, End, LONGEST_PAUSE_MS, MOST_NUMBERS, Ms, RESEND_AFTER_MS, Sending,
+};
 
 /// One command that has not been answered.
 #[derive(Debug, Clone)]
-pub(super) struct Parcel {
+pub(super) struct PendingCommand {
     id: u64,
     class: Class,
     expires: Ms,
@@ -30,7 +32,7 @@ struct Flight {
     boot: Option<u32>,
 }
 
-impl Parcel {
+impl PendingCommand {
     pub(super) const fn new(id: u64, class: Class, expires: Ms) -> Self {
         Self {
             id,
@@ -68,8 +70,8 @@ impl Parcel {
 
 /// See the [module](self).
 #[derive(Debug, Default)]
-pub(super) struct Lane {
-    parcels: VecDeque<Parcel>,
+pub(super) struct RobotQueue {
+    commands: VecDeque<PendingCommand>,
     /// It said so, or its broker did. Who has said nothing is taken to be there.
     offline: bool,
     boot: Option<u32>,
@@ -77,9 +79,9 @@ pub(super) struct Lane {
     highest: u64,
 }
 
-impl Lane {
+impl RobotQueue {
     pub(super) fn len(&self) -> usize {
-        self.parcels.len()
+        self.commands.len()
     }
 
     pub(super) const fn is_online(&self) -> bool {
@@ -90,37 +92,37 @@ impl Lane {
         self.boot
     }
 
-    pub(super) fn push(&mut self, parcel: Parcel) {
-        self.parcels.push_back(parcel);
+    pub(super) fn push(&mut self, pending: PendingCommand) {
+        self.commands.push_back(pending);
     }
 
     /// A command that has just gone under its own number.
-    pub(super) fn push_sent(&mut self, mut parcel: Parcel, now: Ms) {
-        parcel.take_off(parcel.id, self.boot, now + RESEND_AFTER_MS);
-        self.parcels.push_back(parcel);
+    pub(super) fn push_sent(&mut self, mut pending: PendingCommand, now: Ms) {
+        pending.take_off(pending.id, self.boot, now + RESEND_AFTER_MS);
+        self.commands.push_back(pending);
     }
 
     /// Corrects what is known of the flight of a command.
     pub(super) fn took_off(&mut self, id: u64, seq: u64, boot: Option<u32>, now: Ms) {
-        if let Some(parcel) = self.parcels.iter_mut().find(|parcel| parcel.id == id) {
-            parcel.take_off(seq, boot, now);
+        if let Some(pending) = self.commands.iter_mut().find(|pending| pending.id == id) {
+            pending.take_off(seq, boot, now);
             self.highest = self.highest.max(seq);
         }
     }
 
     /// Removes commands and returns how many.
-    pub(super) fn remove(&mut self, which: impl Fn(&Parcel) -> bool) -> usize {
-        let before = self.parcels.len();
-        self.parcels.retain(|parcel| !which(parcel));
-        before - self.parcels.len()
+    pub(super) fn remove(&mut self, which: impl Fn(&PendingCommand) -> bool) -> usize {
+        let before = self.commands.len();
+        self.commands.retain(|pending| !which(pending));
+        before - self.commands.len()
     }
 
     /// Makes everything without an answer go again at once, in its order.
     pub(super) fn rouse(&mut self, now: Ms) {
         for flight in self
-            .parcels
+            .commands
             .iter_mut()
-            .filter_map(|parcel| parcel.flight.as_mut())
+            .filter_map(|pending| pending.flight.as_mut())
         {
             flight.next = now;
             flight.pause = RESEND_AFTER_MS;
@@ -146,9 +148,10 @@ impl Lane {
     }
 
     pub(super) fn answered(&mut self, seq: u64) -> Option<u64> {
-        let under = |parcel: &Parcel| parcel.flight.is_some_and(|flight| flight.seq == seq);
-        let index = self.parcels.iter().position(under)?;
-        Some(self.parcels.remove(index)?.id)
+        let under =
+            |pending: &PendingCommand| pending.flight.is_some_and(|flight| flight.seq == seq);
+        let index = self.commands.iter().position(under)?;
+        Some(self.commands.remove(index)?.id)
     }
 
     pub(super) fn poll(
@@ -157,28 +160,28 @@ impl Lane {
         broadcast: u64,
         connected: bool,
         now: Ms,
-        post: &mut dyn Post,
+        sink: &mut dyn DeliverySink,
     ) {
-        self.give_up(robot, broadcast, now, post);
+        self.give_up(robot, broadcast, now, sink);
         if !connected {
             return;
         }
         let mut earlier: Vec<Class> = Vec::new();
         // When one goes again all that went do: the robot takes them in order.
-        let flights = self.parcels.iter().filter_map(|parcel| parcel.flight);
+        let flights = self.commands.iter().filter_map(|pending| pending.flight);
         let again = flights.into_iter().any(|flight| flight.next <= now);
         let mut stuck = false;
-        for parcel in &mut self.parcels {
-            let free = earlier.iter().all(|&class| parcel.follows(class));
-            earlier.push(parcel.class);
-            let halt = parcel.class == Class::Halt;
-            if !halt && (stuck || !post.may_go(parcel.class)) {
+        for pending in &mut self.commands {
+            let free = earlier.iter().all(|&class| pending.follows(class));
+            earlier.push(pending.class);
+            let halt = pending.class == Class::Halt;
+            if !halt && (stuck || !sink.may_go(pending.class)) {
                 continue;
             }
-            if self.offline && !(halt && parcel.flight.is_none()) {
+            if self.offline && !(halt && pending.flight.is_none()) {
                 continue;
             }
-            let known = match parcel.flight {
+            let known = match pending.flight {
                 // First its status must say whether it is the program that this went to.
                 Some(flight) if again && (flight.boot.is_none() || self.boot.is_some()) => {
                     Some(flight)
@@ -188,24 +191,26 @@ impl Lane {
             };
             let seq = match known {
                 Some(flight) => flight.seq,
-                None if parcel.numbers == 0 && parcel.id > self.highest.max(broadcast) => parcel.id,
-                None => post.number(parcel.id, robot, self.highest.max(broadcast)),
+                None if pending.numbers == 0 && pending.id > self.highest.max(broadcast) => {
+                    pending.id
+                }
+                None => sink.number(pending.id, robot, self.highest.max(broadcast)),
             };
             let sending = Sending {
-                id: parcel.id,
+                id: pending.id,
                 robot,
                 seq,
                 again: known.is_some(),
-                life_ms: parcel.expires - now,
+                life_ms: pending.expires - now,
                 boot: self.boot,
             };
-            if !post.send(&sending) {
+            if !sink.send(&sending) {
                 // What comes after must not go before; halts may.
                 stuck = true;
                 continue;
             }
             self.highest = self.highest.max(seq);
-            match (&mut parcel.flight, known) {
+            match (&mut pending.flight, known) {
                 (Some(flight), Some(_)) => {
                     flight.next = now + flight.pause;
                     flight.pause = (flight.pause * 2).min(LONGEST_PAUSE_MS);
@@ -213,30 +218,30 @@ impl Lane {
                         flight.boot = self.boot;
                     }
                 }
-                _ => parcel.take_off(seq, self.boot, now + RESEND_AFTER_MS),
+                _ => pending.take_off(seq, self.boot, now + RESEND_AFTER_MS),
             }
         }
     }
 
     /// Drops what must not go any more.
-    fn give_up(&mut self, robot: &RobotId, broadcast: u64, now: Ms, post: &mut dyn Post) {
+    fn give_up(&mut self, robot: &RobotId, broadcast: u64, now: Ms, sink: &mut dyn DeliverySink) {
         let (boot, newest) = (self.boot, self.highest.max(broadcast));
-        self.parcels.retain_mut(|parcel| {
-            let mut end = (parcel.expires <= now).then_some(if parcel.went {
+        self.commands.retain_mut(|pending| {
+            let mut end = (pending.expires <= now).then_some(if pending.went {
                 End::Unanswered
             } else {
                 End::Expired
             });
-            if let Some(flight) = parcel.flight {
+            if let Some(flight) = pending.flight {
                 // A program that has started since knows nothing of it.
                 let forgotten =
                     matches!((flight.boot, boot), (Some(then), Some(now)) if then != now);
-                match parcel.class {
+                match pending.class {
                     Class::Halt if flight.seq < newest => end = Some(End::Unanswered),
                     Class::Plain | Class::Motion if forgotten => end = Some(End::Unanswered),
                     Class::Setting if forgotten && end.is_none() => {
-                        if parcel.numbers < MOST_NUMBERS {
-                            parcel.flight = None;
+                        if pending.numbers < MOST_NUMBERS {
+                            pending.flight = None;
                         } else {
                             end = Some(End::Unanswered);
                         }
@@ -245,7 +250,7 @@ impl Lane {
                 }
             }
             if let Some(end) = end {
-                post.over(parcel.id, robot, end);
+                sink.over(pending.id, robot, end);
             }
             end.is_none()
         });

@@ -1,8 +1,8 @@
-//! The server's desk: what was given, and what goes out.
+//! The server's part: what was given, and what goes out.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crawler_delivery::{Class, End, Ms, Post, SETTINGS, Sending};
+use crawler_delivery::{Class, DeliverySink, End, Ms, SETTINGS, Sending};
 use crawler_protocol::{Action, Command, MAX_MESSAGE, ResponseStatus, RobotId, Source};
 use crawler_sim::run::Simulation;
 
@@ -29,8 +29,8 @@ pub(super) struct Kept {
     pub(super) expires: Ms,
 }
 
-/// The desk of the server, apart from its delivery.
-pub(super) struct Desk {
+/// What the server remembers of commands, apart from their delivery.
+pub(super) struct CommandTable {
     pub(super) number: u64,
     pub(super) given: BTreeMap<u64, Given>,
     pub(super) numbers: BTreeMap<u64, u64>,
@@ -39,7 +39,7 @@ pub(super) struct Desk {
     pub(super) again: u64,
 }
 
-impl Desk {
+impl CommandTable {
     /// Halts wait for no disk, so a server that is killed knows nothing of those that are not over.
     pub(super) fn forget_halts(&mut self) {
         for given in self.given.values_mut() {
@@ -49,20 +49,20 @@ impl Desk {
     }
 }
 
-pub(super) struct Clerk<'a> {
-    pub(super) desk: &'a mut Desk,
+pub(super) struct DeliveryDriver<'a> {
+    pub(super) table: &'a mut CommandTable,
     pub(super) simulation: &'a mut Simulation,
     pub(super) topics: &'a BTreeMap<RobotId, String>,
 }
 
-impl Post for Clerk<'_> {
+impl DeliverySink for DeliveryDriver<'_> {
     fn number(&mut self, _: u64, _: &RobotId, _: u64) -> u64 {
-        self.desk.number += 1;
-        self.desk.number
+        self.table.number += 1;
+        self.table.number
     }
 
     fn send(&mut self, sending: &Sending<'_>) -> bool {
-        let given = &self.desk.given[&sending.id];
+        let given = &self.table.given[&sending.id];
         let timestamp = match given.class {
             Class::Motion => given.timestamp,
             _ => self.simulation.unix_ms(),
@@ -76,13 +76,13 @@ impl Post for Clerk<'_> {
                 _ => Source::new("server").unwrap(),
             },
         };
-        if let Some(kept) = self.desk.journal.get_mut(&sending.id) {
+        if let Some(kept) = self.table.journal.get_mut(&sending.id) {
             kept.seq = sending.seq;
             kept.boot = sending.boot;
         }
-        self.desk.numbers.insert(sending.seq, sending.id);
-        self.desk.sent += 1;
-        self.desk.again += u64::from(sending.again);
+        self.table.numbers.insert(sending.seq, sending.id);
+        self.table.sent += 1;
+        self.table.again += u64::from(sending.again);
         let mut buffer = [0; MAX_MESSAGE];
         let len = command.to_json(&mut buffer).unwrap();
         let topic = &self.topics[sending.robot];
@@ -91,7 +91,7 @@ impl Post for Clerk<'_> {
     }
 
     fn over(&mut self, id: u64, _: &RobotId, end: End) {
-        self.desk.journal.remove(&id);
-        self.desk.given.get_mut(&id).unwrap().end = Some(end);
+        self.table.journal.remove(&id);
+        self.table.given.get_mut(&id).unwrap().end = Some(end);
     }
 }
