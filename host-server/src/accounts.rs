@@ -5,13 +5,13 @@
 //! is in memory.
 
 mod attempts;
+mod audit;
 mod hashing;
 mod invitations;
 mod login;
 mod people;
 mod sessions;
 mod tickets;
-mod trail;
 
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -30,12 +30,12 @@ use sessions::Alive;
 use tickets::Tickets;
 
 pub(crate) use attempts::Failures;
+pub(crate) use audit::{AuditLog, Entry, Notes};
 pub(crate) use hashing::{Busy, Hashing};
 pub(crate) use login::{Entered, LoginError};
 pub(crate) use people::{Change, PeopleError, UserView};
 pub(crate) use sessions::Ending;
 pub(crate) use tickets::LIFETIME as TICKET_LIFETIME;
-pub(crate) use trail::{Entry, Notes, Trail};
 
 /// Name of the key that signs tokens, in the records.
 const KEY: &str = "token_key";
@@ -63,7 +63,7 @@ pub(crate) struct Identity {
 
 /// Why a token names nobody.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stranger {
+pub(crate) enum AuthError {
     /// It was good once.
     Expired,
     /// It never was, or its session is over.
@@ -146,20 +146,20 @@ impl Accounts {
     }
 
     /// Whose token this is.
-    pub(crate) fn who(&self, token: &str) -> Result<Identity, Stranger> {
+    pub(crate) fn who(&self, token: &str) -> Result<Identity, AuthError> {
         let now = now_ms();
         let claims =
             self.key
                 .verify(token, now.div_euclid(1_000))
                 .map_err(|error| match error {
-                    TokenError::Expired => Stranger::Expired,
-                    _ => Stranger::Unknown,
+                    TokenError::Expired => AuthError::Expired,
+                    _ => AuthError::Unknown,
                 })?;
         let alive = lock(&self.alive);
-        let (user, ended) = alive.get(claims.session, now).ok_or(Stranger::Unknown)?;
+        let (user, ended) = alive.get(claims.session, now).ok_or(AuthError::Unknown)?;
         if *user != claims.user {
             // Numbers of sessions are used once, so this is another database than the token's.
-            return Err(Stranger::Unknown);
+            return Err(AuthError::Unknown);
         }
         Ok(Identity {
             user: claims.user,

@@ -257,7 +257,7 @@ async fn halt(app: &App, robot: RobotId, due: Due) {
             return;
         }
     };
-    app.trail.note(Entry {
+    app.audit.note(Entry {
         who: SOURCE.to_owned(),
         from: String::new(),
         action: "command.send",

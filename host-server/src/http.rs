@@ -45,7 +45,7 @@ use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::accounts::{Accounts, Trail};
+use crate::accounts::{Accounts, AuditLog};
 use crate::broker::{BrokerHandle, Kind};
 use crate::bus::Bus;
 use crate::cluster::ClusterMembership;
@@ -95,7 +95,7 @@ pub(crate) struct App {
     /// Who is who.
     pub(crate) accounts: Accounts,
     /// Who did what.
-    pub(crate) trail: Trail,
+    pub(crate) audit: AuditLog,
     /// Where the broker is, as this machine reaches it.
     pub(crate) mqtt: BrokerUrl,
     /// How much one may ask for.

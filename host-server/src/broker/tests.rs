@@ -38,13 +38,13 @@ impl Bench {
         let records = Records::in_memory().await.expect("records");
         let fleet = Fleet::new("swarm").expect("a fleet");
         let metrics = Arc::new(crate::metrics::Metrics::new());
-        let (trail, writer) = crate::accounts::Trail::new(records.clone(), metrics);
+        let (audit, writer) = crate::accounts::AuditLog::new(records.clone(), metrics);
         tokio::spawn(writer.run(CancellationToken::new()));
         let accounts = Arc::new(RecordAccounts::new(
             records.clone(),
             Arc::new(crate::accounts::Failures::new()),
             crate::accounts::Hashing::new(Duration::from_mins(1)),
-            trail.notes(),
+            audit.notes(),
         ));
         let limits = crate::descriptors::Descriptors::MOST.into();
         let broker = EmbeddedBroker::start(&fleet, accounts, limits)

@@ -17,7 +17,7 @@ use super::peer::Peer;
 use super::problem::Problem;
 use super::rates::{self, Charge};
 use super::{App, commands};
-use crate::accounts::{Identity, Stranger};
+use crate::accounts::{AuthError, Identity};
 use crate::cluster::ClusterMembership;
 use crate::metrics::Dropped;
 
@@ -177,14 +177,14 @@ fn unauthenticated() -> Problem {
     )
 }
 
-fn strange(stranger: Stranger) -> Problem {
-    match stranger {
-        Stranger::Expired => Problem::new(
+fn unauthorized(error: AuthError) -> Problem {
+    match error {
+        AuthError::Expired => Problem::new(
             StatusCode::UNAUTHORIZED,
             "expired_token",
             "the token has expired; refresh the session",
         ),
-        Stranger::Unknown => Problem::new(
+        AuthError::Unknown => Problem::new(
             StatusCode::UNAUTHORIZED,
             "unauthenticated",
             "the token is not valid, or its session has ended; log in again",
@@ -221,7 +221,7 @@ fn known(
     redeemed: Option<Identity>,
 ) -> Result<Identity, Problem> {
     match (bearer(request.headers())?, ticket(request)) {
-        (Some(token), _) => app.accounts.who(token).map_err(strange),
+        (Some(token), _) => app.accounts.who(token).map_err(unauthorized),
         (None, Some(_)) if tickets && redeemed.is_some() => redeemed.ok_or_else(unauthenticated),
         (None, Some(ticket)) if tickets => app.accounts.redeem(ticket).ok_or_else(|| {
             Problem::new(

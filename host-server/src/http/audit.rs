@@ -49,7 +49,7 @@ impl App {
         result: &Result<T, Problem>,
     ) {
         let entry = entry(&caller.name(), caller, action, target, detail, result);
-        self.trail.note(entry);
+        self.audit.note(entry);
     }
 
     /// Whether something may be done that has to be in the log: it must not be lost on its way there.
@@ -57,7 +57,7 @@ impl App {
     /// # Errors
     /// What the caller is told when it may not.
     pub(super) fn may_be_audited(&self) -> Result<(), Problem> {
-        if self.trail.has_room() {
+        if self.audit.has_room() {
             return Ok(());
         }
         Err(Problem::later(
@@ -79,7 +79,7 @@ impl App {
         result: &Result<T, Problem>,
     ) {
         let entry = entry(who, caller, action, target, detail, result);
-        self.trail.write(entry).await;
+        self.audit.write(entry).await;
         // Whoever logs in here, or is locked out, is so everywhere. What is not told is found by
         // looking, some seconds later.
         if let Some(membership) = self.membership.clone()

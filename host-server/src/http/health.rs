@@ -62,7 +62,7 @@ async fn ready(State(app): State<Arc<App>>) -> Response {
     let membership = app.membership.as_ref();
     let cache = membership.map(|membership| membership.is_member());
     let journal = (!app.commands.is_written()).then_some(false);
-    let audit = (!app.trail.is_written()).then_some(false);
+    let audit = (!app.audit.is_written()).then_some(false);
     let database = app.records.database().map(|stats| stats.up);
     // With a database it is told of, as that is.
     let written = journal.is_none() && (audit.is_none() || database.is_some());

@@ -154,7 +154,7 @@ fn age(sample: &Telemetry, newest: &Telemetry) -> i64 {
 /// Tells of a command that is over, where it is worth a line: those to the swarm, and those that
 /// came to nothing.
 pub(super) fn tell(app: &App, command: &CommandView) {
-    app.trail.note(Entry {
+    app.audit.note(Entry {
         who: command
             .source
             .strip_prefix("operator:")

@@ -19,7 +19,7 @@ use super::endpoints::{self, BrokerEndpoints};
 use super::ingest::Ingest;
 use super::parts::{PATIENCE, Parts, finish};
 use super::{StartError, clockwork, cluster};
-use crate::accounts::{Accounts, Trail};
+use crate::accounts::{Accounts, AuditLog};
 use crate::addresses::Addresses;
 use crate::broker::EmbeddedBroker;
 use crate::bus::{self, Bus};
@@ -73,7 +73,7 @@ pub(super) async fn start(
     metrics.watch_data(&settings.data);
     metrics.watch_records(&records);
     metrics.watch_history(&history);
-    let (trail, writer) = Trail::new(records.clone(), Arc::clone(&metrics));
+    let (audit, writer) = AuditLog::new(records.clone(), Arc::clone(&metrics));
     parts.task("the audit log", |stop| writer.run(stop))?;
     let accounts = Accounts::open(records.clone(), settings.open).await?;
     let invitation = accounts.invite_first().await?;
@@ -110,14 +110,14 @@ pub(super) async fn start(
         &records,
         certificates.as_ref(),
         &accounts,
-        trail.notes(),
+        audit.notes(),
         descriptors,
     )
     .await?;
     let inside = endpoints::for_robots(&inside, broker.as_ref(), settings);
     let handle = broker.as_ref().map(EmbeddedBroker::handle);
     if let Some(broker) = broker {
-        broker.note_in(trail.notes());
+        broker.note_in(audit.notes());
         parts.end_with(broker.stop())?;
     }
     if let Some(tunnel) = tunnel {
@@ -155,7 +155,7 @@ pub(super) async fn start(
         experiments: Experiments::new(settings, owner),
         recorder,
         accounts,
-        trail,
+        audit,
         mqtt: mqtt.clone(),
         rates: http::Rates::new(),
         fleet: SharedFleet::new(settings.fleet.clone()),

@@ -23,7 +23,7 @@ impl Default for Writable {
 impl Writable {
     /// Tells what has changed since the last time.
     pub(super) fn tell(&mut self, app: &App) {
-        let (commands, audit) = (app.commands.is_written(), app.trail.is_written());
+        let (commands, audit) = (app.commands.is_written(), app.audit.is_written());
         if std::mem::replace(&mut self.commands, commands) != commands {
             let text = if commands {
                 "commands can be written down again"

@@ -181,7 +181,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::accounts::Trail;
+    use crate::accounts::AuditLog;
     use crate::metrics::Metrics;
 
     fn login<'a>(user: &'a str, password: &'a str) -> Login<'a> {
@@ -199,12 +199,12 @@ mod tests {
         let secret = Secret::generate().expect("randomness");
         let enrolled = records.enroll("rover-1", secret.digest(), 1, "test").await;
         enrolled.expect("enrolled");
-        let (trail, _writer) = Trail::new(records.clone(), Arc::new(Metrics::new()));
+        let (audit, _writer) = AuditLog::new(records.clone(), Arc::new(Metrics::new()));
         let accounts = RecordAccounts::new(
             records,
             Arc::new(Failures::new()),
             Hashing::new(Duration::from_mins(1)),
-            trail.notes(),
+            audit.notes(),
         );
         let checked = accounts.hashing.occupy().await;
         let waiting = accounts.queue.acquire_many(QUEUE as u32).await;

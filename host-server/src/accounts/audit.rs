@@ -68,21 +68,21 @@ impl Notes {
 }
 
 /// Writes to the log.
-pub(crate) struct Trail {
+pub(crate) struct AuditLog {
     notes: Notes,
     /// Whether the records are in a file, and not in a database that others bring back.
     in_file: bool,
 }
 
-impl Trail {
+impl AuditLog {
     /// A log in `records`, and what is to run for as long as it is used.
-    pub(crate) fn new(records: Records, metrics: Arc<Metrics>) -> (Self, Writer) {
+    pub(crate) fn new(records: Records, metrics: Arc<Metrics>) -> (Self, AuditWriter) {
         let queue = Arc::new(Queue::new(metrics));
-        let trail = Self {
+        let audit = Self {
             notes: Notes(Arc::clone(&queue)),
             in_file: records.database().is_none(),
         };
-        (trail, Writer { records, queue })
+        (audit, AuditWriter { records, queue })
     }
 
     /// For others who cannot wait.
@@ -119,12 +119,12 @@ impl Trail {
 }
 
 /// What writes the lines.
-pub(crate) struct Writer {
+pub(crate) struct AuditWriter {
     records: Records,
     queue: Arc<Queue>,
 }
 
-impl Writer {
+impl AuditWriter {
     /// Writes what comes in, until `stop` and until nothing waits that the records take.
     pub(crate) async fn run(self, stop: CancellationToken) {
         loop {
@@ -157,7 +157,7 @@ impl Writer {
     }
 }
 
-impl Drop for Writer {
+impl Drop for AuditWriter {
     fn drop(&mut self) {
         self.queue.end();
     }

@@ -28,12 +28,12 @@ fn entry(n: usize) -> Entry {
     }
 }
 
-fn trail(records: &Records) -> (Trail, Writer) {
-    Trail::new(records.clone(), Arc::new(Metrics::new()))
+fn audit(records: &Records) -> (AuditLog, AuditWriter) {
+    AuditLog::new(records.clone(), Arc::new(Metrics::new()))
 }
 
 /// Lets `writer` write all that waits.
-async fn finish(writer: Writer) {
+async fn finish(writer: AuditWriter) {
     let stop = CancellationToken::new();
     stop.cancel();
     writer.run(stop).await;
@@ -42,11 +42,11 @@ async fn finish(writer: Writer) {
 #[tokio::test]
 async fn what_there_was_no_room_for_is_a_gap_in_the_log() {
     let records = Records::in_memory().await.expect("records");
-    let (trail, writer) = trail(&records);
+    let (audit, writer) = audit(&records);
     for n in 0..MOST + 10 {
-        trail.note(entry(n));
+        audit.note(entry(n));
     }
-    assert!(!trail.has_room());
+    assert!(!audit.has_room());
     finish(writer).await;
     let newest = records.audit_page(None, 2, None).await.expect("a page");
     assert_eq!(newest[0].entry.action, "audit.gap");
@@ -55,23 +55,23 @@ async fn what_there_was_no_room_for_is_a_gap_in_the_log() {
     assert_eq!(records.audit_verify().await, Ok(MOST as u64 + 1));
     assert_eq!(records.audit_lost().await.expect("a number"), 10);
     // Whoever comes after the end is not kept waiting.
-    trail.write(entry(0)).await;
+    audit.write(entry(0)).await;
     records.close().await;
 }
 
 #[tokio::test]
 async fn entries_are_written_in_their_order_and_waited_for() {
     let records = Records::in_memory().await.expect("records");
-    let (trail, writer) = trail(&records);
+    let (audit, writer) = audit(&records);
     let stop = CancellationToken::new();
     let task = tokio::spawn(writer.run(stop.clone()));
     for n in 0..300 {
         if n % 3 == 0 {
-            trail.write(entry(n)).await;
+            audit.write(entry(n)).await;
             let newest = records.audit_page(None, 1, None).await.expect("a page");
             assert_eq!(newest[0].entry.target, n.to_string(), "it is on disk");
         } else {
-            trail.note(entry(n));
+            audit.note(entry(n));
         }
     }
     stop.cancel();
