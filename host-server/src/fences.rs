@@ -115,7 +115,7 @@ impl Fence {
     }
 
     /// What a robot did that crossed it; `back` to where it should be.
-    pub(crate) const fn deed(&self, back: bool) -> &'static str {
+    pub(crate) const fn crossing_verb(&self, back: bool) -> &'static str {
         match (self.kind, back) {
             (Kind::KeepIn, false) => "left",
             (Kind::KeepIn, true) => "came back into",
@@ -167,7 +167,7 @@ pub(crate) async fn all(app: &App) -> Result<Vec<Fence>, RecordsError> {
         let id = kept.id.clone();
         let fence = Fence::of_kept(kept);
         if fence.is_none() {
-            tracing::error!(id, "a fence in the records is none and is passed over");
+            tracing::error!(id, "an invalid fence is stored: it is ignored");
         }
         fence
     });

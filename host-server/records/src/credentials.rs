@@ -33,7 +33,7 @@ type Row = (String, Vec<u8>, i64, String, Option<i64>);
 fn credential((name, digest, created, by, revoked): Row) -> Result<Credential, RecordsError> {
     let digest = digest
         .try_into()
-        .map_err(|_| RecordsError::Invalid("a digest in the records is none"))?;
+        .map_err(|_| RecordsError::Invalid("an invalid digest is stored"))?;
     Ok(Credential {
         name,
         digest: Digest(digest),

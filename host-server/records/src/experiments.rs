@@ -76,7 +76,7 @@ impl FromStr for ExperimentState {
 
     fn from_str(text: &str) -> Result<Self, RecordsError> {
         let mut all = Self::ALL.into_iter();
-        let unknown = RecordsError::Invalid("a state of an experiment in the records is none");
+        let unknown = RecordsError::Invalid("an invalid state of an experiment is stored");
         all.find(|state| state.name() == text).ok_or(unknown)
     }
 }

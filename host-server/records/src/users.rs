@@ -60,12 +60,12 @@ type Invited = (Option<String>, String, i64);
 /// A name from the file.
 pub(crate) fn name(text: &str) -> Result<UserName, RecordsError> {
     text.parse()
-        .map_err(|_| RecordsError::Invalid("a name in the records is none"))
+        .map_err(|_| RecordsError::Invalid("an invalid user name is stored"))
 }
 
 fn role(text: &str) -> Result<Role, RecordsError> {
     text.parse()
-        .map_err(|_| RecordsError::Invalid("a role in the records is none"))
+        .map_err(|_| RecordsError::Invalid("an invalid role is stored"))
 }
 
 fn user((user, its_role, password, created, disabled): Row) -> Result<User, RecordsError> {

@@ -43,7 +43,7 @@ impl CommandCenter {
             for owed in journal.owed() {
                 // A clock that was set must not keep a command for longer than its life.
                 let Some(command) = owed.command() else {
-                    tracing::warn!(id = owed.id, "a command in the journal is none");
+                    tracing::warn!(id = owed.id, "an invalid command is in the journal");
                     continue;
                 };
                 let class = Class::of(&command.action);

@@ -154,15 +154,15 @@ impl FleetState {
                 continue;
             };
             let level = if back { Level::Info } else { Level::Warn };
-            let deed = format!("{} fence {}", fence.deed(back), fence.name);
+            let text = format!("{} fence {}", fence.crossing_verb(back), fence.name);
             if crossings.len() > ONE_BY_ONE {
-                let text = format!("{} robots {deed}", crossings.len());
+                let text = format!("{} robots {text}", crossings.len());
                 self.events.heard(level, None, text);
                 continue;
             }
             for crossing in crossings {
                 let robot = Some(crossing.robot.clone());
-                self.events.heard(level, robot, deed.clone());
+                self.events.heard(level, robot, text.clone());
             }
         }
     }

@@ -24,7 +24,7 @@ const PRUNE: Duration = Duration::from_hours(1);
 
 /// What happens by the clock: the feed, overdue answers, what cannot be written, the time for robots and who
 /// is near them.
-pub(super) async fn heart(app: Arc<App>, stop: CancellationToken) {
+pub(super) async fn run_periodic(app: Arc<App>, stop: CancellationToken) {
     let mut tick = tokio::time::interval(feed::INTERVAL);
     tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
     let mut time_sent: Option<Instant> = None;

@@ -187,7 +187,7 @@ pub(super) async fn start(
     }
     let own = || Arc::clone(&app);
     parts.task("what happens by the clock", |stop| {
-        clockwork::heart(own(), stop)
+        clockwork::run_periodic(own(), stop)
     })?;
     parts.task("the upkeep of the records", |stop| {
         clockwork::upkeep(own(), stop)

@@ -103,7 +103,7 @@ impl From<OpenError> for StartError {
         match error {
             OpenError::Records(error) => Self::Records(error),
             OpenError::NoRandomness => Self::Internal("no randomness"),
-            OpenError::Key => Self::Internal("the key of tokens in the records is none"),
+            OpenError::Key => Self::Internal("the stored key of tokens is invalid"),
         }
     }
 }

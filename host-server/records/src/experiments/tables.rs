@@ -60,7 +60,7 @@ fn experiment(row: Row) -> Result<Experiment, RecordsError> {
     ) = row;
     let count = |number: i64| {
         u32::try_from(number)
-            .map_err(|_| RecordsError::Invalid("a number of an experiment in the records is none"))
+            .map_err(|_| RecordsError::Invalid("an invalid number of an experiment is stored"))
     };
     Ok(Experiment {
         id,
