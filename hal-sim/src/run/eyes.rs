@@ -45,14 +45,14 @@ pub struct Looks {
 
 /// The detector of a thread, and where it runs.
 #[derive(Debug)]
-pub(super) struct Mind {
+pub(super) struct DetectorInstance {
     detector: Detector<'static>,
     arena: RefCell<Vec<i8>>,
     looks: Cell<Looks>,
 }
 
-impl Mind {
-    /// The mind of this model.
+impl DetectorInstance {
+    /// An instance of this model.
     ///
     /// # Errors
     /// When it is no detector.
@@ -73,14 +73,14 @@ impl Mind {
 /// The eyes of one robot.
 #[derive(Debug, Clone)]
 pub(super) struct SimEyes {
-    mind: Rc<Mind>,
+    instance: Rc<DetectorInstance>,
     clock: SimClock,
 }
 
 impl SimEyes {
-    pub(super) fn new(mind: &Rc<Mind>, clock: &SimClock) -> Self {
+    pub(super) fn new(instance: &Rc<DetectorInstance>, clock: &SimClock) -> Self {
         Self {
-            mind: Rc::clone(mind),
+            instance: Rc::clone(instance),
             clock: clock.clone(),
         }
     }
@@ -90,10 +90,10 @@ impl Eyes for SimEyes {
     type Look<'e> = SimLook;
 
     fn open(&mut self, bytes: usize) -> Option<SimLook> {
-        let mut looks = self.mind.looks.get();
+        let mut looks = self.instance.looks.get();
         looks.open += 1;
         looks.most = looks.most.max(looks.open);
-        self.mind.looks.set(looks);
+        self.instance.looks.set(looks);
         Some(SimLook {
             frame: vec![0; bytes].into_boxed_slice(),
             eyes: self.clone(),
@@ -110,21 +110,21 @@ pub(super) struct SimLook {
 
 impl Drop for SimLook {
     fn drop(&mut self) {
-        let mut looks = self.eyes.mind.looks.get();
+        let mut looks = self.eyes.instance.looks.get();
         looks.open -= 1;
-        self.eyes.mind.looks.set(looks);
+        self.eyes.instance.looks.set(looks);
     }
 }
 
 impl SimLook {
     fn spots(&self, size: (u16, u16), format: FrameFormat) -> Result<Spots, PictureError> {
         let picture = Picture::new(&self.frame, size, format)?;
-        let mind = &self.eyes.mind;
-        let mut arena = mind.arena.borrow_mut();
-        let mut looks = mind.looks.get();
+        let instance = &self.eyes.instance;
+        let mut arena = instance.arena.borrow_mut();
+        let mut looks = instance.looks.get();
         looks.taken += 1;
-        mind.looks.set(looks);
-        let finder = mind.detector.run_in(&mut arena);
+        instance.looks.set(looks);
+        let finder = instance.detector.run_in(&mut arena);
         // The arena is as large as the detector asked for.
         Ok(finder.map_or_else(
             |_| Spots::new(),

@@ -12,7 +12,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 
-use super::eyes::{Mind, SimEyes};
+use super::eyes::{DetectorInstance, SimEyes};
 #[cfg(feature = "recording")]
 use super::{
     journal::Payload,
@@ -102,7 +102,7 @@ pub(super) fn start(
     robot: &Rc<SimRobot>,
     parts: BodyParts,
     network: SimNetwork,
-    mind: Option<&Rc<Mind>>,
+    detector: Option<&Rc<DetectorInstance>>,
 ) -> Program {
     let ranger_after = parts.ranger_after;
     #[cfg(feature = "recording")]
@@ -113,7 +113,7 @@ pub(super) fn start(
             tape
         });
         let parts = recording::tap::tap(parts.with_network(network), tape.as_ref());
-        let mut program = launch(sched, robot, parts, ranger_after, mind);
+        let mut program = launch(sched, robot, parts, ranger_after, detector);
         program.tape = tape;
         program
     }
@@ -123,7 +123,7 @@ pub(super) fn start(
         robot,
         parts.with_network(network),
         ranger_after,
-        mind,
+        detector,
     )
 }
 
@@ -141,7 +141,7 @@ pub(super) fn launch(
     robot: &Rc<SimRobot>,
     parts: Parts<ProgramBody>,
     ranger_after: Duration,
-    mind: Option<&Rc<Mind>>,
+    detector: Option<&Rc<DetectorInstance>>,
 ) -> Program {
     let Parts {
         clock,
@@ -181,7 +181,7 @@ pub(super) fn launch(
     tasks.reserve_exact(1);
     if robot.config().camera {
         let pair = {
-            let eyes = mind.map(|mind| SimEyes::new(mind, &clock));
+            let eyes = detector.map(|detector| SimEyes::new(detector, &clock));
             start_camera(sched, robot, camera, eyes, network, link_rng, &clock)
         };
         tasks.extend(pair);

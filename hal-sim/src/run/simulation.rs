@@ -21,7 +21,7 @@ use crawler_protocol::{Action, Fleet, RobotId, Topic};
 
 use super::director::Director;
 use super::error::SimulationError;
-use super::eyes::Mind;
+use super::eyes::DetectorInstance;
 use super::fingerprint::Fingerprint;
 use super::hashes::Hashes;
 use super::journal::Journal;
@@ -116,7 +116,7 @@ pub struct Simulation {
     /// Whom robots are to connect to.
     broker: BrokerAddress,
     /// What their cameras are seen through with.
-    mind: Option<Rc<Mind>>,
+    detector: Option<Rc<DetectorInstance>>,
 }
 
 /// Name and password for a broker, as robots hold them.
@@ -171,7 +171,7 @@ impl Simulation {
         };
         match link {
             super::snapshot::Link::Lockstep => Self::lockstep_given(scenario, seed, given, None),
-            super::snapshot::Link::None => Self::lonely_given(scenario, seed, given, None),
+            super::snapshot::Link::None => Self::without_network_with(scenario, seed, given, None),
         }
     }
 
@@ -219,10 +219,10 @@ impl Simulation {
         seed: u64,
         seat: Option<Seat>,
     ) -> Result<Self, SimulationError> {
-        Self::lonely_given(scenario, seed, BrokerAddress::default(), seat)
+        Self::without_network_with(scenario, seed, BrokerAddress::default(), seat)
     }
 
-    fn lonely_given(
+    fn without_network_with(
         scenario: Scenario,
         seed: u64,
         nowhere: BrokerAddress,
@@ -284,7 +284,7 @@ impl Simulation {
         if let Some(deck) = broker.deck.clone() {
             world.record(deck);
         }
-        let mind = scenario.detector.map(Mind::new).transpose()?;
+        let detector = scenario.detector.map(DetectorInstance::new).transpose()?;
         let camera = Camera::new(scenario.tracker, seed).filter(|_| !matches!(way, Way::None));
         Ok(Self {
             scenario,
@@ -312,7 +312,7 @@ impl Simulation {
             seat,
             troubles: faults::Troubles::default(),
             broker,
-            mind,
+            detector,
         })
     }
 

@@ -29,7 +29,7 @@ pub(crate) const REBUILD_STEPS: u64 = 10;
 
 /// A robot is never faster than this share of the top speed of robots and movers. Pushed by
 /// several others at once it could be, for a moment.
-pub(crate) const HASTE: f32 = 1.25;
+pub(crate) const MAX_SPEED_FACTOR: f32 = 1.25;
 
 /// A supply that comes back this far above the brown-out voltage starts the robot again.
 const BROWN_OUT_HYSTERESIS_V: f32 = 0.5;

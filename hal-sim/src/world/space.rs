@@ -10,7 +10,7 @@ use super::movers::Movers;
 use super::neighbours::Neighbours;
 use super::parameters::Parameters;
 use super::patches::Patches;
-use super::physics::{HASTE, Limit, REBUILD_STEPS, SKIN_M, STEP_S, Stop, Train};
+use super::physics::{Limit, MAX_SPEED_FACTOR, REBUILD_STEPS, SKIN_M, STEP_S, Stop, Train};
 
 /// Obstacles count as near a cell from this far beyond it, metres: a robot's radius and what it
 /// may be pushed within one step.
@@ -96,7 +96,7 @@ impl Space {
         }
         let solid_grid = Grid::of_solids(&cells, &solids, SOLID_MARGIN_M);
         let movers = Movers::new(&arena);
-        let stride_m = parameters.top_speed().max(movers.top_speed()) * HASTE * dt;
+        let stride_m = parameters.top_speed().max(movers.top_speed()) * MAX_SPEED_FACTOR * dt;
         let mut space = Self {
             train: Train::new(&parameters, dt),
             dt,

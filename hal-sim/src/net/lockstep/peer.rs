@@ -4,8 +4,8 @@
 //! it keeps, and the same bytes in give the same bytes out.
 
 mod carry;
-mod kept;
 mod report;
+mod retained;
 mod routing;
 mod sessions;
 
@@ -21,8 +21,8 @@ pub use report::{Origin, PeerFault, PeerStatistics, Published};
 use super::packet::{self, Packet};
 use crate::run::Fingerprint;
 use carry::Interest;
-use kept::{Kept, Shapes, Will};
 use rand_pcg::Pcg32;
+use retained::{Kept, Shapes, Will};
 use routing::Author;
 use sessions::Session;
 

@@ -12,7 +12,7 @@ use super::body;
 use super::compare::{Difference, Except, compare};
 use super::read::{Boot, Recording};
 use super::stage::{Script, Stage, Word};
-use crate::run::eyes::Mind;
+use crate::run::eyes::DetectorInstance;
 use crate::run::machine;
 use crate::run::recording::Event;
 use crate::run::snapshot::BUILD;
@@ -94,8 +94,8 @@ pub fn replay(
     crawler_app::parameters::Parameters::default()
         .with(parameters)
         .map_err(ReplayError::Parameters)?;
-    let mind = detector.map(Mind::new).transpose();
-    let mind = mind.map_err(ReplayError::Detector)?;
+    let instance = detector.map(DetectorInstance::new).transpose();
+    let instance = instance.map_err(ReplayError::Detector)?;
     let mut except = Except::default();
     if !parameters.is_empty() {
         except.topics.push("/parameters/");
@@ -116,14 +116,14 @@ pub fn replay(
             if boot.life.config.config().is_none() {
                 return Err(ReplayError::Robot(name.clone()));
             }
-            if boot.life.config.eyes.is_some() && mind.is_none() {
+            if boot.life.config.eyes.is_some() && instance.is_none() {
                 return Err(ReplayError::Blind(name.clone()));
             }
             let end = boot.ended.unwrap_or(recording.end);
             report.boots += 1;
             // A defect of the program of now is a finding, and no end of the replay.
             let events = match catch_unwind(AssertUnwindSafe(|| {
-                play(boot, end, parameters, mind.as_ref())
+                play(boot, end, parameters, instance.as_ref())
             })) {
                 Ok(events) => events,
                 Err(panic) => {
@@ -151,7 +151,7 @@ fn play(
     boot: &Boot,
     end: u64,
     parameters: &ParameterValues,
-    mind: Option<&Rc<Mind>>,
+    instance: Option<&Rc<DetectorInstance>>,
 ) -> Vec<Event> {
     let Some(config) = boot.life.config.config() else {
         return Vec::new();
@@ -164,7 +164,7 @@ fn play(
     stage.tape.watch(&robot);
     let parts = body::parts(&boot.life, &stage, &clock);
     let ranger_after = Duration::from_micros(boot.life.ranger_after_us);
-    let program = machine::launch(&mut sched, &robot, parts, ranger_after, mind);
+    let program = machine::launch(&mut sched, &robot, parts, ranger_after, instance);
     let end = Instant::from_micros(end);
     let mut version = None;
     let mut events = Vec::new();

@@ -48,9 +48,9 @@ impl Simulation {
     /// detector.
     #[must_use]
     pub fn looks(&self) -> Looks {
-        self.mind
+        self.detector
             .as_ref()
-            .map_or_else(Looks::default, |mind| mind.looks())
+            .map_or_else(Looks::default, |detector| detector.looks())
     }
 
     /// Number of robots ever added.

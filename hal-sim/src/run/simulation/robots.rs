@@ -103,7 +103,7 @@ impl Simulation {
         parts: BodyParts,
         link: usize,
     ) -> Program {
-        let (sched, mind) = (&mut self.sched, self.mind.as_ref());
+        let (sched, detector) = (&mut self.sched, self.detector.as_ref());
         let network = match &self.way {
             Way::None => SimNetwork::None(NoNetwork),
             Way::Lockstep(air) => SimNetwork::Lockstep(air.rejoin(link)),
@@ -115,7 +115,7 @@ impl Simulation {
                 SimNetwork::Live(Box::new(gateway.secure(network, Box::new(unix))))
             }
         };
-        machine::start(sched, robot, parts, network, mind)
+        machine::start(sched, robot, parts, network, detector)
     }
 
     /// Takes a robot out of the world, program and all. Its number is not used again.
@@ -148,7 +148,7 @@ impl Simulation {
             geometry: machine::geometry(&self.scenario.parameters.chassis),
             credentials: self.broker.credentials.clone(),
             camera: self.scenario.has_camera(number),
-            eyes: (self.mind.is_some() && self.scenario.has_camera(number))
+            eyes: (self.detector.is_some() && self.scenario.has_camera(number))
                 .then(|| eyes::lens(&self.scenario.parameters.camera)),
             // The body is broken by the simulation, not by the program.
             faults: false,

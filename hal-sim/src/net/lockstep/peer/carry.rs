@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::kept::Kept;
+use super::retained::Kept;
 use super::routing::{Author, Message};
 use super::{Output, Peer};
 use crate::net::lockstep::packet::{self, Publication};

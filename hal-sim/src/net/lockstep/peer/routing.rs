@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crawler_hal::Instant;
 
-use super::kept::Kept;
+use super::retained::Kept;
 use super::sessions::Session;
 use super::{Client, Origin, Output, Peer, PeerFault, Published};
 use super::{MAX_FILTERS, MAX_QUEUED, MAX_RETAINED};

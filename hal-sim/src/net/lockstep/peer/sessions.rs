@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::sync::Arc;
 
-use super::kept::Will;
+use super::retained::Will;
 use super::routing::{Author, Filter, Message};
 use super::{Client, MAX_IN_FLIGHT, Origin, Output, Peer, PeerFault, Place};
 use crate::net::lockstep::packet::{self, Connect, Publication};

@@ -8,7 +8,7 @@ use crawler_protocol::{
 use super::*;
 use crate::world::{DropError, Dropped, Object, ObjectShape, Obstacle};
 
-fn lonely(name: &str, robots: u32) -> Simulation {
+fn without_network(name: &str, robots: u32) -> Simulation {
     let scenario = Scenario::built_in(name).expect("there").with_robots(robots);
     Simulation::without_network(scenario, 7).expect("sound")
 }
@@ -47,7 +47,7 @@ fn drop_somewhere(simulation: &mut Simulation) -> u32 {
 
 #[test]
 fn a_world_that_is_gone_on_from_is_where_it_was_and_its_robots_stand_idle() {
-    let mut simulation = lonely("arena", 5);
+    let mut simulation = without_network("arena", 5);
     simulation.run_for(seconds(4));
     set(&mut simulation, 1, "safe_distance_mm", 725.0);
     simulation.run_for(seconds(3));
@@ -150,7 +150,7 @@ fn a_world_that_is_gone_on_from_is_where_it_was_and_its_robots_stand_idle() {
 
 #[test]
 fn what_is_gone_on_from_twice_goes_the_same_way_and_movers_and_timeline_go_on() {
-    let mut simulation = lonely("dynamic-environment", 2);
+    let mut simulation = without_network("dynamic-environment", 2);
     simulation.run_for(Duration::from_millis(12_340));
     let kept = simulation.keep();
     let mover = simulation.world().mover(0).expect("one");
@@ -163,7 +163,7 @@ fn what_is_gone_on_from_twice_goes_the_same_way_and_movers_and_timeline_go_on() 
     assert_ne!(one.world().mover(0), Some(mover));
     assert_eq!(one.history_hash(), other.history_hash());
     // Its faults come when they would have come.
-    let mut simulation = lonely("resilience", 4);
+    let mut simulation = without_network("resilience", 4);
     simulation.run_for(seconds(11));
     let broken = |world: &Simulation| world.keep().faults.len();
     assert_eq!(broken(&simulation), 0);
@@ -181,7 +181,7 @@ fn what_is_gone_on_from_twice_goes_the_same_way_and_movers_and_timeline_go_on() 
 
 #[test]
 fn a_robot_without_power_has_none_afterwards_either_and_starts_when_it_is_back() {
-    let mut simulation = lonely("empty", 2);
+    let mut simulation = without_network("empty", 2);
     simulation.run_for(seconds(2));
     simulation
         .inject(0, Fault::BrownOut, Some(seconds(5)))
@@ -202,7 +202,7 @@ fn a_robot_without_power_has_none_afterwards_either_and_starts_when_it_is_back()
 
 #[test]
 fn what_has_been_destroyed_and_used_since_is_not_destroyed_again() {
-    let mut simulation = lonely("empty", 1);
+    let mut simulation = without_network("empty", 1);
     simulation.run_for(seconds(1));
     simulation
         .inject(0, Fault::FlashNoise { seed: 3 }, None)
@@ -228,7 +228,7 @@ fn what_has_been_destroyed_and_used_since_is_not_destroyed_again() {
 
 #[test]
 fn robots_that_touch_a_wall_or_each_other_find_their_places_again() {
-    let mut simulation = lonely("empty", 1);
+    let mut simulation = without_network("empty", 1);
     let pose = crate::world::Pose::new;
     simulation.remove(0);
     for (x, y, theta) in [
