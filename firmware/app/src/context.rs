@@ -21,7 +21,7 @@ use crate::order::{Halts, Order, Sender, SetRequest, Task};
 use crate::outbox::Outbox;
 use crate::parameters::{Changes, Parameters};
 use crate::perception::{Battery, LinkHealth, Reading};
-use crate::state::{Errand, Fault};
+use crate::state::{Fault, Goal};
 use crate::timesync::TimeSync;
 use crate::tracking::Tracking;
 use crate::trouble::{LinkTrouble, PANIC};
@@ -113,9 +113,9 @@ pub struct Robot<M: RawMutex> {
     /// Intake → store.
     pub(crate) set_requests: Channel<M, SetRequest, 2>,
     /// Control → store: the behaviour that a restart is about to interrupt.
-    pub(crate) behaviour_to_keep: Signal<M, Errand>,
+    pub(crate) behaviour_to_keep: Signal<M, Goal>,
     /// Store → control: the behaviour that the restart before this boot interrupted.
-    pub(crate) behaviour_before_restart: Mutex<M, Cell<Option<Errand>>>,
+    pub(crate) behaviour_before_restart: Mutex<M, Cell<Option<Goal>>>,
     /// Intake → camera.
     pub(crate) captures: Captures<M>,
     /// Control → camera, and camera → control and link.

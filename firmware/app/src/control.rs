@@ -193,10 +193,10 @@ impl Pilot {
         } else {
             Near::new()
         };
-        if let Some(errand) = robot.behaviour_before_restart.lock(Cell::take)
+        if let Some(goal) = robot.behaviour_before_restart.lock(Cell::take)
             && robot.boot().was_asked_for()
         {
-            self.controller.was_at(errand, now);
+            self.controller.was_at(goal, now);
         }
         let inputs = Inputs {
             reading: robot.reading.lock(Cell::get),
@@ -241,8 +241,8 @@ impl Pilot {
             }
         }
         report(robot, outputs, now);
-        if let Some(errand) = outputs.unfinished {
-            robot.behaviour_to_keep.signal(errand);
+        if let Some(goal) = outputs.unfinished {
+            robot.behaviour_to_keep.signal(goal);
         }
         if outputs.reboot {
             self.reboot_asked.get_or_insert(now);

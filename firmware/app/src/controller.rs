@@ -2,7 +2,7 @@
 //!
 //! [`Controller::step`] is synchronous and does no I/O; the control activity calls it every
 //! [`PERIOD`], and so do the tests of the safety rules. One call does, in this order: odometry and
-//! its correction, faults, failsafes, the end of the errand, halts, one order, a look ahead, wanted motion, ramps.
+//! its correction, faults, failsafes, the end of the goal, halts, one order, a look ahead, wanted motion, ramps.
 //!
 //! # How motion ends
 //! | cause | duties |
@@ -42,7 +42,7 @@ use crate::motion::{Correction, Odometry, Ramp};
 use crate::neighbours::Neighbour;
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
-use crate::state::{Errand, Event, Fault, Side, State};
+use crate::state::{Event, Fault, Goal, Side, State};
 use crate::tracking::{Fix, TOLD_EVERY};
 use crate::vision::{InTheWay, View};
 
@@ -66,8 +66,8 @@ pub const START_PATIENCE: Duration = Duration::from_millis(2_000);
 /// A scan takes four to nine seconds; one that takes longer is held up.
 pub const SCAN_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Most answers of one step: every halt, the errand that ended, the order, and that order's own
-/// errand if it ends at once.
+/// Most answers of one step: every halt, the goal that ended, the order, and that order's own
+/// goal if it ends at once.
 const ANSWERS: usize = HALT_ANSWERS + 4;
 /// Most notes of one step.
 const NOTES: usize = 6;
@@ -143,7 +143,7 @@ pub struct Outputs {
     /// Whether to restart, once the answers are out.
     pub reboot: bool,
     /// The behaviour that the restart interrupts.
-    pub unfinished: Option<Errand>,
+    pub unfinished: Option<Goal>,
 }
 
 impl Outputs {
@@ -174,7 +174,7 @@ pub struct Controller {
     odometry: Odometry,
     ramps: [Ramp; 2],
     last_step: Instant,
-    /// Who waits for the end of the errand or scan.
+    /// Who waits for the end of the goal or scan.
     pending: Option<Sender>,
     scan: Option<Scan>,
     progress: Progress,
@@ -230,8 +230,8 @@ impl Controller {
 
     /// The behaviour in force.
     pub fn behaviour(&self) -> BehaviourName {
-        match self.state.errand() {
-            Some(errand) => errand.behaviour(),
+        match self.state.goal() {
+            Some(goal) => goal.behaviour(),
             None => BehaviourName::Manual,
         }
     }
@@ -366,8 +366,8 @@ impl Controller {
     fn needs_view(&self) -> bool {
         self.tuning.avoidance
             || match self.state {
-                State::Moving(errand) | State::Caution(errand) | State::Avoiding(errand, _) => {
-                    errand.is_autonomous()
+                State::Moving(goal) | State::Caution(goal) | State::Avoiding(goal, _) => {
+                    goal.is_autonomous()
                 }
                 State::Scanning { .. } => true,
                 State::Initializing | State::Idle | State::Error(_) => false,

@@ -308,7 +308,8 @@ impl<M: RawMutex> Robot<M> {
 
     fn tell(&self, seq: u64, answer: Answer, now: Instant) {
         if self.intake.with(|memory| memory.answers.take(now)) {
-            self.outbox.courtesy(self.outgoing(seq, answer, now));
+            self.outbox
+                .send_best_effort(self.outgoing(seq, answer, now));
         } else {
             self.outbox.withheld();
         }

@@ -195,8 +195,8 @@ impl<M: RawMutex> Outbox<M> {
     }
 
     /// Queues a refusal or a repeated answer, if there is room beyond what others may need.
-    pub fn courtesy(&self, answer: Outgoing) {
-        self.with(|inner| inner.courtesy(answer));
+    pub fn send_best_effort(&self, answer: Outgoing) {
+        self.with(|inner| inner.send_best_effort(answer));
         self.wake.signal(());
     }
 
@@ -352,7 +352,7 @@ impl Inner {
             promise.left -= 1;
         } else {
             // A second `accepted`: the last place is for what the command comes to.
-            return self.courtesy(answer);
+            return self.send_best_effort(answer);
         }
         self.push(Kind::Promised, answer);
     }
@@ -371,7 +371,7 @@ impl Inner {
         self.push(Kind::Halt, answer);
     }
 
-    fn courtesy(&mut self, answer: Outgoing) {
+    fn send_best_effort(&mut self, answer: Outgoing) {
         let same = |entry: &Entry| {
             !entry.in_flight
                 && (entry.seq, entry.status, entry.reason)

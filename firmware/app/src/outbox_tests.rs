@@ -47,7 +47,7 @@ fn an_admitted_command_gets_both_its_answers_out_whatever_else_is_there() {
     }
     assert_eq!(admitted.len(), PROMISES);
     for seq in 1_000..1_100 {
-        outbox.courtesy(outgoing(seq, ResponseStatus::Rejected));
+        outbox.send_best_effort(outgoing(seq, ResponseStatus::Rejected));
         outbox.answer(&ada(), outgoing(seq + 1_000, ResponseStatus::Completed));
     }
     for seq in &admitted {
@@ -69,7 +69,7 @@ fn an_admitted_command_gets_both_its_answers_out_whatever_else_is_there() {
 fn a_flood_of_refusals_leaves_room_for_a_stop() {
     let outbox = Box::new();
     for seq in 0..1_000 {
-        outbox.courtesy(outgoing(seq, ResponseStatus::Rejected));
+        outbox.send_best_effort(outgoing(seq, ResponseStatus::Rejected));
     }
     assert_eq!(outbox.pending(), COURTESY_LIMIT);
     outbox.answer(&ada(), outgoing(7_777, ResponseStatus::Completed));
@@ -100,7 +100,7 @@ fn when_even_the_room_for_stops_is_taken_the_newest_stop_is_answered() {
 fn one_answer_repeated_takes_one_place() {
     let outbox = Box::new();
     for _ in 0..50 {
-        outbox.courtesy(outgoing(3, ResponseStatus::Stale));
+        outbox.send_best_effort(outgoing(3, ResponseStatus::Stale));
     }
     assert_eq!(outbox.pending(), 1);
 }
@@ -386,7 +386,7 @@ proptest! {
                 Step::Answer(..) => {}
                 Step::Courtesy => {
                     seq += 1;
-                    outbox.courtesy(outgoing(seq, ResponseStatus::Stale));
+                    outbox.send_best_effort(outgoing(seq, ResponseStatus::Stale));
                 }
                 Step::Halt => {
                     seq += 1;

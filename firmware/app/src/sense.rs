@@ -73,7 +73,7 @@ where
                 );
             }
             if lookout.wants_temperature(measured, now) {
-                lookout.feel(ranger.temperature(&clock).await);
+                lookout.set_air_temperature(ranger.temperature(&clock).await);
             }
             ticker.tick(&clock).await;
         }
@@ -144,7 +144,7 @@ impl Lookout {
     }
 
     /// Takes in what the thermometer said.
-    pub fn feel(&mut self, temperature: Result<Celsius, TemperatureError>) {
+    pub fn set_air_temperature(&mut self, temperature: Result<Celsius, TemperatureError>) {
         match temperature {
             Ok(temperature) => self.air = Some(temperature),
             Err(TemperatureError::NotWired) => self.thermometer_due = Instant::FAR_FUTURE,

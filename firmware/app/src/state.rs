@@ -14,7 +14,7 @@ use crate::motion::Twist;
 /// What a robot in motion is about.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Errand {
+pub enum Goal {
     /// `move` and `drive`: a person's hand on the stick.
     Manual {
         /// Wanted motion.
@@ -42,7 +42,7 @@ pub enum Errand {
     Swarm(Swarm),
 }
 
-impl Errand {
+impl Goal {
     /// Whether the robot finds its own way, and may turn aside.
     pub const fn is_autonomous(&self) -> bool {
         match self {
@@ -178,13 +178,13 @@ pub enum Event {
     /// The parameters are loaded and the sensors have been heard, or were given up.
     Ready,
     /// An order to move was accepted.
-    Begin(Errand),
+    Begin(Goal),
     /// An order to scan was accepted.
     BeginScan {
         /// When to give up.
         deadline: Instant,
     },
-    /// The errand is over: done, timed out, stopped, or taken over.
+    /// The goal is over: done, timed out, stopped, or taken over.
     End,
     /// The way ahead is free.
     Free,
@@ -213,11 +213,11 @@ pub enum State {
     /// Standing, ready for orders.
     Idle,
     /// Moving freely.
-    Moving(Errand),
+    Moving(Goal),
     /// Moving slowly, or waiting for a view of the way ahead.
-    Caution(Errand),
+    Caution(Goal),
     /// Turning aside.
-    Avoiding(Errand, Escape),
+    Avoiding(Goal, Escape),
     /// Turning once around itself, collecting ranges.
     Scanning {
         /// When to give up.
@@ -261,8 +261,8 @@ impl State {
                 | Self::Caution(_)
                 | Self::Avoiding(..)
                 | Self::Scanning { .. },
-                Event::Begin(errand),
-            ) => Self::Moving(errand),
+                Event::Begin(goal),
+            ) => Self::Moving(goal),
             (
                 Self::Idle
                 | Self::Moving(_)
@@ -277,33 +277,33 @@ impl State {
             ) => Self::Idle,
 
             // The way ahead.
-            (Self::Moving(errand) | Self::Caution(errand), Event::Free) => Self::Moving(errand),
-            (Self::Moving(errand) | Self::Caution(errand), Event::Near | Event::Blind) => {
-                Self::Caution(errand)
+            (Self::Moving(goal) | Self::Caution(goal), Event::Free) => Self::Moving(goal),
+            (Self::Moving(goal) | Self::Caution(goal), Event::Near | Event::Blind) => {
+                Self::Caution(goal)
             }
-            (Self::Moving(errand) | Self::Caution(errand), Event::Blocked(side)) => {
-                if errand.is_autonomous() {
-                    Self::Avoiding(errand, Escape::turning(side, now))
+            (Self::Moving(goal) | Self::Caution(goal), Event::Blocked(side)) => {
+                if goal.is_autonomous() {
+                    Self::Avoiding(goal, Escape::turning(side, now))
                 } else {
                     Self::Idle
                 }
             }
-            (Self::Moving(errand) | Self::Caution(errand), Event::Stuck(side)) => {
-                if errand.is_autonomous() {
-                    Self::Avoiding(errand, Escape::backing(0, side, now))
+            (Self::Moving(goal) | Self::Caution(goal), Event::Stuck(side)) => {
+                if goal.is_autonomous() {
+                    Self::Avoiding(goal, Escape::backing(0, side, now))
                 } else {
                     self
                 }
             }
-            (Self::Avoiding(errand, escape), Event::Free) if now >= escape.least_until => {
-                Self::Moving(errand)
+            (Self::Avoiding(goal, escape), Event::Free) if now >= escape.least_until => {
+                Self::Moving(goal)
             }
-            (Self::Avoiding(errand, escape), Event::Near) if now >= escape.least_until => {
-                Self::Caution(errand)
+            (Self::Avoiding(goal, escape), Event::Near) if now >= escape.least_until => {
+                Self::Caution(goal)
             }
-            (Self::Avoiding(errand, escape), Event::Stuck(side)) => {
+            (Self::Avoiding(goal, escape), Event::Stuck(side)) => {
                 let attempt = escape.attempt.saturating_add(1);
-                Self::Avoiding(errand, Escape::backing(attempt, side, now))
+                Self::Avoiding(goal, Escape::backing(attempt, side, now))
             }
 
             // Spelled out, so that nothing is ignored by accident.
@@ -391,11 +391,9 @@ impl State {
     }
 
     /// What the robot is about, when it is about anything.
-    pub const fn errand(&self) -> Option<Errand> {
+    pub const fn goal(&self) -> Option<Goal> {
         match self {
-            Self::Moving(errand) | Self::Caution(errand) | Self::Avoiding(errand, _) => {
-                Some(*errand)
-            }
+            Self::Moving(goal) | Self::Caution(goal) | Self::Avoiding(goal, _) => Some(*goal),
             Self::Initializing | Self::Idle | Self::Scanning { .. } | Self::Error(_) => None,
         }
     }

@@ -5,7 +5,7 @@
 //! at when it was told to restart. A corrupt flash is
 //! erased once and starts anew; one that refuses costs persistence, never the boot.
 
-mod errand;
+mod goal;
 mod guard;
 #[cfg(test)]
 mod tests;
@@ -26,7 +26,7 @@ use crate::context::Robot;
 use crate::hold::{Hold, Inline};
 use crate::order::SetRequest;
 use crate::parameters::{Changes, ENCODED_MAX, Parameters};
-use crate::state::Errand;
+use crate::state::Goal;
 
 use guard::{GuardError, Guarded};
 
@@ -79,8 +79,8 @@ pub fn store_held<H: Hold, M: RawMutex, F: NorFlash, C: Clock>(
             let asked = select(robot.set_requests.receive(), robot.behaviour_to_keep.wait()).await;
             let SetRequest { changes, sender } = match asked {
                 Either::First(request) => request,
-                Either::Second(errand) => {
-                    H::hold(put_unfinished(robot, &mut shelf, &clock, &errand)).await;
+                Either::Second(goal) => {
+                    H::hold(put_unfinished(robot, &mut shelf, &clock, &goal)).await;
                     continue;
                 }
             };
@@ -221,9 +221,9 @@ async fn put_unfinished<M: RawMutex, F: NorFlash, C: Clock>(
     robot: &Robot<M>,
     shelf: &mut Shelf<'_, M, F>,
     clock: &C,
-    errand: &Errand,
+    goal: &Goal,
 ) {
-    let item = errand::encode(errand);
+    let item = goal::encode(goal);
     let deadline = clock.now() + FLASH_PATIENCE;
     let stored = with_deadline(clock, deadline, shelf.put(UNFINISHED, &item)).await;
     if let Err(error) = stored.unwrap_or(Err(ShelfError::Refused)) {
@@ -236,14 +236,14 @@ async fn put_unfinished<M: RawMutex, F: NorFlash, C: Clock>(
 /// not get over what it does shall not do it again.
 async fn take_unfinished<M: RawMutex, F: NorFlash>(
     shelf: &mut Shelf<'_, M, F>,
-) -> Result<Option<Errand>, ShelfError> {
+) -> Result<Option<Goal>, ShelfError> {
     let mut buffer = [0; BUFFER];
-    let errand = shelf.get(UNFINISHED, &mut buffer).await?;
-    let errand = errand.and_then(errand::decode);
-    if errand.is_some() {
-        shelf.put(UNFINISHED, &errand::NOTHING).await?;
+    let goal = shelf.get(UNFINISHED, &mut buffer).await?;
+    let goal = goal.and_then(goal::decode);
+    if goal.is_some() {
+        shelf.put(UNFINISHED, &goal::NOTHING).await?;
     }
-    Ok(errand)
+    Ok(goal)
 }
 
 /// Logs an erasure that nobody was told of yet.

@@ -204,8 +204,8 @@ pub(crate) fn path_optimality(shortest_m: f64, rim_m: f64, driven_m: f64) -> Opt
 /// When a robot is back at work after something was broken about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Recovery {
-    /// Whether it had an errand before.
-    pub(crate) had_errand: bool,
+    /// Whether it had a goal before.
+    pub(crate) had_goal: bool,
     /// When the fault was mended, or came, if it is never mended, seconds.
     pub(crate) since_s: f64,
     /// When the robot was back, seconds.
@@ -214,9 +214,9 @@ pub(crate) struct Recovery {
 
 impl Recovery {
     /// Takes in how the robot is at `now_s`: whether it can take commands, and whether it is on an
-    /// errand or has none to do any more.
+    /// goal or has none to do any more.
     pub(crate) fn see(&mut self, now_s: f64, able: bool, busy_or_done: bool) {
-        let back = able && (busy_or_done || !self.had_errand);
+        let back = able && (busy_or_done || !self.had_goal);
         if self.back_s.is_none() && now_s >= self.since_s && back {
             self.back_s = Some(now_s);
         }
@@ -278,7 +278,7 @@ mod tests {
     #[test]
     fn recovery_counts_from_the_end_of_the_fault() {
         let fault = Recovery {
-            had_errand: true,
+            had_goal: true,
             since_s: 10.0,
             back_s: None,
         };
@@ -288,12 +288,12 @@ mod tests {
         assert_eq!(robot.took_s(), None);
         robot.see(10.5, false, false);
         robot.see(11.0, true, false);
-        assert_eq!(robot.took_s(), None, "able, and not back on its errand");
+        assert_eq!(robot.took_s(), None, "able, and not back on its goal");
         robot.see(12.5, true, true);
         robot.see(20.0, true, true);
         assert_eq!(robot.took_s(), Some(2.5));
         let mut idle = Recovery {
-            had_errand: false,
+            had_goal: false,
             ..fault
         };
         idle.see(10.0, true, false);

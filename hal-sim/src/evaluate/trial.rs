@@ -241,7 +241,7 @@ impl<'a> Observer<'a> {
         };
         if let Some(robot) = self.robots.get_mut(broken.robot) {
             let recovery = Recovery {
-                had_errand: broken.had_errand,
+                had_goal: broken.had_goal,
                 since_s: seconds(since),
                 back_s: None,
             };

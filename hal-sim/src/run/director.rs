@@ -56,8 +56,8 @@ pub struct Broken {
     pub at: Instant,
     /// When it is mended; `None` when it never is.
     pub until: Option<Instant>,
-    /// Whether the robot had an errand then.
-    pub had_errand: bool,
+    /// Whether the robot had a goal then.
+    pub had_goal: bool,
     /// What.
     pub fault: Fault,
 }
@@ -242,7 +242,7 @@ impl Director {
         self.given.push(0);
     }
 
-    /// Takes note of a robot that was here before: it has no errands any more.
+    /// Takes note of a robot that was here before: it has no goals any more.
     #[cfg(feature = "live")]
     pub(crate) fn add_idle(&mut self) {
         self.routes.push(Route::default());

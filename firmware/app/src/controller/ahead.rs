@@ -8,7 +8,7 @@ use super::{Controller, FAILSAFE, HOLD, Inputs, Note, Outputs, PERIOD};
 use crate::behaviour::{Detour, escape_twist, goto_twist, swarm_twist};
 use crate::motion::Twist;
 use crate::perception::{Charge, Sight};
-use crate::state::{Errand, Event, Side, State};
+use crate::state::{Event, Goal, Side, State};
 use crate::vision::View;
 
 /// Share of the wanted speed that is left right before the critical distance.
@@ -34,11 +34,11 @@ impl Controller {
         out: &mut Outputs,
         now: Instant,
     ) -> bool {
-        let Some(errand) = self.state.errand() else {
+        let Some(goal) = self.state.goal() else {
             return false;
         };
         let view = inputs.reading.fresh(now);
-        let autonomous = errand.is_autonomous();
+        let autonomous = goal.is_autonomous();
         let event = if !self.needs_view() {
             if inputs.charge == Charge::Low {
                 Event::Near
@@ -46,7 +46,7 @@ impl Controller {
                 Event::Free
             }
         } else if let Some(sight) = view {
-            self.judge(sight, &errand, inputs, rng, now)
+            self.judge(sight, &goal, inputs, rng, now)
         } else if autonomous {
             // It waits for a view; the sense activity decides when the ranger is lost for good.
             Event::Blind
@@ -89,8 +89,8 @@ impl Controller {
     /// Whether what the robot does needs its camera.
     pub fn wants_eyes(&self) -> bool {
         let behaves = match self.state {
-            State::Moving(errand) | State::Caution(errand) | State::Avoiding(errand, _) => {
-                matches!(errand, Errand::Wander { .. })
+            State::Moving(goal) | State::Caution(goal) | State::Avoiding(goal, _) => {
+                matches!(goal, Goal::Wander { .. })
             }
             State::Scanning { .. } => true,
             State::Initializing | State::Idle | State::Error(_) => false,
@@ -100,7 +100,7 @@ impl Controller {
 
     /// Whether what the robot does goes by where others are.
     pub fn wants_neighbours(&self) -> bool {
-        matches!(self.state.errand(), Some(Errand::Swarm(_)))
+        matches!(self.state.goal(), Some(Goal::Swarm(_)))
     }
 
     /// Takes in what the camera has shown.
@@ -115,8 +115,8 @@ impl Controller {
 
     /// Where to turn for something low in the way of a robot that wanders: to the side where it is
     /// not, but in one corner always to the same.
-    fn low_way_round(&self, errand: &Errand, now: Instant) -> Option<Side> {
-        let (Errand::Wander { .. }, Some(low)) = (errand, self.in_the_way) else {
+    fn low_way_round(&self, goal: &Goal, now: Instant) -> Option<Side> {
+        let (Goal::Wander { .. }, Some(low)) = (goal, self.in_the_way) else {
             return None;
         };
         let bearing = low.ahead(self.pose().theta, now)?;
@@ -127,11 +127,11 @@ impl Controller {
         })
     }
 
-    /// What a fresh view means for `errand`.
+    /// What a fresh view means for `goal`.
     fn judge<R: Rng>(
         &mut self,
         sight: Sight,
-        errand: &Errand,
+        goal: &Goal,
         inputs: &Inputs<'_>,
         rng: &mut R,
         now: Instant,
@@ -143,21 +143,21 @@ impl Controller {
                 return Event::Stuck(side(rng));
             }
             // Clear is halfway to safe, so that the way out is one.
-            let low = self.low_way_round(errand, now).is_some();
+            let low = self.low_way_round(goal, now).is_some();
             if low || distance < critical.midpoint(safe) {
                 return Event::Blocked(escape.side);
             }
         } else if distance < critical {
-            match errand {
-                Errand::Manual { twist, .. } if twist.v <= 0.0 => return Event::Near,
-                Errand::Manual { .. } => return Event::Blocked(Side::Left),
-                Errand::Wander { .. } | Errand::Goto { .. } | Errand::Swarm(_) => {
-                    return Event::Blocked(self.way_round(errand, rng, now));
+            match goal {
+                Goal::Manual { twist, .. } if twist.v <= 0.0 => return Event::Near,
+                Goal::Manual { .. } => return Event::Blocked(Side::Left),
+                Goal::Wander { .. } | Goal::Goto { .. } | Goal::Swarm(_) => {
+                    return Event::Blocked(self.way_round(goal, rng, now));
                 }
             }
-        } else if let Some(side) = self.low_way_round(errand, now) {
+        } else if let Some(side) = self.low_way_round(goal, now) {
             return Event::Blocked(side);
-        } else if errand.is_autonomous() {
+        } else if goal.is_autonomous() {
             let forward = self.ramps.iter().all(|ramp| ramp.duty() > 0.0);
             if !forward {
                 self.progress.reset();
@@ -182,8 +182,8 @@ impl Controller {
         }
     }
 
-    fn way_round<R: Rng>(&mut self, errand: &Errand, rng: &mut R, now: Instant) -> Side {
-        if let Errand::Goto { x, y, .. } = *errand {
+    fn way_round<R: Rng>(&mut self, goal: &Goal, rng: &mut R, now: Instant) -> Side {
+        if let Goal::Goto { x, y, .. } = *goal {
             let pose = self.pose();
             let distance = libm::hypotf(x - pose.x, y - pose.y);
             let detour = Detour::next(self.detour, distance, side(rng));
@@ -200,8 +200,8 @@ impl Controller {
     pub(super) fn wanted(&mut self, inputs: &Inputs<'_>, out: &mut Outputs, now: Instant) -> Twist {
         let twist = match self.state {
             State::Initializing | State::Idle | State::Error(_) => return Twist::ZERO,
-            State::Moving(errand) | State::Caution(errand) => {
-                let twist = self.errand_twist(&errand, inputs, now);
+            State::Moving(goal) | State::Caution(goal) => {
+                let twist = self.goal_twist(&goal, inputs, now);
                 let Some(twist) = twist else {
                     self.finish(Ok(()), out);
                     self.state = self.state.step(Event::End, now);
@@ -237,21 +237,21 @@ impl Controller {
         }
     }
 
-    /// What `errand` wants on a free way; `None` when it has arrived.
-    fn errand_twist(&self, errand: &Errand, inputs: &Inputs<'_>, now: Instant) -> Option<Twist> {
+    /// What `goal` wants on a free way; `None` when it has arrived.
+    fn goal_twist(&self, goal: &Goal, inputs: &Inputs<'_>, now: Instant) -> Option<Twist> {
         let max_speed = self.tuning.max_speed;
-        match *errand {
-            Errand::Manual { twist, .. } => Some(twist),
-            Errand::Wander { speed } => Some(Twist {
+        match *goal {
+            Goal::Manual { twist, .. } => Some(twist),
+            Goal::Wander { speed } => Some(Twist {
                 v: speed * max_speed,
                 w: 0.0,
             }),
-            Errand::Swarm(swarm) => {
+            Goal::Swarm(swarm) => {
                 let speed = self.tuning.goto_speed * max_speed;
                 let (pose, turn) = (self.pose(), self.tuning.max_turn);
                 Some(swarm_twist(swarm, &pose, inputs.near, speed, turn))
             }
-            Errand::Goto { x, y, .. } => {
+            Goal::Goto { x, y, .. } => {
                 let speed = self.tuning.goto_speed * max_speed;
                 let twist = goto_twist(
                     &self.pose(),
@@ -309,11 +309,11 @@ impl Controller {
     ///
     /// Reckons with the wheels standing a period early, so that a step may come late by as much.
     fn steps_left(&self, now: Instant) -> Option<f32> {
-        let Some(Errand::Manual {
+        let Some(Goal::Manual {
             until,
             bounded: false,
             ..
-        }) = self.state.errand()
+        }) = self.state.goal()
         else {
             return None;
         };

@@ -7,7 +7,7 @@ use super::orders::reason_of;
 use super::{Controller, Inputs, Note, Outputs};
 use crate::order::Halt;
 use crate::perception::{Charge, LinkHealth};
-use crate::state::{Errand, Event, Fault, State};
+use crate::state::{Event, Fault, Goal, State};
 
 impl Controller {
     /// Raises and clears faults; whether the wheels have to stand because of one.
@@ -31,7 +31,7 @@ impl Controller {
         match fault {
             Some(fault) if before != Some(fault) => {
                 if fault == Fault::Ranger {
-                    self.resumption.interrupt(self.state.errand(), now);
+                    self.resumption.interrupt(self.state.goal(), now);
                 } else {
                     self.resumption.forget();
                 }
@@ -51,7 +51,7 @@ impl Controller {
         }
         // With avoidance off a bad ranger is no fault of manual driving, but what needs it ends.
         if ranger && self.needs_view() && self.is_under_way() {
-            self.resumption.interrupt(self.state.errand(), now);
+            self.resumption.interrupt(self.state.goal(), now);
             self.finish(Err(Reason::NoRange), out);
             self.state = self.state.step(Event::End, now);
             return true;
@@ -66,13 +66,13 @@ impl Controller {
             return false;
         }
         let since = *self.link_lost_since.get_or_insert(now);
-        if self.state.errand().is_some_and(|e| e.is_autonomous())
+        if self.state.goal().is_some_and(|e| e.is_autonomous())
             && now - since < self.tuning.link_grace
         {
             return false;
         }
         if self.is_under_way() {
-            self.resumption.interrupt(self.state.errand(), now);
+            self.resumption.interrupt(self.state.goal(), now);
             self.finish(Err(Reason::LinkLost), out);
             self.state = self.state.step(Event::End, now);
         }
@@ -83,27 +83,24 @@ impl Controller {
     /// driving. They do already unless steps came late: see [`Controller::drive`].
     pub(super) fn check_time(&mut self, out: &mut Outputs, now: Instant) -> bool {
         let ended = match self.state {
-            State::Moving(errand) | State::Caution(errand) | State::Avoiding(errand, _) => {
-                match errand {
-                    Errand::Manual { until, bounded, .. } if now >= until => Some(if bounded {
-                        Ok(())
-                    } else {
-                        Err(Reason::Timeout)
-                    }),
-                    Errand::Goto { deadline, .. } if now >= deadline => Some(Err(Reason::Timeout)),
-                    Errand::Manual { .. }
-                    | Errand::Goto { .. }
-                    | Errand::Wander { .. }
-                    | Errand::Swarm(_) => None,
+            State::Moving(goal) | State::Caution(goal) | State::Avoiding(goal, _) => match goal {
+                Goal::Manual { until, bounded, .. } if now >= until => Some(if bounded {
+                    Ok(())
+                } else {
+                    Err(Reason::Timeout)
+                }),
+                Goal::Goto { deadline, .. } if now >= deadline => Some(Err(Reason::Timeout)),
+                Goal::Manual { .. } | Goal::Goto { .. } | Goal::Wander { .. } | Goal::Swarm(_) => {
+                    None
                 }
-            }
+            },
             State::Scanning { deadline } if now >= deadline => Some(Err(Reason::Timeout)),
             State::Scanning { .. } | State::Initializing | State::Idle | State::Error(_) => None,
         };
         let Some(result) = ended else {
             return false;
         };
-        let continuous = self.state.errand().is_some_and(|e| e.is_continuous());
+        let continuous = self.state.goal().is_some_and(|e| e.is_continuous());
         self.finish(result, out);
         self.state = self.state.step(Event::End, now);
         continuous

@@ -8,7 +8,7 @@ use crate::behaviour::Scan;
 use crate::motion::Twist;
 use crate::order::{Order, Task};
 use crate::perception::LinkHealth;
-use crate::state::{Errand, Event, Fault, State};
+use crate::state::{Event, Fault, Goal, State};
 
 /// Farthest a `goto` may lead, in metres from where the robot booted.
 const FARTHEST_TARGET: f32 = 1_000.0;
@@ -20,7 +20,7 @@ const GOTO_LEAST: Duration = Duration::from_secs(20);
 enum Answering {
     /// Now: it is done, or in force.
     Now,
-    /// When the errand ends; `accepted` now.
+    /// When the goal ends; `accepted` now.
     AtEnd,
 }
 
@@ -105,12 +105,12 @@ impl Controller {
                 } else {
                     FAILSAFE
                 };
-                let errand = Errand::Manual {
+                let goal = Goal::Manual {
                     twist: self.manual_twist(&order.task),
                     until: order.arrived + span,
                     bounded,
                 };
-                self.start_errand(errand, out, now);
+                self.start_goal(goal, out, now);
                 if bounded {
                     Answering::AtEnd
                 } else {
@@ -118,12 +118,12 @@ impl Controller {
                 }
             }
             Task::Drive { .. } => {
-                let errand = Errand::Manual {
+                let goal = Goal::Manual {
                     twist: self.manual_twist(&order.task),
                     until: order.arrived + FAILSAFE,
                     bounded: false,
                 };
-                self.start_errand(errand, out, now);
+                self.start_goal(goal, out, now);
                 Answering::Now
             }
             Task::Scan => {
@@ -135,16 +135,16 @@ impl Controller {
             }
             Task::Wander { speed } => {
                 let speed = f32::from(speed.min(100)) * 0.01;
-                self.start_errand(Errand::Wander { speed }, out, now);
+                self.start_goal(Goal::Wander { speed }, out, now);
                 Answering::Now
             }
             Task::Swarm(swarm) => {
-                self.start_errand(Errand::Swarm(swarm), out, now);
+                self.start_goal(Goal::Swarm(swarm), out, now);
                 Answering::Now
             }
             Task::Goto { x, y } => {
                 let deadline = now + self.goto_patience([x, y]);
-                self.start_errand(Errand::Goto { x, y, deadline }, out, now);
+                self.start_goal(Goal::Goto { x, y, deadline }, out, now);
                 Answering::AtEnd
             }
             Task::Manual => {
@@ -164,7 +164,7 @@ impl Controller {
                 Answering::Now
             }
             Task::Reboot => {
-                out.unfinished = self.state.errand().filter(Errand::is_behaviour);
+                out.unfinished = self.state.goal().filter(Goal::is_behaviour);
                 self.take_over(out);
                 self.state = self.state.step(Event::End, now);
                 self.rebooting = true;
@@ -184,19 +184,16 @@ impl Controller {
         GOTO_LEAST + Duration::from_millis((seconds * 1_000.0) as u64)
     }
 
-    pub(super) fn start_errand(&mut self, errand: Errand, out: &mut Outputs, now: Instant) {
-        let renewed = matches!(errand, Errand::Manual { bounded: false, .. })
-            && matches!(
-                self.state.errand(),
-                Some(Errand::Manual { bounded: false, .. })
-            );
+    pub(super) fn start_goal(&mut self, goal: Goal, out: &mut Outputs, now: Instant) {
+        let renewed = matches!(goal, Goal::Manual { bounded: false, .. })
+            && matches!(self.state.goal(), Some(Goal::Manual { bounded: false, .. }));
         if !renewed {
             self.take_over(out);
         }
-        self.state = self.state.step(Event::Begin(errand), now);
+        self.state = self.state.step(Event::Begin(goal), now);
     }
 
-    /// Tells whoever waits for the present errand that another order took over.
+    /// Tells whoever waits for the present goal that another order took over.
     fn take_over(&mut self, out: &mut Outputs) {
         if let Some(sender) = self.pending.take() {
             out.answer(sender, ResponseStatus::Failed, Some(Reason::Interrupted));

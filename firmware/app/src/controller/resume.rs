@@ -8,7 +8,7 @@ use crawler_hal::{Duration, Instant};
 
 use super::{Controller, Inputs, Note, Outputs};
 use crate::perception::LinkHealth;
-use crate::state::{Errand, State};
+use crate::state::{Goal, State};
 
 /// Nothing has been in the way for so long before a behaviour goes on: a `stop` that waited at the
 /// broker comes first.
@@ -35,7 +35,7 @@ pub(super) struct Resumption {
 #[derive(Debug, Clone, Copy)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Waiting {
-    errand: Errand,
+    goal: Goal,
     /// When it was interrupted.
     since: Instant,
     /// By a restart: somebody who can stop the robot must be there first.
@@ -43,17 +43,17 @@ struct Waiting {
 }
 
 impl Resumption {
-    /// Notes that a behaviour was interrupted by something that may pass. Errands with an end are
+    /// Notes that a behaviour was interrupted by something that may pass. Goals with an end are
     /// over: who gave them was told so.
-    pub(super) fn interrupt(&mut self, errand: Option<Errand>, now: Instant) {
-        if let Some(errand) = errand.filter(Errand::is_behaviour) {
-            self.wait(errand, now, false);
+    pub(super) fn interrupt(&mut self, goal: Option<Goal>, now: Instant) {
+        if let Some(goal) = goal.filter(Goal::is_behaviour) {
+            self.wait(goal, now, false);
         }
     }
 
-    fn wait(&mut self, errand: Errand, since: Instant, restarted: bool) {
+    fn wait(&mut self, goal: Goal, since: Instant, restarted: bool) {
         self.waiting = Some(Waiting {
-            errand,
+            goal,
             since,
             restarted,
         });
@@ -68,8 +68,8 @@ impl Resumption {
 
     /// The behaviour to take up now; `clear` tells whether anything is in its way. What is in the way
     /// for longer than `within` ends the wait.
-    fn due(&mut self, clear: bool, within: Duration, now: Instant) -> Option<Errand> {
-        let Waiting { errand, since, .. } = self.waiting?;
+    fn due(&mut self, clear: bool, within: Duration, now: Instant) -> Option<Goal> {
+        let Waiting { goal, since, .. } = self.waiting?;
         if !clear {
             self.clear_since = None;
             if now - since >= within {
@@ -87,16 +87,16 @@ impl Resumption {
         }
         self.waiting = None;
         self.last = Some((now, in_a_row.saturating_add(1)));
-        Some(errand)
+        Some(goal)
     }
 }
 
 impl Controller {
     /// Notes what the robot was at when it was told to restart, to be taken up once there is a link.
-    pub(crate) fn was_at(&mut self, errand: Errand, now: Instant) {
+    pub(crate) fn was_at(&mut self, goal: Goal, now: Instant) {
         // Who has spoken since has the word.
         if !self.resumption.decided {
-            self.resumption.wait(errand, now, true);
+            self.resumption.wait(goal, now, true);
         }
     }
 
@@ -116,9 +116,9 @@ impl Controller {
             && linked
             && inputs.reading.fresh(now).is_some();
         let due = self.resumption.due(clear, self.tuning.resume_within, now);
-        if let Some(errand) = due {
-            self.start_errand(errand, out, now);
-            out.note(Note::Resumed(errand.behaviour()));
+        if let Some(goal) = due {
+            self.start_goal(goal, out, now);
+            out.note(Note::Resumed(goal.behaviour()));
         }
     }
 }

@@ -7,7 +7,7 @@ use proptest::test_runner::TestCaseError;
 use super::bench::Bench;
 use super::happening::{Happening, Number, Sensor};
 use crate::perception::{Charge, LinkHealth, SensorHealth, Sight};
-use crate::state::Errand;
+use crate::state::Goal;
 
 type Outcome = Result<(), TestCaseError>;
 
@@ -99,11 +99,11 @@ fn what_a_person_says_meanwhile_counts() -> Outcome {
 fn restarted(cause: ResetCause, panic: Option<&str>) -> Result<Bench, TestCaseError> {
     let mut bench = Bench::new(7);
     bench.robot.set_boot_cause(cause, panic, bench.now());
-    let errand = Errand::Wander { speed: 0.5 };
+    let goal = Goal::Wander { speed: 0.5 };
     bench
         .robot
         .behaviour_before_restart
-        .lock(|cell| cell.set(Some(errand)));
+        .lock(|cell| cell.set(Some(goal)));
     bench.expect_resumption();
     seconds(&mut bench, 3)?;
     assert_eq!(bench.state(), RobotState::Idle, "nobody could stop it yet");
@@ -115,7 +115,7 @@ fn a_restart_that_was_asked_for_interrupts_it() -> Outcome {
     let mut bench = wandering()?;
     bench.send(&Action::Reboot, 0, Number::Next, 0)?;
     let out = bench.turn(Duration::from_millis(20), None)?;
-    assert_eq!(out.unfinished, Some(Errand::Wander { speed: 0.5 }));
+    assert_eq!(out.unfinished, Some(Goal::Wander { speed: 0.5 }));
     let mut bench = restarted(ResetCause::Software, None)?;
     bench.happen(&UP)?;
     seconds(&mut bench, 2)?;

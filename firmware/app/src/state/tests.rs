@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use crawler_hal::{Duration, Instant};
 
-use super::{Errand, Escape, Event, Fault, Side, State};
+use super::{Escape, Event, Fault, Goal, Side, State};
 use crate::motion::Twist;
 
 /// The drawing, as people see it.
@@ -23,19 +23,19 @@ const FAULTS: [Fault; 4] = [
     Fault::Ranger,
 ];
 
-fn manual() -> Errand {
-    Errand::Manual {
+fn manual() -> Goal {
+    Goal::Manual {
         twist: Twist { v: 0.3, w: 0.0 },
         until: LATER,
         bounded: true,
     }
 }
 
-fn errands() -> [Errand; 3] {
+fn goals() -> [Goal; 3] {
     [
         manual(),
-        Errand::Wander { speed: 0.6 },
-        Errand::Goto {
+        Goal::Wander { speed: 0.6 },
+        Goal::Goto {
             x: 1.0,
             y: 2.0,
             deadline: LATER,
@@ -49,14 +49,14 @@ fn states() -> Vec<State> {
         State::Idle,
         State::Scanning { deadline: LATER },
     ];
-    for errand in errands() {
-        states.push(State::Moving(errand));
-        states.push(State::Caution(errand));
-        if errand.is_autonomous() {
+    for goal in goals() {
+        states.push(State::Moving(goal));
+        states.push(State::Caution(goal));
+        if goal.is_autonomous() {
             // Looking for a way out, and still in the least turn.
             let early = Instant::from_millis(50_000);
-            states.push(State::Avoiding(errand, Escape::turning(Side::Left, early)));
-            states.push(State::Avoiding(errand, Escape::turning(Side::Right, NOW)));
+            states.push(State::Avoiding(goal, Escape::turning(Side::Left, early)));
+            states.push(State::Avoiding(goal, Escape::turning(Side::Right, NOW)));
         }
     }
     states.extend(FAULTS.map(State::Error));
@@ -76,7 +76,7 @@ fn events() -> Vec<Event> {
         Event::Recovered,
         Event::Reset,
     ];
-    events.extend(errands().map(Event::Begin));
+    events.extend(goals().map(Event::Begin));
     events.extend(FAULTS.map(Event::Fault));
     events
 }
@@ -198,12 +198,12 @@ fn an_emergency_stop_is_reached_from_everywhere_and_left_by_reset_alone() {
 #[test]
 fn only_an_order_sets_a_standing_robot_in_motion() {
     for state in states() {
-        if state.errand().is_some() || matches!(state, State::Scanning { .. }) {
+        if state.goal().is_some() || matches!(state, State::Scanning { .. }) {
             continue;
         }
         for event in events() {
             let next = state.step(event, NOW);
-            let moves = next.errand().is_some() || matches!(next, State::Scanning { .. });
+            let moves = next.goal().is_some() || matches!(next, State::Scanning { .. });
             let ordered = matches!(event, Event::Begin(_) | Event::BeginScan { .. });
             let ready = state == State::Idle;
             assert_eq!(moves, ordered && ready, "{state:?}, {event:?}: {next:?}");
@@ -216,7 +216,7 @@ fn manual_driving_never_turns_aside_by_itself() {
     for state in [State::Moving(manual()), State::Caution(manual())] {
         for event in events() {
             let next = state.step(event, NOW);
-            let avoiding = matches!(next, State::Avoiding(errand, _) if !errand.is_autonomous());
+            let avoiding = matches!(next, State::Avoiding(goal, _) if !goal.is_autonomous());
             assert!(!avoiding, "{state:?}, {event:?}");
         }
     }
@@ -224,7 +224,7 @@ fn manual_driving_never_turns_aside_by_itself() {
 
 #[test]
 fn turning_aside_lasts_its_least_turn_and_escalates() {
-    let wander = Errand::Wander { speed: 0.6 };
+    let wander = Goal::Wander { speed: 0.6 };
     let start = State::Moving(wander).step(Event::Blocked(Side::Left), NOW);
     assert_eq!(start.step(Event::Free, NOW), start, "not at once");
     let State::Avoiding(_, first) = start else {

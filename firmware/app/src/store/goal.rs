@@ -1,7 +1,7 @@
 //! A behaviour as it is kept over a restart that was asked for.
 
 use crate::behaviour::Swarm;
-use crate::state::Errand;
+use crate::state::Goal;
 
 /// Bytes of one: which, and its speed as `f32`, little-endian.
 pub(super) const ENCODED: usize = 5;
@@ -10,29 +10,29 @@ pub(super) const ENCODED: usize = 5;
 pub(super) const NOTHING: [u8; ENCODED] = [0; ENCODED];
 
 /// A behaviour as bytes; [`NOTHING`] for what has an end and is not taken up again.
-pub(super) const fn encode(errand: &Errand) -> [u8; ENCODED] {
-    let (kind, speed) = match errand {
-        Errand::Wander { speed } => (1, *speed),
-        Errand::Swarm(Swarm::Disperse) => (2, 0.0),
-        Errand::Swarm(Swarm::Gather) => (3, 0.0),
-        Errand::Swarm(Swarm::Flock) => (4, 0.0),
-        Errand::Swarm(Swarm::Formation) => (5, 0.0),
-        Errand::Manual { .. } | Errand::Goto { .. } => return NOTHING,
+pub(super) const fn encode(goal: &Goal) -> [u8; ENCODED] {
+    let (kind, speed) = match goal {
+        Goal::Wander { speed } => (1, *speed),
+        Goal::Swarm(Swarm::Disperse) => (2, 0.0),
+        Goal::Swarm(Swarm::Gather) => (3, 0.0),
+        Goal::Swarm(Swarm::Flock) => (4, 0.0),
+        Goal::Swarm(Swarm::Formation) => (5, 0.0),
+        Goal::Manual { .. } | Goal::Goto { .. } => return NOTHING,
     };
     let [a, b, c, d] = speed.to_le_bytes();
     [kind, a, b, c, d]
 }
 
 /// What [`encode`] wrote; `None` for nothing, and for what another program wrote or a flash made of it.
-pub(super) fn decode(bytes: &[u8]) -> Option<Errand> {
+pub(super) fn decode(bytes: &[u8]) -> Option<Goal> {
     let [kind, a, b, c, d] = *<&[u8; ENCODED]>::try_from(bytes).ok()?;
     let speed = f32::from_le_bytes([a, b, c, d]);
     Some(match kind {
-        1 if (0.0..=1.0).contains(&speed) => Errand::Wander { speed },
-        2 => Errand::Swarm(Swarm::Disperse),
-        3 => Errand::Swarm(Swarm::Gather),
-        4 => Errand::Swarm(Swarm::Flock),
-        5 => Errand::Swarm(Swarm::Formation),
+        1 if (0.0..=1.0).contains(&speed) => Goal::Wander { speed },
+        2 => Goal::Swarm(Swarm::Disperse),
+        3 => Goal::Swarm(Swarm::Gather),
+        4 => Goal::Swarm(Swarm::Flock),
+        5 => Goal::Swarm(Swarm::Formation),
         _ => return None,
     })
 }
@@ -51,17 +51,17 @@ mod tests {
             Swarm::Flock,
             Swarm::Formation,
         ];
-        let all = [0.0, 0.35, 1.0].map(|speed| Errand::Wander { speed });
-        for errand in all.into_iter().chain(swarm.map(Errand::Swarm)) {
-            assert_eq!(decode(&encode(&errand)), Some(errand));
+        let all = [0.0, 0.35, 1.0].map(|speed| Goal::Wander { speed });
+        for goal in all.into_iter().chain(swarm.map(Goal::Swarm)) {
+            assert_eq!(decode(&encode(&goal)), Some(goal));
         }
-        let goto = Errand::Goto {
+        let goto = Goal::Goto {
             x: 1.0,
             y: 2.0,
             deadline: Instant::BOOT,
         };
         assert_eq!(encode(&goto), NOTHING);
-        let wander = encode(&Errand::Wander { speed: 0.5 });
+        let wander = encode(&Goal::Wander { speed: 0.5 });
         for bytes in [
             &NOTHING[..],
             &[],

@@ -8,7 +8,7 @@ use super::store;
 use crate::behaviour::Swarm;
 use crate::parameters::Parameter;
 use crate::perception::Battery;
-use crate::state::Errand;
+use crate::state::Goal;
 use crate::testing::flash::{PAGE, TestFlash};
 use crate::testing::{Executor, TestRobot, robot, source};
 
@@ -72,7 +72,7 @@ fn boots_are_counted_and_parameters_kept() {
 #[test]
 fn what_a_restart_interrupts_is_told_to_the_next_boot_alone() {
     let flash = TestFlash::new(2);
-    let errand = Errand::Swarm(Swarm::Flock);
+    let goal = Goal::Swarm(Swarm::Flock);
     let told = |flash: &TestFlash| {
         boot(flash, |robot, _| {
             robot.behaviour_before_restart.lock(core::cell::Cell::take)
@@ -80,11 +80,11 @@ fn what_a_restart_interrupts_is_told_to_the_next_boot_alone() {
     };
     assert_eq!(told(&flash), None);
     boot(&flash, |robot, send| {
-        robot.behaviour_to_keep.signal(errand);
+        robot.behaviour_to_keep.signal(goal);
         // Whatever else is written meanwhile.
         send(&set("max_speed", 0.3));
     });
-    assert_eq!(told(&flash), Some(errand));
+    assert_eq!(told(&flash), Some(goal));
     assert_eq!(told(&flash), None);
     assert!((boot(&flash, |robot, _| max_speed(robot)) - 0.3).abs() < 1e-6);
 }

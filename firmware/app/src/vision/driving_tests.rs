@@ -150,7 +150,7 @@ fn eyes_that_always_see_something_stop_wandering_and_nothing_else() {
         let view = (step % 10 == 0).then(|| bench.view(&[[0.5, 0.9]]));
         let out = bench.step(None, view.as_ref());
         forward += (out.duties[0] + out.duties[1]).max(0.0);
-        let underway = bench.controller.state().errand().is_some();
+        let underway = bench.controller.state().goal().is_some();
         assert!(underway, "{:?}", bench.controller.state());
     }
     // It rolled out the first time, and never set off again for more than a step.

@@ -221,7 +221,7 @@ impl Body {
         self.reading = self.lookout.observe(measured, wheels, heading, now);
         if self.lookout.wants_temperature(measured, now) {
             let air_c = space.parameters.surroundings.air_c;
-            self.lookout.feel(match self.wiring {
+            self.lookout.set_air_temperature(match self.wiring {
                 WiringState::Uart => parse_temperature([self.ear.temperature_code(air_c)]),
                 WiringState::Pulse => Err(TemperatureError::NotWired),
             });

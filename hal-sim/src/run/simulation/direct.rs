@@ -99,7 +99,7 @@ impl Simulation {
             robot,
             at: now,
             until: lasting.map(|lasting| now + lasting),
-            had_errand: program.snapshot().behaviour != BehaviourName::Manual,
+            had_goal: program.snapshot().behaviour != BehaviourName::Manual,
             fault,
         };
         // Validated with the scenario; a link that is none cannot be lost.
