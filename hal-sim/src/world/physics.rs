@@ -184,17 +184,17 @@ impl Space {
         };
         let spin = seen.spin[i];
         if let Some(next) = free {
-            let (ahead, turn) = ((next[0] + next[1]) * 0.5, (next[1] - next[0]) * 0.5);
-            let after = turn * build.per_half_track;
+            let (longitudinal, yaw) = ((next[0] + next[1]) * 0.5, (next[1] - next[0]) * 0.5);
+            let after = yaw * build.per_half_track;
             let bend = Turn::by((spin + after) * 0.5 * dt);
             let heading_after = bend.apply(heading);
             let middle = Turn::halfway(heading, heading_after);
             let was = (rims[0] + rims[1]) * 0.5;
-            let way = middle.times((was + ahead) * 0.5 * dt);
+            let way = middle.times((was + longitudinal) * 0.5 * dt);
             let mut outcome = Outcome {
                 at: at.plus(way),
                 heading: heading_after,
-                velocity: heading_after.times(ahead),
+                velocity: heading_after.times(longitudinal),
                 spin: after,
                 rims: next,
                 rolls: true,
@@ -219,9 +219,9 @@ impl Space {
         let middle = Turn::halfway(heading, bend.apply(heading));
         let local = velocity.into_frame(middle);
         let from = Speeds {
-            ahead: local.x,
-            aside: local.y,
-            turn: spin * half_track,
+            longitudinal: local.x,
+            lateral: local.y,
+            yaw: spin * half_track,
             rims,
         };
         let mut stops = core::mem::take(&mut self.stops);
@@ -241,12 +241,12 @@ impl Space {
         );
         let stopped = stops.iter().any(|stop| stop.taken > 0.0);
         self.stops = stops;
-        let after = speeds.turn * build.per_half_track;
+        let after = speeds.yaw * build.per_half_track;
         let heading_after = Turn::by((spin + after) * 0.5 * dt).apply(heading);
-        let mut speed = Vec2::new(speeds.ahead, speeds.aside).out_of_frame(middle);
+        let mut speed = Vec2::new(speeds.longitudinal, speeds.lateral).out_of_frame(middle);
         if rolls {
             // A rolling body goes where it looks.
-            speed = heading_after.times(speeds.ahead);
+            speed = heading_after.times(speeds.longitudinal);
         }
         let most = self.stride_m / dt;
         let size = speed.length();

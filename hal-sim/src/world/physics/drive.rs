@@ -1,8 +1,8 @@
 //! Motors, wheels and what the floor takes of their force.
 //!
 //! All speeds of a wheel are at its rim, all forces at its contact with the floor. A robot has
-//! four speeds: that of the body ahead (`ahead`), to the side (`aside`), by its turn at a wheel
-//! (`turn` = spin · track / 2), and the two rims. While a wheel rolls its rim and the floor under
+//! four speeds: that of the body ahead (`longitudinal`), to the side (`lateral`), by its turn at a wheel
+//! (`yaw` = spin · track / 2), and the two rims. While a wheel rolls its rim and the floor under
 //! it are equally fast; else it slides, and friction is at its limit.
 
 use super::super::bodies::{Bridge, Build, Drive};
@@ -121,16 +121,16 @@ impl Motor {
 /// Speeds of a robot, metres per second; see the [module](self).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Speeds {
-    pub(super) ahead: f32,
-    pub(super) aside: f32,
-    pub(super) turn: f32,
+    pub(super) longitudinal: f32,
+    pub(super) lateral: f32,
+    pub(super) yaw: f32,
     pub(super) rims: [f32; 2],
 }
 
 impl Speeds {
     /// Speed of the floor under the wheels.
     fn ground(&self) -> [f32; 2] {
-        [self.ahead - self.turn, self.ahead + self.turn]
+        [self.longitudinal - self.yaw, self.longitudinal + self.yaw]
     }
 }
 
@@ -202,8 +202,8 @@ pub(super) fn roll(
     ];
     // What keeps the robot on its arc.
     let speed = (rims[0] + rims[1] + (change[0] + change[1]) * 0.5) * 0.5;
-    let turn = (rims[1] - rims[0] + (change[1] - change[0]) * 0.5) * 0.5;
-    let across = build.mass_kg * speed * turn * build.per_half_track * dt * 0.5;
+    let yaw = (rims[1] - rims[0] + (change[1] - change[0]) * 0.5) * 0.5;
+    let across = build.mass_kg * speed * yaw * build.per_half_track * dt * 0.5;
     for k in 0..2 {
         let limit = train.grip * build.mass_kg * grip[k];
         // Not-a-number does not roll either.
@@ -261,7 +261,7 @@ pub(super) fn slide(
             let slip = rim(k, floor[k].x) - speeds.ground()[k];
             let asked = Vec2::new(
                 floor[k].x + slip * scale[k],
-                floor[k].y - (speeds.aside - bend) * build.mass_kg * 0.5,
+                floor[k].y - (speeds.lateral - bend) * build.mass_kg * 0.5,
             );
             let square = asked.dot(asked);
             held[k] = square <= limits[k] * limits[k];
@@ -273,17 +273,17 @@ pub(super) fn slide(
             let change = taken.minus(floor[k]);
             floor[k] = taken;
             largest = largest.max(change.x.abs()).max(change.y.abs());
-            speeds.ahead += change.x * per_mass;
-            speeds.turn += side * change.x * per_turn;
-            speeds.aside += change.y * per_mass;
+            speeds.longitudinal += change.x * per_mass;
+            speeds.yaw += side * change.x * per_turn;
+            speeds.lateral += change.y * per_mass;
         }
         for stop in &mut *stops {
-            let speed = speeds.ahead * stop.normal.x + speeds.aside * stop.normal.y;
+            let speed = speeds.longitudinal * stop.normal.x + speeds.lateral * stop.normal.y;
             let taken = (stop.taken + stop.least - speed).max(0.0);
             let change = taken - stop.taken;
             stop.taken = taken;
-            speeds.ahead += change * stop.normal.x;
-            speeds.aside += change * stop.normal.y;
+            speeds.longitudinal += change * stop.normal.x;
+            speeds.lateral += change * stop.normal.y;
             largest = largest.max(change.abs() * build.mass_kg);
         }
         if largest < settled {
@@ -296,13 +296,13 @@ pub(super) fn slide(
         speeds.rims[k] = rim(k, floor[k].x);
         rolls &= (speeds.rims[k] - ground[k]).abs() < ROLLING;
     }
-    rolls &= (speeds.aside - bend).abs() < ROLLING;
+    rolls &= (speeds.lateral - bend).abs() < ROLLING;
     if rolls {
         // Rims are what rolling goes by; a body that stands on standing wheels stands.
         let [left, right] = speeds.rims;
-        speeds.ahead = (left + right) * 0.5;
-        speeds.turn = (right - left) * 0.5;
-        speeds.aside = bend;
+        speeds.longitudinal = (left + right) * 0.5;
+        speeds.yaw = (right - left) * 0.5;
+        speeds.lateral = bend;
     }
     (speeds, rolls)
 }
