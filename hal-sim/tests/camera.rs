@@ -28,8 +28,8 @@ struct Heard {
 
 impl Heard {
     fn listen(&mut self, simulation: &Simulation) {
-        let air = simulation.air().expect("lockstep");
-        for message in air.take_record() {
+        let network = simulation.network().expect("lockstep");
+        for message in network.take_record() {
             let topic = Topic::parse(simulation.fleet(), &message.topic).expect("a topic");
             let first = message.origin != Origin::Repeated;
             match topic {
@@ -56,9 +56,9 @@ impl Heard {
                 _ => {}
             }
         }
-        assert_eq!(air.statistics().unrecorded, 0);
+        assert_eq!(network.statistics().unrecorded, 0);
         // A cut link ends in silence; nothing else may be wrong.
-        let mut faults = air.take_faults();
+        let mut faults = network.take_faults();
         faults.retain(|(_, fault)| *fault != PeerFault::KeepAlive);
         assert_eq!(faults, []);
     }
@@ -69,7 +69,7 @@ fn with_cameras(robots: u32, share: f32, seed: u64) -> Simulation {
     scenario.command = None;
     scenario.spawn.camera_share = share;
     let simulation = Simulation::lockstep(scenario, seed).expect("a simulation");
-    simulation.air().expect("lockstep").record(200_000);
+    simulation.network().expect("lockstep").record(200_000);
     simulation
 }
 

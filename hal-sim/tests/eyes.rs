@@ -21,13 +21,13 @@ fn with_eyes(robots: u32, share: f32, seed: u64) -> Simulation {
     scenario.spawn.camera_share = share;
     scenario.detector = Some(BLOB);
     let simulation = Simulation::lockstep(scenario, seed).expect("a world");
-    simulation.air().expect("lockstep").record(200_000);
+    simulation.network().expect("lockstep").record(200_000);
     simulation
 }
 
 fn messages(simulation: &Simulation) -> (Vec<Detections>, Vec<StatusMessage>) {
     let (mut seen, mut status) = (Vec::new(), Vec::new());
-    for message in simulation.air().expect("lockstep").take_record() {
+    for message in simulation.network().expect("lockstep").take_record() {
         match Topic::parse(simulation.fleet(), &message.topic).expect("a topic") {
             Topic::Vision(id) => {
                 let told = Detections::from_json(&message.payload).expect("detections");
@@ -105,15 +105,15 @@ const CYLINDER: [f32; 2] = [-0.15, -0.2];
 /// Turns on the spot; where the robot says it was and what it says it saw in which direction of the
 /// arena, out of its own messages.
 fn look_around(simulation: &mut Simulation) -> ([f32; 2], Vec<(String, f32)>) {
-    let air = simulation.air().expect("lockstep").clone();
-    let _ = air.take_record();
+    let network = simulation.network().expect("lockstep").clone();
+    let _ = network.take_record();
     let _ = simulation.submit_all(Action::Scan);
     let (mut headings, mut seen) = (Vec::new(), Vec::new());
     let mut place = [0.0; 2];
     let begun = simulation.now();
     while simulation.now() < begun + SECOND * 12 {
         simulation.run_for(Duration::from_millis(100));
-        for message in air.take_record() {
+        for message in network.take_record() {
             match Topic::parse(simulation.fleet(), &message.topic).expect("a topic") {
                 Topic::Telemetry(_) => {
                     let told = Telemetry::from_json(&message.payload).expect("telemetry");
@@ -185,7 +185,7 @@ fn a_robot_finds_the_red_cylinder_among_blue_boxes() {
         ..Scenario::built_in("search").expect("there")
     };
     let mut simulation = Simulation::lockstep(scenario, 1).expect("a world");
-    simulation.air().expect("lockstep").record(200_000);
+    simulation.network().expect("lockstep").record(200_000);
     settle(&mut simulation);
     let mut lines = Vec::new();
     for stop in [None, Some([-0.7, -0.6])] {

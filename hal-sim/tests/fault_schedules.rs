@@ -89,7 +89,7 @@ struct Watched {
 
 /// Takes in what robots answered.
 fn listen(simulation: &Simulation, watched: &mut [Watched]) {
-    for published in simulation.air().unwrap().take_record() {
+    for published in simulation.network().unwrap().take_record() {
         let topic = Topic::parse(simulation.fleet(), &published.topic).unwrap();
         let (Topic::Response(id) | Topic::Logs(id), true) =
             (&topic, published.origin != Origin::Repeated)
@@ -207,7 +207,7 @@ fn live_through(seed: u64, mut steps: Vec<(u32, usize, Step)>) -> Vec<Watched> {
 fn tell(simulation: &mut Simulation, robot: usize, action: &Action, watched: &mut [Watched]) {
     let known = &mut watched[robot];
     known.halted &= !action.is_motion();
-    let dropped = |simulation: &Simulation| simulation.air().unwrap().statistics().dropped;
+    let dropped = |simulation: &Simulation| simulation.network().unwrap().statistics().dropped;
     let before = dropped(simulation);
     let seq = simulation.submit(robot, action.clone());
     if dropped(simulation) > before {

@@ -31,7 +31,7 @@ struct Told {
 impl Told {
     fn since(simulation: &Simulation) -> Self {
         let mut told = Self::default();
-        for published in simulation.air().unwrap().take_record() {
+        for published in simulation.network().unwrap().take_record() {
             let payload = &published.payload;
             match Topic::parse(simulation.fleet(), &published.topic).unwrap() {
                 Topic::Logs(_) => told.logs.push(LogRecord::from_json(payload).unwrap()),
@@ -182,7 +182,7 @@ fn a_silent_broker_is_shown_and_told_afterwards() {
 fn a_broker_that_refuses_credentials_is_shown_and_told_afterwards() {
     let mut simulation = lockstep("empty", 1, 4);
     settle(&mut simulation);
-    let air = simulation.air().unwrap().clone();
+    let network = simulation.network().unwrap().clone();
     simulation.require_credentials(Some(("rover", "open sesame")));
     simulation.cut(0, Cut::Radio);
     simulation.run_for(SECOND);
@@ -192,7 +192,7 @@ fn a_broker_that_refuses_credentials_is_shown_and_told_afterwards() {
     assert_eq!(trouble, Some(LinkTrouble::Credentials));
     assert_eq!(state(&simulation), RobotState::Idle);
     assert_eq!(shown(&mut simulation), Pattern::BrokerRefuses);
-    let refusals = air.take_faults();
+    let refusals = network.take_faults();
     let refused = |fault: &PeerFault| *fault == PeerFault::NotAuthorized;
     assert!(refusals.iter().any(|(_, fault)| refused(fault)));
     assert!(refusals.len() < 10, "no hammering: {}", refusals.len());
@@ -207,16 +207,16 @@ fn a_broker_that_refuses_credentials_is_shown_and_told_afterwards() {
 #[test]
 fn robots_with_the_right_credentials_are_let_in() {
     let mut simulation = lockstep("empty", 2, 4);
-    let air = simulation.air().unwrap().clone();
+    let network = simulation.network().unwrap().clone();
     simulation.require_credentials(Some(("rover", "open sesame")));
     simulation.set_credentials("rover", "open sesame").unwrap();
     settle(&mut simulation);
-    assert_eq!(air.connected(), 0, "the old program does not know");
+    assert_eq!(network.connected(), 0, "the old program does not know");
     for robot in 0..2 {
         simulation.crash(robot, "src/x.rs:1: restart");
     }
     simulation.run_for(SECOND * 10);
-    assert_eq!(air.connected(), 2);
+    assert_eq!(network.connected(), 2);
     let long = "x".repeat(65);
     assert!(simulation.set_credentials("rover", &long).is_err());
 }

@@ -275,7 +275,7 @@ fn a_clock_that_jumped_refuses_motion_obeys_stop_and_is_set_right() {
         let stop = simulation.submit(0, Action::Stop);
         simulation.run_for(SECOND);
         let mut told = std::collections::BTreeMap::new();
-        for published in simulation.air().unwrap().take_record() {
+        for published in simulation.network().unwrap().take_record() {
             if let Ok(response) = crawler_protocol::Response::from_json(&published.payload) {
                 told.insert(response.seq, (response.status, response.reason));
             }

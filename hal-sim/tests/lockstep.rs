@@ -33,8 +33,8 @@ fn fifty_robots_wander_for_a_minute_without_passing_through_anything() {
     // beam is narrow, so robots brush each other and slanted walls, less than twice a minute each.
     assert!(contacts < 2 * robots, "{contacts} contacts");
     assert!(least > 1.0, "one robot went only {least} m");
-    assert_eq!(simulation.air().unwrap().take_faults(), []);
-    assert_eq!(simulation.air().unwrap().connected(), robots as usize);
+    assert_eq!(simulation.network().unwrap().take_faults(), []);
+    assert_eq!(simulation.network().unwrap().connected(), robots as usize);
     for robot in 0..robots as usize {
         assert_eq!(simulation.boots(robot), 1);
         let seen = simulation.observe(robot).unwrap();
@@ -236,7 +236,7 @@ fn parameters_and_pose_survive_a_reboot_and_the_boot_is_counted() {
     assert_eq!(kept, 725.0);
     assert_eq!(simulation.observe(0).unwrap().pose, before);
     let statuses: Vec<_> = simulation
-        .air()
+        .network()
         .unwrap()
         .take_record()
         .into_iter()
@@ -307,11 +307,11 @@ fn a_removed_robot_is_gone_and_the_others_go_on() {
     simulation.run_for(Duration::from_secs(5));
     assert_eq!(simulation.present(), 2);
     assert!(!simulation.observe(1).unwrap().present);
-    assert_eq!(simulation.air().unwrap().connected(), 2);
+    assert_eq!(simulation.network().unwrap().connected(), 2);
     let added = simulation.spawn().unwrap();
     simulation.run_for(Duration::from_secs(6));
     assert_eq!(simulation.id(added).unwrap().as_str(), "sim-0004");
-    assert_eq!(simulation.air().unwrap().connected(), 3);
+    assert_eq!(simulation.network().unwrap().connected(), 3);
 }
 
 #[test]

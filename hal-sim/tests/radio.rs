@@ -12,7 +12,7 @@ use crawler_sim::world::Pose;
 fn simulation(text: &str, seed: u64) -> Simulation {
     let scenario = Scenario::parse(text).unwrap();
     let simulation = Simulation::lockstep(scenario, seed).unwrap();
-    simulation.air().unwrap().record(200_000);
+    simulation.network().unwrap().record(200_000);
     simulation
 }
 
@@ -34,16 +34,16 @@ fn a_robot_that_drives_out_of_range_stops_and_says_how_weak_the_signal_got() {
     let start = Pose::new(-10.0, 0.0, 0.0);
     simulation.spawn_at(start).unwrap();
     settle(&mut simulation);
-    assert_eq!(simulation.air().unwrap().connected(), 1);
+    assert_eq!(simulation.network().unwrap().connected(), 1);
     simulation.submit(0, forward(100, 10_000));
     simulation.run_for(Duration::from_secs(40));
     // −89.6 dBm is what it takes: 8.5 m from the access point.
     let x = simulation.observe(0).unwrap().pose.x;
     assert!((-5.6..-2.0).contains(&x), "stands at {x}");
     assert_eq!(duty(&simulation, 0), [0, 0]);
-    assert_eq!(simulation.air().unwrap().connected(), 0);
+    assert_eq!(simulation.network().unwrap().connected(), 0);
     let (mut signals, mut online) = (Vec::new(), Vec::new());
-    for published in simulation.air().unwrap().take_record() {
+    for published in simulation.network().unwrap().take_record() {
         match Topic::parse(simulation.fleet(), &published.topic).unwrap() {
             Topic::Telemetry(_) => {
                 let told = Telemetry::from_json(&published.payload).unwrap();
@@ -114,7 +114,7 @@ fn every_command_is_answered_across_partitions_of_a_scenario() {
         }
         // Some were cut off: their commands came too late, or were overtaken.
         assert!(late > 0);
-        assert_eq!(simulation.air().unwrap().connected(), 12);
+        assert_eq!(simulation.network().unwrap().connected(), 12);
     }
 }
 
@@ -158,7 +158,7 @@ fn a_scenario_whose_radio_cannot_be_is_refused_by_key() {
 #[test]
 fn the_example_runs_and_its_robots_are_all_heard_in_the_end() {
     let mut simulation = simulation(include_str!("../scenarios/radio.toml"), 1);
-    let air_of = |simulation: &Simulation| simulation.air().unwrap().connected();
+    let air_of = |simulation: &Simulation| simulation.network().unwrap().connected();
     simulation.run_for(Duration::from_secs(14));
     assert_eq!(air_of(&simulation), 30);
     // Eleven seconds of silence are more than a robot or a broker bears.

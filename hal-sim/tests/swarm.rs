@@ -36,12 +36,12 @@ fn mean(values: &[f32]) -> f32 {
 }
 
 fn cells_listened_to(simulation: &Simulation) -> usize {
-    let air = simulation.air().expect("lockstep");
+    let network = simulation.network().expect("lockstep");
     let near = -12..12_i16;
     near.clone()
         .flat_map(|x| near.clone().map(move |y| Topic::Cell { x, y }))
         .map(|topic| topic.render(simulation.fleet()))
-        .filter(|topic| air.listens("sim-0001", topic))
+        .filter(|topic| network.listens("sim-0001", topic))
         .count()
 }
 

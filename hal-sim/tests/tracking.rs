@@ -44,12 +44,12 @@ fn with_a_tracker_telemetry_says_where_robots_are() {
     for seed in [1, 2, 3] {
         let mut simulation = lockstep("arena", ROBOTS as u32, seed);
         simulation.run_until(Instant::from_millis(3_000));
-        let _ = simulation.air().unwrap().take_record();
+        let _ = simulation.network().unwrap().take_record();
         let mut contacts = 0;
         // In steps so short that a message of the last one is not old.
         for _ in 0..5_700 {
             simulation.run_for(Duration::from_millis(10));
-            for message in simulation.air().unwrap().take_record() {
+            for message in simulation.network().unwrap().take_record() {
                 let Ok(Topic::Telemetry(id)) = Topic::parse(simulation.fleet(), &message.topic)
                 else {
                     continue;

@@ -62,8 +62,10 @@ impl Commands {
             };
             self.given.insert(key, given);
         }
-        let Some(air) = simulation.air() else { return };
-        for published in air.take_record() {
+        let Some(network) = simulation.network() else {
+            return;
+        };
+        for published in network.take_record() {
             let Ok(Topic::Response(robot)) = Topic::parse(simulation.fleet(), &published.topic)
             else {
                 continue;

@@ -138,8 +138,8 @@ pub(super) fn seconds(at: Instant) -> f64 {
 impl<'a> Observer<'a> {
     fn new(scenario: &'a Scenario, seed: u64) -> Result<Self, SimulationError> {
         let simulation = Simulation::lockstep(scenario.clone(), seed)?;
-        if let Some(air) = simulation.air() {
-            air.record(RECORD);
+        if let Some(network) = simulation.network() {
+            network.record(RECORD);
         }
         let arena = simulation.world().arena();
         let robots = (0..simulation.robots()).map(|robot| Robot {
@@ -278,10 +278,10 @@ impl<'a> Observer<'a> {
         let able = seen.powered
             && self.simulation.takes_commands(number)
             && snapshot.is_some_and(|snapshot| snapshot.state != RobotState::Error);
-        let connected = match (self.simulation.air(), self.simulation.id(number)) {
-            (Some(air), Some(id)) => {
+        let connected = match (self.simulation.network(), self.simulation.id(number)) {
+            (Some(network), Some(id)) => {
                 let topic = Topic::CommandRobot(id.clone()).render(self.simulation.fleet());
-                air.listens(id.as_str(), &topic)
+                network.listens(id.as_str(), &topic)
             }
             _ => true,
         };
@@ -368,7 +368,10 @@ impl<'a> Observer<'a> {
         let (completed, ended) = self.commands.success(self.simulation.now());
         measured.set(Metric::CommandSuccess, share(completed, ended));
         let tasks = if goals > 0 { reached } else { completed };
-        let messages = self.simulation.air().map(|air| air.statistics().received);
+        let messages = self
+            .simulation
+            .network()
+            .map(|network| network.statistics().received);
         let each = messages.filter(|_| tasks > 0);
         measured.set(
             Metric::MessagesPerTask,

@@ -49,13 +49,13 @@ const SEND_BUFFER: usize = 8 * 1024;
 
 /// The network of one simulation. A handle; clones are the same network.
 #[derive(Clone)]
-pub struct Air {
+pub struct VirtualNetwork {
     state: Rc<RefCell<State>>,
     clock: SimClock,
     seed: u64,
 }
 
-impl Air {
+impl VirtualNetwork {
     /// A network without robots, in the time of `clock`, that costs what `model` says wherever
     /// they are.
     #[must_use]
@@ -99,7 +99,7 @@ impl Air {
     }
 
     /// Adds the link of one more robot, and returns its number. The robot's network interface
-    /// comes from [`Air::rejoin`], at each of its boots.
+    /// comes from [`VirtualNetwork::rejoin`], at each of its boots.
     pub fn add_link(&self) -> usize {
         let mut state = self.state.borrow_mut();
         let link = state.links.len();
@@ -122,7 +122,7 @@ impl Air {
         LockstepNetwork::new(self.clone(), link)
     }
 
-    /// Keeps up to `limit` published messages for [`Air::take_record`]; later ones are counted.
+    /// Keeps up to `limit` published messages for [`VirtualNetwork::take_record`]; later ones are counted.
     pub fn record(&self, limit: usize) {
         self.state.borrow_mut().peer.record(limit);
     }
@@ -259,9 +259,9 @@ impl Air {
     }
 }
 
-impl std::fmt::Debug for Air {
+impl std::fmt::Debug for VirtualNetwork {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Air")
+        f.debug_struct("VirtualNetwork")
             .field("links", &self.state.borrow().links.len())
             .field("connected", &self.connected())
             .finish_non_exhaustive()

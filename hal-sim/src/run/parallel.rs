@@ -234,8 +234,8 @@ impl Part {
             history: simulation.partial_history(),
             hashes: simulation.hashes().clone(),
             statistics: simulation
-                .air()
-                .map(crate::net::lockstep::Air::statistics)
+                .network()
+                .map(crate::net::lockstep::VirtualNetwork::statistics)
                 .unwrap_or_default(),
             polls: simulation.polls(),
         }

@@ -29,7 +29,7 @@ use super::machine::{Program, SimRobot};
 use super::parallel::Seat;
 use super::tracker::Camera;
 use crate::cells;
-use crate::net::lockstep::Air;
+use crate::net::lockstep::VirtualNetwork;
 use crate::scenario::{Scenario, Spawner};
 use crate::sched::{Scheduler, SimClock};
 use crate::world::{Members, PHYSICS_STEP, RobotIndex, World};
@@ -52,7 +52,7 @@ pub(crate) enum Way {
     /// Not at all.
     None,
     /// In the process, in virtual time.
-    Lockstep(Air),
+    Lockstep(VirtualNetwork),
     /// Over real sockets.
     #[cfg(feature = "live")]
     Live(crate::net::live::Gateway),
@@ -191,13 +191,13 @@ impl Simulation {
         seat: Option<Seat>,
     ) -> Result<Self, SimulationError> {
         let clock = SimClock::new();
-        let air = Air::with_radio(&scenario.radio_setup(seed), &clock);
+        let network = VirtualNetwork::with_radio(&scenario.radio_setup(seed), &clock);
         let fleet = Fleet::default();
-        air.serve_time(&Topic::Time.render(&fleet), EPOCH_MS, TIME_PERIOD);
+        network.serve_time(&Topic::Time.render(&fleet), EPOCH_MS, TIME_PERIOD);
         if seat.is_some() {
-            air.share();
+            network.share();
         }
-        let way = Way::Lockstep(air);
+        let way = Way::Lockstep(network);
         Self::with(scenario, seed, &clock, fleet, way, nowhere, seat)
     }
 

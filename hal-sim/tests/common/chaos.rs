@@ -88,9 +88,9 @@ impl Chaos {
         scenario.command = None;
         scenario.link = Some(BAD_LINK);
         let simulation = Simulation::lockstep(scenario, seed).unwrap();
-        let air = simulation.air().unwrap();
-        air.record(200_000);
-        air.repeat(TWICE);
+        let network = simulation.network().unwrap();
+        network.record(200_000);
+        network.repeat(TWICE);
         let ids: Vec<RobotId> = (0..robots as usize)
             .map(|robot| simulation.id(robot).unwrap().clone())
             .collect();
@@ -163,7 +163,7 @@ impl Chaos {
         let mut robots = Vec::new();
         match kind {
             Kind::BrokerRestart | Kind::BothKilled => {
-                self.simulation.air().unwrap().stop_broker();
+                self.simulation.network().unwrap().stop_broker();
                 self.retained.clear();
             }
             Kind::SilentPartition | Kind::RadioPartition => {
@@ -199,7 +199,7 @@ impl Chaos {
             return;
         };
         if matches!(fault.kind, Kind::BrokerRestart | Kind::BothKilled) {
-            self.simulation.air().unwrap().start_broker();
+            self.simulation.network().unwrap().start_broker();
         }
         for robot in &fault.robots {
             self.simulation.cut(*robot, Cut::None);
@@ -363,7 +363,7 @@ impl Chaos {
 
     /// Whatever reached the broker, and from there the server if it listens.
     fn listen(&mut self) {
-        let record = self.simulation.air().unwrap().take_record();
+        let record = self.simulation.network().unwrap().take_record();
         for published in record {
             let topic = Topic::parse(self.simulation.fleet(), &published.topic).unwrap();
             if let Topic::Status(id) = &topic {
@@ -400,7 +400,10 @@ impl Chaos {
                 _ => {}
             }
         }
-        assert_eq!(self.simulation.air().unwrap().statistics().unrecorded, 0);
+        assert_eq!(
+            self.simulation.network().unwrap().statistics().unrecorded,
+            0
+        );
     }
 
     fn answer(&mut self, response: &Response) {

@@ -17,7 +17,7 @@ pub(crate) fn scenario(name: &str, robots: u32) -> Scenario {
 
 pub(crate) fn lockstep(name: &str, robots: u32, seed: u64) -> Simulation {
     let simulation = Simulation::lockstep(scenario(name, robots), seed).unwrap();
-    simulation.air().unwrap().record(200_000);
+    simulation.network().unwrap().record(200_000);
     simulation
 }
 
@@ -43,8 +43,8 @@ pub(crate) type Answers = BTreeMap<(String, u64), Vec<ResponseStatus>>;
 
 /// Adds the answers recorded since the last call.
 pub(crate) fn collect(simulation: &Simulation, answers: &mut Answers) {
-    let air = simulation.air().unwrap();
-    for published in air.take_record() {
+    let network = simulation.network().unwrap();
+    for published in network.take_record() {
         let topic = Topic::parse(simulation.fleet(), &published.topic).unwrap();
         if let Topic::Response(robot) = topic
             && published.origin != Origin::Repeated
@@ -55,7 +55,7 @@ pub(crate) fn collect(simulation: &Simulation, answers: &mut Answers) {
             answers.entry(key).or_default().push(response.status);
         }
     }
-    assert_eq!(air.statistics().unrecorded, 0);
+    assert_eq!(network.statistics().unrecorded, 0);
 }
 
 pub(crate) fn duty(simulation: &Simulation, robot: usize) -> [i16; 2] {

@@ -1,6 +1,6 @@
 //! The end of a physics step, for the network: what robots told each other is handed on.
 
-use super::Air;
+use super::VirtualNetwork;
 use super::peer::{Carried, FilterChange, Output, sort_carried};
 use super::state::State;
 use crate::net::radio::{Airtime, WINDOW_US};
@@ -14,7 +14,7 @@ pub(crate) struct News {
     airtime: Option<Vec<Airtime>>,
 }
 
-impl Air {
+impl VirtualNetwork {
     /// Prepares the network for other shards, before any robot is connected.
     pub(crate) fn share(&self) {
         self.state.borrow_mut().peer.look_abroad();
@@ -38,7 +38,7 @@ impl Air {
         }
     }
 
-    /// Hands on what was taken in by [`Air::hear`].
+    /// Hands on what was taken in by [`VirtualNetwork::hear`].
     pub(crate) fn hand_on(&self) {
         let now = self.now();
         let state = &mut *self.state.borrow_mut();

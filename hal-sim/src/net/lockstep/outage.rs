@@ -2,11 +2,11 @@
 
 use rand_pcg::Pcg32;
 
-use super::Air;
+use super::VirtualNetwork;
 
-impl Air {
+impl VirtualNetwork {
     /// The broker dies: every connection ends, nobody's last will is published, and it forgets
-    /// sessions, queues and retained messages. Until [`Air::start_broker`] connections are refused.
+    /// sessions, queues and retained messages. Until [`VirtualNetwork::start_broker`] connections are refused.
     ///
     /// Nothing of it goes into the journal of a recording, and it holds for this shard alone.
     pub fn stop_broker(&self) {

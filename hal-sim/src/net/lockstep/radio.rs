@@ -1,10 +1,10 @@
 //! The radio under the network, moved on by whoever knows where robots are.
 
-use super::Air;
+use super::VirtualNetwork;
 use super::state::Link;
 use crate::net::radio::LOOK_PERIOD_US;
 
-impl Air {
+impl VirtualNetwork {
     /// Whether there is a radio that wants to know where robots are.
     #[must_use]
     pub fn has_radio(&self) -> bool {

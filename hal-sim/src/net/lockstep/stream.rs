@@ -8,7 +8,7 @@ use crawler_hal::{Clock, Duration, Instant, LinkMonitor, LinkState, NetError, Ne
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use super::pipe::HELD;
-use super::{Air, Cut, Event, SEND_BUFFER};
+use super::{Cut, Event, SEND_BUFFER, VirtualNetwork};
 use crate::net::radio::Direction;
 
 /// What four failed handshakes take.
@@ -19,16 +19,16 @@ pub const NO_ADDRESS_AFTER: Duration = Duration::from_secs(10);
 /// A robot's way to the broker of its simulation, whatever host it asks for.
 #[derive(Debug)]
 pub struct LockstepNetwork {
-    air: Air,
+    network: VirtualNetwork,
     link: usize,
 }
 
 impl LockstepNetwork {
-    pub(super) const fn new(air: Air, link: usize) -> Self {
-        Self { air, link }
+    pub(super) const fn new(network: VirtualNetwork, link: usize) -> Self {
+        Self { network, link }
     }
 
-    /// Number of the link, for `Air::cut` and `Air::rejoin`.
+    /// Number of the link, for `VirtualNetwork::cut` and `VirtualNetwork::rejoin`.
     #[must_use]
     pub const fn link(&self) -> usize {
         self.link
@@ -36,7 +36,7 @@ impl LockstepNetwork {
 
     async fn healed(&self, unless: impl Fn(Cut) -> bool) {
         poll_fn(|cx| {
-            let link = &mut self.air.state.borrow_mut().links[self.link];
+            let link = &mut self.network.state.borrow_mut().links[self.link];
             if unless(link.state()) {
                 return Poll::Ready(());
             }
@@ -53,7 +53,7 @@ impl Network for LockstepNetwork {
 
     fn monitor(&self) -> LockstepMonitor {
         LockstepMonitor {
-            air: self.air.clone(),
+            network: self.network.clone(),
             link: self.link,
         }
     }
@@ -62,13 +62,13 @@ impl Network for LockstepNetwork {
     /// [`PASSWORD_REFUSED_AFTER`], silence instead of an address [`NO_ADDRESS_AFTER`].
     async fn join(&mut self) -> Result<(), NetError> {
         self.healed(|cut| cut != Cut::Radio).await;
-        let cut = self.air.state.borrow().links[self.link].state();
+        let cut = self.network.state.borrow().links[self.link].state();
         let (after, error) = match cut {
             Cut::None | Cut::Silent | Cut::Radio => return Ok(()),
             Cut::Password => (PASSWORD_REFUSED_AFTER, NetError::BadCredentials),
             Cut::NoAddress => (NO_ADDRESS_AFTER, NetError::NoAddress),
         };
-        self.air.clock.sleep(after).await;
+        self.network.clock.sleep(after).await;
         Err(error)
     }
 
@@ -77,19 +77,19 @@ impl Network for LockstepNetwork {
     async fn connect(&mut self, _host: &str, _port: u16) -> Result<LockstepStream, NetError> {
         for _ in 0..2 {
             self.healed(|cut| cut == Cut::None).await;
-            let now = self.air.now();
-            let delay = self.air.state.borrow_mut().delay(self.link, now);
-            self.air.clock.sleep(Duration::from_micros(delay)).await;
+            let now = self.network.now();
+            let delay = self.network.state.borrow_mut().delay(self.link, now);
+            self.network.clock.sleep(Duration::from_micros(delay)).await;
         }
         let index = {
-            let now = self.air.now();
-            if self.air.state.borrow().stopped {
+            let now = self.network.now();
+            if self.network.state.borrow().stopped {
                 return Err(NetError::Refused);
             }
-            self.air.state.borrow_mut().open(self.link, now)
+            self.network.state.borrow_mut().open(self.link, now)
         };
         Ok(LockstepStream {
-            air: self.air.clone(),
+            network: self.network.clone(),
             index,
         })
     }
@@ -98,13 +98,13 @@ impl Network for LockstepNetwork {
 /// Tells whether the radio of a robot has its access point.
 #[derive(Debug, Clone)]
 pub struct LockstepMonitor {
-    air: Air,
+    network: VirtualNetwork,
     link: usize,
 }
 
 impl LinkMonitor for LockstepMonitor {
     fn state(&self) -> LinkState {
-        let state = self.air.state.borrow();
+        let state = self.network.state.borrow();
         if state.links[self.link].state().is_known() {
             return LinkState::Down;
         }
@@ -122,7 +122,7 @@ impl LinkMonitor for LockstepMonitor {
 /// One connection of a robot. Dropping it ends the connection.
 #[derive(Debug)]
 pub struct LockstepStream {
-    air: Air,
+    network: VirtualNetwork,
     index: usize,
 }
 
@@ -163,8 +163,8 @@ impl Read for LockstepStream {
         }
         loop {
             let progress = poll_fn(|cx| {
-                let now = self.air.now();
-                let mut state = self.air.state.borrow_mut();
+                let now = self.network.now();
+                let mut state = self.network.state.borrow_mut();
                 let Some(Some(connection)) = state.connections.get_mut(self.index) else {
                     return Poll::Ready(Progress::Done(0));
                 };
@@ -184,7 +184,12 @@ impl Read for LockstepStream {
             .await;
             match progress {
                 Progress::Done(taken) => return Ok(taken),
-                Progress::Until(at) => self.air.clock.sleep_until(Instant::from_micros(at)).await,
+                Progress::Until(at) => {
+                    self.network
+                        .clock
+                        .sleep_until(Instant::from_micros(at))
+                        .await
+                }
             }
         }
     }
@@ -198,8 +203,8 @@ impl Write for LockstepStream {
             return Ok(0);
         }
         poll_fn(|cx| {
-            let now = self.air.now();
-            let state = &mut *self.air.state.borrow_mut();
+            let now = self.network.now();
+            let state = &mut *self.network.state.borrow_mut();
             let Some(Some(connection)) = state.connections.get_mut(self.index) else {
                 return Poll::Ready(Err(ConnectionReset));
             };
@@ -232,7 +237,7 @@ impl Write for LockstepStream {
 
 impl Drop for LockstepStream {
     fn drop(&mut self) {
-        let now = self.air.now();
-        self.air.state.borrow_mut().abandon(self.index, now);
+        let now = self.network.now();
+        self.network.state.borrow_mut().abandon(self.index, now);
     }
 }

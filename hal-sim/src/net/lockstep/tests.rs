@@ -13,26 +13,26 @@ fn ms(value: u64) -> Instant {
 }
 
 /// A network at work, and its scheduler.
-fn network(model: LinkModel) -> (Scheduler, Air) {
+fn start(model: LinkModel) -> (Scheduler, VirtualNetwork) {
     let clock = SimClock::new();
     let mut sched = Scheduler::new(&clock);
-    let air = Air::new(model, 1, &clock);
-    sched.spawn(run(air.clone()));
-    air.record(1_000);
-    (sched, air)
+    let network = VirtualNetwork::new(model, 1, &clock);
+    sched.spawn(run(network.clone()));
+    network.record(1_000);
+    (sched, network)
 }
 
 /// The network at work, as a simulation lets it: nothing is due sooner than a tenth of a
 /// millisecond after it was set in motion.
-async fn run(air: Air) {
+async fn run(network: VirtualNetwork) {
     loop {
-        air.process();
-        if air.now().is_multiple_of(10_000) {
-            air.settle();
+        network.process();
+        if network.now().is_multiple_of(10_000) {
+            network.settle();
         }
-        let soon = (air.now() / 100 + 1) * 100;
-        let next = Instant::from_micros(air.next_due().min(soon));
-        air.clock.sleep_until(next).await;
+        let soon = (network.now() / 100 + 1) * 100;
+        let next = Instant::from_micros(network.next_due().min(soon));
+        network.clock.sleep_until(next).await;
     }
 }
 
@@ -77,12 +77,16 @@ async fn send(stream: &mut LockstepStream, mut bytes: &[u8]) {
 }
 
 /// Whatever arrives within `span`, and whether the stream ended.
-async fn hear(air: &Air, stream: &mut LockstepStream, span: Duration) -> (Vec<u8>, bool) {
-    let deadline = air.clock.now() + span;
+async fn hear(
+    network: &VirtualNetwork,
+    stream: &mut LockstepStream,
+    span: Duration,
+) -> (Vec<u8>, bool) {
+    let deadline = network.clock.now() + span;
     let mut heard = Vec::new();
     let mut buf = [0; 64];
     loop {
-        match with_deadline(&air.clock, deadline, stream.read(&mut buf)).await {
+        match with_deadline(&network.clock, deadline, stream.read(&mut buf)).await {
             Ok(Ok(0) | Err(ConnectionReset)) => return (heard, true),
             Ok(Ok(taken)) => heard.extend_from_slice(&buf[..taken]),
             Err(_) => return (heard, false),
@@ -94,85 +98,88 @@ const SECOND: Duration = Duration::from_secs(1);
 
 #[test]
 fn a_session_subscribes_publishes_and_is_acknowledged() {
-    let (mut sched, air) = network(LinkModel::default());
-    let mut network = air.rejoin(air.add_link());
+    let (mut sched, network) = start(LinkModel::default());
+    let mut interface = network.rejoin(network.add_link());
     let work = async {
-        let mut stream = network.connect("broker", 1883).await.unwrap();
+        let mut stream = interface.connect("broker", 1883).await.unwrap();
         send(&mut stream, &connect("a", true)).await;
-        let (heard, _) = hear(&air, &mut stream, SECOND).await;
+        let (heard, _) = hear(&network, &mut stream, SECOND).await;
         assert_eq!(heard, [0x20, 3, 0, 0, 0]);
         send(&mut stream, &subscribe("x/+")).await;
-        let (heard, _) = hear(&air, &mut stream, SECOND).await;
+        let (heard, _) = hear(&network, &mut stream, SECOND).await;
         assert_eq!(heard, [0x90, 4, 0, 7, 0, 1]);
         send(&mut stream, &publish("x/y", 9, false, b"hello")).await;
-        let (heard, _) = hear(&air, &mut stream, SECOND).await;
+        let (heard, _) = hear(&network, &mut stream, SECOND).await;
         // The acknowledgement, and with the next step the message under the broker's own number.
         assert_eq!(heard[..4], [0x40, 2, 0, 9]);
         assert_eq!(heard[4..], *b"\x32\x0d\x00\x03x/y\x00\x01\x00hello");
         send(&mut stream, &[0x40, 2, 0, 1]).await;
         send(&mut stream, &[0xC0, 0]).await;
-        let (heard, _) = hear(&air, &mut stream, SECOND).await;
+        let (heard, _) = hear(&network, &mut stream, SECOND).await;
         assert_eq!(heard, [0xD0, 0]);
         send(&mut stream, &[0xE0, 0]).await;
-        assert_eq!(hear(&air, &mut stream, SECOND).await, (Vec::new(), true));
+        assert_eq!(
+            hear(&network, &mut stream, SECOND).await,
+            (Vec::new(), true)
+        );
     };
     sched.block_on(work, ms(60_000)).unwrap();
-    let record = air.take_record();
+    let record = network.take_record();
     // Left politely: no will.
     assert_eq!(record.len(), 1);
     assert_eq!(
         (record[0].topic.as_str(), record[0].origin),
         ("x/y", Origin::Client)
     );
-    assert_eq!(air.connected(), 0);
-    assert_eq!(air.take_faults(), []);
+    assert_eq!(network.connected(), 0);
+    assert_eq!(network.take_faults(), []);
 }
 
 #[test]
 fn a_client_that_vanishes_leaves_its_will_and_its_session() {
-    let (mut sched, air) = network(LinkModel::default());
-    let mut network = air.rejoin(air.add_link());
+    let (mut sched, network) = start(LinkModel::default());
+    let mut interface = network.rejoin(network.add_link());
     let work = async {
-        let mut stream = network.connect("broker", 1883).await.unwrap();
+        let mut stream = interface.connect("broker", 1883).await.unwrap();
         send(&mut stream, &connect("a", true)).await;
         send(&mut stream, &subscribe("command")).await;
         send(&mut stream, &publish("x", 5, false, b"1")).await;
-        hear(&air, &mut stream, SECOND).await;
+        hear(&network, &mut stream, SECOND).await;
         drop(stream);
-        air.clock.sleep(SECOND).await;
-        let record = air.take_record();
+        network.clock.sleep(SECOND).await;
+        let record = network.take_record();
         assert_eq!(record.len(), 2);
         assert_eq!(
             (record[1].topic.as_str(), record[1].origin),
             ("will", Origin::Will)
         );
         // Sent while it is away.
-        air.publish("command", b"queued", true, false);
-        let mut stream = network.connect("broker", 1883).await.unwrap();
+        network.publish("command", b"queued", true, false);
+        let mut stream = interface.connect("broker", 1883).await.unwrap();
         send(&mut stream, &connect("a", false)).await;
         send(&mut stream, &publish("x", 5, true, b"1")).await;
         send(&mut stream, &publish("x", 5, true, b"2")).await;
-        let (heard, _) = hear(&air, &mut stream, SECOND).await;
+        let (heard, _) = hear(&network, &mut stream, SECOND).await;
         assert_eq!(heard[..5], [0x20, 3, 1, 0, 0]);
         assert!(heard.windows(6).any(|window| window == b"queued"));
-        let origins: Vec<_> = air.take_record().iter().map(|p| p.origin).collect();
+        let origins: Vec<_> = network.take_record().iter().map(|p| p.origin).collect();
         assert_eq!(origins, [Origin::Repeated, Origin::Client]);
         // Not acknowledged, so it comes again, marked as repeated.
         drop(stream);
-        let mut stream = network.connect("broker", 1883).await.unwrap();
+        let mut stream = interface.connect("broker", 1883).await.unwrap();
         send(&mut stream, &connect("a", false)).await;
-        let (heard, _) = hear(&air, &mut stream, SECOND).await;
+        let (heard, _) = hear(&network, &mut stream, SECOND).await;
         assert_eq!(heard[5] & 0x08, 0x08);
         assert!(heard.windows(6).any(|window| window == b"queued"));
         // A retained message waits for who subscribes later; the will was one.
         send(&mut stream, &subscribe("will")).await;
-        let (heard, _) = hear(&air, &mut stream, SECOND).await;
+        let (heard, _) = hear(&network, &mut stream, SECOND).await;
         assert!(heard.windows(4).any(|window| window == b"gone"));
         drop(stream);
-        air.clock.sleep(SECOND * 61).await;
-        let mut stream = network.connect("broker", 1883).await.unwrap();
+        network.clock.sleep(SECOND * 61).await;
+        let mut stream = interface.connect("broker", 1883).await.unwrap();
         send(&mut stream, &connect("a", false)).await;
-        let (heard, _) = hear(&air, &mut stream, SECOND).await;
+        let (heard, _) = hear(&network, &mut stream, SECOND).await;
         assert_eq!(heard, [0x20, 3, 0, 0, 0], "the session has expired");
     };
     sched.block_on(work, ms(200_000)).unwrap();
@@ -180,22 +187,25 @@ fn a_client_that_vanishes_leaves_its_will_and_its_session() {
 
 #[test]
 fn silence_costs_the_connection() {
-    let (mut sched, air) = network(LinkModel::default());
-    let mut network = air.rejoin(air.add_link());
+    let (mut sched, network) = start(LinkModel::default());
+    let mut interface = network.rejoin(network.add_link());
     let work = async {
-        let mut stream = network.connect("broker", 1883).await.unwrap();
+        let mut stream = interface.connect("broker", 1883).await.unwrap();
         send(&mut stream, &connect("a", true)).await;
-        let (heard, ended) = hear(&air, &mut stream, SECOND * 20).await;
+        let (heard, ended) = hear(&network, &mut stream, SECOND * 20).await;
         assert_eq!(heard[5..], [0xE0, 2, 0x8D, 0]);
         assert!(ended);
-        let lost = air.take_record();
+        let lost = network.take_record();
         assert_eq!(lost[0].origin, Origin::Will);
         // Fifteen seconds from the last byte.
         let at = lost[0].at.as_millis();
         assert!((15_000..15_050).contains(&at), "{at}");
     };
     sched.block_on(work, ms(60_000)).unwrap();
-    assert_eq!(air.take_faults(), [(Rc::from("a"), PeerFault::KeepAlive)]);
+    assert_eq!(
+        network.take_faults(),
+        [(Rc::from("a"), PeerFault::KeepAlive)]
+    );
 }
 
 #[test]
@@ -215,16 +225,16 @@ fn what_is_no_mqtt_is_named_and_closed() {
             PeerFault::Order,
         ),
     ] {
-        let (mut sched, air) = network(LinkModel::default());
-        let mut network = air.rejoin(air.add_link());
+        let (mut sched, network) = start(LinkModel::default());
+        let mut interface = network.rejoin(network.add_link());
         let work = async {
-            let mut stream = network.connect("broker", 1883).await.unwrap();
+            let mut stream = interface.connect("broker", 1883).await.unwrap();
             send(&mut stream, &bytes).await;
-            assert!(hear(&air, &mut stream, SECOND).await.1, "{bytes:?}");
+            assert!(hear(&network, &mut stream, SECOND).await.1, "{bytes:?}");
             assert_eq!(stream.write(b"x").await, Err(ConnectionReset));
         };
         sched.block_on(work, ms(60_000)).unwrap();
-        let faults = air.take_faults();
+        let faults = network.take_faults();
         assert_eq!(faults.len(), 1);
         assert_eq!(faults[0].1, fault);
     }
@@ -237,27 +247,27 @@ fn bytes_arrive_in_order_through_loss_jitter_and_partitions() {
         jitter_ms: 50.0,
         ..LinkModel::default()
     };
-    let (mut sched, air) = network(model);
-    let mut network = air.rejoin(air.add_link());
-    let link = network.link();
+    let (mut sched, network) = start(model);
+    let mut interface = network.rejoin(network.add_link());
+    let link = interface.link();
     let times: Rc<RefCell<Vec<u64>>> = Rc::default();
     let work = async {
-        let mut stream = network.connect("broker", 1883).await.unwrap();
+        let mut stream = interface.connect("broker", 1883).await.unwrap();
         send(&mut stream, &connect("a", true)).await;
         for number in 0..100_u8 {
             if number == 50 {
-                air.cut(link, Cut::Silent);
+                network.cut(link, Cut::Silent);
             }
             send(&mut stream, &publish("x", number + 1, false, &[number])).await;
-            air.clock.sleep(Duration::from_millis(5)).await;
+            network.clock.sleep(Duration::from_millis(5)).await;
         }
-        times.borrow_mut().push(air.now());
-        air.clock.sleep(SECOND * 5).await;
-        air.cut(link, Cut::None);
-        hear(&air, &mut stream, SECOND * 9).await;
+        times.borrow_mut().push(network.now());
+        network.clock.sleep(SECOND * 5).await;
+        network.cut(link, Cut::None);
+        hear(&network, &mut stream, SECOND * 9).await;
     };
     sched.block_on(work, ms(60_000)).unwrap();
-    let record = air.take_record();
+    let record = network.take_record();
     let numbers: Vec<u8> = record.iter().map(|p| p.payload[0]).collect();
     assert_eq!(numbers, (0..100).collect::<Vec<_>>());
     let cut = times.borrow()[0];
@@ -273,24 +283,24 @@ fn bytes_arrive_in_order_through_loss_jitter_and_partitions() {
 
 #[test]
 fn a_sender_whose_link_is_cut_waits_instead_of_filling_memory() {
-    let (mut sched, air) = network(LinkModel::default());
-    let mut network = air.rejoin(air.add_link());
-    let link = network.link();
+    let (mut sched, network) = start(LinkModel::default());
+    let mut interface = network.rejoin(network.add_link());
+    let link = interface.link();
     let work = async {
-        let mut stream = network.connect("broker", 1883).await.unwrap();
+        let mut stream = interface.connect("broker", 1883).await.unwrap();
         send(&mut stream, &connect("a", true)).await;
-        air.cut(link, Cut::Silent);
+        network.cut(link, Cut::Silent);
         let endless = async {
             loop {
                 send(&mut stream, &[0xC0, 0]).await;
             }
         };
-        let deadline = air.clock.now() + SECOND;
-        let outcome: Result<(), _> = with_deadline(&air.clock, deadline, endless).await;
+        let deadline = network.clock.now() + SECOND;
+        let outcome: Result<(), _> = with_deadline(&network.clock, deadline, endless).await;
         assert!(outcome.is_err());
     };
     sched.block_on(work, ms(60_000)).unwrap();
-    let state = air.state.borrow();
+    let state = network.state.borrow();
     let under_way: usize = state
         .connections
         .iter()
@@ -302,18 +312,18 @@ fn a_sender_whose_link_is_cut_waits_instead_of_filling_memory() {
 
 #[test]
 fn connections_to_a_cut_link_open_when_it_heals() {
-    let (mut sched, air) = network(LinkModel::default());
-    let mut network = air.rejoin(air.add_link());
-    let link = network.link();
-    air.cut(link, Cut::Radio);
-    assert_eq!(network.monitor().state(), LinkState::Down);
+    let (mut sched, network) = start(LinkModel::default());
+    let mut interface = network.rejoin(network.add_link());
+    let link = interface.link();
+    network.cut(link, Cut::Radio);
+    assert_eq!(interface.monitor().state(), LinkState::Down);
     let work = async {
-        let joined = with_deadline(&air.clock, ms(1_000), network.join()).await;
+        let joined = with_deadline(&network.clock, ms(1_000), interface.join()).await;
         assert!(joined.is_err());
-        air.cut(link, Cut::None);
-        network.join().await.unwrap();
-        network.connect("broker", 1883).await.unwrap();
-        let spent = air.clock.now().as_millis();
+        network.cut(link, Cut::None);
+        interface.join().await.unwrap();
+        interface.connect("broker", 1883).await.unwrap();
+        let spent = network.clock.now().as_millis();
         assert!((1_004..=1_010).contains(&spent), "{spent} ms");
     };
     sched.block_on(work, ms(60_000)).unwrap();

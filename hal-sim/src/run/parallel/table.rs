@@ -3,7 +3,7 @@
 use std::sync::{Arc, PoisonError, RwLock};
 
 use super::barrier::Barrier;
-use crate::net::lockstep::{Air, News};
+use crate::net::lockstep::{News, VirtualNetwork};
 use crate::world::{Members, Published, World};
 
 /// What a shard tells the others about one step.
@@ -67,7 +67,7 @@ impl Seat {
 
     /// Tells the others what members did in this step, and takes over what theirs did. False, and
     /// nothing is taken over, when one of them is gone.
-    pub(crate) fn trade(&mut self, world: &mut World, air: Option<&Air>) -> bool {
+    pub(crate) fn trade(&mut self, world: &mut World, network: Option<&VirtualNetwork>) -> bool {
         if self.cut_off {
             return false;
         }
@@ -78,8 +78,8 @@ impl Seat {
                 .write()
                 .unwrap_or_else(PoisonError::into_inner);
             world.publish(&mut own.bodies);
-            if let Some(air) = air {
-                air.report(&mut own.news);
+            if let Some(network) = network {
+                network.report(&mut own.news);
             }
         }
         if self.table.barrier.wait().is_err() {
@@ -92,12 +92,12 @@ impl Seat {
             if foreign && let Some(members) = Members::of_shard(shard, self.table.pages.len()) {
                 world.take_over(members, &told.bodies);
             }
-            if let Some(air) = air {
-                air.hear(&told.news, foreign);
+            if let Some(network) = network {
+                network.hear(&told.news, foreign);
             }
         }
-        if let Some(air) = air {
-            air.hand_on();
+        if let Some(network) = network {
+            network.hand_on();
         }
         true
     }

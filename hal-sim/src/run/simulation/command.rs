@@ -76,9 +76,9 @@ impl Simulation {
             return;
         };
         match &self.way {
-            Way::Lockstep(air) => {
+            Way::Lockstep(network) => {
                 let topic = Topic::CommandRobot(machine.id.clone());
-                air.publish(&topic.render(&self.fleet), payload, true, false);
+                network.publish(&topic.render(&self.fleet), payload, true, false);
             }
             _ => {
                 if let Some((robot, program)) = machine.running() {
@@ -98,9 +98,9 @@ impl Simulation {
     }
 
     fn hand_all(&mut self, payload: &[u8]) {
-        if let Way::Lockstep(air) = &self.way {
+        if let Way::Lockstep(network) = &self.way {
             let topic = Topic::CommandSwarm.render(&self.fleet);
-            air.publish(&topic, payload, true, false);
+            network.publish(&topic, payload, true, false);
         } else {
             for robot in 0..self.machines.len() {
                 self.hand(robot, payload);

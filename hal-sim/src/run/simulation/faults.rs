@@ -179,8 +179,8 @@ impl Simulation {
     fn lose_link(&mut self, robot: usize, how: Option<LinkCut>) -> Result<(), FaultError> {
         let machine = self.machines.get(robot).ok_or(FaultError::NoRobot)?;
         match &self.way {
-            Way::Lockstep(air) => {
-                air.cut(machine.link, how.map_or(Cut::None, Cut::from));
+            Way::Lockstep(network) => {
+                network.cut(machine.link, how.map_or(Cut::None, Cut::from));
                 Ok(())
             }
             Way::None => Err(FaultError::NoNetwork),

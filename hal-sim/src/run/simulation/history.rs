@@ -56,8 +56,8 @@ impl Simulation {
         let machine = &self.machines[robot];
         let mut history = machine.history;
         history.word(u64::from(machine.boots));
-        if let Way::Lockstep(air) = &self.way {
-            history.word(air.fingerprint(machine.link));
+        if let Way::Lockstep(network) = &self.way {
+            history.word(network.fingerprint(machine.link));
         }
         history
     }

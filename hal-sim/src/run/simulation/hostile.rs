@@ -106,9 +106,9 @@ impl Simulation {
     /// Sends a hostile packet to a robot, and to no other.
     pub(super) fn attack(&self, robot: usize, packet: &Packet) {
         match (&self.way, self.machines.get(robot)) {
-            (Way::Lockstep(air), Some(machine)) if packet.as_pose => {
+            (Way::Lockstep(network), Some(machine)) if packet.as_pose => {
                 let topic = Topic::Pose(machine.id.clone()).render(&self.fleet);
-                air.publish(&topic, &packet.payload, false, false);
+                network.publish(&topic, &packet.payload, false, false);
             }
             _ => self.deliver(robot, &packet.payload),
         }

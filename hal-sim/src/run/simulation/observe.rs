@@ -6,7 +6,7 @@ use crawler_hal::Instant;
 use crawler_protocol::{Fleet, RobotId};
 
 use super::{EPOCH_MS, Simulation, Way};
-use crate::net::lockstep::Air;
+use crate::net::lockstep::VirtualNetwork;
 use crate::run::eyes::Looks;
 use crate::run::machine::SimRobot;
 use crate::run::parallel::Seat;
@@ -109,9 +109,9 @@ impl Simulation {
 
     /// The network of a lockstep simulation.
     #[must_use]
-    pub fn air(&self) -> Option<&Air> {
-        if let Way::Lockstep(air) = &self.way {
-            Some(air)
+    pub fn network(&self) -> Option<&VirtualNetwork> {
+        if let Way::Lockstep(network) = &self.way {
+            Some(network)
         } else {
             None
         }
@@ -135,7 +135,7 @@ impl Simulation {
     pub fn next_due(&mut self) -> Instant {
         let due = self.sched.next_due().unwrap_or(Instant::FAR_FUTURE);
         let network = match &self.way {
-            Way::Lockstep(air) => Instant::from_micros(air.next_due()),
+            Way::Lockstep(network) => Instant::from_micros(network.next_due()),
             _ => Instant::FAR_FUTURE,
         };
         due.min(self.next_start)

@@ -52,8 +52,8 @@ impl Simulation {
             retain,
         };
         self.journal.note(self.sched.now(), input);
-        if let Way::Lockstep(air) = &self.way {
-            air.publish(topic, payload, at_least_once, retain);
+        if let Way::Lockstep(network) = &self.way {
+            network.publish(topic, payload, at_least_once, retain);
         }
     }
 
@@ -65,8 +65,8 @@ impl Simulation {
             every_us: every.as_micros(),
         };
         self.journal.note(self.sched.now(), input);
-        if let Way::Lockstep(air) = &self.way {
-            air.serve_time(&Topic::Time.render(&self.fleet), epoch_ms, every);
+        if let Way::Lockstep(network) = &self.way {
+            network.serve_time(&Topic::Time.render(&self.fleet), epoch_ms, every);
         }
     }
 
@@ -74,8 +74,8 @@ impl Simulation {
     /// `None` lets everyone in. Sessions that are open stay.
     pub fn require_credentials(&mut self, credentials: Option<(&str, &str)>) {
         self.journal.withhold();
-        if let Way::Lockstep(air) = &self.way {
-            air.require_credentials(credentials);
+        if let Way::Lockstep(network) = &self.way {
+            network.require_credentials(credentials);
         }
     }
 

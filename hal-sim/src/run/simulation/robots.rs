@@ -70,9 +70,9 @@ impl Simulation {
         let robot = parts.is_some().then(|| machine::context(config));
         let link = match &self.way {
             // Also for robots of other shards: links are numbered like robots.
-            Way::Lockstep(air) => {
-                let link = air.add_link();
-                air.begin(link, (pose.x, pose.y));
+            Way::Lockstep(network) => {
+                let link = network.add_link();
+                network.begin(link, (pose.x, pose.y));
                 link
             }
             _ => number,
@@ -106,7 +106,7 @@ impl Simulation {
         let (sched, detector) = (&mut self.sched, self.detector.as_ref());
         let network = match &self.way {
             Way::None => SimNetwork::None(NoNetwork),
-            Way::Lockstep(air) => SimNetwork::Lockstep(air.rejoin(link)),
+            Way::Lockstep(network) => SimNetwork::Lockstep(network.rejoin(link)),
             #[cfg(feature = "live")]
             Way::Live(gateway) => {
                 let (own, clock) = (Rc::clone(robot), parts.clock.clone());
@@ -179,7 +179,7 @@ impl Simulation {
         };
         match &self.way {
             Way::None => {}
-            Way::Lockstep(air) => air.cut(machine.link, cut),
+            Way::Lockstep(network) => network.cut(machine.link, cut),
             #[cfg(feature = "live")]
             Way::Live(gateway) => gateway.cut(machine.id.as_str(), cut),
         }

@@ -19,8 +19,8 @@ impl Simulation {
         self.journal.runs();
         while !self.is_cut_off() {
             // What arrives in this moment comes before what programs make of it.
-            if let Way::Lockstep(air) = &self.way {
-                air.process();
+            if let Way::Lockstep(network) = &self.way {
+                network.process();
             }
             self.sched.run();
             if self.handle_events() {
@@ -82,22 +82,22 @@ impl Simulation {
     /// and with several shards tells the others how the members fare and hears of theirs. False
     /// when the run is over because another shard has failed.
     fn exchange(&mut self) -> bool {
-        let air = match &self.way {
-            Way::Lockstep(air) => Some(air),
+        let network = match &self.way {
+            Way::Lockstep(network) => Some(network),
             _ => None,
         };
-        match (&mut self.seat, air) {
-            (Some(seat), air) => {
-                if !seat.trade(&mut self.world, air) {
+        match (&mut self.seat, network) {
+            (Some(seat), network) => {
+                if !seat.trade(&mut self.world, network) {
                     return false;
                 }
             }
-            (None, Some(air)) => air.settle(),
+            (None, Some(network)) => network.settle(),
             (None, None) => {}
         }
-        if let Some(air) = air {
+        if let Some(network) = network {
             let (world, machines) = (&self.world, &self.machines);
-            air.look(|link| {
+            network.look(|link| {
                 let pose = world.pose(machines.get(link)?.index)?;
                 Some((pose.x, pose.y))
             });
@@ -131,11 +131,11 @@ impl Simulation {
             let id = &machine.id;
             match &self.way {
                 Way::None => {}
-                Way::Lockstep(air) => {
+                Way::Lockstep(network) => {
                     let unix = EPOCH_MS + self.sched.now().as_millis();
                     if let Some(payload) = tracker::compose(id, unix, pose) {
                         let topic = Topic::Pose(id.clone()).render(&self.fleet);
-                        air.publish(&topic, &payload, false, false);
+                        network.publish(&topic, &payload, false, false);
                     }
                 }
                 #[cfg(feature = "live")]
@@ -152,10 +152,10 @@ impl Simulation {
             return false;
         }
         self.next_cells += cells::PERIOD;
-        let Way::Lockstep(air) = &self.way else {
+        let Way::Lockstep(network) = &self.way else {
             return false;
         };
-        let wanted = air.listened_cells(&self.fleet);
+        let wanted = network.listened_cells(&self.fleet);
         if wanted.is_empty() {
             return false;
         }
@@ -177,7 +177,7 @@ impl Simulation {
             // Bodies are where numbers are.
             if let Ok(len) = digest.to_json(&mut buffer) {
                 let topic = Topic::Cell { x, y }.render(&self.fleet);
-                air.publish(&topic, &buffer[..len], false, false);
+                network.publish(&topic, &buffer[..len], false, false);
             }
         }
         true

@@ -56,19 +56,19 @@ fn says(robot: usize) -> Vec<(u64, Vec<u8>)> {
     all
 }
 
-async fn talk(air: Air, robot: usize, heard: Heard) {
-    let mut network = air.rejoin(robot);
-    let mut stream = network.connect("broker", 1883).await.unwrap();
+async fn talk(network: VirtualNetwork, robot: usize, heard: Heard) {
+    let mut interface = network.rejoin(robot);
+    let mut stream = interface.connect("broker", 1883).await.unwrap();
     let mut lines = says(robot).into_iter().peekable();
     let mut buf = [0; 256];
     loop {
         let next = lines.peek().map_or(u64::MAX, |&(at, _)| at + 50_000);
         let deadline = Instant::from_micros(next);
-        match with_deadline(&air.clock, deadline, stream.read(&mut buf)).await {
+        match with_deadline(&network.clock, deadline, stream.read(&mut buf)).await {
             Ok(taken) => {
                 let bytes = buf[..taken.unwrap()].to_vec();
                 let mut heard = heard.borrow_mut();
-                heard.entry(robot).or_default().push((air.now(), bytes));
+                heard.entry(robot).or_default().push((network.now(), bytes));
             }
             Err(_) => {
                 if let Some((_, bytes)) = lines.next() {
@@ -84,31 +84,31 @@ type Log = BTreeMap<usize, Vec<(u64, Vec<u8>)>>;
 
 fn run_shards(shards: usize) -> (Log, u64) {
     let heard = Heard::default();
-    let mut all: Vec<(Scheduler, Air)> = Vec::new();
+    let mut all: Vec<(Scheduler, VirtualNetwork)> = Vec::new();
     for shard in 0..shards {
         let clock = SimClock::new();
         let mut sched = Scheduler::new(&clock);
-        let air = Air::new(LinkModel::default(), 4, &clock);
+        let network = VirtualNetwork::new(LinkModel::default(), 4, &clock);
         if shards > 1 {
-            air.share();
+            network.share();
         }
         for robot in 0..ROBOTS {
-            assert_eq!(air.add_link(), robot);
+            assert_eq!(network.add_link(), robot);
             if robot % shards == shard {
-                sched.spawn(talk(air.clone(), robot, Rc::clone(&heard)));
+                sched.spawn(talk(network.clone(), robot, Rc::clone(&heard)));
             }
         }
-        all.push((sched, air));
+        all.push((sched, network));
     }
     let mut news: Vec<News> = (0..shards).map(|_| News::default()).collect();
     for step in 1..=120 {
         let end = Instant::from_micros(step * STEP_US);
-        for (sched, air) in &mut all {
+        for (sched, network) in &mut all {
             loop {
-                air.process();
+                network.process();
                 sched.run();
                 let due = sched.next_due().unwrap_or(Instant::FAR_FUTURE);
-                let due = due.min(Instant::from_micros(air.next_due()));
+                let due = due.min(Instant::from_micros(network.next_due()));
                 if due >= end {
                     break;
                 }
@@ -116,21 +116,24 @@ fn run_shards(shards: usize) -> (Log, u64) {
             }
             sched.advance_to(end);
         }
-        if let [(_, air)] = all.as_slice() {
-            air.settle();
+        if let [(_, network)] = all.as_slice() {
+            network.settle();
             continue;
         }
-        for ((_, air), news) in all.iter().zip(&mut news) {
-            air.report(news);
+        for ((_, network), news) in all.iter().zip(&mut news) {
+            network.report(news);
         }
-        for (shard, (_, air)) in all.iter().enumerate() {
+        for (shard, (_, network)) in all.iter().enumerate() {
             for (other, news) in news.iter().enumerate() {
-                air.hear(news, other != shard);
+                network.hear(news, other != shard);
             }
-            air.hand_on();
+            network.hand_on();
         }
     }
-    let sent = all.iter().map(|(_, air)| air.statistics().sent).sum();
+    let sent = all
+        .iter()
+        .map(|(_, network)| network.statistics().sent)
+        .sum();
     drop(all);
     (heard.take(), sent)
 }
@@ -161,17 +164,17 @@ fn robots_hear_the_same_of_each_other_at_the_same_time_whoever_runs_them() {
 
 #[test]
 fn what_nobody_wants_is_not_copied() {
-    let (mut sched, air) = network(LinkModel::default());
-    air.share();
-    let mut network = air.rejoin(air.add_link());
+    let (mut sched, network) = start(LinkModel::default());
+    network.share();
+    let mut interface = network.rejoin(network.add_link());
     let work = async {
-        let mut stream = network.connect("broker", 1883).await.unwrap();
+        let mut stream = interface.connect("broker", 1883).await.unwrap();
         send(&mut stream, &connect("a", true)).await;
         // How many wait right after the broker got one.
         let waiting = async |number: u64| {
             loop {
-                air.clock.sleep(Duration::from_micros(50)).await;
-                let state = air.state.borrow();
+                network.clock.sleep(Duration::from_micros(50)).await;
+                let state = network.state.borrow();
                 if state.peer.statistics().received == number {
                     return state.peer.waiting();
                 }
@@ -180,12 +183,12 @@ fn what_nobody_wants_is_not_copied() {
         send(&mut stream, &publish("x", 1, false, b"hello")).await;
         assert_eq!(waiting(1).await, 0);
         send(&mut stream, &subscribe("x")).await;
-        air.clock.sleep(Duration::from_millis(30)).await;
+        network.clock.sleep(Duration::from_millis(30)).await;
         send(&mut stream, &publish("x", 2, false, b"hello")).await;
         assert_eq!(waiting(2).await, 1);
         send(&mut stream, &publish("y", 3, false, b"hello")).await;
-        air.clock.sleep(Duration::from_millis(30)).await;
-        assert_eq!(air.state.borrow().peer.waiting(), 0);
+        network.clock.sleep(Duration::from_millis(30)).await;
+        assert_eq!(network.state.borrow().peer.waiting(), 0);
     };
     sched.block_on(work, ms(1_000)).unwrap();
 }
