@@ -147,7 +147,7 @@ pub(super) async fn catch_panics(request: Request, next: Next) -> Response {
         Problem::new(
             StatusCode::INTERNAL_SERVER_ERROR,
             "internal",
-            "the server failed over this request",
+            "internal error: the log of the server says what",
         )
         .into_response()
     })

@@ -188,7 +188,7 @@ impl Problem {
         Self::new(
             StatusCode::INTERNAL_SERVER_ERROR,
             "internal",
-            "the server failed over this request",
+            "internal error: the log of the server says what",
         )
     }
 }

@@ -20,7 +20,7 @@ pub(super) type MqttSession = Session<SUBSCRIPTIONS, RECEIVE_WINDOW, SEND_WINDOW
 
 /// A QoS 1 message, by what it is rather than by its bytes: sent again, it is composed again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Parcel {
+pub(super) enum MessageKind {
     /// The retained status.
     Status,
     /// The retained parameters.
@@ -31,7 +31,7 @@ pub(super) enum Parcel {
     Image,
 }
 
-impl Parcel {
+impl MessageKind {
     /// Whether the broker keeps the message for later subscribers.
     pub(super) const fn retained(self) -> bool {
         match self {
@@ -45,7 +45,7 @@ impl Parcel {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct InFlight {
     pub(super) id: PacketIdentifier,
-    pub(super) parcel: Parcel,
+    pub(super) kind: MessageKind,
     pub(super) sent: Instant,
 }
 
@@ -58,7 +58,7 @@ pub(super) struct Flow {
     pub(super) in_flight: Vec<InFlight, SEND_WINDOW>,
     /// Being written. If the connection breaks meanwhile, the session knows a number for it that
     /// we were not told.
-    pub(super) sending: Option<Parcel>,
+    pub(super) sending: Option<MessageKind>,
     /// Which cells the broker sends.
     pub(super) cells: Cells,
     abandoned: bool,
@@ -91,11 +91,11 @@ impl Flow {
             if self.in_flight.iter().any(|flight| flight.id == *id) {
                 continue;
             }
-            if let Some(parcel) = self.sending.take() {
+            if let Some(kind) = self.sending.take() {
                 // The library has a number for at most as many as there are places here.
                 let _ = self.in_flight.push(InFlight {
                     id: *id,
-                    parcel,
+                    kind,
                     sent: now,
                 });
             }
@@ -107,13 +107,13 @@ impl Flow {
     }
 
     /// Notes that the broker has a message, or has refused it for good.
-    pub(super) fn settle(&mut self, id: PacketIdentifier) -> Option<Parcel> {
+    pub(super) fn settle(&mut self, id: PacketIdentifier) -> Option<MessageKind> {
         let index = self.in_flight.iter().position(|flight| flight.id == id)?;
-        Some(self.in_flight.remove(index).parcel)
+        Some(self.in_flight.remove(index).kind)
     }
 
-    pub(super) fn is_in_flight(&self, parcel: Parcel) -> bool {
-        self.in_flight.iter().any(|flight| flight.parcel == parcel)
+    pub(super) fn is_in_flight(&self, kind: MessageKind) -> bool {
+        self.in_flight.iter().any(|flight| flight.kind == kind)
     }
 
     /// When the message that waits longest for its acknowledgement was sent.

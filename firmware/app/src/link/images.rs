@@ -16,7 +16,7 @@ use rust_mqtt::Bytes;
 use rust_mqtt::client::MqttError;
 use rust_mqtt::types::{MqttString, MqttStringPair, PacketIdentifier};
 
-use super::flow::{InFlight, Parcel};
+use super::flow::{InFlight, MessageKind};
 use super::loss::Loss;
 use super::outgoing::publication;
 use super::session::Connection;
@@ -113,7 +113,7 @@ where
             let written = with_deadline(self.clock, deadline, work).await;
             written.map(|result| result.map(|()| None))
         } else {
-            self.flow.sending = Some(Parcel::Image);
+            self.flow.sending = Some(MessageKind::Image);
             let work = pin!(self.client.publish(&options, message));
             with_deadline(self.clock, deadline, work).await
         };
@@ -122,9 +122,9 @@ where
             Ok(Ok(id)) => {
                 self.flow.sending = None;
                 if let Some(id) = id {
-                    let parcel = Parcel::Image;
+                    let kind = MessageKind::Image;
                     // There is a place: whoever called made sure of it.
-                    let _ = self.flow.in_flight.push(InFlight { id, parcel, sent });
+                    let _ = self.flow.in_flight.push(InFlight { id, kind, sent });
                 }
                 Ok(())
             }

@@ -12,7 +12,7 @@ use rust_mqtt::client::options::{
 };
 use rust_mqtt::types::{MqttString, TopicFilter, TopicName};
 
-use super::flow::{InFlight, Parcel, SEND_WINDOW};
+use super::flow::{InFlight, MessageKind, SEND_WINDOW};
 use super::loss::Loss;
 use super::session::Connection;
 use super::{HEARTBEAT_PERIOD, LOST_AFTER, PING_AFTER, WRITTEN_WITHIN, messages};
@@ -35,19 +35,19 @@ where
     pub(super) async fn retransmit(&mut self) -> Result<(), Loss> {
         for index in 0..self.flow.in_flight.len() {
             let flight = self.flow.in_flight[index];
-            if flight.parcel == Parcel::Image {
+            if flight.kind == MessageKind::Image {
                 self.send_image(Some(flight.id)).await?;
                 self.flow.in_flight[index].sent = self.clock.now();
                 continue;
             }
-            let composed = self.compose(flight.parcel);
+            let composed = self.compose(flight.kind);
             let Some((topic, len)) = composed else {
                 // A number that stays open for ever would block a place: begin a new session.
                 self.flow.abandon();
                 return Err(Loss::Unsupported);
             };
             let topic = topic.render(&self.robot.config().fleet);
-            let options = publication(&topic, Qos::AtLeastOnce, flight.parcel.retained())?;
+            let options = publication(&topic, Qos::AtLeastOnce, flight.kind.retained())?;
             let deadline = self.write_deadline();
             let letter = self.letter.borrow();
             let message = Bytes::Borrowed(letter.draft(len));
@@ -114,20 +114,20 @@ where
         while self.has_window()
             && let Some((ticket, _)) = self.robot.outbox.next_answer()
         {
-            self.send(Parcel::Answer(ticket)).await?;
+            self.send(MessageKind::Answer(ticket)).await?;
         }
         self.follow_cells().await?;
         if self.state.up_since.is_some() {
             let boot = self.robot.boot();
-            if self.state.told != Some(boot) && self.is_free_for(Parcel::Status) {
-                self.send(Parcel::Status).await?;
+            if self.state.told != Some(boot) && self.is_free_for(MessageKind::Status) {
+                self.send(MessageKind::Status).await?;
                 self.state.told = Some(boot);
             }
-            if self.state.parameters_due && self.is_free_for(Parcel::Parameters) {
+            if self.state.parameters_due && self.is_free_for(MessageKind::Parameters) {
                 self.state.parameters_due = false;
-                self.send(Parcel::Parameters).await?;
+                self.send(MessageKind::Parameters).await?;
             }
-            if self.is_free_for(Parcel::Image) && self.images.waits() {
+            if self.is_free_for(MessageKind::Image) && self.images.waits() {
                 self.send_image(None).await?;
             }
         }
@@ -195,19 +195,19 @@ where
         Ok(())
     }
 
-    async fn send(&mut self, parcel: Parcel) -> Result<(), Loss> {
-        let Some((topic, len)) = self.compose(parcel) else {
+    async fn send(&mut self, kind: MessageKind) -> Result<(), Loss> {
+        let Some((topic, len)) = self.compose(kind) else {
             // Nothing here can make it fit later either.
-            if let Parcel::Answer(ticket) = parcel {
+            if let MessageKind::Answer(ticket) = kind {
                 self.robot.outbox.delivered(ticket);
                 self.robot.outbox.withheld();
             }
-            let text = format_args!("{parcel:?} does not fit a message");
+            let text = format_args!("{kind:?} does not fit a message");
             let now = self.clock.now();
             self.robot.log(Level::Error, "message-too-large", text, now);
             return Ok(());
         };
-        self.publish(&topic, len, Some(parcel), None).await
+        self.publish(&topic, len, Some(kind), None).await
     }
 
     /// Lets `compose` write a message to the page of the letter; its length.
@@ -216,24 +216,24 @@ where
     }
 
     /// Writes a message to the page of the letter; its topic and length. Images are not composed.
-    fn compose(&mut self, parcel: Parcel) -> Option<(Topic, usize)> {
+    fn compose(&mut self, kind: MessageKind) -> Option<(Topic, usize)> {
         let robot = self.robot;
         let id = robot.config().id.clone();
-        Some(match parcel {
-            Parcel::Status => {
+        Some(match kind {
+            MessageKind::Status => {
                 let len = self.write(|page| messages::status(robot, true, robot.boot(), page))?;
                 (Topic::Status(id), len)
             }
-            Parcel::Parameters => {
+            MessageKind::Parameters => {
                 let len = self.write(|page| messages::parameters(robot, page))?;
                 (Topic::Parameters(id), len)
             }
-            Parcel::Answer(ticket) => {
+            MessageKind::Answer(ticket) => {
                 let answer = robot.outbox.get(ticket)?;
                 let len = self.write(|page| messages::response(robot, answer, page))?;
                 (Topic::Response(id), len)
             }
-            Parcel::Image => return None,
+            MessageKind::Image => return None,
         })
     }
 
@@ -244,7 +244,7 @@ where
         &mut self,
         topic: &Topic,
         len: usize,
-        parcel: Option<Parcel>,
+        kind: Option<MessageKind>,
         content_type: Option<&str>,
     ) -> Result<(), Loss> {
         let name = topic.render(&self.robot.config().fleet);
@@ -253,7 +253,7 @@ where
             let text = MqttString::from_str(content_type).map_err(|_| Loss::Unsupported)?;
             options.content_type = Some(text);
         }
-        self.flow.sending = parcel;
+        self.flow.sending = kind;
         let deadline = self.write_deadline();
         let letter = self.letter.borrow();
         let message = Bytes::Borrowed(letter.draft(len));
@@ -263,11 +263,11 @@ where
             written.map_err(|_| Loss::Stalled)??
         };
         self.flow.sending = None;
-        if let (Some(id), Some(parcel)) = (id, parcel) {
+        if let (Some(id), Some(kind)) = (id, kind) {
             let sent = self.clock.now();
             // There is a place: `has_window` said so.
-            let _ = self.flow.in_flight.push(InFlight { id, parcel, sent });
-            if let Parcel::Answer(ticket) = parcel {
+            let _ = self.flow.in_flight.push(InFlight { id, kind, sent });
+            if let MessageKind::Answer(ticket) = kind {
                 self.robot.outbox.sent(ticket);
             }
         }
@@ -287,8 +287,8 @@ where
         self.flow.in_flight.len() < granted.min(SEND_WINDOW)
     }
 
-    fn is_free_for(&self, parcel: Parcel) -> bool {
-        self.has_window() && !self.flow.is_in_flight(parcel)
+    fn is_free_for(&self, kind: MessageKind) -> bool {
+        self.has_window() && !self.flow.is_in_flight(kind)
     }
 }
 

@@ -17,7 +17,7 @@ use rust_mqtt::types::PacketIdentifier;
 
 use super::buffered::Buffered;
 use super::cells::Asked;
-use super::flow::{Flow, Parcel, RECEIVE_WINDOW, SEND_WINDOW, SUBSCRIPTIONS};
+use super::flow::{Flow, MessageKind, RECEIVE_WINDOW, SEND_WINDOW, SUBSCRIPTIONS};
 use super::images::Images;
 use super::letter::{Letter, Mailbox};
 use super::loss::Loss;
@@ -205,9 +205,9 @@ where
     /// Nothing more is to be done for the message under this number.
     fn settle(&mut self, id: PacketIdentifier, outcome: Outcome) {
         match self.flow.settle(id) {
-            Some(Parcel::Answer(ticket)) => self.robot.outbox.delivered(ticket),
-            Some(Parcel::Image) => self.images.settle(outcome),
-            Some(Parcel::Status | Parcel::Parameters) | None => {}
+            Some(MessageKind::Answer(ticket)) => self.robot.outbox.delivered(ticket),
+            Some(MessageKind::Image) => self.images.settle(outcome),
+            Some(MessageKind::Status | MessageKind::Parameters) | None => {}
         }
     }
 
