@@ -35,6 +35,8 @@ pub(super) struct Resumption {
 #[derive(Debug, Clone, Copy)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Waiting {
+    // As snapshots that are already on a disk have it.
+    #[cfg_attr(feature = "serde", serde(rename = "errand"))]
     goal: Goal,
     /// When it was interrupted.
     since: Instant,
