@@ -1,8 +1,8 @@
 //! How long a halt takes while the disk of the server is slow, and others set parameters.
 //!
 //! `cargo xtask bench disk [--seconds N] [--robots N]` runs it and prints the tables that `docs/numbers.md`
-//! records. Every `fsync` and `fdatasync` of the server is held up by `strace`, which must be there. It
-//! fails when a halt was refused, or did not reach its robot.
+//! records. Every `fsync` and `fdatasync` of the server is held up, by a library that is preloaded. It fails
+//! when a halt was refused, or did not reach its robot.
 
 use std::collections::HashMap;
 use std::process::ExitCode;

@@ -53,18 +53,11 @@ fn spawn(arguments: &[String], folder: &TempDir, slow: Duration) -> Child {
         .append(true)
         .open(folder.path().join("log"))
         .expect("a log file");
-    let mut command = if slow.is_zero() {
-        Command::new(binary())
-    } else {
-        let mut command = Command::new("strace");
-        // The process started here is the server; strace ends with it, and stops it at these calls alone.
-        command.args(["-D", "-f", "--seccomp-bpf", "-qq", "-o", "/dev/null"]);
-        command.args(["-e", "trace=fsync,fdatasync", "-e", "signal=none", "-e"]);
-        let micros = slow.as_micros();
-        command.arg(format!("inject=fsync,fdatasync:delay_enter={micros}"));
-        command.arg(binary());
-        command
-    };
+    let mut command = Command::new(binary());
+    if !slow.is_zero() {
+        command.env("LD_PRELOAD", slow_disk(folder));
+        command.env("SLOW_DISK_MS", slow.as_millis().to_string());
+    }
     command
         .args(arguments)
         .arg("--data")
@@ -73,7 +66,22 @@ fn spawn(arguments: &[String], folder: &TempDir, slow: Duration) -> Child {
         .stdout(log.try_clone().expect("a log file"))
         .stderr(log)
         .spawn()
-        .expect("terracrawler, and strace where its disk is slow")
+        .expect("terracrawler")
+}
+
+/// The library that makes a disk slow, built where it was not yet.
+fn slow_disk(folder: &TempDir) -> PathBuf {
+    let library = folder.path().join("slow_disk.so");
+    if !library.is_file() {
+        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/src/slow_disk.c");
+        let built = Command::new("cc")
+            .args(["-shared", "-fPIC", "-O1", "-o"])
+            .arg(&library)
+            .arg(source)
+            .status();
+        assert!(built.expect("a C compiler").success(), "{source}");
+    }
+    library
 }
 
 impl Terracrawler {
@@ -163,8 +171,8 @@ impl Terracrawler {
         self.child = spawn(&self.arguments, &self.folder, self.slow);
     }
 
-    /// From the next start on every `fsync` and `fdatasync` takes so much longer. That is done by `strace`, of
-    /// version 6 or newer.
+    /// From the next start on every `fsync` and `fdatasync` takes so much longer: a library that is preloaded
+    /// holds them up, which takes a C compiler and Linux.
     pub const fn slow_disk(&mut self, by: Duration) {
         self.slow = by;
     }
