@@ -1,10 +1,8 @@
 //! Captures of the real robot program, end to end, in virtual time.
 
-mod common;
-
 use std::collections::BTreeMap;
 
-use common::{scenario, settle};
+use crate::common::{scenario, settle};
 use crawler_hal::Duration;
 use crawler_protocol::{
     Action, Capability, LogRecord, Reason, Response, ResponseStatus, RobotState, StatusMessage,
@@ -100,7 +98,7 @@ fn failed(reason: Reason) -> (ResponseStatus, Option<Reason>) {
 fn a_capture_brings_a_picture_and_a_moving_robot_keeps_moving() {
     let mut simulation = with_cameras(1, 1.0, 3);
     settle(&mut simulation);
-    simulation.submit(0, common::wander());
+    simulation.submit(0, crate::common::wander());
     simulation.run_for(SECOND);
     let seq = simulation.submit(0, Action::Capture);
     simulation.run_for(SECOND);
@@ -178,7 +176,7 @@ fn a_broken_camera_fails_captures_and_nothing_else() {
         simulation.run_for(Duration::from_millis(500));
         assert_eq!(state(&simulation), RobotState::Idle, "{fault:?}");
         // It obeys meanwhile.
-        let turn = simulation.submit(0, common::forward(0, 100));
+        let turn = simulation.submit(0, crate::common::forward(0, 100));
         simulation.run_for(SECOND * 4);
         let second = simulation.submit(0, Action::Capture);
         simulation.run_for(SECOND * 4);

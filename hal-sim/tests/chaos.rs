@@ -1,9 +1,6 @@
 //! Everything between server and robots goes wrong, and no command is lost or runs twice.
 
-#[path = "common/chaos.rs"]
-mod chaos;
-
-use chaos::Chaos;
+use crate::common::chaos::Chaos;
 use crawler_app::parameters::{Definition, Domain};
 use crawler_delivery::Class;
 

@@ -1,8 +1,6 @@
 //! The same seed, scenario and calls give the same history.
 
-mod common;
-
-use common::{forward, lockstep, wander};
+use crate::common::{forward, lockstep, wander};
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::Action;
 use crawler_sim::net::lockstep::Cut;

@@ -1,8 +1,6 @@
 //! Looks of the real robot program through simulated cameras, in virtual time.
 
-mod common;
-
-use common::{scenario, settle, wander};
+use crate::common::{scenario, settle, wander};
 use crawler_detector::{BLOB, FRAMES};
 use crawler_hal::Duration;
 use crawler_protocol::{Action, Capability, Detections, StatusMessage, Telemetry, Topic};

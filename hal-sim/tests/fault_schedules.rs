@@ -1,11 +1,9 @@
 //! Random faults at random times, on robots that are told what to do: whatever breaks, the safety
 //! rules hold.
 
-mod common;
-
 use std::collections::{BTreeMap, BTreeSet};
 
-use common::{lockstep, settle, wander};
+use crate::common::{lockstep, settle, wander};
 use crawler_hal::Duration;
 use crawler_protocol::{Action, Direction, LogRecord, Response, Topic};
 use crawler_sim::faults::{Fault, LinkCut, Wheel};

@@ -1,11 +1,9 @@
 //! What is wrong with a robot leads to a stated state and a pattern of the lamp, and is told when
 //! there is someone to tell. `docs/faults.md` is the list.
 
-mod common;
-
 use std::collections::HashMap;
 
-use common::{duty, forward, lockstep, settle};
+use crate::common::{duty, forward, lockstep, settle};
 use crawler_app::parameters::Parameter;
 use crawler_app::trouble::LinkTrouble;
 use crawler_drivers::lamp::Pattern;

@@ -1,9 +1,7 @@
 //! Every fault that can be injected leads to the state that `docs/faults.md` states for it, and
 //! is over when its time is, or when it is healed.
 
-mod common;
-
-use common::{Answers, collect, duty, forward, lockstep, settle};
+use crate::common::{Answers, collect, duty, forward, lockstep, settle};
 use crawler_app::trouble::LinkTrouble;
 use crawler_hal::{Duration, ResetCause};
 use crawler_protocol::{Action, Direction, FaultName, Reason, ResponseStatus, RobotState};
@@ -326,7 +324,7 @@ fn what_cannot_be_broken_is_refused_and_nothing_changes() {
     assert_eq!(simulation.history_hash(), hash);
     simulation.remove(0);
     assert_eq!(simulation.inject(0, dead, None), Err(FaultError::NoRobot));
-    let mut alone = Simulation::without_network(common::scenario("empty", 1), 1).unwrap();
+    let mut alone = Simulation::without_network(crate::common::scenario("empty", 1), 1).unwrap();
     let how = LinkCut::Radio;
     let lost = alone.inject(0, Fault::LinkLoss { how }, None);
     assert_eq!(lost, Err(FaultError::NoNetwork));

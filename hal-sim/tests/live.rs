@@ -1,8 +1,4 @@
 //! Robots on real sockets in real time, against a broker of a few lines.
-#![cfg(feature = "live")]
-
-#[path = "common/port.rs"]
-mod port;
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -220,7 +216,7 @@ fn robots_connect_report_and_say_goodbye() {
 
 #[test]
 fn an_absent_broker_is_no_error_and_stopping_is_still_bounded() {
-    let (_kept, address) = port::refusing();
+    let (_kept, address) = crate::common::port::refusing();
     let handle = start(config(address.port(), 3)).unwrap();
     // Time enough for all to boot and to be refused.
     let metrics = until(&handle, "time passes", |metrics| metrics.steps > 100);

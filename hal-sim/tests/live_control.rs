@@ -1,9 +1,5 @@
 //! A live world does what it is told while it runs. No broker is needed for that: its robots look
 //! for one all the time.
-#![cfg(feature = "live")]
-
-#[path = "common/port.rs"]
-mod port;
 
 use std::future::Future;
 use std::ops::Deref;
@@ -34,7 +30,7 @@ impl Deref for World {
 }
 
 fn world() -> World {
-    let (refusing, address) = port::refusing();
+    let (refusing, address) = crate::common::port::refusing();
     let scenario = Scenario::built_in("empty").expect("there").with_robots(3);
     let handle = start(LiveConfig {
         fleet: Fleet::default(),

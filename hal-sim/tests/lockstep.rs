@@ -1,8 +1,6 @@
 //! The real robot program, end to end, in virtual time.
 
-mod common;
-
-use common::{Answers, collect, duty, forward, lockstep, settle, travel, wander};
+use crate::common::{Answers, collect, duty, forward, lockstep, settle, travel, wander};
 use crawler_app::controller::{FAILSAFE, HOLD};
 use crawler_app::parameters::Parameter;
 use crawler_hal::{Duration, Instant};
@@ -316,7 +314,8 @@ fn a_removed_robot_is_gone_and_the_others_go_on() {
 
 #[test]
 fn without_a_network_robots_wander_and_can_be_commanded() {
-    let mut simulation = Simulation::without_network(common::scenario("arena", 12), 8).unwrap();
+    let mut simulation =
+        Simulation::without_network(crate::common::scenario("arena", 12), 8).unwrap();
     // Boot, and at most one period until the time is told.
     simulation.run_until(ms(5_500));
     for robot in 0..12 {
@@ -346,7 +345,7 @@ fn without_a_network_robots_wander_and_can_be_commanded() {
 #[test]
 fn without_a_network_runs_are_repeatable() {
     let run = |seed| {
-        let scenario = common::scenario("arena", 5);
+        let scenario = crate::common::scenario("arena", 5);
         let mut simulation = Simulation::without_network(scenario, seed).unwrap();
         simulation.run_until(ms(20_000));
         simulation.history_hash()
@@ -368,7 +367,7 @@ fn benches_measure_robots_that_move() {
     }
     let (warm_up, span) = (Duration::from_secs(8), Duration::from_secs(5));
     for measure in [bench::measure, bench::measure_without_network] {
-        let scenario = common::scenario("arena", 20);
+        let scenario = crate::common::scenario("arena", 20);
         let figures = measure(scenario, 1, warm_up, span, &Still).unwrap();
         assert_eq!((figures.robots, figures.virtual_s), (20, 5.0));
         assert!(figures.moving >= 15, "only {} move", figures.moving);
@@ -377,7 +376,8 @@ fn benches_measure_robots_that_move() {
 
 #[test]
 fn without_a_network_halts_and_settings_still_work() {
-    let mut simulation = Simulation::without_network(common::scenario("empty", 1), 1).unwrap();
+    let mut simulation =
+        Simulation::without_network(crate::common::scenario("empty", 1), 1).unwrap();
     simulation.run_until(ms(1_000));
     let mut values = ParameterValues::new();
     let name = heapless::String::try_from("safe_distance_mm").unwrap();

@@ -1,8 +1,6 @@
 //! One world on several threads: the same history as on one.
 
-mod common;
-
-use common::{forward, scenario, wander};
+use crate::common::{forward, scenario, wander};
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::Action;
 use crawler_sim::faults::{Fault, FaultError, Wheel};

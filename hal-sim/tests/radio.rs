@@ -1,8 +1,6 @@
 //! Robots on a radio that is not everywhere and not for them alone.
 
-mod common;
-
-use common::{Answers, collect, duty, forward, settle};
+use crate::common::{Answers, collect, duty, forward, settle};
 use crawler_hal::Duration;
 use crawler_protocol::{Action, Direction, ResponseStatus, StatusMessage, Telemetry, Topic};
 use crawler_sim::run::Simulation;

@@ -1,12 +1,9 @@
 //! Recordings hold what happened, and replaying them finds what a program does otherwise.
-#![cfg(feature = "recording")]
-
-mod common;
 
 use std::fs;
 use std::path::PathBuf;
 
-use common::{forward, scenario, wander};
+use crate::common::{forward, scenario, wander};
 use crawler_detector::BLOB;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Action, ParameterValue, ParameterValues};

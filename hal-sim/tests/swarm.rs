@@ -1,8 +1,6 @@
 //! Robots that move by where others are: the whole program, told by the broker who is near.
 
-mod common;
-
-use common::{lockstep, scenario, settle};
+use crate::common::{lockstep, scenario, settle};
 use crawler_hal::Duration;
 use crawler_protocol::{Action, BehaviourName, BehaviourSpec, Topic};
 use crawler_sim::run::Simulation;

@@ -1,7 +1,5 @@
 //! How wrong the clocks of robots are that only hear the server's time messages.
 
-mod common;
-
 use crawler_app::timesync::TimeSync;
 use crawler_hal::{Duration, Instant};
 use crawler_sim::net::lockstep::LinkModel;
@@ -21,7 +19,7 @@ struct Errors {
 }
 
 fn measure(link: LinkModel, robots: usize, seed: u64) -> Errors {
-    let mut scenario = common::scenario("arena", robots as u32);
+    let mut scenario = crate::common::scenario("arena", robots as u32);
     scenario.command = None;
     scenario.link = Some(link);
     let mut simulation = Simulation::lockstep(scenario, seed).unwrap();

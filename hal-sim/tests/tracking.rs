@@ -1,8 +1,6 @@
 //! Where robots think they are, against where they are.
 
-mod common;
-
-use common::{lockstep, scenario};
+use crate::common::{lockstep, scenario};
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Telemetry, Topic};
 use crawler_sim::run::Simulation;

@@ -1,8 +1,6 @@
 //! Both ways to wire a ranger, alone and mixed in one simulation.
 
-mod common;
-
-use common::{scenario, settle, travel};
+use crate::common::{scenario, settle, travel};
 use crawler_app::perception::Sight;
 use crawler_hal::Duration;
 use crawler_protocol::Action;

@@ -1,7 +1,8 @@
 //! What the tests of simulations share.
 
-// Each test binary uses its own part of it.
-#![allow(dead_code)]
+pub(crate) mod chaos;
+#[cfg(feature = "live")]
+pub(crate) mod port;
 
 use std::collections::BTreeMap;
 

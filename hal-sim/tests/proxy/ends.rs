@@ -8,8 +8,8 @@ use std::time::Instant;
 use crawler_sim::net::lockstep::LinkModel;
 use crawler_sim::net::proxy::{Proxy, ProxyConfig, ProxyError};
 
-use super::port::refusing;
 use super::{LIMIT, QUICK, echo, exchange, hello, proxy, robot, server, setup};
+use crate::common::port::refusing;
 
 #[test]
 fn ends_and_resets_reach_the_other_side() {

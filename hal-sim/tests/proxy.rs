@@ -3,11 +3,8 @@
 //! What a radio delays, carries and shares out is tested in virtual time, beside the code. Here it
 //! is only ever said that something comes, and that it does not come too early: a busy machine may
 //! be late.
-#![cfg(feature = "live")]
 
 mod ends;
-#[path = "../common/port.rs"]
-mod port;
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};

@@ -1,0 +1,28 @@
+//! Every test of the simulator from outside, in one program: to link the robot program once takes
+//! a twentieth of linking it for each file. cargo-nextest gives each test a process of its own all
+//! the same.
+
+mod camera;
+mod chaos;
+mod common;
+mod determinism;
+mod evaluate;
+mod eyes;
+mod fault_schedules;
+mod faults;
+mod injection;
+#[cfg(feature = "live")]
+mod live;
+#[cfg(feature = "live")]
+mod live_control;
+mod lockstep;
+mod parallel;
+#[cfg(feature = "live")]
+mod proxy;
+mod radio;
+#[cfg(feature = "recording")]
+mod recording;
+mod swarm;
+mod timesync;
+mod tracking;
+mod wiring;
