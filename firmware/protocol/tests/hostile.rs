@@ -1,8 +1,5 @@
 //! Nothing that arrives can make a parser panic, or accept what is not JSON.
 
-// Each test file uses a part of it.
-#[allow(dead_code, unused_imports)]
-mod common;
 // The same bodies as under the fuzzer; there they are public.
 #[allow(unreachable_pub)]
 #[path = "../../../fuzz/src/targets.rs"]
@@ -199,7 +196,7 @@ proptest! {
     /// Valid commands with a piece cut out, doubled or overwritten.
     #[test]
     fn damaged_commands(
-        command in common::command(),
+        command in crate::common::command(),
         cut in any::<(u16, u8)>(),
         patch in proptest::collection::vec(any::<u8>(), 0..6),
     ) {

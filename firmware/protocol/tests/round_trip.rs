@@ -1,9 +1,5 @@
 //! Whatever can be said can be written, and is read as it was said: by us and by others.
 
-// Each test file uses a part of it.
-#[allow(dead_code)]
-mod common;
-
 use crawler_protocol::{
     Action, CellDigest, Command, Detections, Heartbeat, LogRecord, MAX_MESSAGE, ParametersMessage,
     PoseFix, Response, SimulatorCommand, StatusMessage, SwarmResponse, Telemetry, TimeMessage,
@@ -46,13 +42,13 @@ ordered! {
 
 proptest! {
     #[test]
-    fn command(command in common::command(), seed: u64) {
+    fn command(command in crate::common::command(), seed: u64) {
         let mut buf = [0; MAX_MESSAGE];
         // Eight long texts of escapes are more than a message holds.
         if let Ok(length) = command.to_json(&mut buf) {
             let json = &buf[..length];
             prop_assert_eq!(Command::parse(json), Ok(command.clone()));
-            let respelled = common::respell(json, seed);
+            let respelled = crate::common::respell(json, seed);
             if respelled.len() <= MAX_MESSAGE {
                 let read = Command::parse(respelled.as_bytes()).map(sorted);
                 prop_assert_eq!(read, Ok(sorted(command.clone())));
@@ -65,7 +61,7 @@ proptest! {
     }
 
     #[test]
-    fn command_request(action in common::action()) {
+    fn command_request(action in crate::common::action()) {
         use crawler_protocol::Reason;
         let mut buf = [0; MAX_MESSAGE];
         if let Ok(length) = action.to_json(&mut buf) {
@@ -85,7 +81,7 @@ macro_rules! round_trips {
     ($($name:ident: $message:ty;)+) => {
         proptest! {
             $(#[test]
-            fn $name(message in common::$name(), seed: u64) {
+            fn $name(message in crate::common::$name(), seed: u64) {
                 let mut buf = [0; MAX_MESSAGE];
                 let length = message.to_json(&mut buf).expect("every message fits");
                 let json = &buf[..length];
@@ -94,7 +90,7 @@ macro_rules! round_trips {
                 prop_assert_eq!(&theirs, &message);
                 let json = serde_json::to_vec(&message).expect("others write ours");
                 prop_assert_eq!(&<$message>::from_json(&json), &Ok(message.clone()));
-                let respelled = common::respell(&buf[..length], seed);
+                let respelled = crate::common::respell(&buf[..length], seed);
                 if respelled.len() <= MAX_MESSAGE {
                     let read = <$message>::from_json(respelled.as_bytes()).map(Sorted::sorted);
                     prop_assert_eq!(read, Ok(message.sorted()));

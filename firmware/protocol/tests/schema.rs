@@ -1,9 +1,4 @@
 //! The schemas that the server serves say what the types do.
-#![cfg(feature = "schema")]
-
-// Each test file uses a part of it.
-#[allow(dead_code)]
-mod common;
 
 use std::collections::BTreeMap;
 
@@ -73,7 +68,7 @@ macro_rules! agrees {
         proptest! {
             #![proptest_config(ProptestConfig::with_cases(64))]
             $(#[test]
-            fn $test(message in common::$test()) {
+            fn $test(message in crate::common::$test()) {
                 let mut buf = [0; MAX_MESSAGE];
                 if let Ok(length) = message.to_json(&mut buf) {
                     prop_assert_eq!(check($schema, &buf[..length]), Ok(()));

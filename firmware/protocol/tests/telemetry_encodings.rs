@@ -1,9 +1,5 @@
 //! Telemetry as CBOR, and several samples in one message.
 
-// Each test file uses a part of it.
-#[allow(dead_code, unused_imports)]
-mod common;
-
 use crawler_protocol::{
     Battery, BehaviourName, DecodeError, EncodeError, MAX_BATCH, MAX_MESSAGE, Pose, RobotId,
     RobotState, Telemetry, TelemetryEncoding, Wheels,
@@ -300,7 +296,7 @@ fn the_description_has_the_fields_of_the_encoder() {
 
 proptest! {
     #[test]
-    fn cbor_value_and_json_are_the_same(telemetry in common::telemetry()) {
+    fn cbor_value_and_json_are_the_same(telemetry in crate::common::telemetry()) {
         let bytes = cbor(&telemetry);
         let read = Telemetry::from_cbor(&bytes).unwrap();
         prop_assert_eq!(&read, &telemetry);
@@ -314,7 +310,7 @@ proptest! {
 
     #[test]
     fn samples_come_back_in_their_order(
-        mut telemetry in vec(common::telemetry(), 1..=MAX_BATCH),
+        mut telemetry in vec(crate::common::telemetry(), 1..=MAX_BATCH),
         how in select(vec![JsonSeq, CborSeq]),
     ) {
         telemetry.sort_by_key(|sample| sample.seq);
@@ -338,7 +334,7 @@ proptest! {
 
     #[test]
     fn damaged_samples_are_read_or_refused(
-        telemetry in common::telemetry(),
+        telemetry in crate::common::telemetry(),
         damage in vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
     ) {
         let mut bytes = cbor(&telemetry);

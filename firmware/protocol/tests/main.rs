@@ -1,0 +1,15 @@
+//! Every test of the messages from outside, in one program, which is linked once. cargo-nextest gives
+//! each test a process of its own all the same.
+
+mod command_syntax;
+mod commands;
+mod common;
+mod contract;
+mod hostile;
+mod limits;
+mod round_trip;
+#[cfg(feature = "schema")]
+mod schema;
+mod simulator;
+mod telemetry_encodings;
+mod topics;
