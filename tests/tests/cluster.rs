@@ -1,10 +1,8 @@
 //! Several servers of one fleet behind one address: whichever is killed, nothing that was accepted
 //! is lost, and whoever watched goes on watching.
 
-mod cluster {
-    pub(crate) mod door;
-    pub(crate) mod reader;
-}
+mod door;
+mod reader;
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -12,8 +10,6 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use cluster::door::Door;
-use cluster::reader::Reader;
 use crawler_tests::engines::postgres::Postgres;
 use crawler_tests::engines::redis::Redis;
 use crawler_tests::measure::{metrics, sum};
@@ -22,6 +18,9 @@ use crawler_tests::{
     wait_for_with,
 };
 use serde_json::{Value, json};
+
+use door::Door;
+use reader::Reader;
 
 /// For everything that has to happen on a busy machine.
 const LIMIT: Duration = Duration::from_mins(3);

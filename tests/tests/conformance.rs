@@ -1,6 +1,5 @@
 //! Simulated robots pass the conformance suite, and robots that misbehave do not.
 
-#[path = "conformance/impostor.rs"]
 mod impostor;
 
 use std::collections::{BTreeMap, VecDeque};

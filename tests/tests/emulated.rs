@@ -3,11 +3,8 @@
 //!
 //! Boards run in real time, so one test with boards runs at a time.
 
-#[path = "emulated/board.rs"]
 mod board;
-#[path = "emulated/driving.rs"]
 mod driving;
-#[path = "emulated/tls.rs"]
 mod tls;
 
 use std::collections::BTreeMap;

@@ -2,30 +2,27 @@
 //! held against what it calls, those that are cheap are carried out, and the lists in it are those of
 //! the program. A line that nobody here knows fails, so that a new example cannot slip through.
 
-mod examples {
-    pub(crate) mod check;
-    pub(crate) mod commands;
-    pub(crate) mod lists;
-    mod mutated;
-    pub(crate) mod page;
-    pub(crate) mod programs;
-    pub(crate) mod served;
-    pub(crate) mod shell;
-}
+mod check;
+mod commands;
+mod lists;
+mod mutated;
+mod page;
+mod programs;
+mod served;
+mod shell;
 
 use std::error::Error;
 use std::process::Stdio;
 
+use check::faults;
+use commands::check_console;
 use crawler_app::motion::Twist;
 use crawler_hal::Duration;
 use crawler_sim::run::bare::{BareWorld, Drive, Steering};
 use crawler_sim::scenario::Scenario;
 use crawler_tests::root;
-use examples::check::faults;
-use examples::commands::{self, check_console};
-use examples::page::{Example, Page};
-use examples::programs::{program, said};
-use examples::{lists, served};
+use page::{Example, Page};
+use programs::{program, said};
 use tempfile::TempDir;
 
 fn examples(page: &Page) -> Vec<Example> {

@@ -1,9 +1,7 @@
 //! History in time-series engines: it is that of the local history, survives an engine that goes away,
 //! and says what is wrong.
 
-#[path = "timeseries/samples.rs"]
 mod samples;
-#[path = "timeseries/server.rs"]
 mod server;
 
 use std::collections::BTreeSet;

@@ -1,0 +1,21 @@
+//! Every test end to end, and every check of the house, in one program: to link server and simulator once
+//! takes a fraction of linking them for each file. cargo-nextest gives each test a process of its own all
+//! the same.
+
+mod browser;
+mod chaos_live;
+mod cluster;
+mod conformance;
+mod deploy;
+mod emulated;
+mod examples;
+mod house;
+mod layering;
+mod mosquitto_clients;
+mod mosquitto_configurations;
+mod outside_broker;
+mod pins;
+mod postgres;
+mod provisioning;
+mod robot_tls;
+mod timeseries;
