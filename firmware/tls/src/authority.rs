@@ -6,7 +6,8 @@ use core::str::FromStr;
 use p256::PublicKey;
 
 use crate::certificate::Certificate;
-use crate::{POINT, TlsError};
+use crate::error::TlsError;
+use crate::sizes::POINT;
 
 /// Bytes of a point of P-256, compressed.
 const COMPRESSED: usize = 33;

@@ -7,7 +7,9 @@ use sha2::{Digest, Sha256};
 use crate::der::{
     BIT_STRING, BOOLEAN, Der, INTEGER, OCTET_STRING, OID, SEQUENCE, scalar, whole_bits,
 };
-use crate::{POINT, TlsError, time};
+use crate::error::TlsError;
+use crate::sizes::POINT;
+use crate::time;
 
 const WRONG: TlsError = TlsError::BadCertificate;
 

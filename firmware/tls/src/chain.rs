@@ -1,10 +1,11 @@
 //! From the certificate of the server to the authority.
 
 use crate::certificate::Certificate;
-use crate::connection::Expected;
+use crate::error::TlsError;
+use crate::expected::Expected;
 use crate::name::Name;
 use crate::reader::Reader;
-use crate::{POINT, TlsError};
+use crate::sizes::POINT;
 
 /// Most certificates between that of the server and the authority.
 pub const MOST_BETWEEN: u8 = 2;

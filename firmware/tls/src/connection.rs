@@ -4,19 +4,11 @@ mod data;
 
 use rand_core::CryptoRng;
 
-use crate::TlsError;
-use crate::authority::Authority;
+use crate::error::TlsError;
+use crate::expected::Expected;
 use crate::handshake::{Handshake, Outcome, check_ticket};
 use crate::record::{ALERT, CHANGE_CIPHER_SPEC, DATA, HANDSHAKE, HEADER, Keys, OVERHEAD, head};
-
-/// Bytes for what arrives: a record of [`FRAGMENT`] bytes, and a message of the handshake of which
-/// it is the end. Certificates of two authorities and a server fit.
-pub const INPUT: usize = 4_096;
-/// Bytes for what leaves: a packet of MQTT in one record, or the first message to a server with a
-/// name of any length.
-pub const OUTPUT: usize = 640;
-/// Content of a record that servers are asked to keep to.
-pub const FRAGMENT: usize = 2_048;
+use crate::sizes::{INPUT, OUTPUT};
 
 /// Content of our records, beside a change of keys.
 const MOST: usize = OUTPUT - OVERHEAD - KEY_UPDATE_RECORD;
@@ -59,17 +51,6 @@ impl core::fmt::Debug for Buffers {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("Buffers").finish_non_exhaustive()
     }
-}
-
-/// Whom a connection is for.
-#[derive(Debug, Clone, Copy)]
-pub struct Expected<'e> {
-    /// Host name or address, which the certificate has to be for.
-    pub host: &'e str,
-    /// The authority, which has to have signed it.
-    pub authority: Authority,
-    /// Seconds since 1970, when that is known.
-    pub now: Option<u64>,
 }
 
 /// What [`Connection::step`] came to.

@@ -1,6 +1,6 @@
 //! DER (X.690), in as far as certificates need it: definite lengths of at most two bytes.
 
-use crate::TlsError;
+use crate::error::TlsError;
 
 pub(crate) const BOOLEAN: u8 = 0x01;
 pub(crate) const INTEGER: u8 = 0x02;

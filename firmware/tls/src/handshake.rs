@@ -7,13 +7,15 @@ use p256::elliptic_curve::sec1::ToSec1Point;
 use rand_core::CryptoRng;
 use sha2::{Digest, Sha256};
 
-use crate::connection::Expected;
+use crate::error::TlsError;
+use crate::expected::Expected;
 use crate::hello::ECDSA_SECP256R1_SHA256;
 use crate::keys::{self, HASH, Secret};
 use crate::name::Name;
 use crate::reader::Reader;
 use crate::record::Keys;
-use crate::{POINT, TlsError, certificate, chain, hello};
+use crate::sizes::POINT;
+use crate::{certificate, chain, hello};
 
 const SERVER_HELLO: u8 = 2;
 const ENCRYPTED_EXTENSIONS: u8 = 8;

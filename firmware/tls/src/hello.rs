@@ -1,10 +1,11 @@
 //! The first message of each side (RFC 8446, section 4.1).
 
-use crate::connection::FRAGMENT;
+use crate::error::TlsError;
 use crate::keys::HASH;
 use crate::name::Name;
 use crate::reader::{Reader, Writer};
-use crate::{POINT, TlsError};
+use crate::sizes::FRAGMENT;
+use crate::sizes::POINT;
 
 pub(crate) const CLIENT_HELLO: u8 = 1;
 

@@ -5,7 +5,7 @@ use hkdf::hmac::{Hmac, KeyInit, Mac};
 use sha2::{Digest, Sha256};
 use zeroize::Zeroizing;
 
-use crate::TlsError;
+use crate::error::TlsError;
 
 /// Bytes of a hash, and of every secret.
 pub(crate) const HASH: usize = 32;

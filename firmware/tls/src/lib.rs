@@ -49,6 +49,7 @@ mod chain;
 mod connection;
 mod der;
 mod error;
+mod expected;
 mod handshake;
 mod hello;
 mod keys;
@@ -56,6 +57,7 @@ mod name;
 mod network;
 mod reader;
 mod record;
+mod sizes;
 mod stream;
 #[cfg(test)]
 mod tests;
@@ -63,9 +65,11 @@ mod time;
 
 pub use authority::{Authority, AuthorityError};
 pub use chain::{MADE_AFTER, MOST_BETWEEN};
-pub use connection::{Buffers, Connection, Expected, FRAGMENT, INPUT, OUTPUT, Step};
+pub use connection::{Buffers, Connection, Step};
 pub use error::TlsError;
+pub use expected::Expected;
 pub use network::{Secured, SecuredStream, Security};
+pub use sizes::{FRAGMENT, INPUT, OUTPUT, POINT};
 pub use stream::{StreamError, TlsStream};
 
 /// Reads a certificate and checks it against an authority: what a fuzzer throws itself at.
@@ -75,6 +79,3 @@ pub use stream::{StreamError, TlsStream};
 pub fn check_certificates(list: &[u8], expected: &Expected<'_>) -> Result<[u8; POINT], TlsError> {
     chain::check(list, expected)
 }
-
-/// Bytes of a point of P-256, uncompressed.
-pub const POINT: usize = 65;

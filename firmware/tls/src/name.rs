@@ -2,8 +2,8 @@
 
 use core::net::IpAddr;
 
-use crate::TlsError;
 use crate::der::Der;
+use crate::error::TlsError;
 
 /// Alternative names: context-specific tags of RFC 5280, section 4.2.1.6.
 const DNS: u8 = 0x82;

@@ -7,8 +7,9 @@ use embedded_io_async::{ErrorType, Read, Write};
 use rand_core::CryptoRng;
 
 use crate::authority::Authority;
-use crate::connection::{Buffers, Expected};
+use crate::connection::Buffers;
 use crate::error::TlsError;
+use crate::expected::Expected;
 use crate::stream::{StreamError, TlsStream};
 
 /// What a connection is secured with.

@@ -1,6 +1,6 @@
 //! Reading and writing the fields of messages. Nothing is indexed, so nothing panics.
 
-use crate::TlsError;
+use crate::error::TlsError;
 
 /// Takes fields off the front of some bytes.
 #[derive(Debug, Clone, Copy)]

@@ -3,7 +3,7 @@
 use chacha20poly1305::aead::AeadInOut;
 use chacha20poly1305::{ChaCha20Poly1305, KeyInit};
 
-use crate::TlsError;
+use crate::error::TlsError;
 use crate::keys::{HASH, Secret, expand};
 
 /// Bytes before the content.

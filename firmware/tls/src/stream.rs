@@ -6,8 +6,9 @@ use embassy_futures::yield_now;
 use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 use rand_core::CryptoRng;
 
-use crate::connection::{Buffers, Connection, Expected, Step};
+use crate::connection::{Buffers, Connection, Step};
 use crate::error::TlsError;
+use crate::expected::Expected;
 
 /// What went wrong: with the stream, or with TLS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Points in time, as certificates write them.
 
-use crate::TlsError;
 use crate::der::{Der, GENERALIZED_TIME, UTC_TIME};
+use crate::error::TlsError;
 
 const WRONG: TlsError = TlsError::BadCertificate;
 const DAY: u64 = 24 * 60 * 60;

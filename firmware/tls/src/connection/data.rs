@@ -1,7 +1,7 @@
 //! What is said and heard once the connection is open.
 
 use super::{CLOSE_NOTIFY, Connection, KEY_UPDATE, MOST, WARNING};
-use crate::TlsError;
+use crate::error::TlsError;
 use crate::record::{ALERT, DATA, HANDSHAKE, HEADER, Keys, head};
 
 impl Connection<'_> {
