@@ -1,23 +1,13 @@
-//! Listening to the cells around the robot, while it moves by where others are.
+//! Which cells around the robot the broker sends, while it moves by where others are.
 //!
 //! One SUBSCRIBE or UNSUBSCRIBE is under way at a time, and what the broker may still have from an
 //! earlier connection of the session is known, so that neither a lost acknowledgement nor a
 //! robot on the border of two cells leaves subscriptions behind.
 
-use core::pin::pin;
-
-use crawler_hal::{Clock, Instant, LinkMonitor, with_deadline};
-use crawler_protocol::{Level, Topic};
-use embassy_sync::blocking_mutex::raw::RawMutex;
-use embedded_io_async::{Read, Write};
+use crawler_hal::Instant;
 use heapless::Vec;
-use rust_mqtt::client::options::{RetainHandling, SubscriptionOptions, UnsubscriptionOptions};
-use rust_mqtt::types::{MqttString, PacketIdentifier, TopicFilter};
+use rust_mqtt::types::PacketIdentifier;
 
-use super::SUBSCRIBED_WITHIN;
-use super::loss::Loss;
-use super::session::Connection;
-use crate::hold::Hold;
 use crate::neighbours::{self, CELLS, Cell};
 
 /// A cell that the broker was asked about.
@@ -38,7 +28,7 @@ pub(super) struct Cells {
 
 /// What is to be asked of the broker next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Wish {
+pub(super) enum Wish {
     Listen(Cell),
     Leave(Cell),
 }
@@ -46,8 +36,8 @@ enum Wish {
 /// What the broker was asked on this connection and has not answered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Asked {
-    id: PacketIdentifier,
-    wish: Wish,
+    pub(super) id: PacketIdentifier,
+    pub(super) wish: Wish,
     pub(super) at: Instant,
 }
 
@@ -65,7 +55,7 @@ impl Cells {
     }
 
     /// What to ask for next, so that the broker sends the cells around `place` and no others.
-    fn wish(&mut self, place: Option<[f32; 2]>) -> Option<Wish> {
+    pub(super) fn wish(&mut self, place: Option<[f32; 2]>) -> Option<Wish> {
         let wanted = if let Some([x, y]) = place {
             self.centre = neighbours::centre(self.centre, x, y);
             self.centre.map(neighbours::around).unwrap_or_default()
@@ -93,7 +83,7 @@ impl Cells {
     }
 
     /// Notes the broker's answer.
-    fn settle(&mut self, wish: Wish) {
+    pub(super) fn settle(&mut self, wish: Wish) {
         match wish {
             Wish::Listen(cell) => {
                 if let Some(known) = self.known.iter_mut().find(|known| known.cell == cell) {
@@ -102,71 +92,6 @@ impl Cells {
             }
             Wish::Leave(cell) => self.known.retain(|known| known.cell != cell),
         }
-    }
-}
-
-impl<H, M, C, L, S> Connection<'_, '_, H, M, C, L, S>
-where
-    H: Hold,
-    M: RawMutex,
-    C: Clock,
-    L: LinkMonitor,
-    S: Read + Write,
-{
-    /// Asks the broker for the next cell, when one has to be asked for.
-    pub(super) async fn follow_cells(&mut self) -> Result<(), Loss> {
-        if self.state.asked.is_some() || self.state.no_cells || self.state.up_since.is_none() {
-            return Ok(());
-        }
-        let known = self.robot.snapshot();
-        let place = neighbours::needed_for(known.behaviour).then_some([known.pose.x, known.pose.y]);
-        let Some(wish) = self.flow.cells.wish(place) else {
-            return Ok(());
-        };
-        let (Wish::Listen((x, y)) | Wish::Leave((x, y))) = wish;
-        let topic = Topic::Cell { x, y }.render(&self.robot.config().fleet);
-        let filter = MqttString::from_str(&topic)
-            .ok()
-            .and_then(TopicFilter::new)
-            .ok_or(Loss::Unsupported)?;
-        let deadline = self.write_deadline();
-        let id = match wish {
-            Wish::Listen(_) => {
-                let options = SubscriptionOptions::new().retain_handling(RetainHandling::NeverSend);
-                let work = pin!(self.client.subscribe(filter, &options));
-                with_deadline(self.clock, deadline, work).await
-            }
-            Wish::Leave(_) => {
-                let options = UnsubscriptionOptions::new();
-                let work = pin!(self.client.unsubscribe(filter, &options));
-                with_deadline(self.clock, deadline, work).await
-            }
-        }
-        .map_err(|_| Loss::Stalled)??;
-        let at = self.clock.now();
-        self.state.asked = Some(Asked { id, wish, at });
-        Ok(())
-    }
-
-    /// Takes the broker's answer, when it is one about cells. A broker that refuses is not asked
-    /// again on this connection; the robot then knows of nobody.
-    pub(super) fn cell_answered(&mut self, id: PacketIdentifier, refused: bool, now: Instant) {
-        let Some(asked) = self.state.asked.filter(|asked| asked.id == id) else {
-            return;
-        };
-        self.state.asked = None;
-        if refused && matches!(asked.wish, Wish::Listen(_)) {
-            self.state.no_cells = true;
-            let text = format_args!("the broker refuses to tell who is near");
-            self.robot.log(Level::Warn, "no-neighbours", text, now);
-        } else {
-            self.flow.cells.settle(asked.wish);
-        }
-    }
-
-    /// When the answer to what was asked about cells is overdue.
-    pub(super) fn cells_due(&self) -> Option<Instant> {
-        self.state.asked.map(|asked| asked.at + SUBSCRIBED_WITHIN)
     }
 }
 

@@ -35,16 +35,17 @@
 //! and the rarer steps take memory only while they are in use.
 
 mod backoff;
+mod batch;
 mod buffered;
 mod cells;
+mod connection;
 mod flow;
 mod images;
 mod letter;
+mod limits;
 mod loss;
 mod messages;
-mod outgoing;
 mod session;
-mod telemetry;
 
 #[cfg(test)]
 mod tests;
@@ -73,35 +74,18 @@ use backoff::Backoff;
 pub use backoff::{
     LONGEST, REFUSED, SHORTEST, STABLE_AFTER, SUSPICIOUS, TAKEN_OVER, TAKEN_OVER_LONGEST,
 };
+pub use batch::BATCH_AGE;
+use batch::Batch;
 use buffered::Buffered;
+use connection::{Connection, Counters, Mqtt, State};
 use flow::Flow;
 use images::{FromSlot, Images, NoImages};
 use letter::{Letter, MAX_PACKET, Mailbox};
+pub use limits::{
+    ACKNOWLEDGED_WITHIN, HEARTBEAT_PERIOD, JOINED_WITHIN, KEEP_ALIVE, LOST_AFTER, OPENED_WITHIN,
+    PING_AFTER, SESSION_EXPIRY, SUBSCRIBED_WITHIN, WRITTEN_WITHIN,
+};
 use loss::Loss;
-use session::{Connection, Counters, Mqtt, State};
-pub use telemetry::BATCH_AGE;
-use telemetry::Batch;
-
-/// Keep-alive announced to the broker. Some brokers add seconds to anything below six.
-pub const KEEP_ALIVE: Duration = Duration::from_secs(6);
-/// Silence after which the broker is asked whether it is there.
-pub const PING_AFTER: Duration = Duration::from_secs(3);
-/// Silence after which the link is lost.
-pub const LOST_AFTER: Duration = Duration::from_secs(8);
-/// Longest time to join the network.
-pub const JOINED_WITHIN: Duration = Duration::from_secs(15);
-/// Longest time to open a stream, and then to be accepted by the broker.
-pub const OPENED_WITHIN: Duration = Duration::from_secs(5);
-/// Longest time until every subscription is confirmed.
-pub const SUBSCRIBED_WITHIN: Duration = Duration::from_secs(5);
-/// Longest time to write one packet.
-pub const WRITTEN_WITHIN: Duration = Duration::from_secs(5);
-/// Longest time until a QoS 1 message is acknowledged.
-pub const ACKNOWLEDGED_WITHIN: Duration = Duration::from_secs(10);
-/// How long the broker keeps the session of a robot that is away.
-pub const SESSION_EXPIRY: Duration = Duration::from_secs(60);
-/// Period of heartbeats.
-pub const HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);
 
 /// Everything that outlives a connection, lent to it. Held together by value it would be built on
 /// the stack before it is moved to where it lives.

@@ -1,113 +1,24 @@
 //! One connection, from CONNACK to its loss.
 
-use core::cell::RefCell;
 use core::convert::Infallible;
 use core::pin::pin;
 
-use crawler_hal::{Clock, Instant, LinkMonitor, LinkState, with_deadline};
+use crawler_hal::{Clock, Instant, LinkMonitor, with_deadline};
 use crawler_protocol::{Level, TimeMessage, Topic};
 use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_io_async::{Read, Write};
-use heapless::Vec;
-use rust_mqtt::client::Client;
 use rust_mqtt::client::event::Event;
 use rust_mqtt::header::FixedHeader;
 use rust_mqtt::types::PacketIdentifier;
 
-use super::buffered::Buffered;
-use super::cells::Asked;
-use super::flow::{Flow, MessageKind, RECEIVE_WINDOW, SEND_WINDOW, SUBSCRIPTIONS};
-use super::images::Images;
-use super::letter::{Letter, Mailbox};
+use super::connection::Connection;
+use super::flow::MessageKind;
+use super::limits::{ACKNOWLEDGED_WITHIN, LOST_AFTER, PING_AFTER, SUBSCRIBED_WITHIN};
 use super::loss::Loss;
-use super::telemetry::Batch;
-use super::{ACKNOWLEDGED_WITHIN, LOST_AFTER, PING_AFTER, SUBSCRIBED_WITHIN};
 use crate::camera::Outcome;
-use crate::context::{BootRecord, Robot};
 use crate::hold::Hold;
 use crate::perception::LinkHealth;
-
-/// User properties of an image.
-const USER_PROPERTIES: usize = 2;
-
-/// The client library as this link uses it: no topic aliases.
-pub(super) type Mqtt<'c, S, H> = Client<
-    'c,
-    'c,
-    &'c mut Buffered<S, H>,
-    Mailbox<'c, H>,
-    SUBSCRIPTIONS,
-    RECEIVE_WINDOW,
-    SEND_WINDOW,
-    0,
-    USER_PROPERTIES,
-    0,
-    0,
->;
-
-/// Counters of messages that live as long as the program.
-#[derive(Debug, Default)]
-pub(super) struct Counters {
-    pub(super) heartbeats: u64,
-    pub(super) detections: u64,
-    pub(super) telemetry: u64,
-}
-
-/// See the [module](self).
-pub(super) struct Connection<'a, 'c, H: Hold, M: RawMutex, C, L, S: Read + Write> {
-    pub(super) robot: &'a Robot<M>,
-    pub(super) clock: &'a C,
-    pub(super) monitor: &'a L,
-    pub(super) client: &'a mut Mqtt<'c, S, H>,
-    pub(super) letter: &'c RefCell<Letter<H>>,
-    pub(super) flow: &'a mut Flow,
-    pub(super) counters: &'a mut Counters,
-    pub(super) images: &'a mut dyn Images,
-    pub(super) batch: &'a mut Batch<H>,
-    pub(super) state: State,
-}
-
-/// What one connection keeps track of.
-pub(super) struct State {
-    pub(super) opened: Instant,
-    /// Last packet from the broker.
-    pub(super) heard: Instant,
-    pub(super) pinged: bool,
-    /// Pings not answered yet.
-    pub(super) pings: u8,
-    pub(super) unconfirmed: Vec<PacketIdentifier, SUBSCRIPTIONS>,
-    /// When the last subscription was confirmed: since then commands arrive.
-    pub(super) up_since: Option<Instant>,
-    /// Boot record in the last status sent on this connection.
-    pub(super) told: Option<BootRecord>,
-    pub(super) parameters_due: bool,
-    /// A cell that the broker was asked about.
-    pub(super) asked: Option<Asked>,
-    /// The broker refused to send one.
-    pub(super) no_cells: bool,
-    pub(super) next_heartbeat: Instant,
-    pub(super) next_telemetry: Instant,
-}
-
-impl State {
-    pub(super) fn new(now: Instant) -> Self {
-        Self {
-            opened: now,
-            heard: now,
-            pinged: false,
-            pings: 0,
-            unconfirmed: Vec::new(),
-            up_since: None,
-            told: None,
-            parameters_due: true,
-            asked: None,
-            no_cells: false,
-            next_heartbeat: now,
-            next_telemetry: now,
-        }
-    }
-}
 
 impl<H, M, C, L, S> Connection<'_, '_, H, M, C, L, S>
 where
@@ -239,30 +150,6 @@ where
             Some(Topic::SimulatorCommand) => robot.obey_simulator(letter.payload(), now),
             // Not what we subscribed to.
             Some(_) | None => {}
-        }
-    }
-
-    /// Whether the session must be given up.
-    pub(super) fn check(&self) -> Result<(), Loss> {
-        let now = self.clock.now();
-        if self.monitor.state() == LinkState::Down {
-            return Err(Loss::NetworkDown);
-        }
-        if let Some(how) = self.robot.injected.link(now) {
-            return Err(Loss::injected(how));
-        }
-        if now >= self.state.heard + LOST_AFTER {
-            return Err(Loss::Silent);
-        }
-        if !self.state.unconfirmed.is_empty() && now >= self.state.opened + SUBSCRIBED_WITHIN {
-            return Err(Loss::NotSubscribed);
-        }
-        if self.cells_due().is_some_and(|due| now >= due) {
-            return Err(Loss::NotSubscribed);
-        }
-        match self.flow.oldest() {
-            Some(sent) if now >= sent + ACKNOWLEDGED_WITHIN => Err(Loss::Unacknowledged),
-            Some(_) | None => Ok(()),
         }
     }
 

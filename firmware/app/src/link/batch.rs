@@ -13,15 +13,11 @@
 //!
 //! What has been collected when the link is lost is dropped, as all telemetry is that cannot be sent.
 
-use crawler_hal::{Clock, Duration, Instant, LinkMonitor, LinkState};
-use crawler_protocol::{MAX_BATCH, MAX_MESSAGE, RobotState, TelemetryEncoding, Topic};
+use crawler_hal::{Duration, Instant};
+use crawler_protocol::{MAX_BATCH, MAX_MESSAGE, RobotState, TelemetryEncoding};
 use embassy_sync::blocking_mutex::raw::RawMutex;
-use embedded_io_async::{Read, Write};
 
-use super::loss::Loss;
 use super::messages::{self, Look};
-use super::outgoing::following;
-use super::session::Connection;
 use crate::context::Robot;
 use crate::hold::{Hold, Room as _};
 use crate::parameters::{Parameter, Parameters};
@@ -30,15 +26,15 @@ use crate::parameters::{Parameter, Parameters};
 pub const BATCH_AGE: Duration = Duration::from_secs(2);
 
 /// What the parameters ask for.
-struct Wish {
-    period: Duration,
-    encoding: TelemetryEncoding,
+pub(super) struct Wish {
+    pub(super) period: Duration,
+    pub(super) encoding: TelemetryEncoding,
     /// Samples of a message.
-    size: usize,
+    pub(super) size: usize,
 }
 
 impl Wish {
-    fn of(parameters: &Parameters) -> Self {
+    pub(super) fn of(parameters: &Parameters) -> Self {
         // The table keeps numbers within their ranges; the bounds here are only for the arithmetic.
         let hz = parameters
             .number(Parameter::TelemetryRate)
@@ -61,7 +57,7 @@ impl Wish {
 /// Samples that wait for others to travel with.
 pub(super) struct Batch<H: Hold> {
     page: H::Room<[u8; MAX_MESSAGE]>,
-    encoding: TelemetryEncoding,
+    pub(super) encoding: TelemetryEncoding,
     len: usize,
     count: usize,
     /// When the oldest sample was taken; `None` without any.
@@ -90,7 +86,7 @@ impl<H: Hold> Batch<H> {
         self.state = None;
     }
 
-    fn clear(&mut self) {
+    pub(super) fn clear(&mut self) {
         self.page.leave();
         self.len = 0;
         self.count = 0;
@@ -99,7 +95,12 @@ impl<H: Hold> Batch<H> {
     }
 
     /// Takes a sample; `false` when it does not fit.
-    fn add<M: RawMutex>(&mut self, robot: &Robot<M>, look: &Look, how: TelemetryEncoding) -> bool {
+    pub(super) fn add<M: RawMutex>(
+        &mut self,
+        robot: &Robot<M>,
+        look: &Look,
+        how: TelemetryEncoding,
+    ) -> bool {
         self.encoding = how;
         let page = self.page.enter();
         let Ok((len, state)) = messages::telemetry(robot, look, how, page, self.len) else {
@@ -113,85 +114,15 @@ impl<H: Hold> Batch<H> {
     }
 
     /// Whether to send what there is rather than wait for a sample at `next`.
-    fn is_due(&self, size: usize, next: Instant) -> bool {
+    pub(super) fn is_due(&self, size: usize, next: Instant) -> bool {
         let grown_old = |oldest| next >= oldest + BATCH_AGE;
         self.urgent || self.count >= size || self.oldest.is_some_and(grown_old)
     }
 
     /// Copies what there is to the front of `page`; its length.
-    fn copy_to(&self, page: &mut [u8]) -> Option<usize> {
+    pub(super) fn copy_to(&self, page: &mut [u8]) -> Option<usize> {
         let samples = self.page.get()?.get(..self.len)?;
         page.get_mut(..self.len)?.copy_from_slice(samples);
         (self.len > 0).then_some(self.len)
-    }
-}
-
-impl<H, M, C, L, S> Connection<'_, '_, H, M, C, L, S>
-where
-    H: Hold,
-    M: RawMutex,
-    C: Clock,
-    L: LinkMonitor,
-    S: Read + Write,
-{
-    /// Takes a sample when one is due, and sends what is to be sent.
-    pub(super) async fn send_telemetry(&mut self) -> Result<(), Loss> {
-        let robot = self.robot;
-        let now = self.clock.now();
-        if now < self.state.next_telemetry {
-            return Ok(());
-        }
-        let wish = robot.with_parameters(Wish::of);
-        self.state.next_telemetry = following(self.state.next_telemetry, wish.period, now);
-        let look = Look {
-            seq: self.counters.telemetry,
-            rssi_dbm: match self.monitor.state() {
-                LinkState::Up { rssi_dbm, .. } => rssi_dbm,
-                LinkState::Down => None,
-            },
-            now,
-        };
-        self.counters.telemetry += 1;
-        let how = wish.encoding;
-        if self.batch.encoding != how {
-            self.flush().await?;
-        }
-        if !how.is_sequence() {
-            self.batch.encoding = how;
-            let written = self.write(|page| {
-                let written = messages::telemetry(robot, &look, how, page, 0);
-                written.ok().map(|(len, _)| len)
-            });
-            return self.send_samples(written).await;
-        }
-        if !self.batch.add(robot, &look, how) {
-            self.flush().await?;
-            // Alone it fits, or never will.
-            self.batch.add(robot, &look, how);
-        }
-        let timeless = robot.unix_ms(now).is_none();
-        if timeless || self.batch.is_due(wish.size, self.state.next_telemetry) {
-            self.flush().await?;
-        }
-        Ok(())
-    }
-
-    /// Sends what has been collected.
-    async fn flush(&mut self) -> Result<(), Loss> {
-        let written = self.write(|page| self.batch.copy_to(page));
-        self.batch.clear();
-        self.send_samples(written).await
-    }
-
-    /// Publishes what was written to the page of the letter, if anything was.
-    async fn send_samples(&mut self, written: Option<usize>) -> Result<(), Loss> {
-        let Some(len) = written else {
-            return Ok(());
-        };
-        // Not needed for what has always been sent, and so left out.
-        let how = Some(self.batch.encoding).filter(|how| *how != TelemetryEncoding::Json);
-        let topic = Topic::Telemetry(self.robot.config().id.clone());
-        let content_type = how.map(TelemetryEncoding::content_type);
-        self.publish(&topic, len, None, content_type).await
     }
 }

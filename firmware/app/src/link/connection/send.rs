@@ -2,21 +2,21 @@
 
 use core::pin::pin;
 
-use crawler_hal::{Clock, Duration, Instant, LinkMonitor, with_deadline};
+use crawler_hal::{Clock, LinkMonitor, with_deadline};
 use crawler_protocol::{Level, Qos, Topic};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_io_async::{Read, Write};
 use rust_mqtt::Bytes;
-use rust_mqtt::client::options::{
-    PublicationOptions, RetainHandling, SubscriptionOptions, TopicReference,
-};
-use rust_mqtt::types::{MqttString, TopicFilter, TopicName};
+use rust_mqtt::client::options::{RetainHandling, SubscriptionOptions};
+use rust_mqtt::types::{MqttString, TopicFilter};
 
-use super::flow::{InFlight, MessageKind, SEND_WINDOW};
-use super::loss::Loss;
-use super::session::Connection;
-use super::{HEARTBEAT_PERIOD, LOST_AFTER, PING_AFTER, WRITTEN_WITHIN, messages};
+use super::publish::publication;
+use super::{Connection, following};
 use crate::hold::Hold;
+use crate::link::flow::MessageKind;
+use crate::link::limits::{HEARTBEAT_PERIOD, PING_AFTER};
+use crate::link::loss::Loss;
+use crate::link::messages;
 
 /// Log records sent before looking at the stream again.
 const LOGS_AT_ONCE: usize = 2;
@@ -32,7 +32,7 @@ where
     /// Sends once more, under its old number, what the broker has not acknowledged.
     // Nothing is received while something is written, so nothing else wants the letter.
     #[allow(clippy::await_holding_refcell_ref)]
-    pub(super) async fn retransmit(&mut self) -> Result<(), Loss> {
+    pub(in crate::link) async fn retransmit(&mut self) -> Result<(), Loss> {
         for index in 0..self.flow.in_flight.len() {
             let flight = self.flow.in_flight[index];
             if flight.kind == MessageKind::Image {
@@ -69,7 +69,7 @@ where
         Ok(())
     }
 
-    pub(super) async fn subscribe(&mut self) -> Result<(), Loss> {
+    pub(in crate::link) async fn subscribe(&mut self) -> Result<(), Loss> {
         let config = self.robot.config();
         let topics = [
             Topic::CommandRobot(config.id.clone()),
@@ -104,7 +104,7 @@ where
     }
 
     /// Sends whatever is due. `true` when there is more that could be sent at once.
-    pub(super) async fn send_due(&mut self) -> Result<bool, Loss> {
+    pub(in crate::link) async fn send_due(&mut self) -> Result<bool, Loss> {
         self.check()?;
         let now = self.clock.now();
         if !self.state.pinged && now - self.state.heard >= PING_AFTER {
@@ -209,110 +209,4 @@ where
         };
         self.publish(&topic, len, Some(kind), None).await
     }
-
-    /// Lets `compose` write a message to the page of the letter; its length.
-    pub(super) fn write(&self, compose: impl FnOnce(&mut [u8]) -> Option<usize>) -> Option<usize> {
-        compose(self.letter.borrow_mut().page())
-    }
-
-    /// Writes a message to the page of the letter; its topic and length. Images are not composed.
-    fn compose(&mut self, kind: MessageKind) -> Option<(Topic, usize)> {
-        let robot = self.robot;
-        let id = robot.config().id.clone();
-        Some(match kind {
-            MessageKind::Status => {
-                let len = self.write(|page| messages::status(robot, true, robot.boot(), page))?;
-                (Topic::Status(id), len)
-            }
-            MessageKind::Parameters => {
-                let len = self.write(|page| messages::parameters(robot, page))?;
-                (Topic::Parameters(id), len)
-            }
-            MessageKind::Answer(ticket) => {
-                let answer = robot.outbox.get(ticket)?;
-                let len = self.write(|page| messages::response(robot, answer, page))?;
-                (Topic::Response(id), len)
-            }
-            MessageKind::Image => return None,
-        })
-    }
-
-    /// Publishes the first `len` bytes of the page. Not to be dropped half-way.
-    // Nothing is received while something is written, so nothing else wants the letter.
-    #[allow(clippy::await_holding_refcell_ref)]
-    pub(super) async fn publish(
-        &mut self,
-        topic: &Topic,
-        len: usize,
-        kind: Option<MessageKind>,
-        content_type: Option<&str>,
-    ) -> Result<(), Loss> {
-        let name = topic.render(&self.robot.config().fleet);
-        let mut options = publication(&name, topic.qos(), topic.retained())?;
-        if let Some(content_type) = content_type {
-            let text = MqttString::from_str(content_type).map_err(|_| Loss::Unsupported)?;
-            options.content_type = Some(text);
-        }
-        self.flow.sending = kind;
-        let deadline = self.write_deadline();
-        let letter = self.letter.borrow();
-        let message = Bytes::Borrowed(letter.draft(len));
-        let id = {
-            let work = pin!(self.client.publish(&options, message));
-            let written = with_deadline(self.clock, deadline, work).await;
-            written.map_err(|_| Loss::Stalled)??
-        };
-        self.flow.sending = None;
-        if let (Some(id), Some(kind)) = (id, kind) {
-            let sent = self.clock.now();
-            // There is a place: `has_window` said so.
-            let _ = self.flow.in_flight.push(InFlight { id, kind, sent });
-            if let MessageKind::Answer(ticket) = kind {
-                self.robot.outbox.sent(ticket);
-            }
-        }
-        Ok(())
-    }
-
-    /// No transfer may take longer, so that no stalled stream delays the verdict on a silent
-    /// broker by more than [`WRITTEN_WITHIN`].
-    pub(super) fn write_deadline(&self) -> Instant {
-        let now = self.clock.now();
-        (now + WRITTEN_WITHIN)
-            .min((self.state.heard + LOST_AFTER).max(now + Duration::from_secs(1)))
-    }
-
-    fn has_window(&self) -> bool {
-        let granted = usize::from(self.client.server_config().receive_maximum.get());
-        self.flow.in_flight.len() < granted.min(SEND_WINDOW)
-    }
-
-    fn is_free_for(&self, kind: MessageKind) -> bool {
-        self.has_window() && !self.flow.is_in_flight(kind)
-    }
-}
-
-/// The beat after `due`: on time while we keep up, and skipping what was missed when we do not.
-pub(super) fn following(due: Instant, period: Duration, now: Instant) -> Instant {
-    let next = due + period;
-    if next > now { next } else { now + period }
-}
-
-pub(super) fn publication(
-    topic: &str,
-    qos: Qos,
-    retained: bool,
-) -> Result<PublicationOptions<'_>, Loss> {
-    let name = MqttString::from_str(topic)
-        .ok()
-        .and_then(TopicName::new)
-        .ok_or(Loss::Unsupported)?;
-    let mut options = PublicationOptions::new(TopicReference::Name(name));
-    if qos == Qos::AtLeastOnce {
-        options = options.at_least_once();
-    }
-    if retained {
-        options = options.retain();
-    }
-    Ok(options)
 }
