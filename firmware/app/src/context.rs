@@ -14,6 +14,7 @@ use heapless::String;
 
 use crate::camera::Captures;
 use crate::config::Config;
+use crate::goal::Goal;
 use crate::injected::Injected;
 use crate::intake::Intake;
 use crate::neighbours::Neighbours;
@@ -21,7 +22,7 @@ use crate::order::{Halts, Order, Sender, SetRequest, Task};
 use crate::outbox::Outbox;
 use crate::parameters::{Changes, Parameters};
 use crate::perception::{Battery, LinkHealth, Reading};
-use crate::state::{Fault, Goal};
+use crate::state::Fault;
 use crate::timesync::TimeSync;
 use crate::tracking::Tracking;
 use crate::trouble::{LinkTrouble, PANIC};

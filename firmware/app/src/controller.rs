@@ -38,11 +38,12 @@ use heapless::Vec;
 use rand_core::Rng;
 
 use crate::behaviour::{Detour, Progress, Scan, ScanResult};
+use crate::goal::Goal;
 use crate::motion::{Correction, Odometry, Ramp};
 use crate::neighbours::Neighbour;
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
-use crate::state::{Event, Fault, Goal, Side, State};
+use crate::state::{Event, Fault, Side, State};
 use crate::tracking::{Fix, TOLD_EVERY};
 use crate::vision::{InTheWay, View};
 

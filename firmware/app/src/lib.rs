@@ -29,6 +29,7 @@ mod config;
 mod context;
 pub mod control;
 pub mod controller;
+pub mod goal;
 mod hold;
 mod injected;
 pub mod intake;

@@ -9,7 +9,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::signal::Signal;
 use heapless::Vec;
 
-use crate::behaviour::Swarm;
+use crate::goal::Swarm;
 use crate::parameters::Changes;
 
 /// Most halts of one control period that can be answered one by one.

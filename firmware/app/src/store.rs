@@ -23,10 +23,10 @@ use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
 use crate::context::Robot;
+use crate::goal::Goal;
 use crate::hold::{Hold, Inline};
 use crate::order::SetRequest;
 use crate::parameters::{Changes, ENCODED_MAX, Parameters};
-use crate::state::Goal;
 
 use guard::{GuardError, Guarded};
 

@@ -12,36 +12,11 @@
 //! `flock`, which goes on. What the ranger sees in the way is avoided as in
 //! `wander`.
 
-use crawler_protocol::{BehaviourName, Pose};
+use crawler_protocol::Pose;
 
+use crate::goal::Swarm;
 use crate::motion::{Twist, wrap};
 use crate::neighbours::Neighbour;
-
-/// Moving by where others are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Swarm {
-    /// Keep away from others.
-    Disperse,
-    /// Join others.
-    Gather,
-    /// Move along with others.
-    Flock,
-    /// Keep a place among others.
-    Formation,
-}
-
-impl Swarm {
-    /// The behaviour as reported.
-    pub const fn behaviour(self) -> BehaviourName {
-        match self {
-            Self::Disperse => BehaviourName::Disperse,
-            Self::Gather => BehaviourName::Gather,
-            Self::Flock => BehaviourName::Flock,
-            Self::Formation => BehaviourName::Formation,
-        }
-    }
-}
 
 /// `disperse` rests when nobody is nearer than this, in metres.
 pub const APART: f32 = 1.2;

@@ -6,7 +6,8 @@ use std::vec::Vec;
 use crawler_protocol::Pose;
 use proptest::prelude::*;
 
-use super::{APART, BESIDE, LATTICE, Swarm, VAGUE, swarm_twist};
+use super::{APART, BESIDE, LATTICE, VAGUE, swarm_twist};
+use crate::goal::Swarm;
 use crate::neighbours::{MOST, Neighbour};
 
 const SPEED: f32 = 0.3;

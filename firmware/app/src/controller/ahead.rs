@@ -6,9 +6,10 @@ use rand_core::Rng;
 
 use super::{Controller, FAILSAFE, HOLD, Inputs, Note, Outputs, PERIOD};
 use crate::behaviour::{Detour, escape_twist, goto_twist, swarm_twist};
+use crate::goal::Goal;
 use crate::motion::Twist;
 use crate::perception::{Charge, Sight};
-use crate::state::{Event, Goal, Side, State};
+use crate::state::{Event, Side, State};
 use crate::vision::View;
 
 /// Share of the wanted speed that is left right before the critical distance.

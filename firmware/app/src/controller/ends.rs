@@ -5,9 +5,10 @@ use crawler_protocol::{Reason, ResponseStatus};
 
 use super::orders::reason_of;
 use super::{Controller, Inputs, Note, Outputs};
+use crate::goal::Goal;
 use crate::order::Halt;
 use crate::perception::{Charge, LinkHealth};
-use crate::state::{Event, Fault, Goal, State};
+use crate::state::{Event, Fault, State};
 
 impl Controller {
     /// Raises and clears faults; whether the wheels have to stand because of one.

@@ -5,10 +5,11 @@ use crawler_protocol::{Direction, Reason, ResponseStatus};
 
 use super::{Controller, FAILSAFE, Inputs, LONGEST_MOVE, Outputs, SCAN_TIMEOUT};
 use crate::behaviour::Scan;
+use crate::goal::Goal;
 use crate::motion::Twist;
 use crate::order::{Order, Task};
 use crate::perception::LinkHealth;
-use crate::state::{Event, Fault, Goal, State};
+use crate::state::{Event, Fault, State};
 
 /// Farthest a `goto` may lead, in metres from where the robot booted.
 const FARTHEST_TARGET: f32 = 1_000.0;

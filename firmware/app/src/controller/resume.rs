@@ -7,8 +7,9 @@
 use crawler_hal::{Duration, Instant};
 
 use super::{Controller, Inputs, Note, Outputs};
+use crate::goal::Goal;
 use crate::perception::LinkHealth;
-use crate::state::{Goal, State};
+use crate::state::State;
 
 /// Nothing has been in the way for so long before a behaviour goes on: a `stop` that waited at the
 /// broker comes first.

@@ -10,9 +10,9 @@ use crawler_protocol::{Direction, ResponseStatus};
 use heapless::Vec;
 use proptest::prelude::*;
 
-use crate::behaviour::Swarm;
 use crate::config::Geometry;
 use crate::controller::{Controller, Inputs, Outputs, Tuning};
+use crate::goal::Swarm;
 use crate::order::{Halt, Order, Sender, Task};
 use crate::parameters::Parameters;
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};

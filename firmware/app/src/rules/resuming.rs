@@ -6,8 +6,8 @@ use proptest::test_runner::TestCaseError;
 
 use super::bench::Bench;
 use super::happening::{Happening, Number, Sensor};
+use crate::goal::Goal;
 use crate::perception::{Charge, LinkHealth, SensorHealth, Sight};
-use crate::state::Goal;
 
 type Outcome = Result<(), TestCaseError>;
 

@@ -7,7 +7,8 @@ use std::vec::Vec;
 
 use crawler_hal::{Duration, Instant};
 
-use super::{Escape, Event, Fault, Goal, Side, State};
+use super::{Escape, Event, Fault, Side, State};
+use crate::goal::Goal;
 use crate::motion::Twist;
 
 /// The drawing, as people see it.

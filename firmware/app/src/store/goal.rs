@@ -1,7 +1,6 @@
 //! A behaviour as it is kept over a restart that was asked for.
 
-use crate::behaviour::Swarm;
-use crate::state::Goal;
+use crate::goal::{Goal, Swarm};
 
 /// Bytes of one: which, and its speed as `f32`, little-endian.
 pub(super) const ENCODED: usize = 5;

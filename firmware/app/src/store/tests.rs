@@ -5,10 +5,9 @@ use crawler_protocol::{Action, Command, ParameterValue, ParameterValues, Reason,
 use proptest::prelude::*;
 
 use super::store;
-use crate::behaviour::Swarm;
+use crate::goal::{Goal, Swarm};
 use crate::parameters::Parameter;
 use crate::perception::Battery;
-use crate::state::Goal;
 use crate::testing::flash::{PAGE, TestFlash};
 use crate::testing::{Executor, TestRobot, robot, source};
 
