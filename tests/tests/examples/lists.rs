@@ -217,7 +217,8 @@ pub(crate) fn faults(pages: &[Page]) -> Vec<String> {
         &served & &documented,
         served,
     );
-    faults.extend(layers(named(pages, "README.md")));
+    faults.extend(layers(named(pages, "docs/architecture.md")));
+    faults.extend(folders(named(pages, "README.md")));
     faults.extend(topics(protocol));
     faults.extend(words(pages));
     faults
@@ -235,16 +236,14 @@ fn needs(manifest: &str) -> BTreeSet<String> {
     set(names.filter(|name| name.starts_with("crawler-")))
 }
 
-/// The table of folders in the README: what each crate needs is what it may depend on.
+/// The table of crates: what each crate needs is what it may depend on.
 fn layers(page: &Page) -> Vec<String> {
     let mut faults = Vec::new();
     let mut crates = Vec::new();
     for row in table(page, "| folder | what it is | may depend on |") {
         let folder = names(&row[0]).concat();
         let Ok(manifest) = std::fs::read_to_string(root().join(&folder).join("Cargo.toml")) else {
-            if folder != "docs" {
-                faults.push(format!("README.md: {folder} has no manifest"));
-            }
+            faults.push(format!("{}: {folder} has no manifest", page.name));
             continue;
         };
         let mut lines = manifest.lines();
@@ -256,7 +255,7 @@ fn layers(page: &Page) -> Vec<String> {
         for need in needed {
             let there = crates.iter().find(|(_, name, ..)| name == need);
             let Some((place, ..)) = there else {
-                faults.push(format!("README.md: has no row for {need}"));
+                faults.push(format!("{}: has no row for {need}", page.name));
                 continue;
             };
             let short = place.rsplit('/').next().unwrap_or_default();
@@ -269,10 +268,28 @@ fn layers(page: &Page) -> Vec<String> {
                     .iter()
                     .any(|name| name == place || name == short);
             if !allowed {
-                faults.push(format!("README.md: {folder} needs {place}"));
+                faults.push(format!("{}: {folder} needs {place}", page.name));
             }
         }
     }
+    faults
+}
+
+/// The table of folders at the top: all of them are there, and a member of the workspace is in one of them.
+fn folders(page: &Page) -> Vec<String> {
+    let rows = table(page, "| folder | what it is |");
+    let told: BTreeSet<String> = rows.iter().flat_map(|row| names(&row[0])).collect();
+    let gone = told.iter().filter(|name| !root().join(name).is_dir());
+    let mut faults: Vec<String> = gone
+        .map(|name| format!("{}: there is no folder {name}", page.name))
+        .collect();
+    let manifest = std::fs::read_to_string(root().join("Cargo.toml")).expect("Cargo.toml");
+    let members = manifest.split_once("members = [").expect("members").1;
+    let members = members.split(']').next().unwrap_or_default();
+    let inside = members.split('"').skip(1).step_by(2);
+    let tops: BTreeSet<String> = set(inside.filter_map(|path| path.split('/').next()));
+    let missing = tops.difference(&told);
+    faults.extend(missing.map(|name| format!("{}: has no row for {name}", page.name)));
     faults
 }
 
