@@ -6,9 +6,10 @@
 
 use std::time::Instant;
 
+use crawler_sim::devices::World;
 use crawler_sim::render::{Frame, Seen};
 use crawler_sim::sched::SimClock;
-use crawler_sim::world::{Arena, Colour, Object, ObjectShape, Obstacle, Pose, World};
+use crawler_sim::world::{Arena, Colour, Object, ObjectShape, Obstacle, Pose};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let object = |shape, x, y, colour| Object {

@@ -10,10 +10,10 @@ pub mod scores;
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 
-use crate::render::{Decor, Floor, Frame, Motion, Seen, Truth, Wall};
+use crate::render::{Decor, Floor, Frame, Motion, Seen, Truth, Wall, picture_key};
 use crate::world::{
     Arena, Colour, Look, Object, ObjectShape, Obstacle, Parameters, Pose, Profile, Solid, Vec2,
-    mix, picture_key, uniform,
+    mix, uniform,
 };
 
 /// Colours of objects. White and black are left to floors, walls and robots.
@@ -102,7 +102,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// The same picture that a [`World`](crate::world::World) gives of the arena, where the eye is
+    /// The same picture that a [`World`](crate::devices::World) gives of the arena, where the eye is
     /// robot 0; without the cost of one.
     fn draw(&self, parameters: &Parameters, frame: &mut Frame) {
         let mut scene = core::mem::take(&mut frame.scene);
@@ -290,8 +290,8 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::devices::World;
     use crate::sched::SimClock;
-    use crate::world::World;
 
     #[test]
     fn a_world_gives_the_same_pictures() {

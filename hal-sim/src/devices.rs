@@ -2,18 +2,24 @@
 //!
 //! They are stricter than hardware: what a data sheet forbids fails or is recorded here.
 
+mod broken;
 mod camera;
 mod ear;
 mod flash;
 mod gauge;
+mod hash;
+#[cfg(feature = "live")]
+mod kept;
 mod meter;
 mod motor;
+mod ports;
 mod sonar;
 mod system;
 #[cfg(test)]
 mod tests;
 mod trigger;
 mod uart;
+mod world;
 
 use core::marker::PhantomData;
 use std::rc::Rc;
@@ -25,21 +31,27 @@ pub use camera::{CAMERA_SIDE, LensError, STILL_SIZE, SimCamera};
 pub use flash::{Chip, ERASE_BYTES, FlashError, SimFlash, WRITE_BYTES};
 pub use gauge::{GaugeError, SimGauge};
 pub use motor::{DutyError, MAX_DUTY, SimPin, SimPwm};
+pub use ports::BodyEvent;
 pub use system::SimSystem;
 pub use trigger::{SimEcho, SimTrigger};
 pub use uart::{SimUart, UartError};
+pub use world::World;
 
 pub(crate) use ear::Ear;
 #[cfg(feature = "live")]
 pub(crate) use flash::Contents;
+#[cfg(feature = "live")]
+pub(crate) use kept::KeptWorld;
 pub(crate) use meter::Meter;
+pub(crate) use ports::senses;
 pub(crate) use sonar::Sonar;
 pub(crate) use trigger::BURST;
 pub(crate) use uart::BYTE_TIME;
 
 use crate::sched::SimClock;
-use crate::world::{Ports, Purpose, RobotIndex, Wire, Wiring, stream, uniform};
+use crate::world::{Purpose, RobotIndex, Wiring, stream, uniform};
 use motor::{Line, Side};
+use ports::{Ports, Wire};
 
 /// A simulated body whose way to the network is `N`.
 #[derive(Debug)]

@@ -20,7 +20,7 @@ mod verdict;
 
 pub use adversary::{Find, Search, invariants};
 pub use batch::{Job, run_all, run_unless};
-pub use metrics::{Better, Measured, Metric};
+pub use metrics::Measured;
 pub use report::{Evaluation, Line, Verdict};
 pub use shrink::{Shrunk, shrink};
 pub use statistics::{Estimate, of_mean, of_share, rank_correlation};

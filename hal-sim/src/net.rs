@@ -1,5 +1,6 @@
 //! Ways from a simulated robot to the network.
 
+mod fix;
 #[cfg(feature = "live")]
 pub(crate) mod live;
 pub mod lockstep;
@@ -11,4 +12,5 @@ pub mod radio;
 #[cfg(feature = "live")]
 pub(crate) mod tracker;
 
+pub(crate) use fix::pose_fix;
 pub use none::{NoMonitor, NoNetwork, NoStream};

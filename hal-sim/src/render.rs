@@ -1,6 +1,6 @@
 //! Pictures of a world, drawn in software.
 //!
-//! Three stages with a seam between each: a scene lists what stands before a lens (gathered by
+//! Three stages with a seam between each: a scene lists what stands before a lens (gathered from
 //! the world), `paint` turns it into colours, depths and names, and a [`Frame`] holds the result
 //! and the memory of the other two. Every pixel is the exact intersection of its ray with the
 //! shapes, in an order that depends on nothing but the scene; mathematics beyond square roots is
@@ -24,13 +24,15 @@ mod shape;
 #[cfg(test)]
 mod tests;
 mod things;
+mod view;
 
 pub use census::Truth;
 pub use decor::{Decor, Floor, Wall};
 pub use frame::{FRAME_SIDE, Frame, FrameSizeError, Seen, Spot};
 pub use sensor::Motion;
 
-pub(crate) use scene::Scene;
+use scene::Scene;
+pub(crate) use view::{picture_key, view, view_moving};
 #[cfg(test)]
 use {
     coat::Coat,

@@ -7,7 +7,6 @@ mod debugger;
 mod director;
 mod error;
 mod eyes;
-mod fingerprint;
 pub mod hashes;
 pub mod journal;
 #[cfg(feature = "live")]
@@ -28,9 +27,6 @@ pub use debugger::{Debugger, FactorError, Step};
 pub use director::{Broken, Issued, Target};
 pub use error::SimulationError;
 pub use eyes::Looks;
-pub use fingerprint::Fingerprint;
 pub use machine::SimRobot;
 pub use simulation::{EPOCH_MS, Simulation, credentials};
 pub use snapshot::Snapshot;
-#[cfg(feature = "live")]
-pub(crate) use tracker::compose as compose_fix;

@@ -3,9 +3,9 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crawler_sim::evaluate::{
-    Criterion, Evaluation, Job, Line, Metric, Search, run_all, run_trial, run_unless, shrink,
+    Criterion, Evaluation, Job, Line, Search, run_all, run_trial, run_unless, shrink,
 };
-use crawler_sim::scenario::Scenario;
+use crawler_sim::scenario::{Metric, Scenario};
 
 /// One robot, two metres to go, straight ahead.
 const STRAIGHT: &str = "

@@ -1,4 +1,8 @@
-//! Dependencies point one way, and the robot program needs nothing that a microcontroller lacks.
+//! Dependencies point one way, between crates and within them, and the robot program needs nothing
+//! that a microcontroller lacks.
+
+#[path = "layering/modules.rs"]
+mod modules;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -231,6 +235,16 @@ fn the_scan_finds_what_it_looks_for() {
 
 /// Looks at every source file below `folder`; `bare` also forbids std, alloc and unsafe.
 fn scan(folder: &Path, bare: bool, findings: &mut Vec<String>) {
+    for (path, source) in program(folder) {
+        for (line, what) in scan_source(&source, bare) {
+            findings.push(format!("{}:{line}: {what}", path.display()));
+        }
+    }
+}
+
+/// Every source file below `folder` that is part of the program: not for tests, nor for the host
+/// alone.
+fn program(folder: &Path) -> Vec<(PathBuf, String)> {
     let mut sources = Vec::new();
     collect(folder, &mut sources);
     assert!(!sources.is_empty(), "{} is empty", folder.display());
@@ -238,22 +252,18 @@ fn scan(folder: &Path, bare: bool, findings: &mut Vec<String>) {
         .iter()
         .flat_map(|(_, source)| modules_for_the_host(source))
         .collect();
-    for (path, source) in sources {
+    sources.retain(|(path, _)| {
         let relative = path.strip_prefix(folder).expect("below the folder");
         let mut parts = relative.with_extension("");
         // `#[path = "x_tests.rs"] mod tests` is how tests beside a long file are named.
         if parts.to_string_lossy().ends_with("_tests") {
             parts.set_file_name("tests");
         }
-        let host = parts
+        !parts
             .iter()
-            .any(|part| for_the_host.contains(part.to_string_lossy().as_ref()));
-        if !host {
-            for (line, what) in scan_source(&source, bare) {
-                findings.push(format!("{}:{line}: {what}", path.display()));
-            }
-        }
-    }
+            .any(|part| for_the_host.contains(part.to_string_lossy().as_ref()))
+    });
+    sources
 }
 
 fn collect(folder: &Path, sources: &mut Vec<(PathBuf, String)>) {

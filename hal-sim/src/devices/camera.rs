@@ -3,9 +3,9 @@
 use crawler_hal::{Camera, CameraError, CameraErrorKind, Clock, Duration, FrameFormat};
 use rand_core::Rng;
 
+use super::ports::Wire;
 use crate::faults::CameraFault;
-use crate::render::Frame;
-use crate::world::Wire;
+use crate::render::{self, Frame};
 
 /// Width and height of a frame, in pixels.
 pub const CAMERA_SIDE: u16 = 96;
@@ -102,7 +102,7 @@ impl SimCamera {
             *frame = Frame::new(width, height).ok();
         }
         let frame = frame.as_mut()?;
-        ports.shared.space.borrow_mut().render(ports.index(), frame);
+        render::view(&mut ports.shared.space.borrow_mut(), ports.index(), frame);
         Some(develop(frame))
     }
 

@@ -10,9 +10,8 @@ use embedded_storage_async::nor_flash::{
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 
-#[cfg(feature = "recording")]
-use crate::run::{journal::Payload, recording::Deck};
-use crate::world::{Purpose, Wire, stream};
+use super::ports::Wire;
+use crate::world::{Purpose, stream};
 
 /// Bytes of an erase block.
 pub const ERASE_BYTES: usize = 4_096;
@@ -136,19 +135,17 @@ impl Chip {
 
     /// What is written in each sector; the rest of it is blank.
     #[cfg(feature = "recording")]
-    fn image(&self) -> Vec<Payload> {
+    fn image(&self) -> Vec<Vec<u8>> {
         let sectors = self.sectors.iter();
-        sectors
-            .map(|sector| Payload::new(&sector.written))
-            .collect()
+        sectors.map(|sector| sector.written.clone()).collect()
     }
 
     /// A chip with these contents, outside of any world.
     #[cfg(feature = "recording")]
-    pub(crate) fn of_image(image: &[Payload]) -> Self {
+    pub(crate) fn of_image<'a>(image: impl ExactSizeIterator<Item = &'a [u8]>) -> Self {
         let mut chip = Self::new(image.len(), stream(0, 0, Purpose::Flash));
         for (sector, bytes) in chip.sectors.iter_mut().zip(image) {
-            sector.written = bytes.bytes().to_vec();
+            sector.written = bytes.to_vec();
             sector.written.truncate(ERASE_BYTES);
         }
         chip
@@ -367,16 +364,8 @@ impl SimFlash {
 
     /// See [`Chip::image`].
     #[cfg(feature = "recording")]
-    pub(crate) fn image(&self) -> Vec<Payload> {
+    pub(crate) fn image(&self) -> Vec<Vec<u8>> {
         self.chip.borrow().image()
-    }
-
-    /// The tapes of the world it belongs to, and the number of its robot.
-    #[cfg(feature = "recording")]
-    pub(crate) fn deck(&self) -> Option<(Deck, usize)> {
-        let ports = &self.wire.as_ref()?.ports;
-        let deck = ports.shared.deck.borrow().clone()?;
-        Some((deck, ports.index()))
     }
 
     pub(crate) fn of_body(wire: &Wire) -> Self {

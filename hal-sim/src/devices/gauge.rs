@@ -2,7 +2,7 @@
 
 use crawler_hal::{Adc, Millivolts};
 
-use crate::world::Wire;
+use super::ports::Wire;
 
 /// An analogue input on the middle of the battery's divider.
 #[derive(Debug)]

@@ -5,7 +5,8 @@ use core::convert::Infallible;
 use embedded_hal::digital::{self, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 
-use crate::world::{Bridge, Wire};
+use super::ports::Wire;
+use crate::world::Bridge;
 
 /// Duty that keeps an enable input high all the time.
 pub const MAX_DUTY: u16 = 255;

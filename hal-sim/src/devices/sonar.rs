@@ -11,8 +11,9 @@ use crawler_hal::Instant;
 use rand_pcg::Pcg32;
 
 use super::ear::{Ear, Echo};
+use super::ports::Ports;
 use crate::faults::RangerFault;
-use crate::world::{Ports, uniform};
+use crate::world::uniform;
 
 /// Bytes that may wait on a line. An ESP32's receive FIFO holds as many.
 pub(crate) const FIFO_BYTES: usize = 128;

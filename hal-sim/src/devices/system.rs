@@ -5,7 +5,7 @@ use core::future::pending;
 
 use crawler_hal::{Clock, ResetCause, System};
 
-use crate::world::Wire;
+use super::ports::Wire;
 
 /// The microcontroller of a simulated robot.
 ///

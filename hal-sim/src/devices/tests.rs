@@ -12,7 +12,7 @@ use crawler_hal::{Clock, Duration, Instant, RangerPort};
 
 use super::*;
 use crate::sched::Scheduler;
-use crate::world::{Arena, Obstacle, Parameters, Pose, RobotIndex, Spread, World};
+use crate::world::{Arena, Obstacle, Parameters, Pose, RobotIndex, Spread};
 
 /// One robot before a wall or an obstacle.
 struct Bench {

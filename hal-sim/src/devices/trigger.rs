@@ -8,7 +8,7 @@ use crawler_hal::{Clock, Duration, Instant};
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal_async::digital::Wait;
 
-use crate::world::Wire;
+use super::ports::Wire;
 
 /// Shortest trigger pulse the sensor sees (data sheet: at least 10 µs).
 const SHORTEST_TRIGGER: Duration = Duration::from_micros(10);

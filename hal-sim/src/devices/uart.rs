@@ -5,8 +5,8 @@ use core::future::pending;
 use crawler_hal::{Clock, Duration, Instant};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
+use super::ports::Wire;
 use super::sonar::FIFO_BYTES;
-use crate::world::Wire;
 
 /// One byte: start bit, eight data bits and stop bit at 9600 baud.
 pub(crate) const BYTE_TIME: Duration = Duration::from_micros(1_042);

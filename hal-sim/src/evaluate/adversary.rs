@@ -10,13 +10,12 @@ use rand_core::Rng;
 use rand_pcg::Pcg32;
 
 use super::batch::{Job, run_all};
-use super::metrics::Metric;
 use super::shrink::confirmed;
 use super::sweep::drawn;
 use super::trial::Trial;
 use super::verdict::{Criterion, Failure};
 use crate::faults::{Fault, LinkCut, Wheel};
-use crate::scenario::{Quota, Scenario, Selector, Success, TimedFault};
+use crate::scenario::{Metric, Quota, Scenario, Selector, Success, TimedFault};
 use crate::world::Profile;
 
 /// Candidates that are tried before the next ones are drawn.

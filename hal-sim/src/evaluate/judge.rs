@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use crawler_hal::Instant;
 
-use super::metrics::{Measured, Metric};
+use super::metrics::Measured;
 use super::trial::{Observer, seconds};
 use super::verdict::{Criterion, Failure};
-use crate::scenario::{Quota, Success};
+use crate::scenario::{Metric, Quota, Success};
 
 impl Observer<'_> {
     /// The criteria that do not hold, each once.

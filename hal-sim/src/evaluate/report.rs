@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
-use super::metrics::{Measured, Metric};
+use super::metrics::Measured;
 use super::statistics::{Estimate, of_mean, of_share};
 use super::trial::Trial;
-use crate::scenario::{Scenario, Threshold};
+use crate::scenario::{Metric, Scenario, Threshold};
 
 /// What the runs of one scenario came to.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,10 +1,9 @@
 //! Parameters over a grid, and parameters drawn at random: which of them matter.
 
 use super::batch::Job;
-use super::metrics::Metric;
 use super::statistics::rank_correlation;
 use super::trial::Trial;
-use crate::scenario::{Scenario, ScenarioError};
+use crate::scenario::{Metric, Scenario, ScenarioError};
 use crate::world::{Parameters, Profile, TABLE, Vary};
 
 /// Most points of one axis.

@@ -8,11 +8,11 @@ use crawler_protocol::{BehaviourName, RobotState, Topic};
 use super::behaving::Behaving;
 use super::clearance::{LIMIT_M, Near};
 use super::commands::Commands;
-use super::metrics::{Measured, Metric, Recovery, mean, path_optimality, share};
+use super::metrics::{Measured, Recovery, mean, path_optimality, share};
 use super::verdict::{Criterion, Failure};
 use crate::faults::Fault;
 use crate::run::{Broken, Simulation, SimulationError};
-use crate::scenario::{Passable, Scenario, apart};
+use crate::scenario::{Metric, Passable, Scenario, apart};
 use crate::world::{Observation, Obstacle};
 
 /// How often robots are looked at.

@@ -31,7 +31,7 @@ use rust_mqtt::config::KeepAlive;
 use rust_mqtt::types::{MqttBinary, MqttString, TopicFilter, TopicName};
 
 use super::live::SecuredNetwork;
-use crate::run::compose_fix;
+use super::pose_fix;
 use crate::sched::SimClock;
 
 /// Fixes that wait at most: one of each robot of the largest world.
@@ -284,7 +284,7 @@ async fn session(
                 };
                 let behind = clock.now().as_micros().saturating_sub(CATCH_UP.as_micros());
                 next_fix = next_fix.max(Instant::from_micros(behind)) + PACE;
-                let payload = compose_fix(&seen.robot, timestamp, seen.pose)?;
+                let payload = pose_fix(&seen.robot, timestamp, seen.pose)?;
                 let topic = Topic::Pose(seen.robot).render(fleet);
                 let topic = TopicName::new(MqttString::from_str(&topic).ok()?)?;
                 let options = PublicationOptions::new(TopicReference::Name(topic));

@@ -38,11 +38,11 @@ use crawler_protocol::{ResponseStatus, RobotState};
 
 use super::error::SimulationError;
 use super::machine;
-use crate::render::Frame;
+use crate::render::{self, Frame};
 use crate::scenario::Scenario;
 use crate::world::{
-    Arena, Members, Observation, PHYSICS_STEP, Parameters, PlacementError, Pose, RobotIndex, Space,
-    Wiring, WorldError,
+    Arena, Fingerprint, Members, Observation, PHYSICS_STEP, Parameters, PlacementError, Pose,
+    RobotIndex, Space, Wiring, WorldError,
 };
 use body::Body;
 
@@ -228,9 +228,9 @@ impl BareWorld {
         self.space.observe(robot.get() as usize)
     }
 
-    /// Draws what the camera of a robot sees; see [`crate::world::World::render`].
+    /// Draws what the camera of a robot sees; see [`crate::devices::World::render`].
     pub fn render(&mut self, robot: RobotIndex, frame: &mut Frame) -> bool {
-        self.space.render(robot.get() as usize, frame)
+        render::view(&mut self.space, robot.get() as usize, frame)
     }
 
     /// Takes a robot out of the world.
@@ -260,7 +260,7 @@ impl BareWorld {
 
     /// A fingerprint of all that follows depends on.
     pub fn hash(&self) -> u64 {
-        let mut hash = super::Fingerprint::new();
+        let mut hash = Fingerprint::new();
         hash.word(self.seed);
         hash.word(self.now.as_micros());
         hash.word(self.space.fingerprint());

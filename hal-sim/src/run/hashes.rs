@@ -4,7 +4,7 @@ use std::fmt;
 
 use crawler_hal::Instant;
 
-use super::fingerprint::Fingerprint;
+use crate::world::Fingerprint;
 
 /// Most seconds that are kept: 48 days.
 const MAX_SECONDS: usize = 1 << 22;

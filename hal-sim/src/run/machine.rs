@@ -18,7 +18,6 @@ use super::{
     journal::Payload,
     recording::{
         self,
-        life::Life,
         tape::{Tape, What},
     },
 };
@@ -103,15 +102,11 @@ pub(super) fn start(
     parts: BodyParts,
     network: SimNetwork,
     detector: Option<&Rc<DetectorInstance>>,
+    #[cfg(feature = "recording")] tape: Option<Rc<Tape>>,
 ) -> Program {
     let ranger_after = parts.ranger_after;
     #[cfg(feature = "recording")]
     {
-        let tape = parts.flash.deck().map(|(deck, number)| {
-            let tape = deck.insert(number, Life::of(robot.config(), &parts), &parts.clock);
-            tape.watch(robot);
-            tape
-        });
         let parts = recording::tap::tap(parts.with_network(network), tape.as_ref());
         let mut program = launch(sched, robot, parts, ranger_after, detector);
         program.tape = tape;

@@ -22,17 +22,18 @@ use crawler_protocol::{Action, Fleet, RobotId, Topic};
 use super::director::Director;
 use super::error::SimulationError;
 use super::eyes::DetectorInstance;
-use super::fingerprint::Fingerprint;
 use super::hashes::Hashes;
 use super::journal::Journal;
 use super::machine::{Program, SimRobot};
 use super::parallel::Seat;
 use super::tracker::Camera;
 use crate::cells;
+use crate::devices::World;
 use crate::net::lockstep::VirtualNetwork;
 use crate::scenario::{Scenario, Spawner};
 use crate::sched::{Scheduler, SimClock};
-use crate::world::{Members, PHYSICS_STEP, RobotIndex, World};
+use crate::world::Fingerprint;
+use crate::world::{Members, PHYSICS_STEP, RobotIndex};
 
 #[cfg(feature = "live")]
 pub(crate) use kept::Kept;
@@ -280,10 +281,6 @@ impl Simulation {
         let members = seat.as_ref().map_or(Members::ALL, Seat::members);
         let parameters = scenario.drawn_parameters(seed);
         let world = World::replica(arena, parameters, seed, clock, members)?;
-        #[cfg(feature = "recording")]
-        if let Some(deck) = broker.deck.clone() {
-            world.record(deck);
-        }
         let detector = scenario.detector.map(DetectorInstance::new).transpose()?;
         let camera = Camera::new(scenario.tracker, seed).filter(|_| !matches!(way, Way::None));
         Ok(Self {

@@ -1,7 +1,6 @@
 //! The overhead camera at work: whose turn it is, and what it sees.
 
 use crawler_hal::Duration;
-use crawler_protocol::{MAX_MESSAGE, PoseFix, RobotId};
 
 use crate::scenario::Tracker;
 use crate::world::{Pose, Purpose, normal, stream};
@@ -75,22 +74,6 @@ impl Camera {
             sigma: sigma_m,
         }
     }
-}
-
-/// A fix as bytes; `None` when it cannot be written, which finite numbers always can.
-pub(crate) fn compose(
-    robot: &RobotId,
-    timestamp: u64,
-    pose: crawler_protocol::Pose,
-) -> Option<Vec<u8>> {
-    let fix = PoseFix {
-        robot: robot.clone(),
-        timestamp,
-        pose,
-    };
-    let mut buffer = [0; MAX_MESSAGE];
-    let len = fix.to_json(&mut buffer).ok()?;
-    Some(buffer[..len].to_vec())
 }
 
 #[cfg(test)]

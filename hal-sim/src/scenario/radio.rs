@@ -1,6 +1,7 @@
 //! The radio of a scenario.
 
 use super::{Scenario, ScenarioError};
+use crate::net::lockstep::LinkModel;
 use crate::net::radio::Setup;
 
 impl Scenario {
@@ -9,7 +10,7 @@ impl Scenario {
     pub fn radio_setup(&self, seed: u64) -> Setup {
         let figures = self.drawn_parameters(seed).radio;
         Setup {
-            link: self.link.unwrap_or_else(|| figures.link()),
+            link: self.link.unwrap_or_else(|| LinkModel::of_radio(&figures)),
             radio: self.radio.clone(),
             figures,
             seed,

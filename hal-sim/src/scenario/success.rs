@@ -5,8 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use super::timeline::LONGEST_S;
-use super::{Quota, ScenarioError};
-use crate::evaluate::Metric;
+use super::{Metric, Quota, ScenarioError};
 
 /// What a run must come to; everything stated must hold. Where nothing is stated, all goals must
 /// be reached, and every robot must be alive and none stranded at the end.

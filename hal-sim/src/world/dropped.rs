@@ -5,12 +5,12 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::RobotIndex;
 use super::arena::{Colour, MAX_OBSTACLES, Object, ObjectShape, Obstacle, Solid};
 use super::bodies::Presence;
 use super::hash::Hasher;
 use super::physics::SKIN_M;
 use super::space::{Space, fits_grid};
-use super::{RobotIndex, World};
 
 /// Most dropped things that one world holds at a time.
 pub const MAX_DROPPED: usize = 256;
@@ -80,7 +80,7 @@ impl Items {
         &self.all
     }
 
-    pub(super) fn fold(&self, hasher: &mut Hasher) {
+    pub(crate) fn fold(&self, hasher: &mut Hasher) {
         for item in &self.all {
             hasher.word(u64::from(item.id));
             let numbers = match item.what {
@@ -133,7 +133,7 @@ impl Space {
     ///
     /// # Errors
     /// See [`DropError`]; nothing has changed then.
-    pub(super) fn drop_in(&mut self, what: Dropped) -> Result<u32, DropError> {
+    pub(crate) fn drop_in(&mut self, what: Dropped) -> Result<u32, DropError> {
         what.validate()?;
         let solid = Solid::new(&what.body());
         let (centre, half) = (solid.centre(), solid.half_extents());
@@ -176,7 +176,7 @@ impl Space {
     }
 
     /// Takes away what was dropped as number `id`; false when nothing of that number lies there.
-    pub(super) fn take_away(&mut self, id: u32) -> bool {
+    pub(crate) fn take_away(&mut self, id: u32) -> bool {
         let Some(place) = self.items.all.iter().position(|item| item.id == id) else {
             return false;
         };
@@ -202,36 +202,13 @@ impl Space {
 
     /// Has these things lie in the arena and no others: they lay in one like it.
     #[cfg(feature = "live")]
-    pub(super) fn lay_out(&mut self, items: Items) {
+    pub(crate) fn lay_out(&mut self, items: Items) {
         self.without_items();
         self.items = items;
         for item in self.items.all.clone() {
             self.list_in_arena(item.what);
         }
         self.rebuild_solids();
-    }
-}
-
-impl World {
-    /// Puts something into the world where nothing but robots is looked for: it may stand in an
-    /// obstacle, as those of an arena may, and movers pass through it as they do through those.
-    /// Returns its number.
-    ///
-    /// # Errors
-    /// See [`DropError`]; the world is then unchanged.
-    pub fn drop_in(&mut self, what: Dropped) -> Result<u32, DropError> {
-        self.shared.space.borrow_mut().drop_in(what)
-    }
-
-    /// Takes away what was dropped as number `id`. False when nothing of that number lies there.
-    pub fn take_away(&mut self, id: u32) -> bool {
-        self.shared.space.borrow_mut().take_away(id)
-    }
-
-    /// What was dropped into the world and lies there, in the order in which it came.
-    #[must_use]
-    pub fn dropped(&self) -> Vec<DroppedItem> {
-        self.shared.space.borrow().items.all().to_vec()
     }
 }
 

@@ -5,7 +5,6 @@ use rand_pcg::Pcg32;
 
 use super::bodies::{Bodies, Bridge};
 use super::movers::Movers;
-use super::{RobotIndex, World};
 
 /// FNV-1a (Fowler, Noll, Vo), 64 bits, over whole words: fixed for ever, unlike `std`'s hasher.
 /// Each word is folded once more, because FNV moves nothing downwards.
@@ -81,40 +80,4 @@ pub(crate) fn body(hasher: &mut Hasher, bodies: &Bodies, i: usize) {
     hasher.word(u64::from(bodies.hold[i]));
     hasher.word(seen.presence[i] as u64);
     hasher.word(bodies.next.last_ping[i]);
-}
-
-impl World {
-    /// A fingerprint of the full physical state: every bit of every body, the generators of its
-    /// devices, and its flash.
-    pub fn hash(&self) -> u64 {
-        let mut hasher = Hasher::new();
-        hasher.word(self.steps());
-        {
-            let space = self.shared.space.borrow();
-            movers(&mut hasher, &space.movers);
-            space.items.fold(&mut hasher);
-        }
-        for i in self.members.iter(self.robots.len()) {
-            let own = self.robot_hash(RobotIndex(i as u32));
-            hasher.word(own.unwrap_or_default());
-        }
-        hasher.finish()
-    }
-
-    /// The same for one robot alone; `None` when it never existed.
-    pub fn robot_hash(&self, robot: RobotIndex) -> Option<u64> {
-        let ports = self.ports(robot)?;
-        let mut hasher = Hasher::new();
-        body(
-            &mut hasher,
-            &self.shared.space.borrow().bodies,
-            ports.index(),
-        );
-        ports.sonar.borrow().fingerprint(|word| hasher.word(word));
-        ports.chip.borrow().fingerprint(|word| hasher.word(word));
-        ports.meter.borrow().fingerprint(|word| hasher.word(word));
-        hasher.generator(&ports.camera_rng.borrow());
-        hasher.word(u64::from(ports.life.get()));
-        Some(hasher.finish())
-    }
 }

@@ -29,7 +29,7 @@ impl Space {
     }
 
     /// Puts a robot at `pose`, whatever is there.
-    pub(super) fn admit(&mut self, pose: Pose, seed: u64) -> RobotIndex {
+    pub(crate) fn admit(&mut self, pose: Pose, seed: u64) -> RobotIndex {
         let robot = RobotIndex::new(self.bodies.len() as u32);
         let mut rng = stream(seed, robot.get(), Purpose::Build);
         let pose = Pose::new(pose.x, pose.y, wrap_any(pose.theta));

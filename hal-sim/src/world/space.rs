@@ -57,7 +57,7 @@ pub(crate) struct Space {
     /// Robots from this index on were added since the grid was rebuilt.
     pub(super) listed: usize,
     /// What was dropped into the arena and lies there now, at the end of its lists.
-    pub(super) items: Items,
+    pub(crate) items: Items,
 }
 
 /// Whether a grid of these cells can hold all of them.
@@ -262,7 +262,7 @@ impl Space {
 
     /// Calls `each` for everything that may lie in a cone between two distances from its apex, and
     /// some things beyond; an obstacle may come more than once.
-    pub(super) fn visit_cone(
+    pub(crate) fn visit_cone(
         &self,
         cone: &Cone,
         from: f32,
@@ -325,7 +325,7 @@ impl Space {
 
 /// Something near a place: its index among those of its kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Thing {
+pub(crate) enum Thing {
     Solid(u32),
     Mover(u32),
     Robot(usize),

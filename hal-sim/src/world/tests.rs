@@ -12,11 +12,13 @@ mod power;
 mod values;
 mod view;
 
+use crawler_hal::ResetCause;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
 use super::*;
-use crate::sched::Scheduler;
+use crate::devices::{BodyEvent, BodyParts, World};
+use crate::sched::{Scheduler, SimClock};
 
 /// A world, its clock, and the parts of its robots.
 pub(crate) struct Bench {

@@ -4,10 +4,8 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 
-use crawler_sim::evaluate::{
-    Cell, Evaluation, Influence, Job, Metric, drawn, grid, influences, jobs,
-};
-use crawler_sim::scenario::Scenario;
+use crawler_sim::evaluate::{Cell, Evaluation, Influence, Job, drawn, grid, influences, jobs};
+use crawler_sim::scenario::{Metric, Scenario};
 use crawler_sim::world::Profile;
 use serde_json::json;
 

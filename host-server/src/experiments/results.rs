@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use crawler_records::{ExperimentState, NewTrials, StoredTrial};
-use crawler_sim::evaluate::{Line, Measured, Metric, Trial, Verdict};
-use crawler_sim::scenario::{Scenario, Threshold};
+use crawler_sim::evaluate::{Line, Measured, Trial, Verdict};
+use crawler_sim::scenario::{Metric, Scenario, Threshold};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

@@ -4,8 +4,7 @@ use std::collections::BTreeSet;
 
 use crawler_protocol::{BehaviourName, CommandName, Fleet, Qos, Reason, ResponseStatus};
 use crawler_protocol::{SimulatorCommandName, Topic, TopicFilter};
-use crawler_sim::evaluate::Metric;
-use crawler_sim::scenario::Scenario;
+use crawler_sim::scenario::{Metric, Scenario};
 use crawler_tests::root;
 
 use super::commands::check_variable;

@@ -153,7 +153,7 @@ fn a_cut_in_a_world_resets_the_robot_and_keeps_the_memory() {
     let cause = crawler_hal::ResetCause::BrownOut;
     assert_eq!(
         bench.world.take_events(),
-        vec![crate::world::BodyEvent::Reset(robot, cause)]
+        vec![BodyEvent::Reset(robot, cause)]
     );
     let mut parts = bench.world.boot(robot, cause).expect("powered");
     let mut read = [0; 8];

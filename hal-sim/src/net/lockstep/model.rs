@@ -3,7 +3,7 @@
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::world::uniform;
+use crate::world::{RadioFigures, uniform};
 
 /// How a link behaves. All robots of a simulation share one model; their draws differ.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -35,6 +35,18 @@ impl Default for LinkModel {
 }
 
 impl LinkModel {
+    /// The part of a radio's figures that makes up a link beyond the air.
+    #[must_use]
+    pub fn of_radio(figures: &RadioFigures) -> Self {
+        Self {
+            latency_ms: figures.latency_ms,
+            jitter_ms: figures.jitter_ms,
+            loss: figures.loss,
+            retransmit_ms: figures.retransmit_ms,
+            rssi_dbm: libm::roundf(figures.rssi_dbm) as i8,
+        }
+    }
+
     /// Checks that every number is one a link can have.
     ///
     /// # Errors

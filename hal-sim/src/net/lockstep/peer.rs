@@ -19,7 +19,7 @@ pub(super) use carry::{Carried, FilterChange, sort as sort_carried};
 pub use report::{Origin, PeerFault, PeerStatistics, Published};
 
 use super::packet::{self, Packet};
-use crate::run::Fingerprint;
+use crate::world::Fingerprint;
 use carry::Interest;
 use rand_pcg::Pcg32;
 use retained::{Kept, Shapes, Will};

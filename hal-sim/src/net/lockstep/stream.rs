@@ -188,7 +188,7 @@ impl Read for LockstepStream {
                     self.network
                         .clock
                         .sleep_until(Instant::from_micros(at))
-                        .await
+                        .await;
                 }
             }
         }

@@ -15,7 +15,7 @@ use tokio::time::Instant;
 use super::{ProxyConfig, ProxyMetrics};
 use crate::net::lockstep::{Cut, LinkModel};
 use crate::net::radio::{Airtime, Direction, LOOK_PERIOD_US, Medium, Reach};
-use crate::run::Fingerprint;
+use crate::world::Fingerprint;
 use crate::world::mix;
 
 /// Robots told apart. Whoever comes later shares one link.

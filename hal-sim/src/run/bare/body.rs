@@ -18,8 +18,8 @@ use serde::{Deserialize, Serialize};
 use super::brain::{Brain, Drive, Known, Senses, Steering};
 use super::pins::{Level, Pin};
 use super::{BareWorld, Settings};
-use crate::devices::{BURST, BYTE_TIME, Ear, Meter, ranger_after};
-use crate::world::{Bridge, Power, Presence, Purpose, RobotIndex, Space, Wiring, senses, stream};
+use crate::devices::{BURST, BYTE_TIME, Ear, Meter, ranger_after, senses};
+use crate::world::{Bridge, Power, Presence, Purpose, RobotIndex, Space, Wiring, stream};
 
 /// Name under which orders are given.
 const SOURCE: &str = "bare";

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::BareWorld;
 use super::body::Body;
-use crate::run::Fingerprint;
+use crate::world::Fingerprint;
 use crate::world::{Arena, Parameters, Space, SpaceState};
 
 /// What every stored world begins with.

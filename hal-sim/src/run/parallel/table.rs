@@ -3,8 +3,9 @@
 use std::sync::{Arc, PoisonError, RwLock};
 
 use super::barrier::Barrier;
+use crate::devices::World;
 use crate::net::lockstep::{News, VirtualNetwork};
-use crate::world::{Members, Published, World};
+use crate::world::{Members, Published};
 
 /// What a shard tells the others about one step.
 #[derive(Debug, Default)]

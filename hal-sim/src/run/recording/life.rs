@@ -143,7 +143,12 @@ impl Life {
             },
             rng: parts.rng.clone(),
             ranger_after_us: parts.ranger_after.as_micros(),
-            flash: parts.flash.image(),
+            flash: parts
+                .flash
+                .image()
+                .iter()
+                .map(|sector| Payload::new(sector))
+                .collect(),
             config: Identity::of(config),
         }
     }

@@ -39,7 +39,9 @@ pub(super) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<E
         in1: Either::Played(output(outputs[1])),
         in2: Either::Played(output(outputs[2])),
     };
-    let chip = Rc::new(RefCell::new(Chip::of_image(&life.flash)));
+    let chip = Rc::new(RefCell::new(Chip::of_image(
+        life.flash.iter().map(Payload::bytes),
+    )));
     Parts {
         clock: clock.boot_now(),
         left: motor([LeftDuty, LeftIn1, LeftIn2]),

@@ -1,8 +1,8 @@
 //! What the history of a simulation comes to, in one number.
 
 use super::{Simulation, Way};
-use crate::run::Fingerprint;
 use crate::run::hashes::{self, Hashes};
+use crate::world::Fingerprint;
 
 impl Simulation {
     /// A fingerprint of all that happened so far: the full physical state once a second and now,

@@ -8,14 +8,14 @@ use crawler_protocol::Fleet;
 
 use super::{BrokerAddress, HISTORY_PERIOD, Machine, PHYSICS_STEP, Simulation, Way};
 use crate::cells;
+use crate::devices::KeptWorld;
 use crate::faults::Fault;
 use crate::run::error::SimulationError;
-use crate::run::fingerprint::Fingerprint;
 use crate::run::hashes::Hashes;
 use crate::run::machine;
 use crate::scenario::Scenario;
 use crate::sched::SimClock;
-use crate::world::KeptWorld;
+use crate::world::Fingerprint;
 
 #[cfg(test)]
 mod tests;
@@ -110,7 +110,7 @@ impl Simulation {
             let is_removed = kept.world.is_removed(number);
             let robot = (!is_removed).then(|| machine::context(config));
             let runs = robot.as_ref().filter(|_| kept.world.is_on(number));
-            let program = runs.map(|robot| simulation.start_program(robot, parts, number));
+            let program = runs.map(|robot| simulation.start_program(robot, parts, number, number));
             simulation.machines.push(Machine {
                 id,
                 index,

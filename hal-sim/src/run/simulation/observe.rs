@@ -6,12 +6,13 @@ use crawler_hal::Instant;
 use crawler_protocol::{Fleet, RobotId};
 
 use super::{EPOCH_MS, Simulation, Way};
+use crate::devices::World;
 use crate::net::lockstep::VirtualNetwork;
 use crate::run::eyes::Looks;
 use crate::run::machine::SimRobot;
 use crate::run::parallel::Seat;
 use crate::scenario::Scenario;
-use crate::world::{Observation, Pose, RobotIndex, World};
+use crate::world::{Observation, Pose, RobotIndex};
 
 impl Simulation {
     /// The scenario.

@@ -14,9 +14,11 @@ use crate::net::lockstep::Cut;
 use crate::net::network::SimNetwork;
 use crate::run::error::SimulationError;
 use crate::run::eyes;
-use crate::run::fingerprint::Fingerprint;
 use crate::run::journal::Input;
 use crate::run::machine::{self, Program, SimRobot};
+#[cfg(feature = "recording")]
+use crate::run::recording::life::Life;
+use crate::world::Fingerprint;
 use crate::world::Pose;
 
 impl Simulation {
@@ -78,7 +80,7 @@ impl Simulation {
             _ => number,
         };
         let running = robot.as_ref().zip(parts);
-        let program = running.map(|(robot, parts)| self.start_program(robot, parts, link));
+        let program = running.map(|(robot, parts)| self.start_program(robot, parts, number, link));
         self.machines.push(Machine {
             id,
             index,
@@ -96,13 +98,23 @@ impl Simulation {
         Ok(number)
     }
 
-    /// Starts the program of a robot on what its body hands over.
+    /// Starts the program of robot `number` on what its body hands over.
     pub(super) fn start_program(
         &mut self,
         robot: &Rc<SimRobot>,
         parts: BodyParts,
+        number: usize,
         link: usize,
     ) -> Program {
+        #[cfg(feature = "recording")]
+        let tape = self.broker.deck.as_ref().map(|deck| {
+            let life = Life::of(robot.config(), &parts);
+            let tape = deck.insert(number, life, &parts.clock);
+            tape.watch(robot);
+            tape
+        });
+        #[cfg(not(feature = "recording"))]
+        let _ = number;
         let (sched, detector) = (&mut self.sched, self.detector.as_ref());
         let network = match &self.way {
             Way::None => SimNetwork::None(NoNetwork),
@@ -115,7 +127,15 @@ impl Simulation {
                 SimNetwork::Live(Box::new(gateway.secure(network, Box::new(unix))))
             }
         };
-        machine::start(sched, robot, parts, network, detector)
+        machine::start(
+            sched,
+            robot,
+            parts,
+            network,
+            detector,
+            #[cfg(feature = "recording")]
+            tape,
+        )
     }
 
     /// Takes a robot out of the world, program and all. Its number is not used again.

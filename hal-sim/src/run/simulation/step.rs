@@ -5,8 +5,12 @@ use crawler_protocol::{MAX_MESSAGE, Neighbour, Topic};
 
 use super::{EPOCH_MS, HISTORY_PERIOD, Simulation, TIME_PERIOD, Way, next_start};
 use crate::cells;
-use crate::run::{machine, tracker};
-use crate::world::{BodyEvent, PHYSICS_STEP};
+use crate::devices::BodyEvent;
+use crate::net::pose_fix;
+use crate::run::machine;
+#[cfg(feature = "live")]
+use crate::run::tracker;
+use crate::world::PHYSICS_STEP;
 
 impl Simulation {
     /// Lets `span` pass.
@@ -133,7 +137,7 @@ impl Simulation {
                 Way::None => {}
                 Way::Lockstep(network) => {
                     let unix = EPOCH_MS + self.sched.now().as_millis();
-                    if let Some(payload) = tracker::compose(id, unix, pose) {
+                    if let Some(payload) = pose_fix(id, unix, pose) {
                         let topic = Topic::Pose(id.clone()).render(&self.fleet);
                         network.publish(&topic, &payload, false, false);
                     }
@@ -236,7 +240,7 @@ impl Simulation {
             };
             let robot = machine::context(config);
             let link = machine.link;
-            let program = self.start_program(&robot, parts, link);
+            let program = self.start_program(&robot, parts, number, link);
             let machine = &mut self.machines[number];
             machine.boots += 1;
             machine.program = Some(program);

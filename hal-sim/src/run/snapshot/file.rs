@@ -9,9 +9,9 @@ use crawler_hal::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::{BUILD, Link, RestoreError, Snapshot, SnapshotError};
-use crate::run::Fingerprint;
 use crate::run::journal::{Entry, MAX_ENTRIES};
 use crate::scenario::Scenario;
+use crate::world::Fingerprint;
 
 /// Largest snapshot file, in bytes.
 pub const MAX_FILE: usize = 64 * 1024 * 1024;

@@ -122,7 +122,7 @@ fn bytes_that_are_no_snapshot_are_refused() {
         let mut value = serde_json::from_slice(&good[at..]).expect("JSON");
         change(&mut value);
         let body = serde_json::to_vec(&value).expect("writes");
-        let mut print = crate::run::Fingerprint::new();
+        let mut print = crate::world::Fingerprint::new();
         print.bytes(&body);
         let mut bytes = format!("terracrawler-snapshot 1 {:016x}\n", print.value()).into_bytes();
         bytes.extend(body);

@@ -3,7 +3,6 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::evaluate::Metric;
 use crate::faults::Fault;
 
 fn with(text: &str) -> Scenario {

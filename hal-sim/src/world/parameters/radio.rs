@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 use super::table::Bound::Number;
 use super::table::Vary::{Fixed, Plus, Times, Within};
 use super::table::{Row, row};
-use crate::net::lockstep::LinkModel;
 
 /// Propagation, receivers and medium access: a 2.4 GHz wireless LAN after 802.11n with one
 /// spatial stream and 20 MHz.
@@ -74,20 +73,6 @@ impl Default for RadioFigures {
             joining_ms: 1_500.0,
             spike_share: 0.0,
             spike_ms: 100.0,
-        }
-    }
-}
-
-impl RadioFigures {
-    /// Those of them that make up a link beyond the air.
-    #[must_use]
-    pub fn link(&self) -> LinkModel {
-        LinkModel {
-            latency_ms: self.latency_ms,
-            jitter_ms: self.jitter_ms,
-            loss: self.loss,
-            retransmit_ms: self.retransmit_ms,
-            rssi_dbm: libm::roundf(self.rssi_dbm) as i8,
         }
     }
 }

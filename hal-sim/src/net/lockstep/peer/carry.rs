@@ -8,7 +8,7 @@ use super::retained::Kept;
 use super::routing::{Author, Message};
 use super::{Output, Peer};
 use crate::net::lockstep::packet::{self, Publication};
-use crate::run::Fingerprint;
+use crate::world::Fingerprint;
 
 /// A message under way from the robot that published it to whoever wants it.
 #[derive(Debug, Clone)]

@@ -10,7 +10,7 @@ use super::sessions::Session;
 use super::{Client, Origin, Output, Peer, PeerFault, Published};
 use super::{MAX_FILTERS, MAX_QUEUED, MAX_RETAINED};
 use crate::net::lockstep::packet::{self, Publication};
-use crate::run::Fingerprint;
+use crate::world::Fingerprint;
 use crate::world::uniform;
 
 /// Reason code of MQTT 5, section 2.4.

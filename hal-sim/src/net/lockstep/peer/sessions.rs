@@ -8,7 +8,7 @@ use super::retained::Will;
 use super::routing::{Author, Filter, Message};
 use super::{Client, MAX_IN_FLIGHT, Origin, Output, Peer, PeerFault, Place};
 use crate::net::lockstep::packet::{self, Connect, Publication};
-use crate::run::Fingerprint;
+use crate::world::Fingerprint;
 
 /// Reason code of MQTT 5, section 2.4.
 const SESSION_TAKEN_OVER: u8 = 0x8E;

@@ -6,24 +6,17 @@ use std::rc::Rc;
 use crawler_hal::{Instant, ResetCause};
 use rand_pcg::Pcg32;
 
-use super::RobotIndex;
-use super::bodies::{Build, Inputs, Presence};
-use super::parameters::{Spread, Wiring};
-use super::rng::{Purpose, stream};
-use super::space::Space;
-use crate::devices::{Chip, Ear, Meter, Sonar};
+use super::{Chip, Ear, Meter, Sonar};
 use crate::faults::Faults;
 use crate::render::Frame;
 use crate::sched::SimClock;
+use crate::world::{Build, Inputs, Presence, Purpose, RobotIndex, Space, Spread, Wiring, stream};
 
 /// What all robots of a world share.
 pub(crate) struct Shared {
     pub(crate) space: RefCell<Space>,
     pub(crate) clock: SimClock,
     pub(crate) seed: u64,
-    /// Where the devices of robots that boot are recorded.
-    #[cfg(feature = "recording")]
-    pub(crate) deck: RefCell<Option<crate::run::recording::Deck>>,
     /// At most one entry for each change of a robot's life, drained by the runner.
     pub(crate) events: RefCell<Vec<BodyEvent>>,
     /// What cameras draw into: one picture is taken at a time.

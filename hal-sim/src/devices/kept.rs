@@ -1,9 +1,7 @@
 //! The physical state of a world, kept to go on from later.
 
-use super::bodies::{Bodies, Inputs, Presence};
-use super::dropped::Items;
-use super::{Pose, RobotIndex, Wiring, World};
-use crate::devices::{BodyParts, Contents};
+use super::{BodyParts, Contents, World};
+use crate::world::{Bodies, Inputs, Items, Pose, Presence, RobotIndex, Wiring};
 
 /// What there is of a world beyond its arena as the scenario made it, its parameters and its seed.
 #[derive(Debug, Clone)]

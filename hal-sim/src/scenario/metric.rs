@@ -1,0 +1,170 @@
+//! What can be measured of a run, by the names that criteria and tables use.
+//!
+//! `docs/scenarios.md` defines every metric.
+
+use serde::{Deserialize, Serialize};
+
+/// Something measured of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Metric {
+    /// 1 when all criteria of the scenario hold, else 0.
+    Success,
+    /// Share of the goals that were reached in time.
+    Reached,
+    /// Mean time from being sent to a goal to reaching it, seconds.
+    TimeToGoalS,
+    /// Shortest way to the goals that were reached, divided by the way driven there.
+    PathOptimality,
+    /// Drawn from the batteries, joules for each robot.
+    EnergyJ,
+    /// Contacts for each robot.
+    Collisions,
+    /// Least distance between a robot's rim and anything else, metres.
+    MinClearanceM,
+    /// Mean time from the end of a fault until the robot is back at work, seconds.
+    RecoveryS,
+    /// Messages through the broker for each goal reached, or for each command completed where
+    /// there are no goals.
+    MessagesPerTask,
+    /// Share of the time in which robots can take commands.
+    Uptime,
+    /// Share of the commands that ended as completed.
+    CommandSuccess,
+    /// Way driven, metres for each robot.
+    DistanceM,
+    /// Robots that stand at the end although they were sent to a behaviour and nobody has ended it.
+    Stranded,
+    /// How often a robot fell out of its behaviour by itself, in 100 hours of robots.
+    Dropouts,
+}
+
+impl Metric {
+    /// How many there are.
+    pub const COUNT: usize = Self::ALL.len();
+
+    /// All of them, in the order of tables.
+    pub const ALL: [Self; 14] = [
+        Self::Success,
+        Self::Reached,
+        Self::TimeToGoalS,
+        Self::PathOptimality,
+        Self::EnergyJ,
+        Self::Collisions,
+        Self::MinClearanceM,
+        Self::RecoveryS,
+        Self::MessagesPerTask,
+        Self::Uptime,
+        Self::CommandSuccess,
+        Self::DistanceM,
+        Self::Stranded,
+        Self::Dropouts,
+    ];
+
+    /// Name in tables, files and thresholds.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Success => "success",
+            Self::Reached => "reached",
+            Self::TimeToGoalS => "time_to_goal_s",
+            Self::PathOptimality => "path_optimality",
+            Self::EnergyJ => "energy_j",
+            Self::Collisions => "collisions",
+            Self::MinClearanceM => "min_clearance_m",
+            Self::RecoveryS => "recovery_s",
+            Self::MessagesPerTask => "messages_per_task",
+            Self::Uptime => "uptime",
+            Self::CommandSuccess => "command_success",
+            Self::DistanceM => "distance_m",
+            Self::Stranded => "stranded",
+            Self::Dropouts => "dropouts",
+        }
+    }
+
+    /// The metric of this name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|metric| metric.name() == name)
+    }
+
+    /// What its values are in.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Success
+            | Self::Reached
+            | Self::PathOptimality
+            | Self::Uptime
+            | Self::CommandSuccess => "share",
+            Self::TimeToGoalS | Self::RecoveryS => "s",
+            Self::EnergyJ => "J",
+            Self::Collisions => "contacts",
+            Self::MinClearanceM | Self::DistanceM => "m",
+            Self::MessagesPerTask => "messages",
+            Self::Stranded => "robots",
+            Self::Dropouts => "dropouts",
+        }
+    }
+
+    /// Which way is better.
+    #[must_use]
+    pub const fn better(self) -> Better {
+        match self {
+            Self::Success
+            | Self::Reached
+            | Self::PathOptimality
+            | Self::MinClearanceM
+            | Self::Uptime
+            | Self::CommandSuccess => Better::More,
+            Self::TimeToGoalS
+            | Self::EnergyJ
+            | Self::Collisions
+            | Self::RecoveryS
+            | Self::MessagesPerTask
+            | Self::Stranded
+            | Self::Dropouts => Better::Less,
+            // To drive far is the task of one scenario and a detour in another.
+            Self::DistanceM => Better::Neither,
+        }
+    }
+}
+
+/// Which way of a metric is better.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Better {
+    /// The more the better.
+    More,
+    /// The less the better.
+    Less,
+    /// It depends.
+    Neither,
+}
+
+impl Better {
+    /// Its name in files and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::More => "more",
+            Self::Less => "less",
+            Self::Neither => "neither",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metrics_are_found_by_their_names_and_stand_in_order() {
+        for (index, metric) in Metric::ALL.into_iter().enumerate() {
+            assert_eq!(metric as usize, index);
+            assert_eq!(Metric::by_name(metric.name()), Some(metric));
+            let text = serde_json::to_string(&metric).unwrap();
+            assert_eq!(text, format!("\"{}\"", metric.name()));
+        }
+        assert_eq!(Metric::by_name("luck"), None);
+    }
+}
