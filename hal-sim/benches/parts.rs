@@ -15,12 +15,12 @@ use crawler_protocol::{
     Battery, BehaviourName, Command, Pose as Estimate, RobotId, RobotState, Source, Telemetry,
     Wheels,
 };
-use crawler_sim::dataset::{Split, picture};
 use crawler_sim::devices::World;
 use crawler_sim::render::{Frame, Motion};
 use crawler_sim::run::Simulation;
 use crawler_sim::scenario::Scenario;
 use crawler_sim::sched::{Scheduler, SimClock};
+use crawler_sim::tools::dataset::{Split, picture};
 use crawler_sim::world::{self, Pose, Profile, RobotIndex};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use rand_pcg::Pcg32;

@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-use crawler_sim::dataset::{Split, class, picture};
 use crawler_sim::render::Frame;
+use crawler_sim::tools::dataset::{Split, class, picture};
 
 const USAGE: &str = "dataset --out DIR [--seed N] [--train N] [--check N] [--test N]";
 /// Most frames of a split: 28 GB.

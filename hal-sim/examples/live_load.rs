@@ -7,7 +7,7 @@ use std::error::Error;
 use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
-use crawler_sim::run::live::{LiveConfig, start};
+use crawler_sim::live::{LiveConfig, start};
 use crawler_sim::scenario::Scenario;
 
 fn main() -> Result<(), Box<dyn Error>> {

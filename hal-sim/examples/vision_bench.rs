@@ -15,11 +15,11 @@ use crawler_app::vision::{Class, Detector, Picture, Spots, spots};
 use crawler_detector::BLOB;
 use crawler_hal::{Duration, FrameFormat};
 use crawler_micromodel::{Model, Runner};
-use crawler_sim::dataset::scores::Tally;
-use crawler_sim::dataset::{Split, picture};
 use crawler_sim::render::Frame;
 use crawler_sim::run::Simulation;
 use crawler_sim::scenario::Scenario;
+use crawler_sim::tools::dataset::scores::Tally;
+use crawler_sim::tools::dataset::{Split, picture};
 
 const USAGE: &str = "usage: vision_bench scores [FRAMES] | robots N [SPAN-S]";
 /// Seed of the data set that the detector's README names.

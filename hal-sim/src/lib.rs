@@ -5,13 +5,15 @@
 //! byte for byte, on any number of threads and however many worlds run beside it.
 
 pub mod cells;
-pub mod dataset;
 pub mod devices;
 pub mod evaluate;
 pub mod faults;
+#[cfg(feature = "live")]
+pub mod live;
 pub mod net;
 pub mod render;
 pub mod run;
 pub mod scenario;
 pub mod sched;
+pub mod tools;
 pub mod world;

@@ -4,12 +4,12 @@ use crate::common::{scenario, settle, wander};
 use crawler_detector::{BLOB, FRAMES};
 use crawler_hal::Duration;
 use crawler_protocol::{Action, Capability, Detections, StatusMessage, Telemetry, Topic};
-use crawler_sim::dataset::{Split, picture};
 use crawler_sim::devices::World;
 use crawler_sim::render::Frame;
 use crawler_sim::run::Simulation;
 use crawler_sim::scenario::Scenario;
 use crawler_sim::sched::SimClock;
+use crawler_sim::tools::dataset::{Split, picture};
 use crawler_sim::world::Pose;
 
 const SECOND: Duration = Duration::from_secs(1);

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 use crawler_protocol::{Fleet, PoseFix};
-use crawler_sim::run::live::{LiveConfig, LiveError, LiveHandle, LiveMetrics, start};
+use crawler_sim::live::{LiveConfig, LiveError, LiveHandle, LiveMetrics, start};
 use crawler_sim::scenario::Scenario;
 
 /// For anything that has to happen, on the slowest machine.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crawler_protocol::{
     Dropped, Fleet, Obstacle, Place, RobotId, ScenarioName, SimulatorCommand, SnapshotName,
 };
-use crawler_sim::run::live::{ControlError, LiveConfig, LiveDone, LiveHandle, start};
+use crawler_sim::live::{ControlError, LiveConfig, LiveDone, LiveHandle, start};
 use crawler_sim::scenario::Scenario;
 use crawler_sim::world::PHYSICS_STEP;
 

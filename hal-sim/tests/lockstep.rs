@@ -10,7 +10,7 @@ use crawler_protocol::{
 use crawler_sim::faults::Fault;
 use crawler_sim::net::lockstep::Cut;
 use crawler_sim::run::Simulation;
-use crawler_sim::run::bench::{self, Meter};
+use crawler_sim::tools::bench::{self, Meter};
 
 fn ms(value: u64) -> Instant {
     Instant::from_millis(value)

@@ -9,11 +9,10 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Action, ParameterValue, ParameterValues};
 use crawler_sim::faults::Fault;
 use crawler_sim::net::lockstep::Cut;
-use crawler_sim::run::Simulation;
-use crawler_sim::run::recording::Recorder;
-use crawler_sim::run::replay::{Deed, Recording, Report, replay};
-use crawler_sim::run::snapshot::Link;
+use crawler_sim::run::{Link, Simulation};
 use crawler_sim::scenario::Scenario;
+use crawler_sim::tools::recording::Recorder;
+use crawler_sim::tools::replay::{Deed, Recording, Report, replay};
 
 /// A file that is gone when it is not needed any more.
 struct Scratch(PathBuf);

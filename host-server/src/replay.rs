@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use crawler_protocol::ParameterValues;
-use crawler_sim::run::replay::{Recording, replay};
+use crawler_sim::tools::replay::{Recording, replay};
 
 use crate::recipe::{self, Changes, DETECTOR, Randomisation};
 use session::Session;

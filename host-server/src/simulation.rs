@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_protocol::SimulatorCommand;
-use crawler_sim::run::live::{
+use crawler_sim::live::{
     ControlError, LiveConfig, LiveDone, LiveHandle, LiveScene, LiveState, start, start_recorded,
 };
 use crawler_sim::world::Arena;

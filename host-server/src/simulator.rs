@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_protocol::{Fleet, MAX_MESSAGE, SimulatorCommand, Topic};
-use crawler_sim::run::live::ControlError;
+use crawler_sim::live::ControlError;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Packet, Publish};
 use rumqttc::v5::{AsyncClient, Event};

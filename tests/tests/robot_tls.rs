@@ -7,7 +7,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use crawler_protocol::Fleet;
-use crawler_sim::run::live::{self, Authority, LiveConfig, LiveHandle};
+use crawler_sim::live::{self, Authority, LiveConfig, LiveHandle};
 use crawler_sim::scenario::Scenario;
 use crawler_tests::{Mosquitto, ReservedPort, Subscription, Terracrawler, TestAuthority, wait_for};
 

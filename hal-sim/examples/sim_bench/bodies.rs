@@ -4,9 +4,9 @@ use std::error::Error;
 
 use crawler_sim::devices::BodyParts;
 use crawler_sim::devices::World;
-use crawler_sim::run::bench::Meter;
 use crawler_sim::scenario::Scenario;
 use crawler_sim::sched::SimClock;
+use crawler_sim::tools::bench::Meter;
 use crawler_sim::world::{Pose, RobotIndex};
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;

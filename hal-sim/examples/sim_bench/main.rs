@@ -13,8 +13,8 @@ use std::error::Error;
 
 use cpu_time::ThreadTime;
 use crawler_hal::Duration;
-use crawler_sim::run::bench::{Meter, measure, measure_without_network};
 use crawler_sim::scenario::Scenario;
+use crawler_sim::tools::bench::{Meter, measure, measure_without_network};
 
 const USAGE: &str = "usage: sim_bench lockstep|none|world ROBOTS [WARM-UP-S [SPAN-S]]";
 

@@ -10,7 +10,7 @@ const SPEED_RANGE: (f32, f32) = (0.01, 1_000.0);
 
 /// How many times as fast as real time a world runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Factor(f64);
+pub(crate) struct Factor(f64);
 
 /// A world cannot run so many times as fast as real time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,9 +26,9 @@ impl fmt::Display for FactorError {
 impl std::error::Error for FactorError {}
 
 impl Factor {
-    pub(super) const REAL_TIME: Self = Self(1.0);
+    pub(crate) const REAL_TIME: Self = Self(1.0);
 
-    pub(super) fn new(factor: f64) -> Result<Self, FactorError> {
+    pub(crate) fn new(factor: f64) -> Result<Self, FactorError> {
         let (least, most) = SPEED_RANGE;
         if (f64::from(least)..=f64::from(most)).contains(&factor) {
             Ok(Self(factor))
@@ -37,12 +37,12 @@ impl Factor {
         }
     }
 
-    pub(super) const fn get(self) -> f64 {
+    pub(crate) const fn get(self) -> f64 {
         self.0
     }
 
     /// The virtual time that `real` time is, in whole microseconds.
-    pub(super) fn of(self, real: StdDuration) -> Duration {
+    pub(crate) fn of(self, real: StdDuration) -> Duration {
         Duration::from_micros((real.as_secs_f64() * self.0 * 1e6) as u64)
     }
 }

@@ -45,7 +45,7 @@ pub struct Looks {
 
 /// The detector of a thread, and where it runs.
 #[derive(Debug)]
-pub(super) struct DetectorInstance {
+pub(crate) struct DetectorInstance {
     detector: Detector<'static>,
     arena: RefCell<Vec<i8>>,
     looks: Cell<Looks>,
@@ -56,7 +56,7 @@ impl DetectorInstance {
     ///
     /// # Errors
     /// When it is no detector.
-    pub(super) fn new(blob: &'static [u8]) -> Result<Rc<Self>, DetectorError> {
+    pub(crate) fn new(blob: &'static [u8]) -> Result<Rc<Self>, DetectorError> {
         let detector = Detector::new(blob)?;
         Ok(Rc::new(Self {
             detector,
@@ -65,7 +65,7 @@ impl DetectorInstance {
         }))
     }
 
-    pub(super) fn looks(&self) -> Looks {
+    pub(crate) fn looks(&self) -> Looks {
         self.looks.get()
     }
 }

@@ -1,8 +1,8 @@
 //! What reached a simulation from outside, and when.
 //!
 //! A world in virtual time is a function of its scenario, its seed and what was done to it. The
-//! journal keeps the last of the three, so that [`Snapshot`](super::Snapshot) can make the same
-//! world once more.
+//! journal keeps the last of the three, so that a [`Snapshot`](crate::tools::snapshot::Snapshot)
+//! can make the same world once more.
 
 mod payload;
 

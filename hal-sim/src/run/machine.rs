@@ -14,23 +14,22 @@ use rand_pcg::Pcg32;
 
 use super::eyes::{DetectorInstance, SimEyes};
 #[cfg(feature = "recording")]
-use super::{
-    journal::Payload,
-    recording::{
-        self,
-        tape::{Tape, What},
-    },
-};
+use super::journal::Payload;
+#[cfg(feature = "recording")]
+use super::tape::{Tape, What, tap};
 use crate::devices::BodyParts;
 use crate::net::network::SimNetwork;
 use crate::sched::{Scheduler, SimClock, TaskId};
 use crate::world::Chassis;
 
 #[cfg(feature = "recording")]
-pub(super) use either::{Either, EitherBody};
+pub(crate) use either::{Either, EitherBody};
 
 /// The shared context of a simulated robot: everything runs on one thread.
 pub type SimRobot = Robot<NoopRawMutex>;
+
+/// Control steps a robot takes in a second.
+pub(crate) const CONTROL_HZ: u64 = 50;
 
 /// Bytes for a still: several times what one of 320 × 240 grey pixels takes, and as much as a
 /// board gives it.
@@ -72,7 +71,7 @@ impl Hold for Heap {
 const NOMINAL_V: f32 = 7.4;
 
 /// What programs are told of the shape of their drive.
-pub(super) fn geometry(chassis: &Chassis) -> Geometry {
+pub(crate) fn geometry(chassis: &Chassis) -> Geometry {
     Geometry {
         wheel_base_m: chassis.track_m,
         top_speed_mps: chassis.speed_at(NOMINAL_V),
@@ -87,16 +86,16 @@ pub(super) fn geometry(chassis: &Chassis) -> Geometry {
 
 /// A running program. Its tasks are numbered like the activities below.
 #[derive(Debug)]
-pub(super) struct Program {
+pub(crate) struct Program {
     /// Time since this boot.
-    pub(super) clock: SimClock,
+    pub(crate) clock: SimClock,
     tasks: Vec<TaskId>,
     #[cfg(feature = "recording")]
     tape: Option<Rc<Tape>>,
 }
 
 /// Runs the activities of `robot` on `parts`, as a board does at boot.
-pub(super) fn start(
+pub(crate) fn start(
     sched: &mut Scheduler,
     robot: &Rc<SimRobot>,
     parts: BodyParts,
@@ -107,7 +106,7 @@ pub(super) fn start(
     let ranger_after = parts.ranger_after;
     #[cfg(feature = "recording")]
     {
-        let parts = recording::tap::tap(parts.with_network(network), tape.as_ref());
+        let parts = tap::tap(parts.with_network(network), tape.as_ref());
         let mut program = launch(sched, robot, parts, ranger_after, detector);
         program.tape = tape;
         program
@@ -131,7 +130,7 @@ type ProgramBody = crate::devices::SimBody<SimNetwork>;
 
 /// Runs the activities of `robot` on a body in virtual time, the one of the ranger `ranger_after`
 /// the others.
-pub(super) fn launch(
+pub(crate) fn launch(
     sched: &mut Scheduler,
     robot: &Rc<SimRobot>,
     parts: Parts<ProgramBody>,
@@ -225,7 +224,7 @@ fn start_camera(
 
 impl Program {
     /// Hands the program a command that comes past the network.
-    pub(super) fn tell(&self, robot: &SimRobot, payload: &[u8]) {
+    pub(crate) fn tell(&self, robot: &SimRobot, payload: &[u8]) {
         #[cfg(feature = "recording")]
         if let Some(tape) = &self.tape {
             tape.note(What::Told(Payload::new(payload)));
@@ -234,7 +233,7 @@ impl Program {
     }
 
     /// Puts the program's idea of the time off.
-    pub(super) fn step_clock(&self, robot: &SimRobot, ms: i64) {
+    pub(crate) fn step_clock(&self, robot: &SimRobot, ms: i64) {
         #[cfg(feature = "recording")]
         if let Some(tape) = &self.tape {
             tape.note(What::ClockStep(ms));
@@ -243,7 +242,7 @@ impl Program {
     }
 
     /// Tells the program the time past the network.
-    pub(super) fn tell_time(&self, robot: &SimRobot, unix_ms: u64) {
+    pub(crate) fn tell_time(&self, robot: &SimRobot, unix_ms: u64) {
         #[cfg(feature = "recording")]
         if let Some(tape) = &self.tape {
             tape.note(What::Time(unix_ms));
@@ -252,7 +251,7 @@ impl Program {
     }
 
     /// Drops the program where it stands, as a reset or a power cut does.
-    pub(super) fn stop(self, sched: &mut Scheduler) {
+    pub(crate) fn stop(self, sched: &mut Scheduler) {
         #[cfg(feature = "recording")]
         if let Some(tape) = &self.tape {
             tape.end();
@@ -264,6 +263,6 @@ impl Program {
 }
 
 /// A context as it is before boot.
-pub(super) fn context(config: Config) -> Rc<SimRobot> {
+pub(crate) fn context(config: Config) -> Rc<SimRobot> {
     Rc::new(Robot::new(config))
 }

@@ -48,6 +48,16 @@ const START_PERIOD: Duration = Duration::from_millis(100);
 /// by the simulation.
 const TIME_PERIOD: Duration = Duration::from_secs(5);
 
+/// How the robots of a world in virtual time reach their broker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Link {
+    /// In the process, in virtual time.
+    Lockstep,
+    /// Not at all.
+    None,
+}
+
 /// How robots reach their broker.
 pub(crate) enum Way {
     /// Not at all.
@@ -142,7 +152,7 @@ pub(crate) struct BrokerAddress {
     pub(crate) credentials: Option<Credentials>,
     /// Where their devices are recorded.
     #[cfg(feature = "recording")]
-    pub(crate) deck: Option<super::recording::Deck>,
+    pub(crate) deck: Option<super::tape::Deck>,
 }
 
 impl Simulation {
@@ -161,18 +171,18 @@ impl Simulation {
     /// See [`SimulationError`].
     #[cfg(feature = "recording")]
     pub fn recorded(
-        link: super::snapshot::Link,
+        link: Link,
         scenario: Scenario,
         seed: u64,
-        deck: super::recording::Deck,
+        deck: super::tape::Deck,
     ) -> Result<Self, SimulationError> {
         let given = BrokerAddress {
             deck: Some(deck),
             ..BrokerAddress::default()
         };
         match link {
-            super::snapshot::Link::Lockstep => Self::lockstep_given(scenario, seed, given, None),
-            super::snapshot::Link::None => Self::without_network_with(scenario, seed, given, None),
+            Link::Lockstep => Self::lockstep_given(scenario, seed, given, None),
+            Link::None => Self::without_network_with(scenario, seed, given, None),
         }
     }
 

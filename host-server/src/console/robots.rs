@@ -290,7 +290,7 @@ mod tests {
         let told = authority(&own, &settings);
         let digits = told.split_whitespace().next_back().expect("a key");
         assert!(
-            digits.parse::<crawler_sim::run::live::Authority>().is_ok(),
+            digits.parse::<crawler_sim::live::Authority>().is_ok(),
             "{told}"
         );
         let _ = std::fs::remove_dir_all(&data);

@@ -7,7 +7,7 @@ use axum::http::StatusCode;
 use crawler_protocol::{
     Capability, DecodeError, Kind, MAX_MESSAGE, RobotId, SimulatorCommand, Topic,
 };
-use crawler_sim::run::live::ControlError;
+use crawler_sim::live::ControlError;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 

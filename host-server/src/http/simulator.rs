@@ -6,7 +6,7 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
 use crawler_protocol::SimulatorCommand;
-use crawler_sim::run::live::{ControlError, LiveDone, LiveState};
+use crawler_sim::live::{ControlError, LiveDone, LiveState};
 use serde::Serialize;
 use serde_json::{Value, json};
 use utoipa::ToSchema;

@@ -6,7 +6,7 @@ use axum::Json;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
-use crawler_sim::run::live::Bookmark;
+use crawler_sim::live::Bookmark;
 use crawler_sim::scenario::{Scenario, ScenarioError};
 use crawler_sim::world::{Dropped, DroppedItem, MAX_ROBOTS, Object, Obstacle, Pose};
 use serde::{Deserialize, Serialize};

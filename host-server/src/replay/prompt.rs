@@ -6,7 +6,8 @@ use std::process::ExitCode;
 
 use crawler_protocol::Action;
 use crawler_sim::faults::Fault;
-use crawler_sim::run::{Simulation, Step};
+use crawler_sim::run::Simulation;
+use crawler_sim::tools::debugger::Step;
 use crawler_sim::world::Pose;
 
 use super::session::Session;

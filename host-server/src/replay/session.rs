@@ -6,11 +6,11 @@ use std::io::{BufReader, BufWriter};
 use std::path::Path;
 use std::time::{Duration as StdDuration, Instant as RealInstant};
 
-use crawler_sim::run::Instant;
-use crawler_sim::run::recording::{Recorded, Recorder};
-use crawler_sim::run::snapshot::{self, Link};
-use crawler_sim::run::{Debugger, Simulation, Snapshot, Step};
+use crawler_sim::run::{Instant, Link, Simulation};
 use crawler_sim::scenario::Scenario;
+use crawler_sim::tools::debugger::{Debugger, Step};
+use crawler_sim::tools::recording::{Recorded, Recorder};
+use crawler_sim::tools::snapshot::{self, Snapshot};
 
 use crate::recipe::DETECTOR;
 

@@ -6,7 +6,7 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 
 use crawler_sim::run::journal::Payload;
-use crawler_sim::run::recording::{Event, Output, What};
+use crawler_sim::run::tape::{Event, Output, What};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Deserialize;

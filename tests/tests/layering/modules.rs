@@ -24,7 +24,8 @@ const CRATES: &[Crate] = &[Crate {
         &["devices"],
         &["scenario"],
         &["run"],
-        &["dataset", "evaluate"],
+        &["evaluate", "tools"],
+        &["live"],
     ],
 }];
 

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 use std::sync::PoisonError;
 
 use super::{ParallelError, Plan, each};
-use crate::run::bench::CONTROL_HZ;
+use crate::run::machine::CONTROL_HZ;
 
 /// What the host can measure; handed in, because a simulation asks the environment nothing.
 pub trait Clocks: Sync {

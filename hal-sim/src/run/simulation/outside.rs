@@ -3,10 +3,9 @@
 use crawler_hal::Duration;
 use crawler_protocol::Topic;
 
-use super::{Simulation, Way};
+use super::{Link, Simulation, Way};
 use crate::run::SimulationError;
 use crate::run::journal::{Input, Payload};
-use crate::run::snapshot::Link;
 use crate::scenario::Scenario;
 use crate::world::{DropError, Dropped};
 

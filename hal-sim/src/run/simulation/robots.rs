@@ -17,7 +17,7 @@ use crate::run::eyes;
 use crate::run::journal::Input;
 use crate::run::machine::{self, Program, SimRobot};
 #[cfg(feature = "recording")]
-use crate::run::recording::life::Life;
+use crate::run::tape::life::Life;
 use crate::world::Fingerprint;
 use crate::world::Pose;
 

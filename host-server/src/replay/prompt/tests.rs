@@ -124,7 +124,7 @@ fn a_world_at_hand_is_recorded_from_its_beginning() {
     let (_, said) = say(&mut session, "until 8\nrecord off\n");
     assert_eq!(hash(said.lines().next().expect("a line")), hash(&plain));
     let recording = std::fs::File::open(&file).expect("a file");
-    let recording = crawler_sim::run::replay::Recording::read(recording).expect("a recording");
+    let recording = crawler_sim::tools::replay::Recording::read(recording).expect("a recording");
     assert_eq!(recording.end_us(), 8_000_000);
     assert_eq!(recording.robots().count(), 2);
     std::fs::remove_file(file).expect("it was there");

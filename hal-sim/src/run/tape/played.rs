@@ -15,19 +15,19 @@ use embedded_hal_async::digital::Wait;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use embedded_storage_async::nor_flash::{self, NorFlash, ReadNorFlash};
 
+use super::life::Life;
 use super::stage::{Stage, failed};
+use super::{Flash, Lens, Output, What, Writer};
 use crate::devices::{
     CAMERA_SIDE, Chip, DutyError, FlashError, GaugeError, LensError, MAX_DUTY, SimFlash, UartError,
 };
 use crate::run::journal::Payload;
 use crate::run::machine::{Either, EitherBody};
-use crate::run::recording::life::Life;
-use crate::run::recording::tape::{Flash, Lens, Output, What, Writer};
 use crate::sched::SimClock;
 use crate::world::Wiring;
 
 /// The body that a program of this life starts on.
-pub(super) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<EitherBody> {
+pub(crate) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<EitherBody> {
     use Output::{Lamp, LeftDuty, LeftIn1, LeftIn2, RightDuty, RightIn1, RightIn2};
     let line = || Line(Rc::clone(stage));
     let output = |output| Played {

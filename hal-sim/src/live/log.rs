@@ -6,7 +6,7 @@ use std::sync::PoisonError;
 
 use super::{Board, BrokerAddress, LiveError, Simulation};
 #[cfg(feature = "recording")]
-use crate::run::recording::Recorder;
+use crate::tools::recording::Recorder;
 
 /// See the [module](self).
 pub(super) struct Log {

@@ -14,19 +14,9 @@ use crawler_hal::Instant;
 pub use error::{RestoreError, SnapshotError};
 pub use file::{MAX_FILE, read_from, write_to};
 
-use super::journal::Entry;
-use super::simulation::Simulation;
+use crate::run::journal::Entry;
+use crate::run::{Link, Simulation};
 use crate::scenario::Scenario;
-
-/// How the robots of a world reach their broker.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Link {
-    /// In the process, in virtual time.
-    Lockstep,
-    /// Not at all.
-    None,
-}
 
 /// See the [module](self).
 #[derive(Debug, Clone, PartialEq)]
@@ -45,35 +35,33 @@ pub struct Snapshot {
 /// Name of this build.
 pub(crate) const BUILD: &str = env!("CARGO_PKG_VERSION");
 
-impl Simulation {
-    /// Keeps the world as it is now.
+impl Snapshot {
+    /// Keeps a world as it is now.
     ///
     /// # Errors
     /// [`SnapshotError`] when it cannot be made again: it is live, or its journal does not tell
     /// the whole story.
-    pub fn snapshot(&self) -> Result<Snapshot, SnapshotError> {
-        let link = self.link().ok_or(SnapshotError::Live)?;
-        let journal = self.journal();
+    pub fn of(simulation: &Simulation) -> Result<Self, SnapshotError> {
+        let link = simulation.link().ok_or(SnapshotError::Live)?;
+        let journal = simulation.journal();
         if journal.lost() > 0 {
             return Err(SnapshotError::Lost(journal.lost()));
         }
         if journal.withheld() > 0 {
             return Err(SnapshotError::Withheld(journal.withheld()));
         }
-        Ok(Snapshot {
+        Ok(Self {
             build: BUILD.to_owned(),
             link,
-            scenario: self.scenario().clone(),
-            seed: self.seed(),
-            at: self.now(),
-            hash: self.history_hash(),
-            seconds: self.second_hashes().to_vec(),
+            scenario: simulation.scenario().clone(),
+            seed: simulation.seed(),
+            at: simulation.now(),
+            hash: simulation.history_hash(),
+            seconds: simulation.second_hashes().to_vec(),
             entries: journal.entries().to_vec(),
         })
     }
-}
 
-impl Snapshot {
     /// The scenario.
     #[must_use]
     pub fn scenario(&self) -> &Scenario {

@@ -7,7 +7,7 @@ use embedded_io_async::{ErrorType, Read, Write};
 
 use super::{Attempt, Tap};
 use crate::run::journal::Payload;
-use crate::run::recording::tape::{Net, Tape, What, Writer};
+use crate::run::tape::{Net, Tape, What, Writer};
 
 impl<N: Network> Network for Tap<N> {
     type Stream<'a>

@@ -10,8 +10,9 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Deserialize;
 
 use crate::run::journal::Payload;
-use crate::run::recording::life::Life;
-use crate::run::recording::{Event, START, What, topics};
+use crate::run::tape::life::Life;
+use crate::run::tape::{Event, What};
+use crate::tools::recording::{START, topics};
 
 /// Opcode and length of a record.
 const RECORD_HEAD: usize = 1 + 8;

@@ -8,15 +8,14 @@ use crawler_app::vision::DetectorError;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{ParameterValues, Reason};
 
-use super::body;
 use super::compare::{Difference, Except, compare};
 use super::read::{Boot, Recording};
-use super::stage::{Script, Stage, Word};
 use crate::run::eyes::DetectorInstance;
 use crate::run::machine;
-use crate::run::recording::Event;
-use crate::run::snapshot::BUILD;
+use crate::run::tape::stage::{Script, Stage, Word};
+use crate::run::tape::{Event, played};
 use crate::sched::{Scheduler, SimClock};
+use crate::tools::snapshot::BUILD;
 
 /// What the replay of one robot came to.
 #[derive(Debug, Clone, PartialEq)]
@@ -162,7 +161,7 @@ fn play(
     let stage = Rc::new(Stage::new(Script::of(&boot.events), &clock));
     let robot = machine::context(config);
     stage.tape.watch(&robot);
-    let parts = body::parts(&boot.life, &stage, &clock);
+    let parts = played::parts(&boot.life, &stage, &clock);
     let ranger_after = Duration::from_micros(boot.life.ranger_after_us);
     let program = machine::launch(&mut sched, &robot, parts, ranger_after, instance);
     let end = Instant::from_micros(end);

@@ -7,7 +7,7 @@ use crawler_protocol::{Fleet, Kind, RobotId};
 use rand_pcg::Pcg32;
 use serde::{Deserialize, Serialize};
 
-use super::tape::{cause_name, cause_named};
+use super::{cause_name, cause_named};
 use crate::devices::BodyParts;
 use crate::run::journal::Payload;
 use crate::world::Wiring;

@@ -8,7 +8,8 @@ use std::io::{Read, Write};
 use crawler_hal::Instant;
 use serde::{Deserialize, Serialize};
 
-use super::{BUILD, Link, RestoreError, Snapshot, SnapshotError};
+use super::{BUILD, RestoreError, Snapshot, SnapshotError};
+use crate::run::Link;
 use crate::run::journal::{Entry, MAX_ENTRIES};
 use crate::scenario::Scenario;
 use crate::world::Fingerprint;

@@ -1,4 +1,14 @@
 //! What the devices of one robot said, and what its program made of it.
+//!
+//! Every device of a robot has a `tap` that tells the [`Tape`] what passes through it; `played`
+//! devices say once more what is on one. A recording is a file of them.
+
+mod event;
+pub(crate) mod life;
+mod mqtt;
+pub(crate) mod played;
+pub(crate) mod stage;
+pub(crate) mod tap;
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
@@ -7,12 +17,12 @@ use std::rc::Rc;
 use crawler_hal::{Clock, LinkState, Millivolts, ResetCause};
 use crawler_protocol::{BehaviourName, RobotState};
 
-pub(crate) use super::event::{Event, Flash, Lens, Net, Output, What, Writer};
-use super::life::Life;
-use super::mqtt::{Packets, Publish};
 use crate::run::journal::Payload;
 use crate::run::machine::SimRobot;
 use crate::sched::SimClock;
+pub use event::{Event, Flash, Lens, Net, Output, What, Writer};
+use life::Life;
+use mqtt::{Packets, Publish};
 
 /// Events of one robot that wait to be taken, at most. A robot has a few hundred in a second and
 /// they are taken ten times in one.

@@ -6,19 +6,12 @@
 //! nothing about the run.
 
 mod error;
-mod event;
 mod file;
-pub(crate) mod life;
-mod mqtt;
 mod recorder;
 mod scene;
 mod schema;
-pub(crate) mod tap;
-pub(crate) mod tape;
 
 pub use error::RecordError;
-pub use event::{Event, Flash, Lens, Net, Output, What, Writer};
 pub use recorder::{Recorded, Recorder};
-pub use tape::Deck;
 
 pub(crate) use file::{START, topics};

@@ -17,7 +17,7 @@ use embedded_hal::digital::{self, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use embedded_storage_async::nor_flash::{self, NorFlash, ReadNorFlash};
 
-use super::tape::{Flash, Lens, Output, Tape, What, Writer, millivolts};
+use super::{Flash, Lens, Output, Tape, What, Writer, millivolts};
 use crate::devices::{
     FlashError, LensError, SimBody, SimCamera, SimFlash, SimPin, SimPwm, SimSystem,
 };

@@ -9,7 +9,7 @@ use embedded_io_async::{ErrorType, Read, Write};
 use super::{Attempt, Tap};
 use crate::devices::{SimEcho, SimTrigger, SimUart, UartError};
 use crate::run::journal::Payload;
-use crate::run::recording::tape::{What, Writer};
+use crate::run::tape::{What, Writer};
 
 impl ErrorType for Tap<SimUart> {
     type Error = UartError;

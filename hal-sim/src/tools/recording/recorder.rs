@@ -8,11 +8,11 @@ use crawler_hal::{Duration, Instant};
 use serde_json::{Value, json};
 
 use super::file::{RecordFile, topics};
-use super::tape::{Deck, Event, Track, What};
 use super::{RecordError, scene};
 use crate::run::Simulation;
 use crate::run::journal::{Entry, Input};
-use crate::run::snapshot::BUILD;
+use crate::run::tape::{Deck, Event, Track, What};
+use crate::tools::snapshot::BUILD;
 
 /// How often what is on the tapes is taken, and a small fleet is looked at.
 const PERIOD: Duration = Duration::from_millis(100);

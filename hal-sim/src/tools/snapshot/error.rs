@@ -54,7 +54,7 @@ pub enum RestoreError {
     Simulation(SimulationError),
     /// The recording of the world that is made takes no more.
     #[cfg(feature = "recording")]
-    Record(crate::run::recording::RecordError),
+    Record(crate::tools::recording::RecordError),
     /// The same recipe made another world.
     Differs {
         /// The first second in which it did, counting from 1.
@@ -92,8 +92,8 @@ impl std::error::Error for RestoreError {
 }
 
 #[cfg(feature = "recording")]
-impl From<crate::run::recording::RecordError> for RestoreError {
-    fn from(error: crate::run::recording::RecordError) -> Self {
+impl From<crate::tools::recording::RecordError> for RestoreError {
+    fn from(error: crate::tools::recording::RecordError) -> Self {
         Self::Record(error)
     }
 }

@@ -9,9 +9,9 @@ use crawler_protocol::{RobotId, ScenarioName, SimulatorCommand};
 
 use super::control::{Answer, ControlError, LiveDone, LiveState, Order};
 use super::driver::{Beginning, Driver};
-use crate::run::Step;
 use crate::run::control::Factor;
 use crate::scenario::Scenario;
+use crate::tools::debugger::Step;
 use crate::world::{DropError, Dropped, Pose};
 
 /// What an order has brought into the world.

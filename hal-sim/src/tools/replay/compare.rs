@@ -6,7 +6,7 @@ use std::fmt;
 use crawler_protocol::{BehaviourName, RobotState};
 
 use crate::run::journal::Payload;
-use crate::run::recording::{Event, Output, What};
+use crate::run::tape::{Event, Output, What};
 
 /// Something a program did that can be seen from outside.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,11 +6,9 @@
 //! the ranger, published messages, resets. From the first difference on the two are different
 //! robots, and what the devices of one say means nothing to the other; so that is what is told.
 
-pub(super) mod body;
 mod compare;
 mod play;
 mod read;
-mod stage;
 
 pub use compare::{Deed, Difference};
 pub use play::{ReplayError, Report, replay};

@@ -4,12 +4,12 @@ use std::time::Duration as StdDuration;
 
 use crawler_hal::{Duration, Instant};
 
-use super::simulation::Simulation;
 use super::snapshot::{RestoreError, Snapshot, SnapshotError};
-use super::{SimulationError, control::Factor};
+use crate::run::control::Factor;
+use crate::run::{Simulation, SimulationError};
 use crate::world::PHYSICS_STEP;
 
-pub use super::control::FactorError;
+pub use crate::run::FactorError;
 
 /// What a single step is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -148,7 +148,7 @@ impl Debugger {
     /// # Errors
     /// See [`SnapshotError`].
     pub fn snapshot(&self) -> Result<Snapshot, SnapshotError> {
-        self.simulation.snapshot()
+        Snapshot::of(&self.simulation)
     }
 
     /// Goes back, or on, to a world that was kept, and stands still.

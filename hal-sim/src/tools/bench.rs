@@ -2,12 +2,9 @@
 
 use crawler_hal::{Duration, Instant};
 
-use super::error::SimulationError;
-use super::simulation::Simulation;
+use crate::run::machine::CONTROL_HZ;
+use crate::run::{Simulation, SimulationError};
 use crate::scenario::Scenario;
-
-/// Control steps a robot takes in a second.
-pub const CONTROL_HZ: u64 = 50;
 
 /// What the host can measure about its own process; handed in, because a simulation asks the
 /// environment nothing.

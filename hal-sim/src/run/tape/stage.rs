@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use crawler_hal::{Clock, Instant, LinkState, NetError};
 
-use crate::run::recording::tape::{Event, Flash, Lens, Net, Tape, What, Writer};
+use super::{Event, Flash, Lens, Net, Tape, What, Writer};
 use crate::sched::SimClock;
 
 /// Things to say, each with its moment.
@@ -15,32 +15,32 @@ type Lines<T> = VecDeque<(u64, T)>;
 
 /// When something that the program gave a device was taken, and how much of it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Taken {
+pub(crate) struct Taken {
     begun: u64,
     /// `None`: never, as long as the program waited.
     done: Option<u64>,
-    pub(super) bytes: usize,
-    pub(super) broken: bool,
+    pub(crate) bytes: usize,
+    pub(crate) broken: bool,
 }
 
 /// Something that comes past the network.
 #[derive(Debug)]
-pub(super) enum Word {
+pub(crate) enum Word {
     Command(Vec<u8>),
     Time(u64),
     ClockStep(i64),
 }
 
 #[derive(Debug, Default)]
-pub(super) struct Script {
-    pub(super) heard: Lines<Option<Vec<u8>>>,
-    pub(super) echo: Lines<()>,
-    pub(super) echo_level: Lines<bool>,
-    pub(super) battery: Lines<Option<u16>>,
-    pub(super) picture: Lines<Result<Vec<u8>, Lens>>,
-    pub(super) joined: Lines<Option<Net>>,
-    pub(super) connected: Lines<Option<Net>>,
-    pub(super) received: Lines<Option<Vec<u8>>>,
+pub(crate) struct Script {
+    pub(crate) heard: Lines<Option<Vec<u8>>>,
+    pub(crate) echo: Lines<()>,
+    pub(crate) echo_level: Lines<bool>,
+    pub(crate) battery: Lines<Option<u16>>,
+    pub(crate) picture: Lines<Result<Vec<u8>, Lens>>,
+    pub(crate) joined: Lines<Option<Net>>,
+    pub(crate) connected: Lines<Option<Net>>,
+    pub(crate) received: Lines<Option<Vec<u8>>>,
     links: Lines<LinkState>,
     link: Option<LinkState>,
     asked: VecDeque<Taken>,
@@ -48,12 +48,12 @@ pub(super) struct Script {
     sent: VecDeque<Taken>,
     refused: BTreeMap<u64, Flash>,
     /// What came past the network.
-    pub(super) told: Lines<Word>,
+    pub(crate) told: Lines<Word>,
 }
 
 impl Script {
     /// Everything that a program hears, out of what is on its tape.
-    pub(super) fn of(events: &[Event]) -> Self {
+    pub(crate) fn of(events: &[Event]) -> Self {
         let mut script = Self::default();
         for Event(at, what) in events {
             let at = *at;
@@ -150,15 +150,15 @@ impl Script {
 
 /// What all devices of a played body share.
 #[derive(Debug)]
-pub(super) struct Stage {
+pub(crate) struct Stage {
     clock: SimClock,
-    pub(super) script: RefCell<Script>,
+    pub(crate) script: RefCell<Script>,
     /// What the program does this time.
-    pub(super) tape: Rc<Tape>,
+    pub(crate) tape: Rc<Tape>,
 }
 
 impl Stage {
-    pub(super) fn new(script: Script, clock: &SimClock) -> Self {
+    pub(crate) fn new(script: Script, clock: &SimClock) -> Self {
         Self {
             clock: clock.world(),
             script: RefCell::new(script),
@@ -167,7 +167,7 @@ impl Stage {
     }
 
     /// The next thing of its kind, when its moment has come; never, when there is none.
-    pub(super) async fn next<T>(&self, lines: impl Fn(&mut Script) -> &mut Lines<T>) -> T {
+    pub(crate) async fn next<T>(&self, lines: impl Fn(&mut Script) -> &mut Lines<T>) -> T {
         loop {
             let at = lines(&mut self.script.borrow_mut())
                 .front()
@@ -183,7 +183,7 @@ impl Stage {
     }
 
     /// The next bytes of a stream, as many as fit `buf`; `None` when it is broken.
-    pub(super) async fn bytes(
+    pub(crate) async fn bytes(
         &self,
         buf: &mut [u8],
         lines: impl Fn(&mut Script) -> &mut Lines<Option<Vec<u8>>>,
@@ -202,7 +202,7 @@ impl Stage {
 
     /// Waits as long as the device took the first time to take what it is given now. Something
     /// that it was not given then is taken at once.
-    pub(super) async fn take(&self, writer: Writer, length: usize) -> Taken {
+    pub(crate) async fn take(&self, writer: Writer, length: usize) -> Taken {
         let now = self.tape.now();
         let known = {
             let script = &mut *self.script.borrow_mut();
@@ -233,7 +233,7 @@ impl Stage {
     }
 
     /// What the radio says of its access point now.
-    pub(super) fn link(&self) -> LinkState {
+    pub(crate) fn link(&self) -> LinkState {
         let now = self.tape.now();
         let script = &mut *self.script.borrow_mut();
         while let Some(&(at, state)) = script.links.front()
@@ -246,31 +246,31 @@ impl Stage {
     }
 
     /// Something that came past the network, once its moment has come.
-    pub(super) fn word(&self, now: u64) -> Option<Word> {
+    pub(crate) fn word(&self, now: u64) -> Option<Word> {
         let told = &mut self.script.borrow_mut().told;
         told.pop_front_if(|line| line.0 <= now).map(|line| line.1)
     }
 
     /// When the next thing comes past the network.
-    pub(super) fn next_word(&self) -> u64 {
+    pub(crate) fn next_word(&self) -> u64 {
         let script = self.script.borrow();
         script.told.front().map_or(u64::MAX, |line| line.0)
     }
 
     /// Whether the echo pin is high.
-    pub(super) fn echo_level(&self) -> bool {
+    pub(crate) fn echo_level(&self) -> bool {
         let said = self.script.borrow_mut().echo_level.pop_front();
         said.is_some_and(|(_, level)| level)
     }
 
     /// Whether the flash refuses operation `number`.
-    pub(super) fn refuses(&self, number: u64) -> Option<Flash> {
+    pub(crate) fn refuses(&self, number: u64) -> Option<Flash> {
         self.script.borrow().refused.get(&number).copied()
     }
 }
 
 /// A network error by its name in the file.
-pub(super) fn failed(error: Option<Net>) -> Result<(), NetError> {
+pub(crate) fn failed(error: Option<Net>) -> Result<(), NetError> {
     match error {
         None => Ok(()),
         Some(error) => Err(error.into()),

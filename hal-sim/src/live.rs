@@ -26,10 +26,10 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Fleet, SimulatorCommand};
 use tokio::sync::{Notify, mpsc, oneshot, watch};
 
-use super::SimulationError;
-use super::simulation::{BrokerAddress, Simulation, Way};
 use crate::net::live::Gateway;
 use crate::net::proxy::Proxy;
+use crate::run::SimulationError;
+use crate::run::simulation::{BrokerAddress, Simulation, Way};
 use crate::scenario::Scenario;
 use crate::sched::SimClock;
 use crate::world::Arena;
@@ -74,7 +74,7 @@ pub struct LiveConfig {
     pub broker_port: u16,
     /// Who has signed the broker's certificate: robots speak TLS to it with the program's own client.
     pub authority: Option<Authority>,
-    /// What the broker asks for; see [`credentials`](super::credentials).
+    /// What the broker asks for; see [`credentials`](crate::run::credentials).
     pub credentials: Option<Credentials>,
     /// Scenario; its number of robots counts.
     pub scenario: Scenario,

@@ -55,13 +55,13 @@ fn eventful(link: Link) -> Simulation {
 fn a_restored_world_is_the_same_and_goes_on_the_same() {
     for link in [Link::Lockstep, Link::None] {
         let mut simulation = eventful(link);
-        let snapshot = simulation.snapshot().expect("complete");
+        let snapshot = Snapshot::of(&simulation).expect("complete");
         let read = Snapshot::from_bytes(&snapshot.to_bytes().expect("fits")).expect("reads");
         assert_eq!(read, snapshot);
         let mut again = read.restore().expect("the same program");
         assert_eq!(again.now(), simulation.now());
         assert_eq!(again.history_hash(), simulation.history_hash());
-        assert_eq!(again.snapshot().expect("complete"), snapshot);
+        assert_eq!(Snapshot::of(&again).expect("complete"), snapshot);
         assert_eq!(again.world().arena(), simulation.world().arena());
         assert_eq!(again.world().dropped(), simulation.world().dropped());
         for simulation in [&mut simulation, &mut again] {
@@ -76,7 +76,7 @@ fn a_restored_world_is_the_same_and_goes_on_the_same() {
 
 #[test]
 fn another_world_is_refused_with_the_second_in_which_it_parts() {
-    let snapshot = eventful(Link::Lockstep).snapshot().expect("complete");
+    let snapshot = Snapshot::of(&eventful(Link::Lockstep)).expect("complete");
     let second = |snapshot: &Snapshot| match snapshot.restore() {
         Err(RestoreError::Differs { second, .. }) => second,
         other => panic!("{other:?}"),
@@ -99,7 +99,7 @@ fn another_world_is_refused_with_the_second_in_which_it_parts() {
 
 #[test]
 fn bytes_that_are_no_snapshot_are_refused() {
-    let snapshot = eventful(Link::None).snapshot().expect("complete");
+    let snapshot = Snapshot::of(&eventful(Link::None)).expect("complete");
     let good = snapshot.to_bytes().expect("fits");
     let refused = |bytes: &[u8]| match Snapshot::from_bytes(bytes) {
         Err(RestoreError::File(text)) => text,
@@ -146,12 +146,12 @@ fn bytes_that_are_no_snapshot_are_refused() {
 fn a_world_whose_journal_has_gaps_cannot_be_kept() {
     let mut simulation = Simulation::lockstep(scenario(), 1).expect("sound");
     simulation.require_credentials(Some(("rover", "open sesame")));
-    assert_eq!(simulation.snapshot(), Err(SnapshotError::Withheld(1)));
+    assert_eq!(Snapshot::of(&simulation), Err(SnapshotError::Withheld(1)));
     let mut crowded = Simulation::lockstep(scenario(), 1).expect("sound");
     for _ in 0..=crate::run::journal::MAX_ENTRIES {
         crowded.cut(0, Cut::None);
     }
-    assert_eq!(crowded.snapshot(), Err(SnapshotError::Lost(1)));
+    assert_eq!(Snapshot::of(&crowded), Err(SnapshotError::Lost(1)));
 }
 
 #[test]
@@ -163,7 +163,7 @@ fn a_robot_that_finds_no_room_is_part_of_the_story() {
     simulation.run_for(Duration::from_millis(1_500));
     simulation.spawn().expect("there is room");
     simulation.run_for(Duration::from_millis(1_500));
-    let again = simulation.snapshot().expect("complete").restore();
+    let again = Snapshot::of(&simulation).expect("complete").restore();
     let again = again.expect("the same");
     assert_eq!(again.history_hash(), simulation.history_hash());
     assert_eq!(again.robots(), 5);
