@@ -65,7 +65,11 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-cluster", &[]),
     ("crawler-access", &["crawler-protocol"]),
     ("crawler-delivery", &["crawler-protocol"]),
-    ("crawler-records", &["crawler-access", "crawler-protocol"]),
+    ("crawler-database", &[]),
+    (
+        "crawler-records",
+        &["crawler-access", "crawler-database", "crawler-protocol"],
+    ),
     (
         "crawler-timeseries",
         &["crawler-protocol", "crawler-records"],

@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions as _, Connection as _, PgConnection};
 
-use crate::db::Db;
-use crate::files::{beside, make_private, remove_if_there, rename_if_there, sync};
 use crate::history::HISTORY_FILE;
 use crate::history::start::LOCK_FILE as HISTORY_LOCK;
-use crate::lock::{Hold, Lock};
-use crate::queue::{Boxed, Transact as _};
-use crate::schema::{self, HISTORY, RECORDS, Schema};
+use crate::schema::{HISTORY, RECORDS};
 use crate::store::Store;
 use crate::{LOCK_FILE, RECORDS_FILE, Records, RecordsError, postgres, transfer};
+use crawler_database::{
+    Boxed, Db, Hold, Lock, Schema, Transact as _, beside, check_whole, make_private,
+    remove_if_there, rename_if_there, sync, unreadable,
+};
 
 /// End of the name of a file that is not complete.
 const PARTIAL: &str = ".partial";
@@ -151,12 +151,12 @@ fn check<'a>(file: &'a Path, schema: &'a Schema) -> Boxed<'a, Result<(), Records
     Box::pin(async move {
         let mut connection = SqliteConnection::connect_with(&options(file))
             .await
-            .map_err(|error| schema::unreadable(error, file))?;
+            .map_err(|error| unreadable(error, file))?;
         let outcome = async {
             if schema.check(&mut connection, file).await? == 0 {
                 return Err(RecordsError::damaged(file, "it is empty"));
             }
-            schema::check_whole(&mut connection, file).await
+            check_whole(&mut connection, file).await
         }
         .await;
         connection.close().await?;

@@ -20,17 +20,12 @@ mod arenas;
 mod audit;
 mod backup;
 mod credentials;
-mod db;
-mod error;
 mod events;
 mod experiments;
 mod fences;
-mod files;
 pub mod history;
-mod lock;
 mod postgres;
 mod query;
-mod queue;
 mod schema;
 mod sessions;
 mod settings;
@@ -42,10 +37,13 @@ mod users;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use crawler_database::{Boxed, Db, Hold, Lock, beside, check_whole};
+
+pub use crawler_database::RecordsError;
+
 pub use arenas::MAX_ARENA;
 pub use audit::{Broken, Entry, MAX_AUDIT_PAGE, Stored};
 pub use credentials::{Credential, MAX_CREDENTIAL_NAME, MAX_CREDENTIALS};
-pub use error::RecordsError;
 pub use events::{
     Event, EventCursor, EventLevel, EventQuery, EventRetention, MAX_EVENT_TEXT, MAX_EVENTS_PAGE,
     NoCursor, StoredEvent,
@@ -60,14 +58,10 @@ pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session};
 pub use settings::{MAX_SETTING, MAX_SETTING_KEY};
 pub use users::{Invitation, MAX_INVITATIONS, MAX_PASSWORD_HASH, MAX_USERS, User};
 
-use db::Db;
-use files::not_emptied;
 use history::History;
 use history::start::Running;
-use lock::{Hold, Lock};
 use postgres::Remote;
 use query::{Connection, query};
-use queue::Boxed;
 use store::Store;
 
 /// File of accounts, credentials and the audit log, in the data directory.
@@ -120,7 +114,7 @@ impl Records {
             let file = path.clone();
             let whole = db
                 .read(move |connection| {
-                    Box::pin(async move { schema::check_whole(connection, &file).await })
+                    Box::pin(async move { check_whole(connection, &file).await })
                 })
                 .await;
             let opened = match whole {
@@ -266,6 +260,20 @@ impl Records {
     fn db(&self) -> &Store {
         &self.0.db
     }
+}
+
+/// Refuses records of no bytes beside a history. A new server begins with such a file, but before there is
+/// any history: these have been lost, and whoever comes next must not be taken for the first.
+fn not_emptied(records: &Path, history: &Path) -> Result<(), RecordsError> {
+    let length = |path: &Path| std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    let is_empty = records.is_file() && length(records) == 0;
+    if is_empty && length(&beside(records, "-wal")) == 0 && length(history) > 0 {
+        return Err(RecordsError::damaged(
+            records,
+            "it is empty, although the server has run before",
+        ));
+    }
+    Ok(())
 }
 
 async fn prune(connection: &mut Connection<'_>, now: i64) -> Result<(), RecordsError> {

@@ -18,14 +18,14 @@ use tokio::time::Instant;
 
 use crate::RecordsError;
 use crate::query::{Connection, query};
-use crate::queue::{self, Boxed, Queue, Transact as _, Waiting, within};
+use crawler_database::{
+    Boxed, PATIENCE, Queue, Transact as _, Waiting, carry_out, queue, refuse, within,
+};
 
 use health::Health;
 
 pub use health::DatabaseStats;
 
-/// For each call, whatever it waits for.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(5);
 /// For saying goodbye to a database that may be gone.
 const GOODBYE: Duration = Duration::from_secs(1);
 /// Connections that read.
@@ -97,7 +97,7 @@ impl Remote {
             .max_connections(READERS)
             .acquire_timeout(PATIENCE)
             .connect_lazy_with(place.options.clone());
-        let (queue, waiting) = queue::queue();
+        let (queue, waiting) = queue();
         let health = Arc::new(Health::default());
         let writer = Writer {
             place: place.clone(),
@@ -284,14 +284,14 @@ impl Writer {
             let until = began + PATIENCE;
             let outcome = match self.begin(until).await {
                 Ok(mut connection) => {
-                    let outcome = queue::carry_out(&mut connection, work, Some(until)).await;
+                    let outcome = carry_out(&mut connection, work, Some(until)).await;
                     // After trouble nobody knows where it stands. Without it, the database undoes
                     // what was under way.
                     self.connection = outcome.is_ok().then_some(connection);
                     outcome
                 }
                 Err(error) => {
-                    queue::refuse(work, &error).await;
+                    refuse(work, &error).await;
                     Err(error)
                 }
             };

@@ -6,7 +6,7 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{ColumnIndex, Decode, FromRow, SqlSafeStr, SqlStr, Type, TypeInfo as _};
 
 use crate::RecordsError;
-use crate::queue::Boxed;
+use crawler_database::Boxed;
 
 /// A connection of either engine, lent for a piece of work.
 #[derive(Debug)]

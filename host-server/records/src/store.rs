@@ -1,10 +1,9 @@
 //! Where the records are: in a file, or in a database that several servers share.
 
 use crate::RecordsError;
-use crate::db::Db;
 use crate::postgres::Remote;
 use crate::query::Connection;
-use crate::queue::Boxed;
+use crawler_database::{Boxed, Db};
 
 #[derive(Debug, Clone)]
 pub(crate) enum Store {

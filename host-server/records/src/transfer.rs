@@ -8,8 +8,8 @@ use sqlx::{AssertSqlSafe, Connection as _, PgConnection};
 
 use crate::RecordsError;
 use crate::query::{Connection, Value, Values, query};
-use crate::queue::{Boxed, Transact as _};
 use crate::schema::RECORDS;
+use crawler_database::{Boxed, Transact as _};
 
 /// Rows that are in memory at a time.
 const PAGE: usize = 200;

@@ -11,8 +11,7 @@ use super::points::Stretch;
 use super::query::{PAGE, level};
 use super::{Point, codec, numbered_state, retention};
 use crate::RecordsError;
-use crate::db::Db;
-use crate::queue::Boxed;
+use crawler_database::{Boxed, Db};
 
 /// Most frames in one answer, of all robots together; those that step and beginning add at the ends are
 /// not counted.

@@ -13,8 +13,7 @@ use super::memory::{Lots, Shared, Waiting};
 use super::retention::{self, Retention};
 use super::{MAX_ROBOTS, Sample, codec};
 use crate::RecordsError;
-use crate::db::Db;
-use crate::lock::Lock;
+use crawler_database::{Db, Lock};
 
 /// How long a sample waits for others.
 const TICK: Duration = Duration::from_millis(250);

@@ -29,7 +29,7 @@ use serde::Serialize;
 use tokio::sync::oneshot;
 
 use crate::RecordsError;
-use crate::db::Db;
+use crawler_database::Db;
 use memory::{Inbox, Shared, Waiting};
 
 pub use fold::{LATEST, numbered_state, state_number, thousandths};

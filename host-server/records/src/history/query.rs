@@ -12,8 +12,7 @@ use super::points::{self, Points};
 use super::retention::{self, Retention};
 use super::seal::STEPS;
 use crate::RecordsError;
-use crate::db::Db;
-use crate::queue::Boxed;
+use crawler_database::{Boxed, Db};
 
 /// Blocks in memory at a time.
 pub(super) const PAGE: i64 = 256;

@@ -5,8 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::memory::Shared;
 use crate::RecordsError;
-use crate::db::Db;
-use crate::queue::Boxed;
+use crawler_database::{Boxed, Db};
 
 /// Blocks deleted in one transaction, and so how long others wait for it.
 const AT_ONCE: i64 = 500;

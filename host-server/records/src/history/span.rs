@@ -2,8 +2,7 @@
 
 use super::memory::Shared;
 use crate::RecordsError;
-use crate::db::Db;
-use crate::queue::Boxed;
+use crawler_database::{Boxed, Db};
 
 /// How long a block of each level is, about: a minute or so, and an hour of minutes.
 const LENGTHS: [i64; 3] = [120_000, 120_000, 3_600_000];

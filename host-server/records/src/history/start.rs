@@ -12,10 +12,8 @@ use super::keeper::{Keeper, TailRow, split};
 use super::memory::{Memory, Shared};
 use super::{HISTORY_FILE, History, codec, retention};
 use crate::RecordsError;
-use crate::db::Db;
-use crate::files::{beside, rename_if_there};
-use crate::lock::{Hold, Lock};
-use crate::schema::{self, HISTORY};
+use crate::schema::HISTORY;
+use crawler_database::{Db, Hold, Lock, beside, rename_if_there, unreadable};
 
 /// Held by the process that keeps the history.
 pub(crate) const LOCK_FILE: &str = "history.lock";
@@ -162,7 +160,7 @@ async fn read(db: &Db) -> Result<Loaded, RecordsError> {
 type Heads = (Vec<(i64, String)>, i64, i64);
 
 async fn heads(connection: &mut SqliteConnection, path: &Path) -> Result<Heads, RecordsError> {
-    let damaged = |error| schema::unreadable(error, path);
+    let damaged = |error| unreadable(error, path);
     let robots = sqlx::query_as("SELECT id, name FROM robot")
         .fetch_all(&mut *connection)
         .await
@@ -187,7 +185,7 @@ async fn tail(
         .bind(PAGE)
         .fetch_all(connection)
         .await
-        .map_err(|error| schema::unreadable(error, path))
+        .map_err(|error| unreadable(error, path))
 }
 
 fn is_damage(error: &RecordsError) -> bool {

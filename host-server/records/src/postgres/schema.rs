@@ -6,7 +6,7 @@ use sqlx::PgConnection;
 
 use crate::RecordsError;
 use crate::query::{Connection, query};
-use crate::queue::Transact as _;
+use crawler_database::Transact as _;
 
 /// `STEPS[n]` leads from version n to n + 1. A step that was released is never edited.
 const STEPS: &[&str] = &[

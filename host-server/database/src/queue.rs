@@ -17,12 +17,12 @@ const BATCH: usize = 128;
 
 /// What a function gives that is not `async` itself: the body of one that is, is compiled in each crate that
 /// awaits it, and with it all of sqlx that it calls. Behind a pointer both are compiled here, once.
-pub(crate) type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
+pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 /// Tells the caller what came of it, once the transaction is on disk or is not.
 type Answer = Box<dyn FnOnce(Result<(), RecordsError>) + Send>;
 /// Does the work, or tells the caller why it cannot be done. `None` when the caller knows already
 /// that it failed.
-pub(crate) type Work<C> =
+pub type Work<C> =
     Box<dyn for<'c> FnOnce(Result<&'c mut C, RecordsError>) -> Boxed<'c, Option<Answer>> + Send>;
 
 enum Job<C> {
@@ -31,8 +31,11 @@ enum Job<C> {
 }
 
 /// A connection on which work is carried out.
-pub(crate) trait Transact: Send {
+pub trait Transact: Send {
     /// Carries out statements without values.
+    ///
+    /// # Errors
+    /// What the database says against one of them.
     fn run(&mut self, sql: &'static str) -> Boxed<'_, Result<(), RecordsError>>;
 }
 
@@ -55,7 +58,7 @@ impl Transact for PgConnection {
 }
 
 /// Where writers stand in line.
-pub(crate) struct Queue<C>(mpsc::Sender<Job<C>>);
+pub struct Queue<C>(mpsc::Sender<Job<C>>);
 
 impl<C> Clone for Queue<C> {
     fn clone(&self) -> Self {
@@ -64,12 +67,14 @@ impl<C> Clone for Queue<C> {
 }
 
 /// The other end of it.
-pub(crate) struct Waiting<C> {
+pub struct Waiting<C> {
     jobs: mpsc::Receiver<Job<C>>,
     closing: Option<oneshot::Sender<()>>,
 }
 
-pub(crate) fn queue<C>() -> (Queue<C>, Waiting<C>) {
+/// Both ends of a queue.
+#[must_use]
+pub fn queue<C>() -> (Queue<C>, Waiting<C>) {
     let (sender, jobs) = mpsc::channel(QUEUE);
     let closing = None;
     (Queue(sender), Waiting { jobs, closing })
@@ -79,7 +84,10 @@ impl<C: 'static> Queue<C> {
     /// Has `work` carried out in a transaction and returns when it is committed.
     ///
     /// A caller that stops waiting does not undo it: the work is done all the same.
-    pub(crate) async fn write<T, F>(&self, work: F) -> Result<T, RecordsError>
+    ///
+    /// # Errors
+    /// Those of `work`, and why it was not carried out or committed.
+    pub async fn write<T, F>(&self, work: F) -> Result<T, RecordsError>
     where
         T: Send + 'static,
         F: for<'c> FnOnce(&'c mut C) -> Boxed<'c, Result<T, RecordsError>> + Send + 'static,
@@ -119,12 +127,12 @@ impl<C: 'static> Queue<C> {
     }
 
     /// How many wait.
-    pub(crate) fn waiting(&self) -> usize {
+    pub fn waiting(&self) -> usize {
         self.0.max_capacity() - self.0.capacity()
     }
 
     /// Returns when what waits is done and the writer has ended.
-    pub(crate) async fn close(&self) {
+    pub async fn close(&self) {
         let (done, closed) = oneshot::channel();
         if self.0.send(Job::Close(done)).await.is_ok() {
             // An error means that the writer is gone, which is what was asked for.
@@ -136,7 +144,7 @@ impl<C: 'static> Queue<C> {
 impl<C> Waiting<C> {
     /// What waits, as much as fits into a transaction. `None` when the writer is to end: it was told
     /// to, or nobody could ask it for anything any more.
-    pub(crate) async fn next(&mut self) -> Option<Vec<Work<C>>> {
+    pub async fn next(&mut self) -> Option<Vec<Work<C>>> {
         let mut batch = Vec::with_capacity(BATCH);
         while self.closing.is_none() && self.jobs.recv_many(&mut batch, BATCH).await > 0 {
             let mut work = Vec::with_capacity(batch.len());
@@ -154,7 +162,7 @@ impl<C> Waiting<C> {
     }
 
     /// Says that everything is done.
-    pub(crate) fn closed(self) {
+    pub fn closed(self) {
         if let Some(done) = self.closing {
             let _ = done.send(());
         }
@@ -162,7 +170,7 @@ impl<C> Waiting<C> {
 }
 
 /// Tells everybody that it cannot be done.
-pub(crate) async fn refuse<C>(work: Vec<Work<C>>, error: &RecordsError) {
+pub async fn refuse<C>(work: Vec<Work<C>>, error: &RecordsError) {
     for piece in work {
         piece(Err(error.clone())).await;
     }
@@ -170,7 +178,10 @@ pub(crate) async fn refuse<C>(work: Vec<Work<C>>, error: &RecordsError) {
 
 /// Does `work` in the transaction that has begun. A piece that fails is undone alone; when the
 /// transaction itself fails, or `until` passes, all of it is, and every caller is told.
-pub(crate) async fn carry_out<C: Transact>(
+///
+/// # Errors
+/// Of the transaction, not of a piece.
+pub async fn carry_out<C: Transact>(
     connection: &mut C,
     work: Vec<Work<C>>,
     until: Option<Instant>,
@@ -215,7 +226,10 @@ async fn one<C: Transact>(
 }
 
 /// What comes of `work`, unless `until` passes first.
-pub(crate) async fn within<T>(
+///
+/// # Errors
+/// Those of `work`, or [`RecordsError::Unavailable`].
+pub async fn within<T>(
     until: Option<Instant>,
     work: impl Future<Output = Result<T, RecordsError>>,
 ) -> Result<T, RecordsError> {

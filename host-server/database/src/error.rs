@@ -3,8 +3,12 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use sqlx::postgres::PgDatabaseError;
+
+/// For each call to a database elsewhere, whatever it waits for.
+pub const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Why records could not be read or kept. Nothing was changed when a call returns one of these; only
 /// after [`RecordsError::Unavailable`] it may have been, as when a connection breaks before the answer.
@@ -60,26 +64,28 @@ pub enum RecordsError {
 }
 
 impl RecordsError {
-    pub(crate) fn io(path: &Path, cause: std::io::Error) -> Self {
+    /// The operating system refused to read or write `path`.
+    #[must_use]
+    pub fn io(path: &Path, cause: std::io::Error) -> Self {
         Self::Io {
             path: path.to_owned(),
             cause: Arc::new(cause),
         }
     }
 
-    pub(crate) fn damaged(file: &Path, why: impl Into<String>) -> Self {
+    /// What is wrong with `file`.
+    #[must_use]
+    pub fn damaged(file: &Path, why: impl Into<String>) -> Self {
         Self::Damaged {
             file: file.to_owned(),
             why: why.into(),
         }
     }
 
-    /// Nothing came back in time.
-    pub(crate) fn late() -> Self {
-        Self::Unavailable(format!(
-            "no answer within {} s",
-            crate::postgres::PATIENCE.as_secs()
-        ))
+    /// Nothing came back within [`PATIENCE`].
+    #[must_use]
+    pub fn late() -> Self {
+        Self::Unavailable(format!("no answer within {} s", PATIENCE.as_secs()))
     }
 
     /// Whether the same call may work in a moment.
@@ -89,7 +95,7 @@ impl RecordsError {
     }
 
     /// The primary result code of `SQLite`, if it is what refused.
-    pub(crate) fn sqlite_code(&self) -> Option<i32> {
+    pub fn sqlite_code(&self) -> Option<i32> {
         let Self::Storage(cause) = self else {
             return None;
         };

@@ -21,8 +21,9 @@ const BUSY: Duration = Duration::from_secs(5);
 /// Length to which the write-ahead log is cut back.
 const LOG_BYTES: &str = "67108864";
 
+/// One file. A clone is another handle of the same.
 #[derive(Clone)]
-pub(crate) struct Db {
+pub struct Db {
     queue: Queue<SqliteConnection>,
     /// None in memory: there the writer's connection is the only one that sees the data.
     readers: Option<SqlitePool>,
@@ -51,8 +52,11 @@ fn options(path: &Path, synchronous: SqliteSynchronous) -> SqliteConnectOptions 
 
 impl Db {
     /// Opens or makes `path` and starts its writer. `safe` waits for the disk at each commit, so that
-    /// not even a power cut takes back what was acknowledged.
-    pub(crate) fn open<'a>(
+    /// not even a power cut takes back what was acknowledged. Must be called within a Tokio runtime.
+    ///
+    /// # Errors
+    /// As of [`Schema::migrate`], or when the file cannot be made.
+    pub fn open<'a>(
         path: &'a Path,
         schema: &'a Schema,
         safe: bool,
@@ -77,7 +81,10 @@ impl Db {
     }
 
     /// The same without a file.
-    pub(crate) fn in_memory(schema: &Schema) -> Boxed<'_, Result<Self, RecordsError>> {
+    ///
+    /// # Errors
+    /// [`RecordsError`] when there is no memory for it.
+    pub fn in_memory(schema: &Schema) -> Boxed<'_, Result<Self, RecordsError>> {
         Box::pin(async move {
             let path = Path::new(":memory:");
             let options = SqliteConnectOptions::new()
@@ -100,19 +107,23 @@ impl Db {
         }
     }
 
-    pub(crate) fn path(&self) -> &Path {
+    /// Where it is.
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Whether there is a file.
-    pub(crate) fn on_disk(&self) -> bool {
+    pub fn on_disk(&self) -> bool {
         self.readers.is_some()
     }
 
     /// Carries out `work` in a transaction and returns when it is committed.
     ///
     /// A caller that stops waiting does not undo it: the work is done all the same.
-    pub(crate) async fn write<T, F>(&self, work: F) -> Result<T, RecordsError>
+    ///
+    /// # Errors
+    /// Those of `work`, and why it was not carried out or committed.
+    pub async fn write<T, F>(&self, work: F) -> Result<T, RecordsError>
     where
         T: Send + 'static,
         F: for<'c> FnOnce(&'c mut SqliteConnection) -> Boxed<'c, Result<T, RecordsError>>
@@ -123,7 +134,10 @@ impl Db {
     }
 
     /// Carries out `work`, which must not write.
-    pub(crate) async fn read<T, F>(&self, work: F) -> Result<T, RecordsError>
+    ///
+    /// # Errors
+    /// Those of `work`, and why it was not carried out.
+    pub async fn read<T, F>(&self, work: F) -> Result<T, RecordsError>
     where
         T: Send + 'static,
         F: for<'c> FnOnce(&'c mut SqliteConnection) -> Boxed<'c, Result<T, RecordsError>>
@@ -138,7 +152,7 @@ impl Db {
     }
 
     /// Lets the writer finish what waits and closes the file.
-    pub(crate) fn close(&self) -> Boxed<'_, ()> {
+    pub fn close(&self) -> Boxed<'_, ()> {
         Box::pin(async move {
             // Readers first: the last one to close brings the write-ahead log into the file, which
             // those who only read cannot.

@@ -8,13 +8,13 @@ use crate::RecordsError;
 
 /// Held for as long as it lives.
 #[derive(Debug)]
-pub(crate) struct Lock {
+pub struct Lock {
     _file: File,
 }
 
 /// How a directory is held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Hold {
+pub enum Hold {
     /// Beside others.
     Shared,
     /// Alone.
@@ -24,7 +24,10 @@ pub(crate) enum Hold {
 impl Lock {
     /// Takes the lock `file`, or `None` when somebody else has it in a way that does not go with
     /// `hold`. Never waits.
-    pub(crate) fn take(file: &Path, hold: Hold) -> Result<Option<Self>, RecordsError> {
+    ///
+    /// # Errors
+    /// [`RecordsError::Io`] when the operating system refuses.
+    pub fn take(file: &Path, hold: Hold) -> Result<Option<Self>, RecordsError> {
         // Whoever can open it can hold it.
         crate::files::make_private(file)?;
         let opened = OpenOptions::new()

@@ -1,5 +1,9 @@
 use super::*;
-use crate::schema::RECORDS;
+
+const SETTINGS: Schema = Schema {
+    id: 1,
+    steps: &["CREATE TABLE setting (key TEXT PRIMARY KEY NOT NULL, value BLOB NOT NULL) STRICT;"],
+};
 
 async fn put(db: &Db, key: &'static str, value: Vec<u8>) -> Result<(), RecordsError> {
     db.write(move |connection| {
@@ -34,7 +38,7 @@ async fn pragma(db: &Db, sql: &'static str) -> Result<(), RecordsError> {
 
 #[tokio::test]
 async fn a_write_that_fails_takes_no_other_with_it() {
-    let db = Db::in_memory(&RECORDS).await.unwrap();
+    let db = Db::in_memory(&SETTINGS).await.unwrap();
     // All three wait when the writer first looks, and so share a transaction.
     let (one, twin, other) = tokio::join!(
         put(&db, "one", vec![1]),
@@ -48,7 +52,7 @@ async fn a_write_that_fails_takes_no_other_with_it() {
 
 #[tokio::test]
 async fn nothing_is_acknowledged_that_was_not_committed() {
-    let db = Db::in_memory(&RECORDS).await.unwrap();
+    let db = Db::in_memory(&SETTINGS).await.unwrap();
     // The second ends the transaction that it shares with the others.
     let (one, vandal, other) = tokio::join!(
         put(&db, "one", vec![1]),
@@ -65,7 +69,7 @@ async fn nothing_is_acknowledged_that_was_not_committed() {
 
 #[tokio::test]
 async fn a_full_disk_is_an_error_and_passes() {
-    let db = Db::in_memory(&RECORDS).await.unwrap();
+    let db = Db::in_memory(&SETTINGS).await.unwrap();
     put(&db, "before", vec![0; 100]).await.unwrap();
     pragma(&db, "PRAGMA max_page_count = 1").await.unwrap();
     let outcome = put(&db, "big", vec![0; 60_000]).await;
@@ -79,7 +83,7 @@ async fn a_full_disk_is_an_error_and_passes() {
 
 #[tokio::test]
 async fn who_stops_waiting_does_not_stop_the_write() {
-    let db = Db::in_memory(&RECORDS).await.unwrap();
+    let db = Db::in_memory(&SETTINGS).await.unwrap();
     {
         let mut write = Box::pin(put(&db, "left", vec![1]));
         // One poll hands the work over.
