@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use crawler_history::{Full, History as Local, Point, Recorded, Sample, Track};
 use crawler_protocol::RobotId;
-use crawler_records::history::{Full, History as Local, Point, Recorded, Sample, Track};
 use crawler_records::{Records, RecordsError};
 use crawler_timeseries::{Address, EngineError, QUEUE, Remote};
 

@@ -8,9 +8,9 @@ use std::collections::BTreeSet;
 use std::future::Future;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use crawler_history::{Frame, History, Point, Points, Recorded, Sample};
 use crawler_protocol::RobotId;
 use crawler_records::Records;
-use crawler_records::history::{Frame, History, Point, Points, Recorded, Sample};
 use crawler_tests::engines::influx::{ADMIN, Influx};
 use crawler_tests::engines::victoria::Victoria;
 use crawler_timeseries::{BATCH, EngineError, Product, QUEUE, Remote, SPARSE_ROWS, State, look};

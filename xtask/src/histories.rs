@@ -10,7 +10,7 @@ use crate::run::{self, Failure, Outcome};
 use crate::tools::{NODE, QEMU_USER, RISCV_LINKER, Tool};
 
 /// The program that prints histories.
-const PROGRAM: &str = "crawler-history";
+const PROGRAM: &str = "crawler-world-history";
 
 /// Starts a WebAssembly module in Node.js.
 const START: &str = "\

@@ -18,8 +18,8 @@ const ALL_TIMED: &str = "timed";
 
 /// Everything that has to do with sockets, processes or real time: what a busy machine could upset.
 const TIMED: &str = "package(crawler-tests) | package(crawler-hil) | package(crawler-server) \
-    | package(crawler-cluster) | package(crawler-database) | package(crawler-records) \
-    | package(crawler-timeseries) \
+    | package(crawler-cluster) | package(crawler-database) | package(crawler-history) \
+    | package(crawler-records) | package(crawler-timeseries) \
     | (package(crawler-sim) & kind(test))";
 
 /// Which tests, how often, and beside what.

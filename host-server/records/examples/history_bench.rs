@@ -10,9 +10,9 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use crawler_history::{HISTORY_FILE, History, Sample};
 use crawler_protocol::{RobotId, RobotState};
 use crawler_records::Records;
-use crawler_records::history::{HISTORY_FILE, History, Sample};
 
 const HOUR: i64 = 3_600_000;
 /// Time between two samples of a robot.

@@ -5,15 +5,14 @@ use std::path::{Path, PathBuf};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions as _, Connection as _, PgConnection};
 
-use crate::history::HISTORY_FILE;
-use crate::history::start::LOCK_FILE as HISTORY_LOCK;
-use crate::schema::{HISTORY, RECORDS};
+use crate::schema::RECORDS;
 use crate::store::Store;
 use crate::{LOCK_FILE, RECORDS_FILE, Records, RecordsError, postgres, transfer};
 use crawler_database::{
     Boxed, Db, Hold, Lock, Schema, Transact as _, beside, check_whole, make_private,
     remove_if_there, rename_if_there, sync, unreadable,
 };
+use crawler_history::{HISTORY, HISTORY_FILE, LOCK_FILE as HISTORY_LOCK};
 
 /// End of the name of a file that is not complete.
 const PARTIAL: &str = ".partial";
@@ -112,7 +111,7 @@ impl Records {
         // A keeper that is still writing its last samples holds this one.
         let _still = Lock::take(&dir.join(HISTORY_LOCK), Hold::Alone)?
             .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
-        let now = crate::history::now();
+        let now = crawler_history::now();
         let mut found = Vec::new();
         for (name, schema) in [(RECORDS_FILE, &RECORDS), (HISTORY_FILE, &HISTORY)] {
             let source = from.join(name);

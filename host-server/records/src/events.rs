@@ -160,7 +160,7 @@ impl Default for EventRetention {
         Self {
             events: 1_000_000,
             arenas: 2_000,
-            ms: crate::history::Retention::default().minutes_ms,
+            ms: crawler_history::Retention::default().minutes_ms,
         }
     }
 }

@@ -3,7 +3,7 @@
 //! [`Records::open`] opens a directory with two files. `records.sqlite` holds settings, [`User`]s,
 //! [`Invitation`]s, [`Session`]s, [`Credential`]s, [`Experiment`]s, fences ([`KeptFence`]), [`Event`]s and the
 //! audit log of [`Entry`]s: a call that changes it returns when the change is on disk, also against a power
-//! cut. `history.sqlite` holds the [`history`]: samples are taken in by the thousand and reach the disk
+//! cut. `history.sqlite` holds the [`History`]: samples are taken in by the thousand and reach the disk
 //! within half a second.
 //!
 //! [`Records::connect`] has the first of the two in a `PostgreSQL` database instead, which several
@@ -23,7 +23,6 @@ mod credentials;
 mod events;
 mod experiments;
 mod fences;
-pub mod history;
 mod postgres;
 mod query;
 mod schema;
@@ -38,6 +37,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crawler_database::{Boxed, Db, Hold, Lock, beside, check_whole};
+use crawler_history::{HISTORY_FILE, History, Running};
 
 pub use crawler_database::RecordsError;
 
@@ -58,8 +58,6 @@ pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session};
 pub use settings::{MAX_SETTING, MAX_SETTING_KEY};
 pub use users::{Invitation, MAX_INVITATIONS, MAX_PASSWORD_HASH, MAX_USERS, User};
 
-use history::History;
-use history::start::Running;
 use postgres::Remote;
 use query::{Connection, query};
 use store::Store;
@@ -109,7 +107,7 @@ impl Records {
             let lock = Lock::take(&dir.join(LOCK_FILE), Hold::Shared)?
                 .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
             let path = dir.join(RECORDS_FILE);
-            not_emptied(&path, &dir.join(history::HISTORY_FILE))?;
+            not_emptied(&path, &dir.join(HISTORY_FILE))?;
             let db = Db::open(&path, &schema::RECORDS, true).await?;
             let file = path.clone();
             let whole = db

@@ -13,17 +13,12 @@ pub(crate) const RECORDS: Schema = Schema {
     ],
 };
 
-/// History of the fleet: `TCRh`.
-pub(crate) const HISTORY: Schema = Schema {
-    id: 0x5443_5268,
-    steps: &[include_str!("schema/history.1.sql")],
-};
-
 #[cfg(test)]
 mod tests {
     use std::path::Path;
 
     use crawler_database::check_whole;
+    use crawler_history::HISTORY;
     use sqlx::{Connection as _, SqliteConnection};
 
     use super::*;

@@ -14,7 +14,7 @@ use std::io::{self, Read as _};
 use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
 use std::path::{Component, Path, PathBuf};
 
-use crawler_records::history::HISTORY_FILE;
+use crawler_history::HISTORY_FILE;
 use crawler_records::{RECORDS_FILE, Records, RecordsError};
 use serde_json::json;
 

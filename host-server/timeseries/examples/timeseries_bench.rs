@@ -9,8 +9,8 @@
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use crawler_history::Sample;
 use crawler_protocol::{RobotId, RobotState};
-use crawler_records::history::Sample;
 use crawler_timeseries::{QUEUE, Remote};
 
 const HOUR: i64 = 3_600_000;

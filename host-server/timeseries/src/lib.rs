@@ -4,7 +4,7 @@
 //! what came in, a quarter of a second's worth or [`BATCH`] samples at a time. While the engine is
 //! away, or refuses the server as such, samples wait in the queue and the task tries again; a batch
 //! that the engine understands and refuses is let go and counted. [`Remote::query`] asks the engine
-//! and answers as [`crawler_records::history::History`] does, in `InfluxQL` or `MetricsQL`.
+//! and answers as [`crawler_history::History`] does, in `InfluxQL` or `MetricsQL`.
 //!
 //! Each sample is one line of the measurement [`MEASUREMENT`]; `docs/history.md` has the schema.
 

@@ -5,7 +5,7 @@
 
 use std::fmt::Write as _;
 
-use crawler_records::history::{LATEST, Sample, state_number, thousandths};
+use crawler_history::{LATEST, Sample, state_number, thousandths};
 
 /// Name of the measurement that telemetry is kept under.
 pub const MEASUREMENT: &str = "telemetry";

@@ -5,8 +5,8 @@ use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use crawler_history::{Frame, Full, Point, Recorded, Sample, Track};
 use crawler_protocol::RobotId;
-use crawler_records::history::{Frame, Full, Point, Recorded, Sample, Track};
 use tokio::sync::{Semaphore, SemaphorePermit, mpsc};
 use tokio::task::{JoinHandle, JoinSet};
 
@@ -117,7 +117,7 @@ impl Remote {
 
     /// What `robot` measured from `from` until before `to`, in stretches of `step_ms`, oldest first;
     /// stretches without a sample are left out. By the rules of
-    /// [`crawler_records::history::History::query`].
+    /// [`crawler_history::History::query`].
     ///
     /// # Errors
     /// [`EngineError::Invalid`] for what is no question, [`EngineError::Unreadable`] for an engine

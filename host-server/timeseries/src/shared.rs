@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crawler_records::history::{Full, Sample};
+use crawler_history::{Full, Sample};
 use tokio::sync::{Notify, watch};
 
 use crate::engine::Engine;

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use crawler_history::Sample;
 use crawler_protocol::{RobotId, RobotState};
-use crawler_records::history::Sample;
 use crawler_timeseries::{EngineError, Product, Remote, State, look};
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpSocket};

@@ -1,7 +1,7 @@
 //! Samples that are drawn from a seed, and what it means that points are alike.
 
+use crawler_history::{Point, Sample, Span};
 use crawler_protocol::{RobotId, RobotState};
-use crawler_records::history::{Point, Sample, Span};
 
 /// A small generator: the same numbers for the same seed.
 pub(crate) struct Dice(pub(crate) u64);

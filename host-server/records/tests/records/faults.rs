@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::support::{Folder, digest, entry, memory, now, open, robot, sample, user};
 use crawler_access::Role;
-use crawler_records::history::HISTORY_FILE;
+use crawler_history::HISTORY_FILE;
 use crawler_records::{RECORDS_FILE, Records, RecordsError, Refreshed};
 use sqlx::Connection as _;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};

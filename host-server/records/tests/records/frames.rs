@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use crate::support::{Folder, memory, now, open, robot, sample};
+use crawler_history::{Frame, History, MAX_FRAMES, Recorded, Track};
 use crawler_protocol::RobotId;
-use crawler_records::history::{Frame, History, MAX_FRAMES, Recorded, Track};
 use crawler_records::{Records, RecordsError};
 
 const HOUR: i64 = 3_600_000;

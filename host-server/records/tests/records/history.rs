@@ -3,9 +3,9 @@
 use std::time::{Duration, Instant};
 
 use crate::support::{Folder, memory, now, open, robot, sample};
+use crawler_history::{Full, MAX_ROBOTS, Point, QUEUE, Retention, Sample};
 use crawler_protocol::{RobotId, RobotState};
 use crawler_records::RecordsError;
-use crawler_records::history::{Full, MAX_ROBOTS, Point, QUEUE, Retention, Sample};
 
 const HOUR: i64 = 3_600_000;
 
@@ -21,7 +21,7 @@ fn expected(all: &[Sample], robot: &RobotId, from: i64, to: i64, step: i64) -> V
             let of = |pick: &dyn Fn(&Sample) -> Option<f32>| {
                 let values: Vec<f32> = chunk.iter().filter_map(|sample| pick(sample)).collect();
                 let sum: f64 = values.iter().map(|&value| f64::from(value)).sum();
-                (!values.is_empty()).then(|| crawler_records::history::Span {
+                (!values.is_empty()).then(|| crawler_history::Span {
                     min: values.iter().copied().fold(f32::INFINITY, f32::min),
                     mean: (sum / values.len() as f64) as f32,
                     max: values.iter().copied().fold(f32::NEG_INFINITY, f32::max),

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use crawler_history::Recorded;
 use crawler_protocol::RobotId;
-use crawler_records::history::Recorded;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 

@@ -6,8 +6,8 @@
 
 use std::fmt::Write as _;
 
+use crawler_history::{Point, Points, Recorded, Sample, numbered_state};
 use crawler_protocol::RobotId;
-use crawler_records::history::{Point, Points, Recorded, Sample, numbered_state};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 

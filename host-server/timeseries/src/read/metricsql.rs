@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use crawler_records::history::Point;
+use crawler_history::Point;
 use serde::Deserialize;
 
 use super::{Fold, PARTS, Parts, Question, point};

@@ -4,8 +4,8 @@ pub(crate) mod extent;
 pub(crate) mod influxql;
 pub(crate) mod metricsql;
 
+use crawler_history::{Point, Points, Span, numbered_state};
 use crawler_protocol::RobotId;
-use crawler_records::history::{Point, Points, Span, numbered_state};
 
 use crate::client::Client;
 use crate::engine::Dialect;

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use crawler_access::{Digest, Role, UserName};
+use crawler_history::Sample;
 use crawler_protocol::RobotState;
-use crawler_records::history::Sample;
 use crawler_records::{Entry, KeptFence, Records, User};
 use crawler_tests::engines::postgres::Postgres;
 use serde_json::json;

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use crawler_database::RecordsError;
 use crawler_protocol::RobotId;
 use tokio::sync::{Notify, oneshot};
 
 use super::Sample;
 use super::Stats;
 use super::fold::{Bucket, Raw};
-use crate::RecordsError;
 
 /// Samples by number of their robot.
 pub(super) type Lots = HashMap<i64, Vec<Raw>>;

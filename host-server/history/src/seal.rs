@@ -8,7 +8,7 @@ use super::codec;
 use super::fold::{self, Raw};
 use super::keeper::Keeper;
 use super::memory::{Lots, Minutes};
-use crate::RecordsError;
+use crawler_database::RecordsError;
 
 /// Steps of the levels; the first has every sample.
 pub(super) const STEPS: [i64; 3] = [1, 1_000, 60_000];

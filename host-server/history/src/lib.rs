@@ -17,28 +17,32 @@ mod query;
 mod retention;
 mod seal;
 mod span;
-pub(crate) mod start;
+mod start;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+use crawler_database::{Db, RecordsError, Schema};
 use crawler_protocol::{RobotId, RobotState};
 use serde::Serialize;
 use tokio::sync::oneshot;
 
-use crate::RecordsError;
-use crawler_database::Db;
 use memory::{Inbox, Shared, Waiting};
 
 pub use fold::{LATEST, numbered_state, state_number, thousandths};
 pub use frames::{Frame, MAX_FRAMES, Track};
 pub use points::{MAX_POINTS, Points};
-pub use retention::Retention;
-pub(crate) use retention::now;
+pub use retention::{Retention, now};
 pub use span::Recorded;
+pub use start::{LOCK_FILE, Running};
 
+/// History of the fleet: `TCRh`.
+pub const HISTORY: Schema = Schema {
+    id: 0x5443_5268,
+    steps: &[include_str!("schema/1.sql")],
+};
 /// File of the history, in the data directory.
 pub const HISTORY_FILE: &str = "history.sqlite";
 /// Most robots whose history is kept.
@@ -302,7 +306,8 @@ impl History {
         }
     }
 
-    pub(crate) fn db(&self) -> Option<&Db> {
+    /// Its file; `None` where the history is elsewhere.
+    pub fn db(&self) -> Option<&Db> {
         self.db.as_ref()
     }
 }

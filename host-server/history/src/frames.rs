@@ -3,6 +3,7 @@
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::atomic::Ordering;
 
+use crawler_database::{Boxed, Db, RecordsError};
 use crawler_protocol::{RobotId, RobotState};
 
 use super::fold::{self, Bucket};
@@ -10,8 +11,6 @@ use super::memory::{Memory, Shared};
 use super::points::Stretch;
 use super::query::{PAGE, level};
 use super::{Point, codec, numbered_state, retention};
-use crate::RecordsError;
-use crawler_database::{Boxed, Db};
 
 /// Most frames in one answer, of all robots together; those that step and beginning add at the ends are
 /// not counted.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use crawler_database::{Db, Lock, RecordsError};
 use crawler_protocol::RobotId;
 use tokio::sync::mpsc;
 
@@ -12,8 +13,6 @@ use super::fold::{self, Raw};
 use super::memory::{Lots, Shared, Waiting};
 use super::retention::{self, Retention};
 use super::{MAX_ROBOTS, Sample, codec};
-use crate::RecordsError;
-use crawler_database::{Db, Lock};
 
 /// How long a sample waits for others.
 const TICK: Duration = Duration::from_millis(250);

@@ -4,25 +4,23 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+use crawler_database::{Db, Hold, Lock, RecordsError, beside, rename_if_there, unreadable};
 use sqlx::SqliteConnection;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
 use super::keeper::{Keeper, TailRow, split};
 use super::memory::{Memory, Shared};
-use super::{HISTORY_FILE, History, codec, retention};
-use crate::RecordsError;
-use crate::schema::HISTORY;
-use crawler_database::{Db, Hold, Lock, beside, rename_if_there, unreadable};
+use super::{HISTORY, HISTORY_FILE, History, codec, retention};
 
 /// Held by the process that keeps the history.
-pub(crate) const LOCK_FILE: &str = "history.lock";
+pub const LOCK_FILE: &str = "history.lock";
 /// Rows of the tail in memory at a time.
 const PAGE: i64 = 16;
 
 /// Keeps the history going.
 #[derive(Debug)]
-pub(crate) struct Running {
+pub struct Running {
     /// The keeper ends when this is dropped.
     alive: mpsc::Sender<()>,
     task: JoinHandle<()>,
@@ -30,7 +28,10 @@ pub(crate) struct Running {
 
 impl Running {
     /// Returns when everything is written and the file is closed.
-    pub(crate) async fn end(self) {
+    ///
+    /// # Cancellation safety
+    /// It ends all the same.
+    pub async fn end(self) {
         drop(self.alive);
         // An error is a panic of the task, which has been reported.
         let _ = self.task.await;
@@ -46,8 +47,14 @@ struct Loaded {
 }
 
 impl History {
-    /// Opens the history in `dir`. The first process that does keeps it.
-    pub(crate) async fn open(dir: &Path) -> Result<(Self, Option<Running>), RecordsError> {
+    /// Opens the history in `dir`. The first process that does keeps it: it gets what keeps it going. Must be
+    /// called within a Tokio runtime.
+    ///
+    /// A damaged file is put beside its name, and the history is begun anew.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when the file is of a newer program, or cannot be read or made.
+    pub async fn open(dir: &Path) -> Result<(Self, Option<Running>), RecordsError> {
         let path = dir.join(HISTORY_FILE);
         let Some(lock) = Lock::take(&dir.join(LOCK_FILE), Hold::Alone)? else {
             let db = Db::open(&path, &HISTORY, false).await?;
@@ -70,13 +77,17 @@ impl History {
     }
 
     /// No history: nothing is taken, nothing is known. For a server whose history is elsewhere.
-    pub(crate) fn none() -> (Self, Option<Running>) {
+    #[must_use]
+    pub fn none() -> (Self, Option<Running>) {
         let shared = Arc::new(Shared::new(Memory::default(), None));
         (Self { shared, db: None }, None)
     }
 
-    /// A history that is gone with the last handle.
-    pub(crate) async fn in_memory() -> Result<(Self, Option<Running>), RecordsError> {
+    /// A history that is gone with the last handle. Must be called within a Tokio runtime.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when there is no memory for it.
+    pub async fn in_memory() -> Result<(Self, Option<Running>), RecordsError> {
         let db = Db::in_memory(&HISTORY).await?;
         let loaded = read(&db).await?;
         Ok(Self::start(db, loaded, None, None))

@@ -1,8 +1,7 @@
 //! From when to when something is recorded.
 
 use super::memory::Shared;
-use crate::RecordsError;
-use crawler_database::{Boxed, Db};
+use crawler_database::{Boxed, Db, RecordsError};
 
 /// How long a block of each level is, about: a minute or so, and an hour of minutes.
 const LENGTHS: [i64; 3] = [120_000, 120_000, 3_600_000];

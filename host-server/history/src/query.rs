@@ -2,6 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
+use crawler_database::{Boxed, Db, RecordsError};
 use crawler_protocol::RobotId;
 
 use super::Point;
@@ -11,8 +12,6 @@ use super::memory::Shared;
 use super::points::{self, Points};
 use super::retention::{self, Retention};
 use super::seal::STEPS;
-use crate::RecordsError;
-use crawler_database::{Boxed, Db};
 
 /// Blocks in memory at a time.
 pub(super) const PAGE: i64 = 256;

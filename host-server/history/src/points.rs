@@ -3,7 +3,7 @@
 use super::fold::{self, Bucket, Fold};
 use super::seal::STEPS;
 use super::{Point, Sample};
-use crate::RecordsError;
+use crawler_database::RecordsError;
 
 /// Most stretches in one answer.
 pub const MAX_POINTS: i64 = 10_000;

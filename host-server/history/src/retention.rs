@@ -4,8 +4,7 @@ use std::sync::atomic::Ordering;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::memory::Shared;
-use crate::RecordsError;
-use crawler_database::{Boxed, Db};
+use crawler_database::{Boxed, Db, RecordsError};
 
 /// Blocks deleted in one transaction, and so how long others wait for it.
 const AT_ONCE: i64 = 500;
@@ -41,7 +40,7 @@ impl Retention {
 }
 
 /// The time, for what happens by itself.
-pub(crate) fn now() -> i64 {
+pub fn now() -> i64 {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0, |since| since.as_millis() as i64)

@@ -1,6 +1,6 @@
 //! Prints the history of a few worlds, second by second: the same on every target.
 //!
-//! `cargo run --package crawler-history [threads]`; `cargo xtask histories` compares targets.
+//! `cargo run --package crawler-world-history [threads]`; `cargo xtask histories` compares targets.
 
 use std::error::Error;
 

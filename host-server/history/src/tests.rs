@@ -1,5 +1,4 @@
 use super::*;
-use crate::Records;
 
 fn sample(n: i64, at: i64) -> Sample {
     Sample {
@@ -38,8 +37,8 @@ async fn count(history: &History, begin: i64) -> u64 {
 
 #[tokio::test]
 async fn a_full_disk_delays_samples_and_loses_none() {
-    let records = Records::in_memory().await.expect("records");
-    let history = records.history();
+    let (history, _running) = History::in_memory().await.expect("a history");
+    let history = &history;
     let begin = now() - 3_600_000;
     pragma(history, "PRAGMA max_page_count = 1").await;
     for n in 0..5_000 {
@@ -72,8 +71,8 @@ async fn a_full_disk_delays_samples_and_loses_none() {
 
 #[tokio::test]
 async fn a_robot_that_sent_nothing_has_no_block_in_a_seal() {
-    let records = Records::in_memory().await.expect("records");
-    let history = records.history();
+    let (history, _running) = History::in_memory().await.expect("a history");
+    let history = &history;
     let begin = now() - 3_600_000;
     // Room that one seal leaves is used by the next but one.
     for (turn, name) in (1..).zip(["sim-1", "sim-2", "sim-3", "sim-1", "sim-1"]) {
