@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use crawler_history::{Full, History as Local, Point, Recorded, Sample, Track};
-use crawler_protocol::RobotId;
+use crawler_protocol::{RobotId, Telemetry};
 use crawler_records::{Records, RecordsError};
 use crawler_timeseries::{Address, EngineError, QUEUE, Remote};
 
@@ -50,6 +50,25 @@ pub(crate) async fn open(settings: &Settings) -> Result<(Records, History), Star
             remote.close().await;
             Err(error.into())
         }
+    }
+}
+
+/// What the history keeps of a message that came in at `at`. The server's clock counts: a robot's may
+/// not be set, or be made up.
+pub(crate) fn sample(telemetry: &Telemetry, at: i64) -> Sample {
+    Sample {
+        robot: telemetry.robot.clone(),
+        at,
+        x: telemetry.pose.x,
+        y: telemetry.pose.y,
+        theta: telemetry.pose.theta,
+        range_mm: telemetry.range_mm,
+        battery_mv: telemetry.battery.mv,
+        battery_percent: telemetry.battery.percent,
+        rssi: telemetry.rssi_dbm,
+        left: telemetry.wheels.left,
+        right: telemetry.wheels.right,
+        state: telemetry.state,
     }
 }
 

@@ -15,6 +15,7 @@ mod guard;
 mod health;
 mod history;
 mod images;
+mod latency;
 mod live;
 mod mqtt;
 mod peer;
@@ -56,15 +57,13 @@ use crate::feed::Feed;
 use crate::fences::Stops;
 use crate::fleet::SharedFleet;
 use crate::history::History;
-use crate::metrics::{Metrics, observe_http};
+use crate::metrics::Metrics;
 use crate::recorder::Recorder;
 use crate::simulation::Simulation;
 
 pub(crate) use guard::RequestIds;
 pub(crate) use rates::Rates;
 pub(crate) use serve::serve;
-pub(crate) use simulator::{SimulatorAnswer, code as control_code};
-pub(crate) use telemetry::sample;
 
 /// Longest request body. A command is at most 1,024 bytes on the wire.
 const MAX_BODY: usize = 4 * 1024;
@@ -224,7 +223,7 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr, proxies: Networks) -> Ro
         ))
         .layer(middleware::from_fn_with_state(
             Arc::clone(&app),
-            observe_http,
+            latency::observe,
         ))
         .layer(middleware::from_fn_with_state(
             Arc::new(proxies),

@@ -31,7 +31,6 @@ use crate::history::History;
 use crate::recorder::Recorder;
 
 pub(crate) use dropped::Dropped;
-pub(crate) use http::observe as observe_http;
 use observed::counter;
 pub(crate) use observed::{Observed, Robots, Simulated, Tasks};
 

@@ -5,6 +5,8 @@
 //! process or elsewhere. Commands are taken one after the other; what was published while nobody
 //! listened is not obeyed later.
 
+mod view;
+
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -19,8 +21,8 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
 use crate::bus::Target;
-use crate::http::{SimulatorAnswer, control_code};
 use crate::simulation::Simulation;
+pub(crate) use view::{SimulatorAnswer, SimulatorView, control_code};
 
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);

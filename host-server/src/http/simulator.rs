@@ -6,8 +6,7 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
 use crawler_protocol::SimulatorCommand;
-use crawler_sim::live::{ControlError, LiveDone, LiveState};
-use serde::Serialize;
+use crawler_sim::live::ControlError;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
@@ -15,84 +14,8 @@ use super::App;
 use super::access::Caller;
 use super::guard::JsonBody;
 use super::problem::Problem;
-use super::world::{BookmarkView, ItemView};
 use crate::simulation::Simulation;
-
-/// The simulated world.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Simulator)]
-pub(crate) struct SimulatorView {
-    /// `running` or `paused`.
-    state: &'static str,
-    /// How many times as fast as real time it is to run.
-    factor: f64,
-    /// How many times as fast it ran in the last second; 0 while it is paused.
-    real_time_factor: f64,
-    /// Seconds since its beginning.
-    time: f64,
-    /// Its seed.
-    seed: u64,
-    /// Robots in it.
-    robots: u32,
-    /// Robots that are connected to the broker.
-    connected: u64,
-    /// Fingerprint of its history at the end of the last whole second, 16 hexadecimal digits.
-    hash: String,
-    /// Name of its scenario.
-    scenario: String,
-    /// What was dropped into it and lies there, in the order in which it came.
-    dropped: Vec<ItemView>,
-    /// Moments that were kept to go back to, oldest first.
-    bookmarks: Vec<BookmarkView>,
-}
-
-impl SimulatorView {
-    fn new(simulation: &Simulation, state: &LiveState) -> Self {
-        let numbers = simulation.numbers();
-        let scene = simulation.scene();
-        Self {
-            state: if state.paused { "paused" } else { "running" },
-            factor: state.factor,
-            real_time_factor: numbers.real_time_factor,
-            time: state.time.as_micros() as f64 / 1e6,
-            seed: state.seed,
-            robots: state.robots,
-            connected: numbers.connected,
-            hash: format!("{:016x}", state.hash),
-            scenario: scene.scenario,
-            dropped: scene.dropped.into_iter().map(ItemView::from).collect(),
-            bookmarks: scene
-                .bookmarks
-                .into_iter()
-                .map(BookmarkView::from)
-                .collect(),
-        }
-    }
-}
-
-/// What came of a command to the simulated world.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = SimulatorAnswer)]
-pub(crate) struct SimulatorAnswer {
-    /// The world after it.
-    simulator: SimulatorView,
-    /// The robot that was added.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    robot: Option<String>,
-    /// The number of what was dropped.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    item: Option<u32>,
-}
-
-impl SimulatorAnswer {
-    pub(crate) fn new(simulation: &Simulation, done: &LiveDone) -> Self {
-        Self {
-            simulator: SimulatorView::new(simulation, &done.state),
-            robot: done.robot.as_ref().map(|robot| robot.as_str().to_owned()),
-            item: done.item,
-        }
-    }
-}
+use crate::simulator::{SimulatorAnswer, SimulatorView, control_code};
 
 /// A command to the simulated world; the schema `simulator-command` says what it may be.
 #[derive(ToSchema)]
@@ -104,16 +27,6 @@ pub(super) struct CommandBody {
     command: String,
 }
 
-/// The stable code of an error.
-pub(crate) const fn code(error: &ControlError) -> &'static str {
-    match error {
-        ControlError::Busy => "busy",
-        ControlError::Ended => "simulator_ended",
-        ControlError::NoRobot => "unknown_robot",
-        _ => "refused",
-    }
-}
-
 impl From<ControlError> for Problem {
     fn from(error: ControlError) -> Self {
         let status = match error {
@@ -121,7 +34,7 @@ impl From<ControlError> for Problem {
             ControlError::NoRobot => StatusCode::NOT_FOUND,
             _ => StatusCode::CONFLICT,
         };
-        Self::new(status, code(&error), error.to_string())
+        Self::new(status, control_code(&error), error.to_string())
     }
 }
 

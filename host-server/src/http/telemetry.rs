@@ -6,8 +6,8 @@ use std::time::Duration;
 use axum::Json;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
-use crawler_history::{Point, Sample};
-use crawler_protocol::{RobotId, Telemetry};
+use crawler_history::Point;
+use crawler_protocol::RobotId;
 use crawler_timeseries::EngineError;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -25,25 +25,6 @@ const HOUR: i64 = 3_600_000;
 const MOST_POINTS: i64 = 2_000;
 /// Points of an answer when nobody says how far apart they are.
 const POINTS: i64 = 360;
-
-/// What the history keeps of a message that came in at `at`. The server's clock counts: a robot's may
-/// not be set, or be made up.
-pub(crate) fn sample(telemetry: &Telemetry, at: i64) -> Sample {
-    Sample {
-        robot: telemetry.robot.clone(),
-        at,
-        x: telemetry.pose.x,
-        y: telemetry.pose.y,
-        theta: telemetry.pose.theta,
-        range_mm: telemetry.range_mm,
-        battery_mv: telemetry.battery.mv,
-        battery_percent: telemetry.battery.percent,
-        rssi: telemetry.rssi_dbm,
-        left: telemetry.wheels.left,
-        right: telemetry.wheels.right,
-        state: telemetry.state,
-    }
-}
 
 /// Which stretch of time is wanted, and how finely.
 #[derive(Deserialize, IntoParams)]

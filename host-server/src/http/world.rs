@@ -1,4 +1,4 @@
-//! What a simulated world is made of, and what the worlds of scenarios would be.
+//! What the worlds of scenarios would be.
 
 use std::sync::Arc;
 
@@ -6,9 +6,8 @@ use axum::Json;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
-use crawler_sim::live::Bookmark;
 use crawler_sim::scenario::{Scenario, ScenarioError};
-use crawler_sim::world::{Dropped, DroppedItem, MAX_ROBOTS, Object, Obstacle, Pose};
+use crawler_sim::world::{MAX_ROBOTS, Pose};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::{IntoParams, ToSchema};
@@ -22,135 +21,6 @@ use crate::simulation::arena_json;
 const MOST_POSES: usize = 1_000;
 /// Seed of a preview when nobody says, and of the arenas whose contents are counted.
 const SEED: u64 = 1;
-
-/// Something solid that does not move; lengths in metres, angles in radians.
-#[derive(Serialize, ToSchema)]
-#[serde(tag = "shape", rename_all = "lowercase")]
-#[schema(as = Obstacle)]
-#[allow(dead_code)] // describes what the world's own type writes
-enum ObstacleBody {
-    /// A round post.
-    Circle {
-        /// Centre.
-        x: f32,
-        /// Centre.
-        y: f32,
-        /// Radius.
-        r: f32,
-    },
-    /// A box.
-    Box {
-        /// Centre.
-        x: f32,
-        /// Centre.
-        y: f32,
-        /// Full length along its own x axis.
-        w: f32,
-        /// Full length along its own y axis.
-        h: f32,
-        /// Anticlockwise turn about its centre.
-        theta: f32,
-    },
-}
-
-/// A coloured thing that stands on the floor.
-#[derive(Serialize, ToSchema)]
-#[schema(as = Thing)]
-#[allow(dead_code)] // describes what the world's own type writes
-struct ThingBody {
-    /// What it looks like.
-    shape: ThingShape,
-    /// Its colour.
-    colour: ThingColour,
-    /// Centre, metres.
-    x: f32,
-    /// Centre, metres.
-    y: f32,
-    /// Width and height, metres.
-    size: f32,
-}
-
-#[derive(Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[allow(dead_code)] // describes what the world's own type writes
-enum ThingShape {
-    Cylinder,
-    Box,
-    Ball,
-    Cone,
-}
-
-#[derive(Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[allow(dead_code)] // describes what the world's own type writes
-enum ThingColour {
-    Red,
-    Green,
-    Blue,
-    Yellow,
-    Orange,
-    Purple,
-    White,
-    Black,
-}
-
-/// What was dropped into the running world.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = DroppedItem)]
-pub(super) struct ItemView {
-    /// Its number, for `take`.
-    id: u32,
-    /// What it is, when it is an obstacle.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<ObstacleBody>, nullable = false)]
-    obstacle: Option<Obstacle>,
-    /// What it is, when it is a coloured thing.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<ThingBody>, nullable = false)]
-    object: Option<Object>,
-}
-
-impl From<DroppedItem> for ItemView {
-    fn from(DroppedItem { id, what }: DroppedItem) -> Self {
-        let (obstacle, object) = match what {
-            Dropped::Obstacle(obstacle) => (Some(obstacle), None),
-            Dropped::Object(object) => (None, Some(object)),
-        };
-        Self {
-            id,
-            obstacle,
-            object,
-        }
-    }
-}
-
-/// A moment of the world that was kept.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Bookmark)]
-pub(super) struct BookmarkView {
-    /// Its name.
-    name: String,
-    /// Seconds of the world.
-    time: f64,
-    /// When it was kept, Unix milliseconds.
-    made_at: u64,
-    /// Robots in it.
-    robots: u32,
-    /// Name of its scenario.
-    scenario: String,
-}
-
-impl From<Bookmark> for BookmarkView {
-    fn from(kept: Bookmark) -> Self {
-        Self {
-            name: kept.name.as_str().to_owned(),
-            time: kept.time.as_micros() as f64 / 1e6,
-            made_at: kept.made_at,
-            robots: kept.robots,
-            scenario: kept.scenario,
-        }
-    }
-}
 
 /// A scenario that comes with the program.
 #[derive(Debug, Serialize, ToSchema)]

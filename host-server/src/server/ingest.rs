@@ -13,7 +13,8 @@ use crate::bus::{Incoming, Receiver};
 use crate::cluster::is_shared;
 use crate::commands::{CommandView, OutcomeStatus};
 use crate::fleet::{Level, Received};
-use crate::http::{self, App};
+use crate::history::sample;
+use crate::http::App;
 use crate::metrics::Dropped;
 
 /// What a sample may be older than the newest one of its message, in milliseconds. Robots send
@@ -86,7 +87,7 @@ impl Receiver for Ingest {
             {
                 let now = accounts::now_ms();
                 for telemetry in earlier.iter().chain([newest]) {
-                    let sample = http::sample(telemetry, now - age(telemetry, newest));
+                    let sample = sample(telemetry, now - age(telemetry, newest));
                     if self.app.history.push(sample).is_err() {
                         self.app.metrics.dropped(Dropped::HistoryFull);
                     }

@@ -1,0 +1,223 @@
+//! What is said of a simulated world, over HTTP and over MQTT.
+
+use crawler_sim::live::{Bookmark, ControlError, LiveDone, LiveState};
+use crawler_sim::world::{Dropped, DroppedItem, Object, Obstacle};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::simulation::Simulation;
+
+/// The simulated world.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Simulator)]
+pub(crate) struct SimulatorView {
+    /// `running` or `paused`.
+    state: &'static str,
+    /// How many times as fast as real time it is to run.
+    factor: f64,
+    /// How many times as fast it ran in the last second; 0 while it is paused.
+    real_time_factor: f64,
+    /// Seconds since its beginning.
+    time: f64,
+    /// Its seed.
+    seed: u64,
+    /// Robots in it.
+    robots: u32,
+    /// Robots that are connected to the broker.
+    connected: u64,
+    /// Fingerprint of its history at the end of the last whole second, 16 hexadecimal digits.
+    hash: String,
+    /// Name of its scenario.
+    scenario: String,
+    /// What was dropped into it and lies there, in the order in which it came.
+    dropped: Vec<ItemView>,
+    /// Moments that were kept to go back to, oldest first.
+    bookmarks: Vec<BookmarkView>,
+}
+
+impl SimulatorView {
+    pub(crate) fn new(simulation: &Simulation, state: &LiveState) -> Self {
+        let numbers = simulation.numbers();
+        let scene = simulation.scene();
+        Self {
+            state: if state.paused { "paused" } else { "running" },
+            factor: state.factor,
+            real_time_factor: numbers.real_time_factor,
+            time: state.time.as_micros() as f64 / 1e6,
+            seed: state.seed,
+            robots: state.robots,
+            connected: numbers.connected,
+            hash: format!("{:016x}", state.hash),
+            scenario: scene.scenario,
+            dropped: scene.dropped.into_iter().map(ItemView::from).collect(),
+            bookmarks: scene
+                .bookmarks
+                .into_iter()
+                .map(BookmarkView::from)
+                .collect(),
+        }
+    }
+}
+
+/// What came of a command to the simulated world.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = SimulatorAnswer)]
+pub(crate) struct SimulatorAnswer {
+    /// The world after it.
+    simulator: SimulatorView,
+    /// The robot that was added.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    robot: Option<String>,
+    /// The number of what was dropped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    item: Option<u32>,
+}
+
+impl SimulatorAnswer {
+    pub(crate) fn new(simulation: &Simulation, done: &LiveDone) -> Self {
+        Self {
+            simulator: SimulatorView::new(simulation, &done.state),
+            robot: done.robot.as_ref().map(|robot| robot.as_str().to_owned()),
+            item: done.item,
+        }
+    }
+}
+
+/// The stable code of an error.
+pub(crate) const fn control_code(error: &ControlError) -> &'static str {
+    match error {
+        ControlError::Busy => "busy",
+        ControlError::Ended => "simulator_ended",
+        ControlError::NoRobot => "unknown_robot",
+        _ => "refused",
+    }
+}
+
+/// Something solid that does not move; lengths in metres, angles in radians.
+#[derive(Serialize, ToSchema)]
+#[serde(tag = "shape", rename_all = "lowercase")]
+#[schema(as = Obstacle)]
+#[allow(dead_code)] // describes what the world's own type writes
+enum ObstacleBody {
+    /// A round post.
+    Circle {
+        /// Centre.
+        x: f32,
+        /// Centre.
+        y: f32,
+        /// Radius.
+        r: f32,
+    },
+    /// A box.
+    Box {
+        /// Centre.
+        x: f32,
+        /// Centre.
+        y: f32,
+        /// Full length along its own x axis.
+        w: f32,
+        /// Full length along its own y axis.
+        h: f32,
+        /// Anticlockwise turn about its centre.
+        theta: f32,
+    },
+}
+
+/// A coloured thing that stands on the floor.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Thing)]
+#[allow(dead_code)] // describes what the world's own type writes
+struct ThingBody {
+    /// What it looks like.
+    shape: ThingShape,
+    /// Its colour.
+    colour: ThingColour,
+    /// Centre, metres.
+    x: f32,
+    /// Centre, metres.
+    y: f32,
+    /// Width and height, metres.
+    size: f32,
+}
+
+#[derive(Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[allow(dead_code)] // describes what the world's own type writes
+enum ThingShape {
+    Cylinder,
+    Box,
+    Ball,
+    Cone,
+}
+
+#[derive(Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[allow(dead_code)] // describes what the world's own type writes
+enum ThingColour {
+    Red,
+    Green,
+    Blue,
+    Yellow,
+    Orange,
+    Purple,
+    White,
+    Black,
+}
+
+/// What was dropped into the running world.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = DroppedItem)]
+pub(crate) struct ItemView {
+    /// Its number, for `take`.
+    id: u32,
+    /// What it is, when it is an obstacle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<ObstacleBody>, nullable = false)]
+    obstacle: Option<Obstacle>,
+    /// What it is, when it is a coloured thing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<ThingBody>, nullable = false)]
+    object: Option<Object>,
+}
+
+impl From<DroppedItem> for ItemView {
+    fn from(DroppedItem { id, what }: DroppedItem) -> Self {
+        let (obstacle, object) = match what {
+            Dropped::Obstacle(obstacle) => (Some(obstacle), None),
+            Dropped::Object(object) => (None, Some(object)),
+        };
+        Self {
+            id,
+            obstacle,
+            object,
+        }
+    }
+}
+
+/// A moment of the world that was kept.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Bookmark)]
+pub(crate) struct BookmarkView {
+    /// Its name.
+    name: String,
+    /// Seconds of the world.
+    time: f64,
+    /// When it was kept, Unix milliseconds.
+    made_at: u64,
+    /// Robots in it.
+    robots: u32,
+    /// Name of its scenario.
+    scenario: String,
+}
+
+impl From<Bookmark> for BookmarkView {
+    fn from(kept: Bookmark) -> Self {
+        Self {
+            name: kept.name.as_str().to_owned(),
+            time: kept.time.as_micros() as f64 / 1e6,
+            made_at: kept.made_at,
+            robots: kept.robots,
+            scenario: kept.scenario,
+        }
+    }
+}
