@@ -12,18 +12,17 @@ mod recipe;
 mod results;
 
 use std::collections::HashMap;
+use std::num::NonZeroU8;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crawler_records::{Experiment, ExperimentState, RecordsError};
+use crawler_records::{EventLevel, Experiment, ExperimentState, Records, RecordsError};
 use tokio::sync::Semaphore;
+use tokio_util::task::TaskTracker;
 
-use crate::config::Settings;
 use crate::data::{DataDir, DataError};
-use crate::fleet::Level;
-use crate::http::App;
 
 use board::Board;
 pub(crate) use control::{Action, ControlError, act, create, delete};
@@ -39,8 +38,15 @@ const BUILDING: usize = 2;
 /// For threads to give up their trials.
 const PATIENCE: Duration = Duration::from_secs(5);
 
+/// Tells those who watch the fleet what becomes of experiments.
+pub(crate) type Tell = Box<dyn Fn(EventLevel, String) + Send + Sync>;
+
 /// The experiments of this server.
 pub(crate) struct Experiments {
+    records: Records,
+    tell: Tell,
+    /// What was begun for somebody and goes on without them.
+    tasks: TaskTracker,
     board: Arc<Board>,
     /// What runs came to so far. Whoever holds it is alone with all experiments of this server.
     tallies: tokio::sync::Mutex<HashMap<i64, Tally>>,
@@ -88,13 +94,22 @@ pub(crate) fn owner(data: &DataDir) -> Result<String, DataError> {
 }
 
 impl Experiments {
-    /// Nothing runs before [`Experiments::begin`].
-    pub(crate) fn new(settings: &Settings, owner: String) -> Self {
+    /// Nothing runs before [`Experiments::begin`]; then so many `threads` run trials, half as many as there are
+    /// processors when nobody says. `owner` is how this server is called in `records`, and `tasks` is what it
+    /// waits for before it ends.
+    pub(crate) fn new(
+        records: Records,
+        owner: String,
+        threads: Option<NonZeroU8>,
+        tasks: TaskTracker,
+        tell: Tell,
+    ) -> Self {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        let threads = settings
-            .experiment_threads
-            .map(|threads| usize::from(threads.get()));
+        let threads = threads.map(|threads| usize::from(threads.get()));
         Self {
+            records,
+            tell,
+            tasks,
             board: Arc::default(),
             tallies: tokio::sync::Mutex::default(),
             owner,
@@ -136,8 +151,8 @@ impl Experiments {
     }
 
     /// Whether this server runs that experiment. Records in a file are its own, whoever wrote them.
-    fn is_own(&self, app: &App, experiment: &Experiment) -> bool {
-        app.records.database().is_none() || experiment.owner == self.owner
+    fn is_own(&self, experiment: &Experiment) -> bool {
+        self.records.database().is_none() || experiment.owner == self.owner
     }
 
     /// Whether an experiment waits until others are done.
@@ -156,10 +171,10 @@ impl Experiments {
     }
 
     /// Counts anew, after a change.
-    async fn count(&self, app: &App) -> Result<(), RecordsError> {
-        let everybodys = app.records.database().is_none();
+    async fn count(&self) -> Result<(), RecordsError> {
+        let everybodys = self.records.database().is_none();
         let mut states = [0; ExperimentState::ALL.len()];
-        for (owner, state, count) in app.records.experiments_by_state().await? {
+        for (owner, state, count) in self.records.experiments_by_state().await? {
             if everybodys || owner == self.owner {
                 states[state as usize] += count;
             }
@@ -169,16 +184,16 @@ impl Experiments {
         }
         Ok(())
     }
+
+    /// Tells those who watch the fleet.
+    fn tell(&self, level: EventLevel, text: String) {
+        tracing::info!("{text}");
+        (self.tell)(level, text);
+    }
 }
 
 impl Drop for Experiments {
     fn drop(&mut self) {
         self.board.end();
     }
-}
-
-/// Tells those who watch the fleet.
-fn tell(app: &App, level: Level, text: String) {
-    tracing::info!("{text}");
-    app.fleet.lock().events.push(level, None, text);
 }

@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use crawler_protocol::{Action as Order, RobotId, Source};
-use crawler_records::{KeptFence, RecordsError};
+use crawler_records::{KeptFence, Records, RecordsError};
 use futures_util::{StreamExt as _, stream};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -22,10 +22,9 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
 
-use crate::accounts::Entry;
-use crate::commands::{SendError, Target};
-use crate::fleet::{Crossing, Level};
-use crate::http::App;
+use crate::accounts::{Entry, Notes};
+use crate::commands::{CommandCenter, SendError, Target};
+use crate::fleet::{Crossing, Level, SharedFleet};
 
 pub(crate) use shape::{Shape, ShapeError};
 
@@ -161,8 +160,8 @@ impl Fence {
 ///
 /// # Errors
 /// [`RecordsError`] when they cannot be read.
-pub(crate) async fn all(app: &App) -> Result<Vec<Fence>, RecordsError> {
-    let kept = app.records.fences().await?;
+pub(crate) async fn all(records: &Records) -> Result<Vec<Fence>, RecordsError> {
+    let kept = records.fences().await?;
     let fences = kept.into_iter().filter_map(|kept| {
         let id = kept.id.clone();
         let fence = Fence::of_kept(kept);
@@ -175,9 +174,9 @@ pub(crate) async fn all(app: &App) -> Result<Vec<Fence>, RecordsError> {
 }
 
 /// Brings this server's copy of the list up to date.
-pub(crate) async fn catch_up(app: &App) {
-    match all(app).await {
-        Ok(fences) => app.fleet.lock().set_fences(fences),
+pub(crate) async fn catch_up(records: &Records, fleet: &SharedFleet) {
+    match all(records).await {
+        Ok(fences) => fleet.lock().set_fences(fences),
         Err(error) => tracing::warn!(%error, "cannot read the fences"),
     }
 }
@@ -217,73 +216,82 @@ impl Stops {
     }
 }
 
-/// Stops robots that have crossed a fence which wants that, until `stop`.
-pub(crate) async fn enforce(app: Arc<App>, stop: CancellationToken) {
-    let stops = &app.fence_stops;
-    loop {
-        // One that could not be sent is tried again in a while, or with the next.
-        let waiting = !stops.due().is_empty();
-        tokio::select! {
-            () = stop.cancelled() => return,
-            () = stops.wake.notified() => {}
-            () = tokio::time::sleep(AGAIN), if waiting => {}
-        }
-        let due = std::mem::take(&mut *stops.due());
-        stream::iter(due)
-            .for_each_concurrent(CALLS, |(robot, due)| halt(&app, robot, due))
-            .await;
-    }
+/// Stops robots that have crossed a fence.
+pub(crate) struct Enforcer {
+    pub(crate) fleet: Arc<SharedFleet>,
+    pub(crate) commands: Arc<CommandCenter>,
+    pub(crate) audit: Notes,
+    pub(crate) stops: Arc<Stops>,
 }
 
-/// Stops one robot, by the way that everybody's commands go.
-async fn halt(app: &App, robot: RobotId, due: Due) {
-    // Whoever came back by itself needs no stop that is late.
-    if due.again && !app.fleet.lock().must_stop(&robot) {
-        return;
+impl Enforcer {
+    /// Stops robots that have crossed a fence which wants that, until `stop`.
+    pub(crate) async fn run(self, stop: CancellationToken) {
+        loop {
+            // One that could not be sent is tried again in a while, or with the next.
+            let waiting = !self.stops.due().is_empty();
+            tokio::select! {
+                () = stop.cancelled() => return,
+                () = self.stops.wake.notified() => {}
+                () = tokio::time::sleep(AGAIN), if waiting => {}
+            }
+            let due = std::mem::take(&mut *self.stops.due());
+            stream::iter(due)
+                .for_each_concurrent(CALLS, |(robot, due)| self.halt(robot, due))
+                .await;
+        }
     }
-    let target = Target::Robot(robot.clone());
-    let given = app.commands.give(
-        Source::new(SOURCE).ok(),
-        Order::Stop,
-        target,
-        vec![robot.clone()],
-    );
-    let (id, outcome) = match given.await {
-        Ok(view) => (Some(view.id), "ok"),
-        // It went; the other servers do not know, and a stop needs no heir.
-        Err(SendError::NotShared { sent: true }) => (None, "sent_not_shared"),
-        Err(error) => {
-            later(app, robot, due, error);
+
+    /// Stops one robot, by the way that everybody's commands go.
+    async fn halt(&self, robot: RobotId, due: Due) {
+        // Whoever came back by itself needs no stop that is late.
+        if due.again && !self.fleet.lock().must_stop(&robot) {
             return;
         }
-    };
-    app.audit.note(Entry {
-        who: SOURCE.to_owned(),
-        from: String::new(),
-        action: "command.send",
-        target: robot.to_string(),
-        detail: json!({
-            "id": id,
-            "request": { "command": "stop" },
-            "fence": due.fence,
-        }),
-        outcome: outcome.to_owned(),
-    });
-}
-
-/// Says that a stop was not sent, once, and leaves it for later.
-fn later(app: &App, robot: RobotId, due: Due, error: SendError) {
-    if !due.again {
-        tracing::error!(%robot, fence = due.fence, ?error, "a robot cannot be stopped");
-        let text = format!(
-            "crossed fence {} and cannot be stopped: the stop was not sent",
-            due.fence
+        let target = Target::Robot(robot.clone());
+        let given = self.commands.give(
+            Source::new(SOURCE).ok(),
+            Order::Stop,
+            target,
+            vec![robot.clone()],
         );
-        let mut fleet = app.fleet.lock();
-        fleet.events.push(Level::Error, Some(robot.clone()), text);
+        let (id, outcome) = match given.await {
+            Ok(view) => (Some(view.id), "ok"),
+            // It went; the other servers do not know, and a stop needs no heir.
+            Err(SendError::NotShared { sent: true }) => (None, "sent_not_shared"),
+            Err(error) => {
+                self.later(robot, due, error);
+                return;
+            }
+        };
+        self.audit.note(Entry {
+            who: SOURCE.to_owned(),
+            from: String::new(),
+            action: "command.send",
+            target: robot.to_string(),
+            detail: json!({
+                "id": id,
+                "request": { "command": "stop" },
+                "fence": due.fence,
+            }),
+            outcome: outcome.to_owned(),
+        });
     }
-    // A newer crossing that came in between is as good.
-    if let Place::Vacant(place) = app.fence_stops.due().entry(robot) {
-        place.insert(Due { again: true, ..due });
+
+    /// Says that a stop was not sent, once, and leaves it for later.
+    fn later(&self, robot: RobotId, due: Due, error: SendError) {
+        if !due.again {
+            tracing::error!(%robot, fence = due.fence, ?error, "a robot cannot be stopped");
+            let text = format!(
+                "crossed fence {} and cannot be stopped: the stop was not sent",
+                due.fence
+            );
+            let mut fleet = self.fleet.lock();
+            fleet.events.push(Level::Error, Some(robot.clone()), text);
+        }
+        // A newer crossing that came in between is as good.
+        if let Place::Vacant(place) = self.stops.due().entry(robot) {
+            place.insert(Due { again: true, ..due });
+        }
     }
 }

@@ -32,14 +32,13 @@ mod users;
 mod world;
 
 use std::net::SocketAddr;
-use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware;
 use crawler_records::Records;
-use tokio::sync::{Notify, Semaphore};
+use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use utoipa::OpenApi;
@@ -54,11 +53,9 @@ use crate::commands::CommandCenter;
 use crate::config::{BrokerUrl, Networks};
 use crate::experiments::Experiments;
 use crate::feed::Feed;
-use crate::fences::Stops;
 use crate::fleet::SharedFleet;
 use crate::history::History;
 use crate::metrics::Metrics;
-use crate::recorder::Recorder;
 use crate::simulation::Simulation;
 
 pub(crate) use guard::RequestIds;
@@ -70,31 +67,27 @@ const MAX_BODY: usize = 4 * 1024;
 
 /// Everything a request may need.
 pub(crate) struct App {
-    pub(crate) fleet: SharedFleet,
-    pub(crate) commands: CommandCenter,
+    pub(crate) fleet: Arc<SharedFleet>,
+    pub(crate) commands: Arc<CommandCenter>,
     pub(crate) bus: Arc<Bus>,
     pub(crate) metrics: Arc<Metrics>,
-    pub(crate) feed: Feed,
+    pub(crate) feed: Arc<Feed>,
     /// The embedded broker, when it is ours.
     pub(crate) broker: Option<BrokerHandle>,
     /// The simulation in this process, once there is one.
-    pub(crate) simulation: OnceLock<Arc<Simulation>>,
+    pub(crate) simulation: Arc<OnceLock<Arc<Simulation>>>,
     /// One world is drawn at a time for those who want to see what it would be.
     pub(crate) drawing: Arc<Semaphore>,
-    /// Whether a robot has come online since the time last went out.
-    pub(crate) time_wanted: AtomicBool,
     /// What must survive a restart.
     pub(crate) records: Records,
     /// What the robots measured.
     pub(crate) history: History,
     /// Scenarios on many seeds.
-    pub(crate) experiments: Experiments,
-    /// Takes events, and changes of the simulated arena, for the records.
-    pub(crate) recorder: Recorder,
+    pub(crate) experiments: Arc<Experiments>,
     /// Who is who.
-    pub(crate) accounts: Accounts,
+    pub(crate) accounts: Arc<Accounts>,
     /// Who did what.
-    pub(crate) audit: AuditLog,
+    pub(crate) audit: Arc<AuditLog>,
     /// Where the broker is, as this machine reaches it.
     pub(crate) mqtt: BrokerUrl,
     /// How much one may ask for.
@@ -109,15 +102,11 @@ pub(crate) struct App {
     pub(crate) tasks: TaskTracker,
     /// The other servers of the fleet, where there may be any.
     pub(crate) membership: Option<Arc<ClusterMembership>>,
-    /// Another server has changed something in the records.
-    pub(crate) records_changed: Notify,
-    /// Robots that have crossed a fence and are to be stopped.
-    pub(crate) fence_stops: Stops,
 }
 
 impl App {
     /// Ends what a person or a machine of that name has at the broker, where the broker is ours.
-    pub(crate) async fn drop_client(&self, kind: Kind, name: &str) {
+    async fn drop_client(&self, kind: Kind, name: &str) {
         if let Some(broker) = &self.broker {
             broker.drop_client(kind, name).await;
         }

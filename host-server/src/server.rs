@@ -5,6 +5,7 @@ mod clockwork;
 mod cluster;
 mod endpoints;
 mod ingest;
+mod outcome_log;
 mod parts;
 mod robots;
 #[cfg(test)]
@@ -24,7 +25,7 @@ use crawler_access::Secret;
 
 use crate::config::{BrokerUrl, Settings};
 use crate::data::Disk;
-use crate::http::App;
+use crate::simulation::Simulation;
 use parts::Parts;
 
 pub(crate) use endpoints::{open_tunnel, outside};
@@ -34,7 +35,11 @@ pub use start_error::StartError;
 /// A running server. Dropped without [`Server::stop`] it stops in the background, as long as there is a
 /// runtime.
 pub struct Server {
-    app: Arc<App>,
+    simulation: Option<Arc<Simulation>>,
+    #[cfg(test)]
+    fleet: Arc<crate::fleet::SharedFleet>,
+    #[cfg(test)]
+    records: crawler_records::Records,
     http: SocketAddr,
     https: bool,
     authority: Option<PathBuf>,
@@ -65,7 +70,11 @@ impl Server {
     ) -> Result<Self, StartError> {
         match Box::pin(start::start(settings, disk, &mut parts)).await {
             Ok(started) => Ok(Self {
-                app: started.app,
+                simulation: started.simulation,
+                #[cfg(test)]
+                fleet: started.fleet,
+                #[cfg(test)]
+                records: started.records,
                 http: started.http,
                 https: started.https,
                 authority: started.authority,
@@ -103,10 +112,8 @@ impl Server {
     /// How many robots are simulated in this process.
     #[must_use]
     pub fn simulated(&self) -> u64 {
-        self.app
-            .simulation
-            .get()
-            .map_or(0, |world| world.numbers().robots)
+        let world = self.simulation.as_ref();
+        world.map_or(0, |world| world.numbers().robots)
     }
 
     /// Where the fleet's broker is.

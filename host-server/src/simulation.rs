@@ -11,9 +11,10 @@ use crawler_sim::world::Arena;
 use tokio::sync::watch;
 
 use crate::config::{BrokerUrl, Settings};
-use crate::http::App;
+use crate::feed::Feed;
 use crate::metrics::Simulated;
 use crate::recipe::scenario;
+use crate::recorder::Recorder;
 
 /// For robots to come to rest. From full speed the ramp takes well under a second.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -32,10 +33,10 @@ pub(crate) fn arena_json(arena: &Arena) -> serde_json::Value {
 }
 
 /// Tells viewers of the arena and keeps it for the record; returns how many bytes each viewer gets.
-fn tell(app: &App, arena: &Arena) -> usize {
+fn tell(recorder: &Recorder, feed: &Feed, arena: &Arena) -> usize {
     let arena = arena_json(arena);
-    app.recorder.record_arena(&arena);
-    app.feed.set_arena(arena)
+    recorder.record_arena(&arena);
+    feed.set_arena(arena)
 }
 
 /// A running world.
@@ -95,11 +96,14 @@ impl Simulation {
 
     /// Tells readers of the live feed what the arena is; what this returns tells of every other one, until
     /// the world ends.
-    pub(crate) fn tell_arenas(&self, app: &Arc<App>) -> impl Future<Output = ()> + Send + use<> {
+    pub(crate) fn tell_arenas(
+        &self,
+        recorder: Recorder,
+        feed: Arc<Feed>,
+    ) -> impl Future<Output = ()> + Send + use<> {
         let mut scene = self.watch_scene();
         let mut told = Arc::clone(&scene.borrow_and_update().arena);
-        tell(app, &told);
-        let app = Arc::clone(app);
+        tell(&recorder, &feed, &told);
         async move {
             // An error says that the world has ended.
             while scene.changed().await.is_ok() {
@@ -107,7 +111,7 @@ impl Simulation {
                 if Arc::ptr_eq(&arena, &told) {
                     continue;
                 }
-                let bytes = tell(&app, &arena);
+                let bytes = tell(&recorder, &feed, &arena);
                 told = arena;
                 let pause = Duration::from_millis((bytes / ARENA_PACE) as u64);
                 tokio::time::sleep(pause.max(ARENA_PAUSE)).await;

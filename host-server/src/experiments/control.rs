@@ -3,17 +3,15 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use crawler_records::{Experiment, ExperimentState, NewExperiment, RecordsError};
+use crawler_records::{EventLevel, Experiment, ExperimentState, NewExperiment, RecordsError};
 use serde_json::{Map, Value};
 use tokio_util::task::TaskTracker;
 
 use super::board::Entry;
 use super::keeper::{metrics, recount, store, take_up};
 use super::recipe::{FieldError, read};
-use super::{Tally, tell};
+use super::{Experiments, Tally};
 use crate::accounts::now_ms;
-use crate::fleet::Level;
-use crate::http::App;
 
 use ExperimentState::{Created, Paused, Running, Stopped};
 
@@ -101,11 +99,11 @@ async fn whole<T: Send + 'static>(
 /// # Cancellation safety
 /// An experiment is made as a whole, or not at all.
 pub(crate) async fn create(
-    app: &Arc<App>,
+    experiments: &Arc<Experiments>,
     by: String,
     body: Map<String, Value>,
 ) -> Result<Experiment, ControlError> {
-    let permit = Arc::clone(&app.experiments.building).try_acquire_owned();
+    let permit = Arc::clone(&experiments.building).try_acquire_owned();
     let permit = permit.map_err(|_| ControlError::Busy)?;
     let tried = tokio::task::spawn_blocking(move || {
         let _permit = permit;
@@ -117,11 +115,11 @@ pub(crate) async fn create(
         Ok(wanted) => wanted.map_err(ControlError::Invalid)?,
         Err(_) => return Err(ControlError::Internal("a world could not be built")),
     };
-    let (app, tasks) = (Arc::clone(app), &app.tasks);
+    let (experiments, tasks) = (Arc::clone(experiments), &experiments.tasks);
     whole(tasks, async move {
         let recipe = serde_json::to_string(&wanted.recipe);
         let new = NewExperiment {
-            owner: app.experiments.owner.clone(),
+            owner: experiments.owner.clone(),
             name: wanted.name,
             recipe: recipe.map_err(|_| ControlError::Internal("a recipe cannot be written"))?,
             metrics: metrics(),
@@ -130,23 +128,23 @@ pub(crate) async fn create(
             created: now_ms(),
             start: wanted.start,
         };
-        let mut tallies = app.experiments.tallies.lock().await;
-        let row = app.records.add_experiment(new).await?;
+        let mut tallies = experiments.tallies.lock().await;
+        let row = experiments.records.add_experiment(new).await?;
         if row.state == Running {
-            took_up(&app, &mut tallies, row.clone()).await;
+            took_up(&experiments, &mut tallies, row.clone()).await;
         }
-        recount(&app).await;
+        recount(&experiments).await;
         Ok(row)
     })
     .await
 }
 
 /// Has run what the records say runs, and tells of it.
-async fn took_up(app: &Arc<App>, tallies: &mut HashMap<i64, Tally>, row: Experiment) {
+async fn took_up(experiments: &Experiments, tallies: &mut HashMap<i64, Tally>, row: Experiment) {
     let word = if row.done > 0 { "goes on" } else { "begins" };
     let text = format!("experiment “{}” {word}: {} trials", row.name, row.seeds);
-    tell(app, Level::Info, text);
-    if let Err(error) = take_up(app, tallies, row).await {
+    experiments.tell(EventLevel::Info, text);
+    if let Err(error) = take_up(experiments, tallies, row).await {
         // The keeper looks for it again.
         tracing::warn!(%error, "an experiment is not taken up yet");
     }
@@ -160,24 +158,25 @@ async fn took_up(app: &Arc<App>, tallies: &mut HashMap<i64, Tally>, row: Experim
 /// # Cancellation safety
 /// It is done as a whole, or not at all.
 pub(crate) async fn act(
-    app: &Arc<App>,
+    experiments: &Arc<Experiments>,
     id: i64,
     action: Action,
 ) -> Result<Experiment, ControlError> {
-    let (app, tasks) = (Arc::clone(app), &app.tasks);
+    let (experiments, tasks) = (Arc::clone(experiments), &experiments.tasks);
     whole(tasks, async move {
-        let mut tallies = app.experiments.tallies.lock().await;
-        let row = own(&app, id).await?;
+        let mut tallies = experiments.tallies.lock().await;
+        let row = own(&experiments, id).await?;
         let to = action
             .of(row.state)
             .ok_or(ControlError::WrongState(row.state))?;
         // Off the board first, so that all that is done is stored before it says that it stands.
-        let entry = app.experiments.board.leave(id);
+        let entry = experiments.board.leave(id);
         let batch = entry.as_ref().map_or_else(Vec::new, Entry::batch);
-        let stored = store(&app, &mut tallies, id, batch).await;
+        let stored = store(&experiments, &mut tallies, id, batch).await;
         let moved = match &stored {
             Ok(_) => {
-                app.records
+                experiments
+                    .records
                     .move_experiment(id, row.state, to, None, now_ms())
                     .await
             }
@@ -187,27 +186,27 @@ pub(crate) async fn act(
             Ok(row) => row,
             // It came to its end just now.
             Err(RecordsError::NotFound) => {
-                let now = own(&app, id).await?;
+                let now = own(&experiments, id).await?;
                 return Err(ControlError::WrongState(now.state));
             }
             Err(error) => {
                 if let Some(mut entry) = entry {
                     entry.advance(stored.unwrap_or(0));
-                    app.experiments.board.enter(entry.afresh());
+                    experiments.board.enter(entry.afresh());
                 }
                 return Err(error.into());
             }
         };
         if to == Running {
-            took_up(&app, &mut tallies, row.clone()).await;
+            took_up(&experiments, &mut tallies, row.clone()).await;
         } else {
             let text = match tallies.remove(&id) {
                 Some(tally) => tally.farewell(to),
                 None => format!("experiment “{}” is {to}", row.name),
             };
-            tell(&app, Level::Info, text);
+            experiments.tell(EventLevel::Info, text);
         }
-        recount(&app).await;
+        recount(&experiments).await;
         Ok(row)
     })
     .await
@@ -217,15 +216,15 @@ pub(crate) async fn act(
 ///
 /// # Errors
 /// [`ControlError`]; it is as it was then.
-pub(crate) async fn delete(app: &Arc<App>, id: i64) -> Result<(), ControlError> {
-    let (app, tasks) = (Arc::clone(app), &app.tasks);
+pub(crate) async fn delete(experiments: &Arc<Experiments>, id: i64) -> Result<(), ControlError> {
+    let (experiments, tasks) = (Arc::clone(experiments), &experiments.tasks);
     whole(tasks, async move {
-        let _alone = app.experiments.tallies.lock().await;
-        let row = app.records.experiment(id).await?;
+        let _alone = experiments.tallies.lock().await;
+        let row = experiments.records.experiment(id).await?;
         let row = row.ok_or(ControlError::Unknown)?;
-        match app.records.delete_experiment(id).await {
+        match experiments.records.delete_experiment(id).await {
             Ok(()) => {
-                recount(&app).await;
+                recount(&experiments).await;
                 Ok(())
             }
             Err(RecordsError::NotFound) => Err(ControlError::WrongState(row.state)),
@@ -236,10 +235,10 @@ pub(crate) async fn delete(app: &Arc<App>, id: i64) -> Result<(), ControlError> 
 }
 
 /// An experiment of this server.
-async fn own(app: &App, id: i64) -> Result<Experiment, ControlError> {
-    let row = app.records.experiment(id).await?;
+async fn own(experiments: &Experiments, id: i64) -> Result<Experiment, ControlError> {
+    let row = experiments.records.experiment(id).await?;
     let row = row.ok_or(ControlError::Unknown)?;
-    if app.experiments.is_own(app, &row) {
+    if experiments.is_own(&row) {
         Ok(row)
     } else {
         Err(ControlError::OtherServer)

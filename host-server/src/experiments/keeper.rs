@@ -5,16 +5,14 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use crawler_records::{Experiment, ExperimentState, RecordsError};
+use crawler_records::{EventLevel, Experiment, ExperimentState, RecordsError};
 use crawler_sim::evaluate::{Measured, Trial};
 use tokio_util::sync::CancellationToken;
 
 use super::board::Entry;
 use super::results::{self, MetricView, Tally};
-use super::{Recipe, tell};
+use super::{Experiments, Recipe};
 use crate::accounts::now_ms;
-use crate::fleet::Level;
-use crate::http::App;
 
 /// Trials that come within this time are stored together.
 const GATHER: Duration = Duration::from_millis(250);
@@ -25,8 +23,7 @@ const PAGE: u32 = 2_000;
 
 /// Goes on with what ran when the server stopped, and stores what trials come to, until `stop`; then what
 /// is done by then.
-pub(crate) async fn keep(app: Arc<App>, stop: CancellationToken) {
-    let experiments = &app.experiments;
+pub(crate) async fn keep(experiments: Arc<Experiments>, stop: CancellationToken) {
     let mut look = tokio::time::interval(LOOK);
     look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
@@ -34,7 +31,7 @@ pub(crate) async fn keep(app: Arc<App>, stop: CancellationToken) {
             () = stop.cancelled() => break,
             () = experiments.board.news.notified() => {}
             _ = look.tick() => {
-                if let Err(error) = take_up_all(&app).await {
+                if let Err(error) = take_up_all(&experiments).await {
                     tracing::warn!(%error, "experiments that ran are not taken up yet");
                 }
                 continue;
@@ -44,7 +41,7 @@ pub(crate) async fn keep(app: Arc<App>, stop: CancellationToken) {
             () = stop.cancelled() => break,
             () = tokio::time::sleep(GATHER) => {}
         }
-        if !store_all(&app).await {
+        if !store_all(&experiments).await {
             // Once more in a while, whether or not more is done by then.
             tokio::select! {
                 () = stop.cancelled() => break,
@@ -53,21 +50,21 @@ pub(crate) async fn keep(app: Arc<App>, stop: CancellationToken) {
             experiments.board.news.notify_one();
         }
     }
-    store_all(&app).await;
+    store_all(&experiments).await;
 }
 
 /// Stores what is done. Returns whether all of it is.
-async fn store_all(app: &Arc<App>) -> bool {
+async fn store_all(experiments: &Experiments) -> bool {
     let mut all = true;
-    for id in app.experiments.board.with_news() {
-        let mut tallies = app.experiments.tallies.lock().await;
-        let trials = app.experiments.board.batch(id);
-        match store(app, &mut tallies, id, trials).await {
+    for id in experiments.board.with_news() {
+        let mut tallies = experiments.tallies.lock().await;
+        let trials = experiments.board.batch(id);
+        match store(experiments, &mut tallies, id, trials).await {
             Ok(_) => {}
             Err(RecordsError::NotFound) => {
                 // Somebody has changed it past this server.
                 tracing::warn!(id, "an experiment does not run any more, by the records");
-                app.experiments.board.leave(id);
+                experiments.board.leave(id);
                 tallies.remove(&id);
             }
             Err(error) => {
@@ -81,7 +78,7 @@ async fn store_all(app: &Arc<App>) -> bool {
 
 /// Stores trials, the next ones of an experiment. Returns how many; the board is told of them.
 pub(super) async fn store(
-    app: &Arc<App>,
+    experiments: &Experiments,
     tallies: &mut HashMap<i64, Tally>,
     id: i64,
     trials: Vec<Trial>,
@@ -101,16 +98,15 @@ pub(super) async fn store(
         (tally, new)
     });
     let Ok((mut tally, new)) = made.await else {
-        fail(app, id, "its results could not be computed").await;
+        fail(experiments, id, "its results could not be computed").await;
         return Ok(0);
     };
     let complete = new.completed.is_some();
-    if let Err(error) = app.records.add_trials(new).await {
+    if let Err(error) = experiments.records.add_trials(new).await {
         tally.measured.truncate(before);
         tallies.insert(id, tally);
         return Err(error);
     }
-    let experiments = &app.experiments;
     experiments.board.advance(id, count);
     let counts = &experiments.counts;
     counts.succeeded.fetch_add(successes, Ordering::Relaxed);
@@ -119,8 +115,8 @@ pub(super) async fn store(
         .fetch_add(u64::from(count) - successes, Ordering::Relaxed);
     if complete {
         experiments.board.leave(id);
-        tell(app, Level::Info, tally.farewell(ExperimentState::Completed));
-        recount(app).await;
+        experiments.tell(EventLevel::Info, tally.farewell(ExperimentState::Completed));
+        recount(experiments).await;
     } else {
         tallies.insert(id, tally);
     }
@@ -128,45 +124,48 @@ pub(super) async fn store(
 }
 
 /// Counts anew; where the records are away, the next change does it.
-pub(super) async fn recount(app: &App) {
-    if let Err(error) = app.experiments.count(app).await {
+pub(super) async fn recount(experiments: &Experiments) {
+    if let Err(error) = experiments.count().await {
         tracing::debug!(%error, "experiments are not counted");
     }
 }
 
 /// Notes that an experiment cannot go on.
-async fn fail(app: &App, id: i64, why: &str) {
-    app.experiments.board.leave(id);
+async fn fail(experiments: &Experiments, id: i64, why: &str) {
+    experiments.board.leave(id);
     let (from, to) = (ExperimentState::Running, ExperimentState::Failed);
-    let moved = app
+    let moved = experiments
         .records
         .move_experiment(id, from, to, Some(why), now_ms());
     match moved.await {
         Ok(row) => {
             let text = format!("experiment “{}” has failed: {why}", row.name);
-            tell(app, Level::Error, text);
+            experiments.tell(EventLevel::Error, text);
         }
         Err(error) => tracing::warn!(%error, id, why, "an experiment cannot go on"),
     }
-    recount(app).await;
+    recount(experiments).await;
 }
 
 /// Takes up what should run here and does not.
-async fn take_up_all(app: &Arc<App>) -> Result<(), RecordsError> {
-    let experiments = &app.experiments;
-    for row in app.records.experiments_in(ExperimentState::Running).await? {
-        if !experiments.is_own(app, &row) || experiments.board.has(row.id) {
+async fn take_up_all(experiments: &Experiments) -> Result<(), RecordsError> {
+    for row in experiments
+        .records
+        .experiments_in(ExperimentState::Running)
+        .await?
+    {
+        if !experiments.is_own(&row) || experiments.board.has(row.id) {
             continue;
         }
         let mut tallies = experiments.tallies.lock().await;
         // It may have been paused while others were taken up.
-        if let Some(row) = app.records.experiment(row.id).await?
+        if let Some(row) = experiments.records.experiment(row.id).await?
             && row.state == ExperimentState::Running
         {
-            take_up(app, &mut tallies, row).await?;
+            take_up(experiments, &mut tallies, row).await?;
         }
     }
-    experiments.count(app).await
+    experiments.count().await
 }
 
 /// Has an experiment run that the records say runs. One that cannot is noted as failed.
@@ -174,11 +173,11 @@ async fn take_up_all(app: &Arc<App>) -> Result<(), RecordsError> {
 /// # Errors
 /// [`RecordsError`] when its trials cannot be read.
 pub(super) async fn take_up(
-    app: &Arc<App>,
+    experiments: &Experiments,
     tallies: &mut HashMap<i64, Tally>,
     row: Experiment,
 ) -> Result<(), RecordsError> {
-    if app.experiments.board.has(row.id) {
+    if experiments.board.has(row.id) {
         return Ok(());
     }
     let (id, known) = (row.id, row.metrics == metrics());
@@ -187,13 +186,13 @@ pub(super) async fn take_up(
     let ((scenario, thresholds), recipe) = match scenario {
         Ok(_) if !known => {
             let why = "this version of the program measures other things; make it anew";
-            fail(app, id, why).await;
+            fail(experiments, id, why).await;
             return Ok(());
         }
         Ok(made) => made,
         Err(why) => {
             fail(
-                app,
+                experiments,
                 id,
                 &format!("this version of the program cannot run it: {why}"),
             )
@@ -201,8 +200,8 @@ pub(super) async fn take_up(
             return Ok(());
         }
     };
-    let Some(measured) = stored(app, &row).await? else {
-        fail(app, id, "its trials are not all there").await;
+    let Some(measured) = stored(experiments, &row).await? else {
+        fail(experiments, id, "its trials are not all there").await;
         return Ok(());
     };
     let scenario = Arc::new(scenario);
@@ -221,7 +220,7 @@ pub(super) async fn take_up(
         measured,
     };
     tallies.insert(id, tally);
-    app.experiments.board.enter(entry);
+    experiments.board.enter(entry);
     Ok(())
 }
 
@@ -232,11 +231,14 @@ pub(super) fn metrics() -> String {
 }
 
 /// What the trials measured that are done; `None` when they are not those that should be there.
-async fn stored(app: &App, row: &Experiment) -> Result<Option<Vec<Measured>>, RecordsError> {
+async fn stored(
+    experiments: &Experiments,
+    row: &Experiment,
+) -> Result<Option<Vec<Measured>>, RecordsError> {
     let mut measured = Vec::new();
     while (measured.len() as u32) < row.done {
         let next = measured.len() as u32;
-        let page = app.records.trials(row.id, next, PAGE).await?;
+        let page = experiments.records.trials(row.id, next, PAGE).await?;
         if page.is_empty() {
             return Ok(None);
         }

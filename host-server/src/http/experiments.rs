@@ -164,7 +164,7 @@ pub(super) async fn create(
 ) -> Result<Response, Problem> {
     let body: Map<String, Value> = body.read()?;
     let asked = Value::Object(body.clone());
-    let made = experiments::create(&app, caller.name(), body).await;
+    let made = experiments::create(&app.experiments, caller.name(), body).await;
     let made = made.map_err(Problem::from);
     let id = made
         .as_ref()
@@ -205,7 +205,7 @@ pub(super) async fn delete(
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
-    let done = experiments::delete(&app, number(&id)?).await;
+    let done = experiments::delete(&app.experiments, number(&id)?).await;
     let done = done.map_err(Problem::from);
     app.audit(&caller, "experiment.delete", &id, json!({}), &done)
         .await;
@@ -219,7 +219,7 @@ async fn act(
     id: &str,
     action: Action,
 ) -> Result<Json<ExperimentView>, Problem> {
-    let done = experiments::act(app, number(id)?, action).await;
+    let done = experiments::act(&app.experiments, number(id)?, action).await;
     let done = done.map_err(Problem::from);
     app.audit(caller, action.name(), id, json!({}), &done).await;
     ExperimentView::new(app, done?).map(Json)

@@ -165,7 +165,9 @@ fn failed(error: &RecordsError) -> Problem {
         (status = 503, description = "The records cannot be read", body = Problem,
             content_type = "application/problem+json")))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<FenceList>, Problem> {
-    let fences = fences::all(&app).await.map_err(|error| failed(&error))?;
+    let fences = fences::all(&app.records)
+        .await
+        .map_err(|error| failed(&error))?;
     Ok(Json(FenceList {
         fences: fences.into_iter().map(FenceView::new).collect(),
     }))
@@ -262,7 +264,7 @@ pub(super) async fn delete(
     let deleted = app.records.delete_fence(&id).await;
     let result = deleted.map_err(|error| failed(&error));
     let detail = json!({ "name": result.as_ref().ok() });
-    fences::catch_up(&app).await;
+    fences::catch_up(&app.records, &app.fleet).await;
     app.audit(&caller, "fence.delete", &id, detail, &result)
         .await;
     result?;
@@ -277,7 +279,7 @@ async fn note<T>(
     fence: &Fence,
     result: &Result<T, Problem>,
 ) {
-    fences::catch_up(app).await;
+    fences::catch_up(&app.records, &app.fleet).await;
     let detail = json!({
         "name": fence.name,
         "kind": fence.kind,

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use crawler_protocol::{MAX_MESSAGE, Neighbour, Pose, RobotId, Topic};
 use crawler_sim::cells;
 
-use crate::fleet::Presence;
-use crate::http::App;
+use crate::bus::Bus;
+use crate::fleet::{Presence, SharedFleet};
 
 /// Less sure of its place than this, in metres of sigma, a robot is nobody's neighbour.
 const VAGUE_M: f32 = 0.5;
@@ -35,7 +35,9 @@ pub(super) struct Cells {
 impl Cells {
     /// Tells about the cells that robots listen to, when that is due. Does next to nothing while
     /// none does.
-    pub(super) fn tell(&mut self, app: &App, now: Instant) {
+    ///
+    /// `unix` is the time in milliseconds that is held against what robots say of their own clocks.
+    pub(super) fn tell(&mut self, fleet: &SharedFleet, bus: &Bus, unix: u64, now: Instant) {
         let period = Duration::from_micros(cells::PERIOD.as_micros());
         if self
             .told
@@ -44,10 +46,8 @@ impl Cells {
             return;
         }
         self.told = Some(now);
-        // Held against what robots say of their own clocks.
-        let unix = app.commands.time.now_ms();
         let (listeners, robots) = {
-            let fleet = app.fleet.lock();
+            let fleet = fleet.lock();
             let known = || {
                 fleet
                     .robots()
@@ -77,7 +77,7 @@ impl Cells {
                 continue;
             };
             let payload = buffer.get(..length).unwrap_or_default();
-            if let Err(error) = app.bus.publish(&Topic::Cell { x, y }, payload) {
+            if let Err(error) = bus.publish(&Topic::Cell { x, y }, payload) {
                 // The next ones are half a second away.
                 tracing::debug!(?error, "who is near was not told");
                 return;

@@ -13,14 +13,15 @@ use crawler_cluster::{
 };
 use crawler_protocol::Fleet;
 use futures_util::{StreamExt as _, stream};
+use tokio::sync::Notify;
 
 use super::StartError;
-use super::ingest::{self, Ingest};
+use super::ingest::Ingest;
+use super::outcome_log::OutcomeLog;
 use super::parts::Parts;
 use crate::cluster::ClusterMembership;
 use crate::commands::{CommandCenter, Journal};
 use crate::config::{EngineUrl, Redis};
-use crate::http::App;
 
 /// File with the name of this server among the others, in the data directory.
 pub(super) const NAME: &str = "server-name";
@@ -33,8 +34,8 @@ const SILENCE: Duration = Duration::from_secs(5);
 /// Calls under way at a time.
 const CALLS: usize = 16;
 
-/// One of several servers, with a lease.
-pub(super) struct Membership {
+/// The lease of this server among the others.
+pub(super) struct OwnLease {
     pub(super) membership: Arc<ClusterMembership>,
     lease: Renewed,
     slot: u8,
@@ -47,7 +48,7 @@ pub(super) async fn join(
     fleet: &Fleet,
     name: PathBuf,
     journal: &mut Journal,
-) -> Result<Membership, StartError> {
+) -> Result<OwnLease, StartError> {
     let refused = |reason: String| StartError::Cache {
         cache: url.to_string(),
         reason,
@@ -93,7 +94,7 @@ pub(super) async fn join(
     let lease = lease.map_err(|error| refused(error.to_string()))?;
     let membership = Arc::new(ClusterMembership::new(cluster));
     membership.renewed(slot, &lease);
-    Ok(Membership {
+    Ok(OwnLease {
         membership,
         lease,
         slot,
@@ -131,7 +132,7 @@ fn new_name(path: &Path) -> io::Result<String> {
     Ok(name)
 }
 
-impl Membership {
+impl OwnLease {
     /// Commands that are shared, and those of them that this server owes by the word of the others. What
     /// is not its own any more is dropped from `journal`.
     pub(super) async fn share(
@@ -181,12 +182,14 @@ impl Membership {
     /// Starts what goes on for as long as the server does.
     pub(super) fn start(
         self,
-        app: &Arc<App>,
+        commands: &Arc<CommandCenter>,
+        outcomes: OutcomeLog,
         ingest: &Arc<Ingest>,
+        records_changed: &Arc<Notify>,
         parts: &mut Parts,
     ) -> Result<(), StartError> {
         let membership = Arc::clone(&self.membership);
-        let (own, all) = (Arc::clone(app), Arc::clone(&membership));
+        let (own, all) = (Arc::clone(commands), Arc::clone(&membership));
         parts.task("what other servers are told of commands", |stop| {
             async move {
                 stop.run_until_cancelled(flush(&own, &all)).await;
@@ -194,22 +197,22 @@ impl Membership {
                 write(&own, &all).await;
             }
         })?;
-        let own = Arc::clone(app);
+        let own = Arc::clone(commands);
         parts.task("the lease among the servers", |stop| async move {
-            stop.run_until_cancelled(self.keep(&own)).await;
+            stop.run_until_cancelled(self.keep(&own, &outcomes)).await;
         })?;
         let telling = tell(Arc::clone(&membership));
         parts.task("what other servers are told", |stop| async move {
             stop.run_until_cancelled(telling).await;
         })?;
-        let hearing = listen(Arc::clone(app), Arc::clone(ingest), membership);
+        let hearing = listen(Arc::clone(records_changed), Arc::clone(ingest), membership);
         parts.task("what other servers tell", |stop| async move {
             stop.run_until_cancelled(hearing).await;
         })
     }
 
     /// Keeps the lease, and takes over from those who have lost theirs.
-    async fn keep(&self, app: &App) {
+    async fn keep(&self, commands: &CommandCenter, outcomes: &OutcomeLog) {
         let membership = &self.membership;
         let mut tick = tokio::time::interval(RENEW);
         tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -223,13 +226,13 @@ impl Membership {
                 Ok(lease) => {
                     membership.renewed(membership.slot(), &lease);
                     let numbers = Numbers::new(membership.slot(), lease.ahead_us);
-                    app.commands.share(numbers, lease.greatest);
+                    commands.share(numbers, lease.greatest);
                     if std::mem::take(&mut away) {
                         tracing::info!("Redis is back");
                         since = Instant::now();
                     }
                     if since.elapsed() > LEASE {
-                        match inherit(app, membership, unsure).await {
+                        match inherit(commands, outcomes, membership, unsure).await {
                             Ok(()) => unsure = false,
                             Err(error) => {
                                 unsure = true;
@@ -242,7 +245,7 @@ impl Membership {
                     membership.counts.lapses.fetch_add(1, Ordering::Relaxed);
                     membership.lapsed();
                     since = Instant::now();
-                    if let Err(error) = self.rejoin(app).await {
+                    if let Err(error) = self.rejoin(commands).await {
                         tracing::warn!(%error, "cannot join the other servers");
                     }
                 }
@@ -256,16 +259,15 @@ impl Membership {
     }
 
     /// Comes back after the lease was over.
-    async fn rejoin(&self, app: &App) -> Result<(), ClusterError> {
+    async fn rejoin(&self, commands: &CommandCenter) -> Result<(), ClusterError> {
         let cluster = &self.membership.cluster;
         for _ in 0..2 {
             match cluster.join().await? {
                 Joined::Slot(slot) => {
                     let lease = cluster.renew(slot).await?;
-                    app.commands
-                        .share(Numbers::new(slot, lease.ahead_us), lease.greatest);
+                    commands.share(Numbers::new(slot, lease.ahead_us), lease.greatest);
                     // Redis may have forgotten everything.
-                    for (id, fields) in app.commands.everything() {
+                    for (id, fields) in commands.everything() {
                         cluster.accept(id, &fields).await?;
                     }
                     self.membership.renewed(slot, &lease);
@@ -274,7 +276,7 @@ impl Membership {
                 }
                 Joined::Adopted => {
                     tracing::warn!("another server has taken over what this one owed");
-                    app.commands.let_go();
+                    commands.let_go();
                     let path = self.name.clone();
                     // A slow disk must not hold up whoever else is on this thread.
                     let named = tokio::task::spawn_blocking(move || new_name(&path)).await;
@@ -303,7 +305,8 @@ impl Membership {
 
 /// Takes over what servers owe that are gone.
 async fn inherit(
-    app: &App,
+    commands: &CommandCenter,
+    outcomes: &OutcomeLog,
     membership: &ClusterMembership,
     unsure: bool,
 ) -> Result<(), ClusterError> {
@@ -324,39 +327,39 @@ async fn inherit(
     for id in ids {
         let fields = cluster.read(id).await?;
         membership.counts.adopted.fetch_add(1, Ordering::Relaxed);
-        if let Some(over) = app.commands.take_over(id, &fields, Instant::now()) {
-            ingest::tell(app, &over);
+        if let Some(over) = commands.take_over(id, &fields, Instant::now()) {
+            outcomes.tell(&over);
         }
     }
     Ok(())
 }
 
 /// Tells the others what becomes of commands.
-async fn flush(app: &App, membership: &ClusterMembership) {
+async fn flush(commands: &CommandCenter, membership: &ClusterMembership) {
     loop {
         tokio::time::sleep(TELL).await;
         if membership.is_member() {
-            write(app, membership).await;
+            write(commands, membership).await;
         }
     }
 }
 
-async fn write(app: &App, membership: &ClusterMembership) {
+async fn write(commands: &CommandCenter, membership: &ClusterMembership) {
     let cluster = &membership.cluster;
-    for id in app.commands.retracted() {
+    for id in commands.retracted() {
         if let Err(error) = cluster.retract(id).await {
             tracing::debug!(%error, id, "a command cannot be taken back yet");
-            app.commands.retract(id);
+            commands.retract(id);
         }
     }
-    stream::iter(app.commands.changes())
+    stream::iter(commands.changes())
         .for_each_concurrent(CALLS, |change| async move {
             let told = cluster.update(change.id, &change.fields, change.finished);
             match told.await {
-                Ok(()) => app.commands.written(change),
+                Ok(()) => commands.written(change),
                 Err(error) => {
                     tracing::debug!(%error, id = change.id, "an outcome cannot be shared yet");
-                    app.commands.unwritten(change);
+                    commands.unwritten(change);
                 }
             }
         })
@@ -384,17 +387,21 @@ async fn tell(membership: Arc<ClusterMembership>) {
 }
 
 /// Hears what the others tell.
-async fn listen(app: Arc<App>, ingest: Arc<Ingest>, membership: Arc<ClusterMembership>) {
+async fn listen(
+    records_changed: Arc<Notify>,
+    ingest: Arc<Ingest>,
+    membership: Arc<ClusterMembership>,
+) {
     loop {
         match membership.cluster.subscribe().await {
             Ok(mut subscription) => {
                 // Whatever was told in between is in the records.
-                app.records_changed.notify_one();
+                records_changed.notify_one();
                 while let Ok(Some(news)) = tokio::time::timeout(SILENCE, subscription.next()).await
                 {
                     match news {
                         News::Heard(bytes) => hear(&ingest, &membership, &bytes),
-                        News::Changed => app.records_changed.notify_one(),
+                        News::Changed => records_changed.notify_one(),
                     }
                 }
                 tracing::warn!("lost the subscription to the other servers");

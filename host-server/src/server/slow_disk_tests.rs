@@ -240,9 +240,9 @@ async fn a_full_disk_is_told_and_stops_go_all_the_same() {
         .find_map(|line| line.strip_prefix("terracrawler_command_journal_failures_total "));
     let failures = failures.and_then(|count| count.parse().ok());
     assert!(failures >= Some(1), "{failures:?}");
-    let app = Arc::clone(&scene.server.app);
+    let fleet = Arc::clone(&scene.server.fleet);
     let told = |level, text| {
-        let events = app.fleet.lock();
+        let events = fleet.lock();
         let told = |event: &fleet::Event| (event.level, &event.text[..]) == (level, text);
         events.events.newest(100).any(told)
     };
@@ -292,7 +292,7 @@ async fn crowd(scene: &Scene) -> (Arc<AtomicUsize>, JoinSet<()>) {
     let (begun, written) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
     let mut tasks = JoinSet::new();
     for _ in 0..CROWD {
-        let records = scene.server.app.records.clone();
+        let records = scene.server.records.clone();
         let (begun, written) = (Arc::clone(&begun), Arc::clone(&written));
         tasks.spawn(async move {
             let entry = crawler_records::Entry {

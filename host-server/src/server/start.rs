@@ -9,16 +9,19 @@ use std::time::Instant;
 use crawler_access::Secret;
 use crawler_cluster::ClusterError;
 use crawler_protocol::Source;
+use crawler_records::EventLevel;
 use tokio::net::TcpListener;
 use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::cluster::Membership;
+use super::clockwork::{Clockwork, Upkeep};
+use super::cluster::OwnLease;
 use super::endpoints::{self, BrokerEndpoints};
 use super::ingest::Ingest;
+use super::outcome_log::OutcomeLog;
 use super::parts::{PATIENCE, Parts, finish};
-use super::{StartError, clockwork, cluster};
+use super::{StartError, cluster};
 use crate::accounts::{Accounts, AuditLog};
 use crate::addresses::Addresses;
 use crate::broker::EmbeddedBroker;
@@ -28,10 +31,10 @@ use crate::commands::{CommandCenter, Journal, Outlet, Sequence};
 use crate::config::{BrokerUrl, DEFAULT_ROBOTS, EngineUrl, Redis, Role, Settings};
 use crate::data::{DataDir, Disk};
 use crate::descriptors::Descriptors;
-use crate::experiments::{self, Experiments};
+use crate::experiments::{self, Experiments, Tell};
 use crate::feed::Feed;
-use crate::fences;
-use crate::fleet::SharedFleet;
+use crate::fences::{self, Enforcer, Stops};
+use crate::fleet::{Level, SharedFleet};
 use crate::history;
 use crate::http::{self, App};
 use crate::metrics::Metrics;
@@ -42,7 +45,12 @@ use crate::tls::{Certificates, Door};
 
 /// What is known of a server when all its parts run.
 pub(super) struct Started {
-    pub(super) app: Arc<App>,
+    /// The simulation in this process, where there is one.
+    pub(super) simulation: Option<Arc<Simulation>>,
+    #[cfg(test)]
+    pub(super) fleet: Arc<SharedFleet>,
+    #[cfg(test)]
+    pub(super) records: crawler_records::Records,
     pub(super) http: SocketAddr,
     pub(super) https: bool,
     pub(super) authority: Option<PathBuf>,
@@ -149,69 +157,115 @@ pub(super) async fn start(
     metrics.watch_recorder(&recorder);
     let writer = recorder.writer(records.clone());
     parts.task("what is recorded", |stop| writer.run(stop))?;
+    let audit = Arc::new(audit);
+    let accounts = Arc::new(accounts);
+    let commands = Arc::new(commands);
+    let fleet = Arc::new(SharedFleet::new(settings.fleet.clone()));
+    let feed = Arc::new(Feed::new(settings.fleet.clone()));
+    let stops = Arc::new(Stops::default());
+    let outcomes = OutcomeLog::new(Arc::clone(&fleet), audit.notes());
+    let simulation = Arc::new(OnceLock::new());
+    let time_wanted = Arc::new(AtomicBool::new(false));
+    let records_changed = Arc::new(Notify::new());
+    if joined.is_some() {
+        fleet.lock().relayed();
+    }
+    fleet.lock().events.record_in(recorder.clone());
+    fences::catch_up(&records, &fleet).await;
+    let ingest = Arc::new(Ingest {
+        name: settings.fleet.clone(),
+        fleet: Arc::clone(&fleet),
+        commands: Arc::clone(&commands),
+        history: history.clone(),
+        metrics: Arc::clone(&metrics),
+        membership: membership.clone(),
+        stops: Arc::clone(&stops),
+        outcomes: outcomes.clone(),
+        time_wanted: Arc::clone(&time_wanted),
+    });
+    if let Some(joined) = joined {
+        let outcomes = outcomes.clone();
+        joined.start(&commands, outcomes, &ingest, &records_changed, parts)?;
+    }
+    let clockwork = Clockwork {
+        fleet: Arc::clone(&fleet),
+        commands: Arc::clone(&commands),
+        bus: Arc::clone(&bus),
+        feed: Arc::clone(&feed),
+        metrics: Arc::clone(&metrics),
+        audit: Arc::clone(&audit),
+        simulation: Arc::clone(&simulation),
+        membership: membership.clone(),
+        outcomes,
+        time_wanted,
+    };
+    parts.task("what happens by the clock", |stop| clockwork.run(stop))?;
+    let upkeep = Upkeep {
+        records: records.clone(),
+        fleet: Arc::clone(&fleet),
+        accounts: Arc::clone(&accounts),
+        broker: handle.clone(),
+        records_changed,
+    };
+    parts.task("the upkeep of the records", |stop| upkeep.run(stop))?;
+    let enforcer = Enforcer {
+        fleet: Arc::clone(&fleet),
+        commands: Arc::clone(&commands),
+        audit: audit.notes(),
+        stops,
+    };
+    parts.task("the fences", |stop| enforcer.run(stop))?;
+    let served = Arc::clone(&bus);
+    parts.task("the connection to the broker", |stop| {
+        bus::serve(served, target, connection, ingest, stop)
+    })?;
+    if settings.role == Role::Up {
+        // The connection is served already, so the robots' first words find a listener.
+        let world = simulate(settings, &recorder, &feed, &inside, parts).await?;
+        let _ = simulation.set(world);
+    } else if membership.is_none() || records.database().is_none() {
+        // Another server with the same records may have a world; else there is none.
+        recorder.record_arena(&serde_json::Value::Null);
+    }
+    let tasks = TaskTracker::new();
+    let experiments = Arc::new(Experiments::new(
+        records.clone(),
+        owner,
+        settings.experiment_threads,
+        tasks.clone(),
+        tell_in(Arc::clone(&fleet)),
+    ));
+    experiment(&experiments, parts)?;
+    if let Some(certificates) = certificates {
+        parts.task("the certificate", |stop| certificates.keep(stop))?;
+    }
+    let stop = CancellationToken::new();
     let app = Arc::new(App {
-        records,
+        records: records.clone(),
         history,
-        experiments: Experiments::new(settings, owner),
-        recorder,
+        experiments,
         accounts,
         audit,
         mqtt: mqtt.clone(),
         rates: http::Rates::new(),
-        fleet: SharedFleet::new(settings.fleet.clone()),
+        fleet: Arc::clone(&fleet),
         commands,
-        bus: Arc::clone(&bus),
+        bus,
         metrics,
-        feed: Feed::new(settings.fleet.clone()),
+        feed,
         broker: handle,
-        simulation: OnceLock::new(),
+        simulation: Arc::clone(&simulation),
         drawing: Arc::new(Semaphore::new(1)),
-        time_wanted: AtomicBool::new(false),
         requests: http::RequestIds::new(),
         readers: Arc::new(Semaphore::new(descriptors.readers)),
-        stop: CancellationToken::new(),
-        tasks: TaskTracker::new(),
+        stop: stop.clone(),
+        tasks: tasks.clone(),
         membership,
-        records_changed: Notify::new(),
-        fence_stops: fences::Stops::default(),
     });
-    if joined.is_some() {
-        app.fleet.lock().relayed();
-    }
-    app.fleet.lock().events.record_in(app.recorder.clone());
-    fences::catch_up(&app).await;
-
-    let ingest = Ingest::new(Arc::clone(&app), settings.fleet.clone());
-    if let Some(joined) = joined {
-        joined.start(&app, &ingest, parts)?;
-    }
-    let own = || Arc::clone(&app);
-    parts.task("what happens by the clock", |stop| {
-        clockwork::run_periodic(own(), stop)
-    })?;
-    parts.task("the upkeep of the records", |stop| {
-        clockwork::upkeep(own(), stop)
-    })?;
-    parts.task("the fences", |stop| fences::enforce(own(), stop))?;
-    parts.task("the connection to the broker", |stop| {
-        bus::serve(bus, target, connection, ingest, stop)
-    })?;
-    if settings.role == Role::Up {
-        // The connection is served already, so the robots' first words find a listener.
-        simulate(settings, &app, &inside, parts).await?;
-    } else if app.membership.is_none() || app.records.database().is_none() {
-        // Another server with the same records may have a world; else there is none.
-        app.recorder.record_arena(&serde_json::Value::Null);
-    }
-    experiment(&app, parts)?;
-    if let Some(certificates) = certificates {
-        parts.task("the certificate", |stop| certificates.keep(stop))?;
-    }
-    let router = http::router(own(), http, settings.trusted_proxies.clone());
-    let stop = app.stop.clone();
+    let router = http::router(app, http, settings.trusted_proxies.clone());
     let serving = http::serve(listener, router, door, descriptors.http, stop.clone());
     let serving = tokio::spawn(serving);
-    parts.add(stop, end_requests(own(), serving))?;
+    parts.add(stop, end_requests(tasks, serving))?;
     match Addresses::bound(settings, http, &mqtt, plain).leave(&settings.data) {
         Ok(left) => parts.end_with(async move { drop(left) })?,
         Err(error) => {
@@ -219,7 +273,11 @@ pub(super) async fn start(
         }
     }
     Ok(Started {
-        app,
+        simulation: simulation.get().cloned(),
+        #[cfg(test)]
+        fleet,
+        #[cfg(test)]
+        records,
         http,
         https,
         authority,
@@ -253,7 +311,7 @@ async fn join(
     mut journal: Journal,
     data: &Arc<DataDir>,
     parts: &mut Parts,
-) -> Result<(CommandCenter, Membership), StartError> {
+) -> Result<(CommandCenter, OwnLease), StartError> {
     let name = data.file(cluster::NAME);
     let joined = cluster::join(cache, &settings.fleet, name, &mut journal).await?;
     parts.end_with(cluster::leave(Arc::clone(&joined.membership)))?;
@@ -270,45 +328,55 @@ async fn join(
 /// Sets up the simulated robots of this process, which reach their broker at `inside`.
 async fn simulate(
     settings: &Settings,
-    app: &Arc<App>,
+    recorder: &Recorder,
+    feed: &Arc<Feed>,
     inside: &BrokerUrl,
     parts: &mut Parts,
-) -> Result<(), StartError> {
+) -> Result<Arc<Simulation>, StartError> {
     let simulation = Simulation::start(settings, inside)
         .await
         .map_err(StartError::Simulation)?;
     let simulation = Arc::new(simulation);
     let ending = Arc::clone(&simulation);
     parts.end_with(async move { ending.stop().await })?;
-    let telling = simulation.tell_arenas(app);
+    let telling = simulation.tell_arenas(recorder.clone(), Arc::clone(feed));
     parts.task("what is told of the arena", |stop| async move {
         stop.run_until_cancelled(telling).await;
     })?;
-    let _ = app.simulation.set(Arc::clone(&simulation));
     let target = endpoints::outside(inside)?.named("simulator");
-    let fleet = settings.fleet.clone();
+    let (world, fleet) = (Arc::clone(&simulation), settings.fleet.clone());
     parts.task("the commands to the simulator", |stop| {
-        simulator::listen(simulation, target, fleet, stop)
-    })
+        simulator::listen(world, target, fleet, stop)
+    })?;
+    Ok(simulation)
 }
 
 /// Lets experiments run.
-fn experiment(app: &Arc<App>, parts: &mut Parts) -> Result<(), StartError> {
-    let own = Arc::clone(app);
+fn experiment(experiments: &Arc<Experiments>, parts: &mut Parts) -> Result<(), StartError> {
+    let own = Arc::clone(experiments);
     parts.task("the experiments", |stop| experiments::keep(own, stop))?;
-    app.experiments.begin().map_err(StartError::Experiments)?;
-    let own = Arc::clone(app);
-    parts.end_with(async move { own.experiments.end().await })
+    experiments.begin().map_err(StartError::Experiments)?;
+    let own = Arc::clone(experiments);
+    parts.end_with(async move { own.end().await })
+}
+
+/// Tells those who watch `fleet` what becomes of experiments.
+fn tell_in(fleet: Arc<SharedFleet>) -> Tell {
+    Box::new(move |level, text| {
+        let level = match level {
+            EventLevel::Info => Level::Info,
+            EventLevel::Warn => Level::Warn,
+            EventLevel::Error => Level::Error,
+        };
+        fleet.lock().events.push(level, None, text);
+    })
 }
 
 /// Returns when nobody asks for anything any more and what requests have begun is done.
-async fn end_requests(app: Arc<App>, serving: tokio::task::JoinHandle<()>) {
+async fn end_requests(tasks: TaskTracker, serving: tokio::task::JoinHandle<()>) {
     finish("the API", serving).await;
-    app.tasks.close();
-    if tokio::time::timeout(PATIENCE, app.tasks.wait())
-        .await
-        .is_err()
-    {
+    tasks.close();
+    if tokio::time::timeout(PATIENCE, tasks.wait()).await.is_err() {
         tracing::warn!("what requests have begun does not end and is left behind");
     }
 }

@@ -1,7 +1,8 @@
 //! Whether commands and the audit log can be written, told as events when that changes.
 
-use crate::fleet::Level;
-use crate::http::App;
+use crate::accounts::AuditLog;
+use crate::commands::CommandCenter;
+use crate::fleet::{Level, SharedFleet};
 
 /// What was told last.
 #[derive(Debug)]
@@ -22,15 +23,15 @@ impl Default for Writable {
 
 impl Writable {
     /// Tells what has changed since the last time.
-    pub(super) fn tell(&mut self, app: &App) {
-        let (commands, audit) = (app.commands.is_written(), app.audit.is_written());
+    pub(super) fn tell(&mut self, commands: &CommandCenter, audit: &AuditLog, fleet: &SharedFleet) {
+        let (commands, audit) = (commands.is_written(), audit.is_written());
         if std::mem::replace(&mut self.commands, commands) != commands {
             let text = if commands {
                 "commands can be written down again"
             } else {
                 "commands cannot be written down: only halts and motion are taken"
             };
-            push(app, commands, text);
+            push(fleet, commands, text);
         }
         if std::mem::replace(&mut self.audit, audit) != audit {
             let text = if audit {
@@ -38,12 +39,12 @@ impl Writable {
             } else {
                 "the audit log cannot be written: its lines wait in memory"
             };
-            push(app, audit, text);
+            push(fleet, audit, text);
         }
     }
 }
 
-fn push(app: &App, well: bool, text: &str) {
+fn push(fleet: &SharedFleet, well: bool, text: &str) {
     let level = if well { Level::Info } else { Level::Error };
-    app.fleet.lock().events.push(level, None, text.to_owned());
+    fleet.lock().events.push(level, None, text.to_owned());
 }
