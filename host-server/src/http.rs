@@ -20,6 +20,7 @@ mod live;
 mod mqtt;
 mod peer;
 mod problem;
+mod query;
 mod rates;
 mod robots;
 mod schema;
@@ -27,91 +28,31 @@ mod serve;
 mod session;
 mod sessions;
 mod simulator;
+mod state;
 mod telemetry;
 mod users;
 mod world;
 
 use std::net::SocketAddr;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware;
-use crawler_records::Records;
-use tokio::sync::Semaphore;
-use tokio_util::sync::CancellationToken;
-use tokio_util::task::TaskTracker;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::accounts::{Accounts, AuditLog};
-use crate::broker::{BrokerHandle, Kind};
-use crate::bus::Bus;
-use crate::cluster::ClusterMembership;
-use crate::commands::CommandCenter;
-use crate::config::{BrokerUrl, Networks};
-use crate::experiments::Experiments;
-use crate::feed::Feed;
-use crate::fleet::SharedFleet;
-use crate::history::History;
-use crate::metrics::Metrics;
-use crate::simulation::Simulation;
-
-pub(crate) use guard::RequestIds;
-pub(crate) use rates::Rates;
+use crate::config::Networks;
+use access::Gate;
+use guard::RequestIds;
+use problem::Problem;
 pub(crate) use serve::serve;
+use state::ApiState;
+pub(crate) use state::Parts;
 
 /// Longest request body. A command is at most 1,024 bytes on the wire.
 const MAX_BODY: usize = 4 * 1024;
-
-/// Everything a request may need.
-pub(crate) struct App {
-    pub(crate) fleet: Arc<SharedFleet>,
-    pub(crate) commands: Arc<CommandCenter>,
-    pub(crate) bus: Arc<Bus>,
-    pub(crate) metrics: Arc<Metrics>,
-    pub(crate) feed: Arc<Feed>,
-    /// The embedded broker, when it is ours.
-    pub(crate) broker: Option<BrokerHandle>,
-    /// The simulation in this process, once there is one.
-    pub(crate) simulation: Arc<OnceLock<Arc<Simulation>>>,
-    /// One world is drawn at a time for those who want to see what it would be.
-    pub(crate) drawing: Arc<Semaphore>,
-    /// What must survive a restart.
-    pub(crate) records: Records,
-    /// What the robots measured.
-    pub(crate) history: History,
-    /// Scenarios on many seeds.
-    pub(crate) experiments: Arc<Experiments>,
-    /// Who is who.
-    pub(crate) accounts: Arc<Accounts>,
-    /// Who did what.
-    pub(crate) audit: Arc<AuditLog>,
-    /// Where the broker is, as this machine reaches it.
-    pub(crate) mqtt: BrokerUrl,
-    /// How much one may ask for.
-    pub(crate) rates: Rates,
-    /// Names requests.
-    pub(crate) requests: RequestIds,
-    /// Readers the live feed still has room for.
-    pub(crate) readers: Arc<Semaphore>,
-    /// Ends the API: what reads the live feed, and requests.
-    pub(crate) stop: CancellationToken,
-    /// What requests have begun and goes on without them.
-    pub(crate) tasks: TaskTracker,
-    /// The other servers of the fleet, where there may be any.
-    pub(crate) membership: Option<Arc<ClusterMembership>>,
-}
-
-impl App {
-    /// Ends what a person or a machine of that name has at the broker, where the broker is ours.
-    async fn drop_client(&self, kind: Kind, name: &str) {
-        if let Some(broker) = &self.broker {
-            broker.drop_client(kind, name).await;
-        }
-    }
-}
 
 #[derive(OpenApi)]
 #[openapi(
@@ -120,6 +61,7 @@ impl App {
         description = "Watch and steer a fleet of robots. Errors are problem documents (RFC 9457) \
                        with a stable `code`."
     ),
+    components(schemas(Problem)),
     tags(
         (name = "robots", description = "The fleet as last known"),
         (name = "commands", description = "Telling robots what to do"),
@@ -138,7 +80,9 @@ struct Description;
 /// The router of everything, for a server listening at `listen`.
 ///
 /// What `proxies` say of where a request came from is believed.
-pub(crate) fn router(app: Arc<App>, listen: SocketAddr, proxies: Networks) -> Router {
+pub(crate) fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
+    let metrics = Arc::clone(&parts.metrics);
+    let state = ApiState::new(parts);
     let (api, document) = OpenApiRouter::with_openapi(Description::openapi())
         .nest(
             "/api/v1",
@@ -192,7 +136,7 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr, proxies: Networks) -> Ro
         .merge(mqtt::routes())
         .fallback(assets::serve)
         .layer(middleware::from_fn_with_state(
-            Arc::clone(&app),
+            Gate::new(&state),
             access::check,
         ))
         .layer(compression::layer())
@@ -207,16 +151,13 @@ pub(crate) fn router(app: Arc<App>, listen: SocketAddr, proxies: Networks) -> Ro
         .layer(middleware::from_fn(problem::uniform))
         .layer(middleware::from_fn(guard::catch_panics))
         .layer(middleware::from_fn_with_state(
-            Arc::clone(&app),
+            (Arc::new(RequestIds::new()), Arc::clone(&metrics)),
             guard::finish,
         ))
-        .layer(middleware::from_fn_with_state(
-            Arc::clone(&app),
-            latency::observe,
-        ))
+        .layer(middleware::from_fn_with_state(metrics, latency::observe))
         .layer(middleware::from_fn_with_state(
             Arc::new(proxies),
             peer::see_through,
         ))
-        .with_state(app)
+        .with_state(state)
 }

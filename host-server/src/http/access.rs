@@ -5,21 +5,24 @@
 
 use std::sync::Arc;
 
-use axum::extract::{FromRequestParts, MatchedPath, Request, State};
+use axum::body::Body;
+use axum::extract::{FromRef, FromRequestParts, MatchedPath, Request, State};
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::http::{HeaderMap, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use crawler_access::Role;
 use crawler_protocol::Source;
 
+use super::audit::Audit;
+use super::commands::Asked;
 use super::peer::Peer;
-use super::problem::Problem;
-use super::rates::{self, Charge};
-use super::{App, commands};
-use crate::accounts::{AuthError, Identity};
+use super::problem::{Code, Problem};
+use super::rates::{Charge, Rates};
+use super::state::ApiState;
+use crate::accounts::{Accounts, AuthError, Identity};
 use crate::cluster::ClusterMembership;
-use crate::metrics::Dropped;
+use crate::metrics::{Dropped, Metrics};
 
 /// What a call asks of whoever makes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -154,8 +157,7 @@ impl Caller {
 /// What is said of calls about one's own account on a server where nobody has one.
 pub(super) fn no_accounts() -> Problem {
     Problem::new(
-        StatusCode::CONFLICT,
-        "open_server",
+        Code::OpenServer,
         "this server is open: everybody who reaches it may do everything, and nobody logs in",
     )
 }
@@ -171,8 +173,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
 
 fn unauthenticated() -> Problem {
     Problem::new(
-        StatusCode::UNAUTHORIZED,
-        "unauthenticated",
+        Code::Unauthenticated,
         "log in first: this call needs a token",
     )
 }
@@ -180,13 +181,11 @@ fn unauthenticated() -> Problem {
 fn unauthorized(error: AuthError) -> Problem {
     match error {
         AuthError::Expired => Problem::new(
-            StatusCode::UNAUTHORIZED,
-            "expired_token",
+            Code::ExpiredToken,
             "the token has expired; refresh the session",
         ),
         AuthError::Unknown => Problem::new(
-            StatusCode::UNAUTHORIZED,
-            "unauthenticated",
+            Code::Unauthenticated,
             "the token is not valid, or its session has ended; log in again",
         ),
     }
@@ -215,76 +214,22 @@ fn ticket(request: &Request) -> Option<&str> {
 }
 
 fn known(
-    app: &App,
+    accounts: &Accounts,
     request: &Request,
     tickets: bool,
     redeemed: Option<Identity>,
 ) -> Result<Identity, Problem> {
     match (bearer(request.headers())?, ticket(request)) {
-        (Some(token), _) => app.accounts.who(token).map_err(unauthorized),
+        (Some(token), _) => accounts.who(token).map_err(unauthorized),
         (None, Some(_)) if tickets && redeemed.is_some() => redeemed.ok_or_else(unauthenticated),
-        (None, Some(ticket)) if tickets => app.accounts.redeem(ticket).ok_or_else(|| {
+        (None, Some(ticket)) if tickets => accounts.redeem(ticket).ok_or_else(|| {
             Problem::new(
-                StatusCode::UNAUTHORIZED,
-                "unauthenticated",
+                Code::Unauthenticated,
                 "the ticket is not valid, was used already, or is too old; ask for another",
             )
         }),
         (None, _) => Err(unauthenticated()),
     }
-}
-
-/// Whose ticket a request shows, where any of several servers may have given it.
-fn shared_ticket<'a>(app: &'a App, request: &Request) -> Option<(&'a ClusterMembership, String)> {
-    let membership = app.membership.as_deref()?;
-    let path = request.extensions().get::<MatchedPath>()?;
-    let wanted = need(request.method(), path.as_str()) == Need::Ticket
-        && !request.headers().contains_key(header::AUTHORIZATION);
-    let ticket = ticket(request).filter(|_| wanted)?;
-    Some((membership, ticket.to_owned()))
-}
-
-fn admit(app: &App, request: &Request, redeemed: Option<Identity>) -> Result<Caller, Problem> {
-    let peer = Peer::of(request);
-    let caller = |identity: Option<Identity>, role| Caller {
-        identity,
-        role,
-        peer,
-    };
-    if app.accounts.is_open() {
-        return Ok(caller(None, Role::Admin));
-    }
-    let need = match request.extensions().get::<MatchedPath>() {
-        Some(path) => need(request.method(), path.as_str()),
-        // The control room, which must be there to log in with.
-        None => Need::Nothing,
-    };
-    let role = match need {
-        Need::Nothing => {
-            // Whoever shows a good token all the same, as for logging out, is told apart.
-            let token = bearer(request.headers()).ok().flatten();
-            let identity = token.and_then(|token| app.accounts.who(token).ok());
-            return Ok(caller(identity, Role::Viewer));
-        }
-        Need::LocalOrViewer if peer.is_local(request.headers()) => {
-            return Ok(caller(None, Role::Viewer));
-        }
-        Need::LocalOrViewer | Need::Ticket => Role::Viewer,
-        Need::Role(role) => role,
-    };
-    let identity = known(app, request, need == Need::Ticket, redeemed)?;
-    if identity.role < role {
-        return Err(Problem::new(
-            StatusCode::FORBIDDEN,
-            "forbidden",
-            format!(
-                "this call needs the role `{role}`; yours is `{}`",
-                identity.role
-            ),
-        ));
-    }
-    let role = identity.role;
-    Ok(caller(Some(identity), role))
 }
 
 /// Whether a request changes something that the audit log must have. Commands to robots are told apart by
@@ -304,67 +249,152 @@ fn must_be_audited(request: &Request) -> bool {
     })
 }
 
+/// A request for a command, with its body read, and whether that is a halt.
+async fn read_command(request: Request) -> Result<(Request, bool), Problem> {
+    let (mut parts, body) = request.into_parts();
+    let asked = Asked::of(Request::from_parts(parts.clone(), body)).await?;
+    let halts = asked.is_halt();
+    parts.extensions.insert(asked);
+    Ok((Request::from_parts(parts, Body::empty()), halts))
+}
+
+/// What the check of a request needs.
+#[derive(Clone)]
+pub(super) struct Gate {
+    accounts: Arc<Accounts>,
+    audit: Audit,
+    metrics: Arc<Metrics>,
+    membership: Option<Arc<ClusterMembership>>,
+    /// How much one may ask for.
+    rates: Arc<Rates>,
+}
+
+impl Gate {
+    pub(super) fn new(state: &ApiState) -> Self {
+        Self {
+            accounts: FromRef::from_ref(state),
+            audit: FromRef::from_ref(state),
+            metrics: FromRef::from_ref(state),
+            membership: FromRef::from_ref(state),
+            rates: Arc::new(Rates::new()),
+        }
+    }
+
+    /// Whose ticket a request shows, where any of several servers may have given it.
+    fn shared_ticket(&self, request: &Request) -> Option<(&ClusterMembership, String)> {
+        let membership = self.membership.as_deref()?;
+        let path = request.extensions().get::<MatchedPath>()?;
+        let wanted = need(request.method(), path.as_str()) == Need::Ticket
+            && !request.headers().contains_key(header::AUTHORIZATION);
+        let ticket = ticket(request).filter(|_| wanted)?;
+        Some((membership, ticket.to_owned()))
+    }
+
+    /// Who makes a request, where they may.
+    fn admit(&self, request: &Request, redeemed: Option<Identity>) -> Result<Caller, Problem> {
+        let peer = Peer::of(request);
+        let caller = |identity: Option<Identity>, role| Caller {
+            identity,
+            role,
+            peer,
+        };
+        if self.accounts.is_open() {
+            return Ok(caller(None, Role::Admin));
+        }
+        let need = match request.extensions().get::<MatchedPath>() {
+            Some(path) => need(request.method(), path.as_str()),
+            // The control room, which must be there to log in with.
+            None => Need::Nothing,
+        };
+        let role = match need {
+            Need::Nothing => {
+                // Whoever shows a good token all the same, as for logging out, is told apart.
+                let token = bearer(request.headers()).ok().flatten();
+                let identity = token.and_then(|token| self.accounts.who(token).ok());
+                return Ok(caller(identity, Role::Viewer));
+            }
+            Need::LocalOrViewer if peer.is_local(request.headers()) => {
+                return Ok(caller(None, Role::Viewer));
+            }
+            Need::LocalOrViewer | Need::Ticket => Role::Viewer,
+            Need::Role(role) => role,
+        };
+        let identity = known(&self.accounts, request, need == Need::Ticket, redeemed)?;
+        if identity.role < role {
+            return Err(Problem::new(
+                Code::Forbidden,
+                format!(
+                    "this call needs the role `{role}`; yours is `{}`",
+                    identity.role
+                ),
+            ));
+        }
+        let role = identity.role;
+        Ok(caller(Some(identity), role))
+    }
+
+    /// The request with its caller, charged to what it counts against.
+    async fn pass(&self, request: Request) -> Result<Request, Problem> {
+        let address = Peer::of(&request).ip();
+        let membership = self.membership.as_deref();
+        let charge = Charge::of(&request);
+        match charge {
+            Charge::Probe => self.rates.probe(address)?,
+            // Whose command it is comes first: strangers at the same address must not use up a halt.
+            Charge::Command => {}
+            // Before the token is looked at: guessing tokens is to be no quicker than anything else.
+            Charge::Other => self.rates.address(address, membership).await?,
+        }
+        let shared = self.shared_ticket(&request);
+        let redeemed = match shared {
+            Some((membership, ticket)) => self.accounts.redeem_shared(&ticket, membership).await,
+            None => None,
+        };
+        let caller = match self.admit(&request, redeemed) {
+            Ok(caller) => caller,
+            Err(problem) => {
+                if charge == Charge::Command {
+                    self.rates.address(address, membership).await?;
+                }
+                return Err(problem);
+            }
+        };
+        if must_be_audited(&request) {
+            self.audit.has_room()?;
+        }
+        let read = match charge {
+            Charge::Command => read_command(request).await,
+            Charge::Probe | Charge::Other => Ok((request, false)),
+        };
+        let user = caller.identity.as_ref().map(|identity| &identity.user);
+        if matches!(read, Ok((_, true))) {
+            self.rates.halt(user, address)?;
+        } else {
+            if charge == Charge::Command {
+                self.rates.address(address, membership).await?;
+            }
+            if let Some(user) = user.filter(|_| charge != Charge::Probe) {
+                self.rates.user(user, membership).await?;
+            }
+        }
+        let (mut request, _) = read?;
+        tracing::debug!(user = caller.name(), "let in");
+        request.extensions_mut().insert(caller);
+        Ok(request)
+    }
+}
+
 /// Lets a request through, or says why not.
-pub(super) async fn check(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
-    match pass(&app, request).await {
+pub(super) async fn check(State(gate): State<Gate>, request: Request, next: Next) -> Response {
+    match gate.pass(request).await {
         Ok(request) => next.run(request).await,
         Err(problem) => {
-            if problem.code() == rates::LIMITED {
-                app.metrics.dropped(Dropped::RateLimited);
+            if problem.code() == Code::RateLimited {
+                gate.metrics.dropped(Dropped::RateLimited);
             }
             problem.into_response()
         }
     }
-}
-
-/// The request with its caller, charged to what it counts against.
-async fn pass(app: &App, request: Request) -> Result<Request, Problem> {
-    let address = Peer::of(&request).ip();
-    let membership = app.membership.as_deref();
-    let charge = Charge::of(&request);
-    match charge {
-        Charge::Probe => app.rates.probe(address)?,
-        // Whose command it is comes first: strangers at the same address must not use up a halt.
-        Charge::Command => {}
-        // Before the token is looked at: guessing tokens is to be no quicker than anything else.
-        Charge::Other => app.rates.address(address, membership).await?,
-    }
-    let shared = shared_ticket(app, &request);
-    let redeemed = match shared {
-        Some((membership, ticket)) => app.accounts.redeem_shared(&ticket, membership).await,
-        None => None,
-    };
-    let caller = match admit(app, &request, redeemed) {
-        Ok(caller) => caller,
-        Err(problem) => {
-            if charge == Charge::Command {
-                app.rates.address(address, membership).await?;
-            }
-            return Err(problem);
-        }
-    };
-    if must_be_audited(&request) {
-        app.may_be_audited()?;
-    }
-    let read = match charge {
-        Charge::Command => commands::told_apart(request).await,
-        Charge::Probe | Charge::Other => Ok((request, false)),
-    };
-    let user = caller.identity.as_ref().map(|identity| &identity.user);
-    if matches!(read, Ok((_, true))) {
-        app.rates.halt(user, address)?;
-    } else {
-        if charge == Charge::Command {
-            app.rates.address(address, membership).await?;
-        }
-        if let Some(user) = user.filter(|_| charge != Charge::Probe) {
-            app.rates.user(user, membership).await?;
-        }
-    }
-    let (mut request, _) = read?;
-    tracing::debug!(user = caller.name(), "let in");
-    request.extensions_mut().insert(caller);
-    Ok(request)
 }
 
 #[cfg(test)]

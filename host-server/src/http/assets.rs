@@ -5,7 +5,7 @@ use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use rust_embed::{EmbeddedFile, RustEmbed};
 
-use super::problem::Problem;
+use super::problem::{Code, Problem};
 
 /// `npm run build` in `ui/` fills the folder; without it the help page below is served.
 #[derive(RustEmbed)]
@@ -41,12 +41,7 @@ pub(super) async fn serve(request: Request) -> Response {
 }
 
 fn not_found() -> Response {
-    Problem::new(
-        StatusCode::NOT_FOUND,
-        "not_found",
-        "there is nothing at this address",
-    )
-    .into_response()
+    Problem::new(Code::NotFound, "there is nothing at this address").into_response()
 }
 
 fn send(name: &str, file: &EmbeddedFile, request: &HeaderMap) -> Response {

@@ -4,16 +4,18 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Json;
-use axum::extract::{Query, State};
-use axum::http::StatusCode;
+use axum::extract::State;
+use crawler_records::Records;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use tokio_util::task::TaskTracker;
 use utoipa::{IntoParams, ToSchema};
 
-use super::App;
 use super::access::Caller;
-use super::problem::Problem;
-use crate::accounts::Entry;
+use super::problem::{Code, Problem};
+use super::query::{self, ApiQuery, bad_query};
+use crate::accounts::{AuditLog, Entry};
+use crate::cluster::ClusterMembership;
 
 /// What came of something that cannot fail.
 pub(super) const DONE: Result<(), Problem> = Ok(());
@@ -25,9 +27,29 @@ const LARGEST_PAGE: u32 = 1_000;
 /// No entry has a greater number: readers of JSON have whole numbers up to 2^53 - 1.
 const LARGEST_NUMBER: u64 = (1 << 53) - 1;
 
-impl App {
+/// Writes down who did what, and tells the other servers that something has changed.
+#[derive(Clone)]
+pub(super) struct Audit {
+    log: Arc<AuditLog>,
+    membership: Option<Arc<ClusterMembership>>,
+    tasks: TaskTracker,
+}
+
+impl Audit {
+    pub(super) const fn new(
+        log: Arc<AuditLog>,
+        membership: Option<Arc<ClusterMembership>>,
+        tasks: TaskTracker,
+    ) -> Self {
+        Self {
+            log,
+            membership,
+            tasks,
+        }
+    }
+
     /// Writes down what the caller did and what came of it.
-    pub(super) async fn audit<T>(
+    pub(super) async fn write<T>(
         &self,
         caller: &Caller,
         action: &'static str,
@@ -35,12 +57,12 @@ impl App {
         detail: Value,
         result: &Result<T, Problem>,
     ) {
-        self.audit_as(&caller.name(), caller, action, target, detail, result)
+        self.write_as(&caller.name(), caller, action, target, detail, result)
             .await;
     }
 
     /// The same for whoever cannot wait for the records: it is written as soon as they take it.
-    pub(super) fn audit_later<T>(
+    pub(super) fn note<T>(
         &self,
         caller: &Caller,
         action: &'static str,
@@ -49,27 +71,31 @@ impl App {
         result: &Result<T, Problem>,
     ) {
         let entry = entry(&caller.name(), caller, action, target, detail, result);
-        self.audit.note(entry);
+        self.log.note(entry);
+    }
+
+    /// Whether the records took what was written last.
+    pub(super) fn is_written(&self) -> bool {
+        self.log.is_written()
     }
 
     /// Whether something may be done that has to be in the log: it must not be lost on its way there.
     ///
     /// # Errors
     /// What the caller is told when it may not.
-    pub(super) fn may_be_audited(&self) -> Result<(), Problem> {
-        if self.audit.has_room() {
+    pub(super) fn has_room(&self) -> Result<(), Problem> {
+        if self.log.has_room() {
             return Ok(());
         }
         Err(Problem::later(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "not_audited",
+            Code::NotAudited,
             "the audit log cannot be written, and this has to be in it; nothing was done",
             Duration::from_secs(1),
         ))
     }
 
-    /// The same for somebody whom the request did not name.
-    pub(super) async fn audit_as<T>(
+    /// The same as [`Audit::write`] for somebody whom the request did not name.
+    pub(super) async fn write_as<T>(
         &self,
         who: &str,
         caller: &Caller,
@@ -79,7 +105,7 @@ impl App {
         result: &Result<T, Problem>,
     ) {
         let entry = entry(who, caller, action, target, detail, result);
-        self.audit.write(entry).await;
+        self.log.write(entry).await;
         // Whoever logs in here, or is locked out, is so everywhere. What is not told is found by
         // looking, some seconds later.
         if let Some(membership) = self.membership.clone()
@@ -106,7 +132,7 @@ fn entry<T>(
 ) -> Entry {
     let outcome = match result {
         Ok(_) => "ok",
-        Err(problem) => problem.code(),
+        Err(problem) => problem.code().name(),
     };
     Entry {
         who: who.to_owned(),
@@ -173,32 +199,17 @@ pub(super) struct AuditList {
     params(AuditQuery),
     responses(
         (status = 200, description = "A page of the log", body = AuditList),
-        (status = 400, description = "The query is not valid", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The query is not valid")))]
 pub(super) async fn page(
-    State(app): State<Arc<App>>,
-    query: Result<Query<AuditQuery>, axum::extract::rejection::QueryRejection>,
+    State(records): State<Records>,
+    ApiQuery(wanted): ApiQuery<AuditQuery>,
 ) -> Result<Json<AuditList>, Problem> {
-    let Query(query) = query
-        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
-    if query.before.is_some_and(|before| before > LARGEST_NUMBER) {
-        return Err(Problem::new(
-            StatusCode::BAD_REQUEST,
-            "bad_query",
-            format!("`before` must be 0 to {LARGEST_NUMBER}"),
-        ));
+    if wanted.before.is_some_and(|before| before > LARGEST_NUMBER) {
+        return Err(bad_query(format!("`before` must be 0 to {LARGEST_NUMBER}")));
     }
-    let limit = query.limit.unwrap_or(PAGE);
-    if !(1..=LARGEST_PAGE).contains(&limit) {
-        return Err(Problem::new(
-            StatusCode::BAD_REQUEST,
-            "bad_query",
-            format!("`limit` must be within 1 to {LARGEST_PAGE}"),
-        ));
-    }
-    let stored = app
-        .records
-        .audit_page(query.before, limit, query.who.as_deref())
+    let limit = query::page(wanted.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
+    let stored = records
+        .audit_page(wanted.before, limit, wanted.who.as_deref())
         .await
         .map_err(|error| Problem::records(&error))?;
     let entries: Vec<AuditView> = stored
@@ -242,10 +253,10 @@ pub(super) struct Verdict {
 /// Computes the chain of fingerprints anew, from the first line.
 #[utoipa::path(get, path = "/audit/verify", tag = "accounts",
     responses((status = 200, description = "The verdict", body = Verdict)))]
-pub(super) async fn verify(State(app): State<Arc<App>>) -> Result<Json<Verdict>, Problem> {
-    let lost = app.records.audit_lost().await;
+pub(super) async fn verify(State(records): State<Records>) -> Result<Json<Verdict>, Problem> {
+    let lost = records.audit_lost().await;
     let lost = lost.map_err(|error| Problem::records(&error))?;
-    Ok(Json(match app.records.audit_verify().await {
+    Ok(Json(match records.audit_verify().await {
         Ok(entries) => Verdict {
             entries,
             intact: true,

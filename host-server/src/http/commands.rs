@@ -4,9 +4,8 @@ use std::panic::resume_unwind;
 use std::sync::Arc;
 
 use axum::Json;
-use axum::body::Body;
-use axum::extract::rejection::QueryRejection;
-use axum::extract::{FromRequest as _, Path, Query, Request, State};
+use axum::extract::{FromRef, FromRequest as _, FromRequestParts, Path, Request, State};
+use axum::http::request::Parts;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use crawler_delivery::Class;
@@ -17,12 +16,15 @@ use tokio_util::task::TaskTracker;
 use tracing::Instrument as _;
 use utoipa::{IntoParams, ToSchema};
 
-use super::App;
 use super::access::Caller;
+use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::Problem;
-use crate::commands::{CommandView, SendError, Target, view_of};
-use crate::fleet::Presence;
+use super::problem::{Code, Problem};
+use super::query::ApiQuery;
+use super::state::ApiState;
+use crate::cluster::ClusterMembership;
+use crate::commands::{CommandCenter, CommandView, SendError, Target, view_of};
+use crate::fleet::{Presence, SharedFleet};
 
 /// A command on its way: the same document as `GET /api/v1/commands/{id}`, whose address is in
 /// `Location`. A command to the swarm leaves out the outcomes of single robots: there are none yet,
@@ -79,26 +81,21 @@ pub(super) struct CommandRequest {
     parameters: Option<()>,
 }
 
-fn parse(body: &[u8]) -> Result<Action, Problem> {
-    Action::parse(body).map_err(|reason| {
-        let status = match reason {
-            Reason::Malformed => StatusCode::BAD_REQUEST,
-            _ => StatusCode::UNPROCESSABLE_ENTITY,
-        };
-        let detail = match reason {
-            Reason::Malformed => "the body is not one JSON object",
-            Reason::TooLarge => "the command is too large for a message",
-            Reason::UnknownCommand => "there is no such command",
-            Reason::UnknownField => "the command does not have one of these fields",
-            Reason::DuplicateField => "a field is there twice",
-            Reason::MissingField => "a field is missing",
-            Reason::WrongType => "a field holds another type than it must",
-            Reason::OutOfRange => "a value is out of range",
-            Reason::UnknownBehaviour => "there is no such behaviour",
-            _ => "the command is not valid",
-        };
-        Problem::new(status, reason.name(), detail)
-    })
+/// What is said to whoever sent no command.
+fn invalid(reason: Reason) -> Problem {
+    let detail = match reason {
+        Reason::Malformed => "the body is not one JSON object",
+        Reason::TooLarge => "the command is too large for a message",
+        Reason::UnknownCommand => "there is no such command",
+        Reason::UnknownField => "the command does not have one of these fields",
+        Reason::DuplicateField => "a field is there twice",
+        Reason::MissingField => "a field is missing",
+        Reason::WrongType => "a field holds another type than it must",
+        Reason::OutOfRange => "a value is out of range",
+        Reason::UnknownBehaviour => "there is no such behaviour",
+        _ => "the command is not valid",
+    };
+    Problem::new(Code::Command(reason), detail)
 }
 
 /// Whatever happens, these go out: they can only make things safer.
@@ -106,87 +103,225 @@ const fn is_halt(action: &Action) -> bool {
     matches!(action, Action::Stop | Action::Estop)
 }
 
-/// A request for a command, with its body read, and whether that is a halt.
-pub(super) async fn told_apart(request: Request) -> Result<(Request, bool), Problem> {
-    let (parts, body) = request.into_parts();
-    let unread = Request::from_parts(parts.clone(), body);
-    let JsonBody(body) = JsonBody::from_request(unread, &()).await?;
-    let halts = Action::parse(&body).is_ok_and(|action| is_halt(&action));
-    Ok((Request::from_parts(parts, Body::from(body)), halts))
+/// A body that should be a command, read once: for what it is charged to, for the robots and for the audit
+/// log.
+#[derive(Debug, Clone)]
+pub(super) struct Asked {
+    action: Result<Action, Reason>,
+    /// As it was written, for the audit log; `null` where it is no command, and anybody's guess.
+    text: Value,
+}
+
+impl Asked {
+    pub(super) fn read(body: &[u8]) -> Self {
+        let action = Action::parse(body);
+        // What was parsed is small and says nothing but a command.
+        let text = match &action {
+            Ok(_) => serde_json::from_slice(body).unwrap_or_default(),
+            Err(_) => Value::Null,
+        };
+        Self { action, text }
+    }
+
+    /// The body of a request.
+    pub(super) async fn of(request: Request) -> Result<Self, Problem> {
+        let JsonBody(body) = JsonBody::from_request(request, &()).await?;
+        Ok(Self::read(&body))
+    }
+
+    /// Whether it is a halt.
+    pub(super) fn is_halt(&self) -> bool {
+        self.action.as_ref().is_ok_and(is_halt)
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Asked {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        // The check of every request has read it.
+        let read = parts.extensions.remove();
+        read.ok_or_else(|| Problem::internal("a command was not read"))
+    }
 }
 
 fn failed(error: SendError) -> Problem {
     match error {
         SendError::NotConnected => Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "broker_unavailable",
+            Code::BrokerUnavailable,
             "there is no connection to the broker; the command was not sent",
         ),
         SendError::Full => Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "overloaded",
+            Code::Overloaded,
             "too many commands are waiting to go out; this one was not sent",
         ),
-        SendError::TooLarge => Problem::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            Reason::TooLarge.name(),
-            "the command is too large for a message",
-        ),
+        SendError::TooLarge => invalid(Reason::TooLarge),
         SendError::NotWritten { sent: false } => Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "not_written",
+            Code::NotWritten,
             "the disk takes nothing, and this command must outlive the server; it was not sent",
         ),
         SendError::NotWritten { sent: true } => Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "sent_not_written",
+            Code::SentNotWritten,
             "the command was sent, but the disk takes nothing: should the server end, nobody goes on \
              with it",
         ),
         SendError::NotShared { sent: false } => Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "not_shared",
+            Code::NotShared,
             "the other servers cannot be told; the command was not sent",
         ),
         SendError::NotShared { sent: true } => Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "sent_not_shared",
+            Code::SentNotShared,
             "the command was sent, but the other servers cannot be told: should this one fail, \
              nobody goes on with it",
         ),
     }
 }
 
-/// Sends a command under the caller's name.
-async fn send(
-    app: &App,
-    caller: &Caller,
-    action: Action,
-    target: Target,
-    expected: Vec<RobotId>,
-) -> Result<Accepted, Problem> {
-    let commands = &app.commands;
-    let given = commands.give(caller.source(), action, target, expected);
-    given.await.map(Accepted).map_err(failed)
+/// Whether a command waits for the audit log. Nobody who stops or steers a robot does.
+fn must_be_audited(action: &Action) -> bool {
+    !matches!(Class::of(action), Class::Halt | Class::Motion)
 }
 
-/// Reads a command and sends it to one robot; writes down that it was given.
-///
-/// # Cancellation safety
-/// What was begun is done, and written down: see [`whole`].
-pub(super) async fn send_to_robot(
-    app: Arc<App>,
-    caller: Caller,
-    id: String,
-    body: Vec<u8>,
-) -> Result<Accepted, Problem> {
-    let tasks = app.tasks.clone();
-    whole(&tasks, async move {
-        let result = try_robot(&app, &caller, &id, &body).await;
-        audit(&app, &caller, &id, &body, &result).await;
-        result
-    })
-    .await
+/// Sends commands, and writes down that they were given.
+#[derive(Clone)]
+pub(super) struct CommandSender {
+    commands: Arc<CommandCenter>,
+    fleet: Arc<SharedFleet>,
+    audit: Audit,
+    tasks: TaskTracker,
+}
+
+impl FromRef<ApiState> for CommandSender {
+    fn from_ref(state: &ApiState) -> Self {
+        Self {
+            commands: FromRef::from_ref(state),
+            fleet: FromRef::from_ref(state),
+            audit: FromRef::from_ref(state),
+            tasks: FromRef::from_ref(state),
+        }
+    }
+}
+
+impl CommandSender {
+    /// Sends a command to one robot.
+    ///
+    /// # Errors
+    /// What the caller is told; the command was not sent, or the problem says that it was.
+    ///
+    /// # Cancellation safety
+    /// What was begun is done, and written down: see [`whole`].
+    pub(super) async fn send_to_robot(
+        self,
+        caller: Caller,
+        id: String,
+        asked: Asked,
+    ) -> Result<Accepted, Problem> {
+        let tasks = self.tasks.clone();
+        whole(&tasks, async move {
+            let result = self.try_robot(&caller, &id, &asked).await;
+            self.write_down(&caller, &id, asked, &result).await;
+            result
+        })
+        .await
+    }
+
+    /// Sends a command to every robot.
+    ///
+    /// # Errors
+    /// As [`CommandSender::send_to_robot`].
+    ///
+    /// # Cancellation safety
+    /// As [`CommandSender::send_to_robot`].
+    async fn send_to_swarm(self, caller: Caller, asked: Asked) -> Result<Accepted, Problem> {
+        let tasks = self.tasks.clone();
+        whole(&tasks, async move {
+            let result = self.try_swarm(&caller, &asked).await;
+            self.write_down(&caller, "swarm", asked, &result).await;
+            result
+        })
+        .await
+    }
+
+    async fn try_robot(
+        &self,
+        caller: &Caller,
+        id: &str,
+        asked: &Asked,
+    ) -> Result<Accepted, Problem> {
+        let action = self.allowed(asked)?;
+        let unknown = || Problem::unknown_robot(id);
+        let robot = RobotId::new(id).map_err(|_| unknown())?;
+        if self.fleet.lock().get(&robot).is_none() {
+            return Err(unknown());
+        }
+        let target = Target::Robot(robot.clone());
+        self.send(caller, action, target, vec![robot]).await
+    }
+
+    async fn try_swarm(&self, caller: &Caller, asked: &Asked) -> Result<Accepted, Problem> {
+        let action = self.allowed(asked)?;
+        let expected: Vec<RobotId> = {
+            let fleet = self.fleet.lock();
+            let online = fleet
+                .robots()
+                .filter(|robot| robot.presence == Presence::Online);
+            online.map(|robot| robot.id.clone()).collect()
+        };
+        if expected.is_empty() && !is_halt(&action) {
+            return Err(Problem::new(
+                Code::NoRobots,
+                "no robot is online; only stop and estop are sent all the same",
+            ));
+        }
+        self.send(caller, action, Target::Swarm, expected).await
+    }
+
+    /// The command, where it is one and may be given now.
+    fn allowed(&self, asked: &Asked) -> Result<Action, Problem> {
+        let action = asked.action.clone().map_err(invalid)?;
+        if must_be_audited(&action) {
+            self.audit.has_room()?;
+        }
+        Ok(action)
+    }
+
+    /// Sends a command under the caller's name.
+    async fn send(
+        &self,
+        caller: &Caller,
+        action: Action,
+        target: Target,
+        expected: Vec<RobotId>,
+    ) -> Result<Accepted, Problem> {
+        let given = self
+            .commands
+            .give(caller.source(), action, target, expected);
+        given.await.map(Accepted).map_err(failed)
+    }
+
+    /// Writes down a command that was one. It has gone out by then. Nobody who stops or steers a robot
+    /// waits for a disk: their entry is written when the disk takes it.
+    async fn write_down(
+        &self,
+        caller: &Caller,
+        target: &str,
+        asked: Asked,
+        result: &Result<Accepted, Problem>,
+    ) {
+        let Asked { action, text } = asked;
+        let detail = match result {
+            Ok(Accepted(view)) => json!({ "id": view.id, "request": text }),
+            Err(_) => json!({ "request": text }),
+        };
+        if action.is_ok_and(|action| !must_be_audited(&action)) {
+            self.audit
+                .note(caller, "command.send", target, detail, result);
+            return;
+        }
+        self.audit
+            .write(caller, "command.send", target, detail, result)
+            .await;
+    }
 }
 
 /// Does `work` whether or not somebody still waits for it: whoever hangs up while a command waits for
@@ -199,82 +334,9 @@ async fn whole(
         Ok(result) => result,
         Err(error) => match error.try_into_panic() {
             Ok(panic) => resume_unwind(panic),
-            Err(_) => Err(Problem::new(
-                StatusCode::SERVICE_UNAVAILABLE,
-                "stopping",
-                "the server is about to end",
-            )),
+            Err(_) => Err(Problem::new(Code::Stopping, "the server is about to end")),
         },
     }
-}
-
-/// Whether a command waits for the audit log. Nobody who stops or steers a robot does.
-fn must_be_audited(action: &Action) -> bool {
-    !matches!(Class::of(action), Class::Halt | Class::Motion)
-}
-
-async fn try_robot(app: &App, caller: &Caller, id: &str, body: &[u8]) -> Result<Accepted, Problem> {
-    let action = parse(body)?;
-    if must_be_audited(&action) {
-        app.may_be_audited()?;
-    }
-    let unknown = || Problem::unknown_robot(id);
-    let robot = RobotId::new(id).map_err(|_| unknown())?;
-    if app.fleet.lock().get(&robot).is_none() {
-        return Err(unknown());
-    }
-    let target = Target::Robot(robot.clone());
-    send(app, caller, action, target, vec![robot]).await
-}
-
-async fn try_swarm(app: &App, caller: &Caller, body: &[u8]) -> Result<Accepted, Problem> {
-    let action = parse(body)?;
-    if must_be_audited(&action) {
-        app.may_be_audited()?;
-    }
-    let expected: Vec<RobotId> = {
-        let fleet = app.fleet.lock();
-        let online = fleet
-            .robots()
-            .filter(|robot| robot.presence == Presence::Online);
-        online.map(|robot| robot.id.clone()).collect()
-    };
-    if expected.is_empty() && !is_halt(&action) {
-        return Err(Problem::new(
-            StatusCode::CONFLICT,
-            "no_robots",
-            "no robot is online; only stop and estop are sent all the same",
-        ));
-    }
-    send(app, caller, action, Target::Swarm, expected).await
-}
-
-/// Writes down a command that was one. It has gone out by then. Nobody who stops or steers a robot
-/// waits for a disk: their entry is written when the disk takes it.
-async fn audit(
-    app: &App,
-    caller: &Caller,
-    target: &str,
-    body: &[u8],
-    result: &Result<Accepted, Problem>,
-) {
-    // The body was parsed, so it is small and says nothing but a command; where it was not, what
-    // stands there is anybody's guess.
-    let action = Action::parse(body);
-    let detail = match &action {
-        Ok(_) => serde_json::from_slice(body).unwrap_or(Value::Null),
-        Err(_) => Value::Null,
-    };
-    let detail = match result {
-        Ok(Accepted(view)) => json!({ "id": view.id, "request": detail }),
-        Err(_) => json!({ "request": detail }),
-    };
-    if action.is_ok_and(|action| !must_be_audited(&action)) {
-        app.audit_later(caller, "command.send", target, detail, result);
-        return;
-    }
-    app.audit(caller, "command.send", target, detail, result)
-        .await;
 }
 
 /// Sends a command to one robot
@@ -286,22 +348,17 @@ async fn audit(
     request_body = CommandRequest,
     responses(
         (status = 202, description = "Sent", body = Accepted),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "Nobody knows the robot", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Not a command", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "No connection to the broker, or no disk to write it to",
-            body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 404, description = "Nobody knows the robot"),
+        (status = 422, description = "Not a command"),
+        (status = 503, description = "No connection to the broker, or no disk to write it to")))]
 pub(super) async fn to_robot(
-    State(app): State<Arc<App>>,
+    State(sender): State<CommandSender>,
     caller: Caller,
     Path(id): Path<String>,
-    JsonBody(body): JsonBody,
+    asked: Asked,
 ) -> Result<Accepted, Problem> {
-    send_to_robot(app, caller, id, body.to_vec()).await
+    sender.send_to_robot(caller, id, asked).await
 }
 
 /// Sends a command to every robot
@@ -313,27 +370,16 @@ pub(super) async fn to_robot(
     request_body = CommandRequest,
     responses(
         (status = 202, description = "Sent", body = Accepted),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "No robot is online", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Not a command", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "No connection to the broker, or no disk to write it to",
-            body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 409, description = "No robot is online"),
+        (status = 422, description = "Not a command"),
+        (status = 503, description = "No connection to the broker, or no disk to write it to")))]
 pub(super) async fn to_swarm(
-    State(app): State<Arc<App>>,
+    State(sender): State<CommandSender>,
     caller: Caller,
-    JsonBody(body): JsonBody,
+    asked: Asked,
 ) -> Result<Accepted, Problem> {
-    let tasks = app.tasks.clone();
-    whole(&tasks, async move {
-        let result = try_swarm(&app, &caller, &body).await;
-        audit(&app, &caller, "swarm", &body, &result).await;
-        result
-    })
-    .await
+    sender.send_to_swarm(caller, asked).await
 }
 
 /// Commands of one answer.
@@ -368,24 +414,20 @@ pub(super) struct CommandList {
     params(ListQuery),
     responses(
         (status = 200, description = "The commands", body = CommandList),
-        (status = 400, description = "The query is not valid", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "Not a robot's name", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The query is not valid"),
+        (status = 404, description = "Not a robot's name")))]
 pub(super) async fn list(
-    State(app): State<Arc<App>>,
-    query: Result<Query<ListQuery>, QueryRejection>,
+    State(commands): State<Arc<CommandCenter>>,
+    ApiQuery(asked): ApiQuery<ListQuery>,
 ) -> Result<Json<CommandList>, Problem> {
-    let Query(query) = query
-        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
-    let robot = query.robot.as_deref().map(|id| {
+    let robot = asked.robot.as_deref().map(|id| {
         let robot = RobotId::new(id);
         robot.map_err(|_| Problem::unknown_robot(id))
     });
     let robot = robot.transpose()?;
-    let limit = (query.limit.unwrap_or(50) as usize).min(MOST_LISTED);
-    let drive = query.drive.unwrap_or(false);
-    let commands = app.commands.newest(robot.as_ref(), drive, limit);
+    let limit = (asked.limit.unwrap_or(50) as usize).min(MOST_LISTED);
+    let drive = asked.drive.unwrap_or(false);
+    let commands = commands.newest(robot.as_ref(), drive, limit);
     Ok(Json(CommandList { commands }))
 }
 
@@ -396,31 +438,23 @@ pub(super) async fn list(
     params(("id" = String, Path, description = "Id from the answer to the command")),
     responses(
         (status = 200, description = "What it came to so far", body = CommandView),
-        (status = 404, description = "Not known, or no longer", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "The other servers cannot be asked", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "Not known, or no longer"),
+        (status = 503, description = "The other servers cannot be asked")))]
 pub(super) async fn one(
-    State(app): State<Arc<App>>,
+    State(commands): State<Arc<CommandCenter>>,
+    State(membership): State<Option<Arc<ClusterMembership>>>,
     Path(id): Path<String>,
 ) -> Result<Json<CommandView>, Problem> {
-    let unknown = || {
-        Problem::new(
-            StatusCode::NOT_FOUND,
-            "unknown_command_id",
-            "no such command is remembered",
-        )
-    };
+    let unknown = || Problem::new(Code::UnknownCommandId, "no such command is remembered");
     let id: u64 = id.parse().map_err(|_| unknown())?;
-    if let Some(view) = app.commands.view(id) {
+    if let Some(view) = commands.view(id) {
         return Ok(Json(view));
     }
-    let membership = app.membership.as_ref().ok_or_else(unknown)?;
+    let membership = membership.ok_or_else(unknown)?;
     let fields = membership.cluster.read(id).await.map_err(|error| {
         tracing::warn!(%error, "cannot look up a command of another server");
         Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "not_shared",
+            Code::NotShared,
             "this server does not know the command, and the others cannot be asked",
         )
     })?;

@@ -1,7 +1,5 @@
 //! What robots and simulators log in to the broker with.
 
-use std::sync::Arc;
-
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::uri::Authority;
@@ -9,14 +7,15 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use crawler_access::Secret;
 use crawler_protocol::RobotId;
-use crawler_records::RecordsError;
+use crawler_records::{Records, RecordsError};
 use serde::Serialize;
 use serde_json::json;
 use utoipa::ToSchema;
 
-use super::App;
 use super::access::Caller;
-use super::problem::Problem;
+use super::audit::Audit;
+use super::problem::{Code, Problem};
+use super::state::Broker;
 use crate::accounts::now_ms;
 use crate::broker::Kind;
 use crate::config::BrokerUrl;
@@ -46,8 +45,8 @@ pub(super) struct CredentialList {
 /// Every credential, also those that were revoked
 #[utoipa::path(get, path = "/credentials", tag = "accounts",
     responses((status = 200, description = "The credentials", body = CredentialList)))]
-pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<CredentialList>, Problem> {
-    let credentials = app.records.credentials().await;
+pub(super) async fn list(State(records): State<Records>) -> Result<Json<CredentialList>, Problem> {
+    let credentials = records.credentials().await;
     let credentials = credentials.map_err(|error| Problem::records(&error))?;
     let credentials = credentials.into_iter().map(|credential| CredentialView {
         robot: credential.name,
@@ -74,10 +73,16 @@ pub(super) struct NewCredentialView {
 
 /// The broker as the robot is likely to reach it: an embedded one is where the caller found this
 /// server.
-fn address(app: &App, headers: &HeaderMap, name: &str, secret: &Secret) -> String {
-    let mut url: BrokerUrl = app.mqtt.clone();
+fn address(
+    mqtt: &BrokerUrl,
+    broker: &Broker,
+    headers: &HeaderMap,
+    name: &str,
+    secret: &Secret,
+) -> String {
+    let mut url = mqtt.clone();
     url.credentials = None;
-    if app.broker.is_some()
+    if broker.0.is_some()
         && let Some(host) = headers
             .get(header::HOST)
             .and_then(|host| host.to_str().ok())
@@ -101,8 +106,7 @@ fn address(app: &App, headers: &HeaderMap, name: &str, secret: &Secret) -> Strin
 fn named(name: &str) -> Result<RobotId, Problem> {
     RobotId::new(name).map_err(|_| {
         Problem::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "bad_name",
+            Code::BadName,
             "a robot's name is 1 to 32 of a-z, 0-9 and hyphen",
         )
     })
@@ -118,42 +122,41 @@ fn named(name: &str) -> Result<RobotId, Problem> {
     responses(
         (status = 201, description = "Enrolled; the secret is shown this once",
             body = NewCredentialView),
-        (status = 409, description = "There are as many as may be", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Not a robot's name", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 409, description = "There are as many as may be"),
+        (status = 422, description = "Not a robot's name")))]
 pub(super) async fn enrol(
-    State(app): State<Arc<App>>,
+    State(records): State<Records>,
+    State(audit): State<Audit>,
+    State(broker): State<Broker>,
+    State(mqtt): State<BrokerUrl>,
     caller: Caller,
     headers: HeaderMap,
     Path(id): Path<String>,
 ) -> Result<Response, Problem> {
     let robot = named(&id)?;
     let secret = Secret::generate().map_err(|_| Problem::internal("no randomness"))?;
-    let result = app
-        .records
+    let result = records
         .enroll(robot.as_str(), secret.digest(), now_ms(), &caller.name())
         .await
         .map_err(|error| match error {
-            RecordsError::TooMany(_) => Problem::new(
-                StatusCode::CONFLICT,
-                "too_many",
-                "there are as many credentials as may be",
-            ),
+            RecordsError::TooMany(_) => {
+                Problem::new(Code::TooMany, "there are as many credentials as may be")
+            }
             error => Problem::records(&error),
         });
-    app.audit(
-        &caller,
-        "credential.enrol",
-        robot.as_str(),
-        json!({}),
-        &result,
-    )
-    .await;
+    audit
+        .write(
+            &caller,
+            "credential.enrol",
+            robot.as_str(),
+            json!({}),
+            &result,
+        )
+        .await;
     result?;
-    app.drop_client(Kind::Machine, robot.as_str()).await;
+    broker.drop_client(Kind::Machine, robot.as_str()).await;
     let view = NewCredentialView {
-        url: address(&app, &headers, robot.as_str(), &secret),
+        url: address(&mqtt, &broker, &headers, robot.as_str(), &secret),
         robot: robot.as_str().to_owned(),
         secret: secret.to_string(),
     };
@@ -167,23 +170,22 @@ pub(super) async fn enrol(
     params(("id" = String, Path, description = "Robot id, or `simulator-…`")),
     responses(
         (status = 204, description = "Revoked"),
-        (status = 404, description = "It has none", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "It has none")))]
 pub(super) async fn revoke(
-    State(app): State<Arc<App>>,
+    State(records): State<Records>,
+    State(audit): State<Audit>,
+    State(broker): State<Broker>,
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
     let unknown = || {
         Problem::new(
-            StatusCode::NOT_FOUND,
-            "unknown_credential",
+            Code::UnknownCredential,
             "there is no credential of that name that is good",
         )
     };
     let robot = named(&id).map_err(|_| unknown())?;
-    let result = app
-        .records
+    let result = records
         .revoke_credential(robot.as_str(), now_ms())
         .await
         .map_err(|error| match error {
@@ -192,16 +194,17 @@ pub(super) async fn revoke(
         });
     // Whoever would not hear of it in the records is not to stay at the broker either.
     if result.is_ok() {
-        app.drop_client(Kind::Machine, robot.as_str()).await;
+        broker.drop_client(Kind::Machine, robot.as_str()).await;
     }
-    app.audit(
-        &caller,
-        "credential.revoke",
-        robot.as_str(),
-        json!({}),
-        &result,
-    )
-    .await;
+    audit
+        .write(
+            &caller,
+            "credential.revoke",
+            robot.as_str(),
+            json!({}),
+            &result,
+        )
+        .await;
     result?;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -1,17 +1,14 @@
 //! What happened, as far back as it is recorded.
 
-use std::sync::Arc;
-
 use axum::Json;
-use axum::extract::{Query, State};
-use axum::http::StatusCode;
+use axum::extract::State;
 use crawler_protocol::RobotId;
-use crawler_records::{EventCursor, EventLevel, EventQuery, MAX_EVENTS_PAGE, StoredEvent};
+use crawler_records::{EventCursor, EventLevel, EventQuery, MAX_EVENTS_PAGE, Records, StoredEvent};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::App;
 use super::problem::Problem;
+use super::query::{self, ApiQuery, bad_query};
 
 /// Events of a page.
 const PAGE: u32 = 200;
@@ -111,28 +108,22 @@ pub(super) struct EventList {
 }
 
 /// What a query asks for.
-fn wanted(query: EventsQuery) -> Result<EventQuery, Problem> {
-    let bad = |detail: String| Problem::new(StatusCode::BAD_REQUEST, "bad_query", detail);
-    let (from, to) = (query.from.unwrap_or(0), query.to.unwrap_or(i64::MAX));
+fn wanted(asked: EventsQuery) -> Result<EventQuery, Problem> {
+    let (from, to) = (asked.from.unwrap_or(0), asked.to.unwrap_or(i64::MAX));
     if to <= from {
-        return Err(bad("`from` must be before `to`".into()));
+        return Err(bad_query("`from` must be before `to`"));
     }
-    let limit = query.limit.unwrap_or(PAGE);
-    if !(1..=MAX_EVENTS_PAGE).contains(&limit) {
-        return Err(bad(format!(
-            "`limit` must be within 1 to {MAX_EVENTS_PAGE}"
-        )));
-    }
-    let robot = query.robot.map(|robot| RobotId::new(&robot)).transpose();
-    let before = query.before.map(|text| text.parse::<EventCursor>());
+    let limit = query::page(asked.limit.unwrap_or(PAGE), MAX_EVENTS_PAGE)?;
+    let robot = asked.robot.map(|robot| RobotId::new(&robot)).transpose();
+    let before = asked.before.map(|text| text.parse::<EventCursor>());
     Ok(EventQuery {
         from,
         to,
-        level: query.level.map_or(EventLevel::Info, EventLevel::from),
-        robot: robot.map_err(|_| bad("`robot` must be the name of a robot".into()))?,
+        level: asked.level.map_or(EventLevel::Info, EventLevel::from),
+        robot: robot.map_err(|_| bad_query("`robot` must be the name of a robot"))?,
         before: before
             .transpose()
-            .map_err(|_| bad("`before` must be what an earlier page said under `next`".into()))?,
+            .map_err(|_| bad_query("`before` must be what an earlier page said under `next`"))?,
         limit,
     })
 }
@@ -145,19 +136,15 @@ fn wanted(query: EventsQuery) -> Result<EventQuery, Problem> {
     params(EventsQuery),
     responses(
         (status = 200, description = "A page of events", body = EventList),
-        (status = 400, description = "The query is not valid", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "The records cannot be read for now", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The query is not valid"),
+        (status = 503, description = "The records cannot be read for now")))]
 pub(super) async fn page(
-    State(app): State<Arc<App>>,
-    query: Result<Query<EventsQuery>, axum::extract::rejection::QueryRejection>,
+    State(records): State<Records>,
+    ApiQuery(asked): ApiQuery<EventsQuery>,
 ) -> Result<Json<EventList>, Problem> {
-    let Query(query) = query
-        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
-    let wanted = wanted(query)?;
+    let wanted = wanted(asked)?;
     let limit = wanted.limit as usize;
-    let events = app.records.events(wanted).await;
+    let events = records.events(wanted).await;
     let events = events.map_err(|error| Problem::records(&error))?;
     let full = events.len() == limit;
     let next = events.last().filter(|_| full).map(StoredEvent::cursor);

@@ -5,20 +5,20 @@ mod view;
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
-use crawler_records::MAX_SEEDS;
+use crawler_records::{MAX_SEEDS, Records};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use utoipa::IntoParams;
 
-use super::App;
 use super::access::Caller;
+use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::Problem;
-use crate::experiments::{self, Action, ControlError};
+use super::problem::{Code, Problem};
+use super::query::{self, ApiQuery, bad_query};
+use crate::experiments::{self, Action, ControlError, Experiments};
 use view::{ExperimentList, ExperimentView, MetricsView, NewExperiment, TrialView};
 
 /// Experiments of a page, and most of them.
@@ -54,24 +54,8 @@ pub(super) struct MetricsQuery {
     limit: Option<u32>,
 }
 
-fn bad_query(why: impl Into<String>) -> Problem {
-    Problem::new(StatusCode::BAD_REQUEST, "bad_query", why)
-}
-
-fn within(limit: u32, most: u32) -> Result<u32, Problem> {
-    if (1..=most).contains(&limit) {
-        Ok(limit)
-    } else {
-        Err(bad_query(format!("`limit` must be within 1 to {most}")))
-    }
-}
-
 fn unknown() -> Problem {
-    Problem::new(
-        StatusCode::NOT_FOUND,
-        "unknown_experiment",
-        "there is no experiment of that id",
-    )
+    Problem::new(Code::UnknownExperiment, "there is no experiment of that id")
 }
 
 /// The number that an id stands for.
@@ -83,26 +67,22 @@ fn number(id: &str) -> Result<i64, Problem> {
 impl From<ControlError> for Problem {
     fn from(error: ControlError) -> Self {
         match error {
-            ControlError::Invalid(errors) => Self::invalid("invalid_experiment", errors),
+            ControlError::Invalid(errors) => Self::invalid(Code::InvalidExperiment, errors),
             ControlError::Unknown => unknown(),
             ControlError::WrongState(state) => Self::new(
-                StatusCode::CONFLICT,
-                "wrong_state",
+                Code::WrongState,
                 format!("the experiment is {state}: this cannot be done now"),
             ),
             ControlError::OtherServer => Self::new(
-                StatusCode::CONFLICT,
-                "other_server",
+                Code::OtherServer,
                 "another server of this fleet runs the experiment: ask that one",
             ),
             ControlError::TooMany(what) => Self::new(
-                StatusCode::CONFLICT,
-                "too_many",
+                Code::TooMany,
                 format!("there are as many {what} as may be: delete some first"),
             ),
             ControlError::Busy => Self::later(
-                StatusCode::SERVICE_UNAVAILABLE,
-                "overloaded",
+                Code::Overloaded,
                 "other experiments are being tried out",
                 std::time::Duration::from_secs(2),
             ),
@@ -117,24 +97,25 @@ impl From<ControlError> for Problem {
     params(ListQuery),
     responses(
         (status = 200, description = "A page of them", body = ExperimentList),
-        (status = 400, description = "The query is not valid", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The query is not valid")))]
 pub(super) async fn list(
-    State(app): State<Arc<App>>,
-    query: Result<Query<ListQuery>, QueryRejection>,
+    State(records): State<Records>,
+    State(experiments): State<Arc<Experiments>>,
+    ApiQuery(asked): ApiQuery<ListQuery>,
 ) -> Result<Json<ExperimentList>, Problem> {
-    let Query(query) = query.map_err(|error| bad_query(error.body_text()))?;
-    let limit = within(query.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
-    let before = match &query.before {
+    let limit = query::page(asked.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
+    let before = match &asked.before {
         Some(id) => Some(number(id).map_err(|_| bad_query("`before` must be an id"))?),
         None => None,
     };
-    let rows = app.records.experiments(before, limit).await;
+    let rows = records.experiments(before, limit).await;
     let rows = rows.map_err(|error| Problem::records(&error))?;
     let full = rows.len() == limit as usize;
     let next = rows.last().filter(|row| full && row.id > 1);
     let next = next.map(|row| row.id.to_string());
-    let views = rows.into_iter().map(|row| ExperimentView::new(&app, row));
+    let views = rows
+        .into_iter()
+        .map(|row| ExperimentView::new(&experiments, row));
     Ok(Json(ExperimentList {
         experiments: views.collect::<Result<_, _>>()?,
         next,
@@ -149,29 +130,27 @@ pub(super) async fn list(
     request_body = NewExperiment,
     responses(
         (status = 201, description = "Made", body = ExperimentView),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "There are as many as may be", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "`errors` names every field that is wrong", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "Others are being tried out, or the records are away",
-            body = Problem, content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 409, description = "There are as many as may be"),
+        (status = 422, description = "`errors` names every field that is wrong"),
+        (status = 503, description = "Others are being tried out, or the records are away")))]
 pub(super) async fn create(
-    State(app): State<Arc<App>>,
+    State(experiments): State<Arc<Experiments>>,
+    State(audit): State<Audit>,
     caller: Caller,
     body: JsonBody,
 ) -> Result<Response, Problem> {
     let body: Map<String, Value> = body.read()?;
     let asked = Value::Object(body.clone());
-    let made = experiments::create(&app.experiments, caller.name(), body).await;
+    let made = experiments::create(&experiments, caller.name(), body).await;
     let made = made.map_err(Problem::from);
     let id = made
         .as_ref()
         .map_or_else(|_| String::new(), |row| row.id.to_string());
-    app.audit(&caller, "experiment.create", &id, asked, &made)
+    audit
+        .write(&caller, "experiment.create", &id, asked, &made)
         .await;
-    let view = ExperimentView::new(&app, made?)?;
+    let view = ExperimentView::new(&experiments, made?)?;
     Ok((StatusCode::CREATED, Json(view)).into_response())
 }
 
@@ -180,15 +159,15 @@ pub(super) async fn create(
     params(("id" = String, Path, description = "Id of the experiment")),
     responses(
         (status = 200, description = "How far it is", body = ExperimentView),
-        (status = 404, description = "There is none of that id", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "There is none of that id")))]
 pub(super) async fn one(
-    State(app): State<Arc<App>>,
+    State(records): State<Records>,
+    State(experiments): State<Arc<Experiments>>,
     Path(id): Path<String>,
 ) -> Result<Json<ExperimentView>, Problem> {
-    let row = app.records.experiment(number(&id)?).await;
+    let row = records.experiment(number(&id)?).await;
     let row = row.map_err(|error| Problem::records(&error))?;
-    ExperimentView::new(&app, row.ok_or_else(unknown)?).map(Json)
+    ExperimentView::new(&experiments, row.ok_or_else(unknown)?).map(Json)
 }
 
 /// Deletes an experiment that does not run, with all of its trials
@@ -196,33 +175,36 @@ pub(super) async fn one(
     params(("id" = String, Path, description = "Id of the experiment")),
     responses(
         (status = 204, description = "Deleted"),
-        (status = 404, description = "There is none of that id", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It runs", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "There is none of that id"),
+        (status = 409, description = "It runs")))]
 pub(super) async fn delete(
-    State(app): State<Arc<App>>,
+    State(experiments): State<Arc<Experiments>>,
+    State(audit): State<Audit>,
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
-    let done = experiments::delete(&app.experiments, number(&id)?).await;
+    let done = experiments::delete(&experiments, number(&id)?).await;
     let done = done.map_err(Problem::from);
-    app.audit(&caller, "experiment.delete", &id, json!({}), &done)
+    audit
+        .write(&caller, "experiment.delete", &id, json!({}), &done)
         .await;
     done?;
     Ok(StatusCode::NO_CONTENT)
 }
 
 async fn act(
-    app: &Arc<App>,
+    experiments: &Arc<Experiments>,
+    audit: &Audit,
     caller: &Caller,
     id: &str,
     action: Action,
 ) -> Result<Json<ExperimentView>, Problem> {
-    let done = experiments::act(&app.experiments, number(id)?, action).await;
+    let done = experiments::act(experiments, number(id)?, action).await;
     let done = done.map_err(Problem::from);
-    app.audit(caller, action.name(), id, json!({}), &done).await;
-    ExperimentView::new(app, done?).map(Json)
+    audit
+        .write(caller, action.name(), id, json!({}), &done)
+        .await;
+    ExperimentView::new(experiments, done?).map(Json)
 }
 
 /// What is measured, trial by trial
@@ -230,26 +212,23 @@ async fn act(
     params(("id" = String, Path, description = "Id of the experiment"), MetricsQuery),
     responses(
         (status = 200, description = "A page of trials, oldest first", body = MetricsView),
-        (status = 400, description = "The query is not valid", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "There is none of that id", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The query is not valid"),
+        (status = 404, description = "There is none of that id")))]
 pub(super) async fn metrics(
-    State(app): State<Arc<App>>,
+    State(records): State<Records>,
     Path(id): Path<String>,
-    query: Result<Query<MetricsQuery>, QueryRejection>,
+    ApiQuery(asked): ApiQuery<MetricsQuery>,
 ) -> Result<Json<MetricsView>, Problem> {
-    let Query(query) = query.map_err(|error| bad_query(error.body_text()))?;
-    let limit = within(query.limit.unwrap_or(TRIALS), MOST_TRIALS)?;
-    if query.after.is_some_and(|after| after > MAX_SEEDS) {
+    let limit = query::page(asked.limit.unwrap_or(TRIALS), MOST_TRIALS)?;
+    if asked.after.is_some_and(|after| after > MAX_SEEDS) {
         return Err(bad_query(format!("`after` must be 0 to {MAX_SEEDS}")));
     }
     let id = number(&id)?;
-    let row = app.records.experiment(id).await;
+    let row = records.experiment(id).await;
     let row = row.map_err(|error| Problem::records(&error))?;
     let row = row.ok_or_else(unknown)?;
-    let from = query.after.map_or(0, |after| after.saturating_add(1));
-    let trials = app.records.trials(id, from, limit).await;
+    let from = asked.after.map_or(0, |after| after.saturating_add(1));
+    let trials = records.trials(id, from, limit).await;
     let trials = trials.map_err(|error| Problem::records(&error))?;
     let last = trials.last().map(|trial| trial.number);
     Ok(Json(MetricsView {
@@ -275,16 +254,15 @@ pub(super) async fn metrics(
     responses(
         (status = 200, description = "It runs, or waits for its turn",
             body = ExperimentView),
-        (status = 404, description = "There is none of that id", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It was started before, or another server runs it", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "There is none of that id"),
+        (status = 409, description = "It was started before, or another server runs it")))]
 pub(super) async fn start(
-    State(app): State<Arc<App>>,
+    State(experiments): State<Arc<Experiments>>,
+    State(audit): State<Audit>,
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<Json<ExperimentView>, Problem> {
-    act(&app, &caller, &id, Action::Start).await
+    act(&experiments, &audit, &caller, &id, Action::Start).await
 }
 
 /// Pauses an experiment
@@ -293,16 +271,15 @@ pub(super) async fn start(
     responses(
         (status = 200, description = "It stands; trials under way are given up, and made anew when it goes on",
             body = ExperimentView),
-        (status = 404, description = "There is none of that id", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It does not run, or another server runs it", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "There is none of that id"),
+        (status = 409, description = "It does not run, or another server runs it")))]
 pub(super) async fn pause(
-    State(app): State<Arc<App>>,
+    State(experiments): State<Arc<Experiments>>,
+    State(audit): State<Audit>,
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<Json<ExperimentView>, Problem> {
-    act(&app, &caller, &id, Action::Pause).await
+    act(&experiments, &audit, &caller, &id, Action::Pause).await
 }
 
 /// Has an experiment go on that was paused
@@ -311,16 +288,15 @@ pub(super) async fn pause(
     responses(
         (status = 200, description = "It runs, or waits for its turn",
             body = ExperimentView),
-        (status = 404, description = "There is none of that id", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It is not paused, or another server runs it", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "There is none of that id"),
+        (status = 409, description = "It is not paused, or another server runs it")))]
 pub(super) async fn resume(
-    State(app): State<Arc<App>>,
+    State(experiments): State<Arc<Experiments>>,
+    State(audit): State<Audit>,
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<Json<ExperimentView>, Problem> {
-    act(&app, &caller, &id, Action::Resume).await
+    act(&experiments, &audit, &caller, &id, Action::Resume).await
 }
 
 /// Ends an experiment before its end; what is done stays
@@ -329,14 +305,13 @@ pub(super) async fn resume(
     responses(
         (status = 200, description = "It has ended",
             body = ExperimentView),
-        (status = 404, description = "There is none of that id", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It has ended before, or another server runs it", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "There is none of that id"),
+        (status = 409, description = "It has ended before, or another server runs it")))]
 pub(super) async fn stop(
-    State(app): State<Arc<App>>,
+    State(experiments): State<Arc<Experiments>>,
+    State(audit): State<Audit>,
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<Json<ExperimentView>, Problem> {
-    act(&app, &caller, &id, Action::Stop).await
+    act(&experiments, &audit, &caller, &id, Action::Stop).await
 }

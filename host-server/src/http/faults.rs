@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use axum::extract::{Path, State};
+use axum::extract::{FromRef, Path, State};
 use axum::http::StatusCode;
 use crawler_protocol::{
     Capability, DecodeError, Kind, MAX_MESSAGE, RobotId, SimulatorCommand, Topic,
@@ -11,12 +11,13 @@ use crawler_sim::live::ControlError;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
-use super::App;
 use super::access::Caller;
+use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::Problem;
-use crate::bus::PublishError;
-use crate::fleet::Presence;
+use super::problem::{Code, Problem};
+use super::state::{ApiState, World};
+use crate::bus::{Bus, PublishError};
+use crate::fleet::{Presence, SharedFleet};
 
 /// A fault and how long it lasts. The schema `simulator-command` says what it may be.
 #[derive(ToSchema)]
@@ -31,75 +32,99 @@ pub(super) struct FaultRequest {
     lasting_ms: Option<u32>,
 }
 
-/// Whether faults can be injected into a robot: it is simulated, or stands on a bench.
-fn breakable(app: &App, robot: &RobotId) -> Result<(), Problem> {
-    let fleet = app.fleet.lock();
-    let known = fleet
-        .get(robot)
-        .ok_or_else(|| Problem::unknown_robot(robot.as_str()))?;
-    let status = known.status.as_ref();
-    if status.is_some_and(|status| status.kind == Kind::Simulated) {
-        // Its world hears what is said about it, whether or not the robot has a link.
-        return Ok(());
-    }
-    if known.presence == Presence::Offline {
-        return Err(Problem::new(
-            StatusCode::CONFLICT,
-            "robot_offline",
-            format!("robot `{robot}` is offline"),
-        ));
-    }
-    if !status.is_some_and(|status| status.capabilities.contains(&Capability::Faults)) {
-        return Err(Problem::new(
-            StatusCode::CONFLICT,
-            "takes_no_faults",
-            format!("robot `{robot}` is not simulated and does not stand on a bench"),
-        ));
-    }
-    Ok(())
+/// Breaks robots and mends them, wherever they are.
+#[derive(Clone)]
+pub(super) struct Bench {
+    fleet: Arc<SharedFleet>,
+    world: World,
+    bus: Arc<Bus>,
 }
 
-/// Has the world of this process do it, or sends it to whoever runs the robot.
-async fn pass_on(
-    app: &App,
-    robot: &RobotId,
-    command: SimulatorCommand,
-) -> Result<StatusCode, Problem> {
-    if let Some(simulation) = app.simulation.get() {
-        match simulation.control(command.clone()).await {
-            Ok(_) => return Ok(StatusCode::ACCEPTED),
-            // It may be in another world, or on a bench.
-            Err(ControlError::NoRobot | ControlError::Ended) => {}
-            Err(error) => return Err(error.into()),
+impl FromRef<ApiState> for Bench {
+    fn from_ref(state: &ApiState) -> Self {
+        Self {
+            fleet: FromRef::from_ref(state),
+            world: FromRef::from_ref(state),
+            bus: FromRef::from_ref(state),
         }
     }
-    breakable(app, robot)?;
-    publish(app, &command)
+}
+
+impl Bench {
+    /// Has the world of this process do it, or sends it to whoever runs the robot.
+    async fn pass_on(
+        &self,
+        robot: &RobotId,
+        command: SimulatorCommand,
+    ) -> Result<StatusCode, Problem> {
+        if let Some(simulation) = self.world.get() {
+            match simulation.control(command.clone()).await {
+                Ok(_) => return Ok(StatusCode::ACCEPTED),
+                // It may be in another world, or on a bench.
+                Err(ControlError::NoRobot | ControlError::Ended) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        self.check(robot)?;
+        self.publish(&command)
+    }
+
+    /// Whether faults can be injected into a robot: it is simulated, or stands on a bench.
+    fn check(&self, robot: &RobotId) -> Result<(), Problem> {
+        let fleet = self.fleet.lock();
+        let known = fleet
+            .get(robot)
+            .ok_or_else(|| Problem::unknown_robot(robot.as_str()))?;
+        let status = known.status.as_ref();
+        if status.is_some_and(|status| status.kind == Kind::Simulated) {
+            // Its world hears what is said about it, whether or not the robot has a link.
+            return Ok(());
+        }
+        if known.presence == Presence::Offline {
+            return Err(Problem::new(
+                Code::RobotOffline,
+                format!("robot `{robot}` is offline"),
+            ));
+        }
+        if !status.is_some_and(|status| status.capabilities.contains(&Capability::Faults)) {
+            return Err(Problem::new(
+                Code::TakesNoFaults,
+                format!("robot `{robot}` is not simulated and does not stand on a bench"),
+            ));
+        }
+        Ok(())
+    }
+
+    fn publish(&self, command: &SimulatorCommand) -> Result<StatusCode, Problem> {
+        let mut buffer = [0; MAX_MESSAGE];
+        let len = command
+            .to_json(&mut buffer)
+            .map_err(|_| refused(DecodeError::TooLarge))?;
+        match self.bus.publish(&Topic::SimulatorCommand, &buffer[..len]) {
+            Ok(()) => Ok(StatusCode::ACCEPTED),
+            Err(PublishError::NotConnected) => Err(Problem::new(
+                Code::BrokerUnavailable,
+                "there is no connection to the broker; nothing was sent",
+            )),
+            Err(PublishError::Full) => Err(Problem::new(
+                Code::Overloaded,
+                "too many messages are waiting to go out; this one was not sent",
+            )),
+        }
+    }
 }
 
 fn refused(error: DecodeError) -> Problem {
-    let (status, detail) = match error {
-        DecodeError::Malformed => (StatusCode::BAD_REQUEST, "the body is not one JSON object"),
-        DecodeError::TooLarge => (
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "the fault is too large for a message",
-        ),
-        DecodeError::UnknownField => (
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "the fault does not have one of these fields",
-        ),
-        DecodeError::DuplicateField => (StatusCode::UNPROCESSABLE_ENTITY, "a field is there twice"),
-        DecodeError::MissingField => (StatusCode::UNPROCESSABLE_ENTITY, "a field is missing"),
-        DecodeError::WrongType => (
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "a field holds another type than it must",
-        ),
-        _ => (
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "there is no such fault, or a value is out of range",
-        ),
+    let detail = match error {
+        DecodeError::Malformed => "the body is not one JSON object",
+        DecodeError::TooLarge => "the fault is too large for a message",
+        DecodeError::UnknownField => "the fault does not have one of these fields",
+        DecodeError::DuplicateField => "a field is there twice",
+        DecodeError::MissingField => "a field is missing",
+        DecodeError::WrongType => "a field holds another type than it must",
+        _ => "there is no such fault, or a value is out of range",
     };
-    Problem::new(status, error.reason().name(), detail)
+    Problem::new(Code::Command(error.reason()), detail)
 }
 
 /// Reads the body as the rest of an `inject` for this robot.
@@ -120,26 +145,6 @@ fn read(robot: &RobotId, body: &[u8]) -> Result<SimulatorCommand, DecodeError> {
     SimulatorCommand::from_json(&text)
 }
 
-fn publish(app: &App, command: &SimulatorCommand) -> Result<StatusCode, Problem> {
-    let mut buffer = [0; MAX_MESSAGE];
-    let len = command
-        .to_json(&mut buffer)
-        .map_err(|_| refused(DecodeError::TooLarge))?;
-    match app.bus.publish(&Topic::SimulatorCommand, &buffer[..len]) {
-        Ok(()) => Ok(StatusCode::ACCEPTED),
-        Err(PublishError::NotConnected) => Err(Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "broker_unavailable",
-            "there is no connection to the broker; nothing was sent",
-        )),
-        Err(PublishError::Full) => Err(Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "overloaded",
-            "too many messages are waiting to go out; this one was not sent",
-        )),
-    }
-}
-
 /// Breaks something about a robot
 ///
 /// A robot of the world in this process is broken at once. Otherwise its simulator is told to, or
@@ -149,28 +154,24 @@ fn publish(app: &App, command: &SimulatorCommand) -> Result<StatusCode, Problem>
     request_body = FaultRequest,
     responses(
         (status = 202, description = "Done, or sent to whoever can"),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "Nobody knows the robot", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It is offline, takes no faults, or not this one",
-            body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Not a fault", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "Too much waits, or no connection to the broker",
-            body = Problem, content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 404, description = "Nobody knows the robot"),
+        (status = 409, description = "It is offline, takes no faults, or not this one"),
+        (status = 422, description = "Not a fault"),
+        (status = 503, description = "Too much waits, or no connection to the broker")))]
 pub(super) async fn inject(
-    State(app): State<Arc<App>>,
+    State(bench): State<Bench>,
+    State(audit): State<Audit>,
     caller: Caller,
     Path(id): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<StatusCode, Problem> {
     let robot = RobotId::new(&id).map_err(|_| Problem::unknown_robot(&id))?;
     let command = read(&robot, &body).map_err(refused)?;
-    let result = pass_on(&app, &robot, command).await;
+    let result = bench.pass_on(&robot, command).await;
     let detail = json!({ "request": serde_json::from_slice::<Value>(&body).unwrap_or_default() });
-    app.audit(&caller, "fault.inject", &id, detail, &result)
+    audit
+        .write(&caller, "fault.inject", &id, detail, &result)
         .await;
     result
 }
@@ -180,15 +181,12 @@ pub(super) async fn inject(
     params(("id" = String, Path, description = "Robot id")),
     responses(
         (status = 202, description = "Done, or sent to whoever can"),
-        (status = 404, description = "Nobody knows the robot", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It is offline, takes no faults, or not this one",
-            body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "Too much waits, or no connection to the broker",
-            body = Problem, content_type = "application/problem+json")))]
+        (status = 404, description = "Nobody knows the robot"),
+        (status = 409, description = "It is offline, takes no faults, or not this one"),
+        (status = 503, description = "Too much waits, or no connection to the broker")))]
 pub(super) async fn heal(
-    State(app): State<Arc<App>>,
+    State(bench): State<Bench>,
+    State(audit): State<Audit>,
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
@@ -196,8 +194,9 @@ pub(super) async fn heal(
     let command = SimulatorCommand::Heal {
         robot: robot.clone(),
     };
-    let result = pass_on(&app, &robot, command).await;
-    app.audit(&caller, "fault.heal", &id, json!({}), &result)
+    let result = bench.pass_on(&robot, command).await;
+    audit
+        .write(&caller, "fault.heal", &id, json!({}), &result)
         .await;
     result
 }

@@ -3,20 +3,22 @@
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::{Path, State};
+use axum::extract::{FromRef, Path, State};
 use axum::http::StatusCode;
-use crawler_records::{KeptFence, MAX_FENCE_NAME, MAX_FENCES, RecordsError};
+use crawler_records::{KeptFence, MAX_FENCE_NAME, MAX_FENCES, Records, RecordsError};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use utoipa::ToSchema;
 use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
 
-use super::App;
 use super::access::Caller;
+use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::Problem;
+use super::problem::{Code, Problem};
+use super::state::ApiState;
 use crate::accounts::now_ms;
 use crate::fences::{self, Action, Fence, Kind, Shape, ShapeError};
+use crate::fleet::SharedFleet;
 
 /// A fence.
 #[derive(Debug, Serialize, ToSchema)]
@@ -130,31 +132,66 @@ fn is_name(text: &str) -> bool {
 }
 
 fn invalid(detail: String) -> Problem {
-    Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid_fence", detail)
+    Problem::new(Code::InvalidFence, detail)
 }
 
 fn unknown() -> Problem {
-    Problem::new(
-        StatusCode::NOT_FOUND,
-        "unknown_fence",
-        "there is no such fence",
-    )
+    Problem::new(Code::UnknownFence, "there is no such fence")
 }
 
 fn failed(error: &RecordsError) -> Problem {
     match error {
         RecordsError::NotFound => unknown(),
-        RecordsError::Exists => Problem::new(
-            StatusCode::CONFLICT,
-            "exists",
-            "there is a fence of that name already",
-        ),
+        RecordsError::Exists => Problem::new(Code::Exists, "there is a fence of that name already"),
         RecordsError::TooMany(_) => Problem::new(
-            StatusCode::CONFLICT,
-            "too_many",
+            Code::TooMany,
             format!("there are {MAX_FENCES} fences already: delete one first"),
         ),
         error => Problem::records(error),
+    }
+}
+
+/// Keeps fences in the records, has them hold here at once, and writes down who changed them.
+#[derive(Clone)]
+pub(super) struct FenceKeeper {
+    records: Records,
+    fleet: Arc<SharedFleet>,
+    audit: Audit,
+}
+
+impl FromRef<ApiState> for FenceKeeper {
+    fn from_ref(state: &ApiState) -> Self {
+        Self {
+            records: FromRef::from_ref(state),
+            fleet: FromRef::from_ref(state),
+            audit: FromRef::from_ref(state),
+        }
+    }
+}
+
+impl FenceKeeper {
+    async fn catch_up(&self) {
+        fences::catch_up(&self.records, &self.fleet).await;
+    }
+
+    /// Has a change hold here at once, and writes it down.
+    async fn note<T>(
+        &self,
+        caller: &Caller,
+        action: &'static str,
+        fence: &Fence,
+        result: &Result<T, Problem>,
+    ) {
+        self.catch_up().await;
+        let detail = json!({
+            "name": fence.name,
+            "kind": fence.kind,
+            "action": fence.action,
+            "corners": fence.shape.corners(),
+        });
+        self.audit
+            .write(caller, action, &fence.id, detail, result)
+            .await;
     }
 }
 
@@ -162,10 +199,9 @@ fn failed(error: &RecordsError) -> Problem {
 #[utoipa::path(get, path = "/fences", tag = "fences",
     responses(
         (status = 200, description = "The fences", body = FenceList),
-        (status = 503, description = "The records cannot be read", body = Problem,
-            content_type = "application/problem+json")))]
-pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<FenceList>, Problem> {
-    let fences = fences::all(&app.records)
+        (status = 503, description = "The records cannot be read")))]
+pub(super) async fn list(State(records): State<Records>) -> Result<Json<FenceList>, Problem> {
+    let fences = fences::all(&records)
         .await
         .map_err(|error| failed(&error))?;
     Ok(Json(FenceList {
@@ -182,24 +218,20 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<FenceList>,
     request_body = NewFence,
     responses(
         (status = 201, description = "The fence", body = FenceView),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "Its name is another's, or there are too many",
-            body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Not a fence", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "The records cannot be written", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 409, description = "Its name is another's, or there are too many"),
+        (status = 422, description = "Not a fence"),
+        (status = 503, description = "The records cannot be written")))]
 pub(super) async fn add(
-    State(app): State<Arc<App>>,
+    State(fences): State<FenceKeeper>,
     caller: Caller,
     body: JsonBody,
 ) -> Result<(StatusCode, Json<FenceView>), Problem> {
     let wanted = NewFence::read(&body)?;
     let fence = wanted.into_fence(new_id()?, caller.name())?;
-    let added = app.records.add_fence(&fence.to_kept()).await;
+    let added = fences.records.add_fence(&fence.to_kept()).await;
     let result = added.map_err(|error| failed(&error));
-    note(&app, &caller, "fence.add", &fence, &result).await;
+    fences.note(&caller, "fence.add", &fence, &result).await;
     result?;
     Ok((StatusCode::CREATED, Json(FenceView::new(fence))))
 }
@@ -212,18 +244,13 @@ pub(super) async fn add(
     request_body = NewFence,
     responses(
         (status = 200, description = "The fence", body = FenceView),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "There is no such fence", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "Its name is another's", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Not a fence", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "The records cannot be written", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 404, description = "There is no such fence"),
+        (status = 409, description = "Its name is another's"),
+        (status = 422, description = "Not a fence"),
+        (status = 503, description = "The records cannot be written")))]
 pub(super) async fn change(
-    State(app): State<Arc<App>>,
+    State(fences): State<FenceKeeper>,
     caller: Caller,
     Path(id): Path<String>,
     body: JsonBody,
@@ -233,9 +260,10 @@ pub(super) async fn change(
         return Err(unknown());
     }
     let fence = wanted.into_fence(id, caller.name())?;
-    let changed: Result<KeptFence, RecordsError> = app.records.change_fence(&fence.to_kept()).await;
+    let changed: Result<KeptFence, RecordsError> =
+        fences.records.change_fence(&fence.to_kept()).await;
     let result = changed.map_err(|error| failed(&error));
-    note(&app, &caller, "fence.change", &fence, &result).await;
+    fences.note(&caller, "fence.change", &fence, &result).await;
     let kept = result?;
     Ok(Json(FenceView::new(Fence {
         by: kept.by,
@@ -249,44 +277,26 @@ pub(super) async fn change(
     params(("id" = String, Path, description = "Id of the fence")),
     responses(
         (status = 204, description = "It is gone"),
-        (status = 404, description = "There is no such fence", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "The records cannot be written", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "There is no such fence"),
+        (status = 503, description = "The records cannot be written")))]
 pub(super) async fn delete(
-    State(app): State<Arc<App>>,
+    State(fences): State<FenceKeeper>,
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
     if !is_id(&id) {
         return Err(unknown());
     }
-    let deleted = app.records.delete_fence(&id).await;
+    let deleted = fences.records.delete_fence(&id).await;
     let result = deleted.map_err(|error| failed(&error));
     let detail = json!({ "name": result.as_ref().ok() });
-    fences::catch_up(&app.records, &app.fleet).await;
-    app.audit(&caller, "fence.delete", &id, detail, &result)
+    fences.catch_up().await;
+    fences
+        .audit
+        .write(&caller, "fence.delete", &id, detail, &result)
         .await;
     result?;
     Ok(StatusCode::NO_CONTENT)
-}
-
-/// Has a change hold here at once, and writes it down.
-async fn note<T>(
-    app: &App,
-    caller: &Caller,
-    action: &'static str,
-    fence: &Fence,
-    result: &Result<T, Problem>,
-) {
-    fences::catch_up(&app.records, &app.fleet).await;
-    let detail = json!({
-        "name": fence.name,
-        "kind": fence.kind,
-        "action": fence.action,
-        "corners": fence.shape.corners(),
-    });
-    app.audit(caller, action, &fence.id, detail, result).await;
 }
 
 /// Ids are not counted up: one that was deleted does not come back as another fence.

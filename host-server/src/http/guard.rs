@@ -19,9 +19,9 @@ use axum::response::{IntoResponse, Response};
 use futures_util::FutureExt as _;
 use tracing::Instrument as _;
 
-use super::App;
 use super::peer::Peer;
-use super::problem::{self, Problem};
+use super::problem::{self, Code, Problem};
+use crate::metrics::Metrics;
 use crate::text::Shown;
 
 /// The id of a request, in its answer.
@@ -45,7 +45,7 @@ impl Rules {
     }
 
     fn check(self, headers: &HeaderMap) -> Result<(), Problem> {
-        let forbidden = |code, detail| Err(Problem::new(StatusCode::FORBIDDEN, code, detail));
+        let forbidden = |code, detail| Err(Problem::new(code, detail));
         // Of two, a proxy may have looked at the other one.
         let mut hosts = headers.get_all(header::HOST).into_iter();
         let host = hosts
@@ -55,14 +55,13 @@ impl Rules {
             .and_then(|host| host.parse::<Authority>().ok());
         let Some(host) = host else {
             return Err(Problem::new(
-                StatusCode::BAD_REQUEST,
-                "bad_host",
+                Code::BadHost,
                 "the Host header is missing, there twice, or not one",
             ));
         };
         if self.loopback_only && !is_loopback_name(host.host()) {
             return forbidden(
-                "foreign_host",
+                Code::ForeignHost,
                 "this server answers on loopback only, to localhost, 127.0.0.1 and [::1]",
             );
         }
@@ -76,14 +75,14 @@ impl Rules {
                     .is_none_or(|mode| mode != "navigate") =>
             {
                 forbidden(
-                    "foreign_origin",
+                    Code::ForeignOrigin,
                     "requests from pages of other origins are refused",
                 )
             }
             None => Ok(()),
             Some(origin) if is_origin_of(origin, host.as_str()) => Ok(()),
             Some(_) => forbidden(
-                "foreign_origin",
+                Code::ForeignOrigin,
                 "requests from pages of other origins are refused",
             ),
         }
@@ -128,8 +127,7 @@ pub(super) async fn time_out(request: Request, next: Next) -> Response {
     match tokio::time::timeout(limit, next.run(request)).await {
         Ok(response) => response,
         Err(_) => Problem::new(
-            StatusCode::REQUEST_TIMEOUT,
-            "timeout",
+            Code::Timeout,
             format!(
                 "the request did not come to its end within {} s",
                 limit.as_secs()
@@ -145,8 +143,7 @@ pub(super) async fn catch_panics(request: Request, next: Next) -> Response {
     call.await.unwrap_or_else(|_| {
         // The panic hook has logged what and where.
         Problem::new(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "internal",
+            Code::Internal,
             "internal error: the log of the server says what",
         )
         .into_response()
@@ -160,9 +157,13 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; \
     manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// Numbers the request, counts it, and adds the headers that every answer carries.
-pub(super) async fn finish(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+pub(super) async fn finish(
+    State((ids, metrics)): State<(Arc<RequestIds>, Arc<Metrics>)>,
+    request: Request,
+    next: Next,
+) -> Response {
     let peer = Peer::of(&request);
-    let id = app.requests.next();
+    let id = ids.next();
     let span = tracing::info_span!("request", id = %id, from = %peer.ip());
     let line = format!("{} {}", request.method(), Shown(request.uri().path()));
     let begun = Instant::now();
@@ -170,7 +171,7 @@ pub(super) async fn finish(State(app): State<Arc<App>>, request: Request, next: 
     let mut response = problem::name(response, &id);
     let status = response.status().as_u16();
     let milliseconds = begun.elapsed().as_millis() as u64;
-    app.metrics.http_request(status);
+    metrics.http_request(status);
     span.in_scope(|| {
         if status >= 500 {
             tracing::warn!(status, milliseconds, "{line}");
@@ -214,14 +215,14 @@ pub(super) async fn finish(State(app): State<Arc<App>>, request: Request, next: 
 }
 
 /// Names requests: what stands for this run of the server, and a number.
-pub(crate) struct RequestIds {
+pub(super) struct RequestIds {
     run: String,
     number: AtomicU64,
 }
 
 impl RequestIds {
     /// Ids of a new run.
-    pub(crate) fn new() -> Self {
+    pub(super) fn new() -> Self {
         let mut run = [0; 4];
         // Without randomness, two runs may use the same ids: a pity, and no more than that.
         let _ = getrandom::fill(&mut run);
@@ -247,15 +248,10 @@ impl JsonBody {
             // The parser's own words may quote the body, which may be a password.
             match error.classify() {
                 serde_json::error::Category::Data => Problem::new(
-                    StatusCode::UNPROCESSABLE_ENTITY,
-                    "invalid_body",
+                    Code::InvalidBody,
                     "a field is missing, is there twice, is unknown, or holds what it must not",
                 ),
-                _ => Problem::new(
-                    StatusCode::BAD_REQUEST,
-                    "malformed",
-                    "the body is not one JSON object",
-                ),
+                _ => Problem::new(Code::Malformed, "the body is not one JSON object"),
             }
         })
     }
@@ -273,23 +269,17 @@ impl<S: Send + Sync> FromRequest<S> for JsonBody {
             .is_some_and(|kind| kind.trim().eq_ignore_ascii_case("application/json"));
         if !is_json {
             return Err(Problem::new(
-                StatusCode::UNSUPPORTED_MEDIA_TYPE,
-                "unsupported_media_type",
+                Code::UnsupportedMediaType,
                 "the body must be application/json",
             ));
         }
         match Bytes::from_request(request, state).await {
             Ok(bytes) => Ok(Self(bytes)),
             Err(error) if error.status() == StatusCode::PAYLOAD_TOO_LARGE => Err(Problem::new(
-                StatusCode::PAYLOAD_TOO_LARGE,
-                "too_large",
+                Code::TooLarge,
                 "the body is larger than 4096 bytes",
             )),
-            Err(_) => Err(Problem::new(
-                StatusCode::BAD_REQUEST,
-                "bad_request",
-                "the body did not arrive",
-            )),
+            Err(_) => Err(Problem::new(Code::BadRequest, "the body did not arrive")),
         }
     }
 }

@@ -7,14 +7,22 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
+use crawler_records::Records;
 use serde::Serialize;
 use tokio::runtime::Handle;
 
-use super::App;
+use super::audit::Audit;
+use super::state::{ApiState, Broker, World};
 use crate::broker::BrokerHandle;
-use crate::metrics::{Observed, Robots, Tasks};
+use crate::bus::Bus;
+use crate::cluster::ClusterMembership;
+use crate::commands::CommandCenter;
+use crate::experiments::Experiments;
+use crate::fleet::SharedFleet;
+use crate::history::History;
+use crate::metrics::{Metrics, Observed, Robots, Tasks};
 
-pub(super) fn routes() -> Router<Arc<App>> {
+pub(super) fn routes() -> Router<ApiState> {
     Router::new()
         .route("/healthz", get(alive))
         .route("/readyz", get(ready))
@@ -56,14 +64,21 @@ struct Readiness {
 /// A database that does not answer is told and does not make it 503: whoever is logged in can still
 /// stop robots, and several servers that share it must not all be taken out of service at once. Robots
 /// can be steered without their history, so an engine that is away is told of and no more.
-async fn ready(State(app): State<Arc<App>>) -> Response {
-    let broker = app.bus.is_up();
-    let simulation = app.simulation.get().map(|world| world.is_running());
-    let membership = app.membership.as_ref();
+async fn ready(
+    State(bus): State<Arc<Bus>>,
+    State(commands): State<Arc<CommandCenter>>,
+    State(audit): State<Audit>,
+    State(records): State<Records>,
+    State(history): State<History>,
+    State(world): State<World>,
+    State(membership): State<Option<Arc<ClusterMembership>>>,
+) -> Response {
+    let broker = bus.is_up();
+    let simulation = world.get().map(|world| world.is_running());
     let cache = membership.map(|membership| membership.is_member());
-    let journal = (!app.commands.is_written()).then_some(false);
-    let audit = (!app.audit.is_written()).then_some(false);
-    let database = app.records.database().map(|stats| stats.up);
+    let journal = (!commands.is_written()).then_some(false);
+    let audit = (!audit.is_written()).then_some(false);
+    let database = records.database().map(|stats| stats.up);
     // With a database it is told of, as that is.
     let written = journal.is_none() && (audit.is_none() || database.is_some());
     let ready = broker && written && cache != Some(false) && simulation != Some(false);
@@ -75,7 +90,7 @@ async fn ready(State(app): State<Arc<App>>) -> Response {
         journal,
         audit,
         simulation,
-        history: app.history.engine_up(),
+        history: history.engine_up(),
     });
     if ready {
         return body.into_response();
@@ -86,22 +101,29 @@ async fn ready(State(app): State<Arc<App>>) -> Response {
     response
 }
 
-async fn metrics(State(app): State<Arc<App>>) -> Response {
+async fn metrics(
+    State(metrics): State<Arc<Metrics>>,
+    State(fleet): State<Arc<SharedFleet>>,
+    State(commands): State<Arc<CommandCenter>>,
+    State(experiments): State<Arc<Experiments>>,
+    State(world): State<World>,
+    State(Broker(broker)): State<Broker>,
+) -> Response {
     let observed = Observed {
-        robots: Robots::count(&app.fleet.lock()),
-        open_commands: app.commands.totals().open,
-        simulation: app.simulation.get().map(|world| world.numbers()),
-        experiments: app.experiments.numbers(),
+        robots: Robots::count(&fleet.lock()),
+        open_commands: commands.totals().open,
+        simulation: world.get().map(|world| world.numbers()),
+        experiments: experiments.numbers(),
         tasks: Tasks {
             server: Handle::current().metrics().num_alive_tasks(),
-            broker: app.broker.as_ref().map(BrokerHandle::tasks),
+            broker: broker.as_ref().map(BrokerHandle::tasks),
         },
     };
-    let broker = match &app.broker {
+    let broker = match &broker {
         Some(broker) => Some((broker.counters(), broker.load().await)),
         None => None,
     };
-    let text = app.metrics.encode(&observed, broker);
+    let text = metrics.encode(&observed, broker);
     (
         [(
             header::CONTENT_TYPE,

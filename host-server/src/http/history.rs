@@ -4,19 +4,21 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::{Query, State};
-use axum::http::StatusCode;
+use axum::extract::State;
 use crawler_history::{Frame, MAX_FRAMES, Track};
 use crawler_protocol::{RobotId, RobotState};
+use crawler_records::Records;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tokio::sync::Semaphore;
 use utoipa::{IntoParams, ToSchema};
 
-use super::App;
-use super::problem::Problem;
+use super::problem::{Code, Problem};
+use super::query::{ApiQuery, bad_query};
 use super::telemetry::{bounds, problem};
 use crate::accounts::now_ms;
+use crate::fleet::SharedFleet;
+use crate::history::History;
 
 /// Points of a robot in one answer.
 const MOST_POINTS: i64 = 600;
@@ -43,18 +45,12 @@ pub(super) struct SpanView {
 #[utoipa::path(get, path = "/history", tag = "history",
     responses(
         (status = 200, description = "What is recorded at all", body = SpanView),
-        (status = 501, description = "The engine that keeps the history cannot be asked here",
-            body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read for now", body = Problem,
-            content_type = "application/problem+json")))]
-pub(super) async fn span(State(app): State<Arc<App>>) -> Result<Json<SpanView>, Problem> {
-    let recorded = app.history.recorded().await;
+        (status = 501, description = "The engine that keeps the history cannot be asked here"),
+        (status = 503, description = "The history cannot be read for now")))]
+pub(super) async fn span(State(history): State<History>) -> Result<Json<SpanView>, Problem> {
+    let recorded = history.recorded().await;
     let recorded = recorded.map_err(|error| problem(&error))?;
-    let robots = app
-        .history
-        .robots()
-        .await
-        .map_err(|error| problem(&error))?;
+    let robots = history.robots().await.map_err(|error| problem(&error))?;
     Ok(Json(SpanView {
         from: recorded.map(|recorded| recorded.from),
         to: recorded.map(|recorded| recorded.to),
@@ -176,13 +172,8 @@ impl TrackView {
 /// The robots that are named, with commas between them.
 fn named(text: &str) -> Result<BTreeSet<RobotId>, Problem> {
     let names = text.split(',').map(|name| {
-        RobotId::new(name).map_err(|_| {
-            Problem::new(
-                StatusCode::BAD_REQUEST,
-                "bad_query",
-                "`robots` must be names of robots with commas between them",
-            )
-        })
+        RobotId::new(name)
+            .map_err(|_| bad_query("`robots` must be names of robots with commas between them"))
     });
     names.collect()
 }
@@ -193,7 +184,7 @@ fn step(wanted: Option<i64>, length: i64, robots: usize) -> Result<i64, Problem>
     let robots = i64::try_from(robots).unwrap_or(i64::MAX).max(1);
     // How many points of each of them an answer has room for.
     let room = limit / robots;
-    let too_much = |detail: String| Problem::new(StatusCode::BAD_REQUEST, "too_much", detail);
+    let too_much = |detail: String| Problem::new(Code::TooMuch, detail);
     let Some(step) = wanted else {
         if room == 0 {
             return Err(too_much(format!("at most {limit} robots at a time")));
@@ -203,11 +194,7 @@ fn step(wanted: Option<i64>, length: i64, robots: usize) -> Result<i64, Problem>
         return Ok(step.max(SHORTEST));
     };
     if step < SHORTEST {
-        return Err(Problem::new(
-            StatusCode::BAD_REQUEST,
-            "bad_query",
-            format!("`step` must be at least {SHORTEST} ms"),
-        ));
+        return Err(bad_query(format!("`step` must be at least {SHORTEST} ms")));
     }
     let points = length.div_euclid(step);
     if points > MOST_POINTS {
@@ -241,37 +228,30 @@ fn arena(text: Option<String>) -> Option<Value> {
     params(FramesQuery),
     responses(
         (status = 200, description = "Where they were", body = FramesView),
-        (status = 400, description = "The query is not valid, or asks for too much", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 501, description = "The engine that keeps the history cannot be asked here",
-            body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read for now", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The query is not valid, or asks for too much"),
+        (status = 501, description = "The engine that keeps the history cannot be asked here"),
+        (status = 503, description = "The history cannot be read for now")))]
 pub(super) async fn frames(
-    State(app): State<Arc<App>>,
-    query: Result<Query<FramesQuery>, axum::extract::rejection::QueryRejection>,
+    State(history): State<History>,
+    State(records): State<Records>,
+    State(fleet): State<Arc<SharedFleet>>,
+    ApiQuery(asked): ApiQuery<FramesQuery>,
 ) -> Result<Json<FramesView>, Problem> {
-    let Query(query) = query
-        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
-    let (from, to) = bounds(query.from, query.to, now_ms())?;
-    let robots = match &query.robots {
+    let (from, to) = bounds(asked.from, asked.to, now_ms())?;
+    let robots = match &asked.robots {
         Some(names) => named(names)?,
-        None => app
-            .history
-            .robots()
-            .await
-            .map_err(|error| problem(&error))?,
+        None => history.robots().await.map_err(|error| problem(&error))?,
     };
-    let step = step(query.step, to - from, robots.len())?;
+    let step = step(asked.step, to - from, robots.len())?;
     // Closed never; who waits for too long is told so by the server.
     let _turn = TOGETHER.acquire().await;
-    let tracks = app.history.frames(&robots, from, to, step).await;
+    let tracks = history.frames(&robots, from, to, step).await;
     let tracks = tracks.map_err(|error| problem(&error))?;
     let unreadable = |error| Problem::records(&error);
-    let begin = app.records.arena_at(from).await.map_err(unreadable)?;
-    let changes = app.records.arenas(from, to, step).await;
+    let begin = records.arena_at(from).await.map_err(unreadable)?;
+    let changes = records.arenas(from, to, step).await;
     let kinds: Vec<_> = {
-        let fleet = app.fleet.lock();
+        let fleet = fleet.lock();
         let status = |track: &Track| fleet.get(&track.robot)?.status.as_ref();
         let kinds = tracks.iter().map(|track| Some(status(track)?.kind.name()));
         kinds.collect()
@@ -318,9 +298,9 @@ mod tests {
             Ok(step) => panic!("{step}"),
             Err(problem) => problem.code(),
         };
-        assert_eq!(code(Some(-1), 1_000, 1), "bad_query");
-        assert_eq!(code(Some(100), 60_100, 1), "too_much");
-        assert_eq!(code(Some(100), 60_000, 1_001), "too_much");
+        assert_eq!(code(Some(-1), 1_000, 1), Code::BadQuery);
+        assert_eq!(code(Some(100), 60_100, 1), Code::TooMuch);
+        assert_eq!(code(Some(100), 60_000, 1_001), Code::TooMuch);
     }
 
     proptest! {

@@ -7,8 +7,8 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use crawler_protocol::{IMAGE_TYPE, RobotId};
 
-use super::App;
-use super::problem::Problem;
+use super::problem::{Code, Problem};
+use crate::fleet::SharedFleet;
 
 /// Number of the image.
 const FRAME: HeaderName = HeaderName::from_static("x-image-frame");
@@ -26,24 +26,22 @@ const TIMESTAMP: HeaderName = HeaderName::from_static("x-image-timestamp");
     responses(
         (status = 200, description = "The image", body = Vec<u8>, content_type = "image/jpeg"),
         (status = 304, description = "Still the one that `if-none-match` names"),
-        (status = 404, description = "Nobody knows the robot, or it has sent no image",
-            body = Problem, content_type = "application/problem+json")))]
+        (status = 404, description = "Nobody knows the robot, or it has sent no image")))]
 pub(super) async fn newest(
-    State(app): State<Arc<App>>,
+    State(fleet): State<Arc<SharedFleet>>,
     Path(id): Path<String>,
     request: HeaderMap,
 ) -> Result<Response, Problem> {
     let unknown = || Problem::unknown_robot(&id);
     let robot = RobotId::new(&id).map_err(|_| unknown())?;
     let image = {
-        let fleet = app.fleet.lock();
+        let fleet = fleet.lock();
         fleet.get(&robot).ok_or_else(unknown)?;
         fleet.image(&robot).cloned()
     };
     let image = image.ok_or_else(|| {
         Problem::new(
-            StatusCode::NOT_FOUND,
-            "no_image",
+            Code::NoImage,
             "the robot has sent no image since the server runs",
         )
     })?;

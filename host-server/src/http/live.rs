@@ -4,25 +4,54 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Bytes;
-use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
-use axum::http::StatusCode;
+use axum::extract::{FromRef, State};
 use axum::response::Response;
 use futures_util::{Sink, SinkExt as _, Stream, StreamExt as _};
 use tokio::sync::broadcast;
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 
-use super::App;
 use super::access::Caller;
-use super::problem::Problem;
-use crate::accounts::Ending;
+use super::problem::{Code, Problem};
+use super::state::{ApiState, Readers};
+use crate::accounts::{Accounts, Ending};
+use crate::feed::Feed;
+use crate::fleet::SharedFleet;
+use crate::metrics::Metrics;
 
 /// A reader that takes nothing for so long is gone.
 const STALLED: Duration = Duration::from_secs(5);
 /// For the snapshot of a large fleet over a slow link.
 const SNAPSHOT: Duration = Duration::from_secs(30);
 const FAREWELL: Duration = Duration::from_secs(1);
+
+/// What a reader of the live feed gets, and until when.
+#[derive(Clone)]
+pub(super) struct LiveFeed {
+    feed: Arc<Feed>,
+    fleet: Arc<SharedFleet>,
+    accounts: Arc<Accounts>,
+    metrics: Arc<Metrics>,
+    readers: Readers,
+    tasks: TaskTracker,
+    stop: CancellationToken,
+}
+
+impl FromRef<ApiState> for LiveFeed {
+    fn from_ref(state: &ApiState) -> Self {
+        Self {
+            feed: FromRef::from_ref(state),
+            fleet: FromRef::from_ref(state),
+            accounts: FromRef::from_ref(state),
+            metrics: FromRef::from_ref(state),
+            readers: FromRef::from_ref(state),
+            tasks: FromRef::from_ref(state),
+            stop: FromRef::from_ref(state),
+        }
+    }
+}
 
 /// Everything as it happens (WebSocket)
 ///
@@ -34,54 +63,46 @@ const FAREWELL: Duration = Duration::from_secs(1);
     params(("ticket" = Option<String>, Query, description = "Good once")),
     responses(
         (status = 101, description = "The feed follows"),
-        (status = 401, description = "The ticket is not good", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 400, description = "Not a WebSocket request", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "Too many readers", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 401, description = "The ticket is not good"),
+        (status = 400, description = "Not a WebSocket request"),
+        (status = 503, description = "Too many readers")))]
 pub(super) async fn connect(
-    State(app): State<Arc<App>>,
+    State(live): State<LiveFeed>,
     caller: Caller,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
-    let upgrade = upgrade.map_err(|error| {
-        Problem::new(
-            StatusCode::BAD_REQUEST,
-            "not_a_websocket",
-            error.body_text(),
-        )
-    })?;
+    let upgrade = upgrade.map_err(|error| Problem::new(Code::NotAWebsocket, error.body_text()))?;
     let identity = caller.identity;
-    let permit = Arc::clone(&app.readers).try_acquire_owned().map_err(|_| {
-        Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "too_many_readers",
-            "the feed has as many readers as it may have",
-        )
-    })?;
-    let task = app.tasks.token();
+    let permit = Arc::clone(&live.readers.0)
+        .try_acquire_owned()
+        .map_err(|_| {
+            Problem::new(
+                Code::TooManyReaders,
+                "the feed has as many readers as it may have",
+            )
+        })?;
+    let task = live.tasks.token();
     Ok(upgrade
         .max_message_size(1_024)
         .max_frame_size(1_024)
         .on_upgrade(async move |socket| {
-            app.metrics.live_clients(1);
-            let (frames, receiver) = app.feed.connect(&app.fleet);
+            live.metrics.live_clients(1);
+            let (frames, receiver) = live.feed.connect(&live.fleet);
             let why = || {
                 identity
                     .as_ref()
-                    .map(|who| app.accounts.ending(who.session))
+                    .map(|who| live.accounts.ending(who.session))
             };
             let ended = identity.as_ref().map(|who| who.ended.clone());
             let until = Until {
-                stop: app.stop.clone(),
+                stop: live.stop.clone(),
                 // On an open server nobody has a session that could end.
                 ended: ended.unwrap_or_default(),
             };
             let end = read(socket, frames, receiver, until, why).await;
-            app.metrics.live_clients(-1);
+            live.metrics.live_clients(-1);
             if end.is_slow() {
-                app.metrics.live_dropped();
+                live.metrics.live_dropped();
                 tracing::warn!(?end, "dropped a reader of the live feed");
             }
             drop((permit, task));

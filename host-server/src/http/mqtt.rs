@@ -8,23 +8,22 @@
 //! Nothing piles up here: what the broker does not take is not read from the client, and what the client
 //! does not take is not read from the broker, which ends the session of a reader that has stalled.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Bytes;
 use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
-use axum::http::StatusCode;
 use axum::response::Response;
 use axum::routing::get;
 use futures_util::{Sink, SinkExt as _, Stream, StreamExt as _};
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _, DuplexStream};
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 
-use super::App;
 use super::access::Caller;
-use super::problem::Problem;
+use super::problem::{Code, Problem};
+use super::state::{ApiState, Broker};
 use crate::broker::LARGEST_PACKET;
 
 /// The name of MQTT among the protocols that a WebSocket may carry.
@@ -44,48 +43,41 @@ const FAREWELL: Duration = Duration::from_secs(1);
 /// For the broker to take what a client said before it left.
 const LAST_WORDS: Duration = Duration::from_secs(5);
 
-pub(super) fn routes() -> axum::Router<Arc<App>> {
+pub(super) fn routes() -> axum::Router<ApiState> {
     axum::Router::new().route("/mqtt", get(connect))
 }
 
 /// Takes a client in.
 async fn connect(
-    State(app): State<Arc<App>>,
+    State(Broker(broker)): State<Broker>,
+    State(tasks): State<TaskTracker>,
+    State(stop): State<CancellationToken>,
     caller: Caller,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Result<Response, Problem> {
-    let Some(broker) = app.broker.clone() else {
+    let Some(broker) = broker else {
         return Err(Problem::new(
-            StatusCode::NOT_IMPLEMENTED,
-            "outside_broker",
+            Code::OutsideBroker,
             "the broker of this fleet is not part of this server: connect to that broker",
         ));
     };
-    let upgrade = upgrade.map_err(|error| {
-        Problem::new(
-            StatusCode::BAD_REQUEST,
-            "not_a_websocket",
-            error.body_text(),
-        )
-    })?;
+    let upgrade = upgrade.map_err(|error| Problem::new(Code::NotAWebsocket, error.body_text()))?;
     let upgrade = upgrade.protocols([PROTOCOL]);
     if upgrade.selected_protocol().is_none() {
         return Err(Problem::new(
-            StatusCode::BAD_REQUEST,
-            "not_mqtt",
+            Code::NotMqtt,
             "the WebSocket must offer the subprotocol `mqtt`",
         ));
     }
     let place = broker.place(caller.peer.ip()).ok_or_else(|| {
         Problem::later(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "too_many_clients",
+            Code::TooManyClients,
             "too many MQTT clients use WebSockets, from your address or in all",
             Duration::from_secs(5),
         )
     })?;
     let stream = broker.enter(caller.peer.address);
-    let (stop, task) = (app.stop.clone(), app.tasks.token());
+    let task = tasks.token();
     Ok(upgrade
         .read_buffer_size(CHUNK)
         .write_buffer_size(0)

@@ -1,5 +1,7 @@
 //! Errors as RFC 9457 problem documents.
 
+mod code;
+
 use std::time::Duration;
 
 use axum::body::Body;
@@ -11,6 +13,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::experiments::FieldError;
+pub(crate) use code::Code;
 
 const CONTENT_TYPE: HeaderValue = HeaderValue::from_static("application/problem+json");
 
@@ -27,7 +30,8 @@ pub(crate) struct Problem {
     /// What is wrong with this request, for people.
     detail: String,
     /// What is wrong, for programs. Stable.
-    code: &'static str,
+    #[schema(value_type = String)]
+    code: Code,
     /// The request's id, which the server's log names as well.
     #[serde(skip_serializing_if = "Option::is_none")]
     request: Option<String>,
@@ -46,7 +50,11 @@ pub(crate) struct Problem {
 struct Fields(Vec<FieldError>);
 
 impl Problem {
-    pub(crate) fn new(status: StatusCode, code: &'static str, detail: impl Into<String>) -> Self {
+    pub(crate) fn new(code: Code, detail: impl Into<String>) -> Self {
+        Self::of(code.status(), code, detail)
+    }
+
+    fn of(status: StatusCode, code: Code, detail: impl Into<String>) -> Self {
         Self {
             kind: "about:blank",
             title: status.canonical_reason().unwrap_or("Error"),
@@ -60,67 +68,62 @@ impl Problem {
     }
 
     /// A body with fields that are wrong.
-    pub(crate) fn invalid(code: &'static str, errors: Vec<FieldError>) -> Self {
+    pub(crate) fn invalid(code: Code, errors: Vec<FieldError>) -> Self {
         let told: Vec<_> = errors
             .iter()
             .map(|error| format!("`{}` {}", error.field, error.message))
             .collect();
         Self {
             errors: Some(Box::new(Fields(errors))),
-            ..Self::new(StatusCode::UNPROCESSABLE_ENTITY, code, told.join("; "))
+            ..Self::new(code, told.join("; "))
         }
     }
 
     /// A problem that another try after `wait` may not have.
-    pub(crate) fn later(
-        status: StatusCode,
-        code: &'static str,
-        detail: impl Into<String>,
-        wait: Duration,
-    ) -> Self {
+    pub(crate) fn later(code: Code, detail: impl Into<String>, wait: Duration) -> Self {
         Self {
             // Rounded up: who comes a moment too early is refused again.
             retry_after: Some(wait.as_millis().div_ceil(1_000).max(1) as u32),
-            ..Self::new(status, code, detail)
+            ..Self::new(code, detail)
         }
     }
 
     /// What is wrong, for programs.
-    pub(crate) const fn code(&self) -> &'static str {
+    pub(crate) const fn code(&self) -> Code {
         self.code
     }
 
     pub(crate) fn unknown_robot(id: &str) -> Self {
         Self::new(
-            StatusCode::NOT_FOUND,
-            "unknown_robot",
+            Code::UnknownRobot,
             format!("no robot `{}` is known", id.escape_default()),
         )
     }
 
     fn from_status(status: StatusCode) -> Self {
         let (code, detail) = match status {
-            StatusCode::NOT_FOUND => ("not_found", "there is nothing at this address"),
+            StatusCode::NOT_FOUND => (Code::NotFound, "there is nothing at this address"),
             StatusCode::METHOD_NOT_ALLOWED => (
-                "method_not_allowed",
+                Code::MethodNotAllowed,
                 "this address does not take this method",
             ),
             StatusCode::NOT_ACCEPTABLE => (
-                "not_acceptable",
+                Code::NotAcceptable,
                 "the answer would be in gzip or as it is, and `Accept-Encoding` takes neither",
             ),
-            StatusCode::PAYLOAD_TOO_LARGE => ("too_large", "the body is larger than 4096 bytes"),
+            StatusCode::PAYLOAD_TOO_LARGE => (Code::TooLarge, "the body is larger than 4096 bytes"),
             StatusCode::UNSUPPORTED_MEDIA_TYPE => (
-                "unsupported_media_type",
+                Code::UnsupportedMediaType,
                 "the body must be application/json",
             ),
             StatusCode::UPGRADE_REQUIRED | StatusCode::BAD_REQUEST => {
-                ("bad_request", "the request cannot be understood")
+                (Code::BadRequest, "the request cannot be understood")
             }
-            status if status.is_server_error() => ("internal", "the server failed"),
-            _ => ("refused", "the request is refused"),
+            status if status.is_server_error() => (Code::Internal, "the server failed"),
+            _ => (Code::Refused, "the request is refused"),
         };
-        Self::new(status, code, detail)
+        // Others have their own opinion of what is refused.
+        Self::of(status, code, detail)
     }
 }
 

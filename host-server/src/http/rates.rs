@@ -10,16 +10,14 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::extract::{MatchedPath, Request};
-use axum::http::{Method, StatusCode};
+use axum::http::Method;
 use crawler_access::UserName;
 use crawler_access::limits::{Allowance, Flood, Verdict, neighbourhood};
 use crawler_cluster::{Bucket, Spent};
 
-use super::problem::Problem;
+use super::problem::{Code, Problem};
 use crate::cluster::ClusterMembership;
 
-/// The code of a problem that a limit of this module makes.
-pub(super) const LIMITED: &str = "rate_limited";
 /// For one address, which a house full of people may share.
 const ADDRESS: Allowance = Allowance {
     per_second: 200.0,
@@ -128,7 +126,7 @@ impl Charge {
 }
 
 /// The limits of the API.
-pub(crate) struct Rates {
+pub(super) struct Rates {
     addresses: Mutex<Buckets<IpAddr>>,
     users: Mutex<Buckets<UserName>>,
     address_halts: Mutex<Buckets<IpAddr>>,
@@ -138,7 +136,7 @@ pub(crate) struct Rates {
 
 impl Rates {
     /// Nobody has asked for anything yet.
-    pub(crate) fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self {
             addresses: Mutex::new(Buckets::new(ADDRESS)),
             users: Mutex::new(Buckets::new(USER)),
@@ -214,8 +212,7 @@ async fn spend_shared(
 
 fn too_many(whose: &str, allowance: Allowance) -> Problem {
     Problem::later(
-        StatusCode::TOO_MANY_REQUESTS,
-        LIMITED,
+        Code::RateLimited,
         format!(
             "too many requests: one {whose} may make {} of this kind a second",
             allowance.per_second

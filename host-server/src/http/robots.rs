@@ -3,22 +3,22 @@
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::{Path, Query, State};
-use axum::http::StatusCode;
+use axum::extract::{Path, State};
 use crawler_protocol::{
     Battery, Boot, Capability, Detections, LogRecord, ParameterValue, Pose, RobotId, Wheels,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::App;
 use super::access::Caller;
-use super::commands::{Accepted, send_to_robot};
+use super::commands::{Accepted, Asked, CommandSender};
 use super::guard::JsonBody;
-use super::problem::Problem;
+use super::problem::{Code, Problem};
+use super::query::ApiQuery;
+use super::state::Broker;
 use crate::broker::LinkState;
 use crate::clock;
-use crate::fleet::{FleetState, Presence, Robot};
+use crate::fleet::{FleetState, Presence, Robot, SharedFleet};
 
 /// A robot as last known. What it has not told yet is `null`.
 #[derive(Serialize, ToSchema)]
@@ -129,11 +129,8 @@ impl SightView {
 }
 
 impl RobotView {
-    fn new(app: &App, fleet: &FleetState, robot: &Robot) -> Self {
-        let link = app
-            .broker
-            .as_ref()
-            .and_then(|broker| broker.link(&robot.id));
+    fn new(broker: &Broker, fleet: &FleetState, robot: &Robot) -> Self {
+        let link = broker.0.as_ref().and_then(|broker| broker.link(&robot.id));
         let status = robot.status.as_ref();
         let telemetry = robot.telemetry.as_ref();
         Self {
@@ -179,12 +176,15 @@ pub(super) struct RobotList {
 /// Every robot as last known
 #[utoipa::path(get, path = "/robots", tag = "robots",
     responses((status = 200, description = "The fleet", body = RobotList)))]
-pub(super) async fn list(State(app): State<Arc<App>>) -> Json<RobotList> {
+pub(super) async fn list(
+    State(fleet): State<Arc<SharedFleet>>,
+    State(broker): State<Broker>,
+) -> Json<RobotList> {
     let robots = {
-        let fleet = app.fleet.lock();
+        let fleet = fleet.lock();
         let views = fleet
             .robots()
-            .map(|robot| RobotView::new(&app, &fleet, robot));
+            .map(|robot| RobotView::new(&broker, &fleet, robot));
         views.collect()
     };
     Json(RobotList {
@@ -194,10 +194,14 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Json<RobotList> {
 }
 
 /// Looks a robot up and takes from it what is wanted.
-fn with_robot<T>(app: &App, id: &str, take: impl FnOnce(&Robot) -> T) -> Result<T, Problem> {
+fn with_robot<T>(
+    fleet: &SharedFleet,
+    id: &str,
+    take: impl FnOnce(&Robot) -> T,
+) -> Result<T, Problem> {
     let unknown = || Problem::unknown_robot(id);
     let id = RobotId::new(id).map_err(|_| unknown())?;
-    app.fleet.lock().get(&id).map(take).ok_or_else(unknown)
+    fleet.lock().get(&id).map(take).ok_or_else(unknown)
 }
 
 /// One robot as last known
@@ -205,17 +209,17 @@ fn with_robot<T>(app: &App, id: &str, take: impl FnOnce(&Robot) -> T) -> Result<
     params(("id" = String, Path, description = "Robot id")),
     responses(
         (status = 200, description = "The robot", body = RobotView),
-        (status = 404, description = "Nobody knows it", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "Nobody knows it")))]
 pub(super) async fn one(
-    State(app): State<Arc<App>>,
+    State(fleet): State<Arc<SharedFleet>>,
+    State(broker): State<Broker>,
     Path(id): Path<String>,
 ) -> Result<Json<RobotView>, Problem> {
     let unknown = || Problem::unknown_robot(&id);
     let robot = RobotId::new(&id).map_err(|_| unknown())?;
-    let fleet = app.fleet.lock();
+    let fleet = fleet.lock();
     let robot = fleet.get(&robot).ok_or_else(unknown)?;
-    Ok(Json(RobotView::new(&app, &fleet, robot)))
+    Ok(Json(RobotView::new(&broker, &fleet, robot)))
 }
 
 /// How many records are wanted.
@@ -244,18 +248,14 @@ pub(super) struct LogList {
     params(("id" = String, Path, description = "Robot id"), LogQuery),
     responses(
         (status = 200, description = "Its log records", body = LogList),
-        (status = 400, description = "The query is not valid", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "Nobody knows it", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The query is not valid"),
+        (status = 404, description = "Nobody knows it")))]
 pub(super) async fn logs(
-    State(app): State<Arc<App>>,
+    State(fleet): State<Arc<SharedFleet>>,
     Path(id): Path<String>,
-    query: Result<Query<LogQuery>, axum::extract::rejection::QueryRejection>,
+    ApiQuery(query): ApiQuery<LogQuery>,
 ) -> Result<Json<LogList>, Problem> {
-    let Query(query) = query
-        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
-    let records = with_robot(&app, &id, |robot| {
+    let records = with_robot(&fleet, &id, |robot| {
         let newest = robot.logs.iter().rev();
         newest
             .take(query.limit.unwrap_or(200) as usize)
@@ -298,16 +298,14 @@ pub(super) struct ParameterList {
     params(("id" = String, Path, description = "Robot id")),
     responses(
         (status = 200, description = "Its parameters", body = ParameterList),
-        (status = 404, description = "Nobody knows it, or its parameters", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "Nobody knows it, or its parameters")))]
 pub(super) async fn parameters(
-    State(app): State<Arc<App>>,
+    State(fleet): State<Arc<SharedFleet>>,
     Path(id): Path<String>,
 ) -> Result<Json<ParameterList>, Problem> {
-    let message = with_robot(&app, &id, |robot| robot.parameters.clone())?.ok_or_else(|| {
+    let message = with_robot(&fleet, &id, |robot| robot.parameters.clone())?.ok_or_else(|| {
         Problem::new(
-            StatusCode::NOT_FOUND,
-            "no_parameters",
+            Code::NoParameters,
             "the robot has not told its parameters yet",
         )
     })?;
@@ -338,14 +336,11 @@ pub(super) struct ParameterChanges {}
     request_body(content = ParameterChanges, description = "New values by name"),
     responses(
         (status = 202, description = "Sent to the robot", body = Accepted),
-        (status = 404, description = "Nobody knows it", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It is offline", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Not an object of values", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "Nobody knows it"),
+        (status = 409, description = "It is offline"),
+        (status = 422, description = "Not an object of values")))]
 pub(super) async fn set_parameters(
-    State(app): State<Arc<App>>,
+    State(sender): State<CommandSender>,
     caller: Caller,
     Path(id): Path<String>,
     JsonBody(body): JsonBody,
@@ -355,5 +350,7 @@ pub(super) async fn set_parameters(
     let mut request = br#"{"command":"set","parameters":"#.to_vec();
     request.extend_from_slice(&body);
     request.push(b'}');
-    send_to_robot(app, caller, id, request).await
+    sender
+        .send_to_robot(caller, id, Asked::read(&request))
+        .await
 }

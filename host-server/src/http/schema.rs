@@ -4,15 +4,15 @@ use std::sync::Arc;
 
 use axum::Router;
 use axum::extract::Path;
-use axum::http::{StatusCode, header};
+use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use serde_json::{Value, json};
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::{Content, OpenApi, Ref, RefOr, ResponseBuilder};
 
-use super::App;
-use super::problem::Problem;
+use super::problem::{Code, Problem};
+use super::state::ApiState;
 
 /// JSON Schema of a message
 ///
@@ -22,8 +22,7 @@ use super::problem::Problem;
     responses(
         (status = 200, description = "JSON Schema (2020-12)", body = Object,
             content_type = "application/schema+json"),
-        (status = 404, description = "No such message; the names are in `detail`", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "No such message; the names are in `detail`")))]
 pub(super) async fn one(Path(message): Path<String>) -> Result<Response, Problem> {
     let schemas = crawler_protocol::schemas();
     let names = || {
@@ -35,18 +34,13 @@ pub(super) async fn one(Path(message): Path<String>) -> Result<Response, Problem
         .find(|(name, _)| *name == message)
         .ok_or_else(|| {
             Problem::new(
-                StatusCode::NOT_FOUND,
-                "unknown_message",
+                Code::UnknownMessage,
                 format!("there are schemas of {}", names()),
             )
         })?;
     let text = serde_json::to_string_pretty(&schema.1).map_err(|error| {
         tracing::error!(%error, message, "a schema cannot be written");
-        Problem::new(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "internal",
-            "the schema cannot be written",
-        )
+        Problem::new(Code::Internal, "the schema cannot be written")
     })?;
     Ok(([(header::CONTENT_TYPE, "application/schema+json")], text).into_response())
 }
@@ -79,7 +73,7 @@ const WITH_BODY: [(&str, &str); 2] = [
     ("415", "The body is not `application/json`"),
 ];
 
-/// Adds the answers that every call can give to those that it tells of itself.
+/// Adds the answers that every call can give to those that it tells of itself, and what errors look like.
 fn complete(document: &mut OpenApi) {
     for (path, item) in &mut document.paths.paths {
         let operations = [
@@ -100,6 +94,7 @@ fn complete(document: &mut OpenApi) {
             if with_body {
                 add(operation, &WITH_BODY);
             }
+            say_problems(operation);
         }
     }
 }
@@ -117,15 +112,22 @@ fn operation_id(method: &str, path: &str) -> String {
 fn add(operation: &mut Operation, answers: &[(&str, &str)]) {
     for (status, description) in answers {
         let responses = &mut operation.responses.responses;
-        responses.entry((*status).to_owned()).or_insert_with(|| {
+        responses
+            .entry((*status).to_owned())
+            .or_insert_with(|| RefOr::T(ResponseBuilder::new().description(*description).build()));
+    }
+}
+
+/// What is wrong is said in a problem document, whatever it is.
+fn say_problems(operation: &mut Operation) {
+    for (status, response) in &mut operation.responses.responses {
+        if status.starts_with(['4', '5'])
+            && let RefOr::T(response) = response
+        {
             let problem = Content::new(Some(Ref::from_schema_name("Problem")));
-            RefOr::T(
-                ResponseBuilder::new()
-                    .description(*description)
-                    .content("application/problem+json", problem)
-                    .build(),
-            )
-        });
+            let kind = "application/problem+json".to_owned();
+            response.content.insert(kind, problem.into());
+        }
     }
 }
 
@@ -189,7 +191,7 @@ fn refer_within(schema: &mut Value, component: &str) {
 }
 
 /// The OpenAPI document, written out once.
-pub(super) fn document(mut document: OpenApi) -> Router<Arc<App>> {
+pub(super) fn document(mut document: OpenApi) -> Router<ApiState> {
     complete(&mut document);
     let mut document = serde_json::to_value(document).unwrap_or_else(|error| {
         tracing::error!(%error, "the OpenAPI document cannot be written");

@@ -15,13 +15,14 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use utoipa::ToSchema;
 
-use super::App;
 use super::access::{ANONYMOUS, Caller, no_accounts};
-use super::audit::DONE;
+use super::audit::{Audit, DONE};
 use super::guard::JsonBody;
-use super::problem::Problem;
-use crate::accounts::{Entered, LoginError, SESSION_LIFETIME, TICKET_LIFETIME};
+use super::problem::{Code, Problem};
+use super::state::Broker;
+use crate::accounts::{Accounts, Entered, LoginError, SESSION_LIFETIME, TICKET_LIFETIME};
 use crate::broker::Kind;
+use crate::cluster::ClusterMembership;
 
 /// Name of the cookie with the refresh token.
 const COOKIE: &str = "terracrawler_refresh";
@@ -114,38 +115,27 @@ fn cookie(headers: &HeaderMap) -> Option<&str> {
 impl From<LoginError> for Problem {
     fn from(error: LoginError) -> Self {
         match error {
-            LoginError::Credentials => Self::new(
-                StatusCode::UNAUTHORIZED,
-                "bad_credentials",
-                "name or password are wrong",
-            ),
+            LoginError::Credentials => {
+                Self::new(Code::BadCredentials, "name or password are wrong")
+            }
             LoginError::Wait(wait) => Self::later(
-                StatusCode::TOO_MANY_REQUESTS,
-                "too_many_attempts",
+                Code::TooManyAttempts,
                 "too many failed attempts; wait before the next one",
                 wait,
             ),
-            LoginError::NoSession | LoginError::Reused { .. } => Self::new(
-                StatusCode::UNAUTHORIZED,
-                "no_session",
-                "there is no session to continue; log in",
-            ),
+            LoginError::NoSession | LoginError::Reused { .. } => {
+                Self::new(Code::NoSession, "there is no session to continue; log in")
+            }
             LoginError::Invitation => Self::new(
-                StatusCode::UNAUTHORIZED,
-                "bad_invitation",
+                Code::BadInvitation,
                 "there is no such invitation; it was used, or it is too old",
             ),
             LoginError::Name => Self::new(
-                StatusCode::UNPROCESSABLE_ENTITY,
-                "bad_name",
+                Code::BadName,
                 "the invitation needs a name: 1 to 32 of a-z, 0-9, dot, underscore and hyphen, \
                  beginning with a letter; or it is for somebody of another name",
             ),
-            LoginError::Exists => Self::new(
-                StatusCode::CONFLICT,
-                "user_exists",
-                "there is an account of that name",
-            ),
+            LoginError::Exists => Self::new(Code::UserExists, "there is an account of that name"),
             LoginError::Weak(weak) => Self::weak(weak),
             LoginError::Busy => Self::busy(),
             LoginError::Records(error) => Self::records(&error),
@@ -157,16 +147,14 @@ impl From<LoginError> for Problem {
 impl Problem {
     pub(super) fn weak(weak: crawler_access::password::Weak) -> Self {
         Self::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "weak_password",
+            Code::WeakPassword,
             format!("{weak}; {MIN} characters are the least"),
         )
     }
 
     pub(super) fn busy() -> Self {
         Self::later(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "overloaded",
+            Code::Overloaded,
             "too many passwords are being checked",
             std::time::Duration::from_secs(5),
         )
@@ -175,19 +163,18 @@ impl Problem {
     pub(super) fn records(error: &crawler_records::RecordsError) -> Self {
         // Paths and the database's words are for the log.
         tracing::error!(%error, "the records cannot be used");
-        let (status, code) = (StatusCode::SERVICE_UNAVAILABLE, "records_unavailable");
+        let code = Code::RecordsUnavailable;
         if error.is_passing() {
             let detail = "the database of the records does not answer";
-            return Self::later(status, code, detail, std::time::Duration::from_secs(2));
+            return Self::later(code, detail, std::time::Duration::from_secs(2));
         }
-        Self::new(status, code, "the records cannot be read or written")
+        Self::new(code, "the records cannot be read or written")
     }
 
     pub(super) fn internal(what: &'static str) -> Self {
         tracing::error!(what, "internal error");
         Self::new(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "internal",
+            Code::Internal,
             "internal error: the log of the server says what",
         )
     }
@@ -208,27 +195,22 @@ fn told_name(name: &str) -> String {
     request_body = LoginRequest,
     responses(
         (status = 200, description = "Logged in", body = LoginView),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 401, description = "Name or password are wrong", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "The server is open", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Not a login", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 429, description = "Too many failures", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 401, description = "Name or password are wrong"),
+        (status = 409, description = "The server is open"),
+        (status = 422, description = "Not a login"),
+        (status = 429, description = "Too many failures")))]
 pub(super) async fn login(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(audit): State<Audit>,
     caller: Caller,
     body: JsonBody,
 ) -> Result<LoggedIn, Problem> {
     let request: LoginRequest = body.read()?;
-    if app.accounts.is_open() {
+    if accounts.is_open() {
         return Err(no_accounts());
     }
-    let result = app
-        .accounts
+    let result = accounts
         .login(&request.user, request.password, caller.peer.ip())
         .await;
     // Whoever has to wait is not written down each time, or the log would be theirs to fill.
@@ -244,7 +226,8 @@ pub(super) async fn login(
         } else {
             ANONYMOUS
         };
-        app.audit_as(who, &caller, "login", &name, detail, &result)
+        audit
+            .write_as(who, &caller, "login", &name, detail, &result)
             .await;
         return Ok(LoggedIn::new(result?, &caller));
     }
@@ -258,28 +241,29 @@ pub(super) async fn login(
 #[utoipa::path(post, path = "/session/refresh", tag = "session",
     responses(
         (status = 200, description = "A new token", body = LoginView),
-        (status = 401, description = "There is no session", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 401, description = "There is no session")))]
 pub(super) async fn refresh(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(audit): State<Audit>,
     caller: Caller,
     headers: HeaderMap,
 ) -> Response {
     let result = match cookie(&headers) {
-        Some(token) => app.accounts.refresh(token).await,
+        Some(token) => accounts.refresh(token).await,
         None => Err(LoginError::NoSession),
     };
     if let Err(LoginError::Reused { session, user }) = &result {
         let detail = json!({ "session": session.to_string(), "why": "refresh token used twice" });
-        app.audit_as(
-            "server",
-            &caller,
-            "session.end",
-            user.as_ref(),
-            detail,
-            &DONE,
-        )
-        .await;
+        audit
+            .write_as(
+                "server",
+                &caller,
+                "session.end",
+                user.as_ref(),
+                detail,
+                &DONE,
+            )
+            .await;
     }
     match result {
         Ok(entered) => LoggedIn::new(entered, &caller).into_response(),
@@ -300,16 +284,17 @@ pub(super) async fn refresh(
 #[utoipa::path(delete, path = "/session", tag = "session",
     responses((status = 204, description = "Logged out")))]
 pub(super) async fn logout(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(audit): State<Audit>,
     caller: Caller,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let mut ended = None;
     if let Some(token) = cookie(&headers) {
-        ended = app.accounts.leave(token).await?;
+        ended = accounts.leave(token).await?;
     }
     if let Some(identity) = &caller.identity {
-        let alive = app.accounts.end_session(identity.session).await;
+        let alive = accounts.end_session(identity.session).await;
         if alive.map_err(|error| Problem::records(&error))? {
             ended = Some((identity.user.clone(), identity.session));
         }
@@ -317,7 +302,8 @@ pub(super) async fn logout(
     if let Some((user, session)) = ended {
         let detail = json!({ "session": session.to_string() });
         let name = user.as_ref();
-        app.audit_as(name, &caller, "logout", name, detail, &DONE)
+        audit
+            .write_as(name, &caller, "logout", name, detail, &DONE)
             .await;
     }
     let mut response = StatusCode::NO_CONTENT.into_response();
@@ -341,11 +327,13 @@ pub(super) struct SessionView {
 #[utoipa::path(get, path = "/session", tag = "session",
     responses(
         (status = 200, description = "Who it is", body = SessionView),
-        (status = 401, description = "Nobody", body = Problem,
-            content_type = "application/problem+json")))]
-pub(super) async fn current(State(app): State<Arc<App>>, caller: Caller) -> Json<SessionView> {
+        (status = 401, description = "Nobody")))]
+pub(super) async fn current(
+    State(accounts): State<Arc<Accounts>>,
+    caller: Caller,
+) -> Json<SessionView> {
     Json(SessionView {
-        open: app.accounts.is_open(),
+        open: accounts.is_open(),
         user: caller.identity.map(|identity| identity.user.to_string()),
         role: caller.role.as_str(),
     })
@@ -369,34 +357,35 @@ pub(super) struct PasswordRequest {
     request_body = PasswordRequest,
     responses(
         (status = 204, description = "Changed"),
-        (status = 401, description = "The old one is wrong", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "The new one is not good enough", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 429, description = "Too many failures", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 401, description = "The old one is wrong"),
+        (status = 422, description = "The new one is not good enough"),
+        (status = 429, description = "Too many failures")))]
 pub(super) async fn password(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(audit): State<Audit>,
+    State(broker): State<Broker>,
     caller: Caller,
     body: JsonBody,
 ) -> Result<StatusCode, Problem> {
     let request: PasswordRequest = body.read()?;
     let identity = caller.identity()?;
-    let result = app
-        .accounts
+    let result = accounts
         .change_password(identity, request.old, request.new, caller.peer.ip())
         .await
         .map_err(Problem::from);
-    app.audit(
-        &caller,
-        "password.change",
-        identity.user.as_ref(),
-        json!({}),
-        &result,
-    )
-    .await;
+    audit
+        .write(
+            &caller,
+            "password.change",
+            identity.user.as_ref(),
+            json!({}),
+            &result,
+        )
+        .await;
     result?;
-    app.drop_client(Kind::Person, identity.user.as_ref()).await;
+    broker
+        .drop_client(Kind::Person, identity.user.as_ref())
+        .await;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -416,18 +405,17 @@ pub(super) struct TicketView {
 #[utoipa::path(post, path = "/session/ticket", tag = "session",
     responses(
         (status = 200, description = "A ticket", body = TicketView),
-        (status = 401, description = "Nobody is logged in", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "The server is open and takes no ticket", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 401, description = "Nobody is logged in"),
+        (status = 409, description = "The server is open and takes no ticket")))]
 pub(super) async fn ticket(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(membership): State<Option<Arc<ClusterMembership>>>,
     caller: Caller,
 ) -> Result<Json<TicketView>, Problem> {
     let identity = caller.identity()?;
-    let ticket = match &app.membership {
-        Some(membership) => app.accounts.shared_ticket(identity, membership).await,
-        None => app.accounts.ticket(identity),
+    let ticket = match &membership {
+        Some(membership) => accounts.shared_ticket(identity, membership).await,
+        None => accounts.ticket(identity),
     };
     let ticket = ticket.ok_or_else(|| Problem::internal("no randomness"))?;
     Ok(Json(TicketView {

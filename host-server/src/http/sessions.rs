@@ -3,16 +3,18 @@
 use std::sync::Arc;
 
 use axum::Json;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use crawler_access::Role;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use utoipa::{IntoParams, ToSchema};
 
-use super::App;
 use super::access::Caller;
-use super::problem::Problem;
+use super::audit::Audit;
+use super::problem::{Code, Problem};
+use super::query::ApiQuery;
+use crate::accounts::Accounts;
 
 /// Whose sessions are wanted.
 #[derive(Deserialize, IntoParams)]
@@ -56,22 +58,17 @@ pub(super) struct SessionList {
     params(SessionQuery),
     responses(
         (status = 200, description = "The sessions", body = SessionList),
-        (status = 400, description = "The query is not valid", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 403, description = "Not an administrator", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The query is not valid"),
+        (status = 403, description = "Not an administrator")))]
 pub(super) async fn list(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
     caller: Caller,
-    query: Result<Query<SessionQuery>, axum::extract::rejection::QueryRejection>,
+    ApiQuery(asked): ApiQuery<SessionQuery>,
 ) -> Result<Json<SessionList>, Problem> {
-    let Query(query) = query
-        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
-    let all = query.all == Some(true);
+    let all = asked.all == Some(true);
     if all && caller.role < Role::Admin {
         return Err(Problem::new(
-            StatusCode::FORBIDDEN,
-            "forbidden",
+            Code::Forbidden,
             "the sessions of others need the role `admin`",
         ));
     }
@@ -85,7 +82,7 @@ pub(super) async fn list(
             }));
         }
     };
-    let sessions = app.accounts.sessions(own).await;
+    let sessions = accounts.sessions(own).await;
     let sessions = sessions.map_err(|error| Problem::records(&error))?;
     let current = caller.identity.as_ref().map(|identity| identity.session);
     let mut sessions: Vec<_> = sessions
@@ -112,45 +109,40 @@ pub(super) async fn list(
     params(("id" = String, Path, description = "Its number")),
     responses(
         (status = 204, description = "Ended"),
-        (status = 404, description = "There is none, or not of this account", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "There is none, or not of this account")))]
 pub(super) async fn end(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(audit): State<Audit>,
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
-    let unknown = || {
-        Problem::new(
-            StatusCode::NOT_FOUND,
-            "unknown_session",
-            "there is no such session",
-        )
-    };
+    let unknown = || Problem::new(Code::UnknownSession, "there is no such session");
     let id: u64 = id.parse().map_err(|_| unknown())?;
     let own = match &caller.identity {
         Some(identity) if caller.role < Role::Admin => Some(&identity.user),
         _ => None,
     };
-    let sessions = app.accounts.sessions(own).await;
+    let sessions = accounts.sessions(own).await;
     let sessions = sessions.map_err(|error| Problem::records(&error))?;
     let session = sessions
         .into_iter()
         .find(|session| session.id == id)
         .ok_or_else(unknown)?;
-    let result = match app.accounts.end_session(id).await {
+    let result = match accounts.end_session(id).await {
         Ok(true) => Ok(()),
         Ok(false) => Err(unknown()),
         Err(error) => Err(Problem::records(&error)),
     };
     let detail = json!({ "session": id.to_string() });
-    app.audit(
-        &caller,
-        "session.end",
-        session.user.as_ref(),
-        detail,
-        &result,
-    )
-    .await;
+    audit
+        .write(
+            &caller,
+            "session.end",
+            session.user.as_ref(),
+            detail,
+            &result,
+        )
+        .await;
     result?;
     Ok(StatusCode::NO_CONTENT)
 }

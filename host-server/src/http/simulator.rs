@@ -1,21 +1,18 @@
 //! The simulated world of this process: how it is, and telling it what to do.
 
-use std::sync::Arc;
-
 use axum::Json;
 use axum::extract::State;
-use axum::http::StatusCode;
 use crawler_protocol::SimulatorCommand;
 use crawler_sim::live::ControlError;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
-use super::App;
 use super::access::Caller;
+use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::Problem;
-use crate::simulation::Simulation;
-use crate::simulator::{SimulatorAnswer, SimulatorView, control_code};
+use super::problem::{Code, Problem};
+use super::state::World;
+use crate::simulator::{SimulatorAnswer, SimulatorView};
 
 /// A command to the simulated world; the schema `simulator-command` says what it may be.
 #[derive(ToSchema)]
@@ -29,35 +26,25 @@ pub(super) struct CommandBody {
 
 impl From<ControlError> for Problem {
     fn from(error: ControlError) -> Self {
-        let status = match error {
-            ControlError::Busy | ControlError::Ended => StatusCode::SERVICE_UNAVAILABLE,
-            ControlError::NoRobot => StatusCode::NOT_FOUND,
-            _ => StatusCode::CONFLICT,
+        // Named as in answers over MQTT: see `control_code`.
+        let code = match error {
+            ControlError::Busy => Code::Busy,
+            ControlError::Ended => Code::SimulatorEnded,
+            ControlError::NoRobot => Code::UnknownRobot,
+            _ => Code::Refused,
         };
-        Self::new(status, control_code(&error), error.to_string())
+        Self::new(code, error.to_string())
     }
-}
-
-fn simulation(app: &App) -> Result<&Arc<Simulation>, Problem> {
-    app.simulation.get().ok_or_else(|| {
-        Problem::new(
-            StatusCode::NOT_FOUND,
-            "no_simulator",
-            "no world is simulated in this process",
-        )
-    })
 }
 
 /// The simulated world of this process
 #[utoipa::path(get, path = "/simulator", tag = "simulator",
     responses(
         (status = 200, description = "The world", body = SimulatorView),
-        (status = 404, description = "There is none", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "It has ended", body = Problem,
-            content_type = "application/problem+json")))]
-pub(super) async fn state(State(app): State<Arc<App>>) -> Result<Json<SimulatorView>, Problem> {
-    let simulation = simulation(&app)?;
+        (status = 404, description = "There is none"),
+        (status = 503, description = "It has ended")))]
+pub(super) async fn state(State(world): State<World>) -> Result<Json<SimulatorView>, Problem> {
+    let simulation = world.expected()?;
     Ok(Json(SimulatorView::new(simulation, &simulation.state()?)))
 }
 
@@ -69,39 +56,50 @@ pub(super) async fn state(State(app): State<Arc<App>>) -> Result<Json<SimulatorV
     request_body = CommandBody,
     responses(
         (status = 200, description = "It is done", body = SimulatorAnswer),
-        (status = 400, description = "The body is not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "There is no world, or no such robot", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It cannot be done", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Not a command", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 503, description = "The world has ended, or too much waits", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The body is not JSON"),
+        (status = 404, description = "There is no world, or no such robot"),
+        (status = 409, description = "It cannot be done"),
+        (status = 422, description = "Not a command"),
+        (status = 503, description = "The world has ended, or too much waits")))]
 pub(super) async fn command(
-    State(app): State<Arc<App>>,
+    State(world): State<World>,
+    State(audit): State<Audit>,
     caller: Caller,
     JsonBody(body): JsonBody,
 ) -> Result<Json<SimulatorAnswer>, Problem> {
-    let simulation = simulation(&app)?;
+    let simulation = world.expected()?;
     if serde_json::from_slice::<serde::de::IgnoredAny>(&body).is_err() {
-        return Err(Problem::new(
-            StatusCode::BAD_REQUEST,
-            "malformed",
-            "the body is not JSON",
-        ));
+        return Err(Problem::new(Code::Malformed, "the body is not JSON"));
     }
     let command = SimulatorCommand::from_json(&body).map_err(|error| {
         Problem::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "invalid_command",
+            Code::InvalidCommand,
             format!("the body is no command to the simulator: {error}"),
         )
     })?;
     let done = simulation.control(command).await.map_err(Problem::from);
     let detail = json!({ "request": serde_json::from_slice::<Value>(&body).unwrap_or_default() });
-    app.audit(&caller, "simulator.command", "simulator", detail, &done)
+    audit
+        .write(&caller, "simulator.command", "simulator", detail, &done)
         .await;
     Ok(Json(SimulatorAnswer::new(simulation, &done?)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulator::control_code;
+
+    #[test]
+    fn errors_have_one_code_over_http_and_over_mqtt() {
+        for error in [
+            ControlError::Busy,
+            ControlError::Ended,
+            ControlError::NoRobot,
+            ControlError::Refused("so".to_owned()),
+        ] {
+            let code = control_code(&error);
+            assert_eq!(Problem::from(error).code().name(), code);
+        }
+    }
 }

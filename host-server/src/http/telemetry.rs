@@ -1,21 +1,19 @@
 //! What a robot has told of itself over time.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Json;
-use axum::extract::{Path, Query, State};
-use axum::http::StatusCode;
+use axum::extract::{Path, State};
 use crawler_history::Point;
 use crawler_protocol::RobotId;
 use crawler_timeseries::EngineError;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::App;
-use super::problem::Problem;
+use super::problem::{Code, Problem};
+use super::query::{ApiQuery, bad_query};
 use crate::accounts::now_ms;
-use crate::history::HistoryError;
+use crate::history::{History, HistoryError};
 
 /// When another try may find the engine back.
 const RETRY: Duration = Duration::from_secs(5);
@@ -114,9 +112,7 @@ pub(super) fn bounds(from: Option<i64>, to: Option<i64>, now: i64) -> Result<(i6
     let to = to.unwrap_or(soonest);
     let from = from.unwrap_or_else(|| to.saturating_sub(HOUR).max(0));
     if from < 0 || to <= from {
-        return Err(Problem::new(
-            StatusCode::BAD_REQUEST,
-            "bad_query",
+        return Err(bad_query(
             "`from` must be before `to`, and neither before 1970",
         ));
     }
@@ -125,14 +121,13 @@ pub(super) fn bounds(from: Option<i64>, to: Option<i64>, now: i64) -> Result<(i6
 
 /// The query, with what it leaves out: from, to and step.
 fn stretch(query: &TelemetryQuery, now: i64) -> Result<(i64, i64, i64), Problem> {
-    let bad = |detail: String| Problem::new(StatusCode::BAD_REQUEST, "bad_query", detail);
     let (from, to) = bounds(query.from, query.to, now)?;
     let length = to - from;
     let step = query
         .step
         .unwrap_or_else(|| length.div_euclid(POINTS).max(1));
     if step < 1 || length.div_euclid(step) >= MOST_POINTS {
-        return Err(bad(format!(
+        return Err(bad_query(format!(
             "`step` must be at least a {MOST_POINTS}th of the whole"
         )));
     }
@@ -145,18 +140,16 @@ pub(super) fn problem(error: &HistoryError) -> Problem {
         HistoryError::Remote(error) => error,
     };
     match error {
-        EngineError::Invalid(why) => Problem::new(StatusCode::BAD_REQUEST, "bad_query", why),
+        EngineError::Invalid(why) => bad_query(why),
         EngineError::Unreadable => Problem::new(
-            StatusCode::NOT_IMPLEMENTED,
-            "history_not_readable",
+            Code::HistoryNotReadable,
             "the engine that keeps the history cannot be asked here: use its own tools",
         ),
         error => {
             // Addresses and the engine's words are for the log.
             tracing::warn!(%error, "the history cannot be read: {}", error.advice());
             Problem::later(
-                StatusCode::SERVICE_UNAVAILABLE,
-                "history_unavailable",
+                Code::HistoryUnavailable,
                 "the engine that keeps the history cannot be asked for now",
                 RETRY,
             )
@@ -173,24 +166,18 @@ pub(super) fn problem(error: &HistoryError) -> Problem {
     responses(
         (status = 200, description = "Its history; empty for a robot that nobody knows",
             body = HistoryView),
-        (status = 400, description = "The query is not valid", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "Not a robot's name", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 501, description = "The engine that keeps the history cannot be asked here",
-            body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The history cannot be read for now", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "The query is not valid"),
+        (status = 404, description = "Not a robot's name"),
+        (status = 501, description = "The engine that keeps the history cannot be asked here"),
+        (status = 503, description = "The history cannot be read for now")))]
 pub(super) async fn history(
-    State(app): State<Arc<App>>,
+    State(history): State<History>,
     Path(id): Path<String>,
-    query: Result<Query<TelemetryQuery>, axum::extract::rejection::QueryRejection>,
+    ApiQuery(query): ApiQuery<TelemetryQuery>,
 ) -> Result<Json<HistoryView>, Problem> {
-    let Query(query) = query
-        .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, "bad_query", error.body_text()))?;
     let robot = RobotId::new(&id).map_err(|_| Problem::unknown_robot(&id))?;
     let (from, to, step) = stretch(&query, now_ms())?;
-    let points = app.history.query(&robot, from, to, step).await;
+    let points = history.query(&robot, from, to, step).await;
     let points = points.map_err(|error| problem(&error))?;
     Ok(Json(HistoryView {
         robot: robot.as_str().to_owned(),

@@ -12,36 +12,29 @@ use serde_json::json;
 use utoipa::ToSchema;
 use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
-use super::App;
 use super::access::{ANONYMOUS, Caller, no_accounts};
+use super::audit::Audit;
 use super::guard::JsonBody;
 use super::peer::Peer;
-use super::problem::Problem;
+use super::problem::{Code, Problem};
 use super::session::{LoggedIn, LoginView};
-use crate::accounts::{Change, LoginError, PeopleError, UserView};
+use super::state::Broker;
+use crate::accounts::{Accounts, Change, LoginError, PeopleError, UserView};
 use crate::broker::Kind;
 
 impl From<PeopleError> for Problem {
     fn from(error: PeopleError) -> Self {
         match error {
-            PeopleError::Unknown => Self::new(
-                StatusCode::NOT_FOUND,
-                "unknown_user",
-                "there is no account of that name",
-            ),
-            PeopleError::Exists => Self::new(
-                StatusCode::CONFLICT,
-                "user_exists",
-                "there is an account of that name",
-            ),
+            PeopleError::Unknown => {
+                Self::new(Code::UnknownUser, "there is no account of that name")
+            }
+            PeopleError::Exists => Self::new(Code::UserExists, "there is an account of that name"),
             PeopleError::LastAdmin => Self::new(
-                StatusCode::CONFLICT,
-                "last_admin",
+                Code::LastAdmin,
                 "afterwards nobody could administer the server",
             ),
             PeopleError::TooMany => Self::new(
-                StatusCode::CONFLICT,
-                "too_many",
+                Code::TooMany,
                 "there are as many accounts or invitations as may be",
             ),
             PeopleError::Weak(weak) => Self::weak(weak),
@@ -69,8 +62,8 @@ pub(super) struct UserList {
 /// Every account
 #[utoipa::path(get, path = "/users", tag = "accounts",
     responses((status = 200, description = "The accounts", body = UserList)))]
-pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<UserList>, Problem> {
-    let users = app.accounts.users().await?;
+pub(super) async fn list(State(accounts): State<Arc<Accounts>>) -> Result<Json<UserList>, Problem> {
+    let users = accounts.users().await?;
     Ok(Json(UserList { users }))
 }
 
@@ -143,33 +136,28 @@ fn link(headers: &HeaderMap, peer: Peer, code: &Secret) -> String {
     request_body = UserRequest,
     responses(
         (status = 201, description = "Made", body = NewUserView),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "The name is taken", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Not a name, or the password is not good enough",
-            body = Problem, content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 409, description = "The name is taken"),
+        (status = 422, description = "Not a name, or the password is not good enough")))]
 pub(super) async fn add(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(audit): State<Audit>,
     caller: Caller,
     headers: HeaderMap,
     body: JsonBody,
 ) -> Result<Response, Problem> {
     let request: UserRequest = body.read()?;
-    let name: UserName = request.name.parse().map_err(|error| {
-        Problem::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "bad_name",
-            format!("{error}"),
-        )
-    })?;
+    let name: UserName = request
+        .name
+        .parse()
+        .map_err(|error| Problem::new(Code::BadName, format!("{error}")))?;
     let detail = json!({ "role": request.role, "invited": request.password.is_none() });
-    let result = app
-        .accounts
+    let result = accounts
         .add(name.clone(), request.role, request.password)
         .await
         .map_err(Problem::from);
-    app.audit(&caller, "user.add", name.as_ref(), detail, &result)
+    audit
+        .write(&caller, "user.add", name.as_ref(), detail, &result)
         .await;
     let (user, code) = result?;
     let invitation = code.map(|code| link(&headers, caller.peer, &code));
@@ -198,16 +186,14 @@ pub(super) struct UserChange {
     request_body = UserChange,
     responses(
         (status = 200, description = "The account as it is now", body = UserView),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "There is none of that name", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It is the last administrator", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "The password is not good enough", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 404, description = "There is none of that name"),
+        (status = 409, description = "It is the last administrator"),
+        (status = 422, description = "The password is not good enough")))]
 pub(super) async fn change(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(audit): State<Audit>,
+    State(broker): State<Broker>,
     caller: Caller,
     Path(name): Path<String>,
     body: JsonBody,
@@ -224,13 +210,14 @@ pub(super) async fn change(
         disabled: request.disabled,
         password: request.password,
     };
-    let result = app.accounts.change(&name, change).await;
+    let result = accounts.change(&name, change).await;
     let result = result.map_err(Problem::from);
     if result.is_ok() {
         // At the broker somebody stays what they were when they logged in.
-        app.drop_client(Kind::Person, name.as_ref()).await;
+        broker.drop_client(Kind::Person, name.as_ref()).await;
     }
-    app.audit(&caller, "user.change", name.as_ref(), detail, &result)
+    audit
+        .write(&caller, "user.change", name.as_ref(), detail, &result)
         .await;
     result.map(Json)
 }
@@ -242,21 +229,22 @@ pub(super) async fn change(
     params(("name" = String, Path, description = "The account")),
     responses(
         (status = 204, description = "Deleted"),
-        (status = 404, description = "There is none of that name", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "It is the last administrator", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 404, description = "There is none of that name"),
+        (status = 409, description = "It is the last administrator")))]
 pub(super) async fn delete(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(audit): State<Audit>,
+    State(broker): State<Broker>,
     caller: Caller,
     Path(name): Path<String>,
 ) -> Result<StatusCode, Problem> {
     let name = named(&name)?;
-    let result = app.accounts.delete(&name).await.map_err(Problem::from);
+    let result = accounts.delete(&name).await.map_err(Problem::from);
     if result.is_ok() {
-        app.drop_client(Kind::Person, name.as_ref()).await;
+        broker.drop_client(Kind::Person, name.as_ref()).await;
     }
-    app.audit(&caller, "user.delete", name.as_ref(), json!({}), &result)
+    audit
+        .write(&caller, "user.delete", name.as_ref(), json!({}), &result)
         .await;
     result?;
     Ok(StatusCode::NO_CONTENT)
@@ -283,27 +271,22 @@ pub(super) struct AcceptRequest {
     request_body = AcceptRequest,
     responses(
         (status = 200, description = "Logged in", body = LoginView),
-        (status = 400, description = "Not JSON", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 401, description = "There is no such invitation", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "The name is taken, or the server is open", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 422, description = "Name or password cannot be used", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 429, description = "Too many failures", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "Not JSON"),
+        (status = 401, description = "There is no such invitation"),
+        (status = 409, description = "The name is taken, or the server is open"),
+        (status = 422, description = "Name or password cannot be used"),
+        (status = 429, description = "Too many failures")))]
 pub(super) async fn accept(
-    State(app): State<Arc<App>>,
+    State(accounts): State<Arc<Accounts>>,
+    State(audit): State<Audit>,
     caller: Caller,
     body: JsonBody,
 ) -> Result<LoggedIn, Problem> {
     let request: AcceptRequest = body.read()?;
-    if app.accounts.is_open() {
+    if accounts.is_open() {
         return Err(no_accounts());
     }
-    let result = app
-        .accounts
+    let result = accounts
         .accept(
             &request.code,
             request.name.as_deref(),
@@ -321,7 +304,8 @@ pub(super) async fn accept(
             ),
             Err(_) => (ANONYMOUS.to_owned(), json!({})),
         };
-        app.audit_as(&who, &caller, "invitation.take", &who, detail, &result)
+        audit
+            .write_as(&who, &caller, "invitation.take", &who, detail, &result)
             .await;
         return Ok(LoggedIn::new(result?, &caller));
     }

@@ -1,19 +1,16 @@
 //! What the worlds of scenarios would be.
 
-use std::sync::Arc;
-
 use axum::Json;
-use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, State};
-use axum::http::StatusCode;
+use axum::extract::{Path, State};
 use crawler_sim::scenario::{Scenario, ScenarioError};
 use crawler_sim::world::{MAX_ROBOTS, Pose};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::{IntoParams, ToSchema};
 
-use super::App;
-use super::problem::Problem;
+use super::problem::{Code, Problem};
+use super::query::{ApiQuery, bad_query};
+use super::state::Drawing;
 use crate::experiments::MAX_SEED;
 use crate::simulation::arena_json;
 
@@ -124,20 +121,20 @@ fn preview(name: &str, query: &PreviewQuery) -> Result<ScenarioPreview, Scenario
 }
 
 fn problem(error: &ScenarioError) -> Problem {
-    let (status, code) = match error {
-        ScenarioError::Unknown(_) => (StatusCode::NOT_FOUND, "unknown_scenario"),
-        _ => (StatusCode::CONFLICT, "refused"),
+    let code = match error {
+        ScenarioError::Unknown(_) => Code::UnknownScenario,
+        _ => Code::Refused,
     };
-    Problem::new(status, code, error.to_string())
+    Problem::new(code, error.to_string())
 }
 
 /// Draws worlds where that holds up nobody: an arena for thousands of robots takes a while. One at a
 /// time, so that nobody gets all of the machine by asking for many.
 async fn draw<T: Send + 'static>(
-    app: &App,
+    Drawing(drawing): Drawing,
     work: impl FnOnce() -> Result<T, ScenarioError> + Send + 'static,
 ) -> Result<T, Problem> {
-    let turn = Arc::clone(&app.drawing).acquire_owned().await;
+    let turn = drawing.acquire_owned().await;
     let work = move || {
         // Also when whoever asked has left.
         let _turn = turn;
@@ -155,9 +152,9 @@ async fn draw<T: Send + 'static>(
 /// The scenarios that come with the program
 #[utoipa::path(get, path = "/simulator/scenarios", tag = "simulator",
     responses((status = 200, description = "All of them", body = Scenarios)))]
-pub(super) async fn scenarios(State(app): State<Arc<App>>) -> Result<Json<Scenarios>, Problem> {
+pub(super) async fn scenarios(State(drawing): State<Drawing>) -> Result<Json<Scenarios>, Problem> {
     let all = || Scenario::names().map(summary).collect();
-    let scenarios = draw(&app, all).await?;
+    let scenarios = draw(drawing, all).await?;
     Ok(Json(Scenarios { scenarios }))
 }
 
@@ -166,27 +163,24 @@ pub(super) async fn scenarios(State(app): State<Arc<App>>) -> Result<Json<Scenar
     params(("name" = String, Path, description = "Name of the scenario"), PreviewQuery),
     responses(
         (status = 200, description = "It begins like this", body = ScenarioPreview),
-        (status = 400, description = "Not such a query", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 404, description = "No scenario has this name", body = Problem,
-            content_type = "application/problem+json"),
-        (status = 409, description = "So many robots have no room in it", body = Problem,
-            content_type = "application/problem+json")))]
+        (status = 400, description = "Not such a query"),
+        (status = 404, description = "No scenario has this name"),
+        (status = 409, description = "So many robots have no room in it")))]
 pub(super) async fn scenario(
-    State(app): State<Arc<App>>,
+    State(drawing): State<Drawing>,
     Path(name): Path<String>,
-    query: Result<Query<PreviewQuery>, QueryRejection>,
+    ApiQuery(query): ApiQuery<PreviewQuery>,
 ) -> Result<Json<ScenarioPreview>, Problem> {
-    let bad = |detail: String| Problem::new(StatusCode::BAD_REQUEST, "bad_query", detail);
-    let Query(query) = query.map_err(|error| bad(error.body_text()))?;
     if query.seed.is_some_and(|seed| seed > MAX_SEED) {
-        return Err(bad(format!("`seed` must be 0 to {MAX_SEED}")));
+        return Err(bad_query(format!("`seed` must be 0 to {MAX_SEED}")));
     }
     if query
         .robots
         .is_some_and(|robots| robots == 0 || robots as usize > MAX_ROBOTS)
     {
-        return Err(bad(format!("`robots` must be 1 to {MAX_ROBOTS}")));
+        return Err(bad_query(format!("`robots` must be 1 to {MAX_ROBOTS}")));
     }
-    draw(&app, move || preview(&name, &query)).await.map(Json)
+    draw(drawing, move || preview(&name, &query))
+        .await
+        .map(Json)
 }

@@ -11,7 +11,7 @@ use crawler_cluster::ClusterError;
 use crawler_protocol::Source;
 use crawler_records::EventLevel;
 use tokio::net::TcpListener;
-use tokio::sync::{Notify, Semaphore};
+use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -36,7 +36,7 @@ use crate::feed::Feed;
 use crate::fences::{self, Enforcer, Stops};
 use crate::fleet::{Level, SharedFleet};
 use crate::history;
-use crate::http::{self, App};
+use crate::http;
 use crate::metrics::Metrics;
 use crate::recorder::Recorder;
 use crate::simulation::Simulation;
@@ -240,14 +240,13 @@ pub(super) async fn start(
         parts.task("the certificate", |stop| certificates.keep(stop))?;
     }
     let stop = CancellationToken::new();
-    let app = Arc::new(App {
+    let api = http::Parts {
         records: records.clone(),
         history,
         experiments,
         accounts,
         audit,
         mqtt: mqtt.clone(),
-        rates: http::Rates::new(),
         fleet: Arc::clone(&fleet),
         commands,
         bus,
@@ -255,14 +254,12 @@ pub(super) async fn start(
         feed,
         broker: handle,
         simulation: Arc::clone(&simulation),
-        drawing: Arc::new(Semaphore::new(1)),
-        requests: http::RequestIds::new(),
-        readers: Arc::new(Semaphore::new(descriptors.readers)),
-        stop: stop.clone(),
-        tasks: tasks.clone(),
         membership,
-    });
-    let router = http::router(app, http, settings.trusted_proxies.clone());
+        readers: descriptors.readers,
+        tasks: tasks.clone(),
+        stop: stop.clone(),
+    };
+    let router = http::router(api, http, settings.trusted_proxies.clone());
     let serving = http::serve(listener, router, door, descriptors.http, stop.clone());
     let serving = tokio::spawn(serving);
     parts.add(stop, end_requests(tasks, serving))?;

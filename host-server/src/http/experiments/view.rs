@@ -3,8 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::experiments::{Judged, MetricView, Recipe, Results, Summary};
-use crate::http::App;
+use crate::experiments::{Experiments, Judged, MetricView, Recipe, Results, Summary};
 use crate::http::problem::Problem;
 
 /// An experiment to be made: a scenario that comes along, on many seeds.
@@ -93,7 +92,10 @@ pub(in crate::http) struct ExperimentView {
 }
 
 impl ExperimentView {
-    pub(super) fn new(app: &App, row: crawler_records::Experiment) -> Result<Self, Problem> {
+    pub(super) fn new(
+        experiments: &Experiments,
+        row: crawler_records::Experiment,
+    ) -> Result<Self, Problem> {
         let recipe: Recipe = serde_json::from_str(&row.recipe)
             .map_err(|_| Problem::internal("a recipe in the records cannot be read"))?;
         let results = Results::read(&row.results);
@@ -114,7 +116,7 @@ impl ExperimentView {
             started_at: row.started,
             ended_at: row.ended,
             state: row.state.name(),
-            waiting: app.experiments.is_waiting(row.id),
+            waiting: experiments.is_waiting(row.id),
             reason: row.reason,
             done: row.done,
             summary: results.summary,

@@ -1,0 +1,177 @@
+//! What calls stand on. A handler asks for the parts that it needs, and sees no others.
+
+use std::sync::{Arc, OnceLock};
+
+use axum::extract::FromRef;
+use crawler_records::Records;
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use super::audit::Audit;
+use super::problem::{Code, Problem};
+use crate::accounts::{Accounts, AuditLog};
+use crate::broker::{BrokerHandle, Kind};
+use crate::bus::Bus;
+use crate::cluster::ClusterMembership;
+use crate::commands::CommandCenter;
+use crate::config::BrokerUrl;
+use crate::experiments::Experiments;
+use crate::feed::Feed;
+use crate::fleet::SharedFleet;
+use crate::history::History;
+use crate::metrics::Metrics;
+use crate::simulation::Simulation;
+
+/// What a server has that the API serves.
+pub(crate) struct Parts {
+    pub(crate) fleet: Arc<SharedFleet>,
+    pub(crate) commands: Arc<CommandCenter>,
+    pub(crate) bus: Arc<Bus>,
+    pub(crate) metrics: Arc<Metrics>,
+    pub(crate) feed: Arc<Feed>,
+    /// The embedded broker, when it is ours.
+    pub(crate) broker: Option<BrokerHandle>,
+    /// The simulation in this process, once there is one.
+    pub(crate) simulation: Arc<OnceLock<Arc<Simulation>>>,
+    /// What must survive a restart.
+    pub(crate) records: Records,
+    /// What the robots measured.
+    pub(crate) history: History,
+    /// Scenarios on many seeds.
+    pub(crate) experiments: Arc<Experiments>,
+    /// Who is who.
+    pub(crate) accounts: Arc<Accounts>,
+    /// Who did what.
+    pub(crate) audit: Arc<AuditLog>,
+    /// Where the broker is, as this machine reaches it.
+    pub(crate) mqtt: BrokerUrl,
+    /// The other servers of the fleet, where there may be any.
+    pub(crate) membership: Option<Arc<ClusterMembership>>,
+    /// Readers that the live feed has room for.
+    pub(crate) readers: usize,
+    /// What requests have begun and goes on without them.
+    pub(crate) tasks: TaskTracker,
+    /// Ends the API: what reads the live feed, and requests.
+    pub(crate) stop: CancellationToken,
+}
+
+/// The state of the router: every part once, and a clone is another handle of the same.
+#[derive(Clone)]
+pub(super) struct ApiState(Arc<Shared>);
+
+struct Shared {
+    fleet: Arc<SharedFleet>,
+    commands: Arc<CommandCenter>,
+    bus: Arc<Bus>,
+    metrics: Arc<Metrics>,
+    feed: Arc<Feed>,
+    broker: Broker,
+    world: World,
+    records: Records,
+    history: History,
+    experiments: Arc<Experiments>,
+    accounts: Arc<Accounts>,
+    audit: Audit,
+    mqtt: BrokerUrl,
+    membership: Option<Arc<ClusterMembership>>,
+    readers: Readers,
+    drawing: Drawing,
+    tasks: TaskTracker,
+    stop: CancellationToken,
+}
+
+impl ApiState {
+    pub(super) fn new(parts: Parts) -> Self {
+        let audit = Audit::new(parts.audit, parts.membership.clone(), parts.tasks.clone());
+        Self(Arc::new(Shared {
+            fleet: parts.fleet,
+            commands: parts.commands,
+            bus: parts.bus,
+            metrics: parts.metrics,
+            feed: parts.feed,
+            broker: Broker(parts.broker),
+            world: World(parts.simulation),
+            records: parts.records,
+            history: parts.history,
+            experiments: parts.experiments,
+            accounts: parts.accounts,
+            audit,
+            mqtt: parts.mqtt,
+            membership: parts.membership,
+            readers: Readers(Arc::new(Semaphore::new(parts.readers))),
+            drawing: Drawing(Arc::new(Semaphore::new(1))),
+            tasks: parts.tasks,
+            stop: parts.stop,
+        }))
+    }
+}
+
+macro_rules! parts {
+    ($($name:ident: $part:ty,)*) => {
+        $(impl FromRef<ApiState> for $part {
+            fn from_ref(ApiState(shared): &ApiState) -> Self {
+                shared.$name.clone()
+            }
+        })*
+    };
+}
+
+parts! {
+    fleet: Arc<SharedFleet>,
+    commands: Arc<CommandCenter>,
+    bus: Arc<Bus>,
+    metrics: Arc<Metrics>,
+    feed: Arc<Feed>,
+    broker: Broker,
+    world: World,
+    records: Records,
+    history: History,
+    experiments: Arc<Experiments>,
+    accounts: Arc<Accounts>,
+    audit: Audit,
+    mqtt: BrokerUrl,
+    membership: Option<Arc<ClusterMembership>>,
+    readers: Readers,
+    drawing: Drawing,
+    tasks: TaskTracker,
+    stop: CancellationToken,
+}
+
+/// The embedded broker, when it is ours.
+#[derive(Clone)]
+pub(super) struct Broker(pub(super) Option<BrokerHandle>);
+
+impl Broker {
+    /// Ends what a person or a machine of that name has at the broker, where the broker is ours.
+    pub(super) async fn drop_client(&self, kind: Kind, name: &str) {
+        if let Some(broker) = &self.0 {
+            broker.drop_client(kind, name).await;
+        }
+    }
+}
+
+/// The simulated world of this process, once there is one.
+#[derive(Clone)]
+pub(super) struct World(Arc<OnceLock<Arc<Simulation>>>);
+
+impl World {
+    /// The world, where there is one.
+    pub(super) fn get(&self) -> Option<&Arc<Simulation>> {
+        self.0.get()
+    }
+
+    /// The world, or what is said where there is none.
+    pub(super) fn expected(&self) -> Result<&Arc<Simulation>, Problem> {
+        self.get()
+            .ok_or_else(|| Problem::new(Code::NoSimulator, "no world is simulated in this process"))
+    }
+}
+
+/// Readers the live feed still has room for.
+#[derive(Clone)]
+pub(super) struct Readers(pub(super) Arc<Semaphore>);
+
+/// One world is drawn at a time for those who want to see what it would be.
+#[derive(Clone)]
+pub(super) struct Drawing(pub(super) Arc<Semaphore>);
