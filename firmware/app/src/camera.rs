@@ -35,15 +35,12 @@ mod slot;
 #[cfg(test)]
 mod tests;
 
-use core::cell::Cell;
 use core::convert::Infallible;
 
 use crawler_hal::{Camera, CameraError, CameraErrorKind, Clock, Duration, with_deadline};
 use crawler_protocol::{Level, Reason, ResponseStatus};
 use embassy_futures::select::{Either, select};
-use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
-use embassy_sync::channel::Channel;
 
 use crate::context::Robot;
 use crate::order::Sender;
@@ -60,38 +57,6 @@ pub const STILL_WITHIN: Duration = Duration::from_secs(3);
 /// Start of image and the marker after it; end of image (ISO/IEC 10918-1, table B.1).
 const SOI: [u8; 3] = [0xFF, 0xD8, 0xFF];
 const EOI: [u8; 2] = [0xFF, 0xD9];
-
-/// Intake → camera: at most one capture at a time.
-pub(crate) struct Captures<M: RawMutex> {
-    /// From the request to its final answer.
-    open: Mutex<M, Cell<bool>>,
-    requests: Channel<M, Sender, 1>,
-}
-
-impl<M: RawMutex> Captures<M> {
-    pub(crate) const fn new() -> Self {
-        Self {
-            open: Mutex::new(Cell::new(false)),
-            requests: Channel::new(),
-        }
-    }
-
-    /// Asks for a still.
-    ///
-    /// # Errors
-    /// [`Reason::Busy`] while another capture is open.
-    pub(crate) fn request(&self, sender: Sender) -> Result<(), Reason> {
-        if self.open.lock(|open| open.replace(true)) {
-            return Err(Reason::Busy);
-        }
-        // There is room: only an open capture could be in it.
-        self.requests.try_send(sender).map_err(|_| Reason::Busy)
-    }
-
-    fn close(&self) {
-        self.open.lock(|open| open.set(false));
-    }
-}
 
 /// Takes stills on request. Never returns.
 ///
@@ -187,7 +152,7 @@ impl Stills {
         if self.open.is_some() {
             Turn::Settled(images.settled().await)
         } else {
-            Turn::Asked(robot.captures.requests.receive().await)
+            Turn::Asked(robot.captures.next().await)
         }
     }
 

@@ -4,7 +4,8 @@ use core::cell::{Cell, RefCell};
 
 use crawler_hal::{Instant, PANIC_TEXT, ResetCause};
 use crawler_protocol::{
-    Action, BehaviourName, Command, Level, ParameterValues, Pose, Reason, RobotState,
+    Action, BehaviourName, Command, Level, ParameterValues, Pose, Reason, ResponseStatus,
+    RobotState, Source,
 };
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -12,14 +13,14 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use heapless::String;
 
-use crate::camera::Captures;
 use crate::config::Config;
 use crate::goal::Goal;
 use crate::injected::Injected;
-use crate::intake::Intake;
+use crate::ledger::Answer;
+use crate::memory::CommandMemory;
 use crate::neighbours::Neighbours;
-use crate::order::{Halts, Order, Sender, SetRequest, Task};
-use crate::outbox::Outbox;
+use crate::order::{Captures, Halts, Order, Sender, SetRequest, Task};
+use crate::outbox::{Outbox, Outgoing};
 use crate::parameters::{Changes, Parameters};
 use crate::perception::{Battery, LinkHealth, Reading};
 use crate::state::Fault;
@@ -102,7 +103,7 @@ pub struct Robot<M: RawMutex> {
     /// Where log records are told as well, at once.
     pub(crate) echo: Option<Echo>,
     /// What intake remembers of commands and their answers.
-    pub(crate) intake: Intake<M>,
+    pub(crate) commands: CommandMemory<M>,
     /// Everyone → link: answers and log records.
     pub(crate) outbox: Outbox<M>,
     /// Link → everyone: Unix time.
@@ -161,7 +162,7 @@ impl<M: RawMutex> Robot<M> {
         Self {
             config,
             echo: None,
-            intake: Intake::new(),
+            commands: CommandMemory::new(),
             outbox: Outbox::new(),
             time: TimeSync::new(),
             orders: Channel::new(),
@@ -287,6 +288,56 @@ impl<M: RawMutex> Robot<M> {
     pub(crate) fn set_link_trouble(&self, trouble: Option<LinkTrouble>) {
         if self.link_trouble.lock(|cell| cell.replace(trouble)) != trouble {
             self.lamp_changed.signal(());
+        }
+    }
+
+    /// Answers a command: notes what it came to, and queues the answer for delivery.
+    pub fn respond(
+        &self,
+        source: &Source,
+        seq: u64,
+        status: ResponseStatus,
+        reason: Option<Reason>,
+        now: Instant,
+    ) {
+        let answer = Answer { status, reason };
+        self.commands
+            .with(|memory| memory.ledger.answer(source, seq, answer));
+        self.outbox.answer(source, self.outgoing(seq, answer, now));
+    }
+
+    /// Moves the robot's clock by so many milliseconds: a fault, which the server's time messages
+    /// set right. Does nothing to a clock that was never set.
+    pub fn step_clock(&self, ms: i64) {
+        self.time.jump(ms);
+    }
+
+    /// Unix time in milliseconds, while the robot's clock is synchronised.
+    pub fn unix_ms(&self, now: Instant) -> Option<u64> {
+        self.time.unix_ms(now)
+    }
+
+    /// Writes a log record, to be sent when there is a session. Long text is cut.
+    pub fn log(
+        &self,
+        level: Level,
+        event: &'static str,
+        text: core::fmt::Arguments<'_>,
+        now: Instant,
+    ) {
+        if let Some(echo) = self.echo {
+            echo(level, event, text);
+        }
+        let timestamp = self.unix_ms(now).unwrap_or(0);
+        self.outbox.log(level, event, text, timestamp);
+    }
+
+    pub(crate) fn outgoing(&self, seq: u64, answer: Answer, now: Instant) -> Outgoing {
+        Outgoing {
+            seq,
+            status: answer.status,
+            reason: answer.reason,
+            timestamp: self.unix_ms(now).unwrap_or(0),
         }
     }
 

@@ -20,88 +20,23 @@
 //! Refusals are answered at most [`ANSWER_RATE`] times a second and logged at most [`LOG_RATE`]
 //! times, so a flood does not become one; what was withheld is counted and reported.
 
-use core::cell::RefCell;
-
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Action, Command, Level, Reason, ResponseStatus, Source};
-use embassy_sync::blocking_mutex::Mutex;
+use crawler_protocol::{Action, Command, Level, Reason, ResponseStatus};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
 
 use crate::context::{Robot, Routed};
-use crate::ledger::{Answer, Ledger, Verdict};
+use crate::ledger::{Answer, Verdict};
+use crate::memory::Memory;
+pub use crate::memory::{ANSWER_RATE, LOG_RATE, Tally};
 use crate::order::Sender;
-use crate::outbox::Outgoing;
-use crate::timesync::Observation;
-use crate::trouble::TIME;
 
 /// Age at which a motion command expires.
 pub const EXPIRY: Duration = Duration::from_millis(2_000);
 /// How far ahead of the robot's clock a motion command may be.
 pub const TOLERANCE: Duration = Duration::from_millis(2_000);
-/// Refusals and repeated answers given per second, after a burst of as many.
-pub const ANSWER_RATE: u32 = 20;
-/// Refusals logged per second, after a burst of as many.
-pub const LOG_RATE: u32 = 2;
-
 /// Orders a halt can take back at once: as many as can wait.
 const TAKEN_BACK: usize = 4;
-
-/// What was carried out since the program started, halts left out: they are obeyed as often as they
-/// come. Whoever gave the commands can tell from it that none ran twice.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Tally {
-    /// How many commands.
-    pub commands: u32,
-    /// The sum of their numbers, modulo 2^64.
-    pub numbers: u64,
-    /// When the last one that moves the robot arrived.
-    pub motion: Option<Instant>,
-}
-
-impl Tally {
-    const NONE: Self = Self {
-        commands: 0,
-        numbers: 0,
-        motion: None,
-    };
-}
-
-/// What intake remembers between commands: about 1 KB.
-pub struct Intake<M: RawMutex> {
-    memory: Mutex<M, RefCell<Memory>>,
-}
-
-struct Memory {
-    ledger: Ledger,
-    tally: Tally,
-    answers: Bucket,
-    logs: Bucket,
-}
-
-impl<M: RawMutex> Intake<M> {
-    /// An intake that has seen nothing yet.
-    pub const fn new() -> Self {
-        Self {
-            memory: Mutex::new(RefCell::new(Memory {
-                ledger: Ledger::new(),
-                tally: Tally::NONE,
-                answers: Bucket::full(ANSWER_RATE),
-                logs: Bucket::full(LOG_RATE),
-            })),
-        }
-    }
-
-    fn with<R>(&self, f: impl FnOnce(&mut Memory) -> R) -> R {
-        self.memory.lock(|memory| f(&mut memory.borrow_mut()))
-    }
-}
-
-impl<M: RawMutex> Default for Intake<M> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
 
 impl<M: RawMutex> Robot<M> {
     /// Takes in one message from a command topic, as it arrived at `now`.
@@ -115,84 +50,6 @@ impl<M: RawMutex> Robot<M> {
         }
     }
 
-    /// Answers a command: notes what it came to, and queues the answer for delivery.
-    pub fn respond(
-        &self,
-        source: &Source,
-        seq: u64,
-        status: ResponseStatus,
-        reason: Option<Reason>,
-        now: Instant,
-    ) {
-        let answer = Answer { status, reason };
-        self.intake
-            .with(|memory| memory.ledger.answer(source, seq, answer));
-        self.outbox.answer(source, self.outgoing(seq, answer, now));
-    }
-
-    /// Tells the robot that Unix time was `unix_ms` milliseconds, or a little more, at `now`.
-    ///
-    /// The link does so with every time message; without a link it is up to whoever runs the
-    /// robot. How much it is believed, see [`timesync`](crate::timesync).
-    ///
-    /// A jump of that time is logged: when it is first doubted, and when it is believed.
-    pub fn observe_time(&self, unix_ms: u64, now: Instant) -> Observation {
-        let before = self.unix_ms(now);
-        let observation = self.time.observe(unix_ms, now);
-        let off = |time: u64| time as i64 - before.unwrap_or(time) as i64;
-        match observation {
-            Observation::Adopted | Observation::Confirmed => {}
-            Observation::Stepped => {
-                let by = off(self.unix_ms(now).unwrap_or(unix_ms));
-                let text = format_args!("the server's clock was set: moved by {by} ms");
-                self.log(Level::Warn, TIME, text, now);
-            }
-            Observation::Doubted | Observation::Implausible => {
-                if self.time.may_warn(now) {
-                    let by = off(unix_ms);
-                    let text = format_args!("not believed yet: {unix_ms}, {by} ms off");
-                    self.log(Level::Warn, TIME, text, now);
-                }
-            }
-        }
-        observation
-    }
-
-    /// Moves the robot's clock by so many milliseconds: a fault, which the server's time messages
-    /// set right. Does nothing to a clock that was never set.
-    pub fn step_clock(&self, ms: i64) {
-        self.time.jump(ms);
-    }
-
-    /// Unix time in milliseconds, while the robot's clock is synchronised.
-    pub fn unix_ms(&self, now: Instant) -> Option<u64> {
-        self.time.unix_ms(now)
-    }
-
-    /// Writes a log record, to be sent when there is a session. Long text is cut.
-    pub fn log(
-        &self,
-        level: Level,
-        event: &'static str,
-        text: core::fmt::Arguments<'_>,
-        now: Instant,
-    ) {
-        if let Some(echo) = self.echo {
-            echo(level, event, text);
-        }
-        let timestamp = self.unix_ms(now).unwrap_or(0);
-        self.outbox.log(level, event, text, timestamp);
-    }
-
-    fn outgoing(&self, seq: u64, answer: Answer, now: Instant) -> Outgoing {
-        Outgoing {
-            seq,
-            status: answer.status,
-            reason: answer.reason,
-            timestamp: self.unix_ms(now).unwrap_or(0),
-        }
-    }
-
     fn take(&self, command: &Command, now: Instant) {
         let source = &command.source;
         let unix = self.unix_ms(now);
@@ -201,11 +58,11 @@ impl<M: RawMutex> Robot<M> {
             .filter(|unix| command.timestamp <= unix.saturating_add(TOLERANCE.as_millis()))
             .map(|_| command.timestamp);
         if matches!(command.action, Action::Stop | Action::Estop) {
-            self.intake
+            self.commands
                 .with(|memory| memory.ledger.record(source, command.seq, vouched, now));
             return self.carry_out(command, now);
         }
-        let verdict = self.intake.with(|memory| {
+        let verdict = self.commands.with(|memory| {
             let verdict = memory.ledger.judge(source, command.seq, command.timestamp);
             if verdict == Verdict::Fresh {
                 memory.ledger.record(source, command.seq, vouched, now);
@@ -236,14 +93,14 @@ impl<M: RawMutex> Robot<M> {
 
     /// What was carried out so far.
     pub fn tally(&self) -> Tally {
-        self.intake.with(|memory| memory.tally)
+        self.commands.with(|memory| memory.tally)
     }
 
     fn count(&self, command: &Command, now: Instant) {
         if matches!(command.action, Action::Stop | Action::Estop) {
             return;
         }
-        self.intake.with(|Memory { tally, .. }| {
+        self.commands.with(|Memory { tally, .. }| {
             tally.commands = tally.commands.wrapping_add(1);
             tally.numbers = tally.numbers.wrapping_add(command.seq);
             if command.action.is_motion() {
@@ -282,7 +139,7 @@ impl<M: RawMutex> Robot<M> {
     /// Refuses a command that could be read.
     fn refuse(&self, command: &Command, answer: Answer, now: Instant) {
         let (source, seq) = (&command.source, command.seq);
-        self.intake
+        self.commands
             .with(|memory| memory.ledger.answer(source, seq, answer));
         self.tell(seq, answer, now);
         self.log_refusal(
@@ -307,7 +164,7 @@ impl<M: RawMutex> Robot<M> {
     }
 
     fn tell(&self, seq: u64, answer: Answer, now: Instant) {
-        if self.intake.with(|memory| memory.answers.take(now)) {
+        if self.commands.with(|memory| memory.answers.take(now)) {
             self.outbox
                 .send_best_effort(self.outgoing(seq, answer, now));
         } else {
@@ -316,7 +173,7 @@ impl<M: RawMutex> Robot<M> {
     }
 
     fn log_refusal(&self, text: core::fmt::Arguments<'_>, now: Instant) {
-        if self.intake.with(|memory| memory.logs.take(now)) {
+        if self.commands.with(|memory| memory.logs.take(now)) {
             self.log(Level::Warn, "command-refused", text, now);
         }
     }
@@ -347,41 +204,6 @@ fn check_clock(command: &Command, unix: Option<u64>) -> Option<Answer> {
         return Some(rejected(Reason::OutOfRange));
     }
     None
-}
-
-/// A token bucket: so many at once, and so many a second.
-#[derive(Debug)]
-struct Bucket {
-    rate: u32,
-    /// Microtokens.
-    level: u64,
-    at: Instant,
-}
-
-impl Bucket {
-    const TOKEN: u64 = 1_000_000;
-
-    const fn full(rate: u32) -> Self {
-        Self {
-            rate,
-            level: rate as u64 * Self::TOKEN,
-            at: Instant::BOOT,
-        }
-    }
-
-    fn take(&mut self, now: Instant) -> bool {
-        let rate = u64::from(self.rate);
-        let gained = (now - self.at).as_micros().saturating_mul(rate);
-        self.at = now;
-        self.level = self.level.saturating_add(gained).min(rate * Self::TOKEN);
-        match self.level.checked_sub(Self::TOKEN) {
-            Some(rest) => {
-                self.level = rest;
-                true
-            }
-            None => false,
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! The door: nothing old, repeated or overtaken gets through, except a halt, which always does.
 
-use crawler_protocol::{Fleet, Kind, MAX_MESSAGE, RobotId};
+use crawler_protocol::{Fleet, Kind, MAX_MESSAGE, RobotId, Source};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use proptest::prelude::*;
 use std::collections::BTreeMap;

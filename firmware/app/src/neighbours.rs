@@ -15,7 +15,6 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
 
-use crate::context::Robot;
 use crate::tracking::{AHEAD, FARTHEST};
 
 /// Most neighbours that are kept: what happens behind the sixteen nearest matters to nobody.
@@ -84,15 +83,21 @@ impl<M: RawMutex> Neighbours<M> {
                 .collect()
         })
     }
-}
 
-impl<M: RawMutex> Robot<M> {
-    /// Takes in the payload of a message on the topic of `cell`, and tells whether it was of use.
-    pub fn observe_cell(&self, cell: Cell, payload: &[u8], now: Instant) -> bool {
+    /// Takes in the payload of a message on the topic of `cell`, for the robot `own` that is `here`
+    /// at `now`, and by its clock at `unix` ms. Whether it was of use.
+    pub(crate) fn observe(
+        &self,
+        cell: Cell,
+        payload: &[u8],
+        (own, here): (&RobotId, &Pose),
+        unix: Option<u64>,
+        now: Instant,
+    ) -> bool {
         let Ok(digest) = CellDigest::from_json(payload) else {
             return false;
         };
-        let age = match self.unix_ms(now) {
+        let age = match unix {
             None => 0,
             Some(unix) if digest.timestamp > unix.saturating_add(AHEAD.as_millis()) => {
                 return false;
@@ -103,9 +108,8 @@ impl<M: RawMutex> Robot<M> {
             return false;
         }
         let at = Instant::from_micros(now.as_micros().saturating_sub(age * 1_000));
-        let here = self.snapshot().pose;
-        let own = name(&self.config.id);
-        self.neighbours.seen.lock(|seen| {
+        let own = name(own);
+        self.seen.lock(|seen| {
             let seen = &mut *seen.borrow_mut();
             if seen.iter().any(|known| known.cell == cell && known.at > at) {
                 return false;
@@ -129,7 +133,7 @@ impl<M: RawMutex> Robot<M> {
                         robot.v * libm::sinf(robot.theta),
                     ],
                 };
-                keep(seen, Seen { who, cell, at, is }, &here);
+                keep(seen, Seen { who, cell, at, is }, here);
             }
             true
         })

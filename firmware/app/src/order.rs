@@ -1,11 +1,12 @@
-//! What intake hands to control, once a command has been found valid, fresh and new.
+//! What intake hands to whoever carries it out, once a command has been found valid, fresh and new.
 
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 
 use crawler_hal::Instant;
 use crawler_protocol::{Action, BehaviourSpec, Direction, Reason, Source};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use heapless::Vec;
 
@@ -219,5 +220,46 @@ impl<M: RawMutex> Halts<M> {
     /// A dropped call misses nothing.
     pub(crate) async fn asked(&self) {
         self.asked.wait().await;
+    }
+}
+
+/// Intake → camera: at most one capture at a time.
+pub(crate) struct Captures<M: RawMutex> {
+    /// From the request to its final answer.
+    open: Mutex<M, Cell<bool>>,
+    requests: Channel<M, Sender, 1>,
+}
+
+impl<M: RawMutex> Captures<M> {
+    pub(crate) const fn new() -> Self {
+        Self {
+            open: Mutex::new(Cell::new(false)),
+            requests: Channel::new(),
+        }
+    }
+
+    /// Asks for a still.
+    ///
+    /// # Errors
+    /// [`Reason::Busy`] while another capture is open.
+    pub(crate) fn request(&self, sender: Sender) -> Result<(), Reason> {
+        if self.open.lock(|open| open.replace(true)) {
+            return Err(Reason::Busy);
+        }
+        // There is room: only an open capture could be in it.
+        self.requests.try_send(sender).map_err(|_| Reason::Busy)
+    }
+
+    /// Waits for a still that was asked for.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) async fn next(&self) -> Sender {
+        self.requests.receive().await
+    }
+
+    /// Ends the capture: another one may be asked for.
+    pub(crate) fn close(&self) {
+        self.open.lock(|open| open.set(false));
     }
 }

@@ -13,11 +13,9 @@ use core::cell::Cell;
 use core::f32::consts::TAU;
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Level, Pose, PoseFix};
+use crawler_protocol::{Pose, PoseFix, RobotId};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
-
-use crate::context::Robot;
 
 /// Age from which a fix is useless: at half a metre per second the robot is elsewhere.
 pub const FRESH_FOR: Duration = Duration::from_millis(1_000);
@@ -104,41 +102,57 @@ impl<M: RawMutex> Tracking<M> {
         self.with(|state| state.newest.take())
     }
 
-    fn with<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
-        self.state.lock(|cell| {
-            let mut state = cell.get();
-            let result = change(&mut state);
-            cell.set(state);
-            result
-        })
-    }
-}
-
-impl<M: RawMutex> Robot<M> {
-    /// Takes in the payload of a message on the robot's own pose topic.
+    /// Takes in the payload of a message on the pose topic of the robot `own`, at `now` and by its
+    /// clock at `unix` ms.
     ///
     /// # Errors
-    /// Why it was refused; that is counted and logged here already.
-    pub fn observe_fix(&self, payload: &[u8], now: Instant) -> Result<(), Refusal> {
-        let result = self.check_fix(payload, now);
-        match result {
-            Ok(fix) => self.tracking.with(|state| {
+    /// Why it was refused; that is counted here already.
+    pub(crate) fn observe(
+        &self,
+        payload: &[u8],
+        own: &RobotId,
+        unix: Option<u64>,
+        now: Instant,
+    ) -> Result<(), Refusal> {
+        let result = self.check(payload, own, unix, now);
+        self.with(|state| match result {
+            Ok(fix) => {
                 state.newest = Some(fix);
                 state.last_seen = Some(fix.seen);
-            }),
-            Err(refusal) => self.count_refusal(refusal, now),
-        }
+            }
+            Err(_) => state.refused = state.refused.saturating_add(1),
+        });
         result.map(|_| ())
     }
 
-    /// Fixes refused so far.
-    pub fn refused_fixes(&self) -> u32 {
-        self.tracking.with(|state| state.refused)
+    /// How many were refused so far.
+    pub(crate) fn refused(&self) -> u32 {
+        self.with(|state| state.refused)
     }
 
-    fn check_fix(&self, payload: &[u8], now: Instant) -> Result<Fix, Refusal> {
+    /// How many were refused since that was told last, when it is time to tell it again.
+    pub(crate) fn refusals_to_tell(&self, now: Instant) -> Option<u32> {
+        self.with(|state| {
+            let (before, due) = match state.told {
+                Some((before, at)) => (before, now - at >= TOLD_EVERY),
+                None => (0, true),
+            };
+            due.then(|| {
+                state.told = Some((state.refused, now));
+                state.refused - before
+            })
+        })
+    }
+
+    fn check(
+        &self,
+        payload: &[u8],
+        own: &RobotId,
+        unix: Option<u64>,
+        now: Instant,
+    ) -> Result<Fix, Refusal> {
         let fix = PoseFix::from_json(payload).map_err(|_| Refusal::Malformed)?;
-        if fix.robot != self.config.id {
+        if fix.robot != *own {
             return Err(Refusal::OtherRobot);
         }
         let pose = fix.pose;
@@ -151,7 +165,7 @@ impl<M: RawMutex> Robot<M> {
         {
             return Err(Refusal::OutOfRange);
         }
-        let seen = match self.unix_ms(now) {
+        let seen = match unix {
             None => now,
             Some(unix) => {
                 if fix.timestamp > unix.saturating_add(AHEAD.as_millis()) {
@@ -164,29 +178,20 @@ impl<M: RawMutex> Robot<M> {
                 Instant::from_micros(now.as_micros().saturating_sub(age * 1_000))
             }
         };
-        let last = self.tracking.with(|state| state.last_seen);
+        let last = self.with(|state| state.last_seen);
         if last.is_some_and(|last| seen <= last) {
             return Err(Refusal::Repeated);
         }
         Ok(Fix { pose, seen })
     }
 
-    fn count_refusal(&self, refusal: Refusal, now: Instant) {
-        let news = self.tracking.with(|state| {
-            state.refused = state.refused.saturating_add(1);
-            let (before, due) = match state.told {
-                Some((before, at)) => (before, now - at >= TOLD_EVERY),
-                None => (0, true),
-            };
-            due.then(|| {
-                state.told = Some((state.refused, now));
-                state.refused - before
-            })
-        });
-        if let Some(count) = news {
-            let text = format_args!("{count} refused, the last one {}", refusal.name());
-            self.log(Level::Warn, "pose-fix", text, now);
-        }
+    fn with<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
+        self.state.lock(|cell| {
+            let mut state = cell.get();
+            let result = change(&mut state);
+            cell.set(state);
+            result
+        })
     }
 }
 

@@ -4,14 +4,10 @@ use core::cell::Cell;
 
 use crawler_drivers::us100::{FARTHEST, LinkError, NEAREST, RangeError};
 use crawler_hal::{Duration, Instant, Millimeters};
-use crawler_protocol::{FaultSpec, Level, LinkCut, Reason, SimulatorCommand, Wheel};
+use crawler_protocol::{FaultSpec, LinkCut, Reason, Wheel};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 
-use crate::context::Robot;
-
-/// Event of the records that tell what became of `inject` and `heal`.
-const INJECTED: &str = "injected";
 /// Time from the word that the supply dips to the reset: its record gets out.
 const RESTART_AFTER: Duration = Duration::from_millis(300);
 
@@ -125,7 +121,8 @@ impl<M: RawMutex> Injected<M> {
         self.state.lock(Cell::get).link?.at(now)
     }
 
-    fn heal(&self, now: Instant) {
+    /// Ends every fault.
+    pub(crate) fn heal(&self, now: Instant) {
         self.change(|state| {
             state.ranger = None;
             state.link = None;
@@ -135,7 +132,16 @@ impl<M: RawMutex> Injected<M> {
         });
     }
 
-    fn inject(&self, fault: FaultSpec, lasting: Option<u32>, now: Instant) -> Result<(), Reason> {
+    /// Begins `fault`, for so many milliseconds or until it is healed.
+    ///
+    /// # Errors
+    /// Why not.
+    pub(crate) fn inject(
+        &self,
+        fault: FaultSpec,
+        lasting: Option<u32>,
+        now: Instant,
+    ) -> Result<(), Reason> {
         let until = lasting.map_or(Instant::FAR_FUTURE, |ms| {
             now + Duration::from_millis(ms.into())
         });
@@ -188,54 +194,4 @@ fn weaken(motor: &mut Option<Timed<Weakness>>, strength: f32, until: Instant) {
         acting,
     };
     *motor = Some(Timed { what, until });
-}
-
-impl<M: RawMutex> Robot<M> {
-    /// Obeys a word on `simulator/command`, if it is for this robot: faults alone, and only on a
-    /// robot that takes them. A record says what became of it.
-    // Out of line: the command in between is free again when it is carried out.
-    #[inline(never)]
-    pub fn obey_simulator(&self, payload: &[u8], now: Instant) {
-        if !self.config.takes_faults() {
-            return;
-        }
-        match SimulatorCommand::from_json(payload) {
-            Ok(SimulatorCommand::Inject {
-                robot,
-                fault,
-                lasting_ms,
-            }) if robot == self.config.id => {
-                let name = fault.name();
-                let done = if let FaultSpec::ClockStep { ms } = fault {
-                    self.step_clock(ms);
-                    Ok(())
-                } else {
-                    self.injected.inject(fault, lasting_ms, now)
-                };
-                match (done, lasting_ms) {
-                    (Err(reason), _) => {
-                        let text = format_args!("{name} refused: {reason}");
-                        self.log(Level::Warn, INJECTED, text, now);
-                    }
-                    (Ok(()), Some(ms)) => {
-                        let text = format_args!("{name} for {ms} ms");
-                        self.log(Level::Warn, INJECTED, text, now);
-                    }
-                    (Ok(()), None) => {
-                        self.log(Level::Warn, INJECTED, format_args!("{name}"), now);
-                    }
-                }
-            }
-            Ok(SimulatorCommand::Heal { robot }) if robot == self.config.id => {
-                self.injected.heal(now);
-                self.log(Level::Info, INJECTED, format_args!("healed"), now);
-            }
-            // What controls a world, or names another robot.
-            Ok(_) => {}
-            Err(error) => {
-                let text = format_args!("not a command to a simulator: {error}");
-                self.log(Level::Warn, INJECTED, text, now);
-            }
-        }
-    }
 }

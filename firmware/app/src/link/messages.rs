@@ -5,9 +5,9 @@
 
 use crawler_hal::{Instant, ResetCause};
 use crawler_protocol::{
-    Battery, Boot, BootCause, Capability, EncodeError, Heartbeat, LogRecord, PROTOCOL_VERSION,
-    ParameterReport, ParameterValue, ParametersMessage, Response, RobotState, StatusMessage,
-    Telemetry, TelemetryEncoding, Wheels,
+    Battery, Boot, BootCause, Capability, Detection, Detections, EncodeError, Heartbeat, LogRecord,
+    PROTOCOL_VERSION, ParameterReport, ParameterValue, ParametersMessage, Response, RobotState,
+    StatusMessage, Telemetry, TelemetryEncoding, Wheels,
 };
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
@@ -15,6 +15,7 @@ use heapless::Vec;
 use crate::context::{BootRecord, Robot, cut};
 use crate::outbox::{LogEntry, Outgoing};
 use crate::parameters::{Domain, Parameters};
+use crate::vision::Seen;
 
 const fn cause(cause: ResetCause) -> BootCause {
     match cause {
@@ -143,7 +144,25 @@ pub(super) fn detections<M: RawMutex>(
     now: Instant,
     buf: &mut [u8],
 ) -> Option<usize> {
-    robot.detections(seq, now)?.to_json(buf).ok()
+    let view = robot.sights.take_news(now)?;
+    let age = (now - view.at).as_millis();
+    let detection = |seen: &Seen| Detection {
+        class: cut(seen.spot.class.name()),
+        x: seen.spot.x,
+        y: seen.spot.y,
+        bearing: seen.bearing,
+        margin: seen.spot.margin,
+    };
+    let unix = robot.unix_ms(now);
+    Detections {
+        robot: robot.config().id.clone(),
+        seq,
+        timestamp: unix.map_or(0, |unix| unix.saturating_sub(age)),
+        frame: view.frame,
+        objects: view.things.iter().map(detection).collect(),
+    }
+    .to_json(buf)
+    .ok()
 }
 
 pub(super) fn response<M: RawMutex>(

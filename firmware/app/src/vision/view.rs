@@ -3,7 +3,6 @@
 use core::cell::{Cell, RefCell};
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Detection, Detections};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::signal::Signal;
@@ -11,7 +10,6 @@ use heapless::Vec;
 
 use super::cells::{MAX_SPOTS, Spot, Spots};
 use super::lens::Lens;
-use crate::context::{Robot, cut};
 use crate::motion::wrap;
 
 /// Nothing is told of a view older than this: it waited for a link.
@@ -208,7 +206,7 @@ impl<M: RawMutex> Sights<M> {
     }
 
     /// The newest view, unless the link has told it or it has waited for too long.
-    fn take_news(&self, now: Instant) -> Option<View> {
+    pub(crate) fn take_news(&self, now: Instant) -> Option<View> {
         self.newest.lock(|newest| {
             let mut newest = newest.borrow_mut();
             newest.for_link = false;
@@ -220,27 +218,5 @@ impl<M: RawMutex> Sights<M> {
     /// Whether the link has something to tell.
     pub(crate) fn has_news(&self) -> bool {
         self.newest.lock(|newest| newest.borrow().for_link)
-    }
-}
-
-impl<M: RawMutex> Robot<M> {
-    /// The message about what was seen last, when there is news: its number is `seq`.
-    pub(crate) fn detections(&self, seq: u64, now: Instant) -> Option<Detections> {
-        let view = self.sights.take_news(now)?;
-        let age = (now - view.at).as_millis();
-        let detection = |seen: &Seen| Detection {
-            class: cut(seen.spot.class.name()),
-            x: seen.spot.x,
-            y: seen.spot.y,
-            bearing: seen.bearing,
-            margin: seen.spot.margin,
-        };
-        Some(Detections {
-            robot: self.config.id.clone(),
-            seq,
-            timestamp: self.unix_ms(now).map_or(0, |unix| unix.saturating_sub(age)),
-            frame: view.frame,
-            objects: view.things.iter().map(detection).collect(),
-        })
     }
 }

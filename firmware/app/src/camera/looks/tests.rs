@@ -182,8 +182,8 @@ impl Bench<'_> {
             self.run(Duration::from_millis(100));
             let now = self.executor.clock.now();
             if self.robot.sights.has_news() {
-                let message = self.robot.detections(0, now).expect("is fresh");
-                told.push(message.objects.len());
+                let view = self.robot.sights.take_news(now).expect("is fresh");
+                told.push(view.things.len());
             }
         }
         told
