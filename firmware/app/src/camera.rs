@@ -43,6 +43,7 @@ use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 
 use crate::context::Robot;
+use crate::context::handles::CameraHandle;
 use crate::order::Sender;
 use crate::vision::{Eyes, NoEyes};
 
@@ -96,13 +97,14 @@ where
     E: Eyes,
     C: Clock,
 {
+    let robot = robot.camera_handle();
     let mut health = Health::default();
     let mut stills = Stills::default();
     let mut looks = Looks::new(eyes.zip(robot.config.eyes));
     if let Some(mut buffer) = images.lend() {
         let first = still(&mut camera, buffer.as_mut(), &clock).await;
         images.give_back(buffer);
-        health.note(robot, first.err(), &clock);
+        health.note(&robot, first.err(), &clock);
     }
     loop {
         // Both may be dropped while they wait.
@@ -116,13 +118,13 @@ where
                     .take(robot, &mut camera, images, sender, &clock)
                     .await;
                 if let Some(trouble) = taken {
-                    health.note(robot, trouble.err(), &clock);
+                    health.note(&robot, trouble.err(), &clock);
                 }
             }
             Either::First(Turn::Settled(outcome)) => stills.settled(robot, outcome, &clock),
             Either::Second(()) => {
                 let looked = looks.look(robot, &mut camera, &clock).await;
-                health.note(robot, looked.err(), &clock);
+                health.note(&robot, looked.err(), &clock);
             }
         }
     }
@@ -148,18 +150,22 @@ struct Stills {
 impl Stills {
     /// # Cancellation Safety
     /// A dropped call misses nothing.
-    async fn next<M: RawMutex, B>(&self, robot: &Robot<M>, images: &ImageSlot<M, B>) -> Turn {
+    async fn next<M: RawMutex, B>(
+        &self,
+        robot: CameraHandle<'_, M>,
+        images: &ImageSlot<M, B>,
+    ) -> Turn {
         if self.open.is_some() {
             Turn::Settled(images.settled().await)
         } else {
-            Turn::Asked(robot.captures.next().await)
+            Turn::Asked(robot.next_capture().await)
         }
     }
 
     /// Takes a still and hands it to the link. How the camera did, if it was asked.
     async fn take<M, K, B, C>(
         &mut self,
-        robot: &Robot<M>,
+        robot: CameraHandle<'_, M>,
         camera: &mut K,
         images: &ImageSlot<M, B>,
         sender: Sender,
@@ -196,7 +202,12 @@ impl Stills {
     }
 
     /// Answers the capture whose image is settled.
-    fn settled<M: RawMutex, C: Clock>(&mut self, robot: &Robot<M>, outcome: Outcome, clock: &C) {
+    fn settled<M: RawMutex, C: Clock>(
+        &mut self,
+        robot: CameraHandle<'_, M>,
+        outcome: Outcome,
+        clock: &C,
+    ) {
         if let Some(sender) = self.open.take() {
             let outcome = match outcome {
                 Outcome::Delivered => Ok(()),
@@ -210,13 +221,13 @@ impl Stills {
 
 /// Ends a capture.
 fn close<M: RawMutex, C: Clock>(
-    robot: &Robot<M>,
+    robot: CameraHandle<'_, M>,
     sender: &Sender,
     outcome: Result<(), Reason>,
     clock: &C,
 ) {
     // Closed first: whoever has the answer may ask again.
-    robot.captures.close();
+    robot.close_capture();
     let (status, reason) = match outcome {
         Ok(()) => (ResponseStatus::Completed, None),
         Err(reason) => (ResponseStatus::Failed, Some(reason)),

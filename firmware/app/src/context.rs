@@ -1,4 +1,8 @@
-//! The one value that the activities of a robot share.
+//! The one value that the activities of a robot share, and who may write which part of it.
+
+pub(crate) mod handles;
+#[cfg(test)]
+mod tests;
 
 use core::cell::{Cell, RefCell};
 
@@ -26,7 +30,7 @@ use crate::perception::{Battery, LinkHealth, Reading};
 use crate::state::Fault;
 use crate::timesync::TimeSync;
 use crate::tracking::Tracking;
-use crate::trouble::{LinkTrouble, PANIC};
+use crate::trouble::LinkTrouble;
 use crate::vision::Sights;
 
 /// What telemetry and the lamp need to know of control, copied once per period.
@@ -97,11 +101,13 @@ pub(crate) fn cut<const N: usize>(text: &str) -> String<N> {
 
 /// One robot: everything its activities share, and nothing else they could share.
 ///
-/// Every field has one writer; readers take copies. Nothing here is held across an await.
+/// Every field has one writer: the activity whose [handle](handles) can change it. All others read
+/// copies, through the methods here. What everyone writes to (answers and log records in the outbox,
+/// the memory of commands) guards itself. Nothing here is held across an await.
 pub struct Robot<M: RawMutex> {
     pub(crate) config: Config,
     /// Where log records are told as well, at once.
-    pub(crate) echo: Option<Echo>,
+    echo: Option<Echo>,
     /// What intake remembers of commands and their answers.
     pub(crate) commands: CommandMemory<M>,
     /// Everyone → link: answers and log records.
@@ -109,51 +115,51 @@ pub struct Robot<M: RawMutex> {
     /// Link → everyone: Unix time.
     pub(crate) time: TimeSync<M>,
     /// Intake → control.
-    pub(crate) orders: Channel<M, Order, 4>,
+    orders: Channel<M, Order, 4>,
     /// Intake → control, merged rather than queued: never refused.
-    pub(crate) halt: Halts<M>,
+    halt: Halts<M>,
     /// Intake → store.
-    pub(crate) set_requests: Channel<M, SetRequest, 2>,
+    set_requests: Channel<M, SetRequest, 2>,
     /// Control → store: the behaviour that a restart is about to interrupt.
-    pub(crate) behaviour_to_keep: Signal<M, Goal>,
+    behaviour_to_keep: Signal<M, Goal>,
     /// Store → control: the behaviour that the restart before this boot interrupted.
-    pub(crate) behaviour_before_restart: Mutex<M, Cell<Option<Goal>>>,
+    behaviour_before_restart: Mutex<M, Cell<Option<Goal>>>,
     /// Intake → camera.
-    pub(crate) captures: Captures<M>,
+    captures: Captures<M>,
     /// Control → camera, and camera → control and link.
-    pub(crate) sights: Sights<M>,
+    sights: Sights<M>,
     /// Sense → control.
-    pub(crate) reading: Mutex<M, Cell<Reading>>,
+    reading: Mutex<M, Cell<Reading>>,
     /// Power → control, store.
-    pub(crate) battery: Mutex<M, Cell<Battery>>,
+    battery: Mutex<M, Cell<Battery>>,
     /// Power → store: the battery was measured.
-    pub(crate) battery_measured: Signal<M, ()>,
+    battery_measured: Signal<M, ()>,
     /// Link → control.
-    pub(crate) link_health: Mutex<M, Cell<LinkHealth>>,
+    link_health: Mutex<M, Cell<LinkHealth>>,
     /// Link → lamp: what keeps the robot from its broker.
-    pub(crate) link_trouble: Mutex<M, Cell<Option<LinkTrouble>>>,
+    link_trouble: Mutex<M, Cell<Option<LinkTrouble>>>,
     /// Link → control: the newest outside position reference.
-    pub(crate) tracking: Tracking<M>,
+    tracking: Tracking<M>,
     /// Link → control: who is near.
-    pub(crate) neighbours: Neighbours<M>,
+    neighbours: Neighbours<M>,
     /// Control → link, lamp.
-    pub(crate) snapshot: Mutex<M, Cell<Snapshot>>,
+    snapshot: Mutex<M, Cell<Snapshot>>,
     /// Store → everyone.
-    pub(crate) parameters: Mutex<M, RefCell<Parameters>>,
+    parameters: Mutex<M, RefCell<Parameters>>,
     /// Store → link: the retained parameters message is out of date.
-    pub(crate) parameters_changed: Signal<M, ()>,
+    parameters_changed: Signal<M, ()>,
     /// Store and control → link.
-    pub(crate) boot: Mutex<M, Cell<BootRecord>>,
+    boot: Mutex<M, Cell<BootRecord>>,
     /// Control → link: how the program panicked before this start, or nothing.
-    pub(crate) panic: Mutex<M, RefCell<String<PANIC_TEXT>>>,
+    panic: Mutex<M, RefCell<String<PANIC_TEXT>>>,
     /// Store → control: the flash has been read, or has been given up.
-    pub(crate) loaded: Mutex<M, Cell<bool>>,
+    loaded: Mutex<M, Cell<bool>>,
     /// Link → control, sense, link: what is broken on purpose.
     pub(crate) injected: Injected<M>,
     /// Control and link → lamp: the pattern may have changed.
-    pub(crate) lamp_changed: Signal<M, ()>,
+    lamp_changed: Signal<M, ()>,
     /// Control → lamp: until when to blink for `identify`.
-    pub(crate) identify_until: Mutex<M, Cell<Instant>>,
+    identify_until: Mutex<M, Cell<Instant>>,
 }
 
 impl<M: RawMutex> Robot<M> {
@@ -217,37 +223,12 @@ impl<M: RawMutex> Robot<M> {
         self.boot.lock(Cell::get)
     }
 
-    pub(crate) fn set_boot_count(&self, count: u32) {
-        self.boot.lock(|cell| {
-            cell.set(BootRecord {
-                count,
-                ..cell.get()
-            });
-        });
-    }
-
     /// Where and why the program panicked before this start, when the body has kept it.
     pub fn last_panic(&self) -> Option<String<PANIC_TEXT>> {
         self.panic.lock(|text| {
             let text = text.borrow();
             (!text.is_empty()).then(|| text.clone())
         })
-    }
-
-    pub(crate) fn set_boot_cause(&self, cause: ResetCause, panic: Option<&str>, now: Instant) {
-        let text = panic.map(cut::<PANIC_TEXT>).unwrap_or_default();
-        let panicked = !text.is_empty();
-        if panicked {
-            self.log(Level::Error, PANIC, format_args!("{text}"), now);
-            self.panic.lock(|cell| cell.replace(text));
-        }
-        self.boot.lock(|cell| {
-            cell.set(BootRecord {
-                cause,
-                panicked,
-                ..cell.get()
-            });
-        });
     }
 
     /// Reads the parameters.
@@ -268,10 +249,45 @@ impl<M: RawMutex> Robot<M> {
     /// The reason for which a `set` command would be refused; nothing has changed then.
     pub fn adjust(&self, values: &ParameterValues) -> Result<(), Reason> {
         let next = self.with_parameters(|present| present.with(values))?;
-        self.parameters
-            .lock(|cell| cell.borrow_mut().replace_with(next));
+        self.replace_parameters(next);
         self.parameters_changed.signal(());
         Ok(())
+    }
+
+    fn replace_parameters(&self, next: Parameters) {
+        self.parameters
+            .lock(|cell| cell.borrow_mut().replace_with(next));
+    }
+
+    /// Newest reading of the ranger.
+    pub(crate) fn reading(&self) -> Reading {
+        self.reading.lock(Cell::get)
+    }
+
+    /// Newest word on the battery.
+    pub(crate) fn battery(&self) -> Battery {
+        self.battery.lock(Cell::get)
+    }
+
+    /// How the session with the broker is.
+    pub(crate) fn link_health(&self) -> LinkHealth {
+        self.link_health.lock(Cell::get)
+    }
+
+    /// Orders that wait for control.
+    #[cfg(test)]
+    pub(crate) fn orders_waiting(&self) -> usize {
+        self.orders.len()
+    }
+
+    /// Outside position references refused so far.
+    pub fn refused_fixes(&self) -> u32 {
+        self.tracking.refused()
+    }
+
+    /// Whether there is something seen that the link has not told.
+    pub(crate) fn has_news(&self) -> bool {
+        self.sights.has_news()
     }
 
     /// Tells control how the session with the broker is. A loss is acted upon within one
@@ -283,12 +299,6 @@ impl<M: RawMutex> Robot<M> {
     /// What keeps the robot from its broker, as far as the link knows.
     pub fn link_trouble(&self) -> Option<LinkTrouble> {
         self.link_trouble.lock(Cell::get)
-    }
-
-    pub(crate) fn set_link_trouble(&self, trouble: Option<LinkTrouble>) {
-        if self.link_trouble.lock(|cell| cell.replace(trouble)) != trouble {
-            self.lamp_changed.signal(());
-        }
     }
 
     /// Answers a command: notes what it came to, and queues the answer for delivery.

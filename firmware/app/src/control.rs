@@ -1,6 +1,5 @@
 //! The control activity: motors and watchdog.
 
-use core::cell::Cell;
 use core::convert::Infallible;
 use core::ops::Deref;
 
@@ -13,6 +12,7 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 use rand_core::Rng;
 
+use crate::context::handles::ControlHandle;
 use crate::context::{Robot, Snapshot};
 use crate::controller::{Controller, Inputs, Note, Outputs, PERIOD, Tuning};
 use crate::neighbours::Near;
@@ -58,15 +58,15 @@ where
 {
     let mut wheels = Wheels::new(left, right);
     async move {
-        let robot = &*robot;
+        let robot = robot.control_handle();
         robot.set_boot_cause(system.reset_cause(), system.last_panic(), clock.now());
-        let mut pilot = Pilot::new(robot);
+        let mut pilot = Pilot::new(&robot);
         let mut last_step = clock.now();
         let mut ticker = Ticker::every(PERIOD, last_step);
         loop {
-            let woken = select(robot.halt.asked(), ticker.tick(&clock)).await;
+            let woken = select(robot.halt_asked(), ticker.tick(&clock)).await;
             let halted = matches!(woken, Either::First(()));
-            if halted && !robot.halt.waits() {
+            if halted && !robot.halt_waits() {
                 // Taken already, with the period.
                 continue;
             }
@@ -82,7 +82,7 @@ where
                 system.feed_watchdog();
             }
             last_step = now;
-            if pilot.may_reboot(robot, now) || robot.injected.restart_is_due(now) {
+            if pilot.may_reboot(&robot, now) || robot.injected.restart_is_due(now) {
                 system.reset().await;
             }
         }
@@ -92,14 +92,14 @@ where
 /// One turn, to the wheels and all. A function of its own: what is large about it lies on the stack
 /// and not in the future, for as long as it takes.
 fn turn_wheels<M: RawMutex, P: SetDutyCycle, O: OutputPin, R: Rng>(
-    robot: &Robot<M>,
+    robot: ControlHandle<'_, M>,
     pilot: &mut Pilot,
     wheels: &mut Wheels<P, O>,
     halted: bool,
     rng: &mut R,
     now: Instant,
 ) -> Result<(), MotorError> {
-    let woken_by = halted.then(|| robot.halt.try_take()).flatten();
+    let woken_by = halted.then(|| robot.take_halt()).flatten();
     let mut outputs = Outputs::default();
     pilot.turn_into(
         robot,
@@ -156,7 +156,14 @@ impl Pilot {
         now: Instant,
     ) -> Outputs {
         let mut outputs = Outputs::default();
-        self.turn_into(robot, woken_by, motor_fault, rng, now, &mut outputs);
+        self.turn_into(
+            robot.control_handle(),
+            woken_by,
+            motor_fault,
+            rng,
+            now,
+            &mut outputs,
+        );
         outputs
     }
 
@@ -164,7 +171,7 @@ impl Pilot {
     /// fifty times a second.
     fn turn_into<M: RawMutex, R: Rng>(
         &mut self,
-        robot: &Robot<M>,
+        robot: ControlHandle<'_, M>,
         woken_by: Option<&Halt>,
         motor_fault: bool,
         rng: &mut R,
@@ -174,75 +181,70 @@ impl Pilot {
         let (mut taken, mut order) = (None, None);
         if woken_by.is_none() {
             // In this order: an order that is there after the halt was taken came after it.
-            taken = robot.halt.try_take();
-            if !robot.orders.is_empty() {
-                order = robot.orders.try_receive().ok();
-            }
+            taken = robot.take_halt();
+            order = robot.take_order();
         }
         let has_eyes = robot.config.eyes.is_some();
-        let view = if has_eyes { robot.sights.take() } else { None };
+        let view = if has_eyes { robot.take_view() } else { None };
         let newest = robot.with_parameters(Parameters::version);
         let retuned = newest != self.version;
         if retuned {
             self.version = newest;
-            self.controller.set_tuning(tuning_of(robot));
+            self.controller.set_tuning(tuning_of(&robot));
         }
-        let battery = robot.battery.lock(Cell::get);
+        let battery = robot.battery();
         let near = if self.controller.wants_neighbours() {
-            robot.neighbours.at(now)
+            robot.near(now)
         } else {
             Near::new()
         };
-        if let Some(goal) = robot.behaviour_before_restart.lock(Cell::take)
+        if let Some(goal) = robot.take_goal_before_restart()
             && robot.boot().was_asked_for()
         {
             self.controller.was_at(goal, now);
         }
         let inputs = Inputs {
-            reading: robot.reading.lock(Cell::get),
+            reading: robot.reading(),
             charge: battery.charge,
             voltage: battery.voltage,
-            fix: robot.tracking.take(),
+            fix: robot.take_fix(),
             view: view.as_ref(),
             near: &near,
-            link: robot.link_health.lock(Cell::get),
-            loaded: robot.loaded.lock(Cell::get),
+            link: robot.link_health(),
+            loaded: robot.is_loaded(),
             motor_fault,
             halt: woken_by.or(taken.as_ref()),
             order: order.as_ref(),
         };
         self.controller.step_into(&inputs, rng, now, outputs);
         let state = self.controller.state();
-        robot.snapshot.lock(|cell| {
-            cell.set(Snapshot {
-                state: state.reported(),
-                behaviour: self.controller.behaviour(),
-                fault: state.fault(),
-                pose: self.controller.pose(),
-                wheels: outputs.duties,
-                reading: inputs.reading,
-                battery,
-            });
+        robot.publish(Snapshot {
+            state: state.reported(),
+            behaviour: self.controller.behaviour(),
+            fault: state.fault(),
+            pose: self.controller.pose(),
+            wheels: outputs.duties,
+            reading: inputs.reading,
+            battery,
         });
         if outputs.identify {
-            let until = now + IDENTIFY_FOR;
-            robot.identify_until.lock(|cell| cell.set(until));
+            robot.identify(now + IDENTIFY_FOR);
         }
         let look = Some(Look::new(state, &inputs));
         if look != self.shown || outputs.identify {
             self.shown = look;
-            robot.lamp_changed.signal(());
+            robot.wake_lamp();
         }
         if has_eyes {
             let wanted = self.controller.wants_eyes();
             if wanted != self.looking || retuned {
                 self.looking = wanted;
-                robot.sights.want(wanted);
+                robot.want_views(wanted);
             }
         }
-        report(robot, outputs, now);
+        report(&robot, outputs, now);
         if let Some(goal) = outputs.unfinished {
-            robot.behaviour_to_keep.signal(goal);
+            robot.keep_goal(goal);
         }
         if outputs.reboot {
             self.reboot_asked.get_or_insert(now);

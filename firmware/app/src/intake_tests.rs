@@ -69,8 +69,13 @@ fn answers(robot: &TestRobot) -> Vec<(u64, ResponseStatus, Option<Reason>)> {
     .collect()
 }
 
+/// Whether there is a `set`; it is then taken.
+fn waits_for_store(robot: &TestRobot) -> bool {
+    embassy_futures::poll_once(robot.store_handle().next_set()).is_ready()
+}
+
 fn order(robot: &TestRobot) -> Option<Order> {
-    robot.orders.try_receive().ok()
+    robot.control_handle().take_order()
 }
 
 #[test]
@@ -131,7 +136,7 @@ fn without_a_clock_nothing_moves_and_everything_else_works() {
     assert!(order(&robot).is_some());
     let stop = json("stop", "", 0, 3, "operator:ada");
     robot.submit(stop.as_bytes(), at(5_000));
-    assert!(robot.halt.try_take().is_some());
+    assert!(robot.control_handle().take_halt().is_some());
     // A clock that was not heard for long is no clock.
     robot.observe_time(EPOCH_MS + 6_000, at(6_000));
     drive(&robot, 4, 4_000_000, 4_000_000);
@@ -160,7 +165,7 @@ fn every_motion_command_is_subject_to_the_clock_and_no_other() {
         let robot = robot();
         let text = json(name, parameters, EPOCH_MS, 1, "operator:ada");
         robot.submit(text.as_bytes(), at(60_000));
-        let through = order(&robot).is_some() || robot.set_requests.try_receive().is_ok();
+        let through = order(&robot).is_some() || waits_for_store(&robot);
         assert_eq!(through, !expires, "{name}");
     }
 }
@@ -185,7 +190,13 @@ fn a_halt_takes_back_motion_that_waits_and_the_sender_is_told() {
     let estop = json("estop", "", 0, 7, "operator:bob");
     robot.submit(estop.as_bytes(), at(1_000));
     assert!(order(&robot).is_none());
-    assert!(robot.halt.try_take().expect("a halt").emergency);
+    assert!(
+        robot
+            .control_handle()
+            .take_halt()
+            .expect("a halt")
+            .emergency
+    );
     let interrupted = (1, ResponseStatus::Failed, Some(Reason::Interrupted));
     assert_eq!(answers(&robot), [interrupted]);
 }
@@ -204,7 +215,7 @@ fn too_many_commands_are_refused_as_busy_and_stop_still_works() {
     assert!(busy.len() <= ADMIT_LIMIT);
     let stop = json("stop", "", EPOCH_MS + 1_000, 31, "operator:ada");
     robot.submit(stop.as_bytes(), at(1_000));
-    assert!(robot.halt.try_take().is_some());
+    assert!(robot.control_handle().take_halt().is_some());
     assert!(order(&robot).is_none());
 }
 
@@ -259,7 +270,7 @@ fn an_unreadable_command_is_refused_with_its_reason_when_its_number_is_readable(
         assert_eq!(answers(&robot), expected, "{text}");
         let record = robot.outbox.next_log(0, at(1_000)).expect("a log record");
         assert_eq!(record.event, "command-refused");
-        assert!(order(&robot).is_none() && robot.halt.try_take().is_none());
+        assert!(order(&robot).is_none() && robot.control_handle().take_halt().is_none());
     }
 }
 
@@ -289,7 +300,7 @@ fn oversized_messages_are_refused_by_name() {
     let mut text = json("stop", "", 1, 1, "a");
     text.extend(core::iter::repeat_n(' ', MAX_MESSAGE));
     robot.submit(text.as_bytes(), at(0));
-    assert!(robot.halt.try_take().is_none());
+    assert!(robot.control_handle().take_halt().is_none());
     let (_, answer) = robot.outbox.next_answer().expect("an answer");
     assert_eq!((answer.seq, answer.status), (1, ResponseStatus::Rejected));
     assert_eq!(answer.reason, Some(Reason::TooLarge));
@@ -355,18 +366,18 @@ proptest! {
                 _ => ("drive", DRIVE),
             };
             let source = format!("sender-{}", delivery.sender);
-            let waiting_before = robot.orders.len();
+            let waiting_before = robot.orders_waiting();
             let text = json(name, parameters, EPOCH_MS + given, seq, &source);
             robot.submit(text.as_bytes(), at(now));
             if kind < 2 {
-                let halt = robot.halt.try_take().expect("a halt always reaches control");
+                let halt = robot.control_handle().take_halt().expect("a halt always reaches control");
                 prop_assert!(kind == 0 || halt.emergency);
                 if let Some(latest) = last.get_mut(&source) {
                     *latest = seq.max(*latest);
                 } else {
                     last.insert(source, seq);
                 }
-            } else if robot.orders.len() > waiting_before {
+            } else if robot.orders_waiting() > waiting_before {
                 let motion = kind == 2 || kind == 5;
                 prop_assert!(!motion || now - given <= EXPIRY.as_millis(), "late");
                 let earlier = last.insert(source.clone(), seq);
@@ -395,6 +406,6 @@ proptest! {
         for (payload, now) in payloads.iter().zip(nows) {
             robot.submit(payload, Instant::from_micros(now));
         }
-        prop_assert!(robot.orders.is_empty());
+        prop_assert!(robot.orders_waiting() == 0);
     }
 }

@@ -3,7 +3,6 @@
 #[cfg(test)]
 mod tests;
 
-use core::cell::Cell;
 use core::convert::Infallible;
 use core::ops::Deref;
 
@@ -34,9 +33,9 @@ pub fn lamp<M: RawMutex, O: OutputPin, C: Clock>(
         let mut refused = false;
         loop {
             let now = clock.now();
-            let identify_until = robot.identify_until.lock(Cell::get);
+            let identify_until = robot.lamp_handle().identify_until();
             let snapshot = robot.snapshot();
-            let link = robot.link_health.lock(Cell::get);
+            let link = robot.link_health();
             let pattern = pattern(&View {
                 state: snapshot.state,
                 fault: snapshot.fault,
@@ -63,7 +62,7 @@ pub fn lamp<M: RawMutex, O: OutputPin, C: Clock>(
             } else {
                 next
             };
-            select(robot.lamp_changed.wait(), clock.sleep_until(next)).await;
+            select(robot.lamp_handle().changed(), clock.sleep_until(next)).await;
         }
     }
 }

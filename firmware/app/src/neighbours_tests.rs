@@ -50,12 +50,19 @@ fn a_cell_tells_all_of_itself_and_nothing_of_others() {
     assert!(robot.observe_cell((0, 0), &json((0, 0), NOW_MS - 100, &here), NOW));
     let there = [told("b", 3.0, 0.0, 0.0)];
     assert!(robot.observe_cell((1, 0), &json((1, 0), NOW_MS - 90, &there), NOW));
-    let xs = |at| -> Vec<f32> { robot.neighbours.at(at).iter().map(|n| n.x).collect() };
+    let xs = |at| -> Vec<f32> {
+        robot
+            .control_handle()
+            .near(at)
+            .iter()
+            .map(|n| n.x)
+            .collect()
+    };
     assert_eq!(xs(NOW), [1.0, 3.0], "without itself");
     // a has crossed the border: the newer word counts, whichever cell it is of.
     let crossed = [told("a", 2.1, 0.0, 0.0), told("b", 3.0, 0.0, 0.0)];
     assert!(robot.observe_cell((1, 0), &json((1, 0), NOW_MS, &crossed), NOW));
-    assert_eq!(robot.neighbours.at(NOW).len(), 2);
+    assert_eq!(robot.control_handle().near(NOW).len(), 2);
     assert!(xs(NOW).contains(&2.1), "{:?}", xs(NOW));
     assert!(robot.observe_cell((1, 0), &json((1, 0), NOW_MS, &[]), NOW));
     assert!(xs(NOW).is_empty(), "everybody left");
@@ -66,11 +73,13 @@ fn neighbours_move_on_and_are_forgotten() {
     let robot = synchronised();
     let moving = [told("a", 1.0, 0.0, 0.4)];
     assert!(robot.observe_cell((0, 0), &json((0, 0), NOW_MS, &moving), NOW));
-    let later = robot.neighbours.at(NOW + Duration::from_millis(500));
+    let later = robot
+        .control_handle()
+        .near(NOW + Duration::from_millis(500));
     assert!((later[0].x - 1.2).abs() < 1e-4, "{later:?}");
-    assert_eq!(robot.neighbours.at(NOW + FRESH_FOR).len(), 1);
+    assert_eq!(robot.control_handle().near(NOW + FRESH_FOR).len(), 1);
     let after = NOW + FRESH_FOR + Duration::from_millis(1);
-    assert!(robot.neighbours.at(after).is_empty());
+    assert!(robot.control_handle().near(after).is_empty());
 }
 
 #[test]
@@ -86,14 +95,14 @@ fn what_makes_no_sense_is_dropped() {
     assert!(!judge((0, 0), &json((0, 0), future, &one)));
     assert!(judge((0, 0), &json((0, 0), NOW_MS, &one)));
     assert!(!judge((0, 0), &json((0, 0), NOW_MS - 1, &[])), "older");
-    assert_eq!(robot.neighbours.at(NOW).len(), 1);
+    assert_eq!(robot.control_handle().near(NOW).len(), 1);
     let absurd = [
         told("b", 2_000.0, 0.0, 0.0),
         told("c", 0.0, 0.0, 80.0),
         told("d", 0.5, 0.0, 0.0),
     ];
     assert!(judge((0, 0), &json((0, 0), NOW_MS, &absurd)));
-    assert_eq!(robot.neighbours.at(NOW).len(), 1, "d alone");
+    assert_eq!(robot.control_handle().near(NOW).len(), 1, "d alone");
 }
 
 #[test]
@@ -110,7 +119,7 @@ fn the_nearest_are_kept() {
         let cell = (2 - column, 0);
         assert!(robot.observe_cell(cell, &json(cell, NOW_MS, &far), NOW));
     }
-    let near = robot.neighbours.at(NOW);
+    let near = robot.control_handle().near(NOW);
     assert_eq!(near.len(), MOST);
     let farthest = near.iter().fold(0.0_f32, |most, n| most.max(n.x));
     assert!(farthest < 4.0, "{farthest}");
@@ -141,6 +150,6 @@ proptest! {
     fn any_payload_is_taken_or_dropped(payload in prop::collection::vec(any::<u8>(), 0..300)) {
         let robot = synchronised();
         robot.observe_cell((0, 0), &payload, NOW);
-        prop_assert!(robot.neighbours.at(NOW).len() <= MOST);
+        prop_assert!(robot.control_handle().near(NOW).len() <= MOST);
     }
 }

@@ -51,10 +51,10 @@ impl<M: RawMutex> Robot<M> {
     /// # Errors
     /// Why it was refused; that is counted and logged here already.
     pub fn observe_fix(&self, payload: &[u8], now: Instant) -> Result<(), Refusal> {
-        let (own, unix) = (&self.config.id, self.unix_ms(now));
-        let result = self.tracking.observe(payload, own, unix, now);
+        let heard = self.link_handle();
+        let result = heard.take_fix(payload, now);
         if let Err(refusal) = result
-            && let Some(count) = self.tracking.refusals_to_tell(now)
+            && let Some(count) = heard.refusals_to_tell(now)
         {
             let text = format_args!("{count} refused, the last one {}", refusal.name());
             self.log(Level::Warn, "pose-fix", text, now);
@@ -62,17 +62,9 @@ impl<M: RawMutex> Robot<M> {
         result
     }
 
-    /// Fixes refused so far.
-    pub fn refused_fixes(&self) -> u32 {
-        self.tracking.refused()
-    }
-
     /// Takes in the payload of a message on the topic of `cell`, and tells whether it was of use.
     pub fn observe_cell(&self, cell: Cell, payload: &[u8], now: Instant) -> bool {
-        let here = self.snapshot().pose;
-        let unix = self.unix_ms(now);
-        self.neighbours
-            .observe(cell, payload, (&self.config.id, &here), unix, now)
+        self.link_handle().take_cell(cell, payload, now)
     }
 
     /// Obeys a word on `simulator/command`, if it is for this robot: faults alone, and only on a

@@ -53,8 +53,7 @@ pub fn power<M: RawMutex, A: Adc, C: Clock>(
             }
             let before = monitor.battery();
             let battery = monitor.observe(pin);
-            robot.battery.lock(|cell| cell.set(battery));
-            robot.battery_measured.signal(());
+            robot.power_handle().publish(battery);
             if battery.charge != before.charge {
                 let level = match battery.charge {
                     Charge::Unknown | Charge::Good => Level::Info,

@@ -23,6 +23,7 @@ use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
 use crate::context::Robot;
+use crate::context::handles::StoreHandle;
 use crate::goal::Goal;
 use crate::hold::{Hold, Inline};
 use crate::order::SetRequest;
@@ -68,19 +69,19 @@ pub fn store_held<H: Hold, M: RawMutex, F: NorFlash, C: Clock>(
     clock: C,
 ) -> impl Future<Output = Infallible> {
     async move {
-        let robot = &*robot;
+        let robot = robot.store_handle();
         // The guard has to know the voltage before anything is repaired or written.
         let patience = clock.now() + BATTERY_PATIENCE;
         let _: Result<(), Elapsed> =
-            with_deadline(&clock, patience, robot.battery_measured.wait()).await;
-        let mut shelf = Shelf::new(Guarded::new(flash, robot));
+            with_deadline(&clock, patience, robot.battery_measured()).await;
+        let mut shelf = Shelf::new(Guarded::new(flash, robot.shared()));
         H::hold(load(robot, &mut shelf, &clock)).await;
         loop {
-            let asked = select(robot.set_requests.receive(), robot.behaviour_to_keep.wait()).await;
+            let asked = select(robot.next_set(), robot.goal_to_keep()).await;
             let SetRequest { changes, sender } = match asked {
                 Either::First(request) => request,
                 Either::Second(goal) => {
-                    H::hold(put_unfinished(robot, &mut shelf, &clock, &goal)).await;
+                    H::hold(put_unfinished(&robot, &mut shelf, &clock, &goal)).await;
                     continue;
                 }
             };
@@ -104,7 +105,7 @@ enum Refusal {
 }
 
 async fn set<M: RawMutex, F: NorFlash, C: Clock>(
-    robot: &Robot<M>,
+    robot: StoreHandle<'_, M>,
     shelf: &mut Shelf<'_, M, F>,
     clock: &C,
     changes: Result<Changes, Reason>,
@@ -137,15 +138,13 @@ async fn set<M: RawMutex, F: NorFlash, C: Clock>(
             }));
         }
     }
-    robot
-        .parameters
-        .lock(|cell| cell.borrow_mut().replace_with(next));
-    robot.parameters_changed.signal(());
+    robot.set_parameters(next);
+    robot.tell_parameters();
     Ok(())
 }
 
 async fn load<M: RawMutex, F: NorFlash, C: Clock>(
-    robot: &Robot<M>,
+    robot: StoreHandle<'_, M>,
     shelf: &mut Shelf<'_, M, F>,
     clock: &C,
 ) {
@@ -153,7 +152,7 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
     let deadline = clock.now() + FLASH_PATIENCE;
     let found = with_deadline(clock, deadline, shelf.get(PARAMETERS, &mut buffer)).await;
     let nothing_to_lose = matches!(found, Ok(Ok(None)));
-    tell_erasure(robot, shelf, clock);
+    tell_erasure(&robot, shelf, clock);
     match found {
         Ok(Ok(Some(item))) => {
             let (loaded, dropped) = Parameters::decode(item);
@@ -161,9 +160,7 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
                 let text = format_args!("{dropped} stored parameters are not usable");
                 robot.log(Level::Warn, "flash", text, clock.now());
             }
-            robot
-                .parameters
-                .lock(|cell| cell.borrow_mut().replace_with(loaded));
+            robot.set_parameters(loaded);
         }
         Ok(Ok(None)) => {}
         Ok(Err(error)) => {
@@ -176,8 +173,8 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
         }
     }
     // The robot need not wait for the count.
-    robot.loaded.lock(|cell| cell.set(true));
-    robot.parameters_changed.signal(());
+    robot.set_loaded();
+    robot.tell_parameters();
 
     let deadline = clock.now() + FLASH_PATIENCE;
     let counted = with_deadline(clock, deadline, count_boot(shelf)).await;
@@ -193,7 +190,7 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
         let deadline = clock.now() + FLASH_PATIENCE;
         let renewed = with_deadline(clock, deadline, shelf.renew()).await;
         if let Ok(Ok(())) = renewed {
-            tell_erasure(robot, shelf, clock);
+            tell_erasure(&robot, shelf, clock);
             let deadline = clock.now() + FLASH_PATIENCE;
             let again = with_deadline(clock, deadline, count_boot(shelf)).await;
             counted = again.unwrap_or(Err(ShelfError::Refused));
@@ -210,9 +207,7 @@ async fn load<M: RawMutex, F: NorFlash, C: Clock>(
     let unfinished = with_deadline(clock, deadline, take_unfinished(shelf)).await;
     // What is wrong with the flash has just been told.
     let unfinished = unfinished.ok().and_then(Result::ok).flatten();
-    robot
-        .behaviour_before_restart
-        .lock(|cell| cell.set(unfinished));
+    robot.set_goal_before_restart(unfinished);
 }
 
 /// Keeps a behaviour over the restart that is about to come. One that cannot be kept is not taken up

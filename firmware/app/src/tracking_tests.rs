@@ -45,8 +45,11 @@ fn a_fix_of_now_is_handed_over_once_and_the_newest_only() {
         assert_eq!(robot.observe_fix(&payload, NOW), Ok(()));
     }
     let seen = Instant::from_millis(9_900);
-    assert_eq!(robot.tracking.take(), Some(Fix { pose: POSE, seen }));
-    assert_eq!(robot.tracking.take(), None);
+    assert_eq!(
+        robot.control_handle().take_fix(),
+        Some(Fix { pose: POSE, seen })
+    );
+    assert_eq!(robot.control_handle().take_fix(), None);
     assert_eq!(robot.refused_fixes(), 0);
 }
 
@@ -59,12 +62,12 @@ fn fixes_of_another_time_are_refused_while_the_clock_is_known() {
     assert_eq!(judge(0), Err(Refusal::Stale));
     assert_eq!(judge(NOW_MS + early + 1), Err(Refusal::Future));
     assert_eq!(judge(u64::MAX), Err(Refusal::Future));
-    assert_eq!(robot.tracking.take(), None);
+    assert_eq!(robot.control_handle().take_fix(), None);
     assert_eq!(judge(NOW_MS - late), Ok(()));
     assert_eq!(judge(NOW_MS - late), Err(Refusal::Repeated));
     assert_eq!(judge(NOW_MS + early), Ok(()));
     assert_eq!(robot.refused_fixes(), 5);
-    let fix = robot.tracking.take().expect("the last one");
+    let fix = robot.control_handle().take_fix().expect("the last one");
     assert_eq!(fix.seen, NOW, "not in the future");
 }
 
@@ -72,7 +75,10 @@ fn fixes_of_another_time_are_refused_while_the_clock_is_known() {
 fn without_a_clock_a_fix_was_seen_when_it_came() {
     let robot = robot("seen");
     assert_eq!(robot.observe_fix(&json("seen", 17, POSE), NOW), Ok(()));
-    assert_eq!(robot.tracking.take().map(|fix| fix.seen), Some(NOW));
+    assert_eq!(
+        robot.control_handle().take_fix().map(|fix| fix.seen),
+        Some(NOW)
+    );
 }
 
 #[test]
@@ -120,6 +126,6 @@ proptest! {
     fn no_bytes_do_harm(payload in prop::collection::vec(any::<u8>(), 0..300)) {
         let robot = synchronised();
         let _ = robot.observe_fix(&payload, NOW);
-        prop_assert_eq!(robot.tracking.take(), None);
+        prop_assert_eq!(robot.control_handle().take_fix(), None);
     }
 }

@@ -9,6 +9,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 
 use super::{STILL_WITHIN, Trouble};
 use crate::context::Robot;
+use crate::context::handles::CameraHandle;
 use crate::parameters::Parameter;
 use crate::vision::{Eyes, Lens, Look, View, frame_bytes};
 
@@ -47,7 +48,7 @@ impl<E: Eyes> Looks<E> {
     /// A dropped call misses nothing.
     pub(super) async fn due<M: RawMutex, C: Clock>(
         &mut self,
-        robot: &Robot<M>,
+        robot: CameraHandle<'_, M>,
         ill: bool,
         clock: &C,
     ) {
@@ -55,18 +56,18 @@ impl<E: Eyes> Looks<E> {
             pending::<()>().await;
         }
         loop {
-            if robot.sights.is_wanted() {
+            if robot.views_wanted() {
                 let at = match self.last {
                     None => Instant::BOOT,
-                    Some(last) => last + period(robot, ill),
+                    Some(last) => last + period(&robot, ill),
                 };
-                let woken = select(clock.sleep_until(at), robot.sights.changed()).await;
+                let woken = select(clock.sleep_until(at), robot.wishes_changed()).await;
                 if let Either::First(()) = woken {
                     return;
                 }
             } else {
                 self.told = None;
-                robot.sights.changed().await;
+                robot.wishes_changed().await;
             }
         }
     }
@@ -77,7 +78,7 @@ impl<E: Eyes> Looks<E> {
     /// When there is no frame, or none that the eyes can look at.
     pub(super) async fn look<M: RawMutex, K: Camera, C: Clock>(
         &mut self,
-        robot: &Robot<M>,
+        robot: CameraHandle<'_, M>,
         camera: &mut K,
         clock: &C,
     ) -> Result<(), Trouble> {
@@ -99,7 +100,7 @@ impl<E: Eyes> Looks<E> {
         self.frame = self.frame.wrapping_add(1);
         let aspect = f32::from(size.1) / f32::from(size.0);
         let view = View::new(&spots, lens, aspect, (self.frame, at, heading));
-        if robot.sights.show(&view, self.told.as_ref()) {
+        if robot.show(&view, self.told.as_ref()) {
             self.told = Some(view);
             robot.outbox.nudge();
         }

@@ -118,9 +118,9 @@ fn it_sleeps_between_edges_and_wakes_for_identify() {
     );
 
     robot
-        .identify_until
-        .lock(|cell| cell.set(Instant::from_millis(12_000)));
-    robot.lamp_changed.signal(());
+        .control_handle()
+        .identify(Instant::from_millis(12_000));
+    robot.control_handle().wake_lamp();
     let before = executor.polls(0);
     executor.run_for(Duration::from_secs(2));
     let edges = executor.polls(0) - before;
@@ -144,7 +144,7 @@ fn a_pin_that_refuses_costs_the_lamp_only() {
         "nothing to try until the pattern changes"
     );
     pin.refuses.set(false);
-    robot.lamp_changed.signal(());
+    robot.control_handle().wake_lamp();
     executor.run_for(Duration::from_secs(1));
     assert!(executor.polls(0) > 2);
 }

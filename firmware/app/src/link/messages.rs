@@ -144,7 +144,7 @@ pub(super) fn detections<M: RawMutex>(
     now: Instant,
     buf: &mut [u8],
 ) -> Option<usize> {
-    let view = robot.sights.take_news(now)?;
+    let view = robot.link_handle().take_news(now)?;
     let age = (now - view.at).as_millis();
     let detection = |seen: &Seen| Detection {
         class: cut(seen.spot.class.name()),

@@ -197,7 +197,7 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
             let text = format_args!("{loss}{double}; next attempt in {} ms", wait.as_millis());
             let trouble = loss.trouble();
             if up_since.is_some() {
-                robot.set_link_health(LinkHealth::Lost);
+                robot.link_handle().set_health(LinkHealth::Lost);
                 told = None;
                 robot.log(Level::Warn, LINK_LOST, text, now);
             } else if told != Some(trouble) || loss.is_refusal() {
@@ -205,7 +205,7 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
                 told = Some(trouble);
                 robot.log(Level::Warn, trouble.event(), text, now);
             }
-            robot.set_link_trouble(Some(trouble));
+            robot.link_handle().set_trouble(Some(trouble));
             robot.outbox.rewind_logs();
             letter.borrow_mut().discard();
             batch.discard();

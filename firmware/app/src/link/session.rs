@@ -51,7 +51,7 @@ where
             let event = select4(
                 self.client.poll_header(),
                 robot.outbox.changed(),
-                robot.parameters_changed.wait(),
+                robot.link_handle().parameters_changed(),
                 self.clock.sleep_until(wake),
             )
             .await;
@@ -89,8 +89,9 @@ where
                 self.state.unconfirmed.retain(|id| *id != confirmed);
                 if self.state.unconfirmed.is_empty() && self.state.up_since.is_none() {
                     self.state.up_since = Some(now);
-                    self.robot.set_link_health(LinkHealth::Up);
-                    self.robot.set_link_trouble(None);
+                    let own = self.robot.link_handle();
+                    own.set_health(LinkHealth::Up);
+                    own.set_trouble(None);
                 }
             }
             Event::Unsuback(ack) => self.cell_answered(ack.packet_identifier, false, now),

@@ -18,7 +18,7 @@ use crate::controller::{CALM, Note, Outputs};
 use crate::motion::DEAD_TIME;
 use crate::neighbours::cell_at;
 use crate::order::Halt;
-use crate::parameters::Parameter;
+use crate::parameters::{Parameter, Parameters};
 use crate::perception::{Battery, Charge, LinkHealth, Reading, SensorHealth, Sight};
 use crate::testing::{TestRng, TestRobot, robot, source};
 
@@ -62,7 +62,7 @@ impl Bench {
     pub(super) fn new(seed: u64) -> Self {
         let robot = robot("rules");
         robot.time.observe(BOOTED_MS, Instant::BOOT);
-        robot.loaded.lock(|cell| cell.set(true));
+        robot.store_handle().set_loaded();
         let pilot = Pilot::new(&robot);
         let mut bench = Self {
             robot,
@@ -117,11 +117,9 @@ impl Bench {
             Happening::Bytes(bytes) => self.robot.submit(bytes, self.now),
             Happening::Sensor(sensor) => self.sensor = *sensor,
             Happening::Link(link) => self.robot.set_link_health(*link),
-            Happening::Charge(charge) => self.robot.battery.lock(|cell| {
-                cell.set(Battery {
-                    charge: *charge,
-                    ..Battery::default()
-                });
+            Happening::Charge(charge) => self.robot.power_handle().publish(Battery {
+                charge: *charge,
+                ..Battery::default()
             }),
             Happening::Avoidance(on) => self.set_avoidance(*on),
             Happening::MotorFault(fault) => self.motor_fault = *fault,
@@ -182,15 +180,15 @@ impl Bench {
     pub(super) fn set(&mut self, name: &str, value: ParameterValue) {
         let values = [(name.try_into().expect("short"), value)];
         let values = values.into_iter().collect();
-        self.robot.parameters.lock(|cell| {
-            let next = cell.borrow().with(&values).expect("legal");
-            *cell.borrow_mut() = next;
-        });
+        let next = self.robot.with_parameters(|all| all.with(&values));
+        self.robot
+            .store_handle()
+            .set_parameters(next.expect("legal"));
     }
 
     /// Change of duty per period that the ramp allows.
     fn ramp_step(&self) -> f32 {
-        let parameters = self.robot.parameters.lock(|cell| cell.borrow().clone());
+        let parameters = self.robot.with_parameters(Parameters::clone);
         parameters.number(Parameter::RampStep) * 0.01
     }
 
@@ -250,7 +248,11 @@ impl Bench {
             self.estopped |= matches!(action, Action::Estop);
             // A halt wakes the loop: sometimes before, sometimes with the next period.
             if self.now.as_micros().is_multiple_of(3) {
-                let halt = self.robot.halt.try_take().expect("halts are never refused");
+                let halt = self
+                    .robot
+                    .control_handle()
+                    .take_halt()
+                    .expect("halts are never refused");
                 self.turn(Duration::from_millis(3), Some(&halt))?;
             }
         }
@@ -271,7 +273,7 @@ impl Bench {
             Sensor::Silent => {}
             Sensor::Broken(health) => self.reading.health = health,
         }
-        self.robot.reading.lock(|cell| cell.set(self.reading));
+        self.robot.sense_handle().publish(self.reading);
         let fault = self.motor_fault;
         let out = self
             .pilot
@@ -338,7 +340,7 @@ impl Bench {
             }
         }
         // 3. Nothing moves on a lost link.
-        if self.robot.link_health.lock(core::cell::Cell::get) == LinkHealth::Lost {
+        if self.robot.link_health() == LinkHealth::Lost {
             prop_assert!(standing, "moves on a lost link");
             self.until = None;
         }
@@ -361,7 +363,7 @@ impl Bench {
             }
         }
         // 5. An empty battery, and motors that do not obey.
-        let critical = self.robot.battery.lock(core::cell::Cell::get).charge == Charge::Critical;
+        let critical = self.robot.battery().charge == Charge::Critical;
         if critical || self.motor_fault {
             self.wanted = false;
             prop_assert!(standing, "moves with a fault");
@@ -383,7 +385,7 @@ impl Bench {
     /// Of what was interrupted only a behaviour goes on, when nothing has been in its way for a second, and
     /// unless somebody has said otherwise or something is wrong that does not pass by itself.
     fn judge_resumption(&mut self, out: &Outputs) -> Result<(), TestCaseError> {
-        let lost = self.robot.link_health.lock(core::cell::Cell::get) == LinkHealth::Lost;
+        let lost = self.robot.link_health() == LinkHealth::Lost;
         let broken = self.robot.snapshot().state == RobotState::Error;
         if lost || broken {
             self.hindered = self.now;

@@ -98,12 +98,15 @@ fn what_a_person_says_meanwhile_counts() -> Outcome {
 /// The robot of a bench after a restart, as the flash tells it what it was at.
 fn restarted(cause: ResetCause, panic: Option<&str>) -> Result<Bench, TestCaseError> {
     let mut bench = Bench::new(7);
-    bench.robot.set_boot_cause(cause, panic, bench.now());
+    bench
+        .robot
+        .control_handle()
+        .set_boot_cause(cause, panic, bench.now());
     let goal = Goal::Wander { speed: 0.5 };
     bench
         .robot
-        .behaviour_before_restart
-        .lock(|cell| cell.set(Some(goal)));
+        .store_handle()
+        .set_goal_before_restart(Some(goal));
     bench.expect_resumption();
     seconds(&mut bench, 3)?;
     assert_eq!(bench.state(), RobotState::Idle, "nobody could stop it yet");

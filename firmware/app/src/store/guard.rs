@@ -1,7 +1,5 @@
 //! A flash that is not written while the supply may give way.
 
-use core::cell::Cell;
-
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
@@ -39,7 +37,7 @@ impl<'a, M: RawMutex, F> Guarded<'a, M, F> {
     }
 
     fn check<E>(&self) -> Result<(), GuardError<E>> {
-        if self.robot.battery.lock(Cell::get).brown_out {
+        if self.robot.battery().brown_out {
             Err(GuardError::LowVoltage)
         } else {
             Ok(())

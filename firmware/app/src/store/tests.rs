@@ -17,10 +17,7 @@ fn boot<T>(flash: &TestFlash, then: impl FnOnce(&TestRobot, &mut dyn FnMut(&Comm
     let mut executor = Executor::default();
     executor.spawn(store(&robot, flash.clone(), executor.clock.clone()));
     executor.run_for(Duration::from_secs(4));
-    assert!(
-        robot.loaded.lock(core::cell::Cell::get),
-        "loaded, or given up"
-    );
+    assert!(robot.is_loaded(), "loaded, or given up");
     then(&robot, &mut |command| {
         assert!(robot.route(command, Instant::BOOT, |_| ()).is_ok());
         executor.run_for(Duration::from_secs(4));
@@ -74,12 +71,12 @@ fn what_a_restart_interrupts_is_told_to_the_next_boot_alone() {
     let goal = Goal::Swarm(Swarm::Flock);
     let told = |flash: &TestFlash| {
         boot(flash, |robot, _| {
-            robot.behaviour_before_restart.lock(core::cell::Cell::take)
+            robot.control_handle().take_goal_before_restart()
         })
     };
     assert_eq!(told(&flash), None);
     boot(&flash, |robot, send| {
-        robot.behaviour_to_keep.signal(goal);
+        robot.control_handle().keep_goal(goal);
         // Whatever else is written meanwhile.
         send(&set("max_speed", 0.3));
     });
@@ -174,7 +171,7 @@ fn nothing_is_written_while_the_voltage_is_too_low() {
         brown_out: true,
         ..Battery::default()
     };
-    robot.battery.lock(|cell| cell.set(low));
+    robot.power_handle().publish(low);
     let mut executor = Executor::default();
     executor.spawn(store(&robot, flash.clone(), executor.clock.clone()));
     executor.run_for(Duration::from_secs(4));
@@ -190,7 +187,7 @@ fn nothing_is_written_while_the_voltage_is_too_low() {
     );
     assert_eq!(flash.0.borrow().changes, 0);
     // Charged, it is stored.
-    robot.battery.lock(|cell| cell.set(Battery::default()));
+    robot.power_handle().publish(Battery::default());
     assert!(
         robot
             .route(&set("max_speed", 0.4), Instant::BOOT, |_| ())

@@ -172,7 +172,7 @@ impl Bench<'_> {
         let mut snapshot = self.robot.snapshot();
         snapshot.state = state;
         snapshot.behaviour = BehaviourName::Manual;
-        self.robot.snapshot.lock(|cell| cell.set(snapshot));
+        self.robot.control_handle().publish(snapshot);
     }
 
     /// Whether the link would have had something to tell every 100 ms for `span`: the places.
@@ -181,8 +181,8 @@ impl Bench<'_> {
         for _ in 0..span.as_millis() / 100 {
             self.run(Duration::from_millis(100));
             let now = self.executor.clock.now();
-            if self.robot.sights.has_news() {
-                let view = self.robot.sights.take_news(now).expect("is fresh");
+            if self.robot.has_news() {
+                let view = self.robot.link_handle().take_news(now).expect("is fresh");
                 told.push(view.things.len());
             }
         }
@@ -213,11 +213,11 @@ fn nobody_looks_unless_somebody_wants_to_know() {
         bench.run(Duration::from_secs(20));
         assert_eq!(bench.executor.polls(0), polls, "nor wakes up for it");
         assert!(bench.script.frames.borrow().is_empty());
-        bench.robot.sights.want(true);
+        bench.robot.control_handle().want_views(true);
         bench.run(PERIOD * 10 + THINKING);
         assert_eq!(bench.intervals(), [500; 10]);
         assert_eq!(bench.script.open.get(), 0, "memory is free between looks");
-        bench.robot.sights.want(false);
+        bench.robot.control_handle().want_views(false);
         bench.run(Duration::from_secs(20));
         assert!(bench.script.frames.borrow().is_empty());
     });
@@ -232,11 +232,11 @@ fn the_period_is_a_parameter_and_a_scan_looks_often_enough() {
             .push((name, ParameterValue::Number(2_000.0)))
             .expect("room");
         bench.robot.adjust(&values).expect("legal");
-        bench.robot.sights.want(true);
+        bench.robot.control_handle().want_views(true);
         bench.run(Duration::from_secs(6));
         assert_eq!(bench.intervals(), [2_000; 3]);
         bench.state(RobotState::Scanning);
-        bench.robot.sights.want(true);
+        bench.robot.control_handle().want_views(true);
         bench.run(Duration::from_secs(3));
         let scan = SCAN_PERIOD.as_millis();
         assert!(bench.intervals().iter().all(|ms| *ms == scan));
@@ -246,7 +246,7 @@ fn the_period_is_a_parameter_and_a_scan_looks_often_enough() {
 #[test]
 fn news_is_what_comes_goes_moves_or_stays() {
     bench(|mut bench| {
-        bench.robot.sights.want(true);
+        bench.robot.control_handle().want_views(true);
         assert_eq!(
             bench.news(Duration::from_secs(5)),
             [0],
@@ -267,9 +267,9 @@ fn news_is_what_comes_goes_moves_or_stays() {
         bench.show(&[]);
         assert_eq!(bench.news(Duration::from_secs(5)), [0], "it went");
         // Whoever looks again tells what there is, be it nothing.
-        bench.robot.sights.want(false);
+        bench.robot.control_handle().want_views(false);
         assert_eq!(bench.news(Duration::from_secs(1)), [0; 0]);
-        bench.robot.sights.want(true);
+        bench.robot.control_handle().want_views(true);
         assert_eq!(bench.news(Duration::from_secs(1)), [0]);
     });
 }
@@ -278,9 +278,9 @@ fn news_is_what_comes_goes_moves_or_stays() {
 fn control_gets_every_view_once() {
     bench(|mut bench| {
         bench.show(&[Spot { y: 0.7, ..SPOT }]);
-        bench.robot.sights.want(true);
+        bench.robot.control_handle().want_views(true);
         bench.run(THINKING);
-        let view = bench.robot.sights.take().expect("a view");
+        let view = bench.robot.control_handle().take_view().expect("a view");
         assert_eq!(view.frame, 1);
         assert_eq!(
             view.at,
@@ -288,9 +288,17 @@ fn control_gets_every_view_once() {
             "when the frame was taken, not when it was understood"
         );
         assert!(view.in_the_way.is_some());
-        assert_eq!(bench.robot.sights.take(), None);
+        assert_eq!(bench.robot.control_handle().take_view(), None);
         bench.run(PERIOD);
-        assert_eq!(bench.robot.sights.take().expect("another").frame, 2);
+        assert_eq!(
+            bench
+                .robot
+                .control_handle()
+                .take_view()
+                .expect("another")
+                .frame,
+            2
+        );
     });
 }
 
@@ -311,12 +319,12 @@ fn a_camera_that_fails_is_told_once_and_tried_less_often() {
     ] {
         bench(|mut bench| {
             bench.script.act.set(act);
-            bench.robot.sights.want(true);
+            bench.robot.control_handle().want_views(true);
             bench.run(FRAME_WITHIN + period * 2);
             assert_eq!(bench.told(), [text]);
             assert_eq!(bench.intervals(), [period.as_millis(); 2]);
             assert_eq!(bench.script.open.get(), 0);
-            assert_eq!(bench.robot.sights.take(), None, "no view");
+            assert_eq!(bench.robot.control_handle().take_view(), None, "no view");
             bench.script.act.set(Act::Work);
             bench.run(period * 2);
             assert_eq!(bench.told(), ["the camera works again"]);
@@ -334,7 +342,7 @@ fn frames_that_are_none_and_frames_without_room_are_told() {
     ] {
         bench(|mut bench| {
             bench.script.size.set(size);
-            bench.robot.sights.want(true);
+            bench.robot.control_handle().want_views(true);
             bench.run(Duration::from_secs(1));
             assert_eq!(bench.told(), [text]);
             assert!(bench.script.frames.borrow().is_empty());
@@ -345,7 +353,7 @@ fn frames_that_are_none_and_frames_without_room_are_told() {
 #[test]
 fn looks_go_on_while_an_image_waits_for_the_broker() {
     bench(|mut bench| {
-        bench.robot.sights.want(true);
+        bench.robot.control_handle().want_views(true);
         let text = r#"{"command":"capture","timestamp":0,"seq":1,"source":"operator:ada"}"#;
         bench
             .robot

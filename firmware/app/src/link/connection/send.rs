@@ -132,7 +132,7 @@ where
             }
         }
         self.send_periodic().await?;
-        if self.state.up_since.is_some() && self.robot.sights.has_news() {
+        if self.state.up_since.is_some() && self.robot.has_news() {
             self.send_detections().await?;
         }
         for _ in 0..LOGS_AT_ONCE {

@@ -16,12 +16,10 @@ const SUBSCRIBE: u8 = 8;
 const UNSUBSCRIBE: u8 = 10;
 
 fn behave(broker: &Broker, behaviour: BehaviourName) {
-    broker.robot.snapshot.lock(|cell| {
-        let mut snapshot = cell.get();
-        snapshot.behaviour = behaviour;
-        (snapshot.pose.x, snapshot.pose.y) = (0.5, 0.5);
-        cell.set(snapshot);
-    });
+    let mut snapshot = broker.robot.snapshot();
+    snapshot.behaviour = behaviour;
+    (snapshot.pose.x, snapshot.pose.y) = (0.5, 0.5);
+    broker.robot.control_handle().publish(snapshot);
 }
 
 /// The next request of the robot, SUBSCRIBE or UNSUBSCRIBE: its kind, its identifier, and its filter with

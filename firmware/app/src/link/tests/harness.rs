@@ -282,7 +282,7 @@ impl Broker {
 
     /// What control is told of the session.
     pub(super) fn health(&self) -> LinkHealth {
-        self.robot.link_health.lock(Cell::get)
+        self.robot.link_health()
     }
 
     /// When the robot tried to connect.

@@ -404,11 +404,11 @@ fn commands_queued_for_a_robot_that_was_away_meet_the_clock() {
         let response = peer.publish("swarm/response/").await.json();
         assert_eq!(field(&response, "status"), "expired");
         assert!(
-            broker.robot.orders.try_receive().is_err(),
+            broker.robot.control_handle().take_order().is_none(),
             "nothing to carry out"
         );
         assert!(
-            broker.robot.halt.try_take().is_some(),
+            broker.robot.control_handle().take_halt().is_some(),
             "stop is obeyed however old"
         );
     });

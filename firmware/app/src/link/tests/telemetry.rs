@@ -88,11 +88,9 @@ fn check(messages: &[Message]) {
 }
 
 fn set_state(broker: &Broker, state: RobotState) {
-    broker.robot.snapshot.lock(|cell| {
-        let mut snapshot = cell.get();
-        snapshot.state = state;
-        cell.set(snapshot);
-    });
+    let mut snapshot = broker.robot.snapshot();
+    snapshot.state = state;
+    broker.robot.control_handle().publish(snapshot);
 }
 
 #[test]

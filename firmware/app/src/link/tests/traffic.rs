@@ -59,7 +59,7 @@ fn status_and_parameters_are_retained_once_commands_can_arrive() {
         assert_eq!((parameters.qos, parameters.retained), (1, true));
         let message = ParametersMessage::from_json(&parameters.payload).expect("parameters");
         assert_eq!(message.values.len(), PARAMETER_COUNT);
-        broker.robot.parameters_changed.signal(());
+        broker.robot.store_handle().tell_parameters();
         peer.publish("swarm/parameters/").await;
     });
 }
@@ -78,9 +78,7 @@ fn a_new_boot_record_is_told() {
         let peer = broker.connected().await;
         let status = peer.publish("swarm/status/").await;
         assert_eq!(status.json()["boot"]["count"], 0);
-        let mut boot = broker.robot.boot();
-        boot.count = 7;
-        broker.robot.boot.lock(|cell| cell.set(boot));
+        broker.robot.store_handle().set_boot_count(7);
         let status = peer.publish("swarm/status/").await;
         assert_eq!(status.json()["boot"]["count"], 7);
     });
@@ -105,7 +103,7 @@ fn what_was_seen_is_told_once_unless_it_is_old() {
         };
         for (seq, frame) in [(0, 7), (1, 9)] {
             let at = EPOCH_MS + broker.clock.now().as_millis();
-            assert!(robot.sights.show(&view(frame), None));
+            assert!(robot.camera_handle().show(&view(frame), None));
             robot.outbox.nudge();
             let message = peer.publish("swarm/vision/").await;
             assert_eq!(message.topic, "swarm/vision/sim-0001");
@@ -121,7 +119,7 @@ fn what_was_seen_is_told_once_unless_it_is_old() {
         }
         let old = view(10);
         let all = peer.publishes_for(Duration::from_secs(3)).await;
-        assert!(robot.sights.show(&old, None));
+        assert!(robot.camera_handle().show(&old, None));
         robot.outbox.nudge();
         let later = peer.publishes_for(Duration::from_secs(3)).await;
         let mut all = all.iter().chain(&later);
@@ -177,11 +175,11 @@ fn an_outside_reference_reaches_control() {
         peer.deliver("swarm/pose/sim-0001", fix("sim-0002", 0).as_bytes());
         peer.deliver("swarm/pose/sim-0001", fix("sim-0001", 1_500).as_bytes());
         broker.sleep(Duration::from_millis(10)).await;
-        assert_eq!(broker.robot.tracking.take(), None);
+        assert_eq!(broker.robot.control_handle().take_fix(), None);
         assert_eq!(broker.robot.refused_fixes(), 2);
         peer.deliver("swarm/pose/sim-0001", fix("sim-0001", 50).as_bytes());
         broker.sleep(Duration::from_millis(10)).await;
-        let fix = broker.robot.tracking.take().expect("a fix");
+        let fix = broker.robot.control_handle().take_fix().expect("a fix");
         assert_eq!((fix.pose.x, fix.pose.y), (1.5, -2.5));
         let age = broker.clock.now() - fix.seen;
         assert!((50..=70).contains(&age.as_millis()), "{age:?}");
@@ -198,7 +196,11 @@ fn a_command_reaches_control_and_its_answers_come_back_in_order() {
             r#""direction":"forward","speed":80,"duration":2000"#,
         );
         broker.sleep(Duration::from_millis(10)).await;
-        let order = broker.robot.orders.try_receive().expect("an order");
+        let order = broker
+            .robot
+            .control_handle()
+            .take_order()
+            .expect("an order");
         assert!(matches!(
             order.task,
             Task::Move {
@@ -241,7 +243,7 @@ fn commands_to_the_swarm_count_and_commands_to_others_do_not() {
             command("scan", "", now, 3).as_bytes(),
         );
         broker.sleep(Duration::from_millis(10)).await;
-        let seqs: Vec<u64> = core::iter::from_fn(|| broker.robot.orders.try_receive().ok())
+        let seqs: Vec<u64> = core::iter::from_fn(|| broker.robot.control_handle().take_order())
             .map(|order| order.sender.seq)
             .collect();
         assert_eq!(seqs, [2, 3]);
@@ -265,13 +267,13 @@ fn a_message_with_every_property_is_read_like_one_without() {
         broker.sleep(Duration::from_millis(10)).await;
         let halt = broker
             .robot
-            .halt
-            .try_take()
+            .control_handle()
+            .take_halt()
             .expect("the robot was told to stop");
         assert_eq!(halt.senders[0].seq, 5);
         peer.command(6, "identify", "");
         broker.sleep(Duration::from_millis(10)).await;
-        assert!(broker.robot.orders.try_receive().is_ok());
+        assert!(broker.robot.control_handle().take_order().is_some());
     });
 }
 
@@ -309,7 +311,7 @@ fn a_flood_of_nonsense_starves_neither_heartbeat_nor_stop() {
         peer.command(1, "stop", "");
         let all = peer.publishes_for(Duration::from_secs(3)).await;
         let count = |prefix: &str| all.iter().filter(|p| p.topic.starts_with(prefix)).count();
-        assert!(broker.robot.halt.try_take().is_some());
+        assert!(broker.robot.control_handle().take_halt().is_some());
         assert!(count("swarm/heartbeat/") >= 2);
         let answers = count("swarm/response/");
         assert!((1..=80).contains(&answers), "{answers} answers");

@@ -232,7 +232,11 @@ fn a_fault_is_sent_once_when_it_arrives() {
 fn a_panic_is_told_in_the_status_and_once_in_a_record() {
     let robot = robot();
     let text = "src/wheel.rs:12: a wheel fell off";
-    robot.set_boot_cause(crawler_hal::ResetCause::Panic, Some(text), Instant::BOOT);
+    robot.control_handle().set_boot_cause(
+        crawler_hal::ResetCause::Panic,
+        Some(text),
+        Instant::BOOT,
+    );
     run_as(robot, async |broker| {
         let peer = broker.connected().await;
         let published = peer.publishes_for(SECOND * 4).await;
@@ -261,7 +265,7 @@ proptest::proptest! {
     #[test]
     fn any_text_of_a_panic_survives_or_is_cut_between_characters(text in ".{0,120}") {
         let robot = robot();
-        robot.set_boot_cause(crawler_hal::ResetCause::Panic, Some(&text), Instant::BOOT);
+        robot.control_handle().set_boot_cause(crawler_hal::ResetCause::Panic, Some(&text), Instant::BOOT);
         let kept = robot.last_panic().unwrap_or_default();
         proptest::prop_assert!(text.starts_with(kept.as_str()));
         let limit = crawler_hal::PANIC_TEXT;

@@ -1,0 +1,351 @@
+//! What each activity may write. A handle reads as the robot itself.
+//!
+//! An activity asks for its handle once and hands it on below; a test holds the others to leaving
+//! it alone.
+
+use core::cell::Cell as Value;
+use core::ops::Deref;
+
+use crawler_hal::{Instant, PANIC_TEXT, ResetCause};
+use crawler_protocol::Level;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+
+use super::{BootRecord, Robot, Snapshot, cut};
+use crate::goal::Goal;
+use crate::neighbours::{Cell, Near};
+use crate::order::{Halt, Order, Sender, SetRequest};
+use crate::parameters::Parameters;
+use crate::perception::{Battery, LinkHealth, Reading};
+use crate::tracking::{Fix, Refusal};
+use crate::trouble::{LinkTrouble, PANIC};
+use crate::vision::View;
+
+macro_rules! handle {
+    ($(#[$about:meta])* $name:ident, $ask:ident) => {
+        $(#[$about])*
+        pub(crate) struct $name<'a, M: RawMutex>(&'a Robot<M>);
+
+        impl<M: RawMutex> Clone for $name<'_, M> {
+            fn clone(&self) -> Self {
+                *self
+            }
+        }
+
+        impl<M: RawMutex> Copy for $name<'_, M> {}
+
+        impl<M: RawMutex> Deref for $name<'_, M> {
+            type Target = Robot<M>;
+
+            fn deref(&self) -> &Robot<M> {
+                self.0
+            }
+        }
+
+        impl<M: RawMutex> Robot<M> {
+            $(#[$about])*
+            pub(crate) const fn $ask(&self) -> $name<'_, M> {
+                $name(self)
+            }
+        }
+    };
+}
+
+handle!(
+    /// What [`sense()`](crate::sense()) may write.
+    SenseHandle,
+    sense_handle
+);
+handle!(
+    /// What [`power()`](crate::power()) may write.
+    PowerHandle,
+    power_handle
+);
+handle!(
+    /// What [`control()`](crate::control()) may take and write.
+    ControlHandle,
+    control_handle
+);
+handle!(
+    /// What [`store()`](crate::store()) may take and write.
+    StoreHandle,
+    store_handle
+);
+handle!(
+    /// What [`camera()`](crate::camera()) may take and write.
+    CameraHandle,
+    camera_handle
+);
+handle!(
+    /// What [`lamp()`](crate::lamp()) may take.
+    LampHandle,
+    lamp_handle
+);
+handle!(
+    /// What [`link()`](crate::link()) may take and write.
+    LinkHandle,
+    link_handle
+);
+
+impl<M: RawMutex> SenseHandle<'_, M> {
+    /// Publishes what the ranger says.
+    pub(crate) fn publish(self, reading: Reading) {
+        self.0.reading.lock(|cell| cell.set(reading));
+    }
+}
+
+impl<M: RawMutex> PowerHandle<'_, M> {
+    /// Publishes what was measured.
+    pub(crate) fn publish(self, battery: Battery) {
+        self.0.battery.lock(|cell| cell.set(battery));
+        self.0.battery_measured.signal(());
+    }
+}
+
+impl<'a, M: RawMutex> ControlHandle<'a, M> {
+    /// Notes why the program started, and logs how it panicked before.
+    pub(crate) fn set_boot_cause(self, cause: ResetCause, panic: Option<&str>, now: Instant) {
+        let text = panic.map(cut::<PANIC_TEXT>).unwrap_or_default();
+        let panicked = !text.is_empty();
+        if panicked {
+            self.0.log(Level::Error, PANIC, format_args!("{text}"), now);
+            self.0.panic.lock(|cell| cell.replace(text));
+        }
+        self.0.boot.lock(|cell| {
+            cell.set(BootRecord {
+                cause,
+                panicked,
+                ..cell.get()
+            });
+        });
+    }
+
+    /// Returns when a halt may have been requested since the last return.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) fn halt_asked(self) -> impl Future<Output = ()> + use<'a, M> {
+        self.0.halt.asked()
+    }
+
+    /// Whether a halt waits.
+    pub(crate) fn halt_waits(self) -> bool {
+        self.0.halt.waits()
+    }
+
+    /// Takes the halt that waits.
+    pub(crate) fn take_halt(self) -> Option<Halt> {
+        self.0.halt.try_take()
+    }
+
+    /// Takes the next order.
+    pub(crate) fn take_order(self) -> Option<Order> {
+        if self.0.orders.is_empty() {
+            return None;
+        }
+        self.0.orders.try_receive().ok()
+    }
+
+    /// Takes the newest view of the camera, if it was not taken yet.
+    pub(crate) fn take_view(self) -> Option<View> {
+        self.0.sights.take()
+    }
+
+    /// Begins or ends looking; also has the camera read its parameters anew.
+    pub(crate) fn want_views(self, wanted: bool) {
+        self.0.sights.want(wanted);
+    }
+
+    /// Takes the newest outside position reference, if it was not taken yet.
+    pub(crate) fn take_fix(self) -> Option<Fix> {
+        self.0.tracking.take()
+    }
+
+    /// Who is near.
+    pub(crate) fn near(self, now: Instant) -> Near {
+        self.0.neighbours.at(now)
+    }
+
+    /// Takes the behaviour that the restart before this boot interrupted.
+    pub(crate) fn take_goal_before_restart(self) -> Option<Goal> {
+        self.0.behaviour_before_restart.lock(Value::take)
+    }
+
+    /// Has the behaviour kept that a restart is about to interrupt.
+    pub(crate) fn keep_goal(self, goal: Goal) {
+        self.0.behaviour_to_keep.signal(goal);
+    }
+
+    /// Publishes what telemetry and the lamp need to know.
+    pub(crate) fn publish(self, snapshot: Snapshot) {
+        self.0.snapshot.lock(|cell| cell.set(snapshot));
+    }
+
+    /// Has the lamp blink until then for whoever looks for the robot.
+    pub(crate) fn identify(self, until: Instant) {
+        self.0.identify_until.lock(|cell| cell.set(until));
+    }
+
+    /// Has the lamp look for another pattern.
+    pub(crate) fn wake_lamp(self) {
+        self.0.lamp_changed.signal(());
+    }
+}
+
+impl<'a, M: RawMutex> StoreHandle<'a, M> {
+    /// The robot, to read alone, for as long as it lives.
+    pub(crate) const fn shared(self) -> &'a Robot<M> {
+        self.0
+    }
+
+    /// Waits until the battery was measured.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) fn battery_measured(self) -> impl Future<Output = ()> + use<'a, M> {
+        self.0.battery_measured.wait()
+    }
+
+    /// Waits for the next `set`.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) fn next_set(self) -> impl Future<Output = SetRequest> + use<'a, M> {
+        self.0.set_requests.receive()
+    }
+
+    /// Waits for a behaviour that a restart is about to interrupt.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) fn goal_to_keep(self) -> impl Future<Output = Goal> + use<'a, M> {
+        self.0.behaviour_to_keep.wait()
+    }
+
+    /// Puts other parameters in force; who sends them is told by [`Self::tell_parameters`].
+    pub(crate) fn set_parameters(self, next: Parameters) {
+        self.0.replace_parameters(next);
+    }
+
+    /// The retained message of the parameters is out of date.
+    pub(crate) fn tell_parameters(self) {
+        self.0.parameters_changed.signal(());
+    }
+
+    /// The flash has been read, or has been given up.
+    pub(crate) fn set_loaded(self) {
+        self.0.loaded.lock(|cell| cell.set(true));
+    }
+
+    /// Notes how many boots there were, this one included.
+    pub(crate) fn set_boot_count(self, count: u32) {
+        self.0.boot.lock(|cell| {
+            cell.set(BootRecord {
+                count,
+                ..cell.get()
+            });
+        });
+    }
+
+    /// Hands control the behaviour that the restart before this boot interrupted.
+    pub(crate) fn set_goal_before_restart(self, goal: Option<Goal>) {
+        self.0.behaviour_before_restart.lock(|cell| cell.set(goal));
+    }
+}
+
+impl<'a, M: RawMutex> CameraHandle<'a, M> {
+    /// Waits for a still that was asked for.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) fn next_capture(self) -> impl Future<Output = Sender> + use<'a, M> {
+        self.0.captures.next()
+    }
+
+    /// Ends the capture: another one may be asked for.
+    pub(crate) fn close_capture(self) {
+        self.0.captures.close();
+    }
+
+    /// Whether to look.
+    pub(crate) fn views_wanted(self) -> bool {
+        self.0.sights.is_wanted()
+    }
+
+    /// Returns when control has said since the last return whether to look.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) fn wishes_changed(self) -> impl Future<Output = ()> + use<'a, M> {
+        self.0.sights.changed()
+    }
+
+    /// Hands a view to control, and to the link if it is news after `told`. Whether it is.
+    pub(crate) fn show(self, view: &View, told: Option<&View>) -> bool {
+        self.0.sights.show(view, told)
+    }
+}
+
+impl<'a, M: RawMutex> LampHandle<'a, M> {
+    /// Until when to blink for whoever looks for the robot.
+    pub(crate) fn identify_until(self) -> Instant {
+        self.0.identify_until.lock(Value::get)
+    }
+
+    /// Returns when the pattern may have changed since the last return.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) fn changed(self) -> impl Future<Output = ()> + use<'a, M> {
+        self.0.lamp_changed.wait()
+    }
+}
+
+impl<'a, M: RawMutex> LinkHandle<'a, M> {
+    /// Tells control how the session with the broker is.
+    pub(crate) fn set_health(self, health: LinkHealth) {
+        self.0.set_link_health(health);
+    }
+
+    /// Notes what keeps the robot from its broker.
+    pub(crate) fn set_trouble(self, trouble: Option<LinkTrouble>) {
+        if self.0.link_trouble.lock(|cell| cell.replace(trouble)) != trouble {
+            self.0.lamp_changed.signal(());
+        }
+    }
+
+    /// Waits until the retained message of the parameters is out of date.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) fn parameters_changed(self) -> impl Future<Output = ()> + use<'a, M> {
+        self.0.parameters_changed.wait()
+    }
+
+    /// Takes what was seen last, unless that was told already or has waited for too long.
+    pub(crate) fn take_news(self, now: Instant) -> Option<View> {
+        self.0.sights.take_news(now)
+    }
+
+    /// Takes in an outside position reference.
+    ///
+    /// # Errors
+    /// Why it was refused; that is counted.
+    pub(crate) fn take_fix(self, payload: &[u8], now: Instant) -> Result<(), Refusal> {
+        let (own, unix) = (&self.0.config.id, self.0.unix_ms(now));
+        self.0.tracking.observe(payload, own, unix, now)
+    }
+
+    /// How many were refused since that was told last, when it is time to tell it again.
+    pub(crate) fn refusals_to_tell(self, now: Instant) -> Option<u32> {
+        self.0.tracking.refusals_to_tell(now)
+    }
+
+    /// Takes in a message on the topic of `cell`. Whether it was of use.
+    pub(crate) fn take_cell(self, cell: Cell, payload: &[u8], now: Instant) -> bool {
+        let (own, here) = (&self.0.config.id, self.0.snapshot().pose);
+        let unix = self.0.unix_ms(now);
+        self.0
+            .neighbours
+            .observe(cell, payload, (own, &here), unix, now)
+    }
+}
