@@ -1,12 +1,8 @@
-//! Fences: polygons of the ground that robots are to stay in or out of.
+//! What happens when a robot crosses a fence.
 //!
 //! Every pose that robots tell is held against every fence ([`crate::fleet`]). A robot that crosses
 //! one is told of, and stopped where the fence says so: once, so that it can be driven back. The list
 //! is kept in the records; each server has a copy, which follows within seconds.
-
-mod shape;
-#[cfg(test)]
-mod shape_tests;
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry as Place;
@@ -14,147 +10,22 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use crawler_protocol::{Action as Order, RobotId, Source};
-use crawler_records::{KeptFence, Records, RecordsError};
+use crawler_records::{Records, RecordsError};
 use futures_util::{StreamExt as _, stream};
-use serde::{Deserialize, Serialize};
 use serde_json::json;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
-use utoipa::ToSchema;
 
 use crate::accounts::{Entry, Notes};
 use crate::commands::{CommandCenter, SendError, Target};
-use crate::fleet::{Crossing, Level, SharedFleet};
+use crate::fleet::{Crossing, Fence, FenceAction, Level, SharedFleet};
 
-pub(crate) use shape::{Shape, ShapeError};
-
-/// So far, in metres, a robot must be on the right side before it counts as back: a pose that is sure
-/// to a few centimetres makes one crossing of each.
-pub(crate) const HYSTERESIS: f64 = 0.1;
 /// As whose command a stop goes out, in commands and in the audit log.
 const SOURCE: &str = "fence";
 /// Stops under way at a time.
 const CALLS: usize = 16;
 /// Before a stop that could not be sent is tried again.
 const AGAIN: Duration = Duration::from_secs(1);
-
-/// On which side of its edge robots are to be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-#[schema(as = FenceKind)]
-pub(crate) enum Kind {
-    /// Within.
-    KeepIn,
-    /// Outside.
-    KeepOut,
-}
-
-impl Kind {
-    /// Both.
-    pub(crate) const ALL: [Self; 2] = [Self::KeepIn, Self::KeepOut];
-
-    /// The name in messages, records and metrics.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::KeepIn => "keep_in",
-            Self::KeepOut => "keep_out",
-        }
-    }
-}
-
-/// What happens to a robot that crosses it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[schema(as = FenceAction)]
-pub(crate) enum Action {
-    /// It is told of.
-    Warn,
-    /// It is told of, and the robot is stopped.
-    Stop,
-}
-
-impl Action {
-    /// Both.
-    pub(crate) const ALL: [Self; 2] = [Self::Warn, Self::Stop];
-
-    /// The name in messages, records and metrics.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::Warn => "warn",
-            Self::Stop => "stop",
-        }
-    }
-}
-
-/// A fence.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Fence {
-    pub(crate) id: String,
-    pub(crate) name: String,
-    pub(crate) kind: Kind,
-    pub(crate) action: Action,
-    pub(crate) shape: Shape,
-    /// Who made it.
-    pub(crate) by: String,
-    /// Unix milliseconds.
-    pub(crate) made_at: i64,
-}
-
-impl Fence {
-    /// Whether a robot at `at` is on the wrong side; `was` says whether it was before.
-    pub(crate) fn is_violated(&self, at: [f64; 2], was: bool) -> bool {
-        let shape = &self.shape;
-        match self.kind {
-            Kind::KeepIn if !shape.holds(at) => true,
-            // In a narrow one it is back where there is still a place to be.
-            Kind::KeepIn => was && shape.to_edge(at) < HYSTERESIS.min(shape.depth() / 2.0),
-            Kind::KeepOut if !shape.is_near(at, HYSTERESIS) => false,
-            Kind::KeepOut => shape.holds(at) || (was && shape.to_edge(at) < HYSTERESIS),
-        }
-    }
-
-    /// What a robot did that crossed it; `back` to where it should be.
-    pub(crate) const fn crossing_verb(&self, back: bool) -> &'static str {
-        match (self.kind, back) {
-            (Kind::KeepIn, false) => "left",
-            (Kind::KeepIn, true) => "came back into",
-            (Kind::KeepOut, false) => "entered",
-            (Kind::KeepOut, true) => "came out of",
-        }
-    }
-
-    /// As it is kept.
-    pub(crate) fn to_kept(&self) -> KeptFence {
-        KeptFence {
-            id: self.id.clone(),
-            name: self.name.clone(),
-            kind: self.kind.name().to_owned(),
-            action: self.action.name().to_owned(),
-            // Finite numbers, which JSON can write.
-            corners: json!(self.shape.corners()).to_string(),
-            by: self.by.clone(),
-            made_at: self.made_at,
-        }
-    }
-
-    /// From how it is kept; `None` for what this program could not have kept.
-    pub(crate) fn of_kept(kept: KeptFence) -> Option<Self> {
-        let corners = serde_json::from_str(&kept.corners).ok()?;
-        Some(Self {
-            kind: Kind::ALL
-                .into_iter()
-                .find(|kind| kind.name() == kept.kind)?,
-            action: Action::ALL
-                .into_iter()
-                .find(|action| action.name() == kept.action)?,
-            shape: Shape::new(corners).ok()?,
-            id: kept.id,
-            name: kept.name,
-            by: kept.by,
-            made_at: kept.made_at,
-        })
-    }
-}
 
 /// Every fence of the records.
 ///
@@ -203,7 +74,7 @@ impl Stops {
     /// Notes a crossing of a robot; it is stopped if the fence wants that. At most one entry for each
     /// robot of the fleet.
     pub(crate) fn note(&self, crossing: &Crossing) {
-        if crossing.back || crossing.fence.action != Action::Stop {
+        if crossing.back || crossing.fence.action != FenceAction::Stop {
             return;
         }
         let fence = crossing.fence.name.clone();

@@ -5,11 +5,16 @@
 //! and of events, and a bounded weight of images, whatever arrives.
 
 mod events;
+mod fence;
 mod fences;
 mod images;
+mod incoming;
 mod ingest;
 mod presence;
 mod robot;
+mod shape;
+#[cfg(test)]
+mod shape_tests;
 #[cfg(test)]
 mod tests;
 
@@ -20,10 +25,13 @@ use std::time::Instant;
 use crawler_protocol::{Fleet, Response, RobotId, Telemetry};
 
 pub(crate) use events::{Event, EventLog, Level};
+pub(crate) use fence::{Fence, FenceAction, FenceKind};
 pub(crate) use fences::Crossing;
 pub(crate) use images::Image;
+pub(crate) use incoming::Incoming;
 pub(crate) use presence::Presence;
 pub(crate) use robot::Robot;
+pub(crate) use shape::{Shape, ShapeError};
 
 /// The live feed numbers robots with 16 bits; this stays below with room for a bad day.
 pub(crate) const MAX_ROBOTS: usize = 20_000;

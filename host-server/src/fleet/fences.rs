@@ -6,8 +6,7 @@ use std::sync::Arc;
 use crawler_protocol::{RobotId, Telemetry};
 
 use super::events::ONE_BY_ONE;
-use super::{FleetState, Level, MAX_ROBOTS, Robot};
-use crate::fences::{Action, Fence};
+use super::{Fence, FenceAction, FenceKind, FleetState, Level, MAX_ROBOTS, Robot};
 
 /// A robot has a bit for each.
 const MOST: usize = u64::BITS as usize;
@@ -46,7 +45,7 @@ impl FleetState {
         if known.len() == fences.len() && known.iter().zip(&fences).all(same) {
             return;
         }
-        let places: HashMap<(&str, crate::fences::Kind), usize> = known
+        let places: HashMap<(&str, FenceKind), usize> = known
             .iter()
             .enumerate()
             .map(|(place, fence)| ((fence.id.as_str(), fence.kind), place))
@@ -118,20 +117,22 @@ impl FleetState {
     pub(crate) fn fence_of(&self, robot: &Robot) -> Option<&Fence> {
         let mut beyond = self.beyond(robot);
         let first = beyond.next()?;
-        if first.action == Action::Stop {
+        if first.action == FenceAction::Stop {
             return Some(first);
         }
         Some(
             beyond
-                .find(|fence| fence.action == Action::Stop)
+                .find(|fence| fence.action == FenceAction::Stop)
                 .unwrap_or(first),
         )
     }
 
     /// Whether a robot is on the wrong side of a fence that stops.
     pub(crate) fn must_stop(&self, id: &RobotId) -> bool {
-        self.get(id)
-            .is_some_and(|robot| self.beyond(robot).any(|fence| fence.action == Action::Stop))
+        self.get(id).is_some_and(|robot| {
+            self.beyond(robot)
+                .any(|fence| fence.action == FenceAction::Stop)
+        })
     }
 
     fn beyond(&self, robot: &Robot) -> impl Iterator<Item = &Fence> {
@@ -172,12 +173,12 @@ impl FleetState {
 mod tests {
     use std::time::Instant;
 
+    use super::super::Incoming;
+    use super::super::Shape;
     use super::super::ingest::Rejection;
     use super::*;
-    use crate::bus::Incoming;
-    use crate::fences::{Kind, Shape};
 
-    fn fence(id: &str, kind: Kind, action: Action, half: f64) -> Fence {
+    fn fence(id: &str, kind: FenceKind, action: FenceAction, half: f64) -> Fence {
         let corners = vec![[-half, -half], [half, -half], [half, half], [-half, half]];
         Fence {
             id: id.into(),
@@ -224,7 +225,7 @@ mod tests {
     #[test]
     fn a_crossing_is_told_once_each_way() {
         let mut fleet = FleetState::new(crawler_protocol::Fleet::default());
-        fleet.set_fences(vec![fence("1", Kind::KeepIn, Action::Stop, 2.0)]);
+        fleet.set_fences(vec![fence("1", FenceKind::KeepIn, FenceAction::Stop, 2.0)]);
         assert_eq!(hear(&mut fleet, "a", 1.0, false), []);
         // A retained message is of long ago.
         assert_eq!(hear(&mut fleet, "b", 5.0, true), []);
@@ -251,7 +252,7 @@ mod tests {
     #[test]
     fn many_at_one_fence_are_one_event() {
         let mut fleet = FleetState::new(crawler_protocol::Fleet::default());
-        fleet.set_fences(vec![fence("1", Kind::KeepOut, Action::Warn, 2.0)]);
+        fleet.set_fences(vec![fence("1", FenceKind::KeepOut, FenceAction::Warn, 2.0)]);
         for n in 0..30 {
             let crossed = hear(&mut fleet, &format!("r-{n}"), 0.0, false);
             assert_eq!(crossed.len(), 1);
@@ -269,10 +270,10 @@ mod tests {
     #[test]
     fn other_fences_do_not_make_a_crossing_of_an_old_one() {
         let mut fleet = FleetState::new(crawler_protocol::Fleet::default());
-        let warn = fence("1", Kind::KeepIn, Action::Warn, 2.0);
+        let warn = fence("1", FenceKind::KeepIn, FenceAction::Warn, 2.0);
         fleet.set_fences(vec![warn.clone()]);
         assert_eq!(hear(&mut fleet, "a", 3.0, false).len(), 1);
-        let stop = fence("0", Kind::KeepIn, Action::Stop, 2.5);
+        let stop = fence("0", FenceKind::KeepIn, FenceAction::Stop, 2.5);
         fleet.set_fences(vec![stop.clone(), warn.clone()]);
         assert_eq!(name_of(&fleet, "a"), Some("yard 1"));
         // It is beyond the new one as well, and of the two that stops is shown.
@@ -283,7 +284,7 @@ mod tests {
         assert_eq!(name_of(&fleet, "a"), Some("yard 1"));
         assert_eq!(hear(&mut fleet, "a", 3.0, false), []);
         // Turned inside out it is another fence.
-        fleet.set_fences(vec![fence("1", Kind::KeepOut, Action::Warn, 2.0)]);
+        fleet.set_fences(vec![fence("1", FenceKind::KeepOut, FenceAction::Warn, 2.0)]);
         assert_eq!(name_of(&fleet, "a"), None);
         assert_eq!(hear(&mut fleet, "a", 3.0, false), []);
         assert_eq!(hear(&mut fleet, "a", 1.0, false).len(), 1);

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use axum::body::Bytes;
 use crawler_protocol::{IMAGE_FRAME, IMAGE_TIMESTAMP, RobotId};
 
-use crate::bus::Incoming;
+use super::Incoming;
 
 /// Bytes of all images together.
 const MAX_BYTES: usize = 64 * 1024 * 1024;

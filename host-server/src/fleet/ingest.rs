@@ -8,9 +8,9 @@ use crawler_protocol::{
     Response, RobotId, StatusMessage, Telemetry, TelemetryEncoding, Topic, TopicError,
 };
 
+use super::Incoming;
 use super::images::Image;
 use super::{FleetState, Level, MAX_ROBOTS, Received};
-use crate::bus::Incoming;
 use crate::clock;
 
 /// Positions beyond this are no positions. A coordinate in `f32` is good to 6 cm there.

@@ -2,7 +2,6 @@ use std::time::{Duration, Instant};
 
 use super::presence::{OFFLINE_AFTER, STALE_AFTER};
 use super::*;
-use crate::bus::Incoming;
 
 fn fleet() -> FleetState {
     FleetState::new(Fleet::default())

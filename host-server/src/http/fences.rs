@@ -17,8 +17,8 @@ use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::state::ApiState;
 use crate::accounts::now_ms;
-use crate::fences::{self, Action, Fence, Kind, Shape, ShapeError};
-use crate::fleet::SharedFleet;
+use crate::fences;
+use crate::fleet::{Fence, FenceAction, FenceKind, Shape, ShapeError, SharedFleet};
 
 /// A fence.
 #[derive(Debug, Serialize, ToSchema)]
@@ -29,11 +29,11 @@ pub(super) struct FenceView {
     /// Its name; no two have the same.
     name: String,
     /// On which side of its edge robots are to be.
-    kind: Kind,
+    kind: FenceKind,
     /// Its corners, x and y in metres. The last is joined to the first.
     corners: Vec<[f64; 2]>,
     /// What happens when a robot crosses it.
-    action: Action,
+    action: FenceAction,
     /// Who made it.
     by: String,
     /// Unix milliseconds.
@@ -81,13 +81,13 @@ pub(super) struct NewFence {
     #[schema(min_length = 1, max_length = 32)]
     name: String,
     /// On which side of its edge robots are to be.
-    kind: Kind,
+    kind: FenceKind,
     /// Its corners, x and y in metres: 3 to 32, in either direction. Edges meet in corners alone, and
     /// enclose more than 0.01 m².
     #[schema(schema_with = corners)]
     corners: Vec<Vec<f64>>,
     /// What happens when a robot crosses it.
-    action: Action,
+    action: FenceAction,
 }
 
 impl NewFence {

@@ -6,8 +6,8 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::registry::Registry;
 
 use super::Metrics;
-use crate::fences::{Action, Kind};
 use crate::fleet::Crossing;
+use crate::fleet::{FenceAction, FenceKind};
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct Label {
@@ -16,7 +16,7 @@ struct Label {
 }
 
 impl Label {
-    const fn new(kind: Kind, action: Action) -> Self {
+    const fn new(kind: FenceKind, action: FenceAction) -> Self {
         Self {
             kind: kind.name(),
             action: action.name(),
@@ -36,8 +36,8 @@ impl Crossings {
             family.clone(),
         );
         // A counter that is not there before its first event has no rate at that event.
-        for kind in Kind::ALL {
-            for action in Action::ALL {
+        for kind in FenceKind::ALL {
+            for action in FenceAction::ALL {
                 let _ = family.get_or_create(&Label::new(kind, action)).inc_by(0);
             }
         }

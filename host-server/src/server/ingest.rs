@@ -9,11 +9,11 @@ use crawler_protocol::{Fleet, Telemetry, Topic};
 
 use super::outcome_log::OutcomeLog;
 use crate::accounts;
-use crate::bus::{Incoming, Receiver};
+use crate::bus::Receiver;
 use crate::cluster::{ClusterMembership, is_shared};
 use crate::commands::CommandCenter;
 use crate::fences::Stops;
-use crate::fleet::{Level, Received, SharedFleet};
+use crate::fleet::{Incoming, Level, Received, SharedFleet};
 use crate::history::{History, sample};
 use crate::metrics::{Dropped, Metrics};
 

@@ -1,8 +1,8 @@
 use proptest::prelude::*;
 
-use super::HYSTERESIS;
+use super::fence::HYSTERESIS;
 use super::shape::{Point, Shape, ShapeError};
-use super::{Action, Fence, Kind};
+use super::{Fence, FenceAction, FenceKind};
 
 const SQUARE: [Point; 4] = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]];
 
@@ -10,12 +10,12 @@ fn shape(corners: &[Point]) -> Shape {
     Shape::new(corners.to_vec()).expect("a polygon")
 }
 
-fn fence(kind: Kind, corners: &[Point]) -> Fence {
+fn fence(kind: FenceKind, corners: &[Point]) -> Fence {
     Fence {
         id: "1".into(),
         name: "yard".into(),
         kind,
-        action: Action::Warn,
+        action: FenceAction::Warn,
         shape: shape(corners),
         by: String::new(),
         made_at: 0,
@@ -99,7 +99,7 @@ fn a_hollow_is_outside() {
 
 #[test]
 fn a_crossing_ends_a_little_later_than_it_began() {
-    let inside = fence(Kind::KeepIn, &SQUARE);
+    let inside = fence(FenceKind::KeepIn, &SQUARE);
     for (x, was, is) in [
         (1.99, false, false),
         (2.01, false, true),
@@ -108,7 +108,7 @@ fn a_crossing_ends_a_little_later_than_it_began() {
     ] {
         assert_eq!(inside.is_violated([x, 1.0], was), is, "in: {x}");
     }
-    let outside = fence(Kind::KeepOut, &SQUARE);
+    let outside = fence(FenceKind::KeepOut, &SQUARE);
     for (x, was, is) in [
         (2.01, false, false),
         (1.99, false, true),
@@ -120,7 +120,7 @@ fn a_crossing_ends_a_little_later_than_it_began() {
     }
     // Nowhere inside of it is as deep as that, and yet one can be back.
     let narrow = fence(
-        Kind::KeepIn,
+        FenceKind::KeepIn,
         &[[0.0, 0.0], [9.0, 0.0], [9.0, 0.12], [0.0, 0.12]],
     );
     assert!(narrow.is_violated([4.0, 0.13], false));
@@ -191,7 +191,7 @@ proptest! {
     fn noise_at_the_edge_is_one_crossing(
         noise in prop::collection::vec(-0.049..0.049_f64, 1..200), keep_in: bool,
     ) {
-        let kind = if keep_in { Kind::KeepIn } else { Kind::KeepOut };
+        let kind = if keep_in { FenceKind::KeepIn } else { FenceKind::KeepOut };
         let fence = fence(kind, &SQUARE);
         let (mut was, mut crossings) = (false, 0);
         for x in noise {
