@@ -5,13 +5,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use crawler_records::{Event, EventLevel, EventRetention, Records, RecordsError};
+use crawler_records::{Event, EventRetention, Records, RecordsError};
 use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
 use crate::accounts::now_ms;
 use crate::cluster::ClusterMembership;
-use crate::fleet;
 
 /// Events that wait to be written.
 const EVENTS: usize = 8_192;
@@ -98,7 +97,7 @@ impl Recorder {
     }
 
     /// Takes an event, without waiting. One too many is counted as dropped.
-    pub(crate) fn record(&self, event: &fleet::Event, known: Known) {
+    pub(crate) fn record(&self, event: Event, known: Known) {
         let leads = || self.0.membership.as_ref().is_none_or(|all| all.leads());
         if known == Known::Everywhere && !leads() {
             return;
@@ -109,16 +108,7 @@ impl Recorder {
             self.0.dropped.fetch_add(1, Ordering::Relaxed);
             return;
         }
-        inbox.events.push(Event {
-            at: i64::try_from(event.time).unwrap_or(i64::MAX),
-            level: match event.level {
-                fleet::Level::Info => EventLevel::Info,
-                fleet::Level::Warn => EventLevel::Warn,
-                fleet::Level::Error => EventLevel::Error,
-            },
-            robot: event.robot.clone(),
-            text: event.text.clone(),
-        });
+        inbox.events.push(event);
     }
 
     /// Takes note that the simulated arena is `arena` from now on, `null` where there is none. Call it
@@ -242,13 +232,13 @@ impl Writer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crawler_records::EventQuery;
+    use crawler_records::{EventLevel, EventQuery};
     use serde_json::json;
 
-    fn event(text: &str) -> fleet::Event {
-        fleet::Event {
-            time: 5,
-            level: fleet::Level::Warn,
+    fn event(text: &str) -> Event {
+        Event {
+            at: 5,
+            level: EventLevel::Warn,
             robot: None,
             text: text.to_owned(),
         }
@@ -259,7 +249,7 @@ mod tests {
         let records = Records::in_memory().await.expect("records");
         let recorder = Recorder::new(None);
         for n in 0..EVENTS + 3 {
-            recorder.record(&event(&format!("event {n}")), Known::Everywhere);
+            recorder.record(event(&format!("event {n}")), Known::Everywhere);
         }
         for n in 0..ARENAS + 5 {
             recorder.record_arena(&json!({ "width": n }));
@@ -300,7 +290,7 @@ mod tests {
         let records = Records::in_memory().await.expect("records");
         records.close().await;
         let recorder = Recorder::new(None);
-        recorder.record(&event("lost"), Known::Here);
+        recorder.record(event("lost"), Known::Here);
         let stop = CancellationToken::new();
         stop.cancel();
         recorder.writer(records).run(stop).await;

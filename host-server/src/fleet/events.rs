@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use crawler_protocol::RobotId;
+use crawler_records::{Event as Recorded, EventLevel};
 use serde::Serialize;
 
 use super::Presence;
@@ -34,6 +35,22 @@ pub(crate) struct Event {
     pub(crate) level: Level,
     pub(crate) robot: Option<RobotId>,
     pub(crate) text: String,
+}
+
+impl Event {
+    /// As the records keep it.
+    fn to_recorded(&self) -> Recorded {
+        Recorded {
+            at: i64::try_from(self.time).unwrap_or(i64::MAX),
+            level: match self.level {
+                Level::Info => EventLevel::Info,
+                Level::Warn => EventLevel::Warn,
+                Level::Error => EventLevel::Error,
+            },
+            robot: self.robot.clone(),
+            text: self.text.clone(),
+        }
+    }
 }
 
 /// The newest events, numbered through.
@@ -70,7 +87,7 @@ impl EventLog {
             text,
         };
         if let Some(recorder) = &self.recorder {
-            recorder.record(&event, known);
+            recorder.record(event.to_recorded(), known);
         }
         if self.events.len() == KEPT {
             self.events.pop_front();
