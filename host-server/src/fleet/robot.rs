@@ -11,10 +11,10 @@ use crawler_protocol::{
 use super::Presence;
 
 /// Two robots under one id show as an uptime that keeps jumping back. A restart is one jump, a
-/// robot in a boot loop one every few seconds at most; so many within [`TWIN_WINDOW`] are twins
+/// robot in a boot loop one every few seconds at most; so many within [`DOUBLE_WINDOW`] are doubles
 /// or as bad.
-const TWIN_JUMPS: usize = 3;
-const TWIN_WINDOW: Duration = Duration::from_mins(1);
+const DOUBLE_JUMPS: usize = 3;
+const DOUBLE_WINDOW: Duration = Duration::from_mins(1);
 
 /// What is known of one robot.
 pub(crate) struct Robot {
@@ -95,15 +95,15 @@ impl Robot {
             return false;
         }
         self.jumps.push_back(now);
-        if self.jumps.len() > 2 * TWIN_JUMPS {
+        if self.jumps.len() > 2 * DOUBLE_JUMPS {
             self.jumps.pop_front();
         }
-        self.jumps.len() == TWIN_JUMPS
+        self.jumps.len() == DOUBLE_JUMPS
     }
 
     fn forget_jumps(&mut self, now: Instant) {
         while let Some(first) = self.jumps.front() {
-            if now.saturating_duration_since(*first) < TWIN_WINDOW {
+            if now.saturating_duration_since(*first) < DOUBLE_WINDOW {
                 break;
             }
             self.jumps.pop_front();
@@ -111,8 +111,8 @@ impl Robot {
     }
 
     /// Whether two robots seem to share this id.
-    pub(crate) fn has_twin(&self) -> bool {
-        self.jumps.len() >= TWIN_JUMPS
+    pub(crate) fn has_double(&self) -> bool {
+        self.jumps.len() >= DOUBLE_JUMPS
     }
 
     /// The newest state, from whichever message told it last.

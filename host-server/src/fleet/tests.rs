@@ -192,7 +192,7 @@ fn two_robots_with_one_id_are_noticed_and_a_restart_is_not() {
         beat(100 + second, 5_000 + second);
     }
     assert_eq!(beat(110, 6_000), 1, "told once");
-    assert!(fleet.get(&id("a")).expect("known").has_twin());
+    assert!(fleet.get(&id("a")).expect("known").has_double());
 }
 
 #[test]

@@ -137,7 +137,7 @@ impl RobotView {
             id: robot.id.as_str().to_owned(),
             index: robot.index,
             presence: robot.presence,
-            duplicate: robot.has_twin(),
+            duplicate: robot.has_double(),
             link: link.map(LinkState::name),
             last_seen: robot.last_seen_ms,
             kind: status.map(|status| status.kind.name()),

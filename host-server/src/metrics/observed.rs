@@ -46,7 +46,7 @@ pub(crate) struct Robots {
     /// told no state.
     states: [usize; RobotState::ALL.len() + 1],
     /// Ids that two robots seem to share.
-    twins: usize,
+    doubles: usize,
 }
 
 impl Robots {
@@ -59,7 +59,7 @@ impl Robots {
                 Presence::Stale => count.stale += 1,
                 Presence::Offline => count.offline += 1,
             }
-            count.twins += usize::from(robot.has_twin());
+            count.doubles += usize::from(robot.has_double());
             // What an absent robot did last says nothing about now.
             if robot.presence != Presence::Offline {
                 let place = robot
@@ -100,7 +100,7 @@ impl Robots {
             out,
             "terracrawler_robots_sharing_an_id",
             "Ids under which two robots seem to speak",
-            self.twins as f64,
+            self.doubles as f64,
         );
     }
 }
