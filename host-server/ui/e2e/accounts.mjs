@@ -376,9 +376,10 @@ try {
   await sessions(page)
   await page.context().close()
   await phone(browser)
-  await limits(browser)
-  await troubles(browser)
-  await openServer(browser)
+  const visitor = await newPage(browser)
+  await limits(visitor)
+  await troubles(visitor)
+  await openServer(visitor)
   await browser.close()
 } catch (error) {
   fail(`the browser: ${String(error.message).split('\n')[0]}`)

@@ -17,7 +17,7 @@ import { PHONE } from './browser.mjs'
 import { axe, check, expect, frames } from './checks.mjs'
 
 export async function byKeyboard() {
-  const { context, page } = await open()
+  const page = await open()
   await standing(page)
 
   await check('with keys alone: to the arena, around in it, and to a robot', async () => {
@@ -105,7 +105,6 @@ export async function byKeyboard() {
       return (await id(page, 'stop-panel').getAttribute('data-stop')) === 'armed'
     })
   })
-  await context.close()
 }
 
 /** A gamepad that the page believes in. */
@@ -125,7 +124,7 @@ function plug() {
 }
 
 export async function byGamepad() {
-  const { context, page } = await open()
+  const page = await open()
   stand()
   const robot = apart()
   await id(page, 'search').fill(robot.id)
@@ -176,18 +175,10 @@ export async function byGamepad() {
       return (await id(page, 'stop-panel').getAttribute('data-stop')) === 'armed'
     })
   })
-  await context.close()
 }
 
 export async function byFinger() {
-  const { context, page } = await open({
-    viewport: PHONE,
-    hasTouch: true,
-    isMobile: true,
-    deviceScaleFactor: 2,
-    colorScheme: 'dark',
-    reducedMotion: 'reduce',
-  })
+  const page = await open('phone')
   await standing(page)
 
   await check('fingers: a tap selects, and what is pressed is large enough', async () => {
@@ -205,7 +196,7 @@ export async function byFinger() {
   await check('fingers: two of them zoom, one draws a line with the tool', async () => {
     const box = await id(page, 'arena').boundingBox()
     const [x, y] = [box.x + box.width / 2, box.y + box.height / 2 + 20]
-    const session = await context.newCDPSession(page)
+    const session = await page.context().newCDPSession(page)
     const touch = (type, ...points) =>
       session.send('Input.dispatchTouchEvent', {
         type,
@@ -233,7 +224,7 @@ export async function byFinger() {
 
   await check('fingers: holding a button drives, lifting stops; nothing violates', async () => {
     const box = await id(page, 'pad-forward').boundingBox()
-    const session = await context.newCDPSession(page)
+    const session = await page.context().newCDPSession(page)
     const point = { x: box.x + box.width / 2, y: box.y + box.height / 2 }
     const before = sent('drive').length
     await session.send('Input.dispatchTouchEvent', { type: 'touchStart', touchPoints: [point] })
@@ -242,5 +233,4 @@ export async function byFinger() {
     await soon('no stop', () => mock.commands.at(-1)?.command === 'stop')
     return axe(page, 'axe-core, phone, dark')
   })
-  await context.close()
 }

@@ -4,7 +4,6 @@ import { startMock } from '../tests/mock/server.mjs'
 import {
   apart,
   arena,
-  browser,
   camera,
   goals,
   id,
@@ -13,6 +12,7 @@ import {
   onPage,
   online,
   open,
+  openAt,
   selected,
   sent,
   settled,
@@ -20,11 +20,10 @@ import {
   stand,
   standing,
 } from './arena-steps.mjs'
-import { DESKTOP } from './browser.mjs'
-import { PATIENCE_MS, axe, check, expect, fail } from './checks.mjs'
+import { axe, check, expect } from './checks.mjs'
 
 export async function byMouse() {
-  const { context, page } = await open()
+  const page = await open()
   await standing(page)
   const robot = apart()
 
@@ -156,11 +155,10 @@ export async function byMouse() {
     await page.mouse.click(...(await onPage(page, -2, -2)))
     await soon('still open', async () => !(await id(page, 'trails').isVisible()))
   })
-  await context.close()
 }
 
 export async function cutOff() {
-  const { context, page } = await open()
+  const page = await open()
   stand()
   await page.locator('[data-testid=robot-row][data-presence=online]').first().click()
   const state = () => id(page, 'connection').getAttribute('data-connection')
@@ -187,21 +185,15 @@ export async function cutOff() {
     online()[0].behaviour = 'wander'
     await soon('no new pictures', async () => Number(await arena(page, 'drawn')) > drawn)
   })
-  await context.close()
 }
 
 export async function byThousands() {
   const many = await startMock({ robots: 3_000, seed: 2 })
-  const context = await browser.newContext({ viewport: DESKTOP, colorScheme: 'dark' })
-  const page = await context.newPage()
-  page.setDefaultTimeout(PATIENCE_MS)
-  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
   await check('thousands of robots are counted together until the view is near', async () => {
-    await page.goto(many.url)
+    const page = await openAt(many.url)
     await soon('no clusters', async () => Number(await arena(page, 'clusters')) > 5)
     for (let i = 0; i < 6; i++) await id(page, 'zoom-in').click()
     await soon('still clusters', async () => (await arena(page, 'clusters')) === '0')
   })
-  await context.close()
   await many.close()
 }

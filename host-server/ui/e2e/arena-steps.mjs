@@ -1,24 +1,41 @@
 // What the rounds in the arena share: a page on the mock, where things are, who stands where.
 
 import { startMock } from '../tests/mock/server.mjs'
-import { DESKTOP, launch } from './browser.mjs'
-import { PATIENCE_MS, axeSource, fail, until } from './checks.mjs'
+import { PHONE, launch } from './browser.mjs'
+import { afresh, openPage, until } from './checks.mjs'
 
 export const mock = await startMock({ robots: 24, seed: 5 })
 export const browser = await launch()
 export const id = (page, name) => page.getByTestId(name)
 export const soon = until
 
-export async function open(options = {}) {
-  const context = await browser.newContext({ viewport: DESKTOP, ...options })
-  await context.addInitScript(await axeSource())
-  const page = await context.newPage()
-  page.setDefaultTimeout(PATIENCE_MS)
-  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
-  await page.goto(mock.url)
+/** One for a desk, one for a hand: each is made once, and shows every round the room afresh. */
+const OPTIONS = {
+  desk: {},
+  phone: {
+    viewport: PHONE,
+    hasTouch: true,
+    isMobile: true,
+    deviceScaleFactor: 2,
+    colorScheme: 'dark',
+    reducedMotion: 'reduce',
+  },
+}
+const pages = {}
+
+/** The page at an address, as whoever comes first finds it. */
+export async function openAt(address, kind = 'desk') {
+  pages[kind] ??= await openPage(browser, OPTIONS[kind])
+  const page = pages[kind]
+  await afresh(page, address)
+  return page
+}
+
+export async function open(kind) {
+  const page = await openAt(mock.url, kind)
   await page.locator('[data-testid=robot-row][data-x]').first().waitFor()
   await soon('no picture', async () => Number(await arena(page, 'drawn')) > 0)
-  return { context, page }
+  return page
 }
 
 export const arena = (page, name) => id(page, 'arena').getAttribute(`data-${name}`)

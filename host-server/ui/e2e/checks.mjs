@@ -4,13 +4,14 @@ import { readFile } from 'node:fs/promises'
 import { createRequire } from 'node:module'
 import { join } from 'node:path'
 import { DESKTOP } from './browser.mjs'
+import { processorTime } from './processor.mjs'
 
 /** For whatever has to happen: machines that run tests are busy. Nothing here judges how fast it was. */
 export const PATIENCE_MS = 180_000
 /** A round ends by then, whatever hangs. */
 const DEADLINE_MS = 1_200_000
 
-/** `TIMES=1` says of each check how long it took. */
+/** `TIMES=1` says of each check how long it took, and what of the processor since the one before. */
 const TIMES = process.env.TIMES !== undefined
 
 let passed = 0
@@ -21,11 +22,15 @@ export async function check(name, act) {
   try {
     const detail = await act()
     passed += 1
-    const took = TIMES ? ` [${Math.round(performance.now() - began)} ms]` : ''
+    const took = TIMES ? cost(performance.now() - began) : ''
     console.log(`ok    ${name}${typeof detail === 'string' ? ` (${detail})` : ''}${took}`)
   } catch (error) {
     fail(`${name}: ${String(error.message).split('\n')[0]}`)
   }
+}
+
+function cost(milliseconds) {
+  return ` [${Math.round(milliseconds)} ms, processor ${processorTime().toFixed(2)} s]`
 }
 
 export function fail(words) {
@@ -76,28 +81,57 @@ export function pause(milliseconds) {
   return new Promise((resolve) => setTimeout(resolve, milliseconds))
 }
 
-/** For `addInitScript`, so that `axe` finds it. */
-export function axeSource() {
-  return readFile(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8')
-}
-
-/** A page that is patient, knows `axe`, and fails the run when it throws. */
+/** A page that is patient, and fails the run when it throws. */
 export async function openPage(browser, options = {}) {
   const context = await browser.newContext({ viewport: DESKTOP, ...options })
-  await context.addInitScript(await axeSource())
   const page = await context.newPage()
   page.setDefaultTimeout(PATIENCE_MS)
   page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
   return page
 }
 
-export async function axe(page, name) {
-  const violations = await page.evaluate(async () => {
-    const result = await globalThis.axe.run(document, { resultTypes: ['violations'] })
+/** The page of whoever comes there first: it knows nothing of before. */
+export async function afresh(page, address) {
+  if (page.url() !== 'about:blank') {
+    await page.evaluate(() => {
+      localStorage.clear()
+      sessionStorage.clear()
+    })
+    await page.goto('about:blank')
+  }
+  await page.goto(address)
+}
+
+/** What does not hold in one colour scheme may in another; all other rules are about the page. */
+const OF_COLOURS = ['color-contrast', 'link-in-text-block']
+
+/** Looks for violations of accessibility, by these rules alone or by all. */
+export async function axe(page, name, rules = null) {
+  if (!(await page.evaluate(() => 'axe' in globalThis))) await page.evaluate(await axeSource())
+  const violations = await page.evaluate(async (values) => {
+    const only = values === null ? {} : { runOnly: { type: 'rule', values } }
+    const result = await globalThis.axe.run(document, { resultTypes: ['violations'], ...only })
     return result.violations.map(({ id, nodes }) => `${id} at ${nodes[0]?.target.join(' ')}`)
-  })
+  }, rules)
   expect(violations.length === 0, `${name}: ${violations.join('; ')}`)
   return name
+}
+
+/** Looks at the colours of a page that has been looked at in light, and leaves it in light. */
+export async function axeDark(page, name, then = () => undefined) {
+  await page.emulateMedia({ colorScheme: 'dark' })
+  try {
+    await frames(page)
+    await axe(page, `${name}, dark`, OF_COLOURS)
+    await then()
+  } finally {
+    await page.emulateMedia({ colorScheme: 'light' })
+  }
+  return name
+}
+
+function axeSource() {
+  return readFile(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8')
 }
 
 /** Side of what a finger can press, pixels. */

@@ -3,8 +3,7 @@
 
 import { startMock } from '../tests/mock/server.mjs'
 import { DESKTOP, PHONE, WALL } from './browser.mjs'
-import { PATIENCE_MS, axe, axeSource, check, expect, fail } from './checks.mjs'
-import { measure, picture, until } from './checks.mjs'
+import { axe, axeDark, check, expect, measure, picture, until } from './checks.mjs'
 
 /** Trials of the long experiment: as many as there can be. */
 const MANY = 100_000
@@ -75,35 +74,33 @@ const LAST = {
   dashboard: '[data-testid=experiments-tile] progress',
 }
 
-export async function everyLook({ browser, mock, newPage, goTo }) {
+export async function everyLook({ browser, page, mock, newPage, goTo }) {
   mock.experiments.settings.perSecond = 40
   const places = fill(mock)
-  const sizes = { desktop: DESKTOP, phone: PHONE, wall: WALL }
-  for (const [size, viewport] of Object.entries(sizes)) {
-    for (const colorScheme of ['light', 'dark']) {
-      const touch = size === 'phone' ? { hasTouch: true, isMobile: true, deviceScaleFactor: 2 } : {}
-      const page = await newPage(browser, {
-        viewport,
-        colorScheme,
-        reducedMotion: 'reduce',
-        ...touch,
+  const touch = { hasTouch: true, isMobile: true, deviceScaleFactor: 2 }
+  const phone = await newPage(browser, { viewport: PHONE, reducedMotion: 'reduce', ...touch })
+  await page.emulateMedia({ reducedMotion: 'reduce' })
+  for (const [size, viewport] of Object.entries({ desktop: DESKTOP, wall: WALL, phone: PHONE })) {
+    const here = size === 'phone' ? phone : page
+    await here.setViewportSize(viewport)
+    for (const [name, place] of Object.entries(places)) {
+      await check(`${size}, light: ${name}`, async () => {
+        await goTo(here, place)
+        await here.locator(LAST[name]).first().waitFor()
+        if (name === 'compared') await allLoaded(here)
+        if (name === 'missed') await id(here, 'curve-choice').click()
+        await (size === 'phone' ? measure(here, name) : axe(here, name))
+        await pictures(here, `experiments-${size}-light-${name}`)
+        const box = await id(here, 'stop-all').boundingBox()
+        expect(box !== null && box.y + box.height <= viewport.height, 'the stop is out of reach')
       })
-      for (const [name, place] of Object.entries(places)) {
-        await check(`${size}, ${colorScheme}: ${name}`, async () => {
-          await goTo(page, place)
-          await page.locator(LAST[name]).first().waitFor()
-          if (name === 'compared') await allLoaded(page)
-          if (name === 'missed') await id(page, 'curve-choice').click()
-          await (size === 'phone' ? measure(page, name) : axe(page, name))
-          await picture(page, `experiments-${size}-${colorScheme}-${name}`)
-          if (process.env.SCREENSHOTS !== undefined) await whole(page, size, colorScheme, name)
-          const box = await id(page, 'stop-all').boundingBox()
-          expect(box !== null && box.y + box.height <= viewport.height, 'the stop is out of reach')
-        })
-      }
-      await page.context().close()
+      await check(`${size}, dark: ${name}`, () => {
+        return axeDark(here, name, () => pictures(here, `experiments-${size}-dark-${name}`))
+      })
     }
   }
+  await phone.context().close()
+  await page.setViewportSize(DESKTOP)
 }
 
 /** 200, 200, 120 and 130 trials. */
@@ -112,20 +109,22 @@ async function allLoaded(page) {
 }
 
 /** What is below the edge, too. */
-async function whole(page, size, colorScheme, name) {
+async function pictures(page, name) {
+  if (process.env.SCREENSHOTS === undefined) return
   const body = page.locator('.page-body')
+  await body.evaluate((element) => element.scrollTo(0, 0))
+  await picture(page, name)
   for (let part = 2; part < 7; part++) {
     const end = await body.evaluate((element) => {
       element.scrollTop += element.clientHeight - 40
       return element.scrollTop + element.clientHeight >= element.scrollHeight - 1
     })
-    await picture(page, `experiments-${size}-${colorScheme}-${name}-${String(part)}`)
+    await picture(page, `${name}-${String(part)}`)
     if (end) return
   }
 }
 
-export async function troubles({ browser, mock, newPage, goTo }) {
-  const page = await newPage(browser)
+export async function troubles({ page, mock, goTo }) {
   await check('a hundred thousand trials are drawn, and the page answers meanwhile', async () => {
     const many = mock.experiments.create({
       name: 'Very many',
@@ -188,19 +187,13 @@ export async function troubles({ browser, mock, newPage, goTo }) {
     await picture(page, 'experiments-none')
     mock.experiments.settings.exists = true
   })
-  await page.context().close()
 }
 
 /** On a closed server, where somebody may only watch. */
-export async function viewers(browser) {
+export async function viewers(page) {
   const mock = await startMock({ robots: 4, open: false })
   mock.accounts.addUser('vera', 'viewer', PASSWORD)
   const one = mock.experiments.create({ name: 'Slow', scenario: 'resilience', seeds: 10_000 })
-  const context = await browser.newContext({ viewport: DESKTOP })
-  await context.addInitScript(await axeSource())
-  const page = await context.newPage()
-  page.setDefaultTimeout(PATIENCE_MS)
-  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
   await check('viewers watch, and are told why they cannot change anything', async () => {
     await page.goto(`${mock.url}/#/experiments/${one.id}`)
     await id(page, 'user').fill('vera')
@@ -219,6 +212,5 @@ export async function viewers(browser) {
     await axe(page, 'a viewer')
     return words
   })
-  await context.close()
   await mock.close()
 }

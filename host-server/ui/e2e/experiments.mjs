@@ -224,12 +224,11 @@ try {
   const browser = await launch()
   const page = await newPage(browser)
   for (const part of [first, another, several, byKeys]) await part(page)
-  await page.context().close()
   if (mock !== null) {
-    const hands = { browser, mock, newPage, goTo }
+    const hands = { browser, page, mock, newPage, goTo }
     await everyLook(hands)
     await troubles(hands)
-    await viewers(browser)
+    await viewers(page)
   }
   await browser.close()
 } catch (error) {

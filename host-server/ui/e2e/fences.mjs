@@ -2,10 +2,8 @@
 // and taken down; and what somebody sees who may only watch.
 
 import { startMock } from '../tests/mock/server.mjs'
-import { apart, browser, id, mock, onPage, open, soon, standing } from './arena-steps.mjs'
-import { DESKTOP, PHONE } from './browser.mjs'
-import { PATIENCE_MS, axe, axeSource, check, expect, fail } from './checks.mjs'
-import { measure, pause, picture } from './checks.mjs'
+import { apart, id, mock, onPage, open, openAt, soon, standing } from './arena-steps.mjs'
+import { axe, check, expect, measure, pause, picture } from './checks.mjs'
 
 const fences = () => mock.fences.map(({ name }) => name)
 const corners = (page) => id(page, 'fence-bar').getAttribute('data-corners')
@@ -36,7 +34,7 @@ async function saved(page, name) {
 }
 
 export async function byFences() {
-  const { context, page } = await open()
+  const page = await open()
   await standing(page)
   const { width, height } = mock.world.arena
   const [w, h] = [width * 0.32, height * 0.24]
@@ -192,7 +190,6 @@ export async function byFences() {
     await id(page, 'fence-close').click()
     await picture(page, 'fence-light')
   })
-  await context.close()
   await byTouch(w, h)
   await byWatcher()
   mock.fences.length = 0
@@ -200,12 +197,7 @@ export async function byFences() {
 
 /** On a phone, in the dark. */
 async function byTouch(w, h) {
-  const { context, page } = await open({
-    viewport: PHONE,
-    hasTouch: true,
-    isMobile: true,
-    colorScheme: 'dark',
-  })
+  const page = await open('phone')
   await check('fences: fingers draw one, and everything is large enough', async () => {
     await id(page, 'fences').tap()
     await id(page, 'fence-panel').waitFor()
@@ -231,19 +223,13 @@ async function byTouch(w, h) {
     await id(page, 'fence-close').tap()
     await picture(page, 'fence-phone-dark')
   })
-  await context.close()
 }
 
 async function byWatcher() {
   const closed = await startMock({ robots: 6, seed: 5, open: false })
   closed.accounts.addUser('vera', 'viewer', 'vera watches')
-  const context = await browser.newContext({ viewport: DESKTOP, colorScheme: 'dark' })
-  await context.addInitScript(await axeSource())
-  const page = await context.newPage()
-  page.setDefaultTimeout(PATIENCE_MS)
-  page.on('pageerror', (error) => fail(`the page threw ${error.message}`))
   await check('fences: who may only watch sees them, and why nothing can be changed', async () => {
-    await page.goto(closed.url)
+    const page = await openAt(closed.url)
     await id(page, 'user').fill('vera')
     await id(page, 'password').fill('vera watches')
     await page.keyboard.press('Enter')
@@ -270,6 +256,5 @@ async function byWatcher() {
     await picture(page, 'fence-viewer-dark')
     await axe(page, 'axe-core, viewer')
   })
-  await context.close()
   await closed.close()
 }

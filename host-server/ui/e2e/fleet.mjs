@@ -3,7 +3,7 @@
 
 import { startMock } from '../tests/mock/server.mjs'
 import { PHONE, WALL, launch } from './browser.mjs'
-import { axe, check, expect, fail, finish, guarded, openPage } from './checks.mjs'
+import { afresh, axe, axeDark, check, expect, fail, finish, guarded, openPage } from './checks.mjs'
 import { measure, picture, until } from './checks.mjs'
 import { byKeyboard } from './keyboard.mjs'
 
@@ -24,6 +24,14 @@ const PLACES = {
 }
 
 const newPage = openPage
+
+let beside = null
+/** Somebody else, who follows a link to what this page shows. */
+async function colleague(page) {
+  beside ??= await newPage(page.context().browser())
+  await afresh(beside, page.url())
+  return beside
+}
 
 async function goTo(page, place) {
   await page.goto(`${base}/#/${place}`)
@@ -135,10 +143,8 @@ async function oneRobot(page) {
     await id(page, 'chart-live').waitFor()
     expect(/from=\d+&to=\d+/.test(page.url()), 'the stretch is not in the address')
     await picture(page, 'robot')
-    const copy = await newPage(page.context().browser())
-    await copy.goto(page.url())
+    const copy = await colleague(page)
     await id(copy, 'chart-live').waitFor()
-    await copy.context().close()
     await id(page, 'chart-live').click()
     return words.trim()
   })
@@ -264,13 +270,11 @@ async function shared(page) {
       await id(page, 'list-chosen').waitFor()
       const chosen = await data(id(page, 'robot-panel'), 'robot-id')
       expect(page.url().includes(`robot=${chosen}`), 'the robot is not in the address')
-      const copy = await newPage(page.context().browser())
-      await copy.goto(page.url())
+      const copy = await colleague(page)
       await until('the link shows another robot', async () => {
         return (await data(id(copy, 'robot-panel'), 'robot-id')) === chosen
       })
       expect((await id(copy, 'search').inputValue()) === 'sim-001', 'the search is not in the link')
-      await copy.context().close()
       return page.url().split('#')[1]
     },
   )
@@ -331,28 +335,24 @@ async function events(page) {
       page.url().includes('log=warn') && page.url().includes('events=no'),
       'the filter is not in the address',
     )
-    const copy = await newPage(page.context().browser())
-    await copy.goto(page.url())
+    const copy = await colleague(page)
     await id(copy, 'log-search').waitFor()
     expect((await id(copy, 'log-level').inputValue()) === 'warn', 'the link shows other events')
-    await copy.context().close()
     await axe(page, 'events')
     await id(page, 'log-search-toggle').click()
     await id(page, 'log-level').selectOption('info')
   })
 }
 
-async function everywhere(browser) {
-  for (const colorScheme of ['light', 'dark']) {
-    const page = await newPage(browser, { colorScheme, reducedMotion: 'reduce' })
-    for (const [name, place] of Object.entries(PLACES)) {
-      await check(`no accessibility violations: ${name}, ${colorScheme}`, async () => {
-        await goTo(page, place)
-        await settle(page, name)
-        await axe(page, name)
-      })
-    }
-    await page.context().close()
+async function everywhere(browser, page) {
+  await page.emulateMedia({ reducedMotion: 'reduce' })
+  for (const [name, place] of Object.entries(PLACES)) {
+    await check(`no accessibility violations: ${name}, light`, async () => {
+      await goTo(page, place)
+      await settle(page, name)
+      await axe(page, name)
+    })
+    await check(`no accessibility violations: ${name}, dark`, () => axeDark(page, name))
   }
   const phone = await newPage(browser, {
     viewport: PHONE,
@@ -371,17 +371,16 @@ async function everywhere(browser) {
     })
   }
   await phone.context().close()
-  const wall = await newPage(browser, { viewport: WALL })
   await check('on a wall display everything is in view', async () => {
-    await goTo(wall, 'dashboard')
-    await settle(wall, 'dashboard')
-    const cut = await wall.locator('.page-body').evaluate((body) => {
+    await page.setViewportSize(WALL)
+    await goTo(page, 'dashboard')
+    await settle(page, 'dashboard')
+    const cut = await page.locator('.page-body').evaluate((body) => {
       return body.scrollHeight - body.clientHeight
     })
     expect(cut <= 0, `${cut} pixels are out of view`)
-    await picture(wall, 'wall')
+    await picture(page, 'wall')
   })
-  await wall.context().close()
 }
 
 /** What a page shows last. */
@@ -406,9 +405,8 @@ try {
   const page = await newPage(browser)
   for (const part of [dashboard, findOne, oneRobot, swarm, shared, simulation, events])
     await part(page)
-  await page.context().close()
-  await byKeyboard(await newPage(browser), base, mock)
-  await everywhere(browser)
+  await byKeyboard(page, base, mock)
+  await everywhere(browser, page)
   await browser.close()
 } catch (error) {
   fail(`the browser: ${String(error.message).split('\n')[0]}`)

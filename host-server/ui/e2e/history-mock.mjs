@@ -2,13 +2,13 @@
 // and how it looks. Needs a hand on the server, so it runs against the mock only.
 
 import { DESKTOP, PHONE, WALL } from './browser.mjs'
-import { axe, check, expect, measure, picture, until } from './checks.mjs'
+import { axe, axeDark, check, expect, measure, picture, until } from './checks.mjs'
 
 const MINUTE = 60_000
 const id = (page, name) => page.getByTestId(name)
 const data = (locator, name) => locator.getAttribute(`data-${name}`)
 
-export async function byMock({ browser, mock, newPage, shown, reads }) {
+export async function byMock({ browser, page, mock, newPage, shown, reads }) {
   const base = mock.url
   const span = await (await fetch(`${base}/api/v1/history`)).json()
   const started = span.from + 10 * MINUTE
@@ -25,7 +25,6 @@ export async function byMock({ browser, mock, newPage, shown, reads }) {
   }
   const at = async (page) => (await reads(page)).at
 
-  const page = await newPage(browser)
   await check('a gap in the record is shown as one', async () => {
     await goTo(page, link(started - 275_000, '&robot=sim-0005'))
     const words = id(page, 'history-summary')
@@ -186,8 +185,7 @@ export async function byMock({ browser, mock, newPage, shown, reads }) {
     await id(page, 'from-to').click()
   })
   await troubles({ page, mock, base, link, started, goTo, at })
-  await page.context().close()
-  await looks({ browser, newPage, link, started, goTo })
+  await looks({ browser, page, newPage, link, started, goTo })
 }
 
 async function troubles({ page, mock, base, link, started, goTo, at }) {
@@ -246,27 +244,30 @@ async function troubles({ page, mock, base, link, started, goTo, at }) {
   })
 }
 
-async function looks({ browser, newPage, link, started, goTo }) {
-  for (const colorScheme of ['light', 'dark']) {
-    for (const [size, viewport] of Object.entries({ desktop: DESKTOP, phone: PHONE, wall: WALL })) {
-      await check(`no accessibility violations: ${size}, ${colorScheme}`, async () => {
-        const phone = size === 'phone'
-        const options = { viewport, colorScheme, reducedMotion: 'reduce', hasTouch: phone }
-        const page = await newPage(browser, { ...options, isMobile: phone })
-        await goTo(page, link(started - 275_000, '&robot=sim-0003'))
-        await page.locator('[data-chart=wheels] canvas').waitFor()
-        if (phone) {
-          await measure(page, 'history')
-          const box = await id(page, 'stop-all').boundingBox()
-          expect(box !== null && box.y + box.height <= viewport.height, 'no stop in reach')
-          const line = await id(page, 'time-line').boundingBox()
-          expect(line.y + line.height <= box.y, 'the time line is out of reach')
-        } else {
-          await axe(page, 'history')
-        }
-        await picture(page, `history-${size}-${colorScheme}`)
-        await page.context().close()
-      })
-    }
+async function looks({ browser, page, newPage, link, started, goTo }) {
+  const options = { viewport: PHONE, hasTouch: true, isMobile: true, reducedMotion: 'reduce' }
+  const phone = await newPage(browser, options)
+  await page.emulateMedia({ reducedMotion: 'reduce' })
+  for (const [size, viewport] of Object.entries({ desktop: DESKTOP, wall: WALL, phone: PHONE })) {
+    const here = size === 'phone' ? phone : page
+    await check(`no accessibility violations: ${size}, light`, async () => {
+      await here.setViewportSize(viewport)
+      await goTo(here, link(started - 275_000, '&robot=sim-0003'))
+      await here.locator('[data-chart=wheels] canvas').waitFor()
+      if (size === 'phone') {
+        await measure(here, 'history')
+        const box = await id(here, 'stop-all').boundingBox()
+        expect(box !== null && box.y + box.height <= viewport.height, 'no stop in reach')
+        const line = await id(here, 'time-line').boundingBox()
+        expect(line.y + line.height <= box.y, 'the time line is out of reach')
+      } else {
+        await axe(here, 'history')
+      }
+      await picture(here, `history-${size}-light`)
+    })
+    await check(`no accessibility violations: ${size}, dark`, () => {
+      return axeDark(here, 'history', () => picture(here, `history-${size}-dark`))
+    })
   }
+  await phone.context().close()
 }

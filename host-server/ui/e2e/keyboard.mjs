@@ -1,6 +1,6 @@
 // Everything that the other checks do with a mouse, without one.
 
-import { check, expect, until } from './checks.mjs'
+import { afresh, check, expect, until } from './checks.mjs'
 
 const MOST_TABS = 80
 
@@ -17,7 +17,7 @@ async function tabTo(page, what, there) {
 
 export async function byKeyboard(page, base, mock) {
   await check('by keyboard alone: skip the bar, go to the robots, open one', async () => {
-    await page.goto(`${base}/#/dashboard`)
+    await afresh(page, `${base}/#/dashboard`)
     await id(page, 'verdict').waitFor()
     await page.evaluate(() => document.activeElement?.blur())
     await tabTo(page, 'the skip link', () => document.activeElement.dataset.testid === 'skip')
@@ -74,5 +74,4 @@ export async function byKeyboard(page, base, mock) {
       })
     }
   })
-  await page.context().close()
 }

@@ -3,7 +3,7 @@
 // exits non-zero when anything failed. SCREENSHOTS=DIR keeps pictures.
 
 import { DESKTOP, PHONE, launch } from './browser.mjs'
-import { PATIENCE_MS, axe, axeSource, check, exchanged, expect, fail } from './checks.mjs'
+import { PATIENCE_MS, axe, check, exchanged, expect, fail } from './checks.mjs'
 import { finish, guarded, picture, until, within } from './checks.mjs'
 import { fenced } from './fence-check.mjs'
 
@@ -345,7 +345,6 @@ async function phone(browser) {
     deviceScaleFactor: 2,
   })
   const page = await context.newPage()
-  await page.addInitScript(await axeSource())
   await check('on a phone nothing is cut off and nothing violates accessibility', async () => {
     await page.goto(base)
     const row = page.locator('[data-testid=robot-row][data-presence=online]').first()
@@ -372,7 +371,6 @@ try {
   page.setDefaultTimeout(PATIENCE_MS)
   const errors = []
   page.on('pageerror', (error) => errors.push(error.message))
-  await page.addInitScript(await axeSource())
   await operate(page)
   await check('the page threw no errors', () => {
     expect(errors.length === 0, errors[0])

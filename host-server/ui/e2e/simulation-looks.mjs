@@ -1,8 +1,8 @@
 // The page of the simulation as it looks: every state, light and dark, phone to wall, and to
 // those who may only watch. Against the mock, which can be put into any state.
 
-import { PHONE, WALL } from './browser.mjs'
-import { axe, check, expect, measure, picture, until } from './checks.mjs'
+import { DESKTOP, PHONE, WALL } from './browser.mjs'
+import { afresh, axe, axeDark, check, expect, measure, picture, until } from './checks.mjs'
 
 const BOOKMARKS = 16
 const id = (page, name) => page.getByTestId(name)
@@ -71,28 +71,28 @@ async function settle(page) {
   await id(page, 'faults').waitFor()
 }
 
-export async function looks({ browser, mock, newPage, goTo }) {
+export async function looks({ browser, page, mock, newPage, goTo }) {
   await furnish(mock)
-  for (const colorScheme of ['light', 'dark']) {
-    const page = await newPage(browser, { colorScheme, reducedMotion: 'reduce' })
-    for (const [state, reach] of Object.entries(STATES)) {
-      await check(`no accessibility violations: ${state}, ${colorScheme}`, async () => {
-        await goTo(page, 'simulation')
-        await settle(page)
-        await reach(page)
-        await axe(page, state)
-      })
-    }
-    await page.context().close()
-  }
+  await page.emulateMedia({ reducedMotion: 'reduce' })
   for (const [state, reach] of Object.entries(STATES)) {
-    const phone = await newPage(browser, {
-      viewport: PHONE,
-      hasTouch: true,
-      isMobile: true,
-      deviceScaleFactor: 2,
+    await check(`no accessibility violations: ${state}, light`, async () => {
+      await goTo(page, 'simulation')
+      await settle(page)
+      await reach(page)
+      await axe(page, state)
     })
+    await check(`no accessibility violations: ${state}, dark`, () => axeDark(page, state))
+  }
+  const phone = await newPage(browser, {
+    viewport: PHONE,
+    hasTouch: true,
+    isMobile: true,
+    deviceScaleFactor: 2,
+  })
+  for (const [state, reach] of Object.entries(STATES)) {
     await check(`on a phone: ${state}`, async () => {
+      // From another page: nothing is left of the state before.
+      await goTo(phone, 'account')
       await goTo(phone, 'simulation')
       await settle(phone)
       await reach(phone)
@@ -101,9 +101,7 @@ export async function looks({ browser, mock, newPage, goTo }) {
       const box = await id(phone, 'stop-all').boundingBox()
       expect(box !== null && box.y + box.height <= PHONE.height, 'the stop is not in reach')
     })
-    await phone.context().close()
   }
-  const phone = await newPage(browser, { viewport: PHONE, hasTouch: true, isMobile: true })
   await check('on a phone: a tap puts it there', async () => {
     await goTo(phone, 'simulation')
     await settle(phone)
@@ -139,20 +137,20 @@ export async function looks({ browser, mock, newPage, goTo }) {
     })
   })
   await phone.context().close()
-  const wall = await newPage(browser, { viewport: WALL })
   await check('on a wall', async () => {
-    await goTo(wall, 'simulation')
-    await settle(wall)
-    await axe(wall, 'wall')
-    await picture(wall, 'wall-simulation')
+    await page.setViewportSize(WALL)
+    await goTo(page, 'command')
+    await goTo(page, 'simulation')
+    await settle(page)
+    await axe(page, 'wall')
+    await picture(page, 'wall-simulation')
   })
-  await wall.context().close()
-  await full(browser, mock, newPage, goTo)
-  await viewer(browser, mock, newPage)
+  await page.setViewportSize(DESKTOP)
+  await full(page, mock, goTo)
+  await viewer(page, mock)
 }
 
-async function full(browser, mock, newPage, goTo) {
-  const page = await newPage(browser)
+async function full(page, mock, goTo) {
   await check('sixteen bookmarks are all there can be, and the page says so', async () => {
     for (let at = 1; at < BOOKMARKS; at++) await tell(mock, { command: 'snapshot', name: `b${at}` })
     await goTo(page, 'simulation')
@@ -208,15 +206,13 @@ async function full(browser, mock, newPage, goTo) {
     await id(page, 'scenarios').getByRole('button').click()
     await settle(page)
   })
-  await page.context().close()
 }
 
-async function viewer(browser, mock, newPage) {
-  const page = await newPage(browser)
+async function viewer(page, mock) {
   await check('a viewer sees everything, and why nothing can be changed', async () => {
     mock.accounts.addUser('vera', 'viewer', 'correct horse battery')
     mock.accounts.setOpen(false)
-    await page.goto(`${mock.url}/#/simulation`)
+    await afresh(page, `${mock.url}/#/simulation`)
     await id(page, 'user').fill('vera')
     await id(page, 'password').fill('correct horse battery')
     await page.keyboard.press('Enter')
@@ -245,6 +241,5 @@ async function viewer(browser, mock, newPage) {
       return (await id(page, 'scenario-choice').getAttribute('data-name')) === 'corridor'
     })
   })
-  await page.context().close()
   mock.accounts.setOpen(true)
 }

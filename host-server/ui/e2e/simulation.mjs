@@ -300,8 +300,7 @@ try {
   const browser = await launch()
   const page = await newPage(browser)
   for (const part of [scenario, things, bookmarks]) await part(page)
-  await page.context().close()
-  if (mock !== null) await looks({ browser, mock, newPage, goTo })
+  if (mock !== null) await looks({ browser, page, mock, newPage, goTo })
   await browser.close()
 } catch (error) {
   fail(`the browser: ${String(error.message).split('\n')[0]}`)
