@@ -6,7 +6,7 @@ use clap::{Args, Parser, Subcommand};
 use crawler_hil::BrokerUrl;
 use crawler_protocol::{Fleet, RobotId};
 
-/// The bench of the house: a conformance suite for any robot, and emulated boards.
+/// Hardware in the loop: a conformance suite for any robot, and emulated boards.
 #[derive(Debug, Parser)]
 #[command(name = "hil", version)]
 pub(crate) struct Cli {

@@ -1,5 +1,6 @@
-//! Every command of the house: `cargo xtask` lists them.
+//! Every command of the repository: `cargo xtask` lists them.
 
+mod architecture;
 mod bench;
 mod bench_server;
 mod bench_sim;
@@ -11,6 +12,7 @@ mod counts;
 mod cross;
 mod dataset;
 mod detector;
+mod docs;
 mod files;
 mod flash;
 mod fuzz;
@@ -157,6 +159,18 @@ const TASKS: &[Task] = &[
         arguments: "train|quantise|convert [OPTIONS]",
         about: "make models/detector anew from the pictures, step by step",
         run: detector::command,
+    },
+    Task {
+        name: "architecture",
+        arguments: "",
+        about: "draw the crates anew from their manifests: docs/architecture.svg",
+        run: architecture::command,
+    },
+    Task {
+        name: "docs",
+        arguments: "",
+        about: "build the documentation as one book, with mdBook, and follow its links",
+        run: docs::command,
     },
     Task {
         name: "bench",

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 #[derive(Debug)]
 pub(crate) struct Failure(pub(crate) String);
 
-/// What a command of the house came to.
+/// What a command came to.
 pub(crate) type Outcome<T = ()> = Result<T, Failure>;
 
 /// The root of the repository.

@@ -5,7 +5,7 @@ use crate::report::Report;
 use crate::run::{self, Failure, Outcome};
 use crate::suites::Selection;
 use crate::{
-    bench_server, bogo, check_s3, counts, cross, detector, fuzz, fuzz_api, histories, image,
+    bench_server, bogo, check_s3, counts, cross, detector, docs, fuzz, fuzz_api, histories, image,
     mutants, paho, size, tools, ui,
 };
 
@@ -118,6 +118,7 @@ fn deep() -> Outcome {
     report.step("mutants", |_| mutants::sample(seed));
     report.step("trouble and load", |_| soak());
     report.step("undefined behaviour", |_| miri());
+    report.step("book", |_| docs::if_there());
     report.step("advisories", |_| advisories());
     report.close()
 }

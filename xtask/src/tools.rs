@@ -4,7 +4,7 @@ use crate::boards::{C6, S3};
 use crate::cross;
 use crate::run::{self, Failure, Outcome};
 
-/// A program the house uses but does not build.
+/// A program that is used here but does not build.
 pub(crate) struct Tool {
     /// What it is called on the command line.
     pub(crate) program: &'static str,

@@ -40,12 +40,13 @@ const OUTSIDE: [&str; 24] = [
 ];
 
 /// What `cargo install` is told to install.
-const INSTALLED: [&str; 5] = [
+const INSTALLED: [&str; 6] = [
     "cargo-deny",
     "cargo-fuzz",
     "cargo-nextest",
     "espflash",
     "espup",
+    "mdbook",
 ];
 
 /// Words that stand for others in a sentence, and something that they may stand for.

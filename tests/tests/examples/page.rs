@@ -66,6 +66,16 @@ impl Page {
         names.iter().map(|name| Self::read(name)).collect()
     }
 
+    /// Every page of the book, in its order.
+    pub(crate) fn of_the_book() -> Vec<Self> {
+        let contents = Self::read("docs/SUMMARY.md").links();
+        let pages = contents.iter().map(|(_, target)| {
+            let name = format!("docs/{target}");
+            Self::read(name.strip_prefix("docs/../").unwrap_or(&name))
+        });
+        pages.collect()
+    }
+
     /// A place in the page, for messages.
     pub(crate) fn at(&self, line: usize) -> String {
         format!("{}:{line}", self.name)

@@ -1,6 +1,6 @@
 //! Turns a board's ELF into flashable images, and weighs images against the budgets.
 //!
-//! The commands of the house (`cargo xtask image`, `cargo xtask size`) call it; so can anybody.
+//! The commands of the repository (`cargo xtask image`, `cargo xtask size`) call it; so can anybody.
 
 mod app_image;
 mod budgets;

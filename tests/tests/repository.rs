@@ -1,6 +1,6 @@
-//! Small promises of the house: licences, dependencies with a reason, files that stay readable.
+//! Small promises of the repository: licences, dependencies with a reason, types that stay readable.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use cargo_metadata::{Metadata, MetadataCommand, Package};
@@ -27,8 +27,17 @@ const LICENCES: &[&str] = &[
     "BlueOak-1.0.0",
 ];
 
-/// Longest source file: beyond this, tests or a part of it move to a file of their own.
-const LONGEST: usize = 450;
+/// In how many files a type may have functions of its own. Where it needs more, it is several types.
+const MOST_FILES: usize = 6;
+
+/// Types that are not divided yet, and in how many files they are at most.
+const SCATTERED: [(&str, &str, usize); 5] = [
+    ("hal-sim", "Scenario", 8),
+    ("hal-sim", "Simulation", 13),
+    ("hal-sim", "Space", 10),
+    ("hil", "Bench", 7),
+    ("host-server/records", "Records", 12),
+];
 
 /// The workspace of the host, and those of boards and models, which have lock files of their own.
 fn workspaces() -> Vec<PathBuf> {
@@ -127,38 +136,75 @@ fn every_direct_dependency_says_why() {
 }
 
 #[test]
-fn files_stay_readable() {
-    let mut long = Vec::new();
-    measure(&root(), &mut long);
-    assert!(
-        long.is_empty(),
-        "longer than {LONGEST} lines:\n{}",
-        long.join("\n")
-    );
+fn a_type_is_in_few_files() {
+    let mut files: BTreeMap<(String, String), BTreeSet<PathBuf>> = BTreeMap::new();
+    for path in sources() {
+        let folder = crate_of(&path);
+        for name in types_with_functions(&path) {
+            let key = (folder.clone(), name);
+            files.entry(key).or_default().insert(path.clone());
+        }
+    }
+    assert!(files.len() > 500, "only {} types", files.len());
+    let mut scattered = Vec::new();
+    for ((folder, name), files) in files {
+        let known = SCATTERED
+            .iter()
+            .find(|one| (one.0, one.1) == (&folder, &name));
+        let most = known.map_or(MOST_FILES, |one| one.2);
+        if files.len() > most {
+            let count = files.len();
+            scattered.push(format!("{folder}: {name} in {count} files, not {most}"));
+        }
+    }
+    assert!(scattered.is_empty(), "{}", scattered.join("\n"));
 }
 
-fn measure(folder: &Path, long: &mut Vec<String>) {
-    for entry in std::fs::read_dir(folder).expect("readable folder") {
-        let path = entry.expect("readable entry").path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if path.is_dir() {
-            let skip = ["target", "node_modules", "dist"].contains(&name.as_ref());
-            if !skip && !name.starts_with('.') {
-                measure(&path, long);
-            }
-        } else if [".rs", ".ts", ".vue", ".css", ".mjs"]
-            .iter()
-            .any(|ending| name.ends_with(ending))
-        {
-            let lines = std::fs::read_to_string(&path)
-                .expect("UTF-8")
-                .lines()
-                .count();
-            if lines > LONGEST {
-                long.push(format!("{} has {lines}", path.display()));
+/// Every source file that is no test.
+fn sources() -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut waiting = vec![root()];
+    while let Some(folder) = waiting.pop() {
+        for entry in std::fs::read_dir(&folder).expect("readable folder") {
+            let path = entry.expect("readable entry").path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if path.is_dir() {
+                let skip = ["target", "node_modules", "benches"].contains(&name.as_ref());
+                // The crate of that name has sources; the other folders are tests of a crate.
+                let tests = name == "tests" && folder != root();
+                if !skip && !tests && !name.starts_with('.') {
+                    waiting.push(path);
+                }
+            } else if name.ends_with(".rs") && !name.ends_with("tests.rs") {
+                found.push(path);
             }
         }
     }
+    found
+}
+
+/// The folder of the crate that a source file belongs to.
+fn crate_of(path: &Path) -> String {
+    let mut folders = path.ancestors().skip(1);
+    let folder = folders.find(|folder| folder.join("Cargo.toml").exists());
+    let folder = folder.unwrap_or(path);
+    let folder = folder.strip_prefix(root()).expect("below the root");
+    folder.to_string_lossy().replace('\\', "/")
+}
+
+/// The types that have functions of their own in a file; traits do not count.
+fn types_with_functions(path: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(path).expect("UTF-8");
+    let file = syn::parse_file(&text).expect("valid Rust");
+    let blocks = file.items.into_iter().filter_map(|item| match item {
+        syn::Item::Impl(block) if block.trait_.is_none() => Some(*block.self_ty),
+        _ => None,
+    });
+    let names = blocks.filter_map(|of| match of {
+        syn::Type::Path(of) => Some(of.path.segments.last()?.ident.to_string()),
+        _ => None,
+    });
+    names.collect()
 }
 
 /// What tries the parsers is listed where people look for it, and has something to begin with.
