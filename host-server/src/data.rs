@@ -9,10 +9,6 @@ use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crawler_records::{RECORDS_FILE, Records, RecordsError};
-
-use crate::config::Settings;
-
 /// Why the data directory cannot be used.
 #[derive(Debug)]
 #[non_exhaustive]
@@ -62,26 +58,6 @@ pub(crate) fn make_private(path: &Path) -> io::Result<()> {
         .recursive(true)
         .mode(0o700)
         .create(path)
-}
-
-/// Opens the records where `settings` have them: in a database, or in the data directory. The history
-/// is in the directory, unless an engine outside keeps it.
-pub(crate) async fn open_records(settings: &Settings) -> Result<Records, RecordsError> {
-    let elsewhere = settings.timeseries.is_some();
-    let Some(url) = &settings.database else {
-        return if elsewhere {
-            Records::open_without_history(&settings.data).await
-        } else {
-            Records::open(&settings.data).await
-        };
-    };
-    let file = settings.data.join(RECORDS_FILE);
-    if file.exists() {
-        tracing::warn!(file = %file.display(), database = %url,
-            "the records in the data directory are not used: those of the database are");
-    }
-    let history = (!elsewhere).then_some(settings.data.as_path());
-    Records::connect(url.reveal(), history, true).await
 }
 
 /// Brings what was written onto the disk. Tests put in front of that what disks do: they are slow, and

@@ -4,11 +4,10 @@ use std::collections::BTreeSet;
 
 use crawler_history::{Full, History as Local, Point, Recorded, Sample, Track};
 use crawler_protocol::{RobotId, Telemetry};
-use crawler_records::{Records, RecordsError};
+use crawler_records::{RECORDS_FILE, Records, RecordsError};
 use crawler_timeseries::{Address, EngineError, QUEUE, Remote};
 
 use crate::config::Settings;
-use crate::data;
 use crate::server::StartError;
 
 /// The history of the fleet. A clone is another handle of the same.
@@ -32,7 +31,7 @@ pub(crate) enum HistoryError {
 /// The records, and where the history is. An engine need not be there yet.
 pub(crate) async fn open(settings: &Settings) -> Result<(Records, History), StartError> {
     let Some(engine) = &settings.timeseries else {
-        let records = data::open_records(settings).await?;
+        let records = open_records(settings).await?;
         let history = History::Local(records.history().clone());
         return Ok((records, history));
     };
@@ -44,7 +43,7 @@ pub(crate) async fn open(settings: &Settings) -> Result<(Records, History), Star
     let address: Address = engine.reveal().parse().map_err(|error| wrong(&error))?;
     let remote = Remote::start(address, settings.fleet.as_str(), QUEUE);
     let remote = remote.map_err(|error| wrong(&error))?;
-    match data::open_records(settings).await {
+    match open_records(settings).await {
         Ok(records) => Ok((records, History::Remote(remote))),
         Err(error) => {
             remote.close().await;
@@ -70,6 +69,26 @@ pub(crate) fn sample(telemetry: &Telemetry, at: i64) -> Sample {
         right: telemetry.wheels.right,
         state: telemetry.state,
     }
+}
+
+/// Opens the records where `settings` have them: in a database, or in the data directory. The history
+/// is in the directory, unless an engine outside keeps it.
+async fn open_records(settings: &Settings) -> Result<Records, RecordsError> {
+    let elsewhere = settings.timeseries.is_some();
+    let Some(url) = &settings.database else {
+        return if elsewhere {
+            Records::open_without_history(&settings.data).await
+        } else {
+            Records::open(&settings.data).await
+        };
+    };
+    let file = settings.data.join(RECORDS_FILE);
+    if file.exists() {
+        tracing::warn!(file = %file.display(), database = %url,
+            "the records in the data directory are not used: those of the database are");
+    }
+    let history = (!elsewhere).then_some(settings.data.as_path());
+    Records::connect(url.reveal(), history, true).await
 }
 
 impl History {

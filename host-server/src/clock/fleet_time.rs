@@ -43,10 +43,8 @@ struct Reading {
 /// Unix time as robots know it.
 pub(crate) struct FleetTime {
     state: Mutex<State>,
-    read: fn() -> Reading,
-    /// By how many milliseconds a test has set the clock.
-    #[cfg(test)]
-    set_by: std::sync::atomic::AtomicI64,
+    /// Unix milliseconds, by the clock that may be set.
+    wall_ms: Box<dyn Fn() -> u64 + Send + Sync>,
 }
 
 #[derive(Debug, Default)]
@@ -76,20 +74,16 @@ pub(crate) struct Telling {
 }
 
 impl FleetTime {
-    /// That of this machine.
-    pub(crate) const fn new() -> Self {
-        Self::reading(read)
+    /// By the clock of this machine.
+    pub(crate) fn new() -> Self {
+        Self::by(unix_ms)
     }
 
-    const fn reading(read: fn() -> Reading) -> Self {
+    /// By a clock that tells Unix milliseconds and may be set.
+    pub(crate) fn by(wall_ms: impl Fn() -> u64 + Send + Sync + 'static) -> Self {
         Self {
-            state: Mutex::new(State {
-                offset_ms: None,
-                step: None,
-            }),
-            read,
-            #[cfg(test)]
-            set_by: std::sync::atomic::AtomicI64::new(0),
+            state: Mutex::default(),
+            wall_ms: Box::new(wall_ms),
         }
     }
 
@@ -115,23 +109,23 @@ impl FleetTime {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    #[cfg(not(test))]
     fn reading_now(&self) -> Reading {
-        (self.read)()
-    }
-
-    #[cfg(test)]
-    fn reading_now(&self) -> Reading {
-        let mut reading = (self.read)();
-        let set_by = self.set_by.load(std::sync::atomic::Ordering::Relaxed);
-        reading.wall_ms = reading.wall_ms.saturating_add_signed(set_by);
+        let mut reading = Reading {
+            wall_ms: 0,
+            steady_ms: 0,
+        };
+        // A thread that has to wait between the two must not take that for a clock that was set.
+        for _ in 0..READINGS {
+            let before_ms = steady_ms();
+            reading = Reading {
+                wall_ms: (self.wall_ms)(),
+                steady_ms: steady_ms(),
+            };
+            if reading.steady_ms.saturating_sub(before_ms) <= READING_MS {
+                break;
+            }
+        }
         reading
-    }
-
-    /// Sets the clock, as somebody with the right to do so would.
-    #[cfg(test)]
-    pub(crate) fn set_by(&self, ms: i64) {
-        self.set_by.store(ms, std::sync::atomic::Ordering::Relaxed);
     }
 }
 
@@ -225,25 +219,6 @@ impl Step {
 
 fn signed(ms: u64) -> i64 {
     i64::try_from(ms).unwrap_or(i64::MAX)
-}
-
-fn read() -> Reading {
-    let mut reading = Reading {
-        wall_ms: 0,
-        steady_ms: 0,
-    };
-    // A thread that has to wait between the two must not take that for a clock that was set.
-    for _ in 0..READINGS {
-        let before_ms = steady_ms();
-        reading = Reading {
-            wall_ms: unix_ms(),
-            steady_ms: steady_ms(),
-        };
-        if reading.steady_ms.saturating_sub(before_ms) <= READING_MS {
-            break;
-        }
-    }
-    reading
 }
 
 /// Milliseconds of a clock that nobody sets. Of those, this one goes on while the machine sleeps: so do
