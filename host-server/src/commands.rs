@@ -145,7 +145,7 @@ impl CommandCenter {
             outlet,
             metrics,
             source,
-            time: FleetTime::new(),
+            time: FleetTime::default(),
             start: Instant::now(),
             book: Mutex::new(Book {
                 delivery: Delivery::new(),

@@ -4,11 +4,8 @@
 //! `TERRACRAWLER_LOG_FORMAT` and the key `log_format` of the file given by `--config`. A name
 //! nobody knows is an error in each of them, so a typing mistake cannot pass for a default.
 
-mod broker_url;
 mod cli;
-mod engine_url;
 mod layer;
-mod networks;
 #[cfg(test)]
 mod tests;
 mod tls;
@@ -20,11 +17,13 @@ use std::path::{Path, PathBuf};
 
 use crawler_protocol::Fleet;
 
-pub use broker_url::{BrokerUrl, BrokerUrlError};
+pub use crawler_system::address::{
+    BrokerUrl, BrokerUrlError, Engine, EngineUrl, Influx, Networks, NoEngineUrl, NoNetwork,
+    Postgres, Redis,
+};
+
 pub use cli::{Cli, Command, Common};
-pub use engine_url::{Engine, EngineUrl, Influx, NoEngineUrl, Postgres, Redis};
 pub use layer::{Layer, LogFormat};
-pub use networks::{Networks, NoNetwork};
 pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
 
 /// Prefix of every environment variable of this program.

@@ -15,11 +15,8 @@ mod accounts;
 mod addresses;
 mod broker;
 mod bus;
-mod clock;
 mod cluster;
 mod commands;
-mod data;
-mod descriptors;
 mod experiments;
 mod feed;
 mod fences;
@@ -27,26 +24,15 @@ mod fleet;
 mod history;
 mod http;
 mod metrics;
-mod places;
-mod process;
 mod recipe;
 mod recorder;
 mod simulation;
 mod simulator;
-mod text;
 mod tls;
-mod waiting;
+
+use crawler_system::text::hex;
+use crawler_system::{clock, data, descriptors, places, process, text, waiting};
 
 pub use data::DataError;
 pub use recipe::Randomisation;
 pub use tls::TlsError;
-
-/// Bytes as text.
-fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        // Writing to a String does not fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
-}

@@ -10,7 +10,7 @@ use crawler_access::limits::neighbourhood;
 
 /// The places there are.
 #[derive(Debug)]
-pub(crate) struct Places {
+pub struct Places {
     most: usize,
     most_of_one: usize,
     taken: Mutex<HashMap<IpAddr, usize>>,
@@ -18,7 +18,7 @@ pub(crate) struct Places {
 
 impl Places {
     /// `most` places, of which one address may have `most_of_one`.
-    pub(crate) fn new(most: usize, most_of_one: usize) -> Arc<Self> {
+    pub fn new(most: usize, most_of_one: usize) -> Arc<Self> {
         Arc::new(Self {
             most,
             most_of_one,
@@ -27,7 +27,7 @@ impl Places {
     }
 
     /// A place for somebody from this address; `None` when there is none left.
-    pub(crate) fn take(self: &Arc<Self>, from: IpAddr) -> Option<Place> {
+    pub fn take(self: &Arc<Self>, from: IpAddr) -> Option<Place> {
         let of = neighbourhood(from);
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         // The number of addresses is at most that of places.
@@ -49,7 +49,7 @@ impl Places {
 
 /// A place, until it is dropped.
 #[derive(Debug)]
-pub(crate) struct Place {
+pub struct Place {
     places: Arc<Places>,
     of: IpAddr,
 }

@@ -13,7 +13,7 @@ use tokio_util::sync::CancellationToken;
 
 /// The connections that wait.
 #[derive(Debug)]
-pub(crate) struct Waiting {
+pub struct Waiting {
     most: usize,
     most_of_one: usize,
     inner: Mutex<Inner>,
@@ -31,7 +31,7 @@ struct Inner {
 impl Waiting {
     /// Room for `most`, of which one address may have `most_of_one`. Addresses of one IPv6 /64 count as
     /// one.
-    pub(crate) fn new(most: usize, most_of_one: usize) -> Arc<Self> {
+    pub fn new(most: usize, most_of_one: usize) -> Arc<Self> {
         Arc::new(Self {
             most: most.max(1),
             most_of_one: most_of_one.max(1),
@@ -40,7 +40,7 @@ impl Waiting {
     }
 
     /// Takes somebody from this address in, and closes another connection where there is no room.
-    pub(crate) fn enter(self: &Arc<Self>, from: IpAddr) -> Slot {
+    pub fn enter(self: &Arc<Self>, from: IpAddr) -> Slot {
         let slot = Slot {
             waiting: Arc::clone(self),
             of: neighbourhood(from),
@@ -53,7 +53,7 @@ impl Waiting {
 
     /// Closes the connection that has waited longest, of the address that has the most. False when none
     /// waits.
-    pub(crate) fn close_oldest(&self) -> bool {
+    pub fn close_oldest(&self) -> bool {
         self.lock().close_oldest()
     }
 
@@ -92,7 +92,7 @@ impl Inner {
 
 /// The place of one connection, until it is dropped.
 #[derive(Debug)]
-pub(crate) struct Slot {
+pub struct Slot {
     waiting: Arc<Waiting>,
     of: IpAddr,
     /// Its number in the queue, as long as it waits.
@@ -105,12 +105,12 @@ impl Slot {
     ///
     /// # Cancellation Safety
     /// Nothing is lost.
-    pub(crate) async fn crowded_out(&self) {
+    pub async fn crowded_out(&self) {
         self.closed.cancelled().await;
     }
 
     /// From now on the connection waits for its client. If it did already, it has waited for no time.
-    pub(crate) fn wait(&self) {
+    pub fn wait(&self) {
         if self.closed.is_cancelled() {
             return;
         }
@@ -137,7 +137,7 @@ impl Slot {
     }
 
     /// The client has shown what it wants: the connection makes room for nobody until it waits again.
-    pub(crate) fn settle(&self) {
+    pub fn settle(&self) {
         if let Some(number) = self.number().take() {
             self.waiting.lock().remove(number);
         }

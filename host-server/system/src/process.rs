@@ -2,15 +2,15 @@
 
 /// CPU time, memory and open files of this process.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Usage {
+pub struct Usage {
     /// User and system time of all threads, in seconds.
-    pub(crate) cpu_seconds: f64,
+    pub cpu_seconds: f64,
     /// Resident memory, in bytes.
-    pub(crate) resident_bytes: u64,
+    pub resident_bytes: u64,
     /// Threads.
-    pub(crate) threads: u64,
+    pub threads: u64,
     /// Open descriptors.
-    pub(crate) descriptors: u64,
+    pub descriptors: u64,
 }
 
 /// Ticks per second of `/proc/self/stat`. The kernel scales them to 100 for programs on every
@@ -18,7 +18,7 @@ pub(crate) struct Usage {
 const TICKS_PER_SECOND: f64 = 100.0;
 
 /// Reads the current usage.
-pub(crate) fn usage() -> Option<Usage> {
+pub fn usage() -> Option<Usage> {
     let open = std::fs::read_dir("/proc/self/fd").ok()?.count() as u64;
     parse(
         &std::fs::read_to_string("/proc/self/stat").ok()?,

@@ -17,22 +17,22 @@ const USUAL: u64 = 1_024;
 
 /// How many connections of each kind there may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Descriptors {
+pub struct Descriptors {
     /// Connections over HTTP, without those that have become a WebSocket.
-    pub(crate) http: usize,
+    pub http: usize,
     /// Readers of the live feed.
-    pub(crate) readers: usize,
+    pub readers: usize,
     /// Connections to the broker whose client it has not let in yet.
-    pub(crate) waiting: usize,
+    pub waiting: usize,
     /// Connections to the broker.
-    pub(crate) clients: usize,
+    pub clients: usize,
     /// Sessions with the broker, also of this process and of clients that are away.
-    pub(crate) sessions: usize,
+    pub sessions: usize,
 }
 
 impl Descriptors {
     /// The most there is use for.
-    pub(crate) const MOST: Self = Self {
+    pub const MOST: Self = Self {
         http: 1_024,
         readers: 64,
         waiting: 2_048,
@@ -41,13 +41,13 @@ impl Descriptors {
     };
 
     /// What this process may have, with so many simulated robots in it.
-    pub(crate) fn of_process(robots: u32) -> Self {
+    pub fn of_process(robots: u32) -> Self {
         let limit = Resource::NOFILE.get().map_or(USUAL, |(soft, _)| soft);
         Self::shared_out(limit, robots)
     }
 
     /// Shares out `limit`. There is a little of each, however low that is.
-    pub(crate) fn shared_out(limit: u64, robots: u32) -> Self {
+    pub fn shared_out(limit: u64, robots: u32) -> Self {
         let part = |of: u64, most: usize| of.clamp(16, most as u64);
         let http = part(limit / 8, Self::MOST.http);
         let readers = part(limit / 16, Self::MOST.readers);
@@ -65,7 +65,7 @@ impl Descriptors {
 }
 
 /// Whether something failed because the process, or the machine, has no descriptor left.
-pub(crate) fn are_used_up(error: &std::io::Error) -> bool {
+pub fn are_used_up(error: &std::io::Error) -> bool {
     use rustix::io::Errno;
     let error = Errno::from_io_error(error);
     error.is_some_and(|error| [Errno::MFILE, Errno::NFILE].contains(&error))

@@ -41,7 +41,7 @@ struct Reading {
 }
 
 /// Unix time as robots know it.
-pub(crate) struct FleetTime {
+pub struct FleetTime {
     state: Mutex<State>,
     /// Unix milliseconds, by the clock that may be set.
     wall_ms: Box<dyn Fn() -> u64 + Send + Sync>,
@@ -66,21 +66,16 @@ struct Step {
 
 /// What is to be told, and what has come to light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Telling {
+pub struct Telling {
     /// Unix milliseconds.
-    pub(crate) unix_ms: u64,
+    pub unix_ms: u64,
     /// By how many milliseconds the clock was set, where that is news.
-    pub(crate) set_by_ms: Option<i64>,
+    pub set_by_ms: Option<i64>,
 }
 
 impl FleetTime {
-    /// By the clock of this machine.
-    pub(crate) fn new() -> Self {
-        Self::by(unix_ms)
-    }
-
     /// By a clock that tells Unix milliseconds and may be set.
-    pub(crate) fn by(wall_ms: impl Fn() -> u64 + Send + Sync + 'static) -> Self {
+    pub fn by(wall_ms: impl Fn() -> u64 + Send + Sync + 'static) -> Self {
         Self {
             state: Mutex::default(),
             wall_ms: Box::new(wall_ms),
@@ -88,19 +83,19 @@ impl FleetTime {
     }
 
     /// Unix milliseconds for what robots hold against their own clock.
-    pub(crate) fn now_ms(&self) -> u64 {
+    pub fn now_ms(&self) -> u64 {
         let reading = self.reading_now();
         self.state().now_ms(reading)
     }
 
     /// The time to tell robots now.
-    pub(crate) fn tell(&self) -> Telling {
+    pub fn tell(&self) -> Telling {
         let reading = self.reading_now();
         self.state().tell(reading)
     }
 
     /// How long after one message the next is due; `wanted` says whether a robot waits for it.
-    pub(crate) fn tell_after(&self, wanted: bool) -> Duration {
+    pub fn tell_after(&self, wanted: bool) -> Duration {
         let reading = self.reading_now();
         self.state().after(wanted, reading)
     }
@@ -126,6 +121,13 @@ impl FleetTime {
             }
         }
         reading
+    }
+}
+
+impl Default for FleetTime {
+    /// By the clock of this machine.
+    fn default() -> Self {
+        Self::by(unix_ms)
     }
 }
 

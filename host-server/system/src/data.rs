@@ -1,7 +1,6 @@
 //! The data directory: one server at a time, and what must survive a restart.
 
-#[cfg(test)]
-pub(crate) mod test_disk;
+pub mod test_disk;
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Write as _};
@@ -53,7 +52,10 @@ impl std::error::Error for DataError {}
 
 /// Makes a directory, and those above it, that nobody else may look into. One that is there stays as
 /// it is.
-pub(crate) fn make_private(path: &Path) -> io::Result<()> {
+///
+/// # Errors
+/// What the system says.
+pub fn make_private(path: &Path) -> io::Result<()> {
     fs::DirBuilder::new()
         .recursive(true)
         .mode(0o700)
@@ -63,14 +65,13 @@ pub(crate) fn make_private(path: &Path) -> io::Result<()> {
 /// Brings what was written onto the disk. Tests put in front of that what disks do: they are slow, and
 /// they fail.
 #[derive(Clone, Default)]
-pub(crate) struct Disk(Option<Arc<Gate>>);
+pub struct Disk(Option<Arc<Gate>>);
 
 type Gate = dyn Fn() -> io::Result<()> + Send + Sync;
 
 impl Disk {
     /// A disk that does what `gate` says before it does anything.
-    #[cfg(test)]
-    pub(crate) fn behind(gate: impl Fn() -> io::Result<()> + Send + Sync + 'static) -> Self {
+    pub fn behind(gate: impl Fn() -> io::Result<()> + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(gate)))
     }
 
@@ -79,13 +80,19 @@ impl Disk {
     }
 
     /// Returns when the bytes of a file are safe.
-    pub(crate) fn sync_data(&self, file: &File) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// What the disk says.
+    pub fn sync_data(&self, file: &File) -> io::Result<()> {
         self.pass()?;
         file.sync_data()
     }
 
     /// Returns when a file, or the names in a directory, are safe.
-    pub(crate) fn sync_all(&self, file: &File) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// What the disk says.
+    pub fn sync_all(&self, file: &File) -> io::Result<()> {
         self.pass()?;
         file.sync_all()
     }
@@ -99,7 +106,7 @@ impl std::fmt::Debug for Disk {
 
 /// The directory, ours while this value lives.
 #[derive(Debug)]
-pub(crate) struct DataDir {
+pub struct DataDir {
     path: PathBuf,
     disk: Disk,
     /// The lock goes with the file when it is closed.
@@ -108,12 +115,18 @@ pub(crate) struct DataDir {
 
 impl DataDir {
     /// Makes the directory if need be and takes possession of it.
-    pub(crate) fn open(path: &Path) -> Result<Self, DataError> {
+    ///
+    /// # Errors
+    /// When another server has it, or it cannot be made or written.
+    pub fn open(path: &Path) -> Result<Self, DataError> {
         Self::open_on(path, Disk::default())
     }
 
     /// The same on a disk that may be a test's.
-    pub(crate) fn open_on(path: &Path, disk: Disk) -> Result<Self, DataError> {
+    ///
+    /// # Errors
+    /// As [`DataDir::open`].
+    pub fn open_on(path: &Path, disk: Disk) -> Result<Self, DataError> {
         let at = |path: &Path| {
             let path = path.to_owned();
             move |cause| DataError::Io { path, cause }
@@ -138,29 +151,32 @@ impl DataDir {
     }
 
     /// What its files are on.
-    pub(crate) const fn disk(&self) -> &Disk {
+    pub const fn disk(&self) -> &Disk {
         &self.disk
     }
 
     /// Where the file `name` is.
-    pub(crate) fn file(&self, name: &str) -> PathBuf {
+    pub fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
     /// The file `name` does not hold what it must.
-    pub(crate) fn damaged(&self, name: &str, text: &'static str) -> DataError {
+    pub fn damaged(&self, name: &str, text: &'static str) -> DataError {
         let path = self.file(name);
         DataError::Damaged { path, text }
     }
 
     /// An error of the file `name`.
-    pub(crate) fn failed(&self, name: &str, cause: io::Error) -> DataError {
+    pub fn failed(&self, name: &str, cause: io::Error) -> DataError {
         let path = self.file(name);
         DataError::Io { path, cause }
     }
 
     /// Reads the number in the file `name`; `None` when there is no such file.
-    pub(crate) fn number(&self, name: &str) -> Result<Option<u64>, DataError> {
+    ///
+    /// # Errors
+    /// When it cannot be read or is not a number.
+    pub fn number(&self, name: &str) -> Result<Option<u64>, DataError> {
         let path = self.path.join(name);
         match fs::read_to_string(&path) {
             Ok(text) => text
@@ -177,7 +193,10 @@ impl DataDir {
     }
 
     /// Writes the number in the file `name`, whole or not at all.
-    pub(crate) fn set_number(&self, name: &str, number: u64) -> Result<(), DataError> {
+    ///
+    /// # Errors
+    /// What the disk says.
+    pub fn set_number(&self, name: &str, number: u64) -> Result<(), DataError> {
         let path = self.path.join(name);
         let new = self.path.join(format!("{name}.new"));
         let write = || -> io::Result<()> {

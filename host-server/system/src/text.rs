@@ -1,4 +1,4 @@
-//! Texts: small files that people write, and what others say of themselves, in the log.
+//! Texts: small files that people write, what others say of themselves, in the log, and bytes.
 
 use std::fmt::{self, Write as _};
 use std::fs::File;
@@ -16,7 +16,7 @@ const MOST: u64 = 1024 * 1024;
 ///
 /// # Errors
 /// What the system says, and [`io::ErrorKind::FileTooLarge`].
-pub(crate) fn read_text(path: &Path) -> io::Result<String> {
+pub fn read_text(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     let file = File::open(path)?;
     if file.take(MOST + 1).read_to_string(&mut text)? as u64 > MOST {
@@ -26,13 +26,22 @@ pub(crate) fn read_text(path: &Path) -> io::Result<String> {
     Ok(text)
 }
 
+/// Bytes as text.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a String does not fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
 /// Longest text from outside in the log, in characters. Every name and id of the contract fits.
 const LONGEST_SHOWN: usize = 128;
 /// Longest field of a line of the log.
 const LONGEST_FIELD: usize = 1_024;
 
 /// A text from outside, as the log has it: cut, and with nothing that begins a line or steers a terminal.
-pub(crate) struct Shown<'a>(pub(crate) &'a str);
+pub struct Shown<'a>(pub &'a str);
 
 impl fmt::Display for Shown<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -42,7 +51,7 @@ impl fmt::Display for Shown<'_> {
 
 /// How the fields of a line of the text log are written. Libraries log too, and an error may quote what
 /// somebody has sent, so all of them are escaped.
-pub(crate) fn log_fields() -> impl for<'w> FormatFields<'w> + 'static {
+pub fn log_fields() -> impl for<'w> FormatFields<'w> + 'static {
     let fields = debug_fn(|to, field, value| {
         if field.name() != "message" {
             write!(to, "{}=", field.name())?;

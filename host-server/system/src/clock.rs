@@ -4,17 +4,17 @@ mod fleet_time;
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-pub(crate) use fleet_time::FleetTime;
+pub use fleet_time::{FleetTime, Telling};
 
 /// Unix milliseconds; 0 when the machine's clock stands before 1970.
-pub(crate) fn unix_ms() -> u64 {
+pub fn unix_ms() -> u64 {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0, |elapsed| elapsed.as_millis() as u64)
 }
 
 /// Unix microseconds; 0 when the machine's clock stands before 1970.
-pub(crate) fn unix_us() -> u64 {
+pub fn unix_us() -> u64 {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0, |elapsed| elapsed.as_micros() as u64)

@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::Disk;
 
 /// How long a test waits for something that is to happen, however slow the machine is.
-pub(crate) const LIMIT: Duration = Duration::from_mins(1);
+pub const LIMIT: Duration = Duration::from_mins(1);
 
 #[derive(Debug, Default)]
 struct State {
@@ -21,7 +21,7 @@ struct State {
 
 /// See the [module](self). A clone is another handle of the same.
 #[derive(Clone, Default)]
-pub(crate) struct TestDisk(Arc<(Mutex<State>, Condvar)>);
+pub struct TestDisk(Arc<(Mutex<State>, Condvar)>);
 
 impl TestDisk {
     fn state(&self) -> MutexGuard<'_, State> {
@@ -34,7 +34,7 @@ impl TestDisk {
     }
 
     /// It, as a server has it.
-    pub(crate) fn handle(&self) -> Disk {
+    pub fn handle(&self) -> Disk {
         let disk = self.clone();
         Disk::behind(move || disk.sync())
     }
@@ -54,26 +54,30 @@ impl TestDisk {
     }
 
     /// Whatever is synced waits for [`TestDisk::release`].
-    pub(crate) fn hold(&self) {
+    pub fn hold(&self) {
         self.set(|state| state.held = true);
     }
 
-    pub(crate) fn release(&self) {
+    /// The disk goes on.
+    pub fn release(&self) {
         self.set(|state| state.held = false);
     }
 
     /// Whether the disk is full.
-    pub(crate) fn set_full(&self, full: bool) {
+    pub fn set_full(&self, full: bool) {
         self.set(|state| state.broken = full);
     }
 
     /// Syncs that have begun.
-    pub(crate) fn begun(&self) -> usize {
+    pub fn begun(&self) -> usize {
         self.state().begun
     }
 
     /// Returns when somebody waits for the disk.
-    pub(crate) fn wait_for_sync(&self) {
+    ///
+    /// # Panics
+    /// When nobody does within [`LIMIT`].
+    pub fn wait_for_sync(&self) {
         let idle = |state: &mut State| state.waiting == 0;
         let waited = self.0.1.wait_timeout_while(self.state(), LIMIT, idle);
         let state = waited.unwrap_or_else(PoisonError::into_inner).0;
