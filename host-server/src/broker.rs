@@ -38,9 +38,9 @@ use tokio::io::DuplexStream;
 
 pub(crate) use accounts::{Accounts, Kind, Open, RecordAccounts};
 pub(crate) use clients::LinkState;
-pub(crate) use counters::GuardCounters;
+use counters::GuardCounters;
 pub(crate) use edge::Limits;
-pub(crate) use numbers::Load;
+use numbers::Load;
 
 use crate::accounts::Notes;
 use crate::places::{Place, Places};
@@ -107,13 +107,8 @@ pub(crate) struct BrokerHandle {
 }
 
 impl BrokerHandle {
-    /// What the broker has refused so far.
-    pub(crate) fn counters(&self) -> &GuardCounters {
-        &self.counters
-    }
-
     /// What it holds at this moment.
-    pub(crate) async fn load(&self) -> Load {
+    async fn load(&self) -> Load {
         Load::of(&self.context).await
     }
 

@@ -23,6 +23,7 @@ use tokio::sync::Semaphore;
 use tokio_util::task::TaskTracker;
 
 use crate::data::{DataDir, DataError};
+use crate::metrics::Exposition;
 
 use board::Board;
 pub(crate) use control::{Action, ControlError, act, create, delete};
@@ -75,6 +76,26 @@ pub(crate) struct ExperimentNumbers {
     pub(crate) succeeded: u64,
     /// And that were none.
     pub(crate) failed: u64,
+}
+
+impl ExperimentNumbers {
+    /// Every state has a line, also one that no experiment is in.
+    pub(crate) fn write_metrics(self, out: &mut Exposition) {
+        let states = ExperimentState::ALL.map(ExperimentState::name);
+        let counts = self.states.map(|count| count as usize);
+        out.gauges(
+            "terracrawler_experiments",
+            "Experiments of this server, by state",
+            "state",
+            states.into_iter().zip(counts),
+        );
+        out.counters(
+            "terracrawler_experiment_trials",
+            "Trials of experiments that were stored, by what they came to",
+            "outcome",
+            [("success", self.succeeded), ("failure", self.failed)],
+        );
+    }
 }
 
 /// The name of this server in the records: the one that it has, or a new one.

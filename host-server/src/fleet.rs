@@ -4,6 +4,7 @@
 //! ([`FleetState::sweep`]). It holds at most [`MAX_ROBOTS`] robots, a bounded number of log records
 //! and of events, and a bounded weight of images, whatever arrives.
 
+mod counts;
 mod events;
 mod fence;
 mod fences;
@@ -24,6 +25,7 @@ use std::time::Instant;
 
 use crawler_protocol::{Fleet, Response, RobotId, Telemetry};
 
+pub(crate) use counts::RobotCounts;
 pub(crate) use events::{Event, EventLog, Level};
 pub(crate) use fence::{Fence, FenceAction, FenceKind};
 pub(crate) use fences::Crossing;

@@ -8,6 +8,7 @@ use crawler_records::{RECORDS_FILE, Records, RecordsError};
 use crawler_timeseries::{Address, EngineError, QUEUE, Remote};
 
 use crate::config::Settings;
+use crate::metrics::Exposition;
 use crate::server::StartError;
 
 /// The history of the fleet. A clone is another handle of the same.
@@ -177,6 +178,65 @@ impl History {
             Self::Local(_) => None,
             Self::Remote(remote) => Some(remote.stats().up),
         }
+    }
+
+    /// How it is doing, in this process or outside.
+    pub(crate) fn write_metrics(&self, out: &mut Exposition) {
+        let (counters, queued) = match self {
+            Self::Local(local) => {
+                let stats = local.stats();
+                out.flag(
+                    "terracrawler_history_kept",
+                    "1 while this process writes the history",
+                    stats.keeper,
+                );
+                let damaged = ("damaged", "Blocks that could not be read", stats.damaged);
+                let taken = [stats.accepted, stats.written, stats.dropped, stats.failures];
+                ((taken, damaged), stats.queued)
+            }
+            Self::Remote(remote) => {
+                let stats = remote.stats();
+                out.flag(
+                    "terracrawler_history_engine_up",
+                    "1 while the engine outside takes samples",
+                    stats.up,
+                );
+                let refused = ("refused", "Samples that the engine refused", stats.refused);
+                let taken = [stats.accepted, stats.written, stats.dropped, stats.failures];
+                ((taken, refused), stats.queued)
+            }
+        };
+        let ([accepted, written, dropped, failures], own) = counters;
+        for (name, help, value) in [
+            (
+                "accepted",
+                "Telemetry samples taken for the history",
+                accepted,
+            ),
+            (
+                "written",
+                "Samples that are on disk, or with the engine outside",
+                written,
+            ),
+            (
+                "dropped",
+                "Samples let go because too many were waiting",
+                dropped,
+            ),
+            (
+                "failures",
+                "Writes that failed and were tried again",
+                failures,
+            ),
+            own,
+        ] {
+            out.counter(&format!("terracrawler_history_{name}"), help, value as f64);
+        }
+        out.gauge(
+            "terracrawler_history_queued",
+            "Samples waiting to be written",
+            queued as f64,
+        );
     }
 
     /// Finishes what waits for an engine. A local history ends with the records.

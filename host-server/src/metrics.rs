@@ -3,21 +3,17 @@
 //! `docs/monitor.md` says what each of them tells and when to worry.
 
 mod audit;
-mod cluster;
 mod dropped;
-mod experiments;
+mod exposition;
 mod fences;
 mod http;
-mod observed;
+pub(crate) mod machine;
 
-use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use crawler_protocol::{ResponseStatus, Topic};
-use crawler_records::Records;
 use prometheus_client::encoding::{EncodeLabelSet, text};
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -25,14 +21,8 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
-use crate::broker::{GuardCounters, Load};
-use crate::cluster::ClusterMembership;
-use crate::history::History;
-use crate::recorder::Recorder;
-
 pub(crate) use dropped::Dropped;
-use observed::counter;
-pub(crate) use observed::{Observed, Robots, Simulated, Tasks};
+pub(crate) use exposition::Exposition;
 
 /// What a command comes to that nobody answers.
 const TIMEOUT: &str = "timeout";
@@ -84,17 +74,11 @@ pub(crate) struct Metrics {
     http_latency: http::Latency,
     drops: Family<ReasonLabel, Counter>,
     fence_crossings: fences::Crossings,
-    /// Where the server keeps its data.
-    data: OnceLock<PathBuf>,
-    /// What the robots measured.
-    history: OnceLock<History>,
-    /// What its database holds, where it has one.
-    records: OnceLock<Records>,
-    /// What is recorded beside that.
-    recorder: OnceLock<Recorder>,
-    /// The other servers.
-    membership: OnceLock<Arc<ClusterMembership>>,
+    readers: Mutex<Vec<Box<Reader>>>,
 }
+
+/// Writes what it reads.
+type Reader = dyn Fn(&mut Exposition) + Send + Sync;
 
 /// From a quarter of a millisecond to a minute: an instantaneous command takes one, `goto` the other.
 fn latency_histogram() -> Histogram {
@@ -126,11 +110,7 @@ impl Metrics {
             http_latency: http::Latency::new(&mut registry),
             drops: Family::default(),
             fence_crossings: fences::Crossings::new(&mut registry),
-            data: OnceLock::new(),
-            history: OnceLock::new(),
-            records: OnceLock::new(),
-            recorder: OnceLock::new(),
-            membership: OnceLock::new(),
+            readers: Mutex::default(),
             registry: Mutex::default(),
         };
         let r = &mut registry;
@@ -281,32 +261,6 @@ impl Metrics {
         self.dropped(Dropped::SlowReader);
     }
 
-    /// Says where the data directory is, so that its disk is watched.
-    pub(crate) fn watch_data(&self, path: &Path) {
-        // Set once, when the server starts.
-        let _ = self.data.set(path.to_owned());
-    }
-
-    /// Has the database of the records watched, where they are in one.
-    pub(crate) fn watch_records(&self, records: &Records) {
-        let _ = self.records.set(records.clone());
-    }
-
-    /// Has the history watched.
-    pub(crate) fn watch_history(&self, history: &History) {
-        let _ = self.history.set(history.clone());
-    }
-
-    /// Has events on their way to the records watched.
-    pub(crate) fn watch_recorder(&self, recorder: &Recorder) {
-        let _ = self.recorder.set(recorder.clone());
-    }
-
-    /// Has what goes on between the servers watched.
-    pub(crate) fn watch_cluster(&self, membership: &Arc<ClusterMembership>) {
-        let _ = self.membership.set(Arc::clone(membership));
-    }
-
     /// Counts something that is let go.
     pub(crate) fn dropped(&self, reason: Dropped) {
         let reason = reason.name();
@@ -330,86 +284,26 @@ impl Metrics {
         self.journal_failures.inc();
     }
 
-    /// Everything as text.
-    pub(crate) fn encode(
-        &self,
-        observed: &Observed,
-        broker: Option<(&GuardCounters, Load)>,
-    ) -> String {
-        let mut out = String::new();
+    /// Has something read at every scrape, in the order of these calls. What holds these metrics must not be
+    /// kept by `write`: neither would ever end.
+    pub(crate) fn read(&self, write: impl Fn(&mut Exposition) + Send + Sync + 'static) {
+        let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
+        readers.push(Box::new(write));
+    }
+
+    /// Everything as text, behind which goes what only the caller can read.
+    pub(crate) fn exposition(&self) -> Exposition {
+        let mut counted = String::new();
         let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
         // Writing to a String does not fail.
-        let _ = text::encode(&mut out, &registry);
+        let _ = text::encode(&mut counted, &registry);
         drop(registry);
-        // Values that are read rather than counted go in front of the end mark.
-        if out.ends_with("# EOF\n") {
-            out.truncate(out.len() - "# EOF\n".len());
+        let mut out = Exposition::behind(counted);
+        let readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
+        for write in readers.iter() {
+            write(&mut out);
         }
-        observed::write_process(&mut out);
-        if let Some(data) = self.data.get() {
-            observed::write_data(&mut out, data);
-        }
-        if let Some(history) = self.history.get() {
-            observed::write_history(&mut out, history);
-        }
-        if let Some(recorder) = self.recorder.get() {
-            observed::write_events(&mut out, recorder.stats());
-        }
-        if let Some(stats) = self.records.get().and_then(Records::database) {
-            observed::write_database(&mut out, &stats);
-        }
-        cluster::write(&mut out, self.membership.get().map(AsRef::as_ref));
-        observed.write(&mut out);
-        if let Some((guard, load)) = broker {
-            observed::write_broker(&mut out, load);
-            for (name, help, value) in [
-                (
-                    "oversize",
-                    "Publishes refused for their size",
-                    &guard.oversize,
-                ),
-                (
-                    "retain_refused",
-                    "Publishes refused because nothing is retained on their topic",
-                    &guard.retain_refused,
-                ),
-                (
-                    "not_retained",
-                    "Messages not retained because the storage is full",
-                    &guard.not_retained,
-                ),
-                (
-                    "delayed",
-                    "Publishes that waited because their client was over its budget",
-                    &guard.delayed,
-                ),
-                ("refused", "Connections refused", &guard.refused),
-                (
-                    "cut_off",
-                    "Sessions ended because their client stayed over its budget",
-                    &guard.cut_off,
-                ),
-                (
-                    "dropped",
-                    "Sessions ended because their account or credential was changed",
-                    &guard.dropped,
-                ),
-            ] {
-                counter(
-                    &mut out,
-                    &format!("terracrawler_embedded_broker_{name}"),
-                    help,
-                    value.load(Ordering::Relaxed) as f64,
-                );
-            }
-            let name = "terracrawler_embedded_broker_refusals";
-            let help = "Connections, publishes and subscriptions refused, by reason";
-            let _ = write!(out, "# HELP {name} {help}.\n# TYPE {name} counter\n");
-            for (reason, count) in guard.refusals() {
-                let _ = writeln!(out, "{name}_total{{reason=\"{reason}\"}} {count}");
-            }
-        }
-        out.push_str("# EOF\n");
+        drop(readers);
         out
     }
 }

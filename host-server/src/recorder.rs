@@ -11,6 +11,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::accounts::now_ms;
 use crate::cluster::ClusterMembership;
+use crate::metrics::Exposition;
 
 /// Events that wait to be written.
 const EVENTS: usize = 8_192;
@@ -130,6 +131,27 @@ impl Recorder {
             failures: self.0.failures.load(Ordering::Relaxed),
             queued: self.inbox().events.len(),
         }
+    }
+
+    /// How events get into the records.
+    pub(crate) fn write_metrics(&self, out: &mut Exposition) {
+        let stats = self.stats();
+        for (name, help, value) in [
+            ("written", "Events in the records", stats.written),
+            (
+                "dropped",
+                "Events let go because too many were waiting, or the records refused them",
+                stats.dropped,
+            ),
+            ("failures", "Writes of events that failed", stats.failures),
+        ] {
+            out.counter(&format!("terracrawler_events_{name}"), help, value as f64);
+        }
+        out.gauge(
+            "terracrawler_events_queued",
+            "Events waiting to be written",
+            stats.queued as f64,
+        );
     }
 
     /// What writes to `records` what comes in.

@@ -14,6 +14,7 @@ mod start;
 mod start_error;
 #[cfg(test)]
 mod start_tests;
+mod stores;
 mod watch;
 mod writable;
 

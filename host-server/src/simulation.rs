@@ -12,7 +12,7 @@ use tokio::sync::watch;
 
 use crate::config::{BrokerUrl, Settings};
 use crate::feed::Feed;
-use crate::metrics::Simulated;
+use crate::metrics::Exposition;
 use crate::recipe::scenario;
 use crate::recorder::Recorder;
 
@@ -37,6 +37,45 @@ fn tell(recorder: &Recorder, feed: &Feed, arena: &Arena) -> usize {
     let arena = arena_json(arena);
     recorder.record_arena(&arena);
     feed.set_arena(arena)
+}
+
+/// How the simulation in this process is doing.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Simulated {
+    /// Simulated seconds per second.
+    pub(crate) real_time_factor: f64,
+    /// Physics steps so far.
+    pub(crate) steps: u64,
+    /// Robots in the world.
+    pub(crate) robots: u64,
+    /// Robots whose connection to the broker is up.
+    pub(crate) connected: u64,
+}
+
+impl Simulated {
+    /// Writes all of it.
+    pub(crate) fn write_metrics(&self, out: &mut Exposition) {
+        out.gauge(
+            "terracrawler_simulation_real_time_factor",
+            "Simulated seconds per second",
+            self.real_time_factor,
+        );
+        out.gauge(
+            "terracrawler_simulation_robots",
+            "Robots in the simulated world",
+            self.robots as f64,
+        );
+        out.gauge(
+            "terracrawler_simulation_connected",
+            "Robots of the simulated world that are connected to the broker",
+            self.connected as f64,
+        );
+        out.counter(
+            "terracrawler_simulation_steps",
+            "Physics steps of the simulated world",
+            self.steps as f64,
+        );
+    }
 }
 
 /// A running world.

@@ -1,6 +1,11 @@
 //! How full the embedded broker is.
 
+use std::sync::atomic::Ordering;
+
 use rmqtt::context::ServerContext;
+
+use super::BrokerHandle;
+use crate::metrics::Exposition;
 
 /// What the broker holds at this moment.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -39,5 +44,87 @@ impl Load {
             load.unacknowledged += session.out_inflight().read().await.len() as u64;
         }
         load
+    }
+}
+
+impl BrokerHandle {
+    /// How full the broker is, and what it has refused so far.
+    pub(crate) async fn write_metrics(&self, out: &mut Exposition) {
+        let load = self.load().await;
+        for (name, help, value) in [
+            ("connections", "Open connections", load.connections),
+            (
+                "sessions",
+                "Sessions, also of clients that are away and may return",
+                load.sessions,
+            ),
+            (
+                "subscriptions",
+                "Subscriptions of all sessions",
+                load.subscriptions,
+            ),
+            (
+                "queued",
+                "Messages waiting for their session to take them",
+                load.queued,
+            ),
+            (
+                "unacknowledged",
+                "QoS 1 messages that were sent and not acknowledged",
+                load.unacknowledged,
+            ),
+        ] {
+            out.gauge(
+                &format!("terracrawler_embedded_broker_{name}"),
+                help,
+                value as f64,
+            );
+        }
+        let counters = &self.counters;
+        for (name, help, value) in [
+            (
+                "oversize",
+                "Publishes refused for their size",
+                &counters.oversize,
+            ),
+            (
+                "retain_refused",
+                "Publishes refused because nothing is retained on their topic",
+                &counters.retain_refused,
+            ),
+            (
+                "not_retained",
+                "Messages not retained because the storage is full",
+                &counters.not_retained,
+            ),
+            (
+                "delayed",
+                "Publishes that waited because their client was over its budget",
+                &counters.delayed,
+            ),
+            ("refused", "Connections refused", &counters.refused),
+            (
+                "cut_off",
+                "Sessions ended because their client stayed over its budget",
+                &counters.cut_off,
+            ),
+            (
+                "dropped",
+                "Sessions ended because their account or credential was changed",
+                &counters.dropped,
+            ),
+        ] {
+            out.counter(
+                &format!("terracrawler_embedded_broker_{name}"),
+                help,
+                value.load(Ordering::Relaxed) as f64,
+            );
+        }
+        out.counters(
+            "terracrawler_embedded_broker_refusals",
+            "Connections, publishes and subscriptions refused, by reason",
+            "reason",
+            counters.refusals(),
+        );
     }
 }

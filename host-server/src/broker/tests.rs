@@ -192,7 +192,7 @@ async fn a_revoked_robot_is_gone_and_the_fleet_learns_of_it() {
     other.is_heard("swarm/heartbeat/rover-2").await;
     let again = bench.connect("rover-1", "rover-1", &secret).await;
     assert_eq!(again.err(), Some(ConnectReturnCode::BadUserNamePassword));
-    assert_eq!(handle.counters().dropped.load(Ordering::Relaxed), 1);
+    assert_eq!(handle.counters.dropped.load(Ordering::Relaxed), 1);
 
     // With a new secret it is welcome at once, and the old one stays worth nothing.
     let new = bench.enroll("rover-1").await;

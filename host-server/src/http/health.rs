@@ -18,9 +18,9 @@ use crate::bus::Bus;
 use crate::cluster::ClusterMembership;
 use crate::commands::CommandCenter;
 use crate::experiments::Experiments;
-use crate::fleet::SharedFleet;
+use crate::fleet::{RobotCounts, SharedFleet};
 use crate::history::History;
-use crate::metrics::{Metrics, Observed, Robots, Tasks};
+use crate::metrics::Metrics;
 
 pub(super) fn routes() -> Router<ApiState> {
     Router::new()
@@ -109,27 +109,34 @@ async fn metrics(
     State(world): State<World>,
     State(Broker(broker)): State<Broker>,
 ) -> Response {
-    let observed = Observed {
-        robots: Robots::count(&fleet.lock()),
-        open_commands: commands.totals().open,
-        simulation: world.get().map(|world| world.numbers()),
-        experiments: experiments.numbers(),
-        tasks: Tasks {
-            server: Handle::current().metrics().num_alive_tasks(),
-            broker: broker.as_ref().map(BrokerHandle::tasks),
-        },
-    };
-    let broker = match &broker {
-        Some(broker) => Some((broker.counters(), broker.load().await)),
-        None => None,
-    };
-    let text = metrics.encode(&observed, broker);
+    let mut out = metrics.exposition();
+    RobotCounts::of(&fleet.lock()).write_metrics(&mut out);
+    out.gauge(
+        "terracrawler_commands_open",
+        "Commands some robot has not answered for good",
+        commands.totals().open as f64,
+    );
+    let own = Handle::current().metrics().num_alive_tasks();
+    let of_broker = broker.as_ref().map(BrokerHandle::tasks);
+    out.gauges(
+        "terracrawler_tasks",
+        "Tasks that have not ended, by runtime",
+        "runtime",
+        std::iter::once(("server", own)).chain(of_broker.map(|count| ("broker", count))),
+    );
+    if let Some(world) = world.get() {
+        world.numbers().write_metrics(&mut out);
+    }
+    experiments.numbers().write_metrics(&mut out);
+    if let Some(broker) = &broker {
+        broker.write_metrics(&mut out).await;
+    }
     (
         [(
             header::CONTENT_TYPE,
             "application/openmetrics-text; version=1.0.0; charset=utf-8",
         )],
-        text,
+        out.finish(),
     )
         .into_response()
 }

@@ -58,7 +58,7 @@ mod tests {
         let page = std::fs::read_to_string(page).expect("docs/monitor.md");
         let metrics = crate::metrics::Metrics::new();
         metrics.dropped(Dropped::AuditFull);
-        let text = metrics.encode(&crate::metrics::Observed::default(), None);
+        let text = metrics.exposition().finish();
         for reason in Dropped::ALL {
             let name = reason.name();
             assert!(page.contains(&format!("| `{name}` |")), "{name}");

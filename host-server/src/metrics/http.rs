@@ -72,7 +72,6 @@ fn name(method: &str) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::Observed;
 
     #[test]
     fn strangers_make_no_series() {
@@ -80,7 +79,7 @@ mod tests {
         for number in 0..1_000 {
             metrics.observe_http(&format!("M{number}"), None, 404, Duration::from_millis(3));
         }
-        let text = metrics.encode(&Observed::default(), None);
+        let text = metrics.exposition().finish();
         let series = text
             .lines()
             .filter(|line| line.starts_with("terracrawler_http_request_duration_seconds_count"))

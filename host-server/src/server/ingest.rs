@@ -106,7 +106,11 @@ impl Receiver for Ingest {
         };
         // What another server has heard is its own to count, and to act upon.
         for crossing in &crossings {
-            self.metrics.fence_crossing(crossing);
+            if !crossing.back {
+                let fence = &crossing.fence;
+                let (kind, action) = (fence.kind.name(), fence.action.name());
+                self.metrics.fence_crossing(kind, action);
+            }
             self.stops.note(crossing);
         }
         match received {

@@ -21,6 +21,7 @@ use super::endpoints::{self, BrokerEndpoints};
 use super::ingest::Ingest;
 use super::outcome_log::OutcomeLog;
 use super::parts::{PATIENCE, Parts, finish};
+use super::stores::Stores;
 use super::{StartError, cluster};
 use crate::accounts::{Accounts, AuditLog};
 use crate::addresses::Addresses;
@@ -34,7 +35,7 @@ use crate::descriptors::Descriptors;
 use crate::experiments::{self, Experiments, Tell};
 use crate::feed::Feed;
 use crate::fences::{self, Enforcer, Stops};
-use crate::fleet::{Level, SharedFleet};
+use crate::fleet::{FenceAction, FenceKind, Level, SharedFleet};
 use crate::history;
 use crate::http;
 use crate::metrics::Metrics;
@@ -78,9 +79,10 @@ pub(super) async fn start(
         records.close().await;
     })?;
     let metrics = Arc::new(Metrics::new());
-    metrics.watch_data(&settings.data);
-    metrics.watch_records(&records);
-    metrics.watch_history(&history);
+    metrics.expect_fence_crossings(
+        &FenceKind::ALL.map(FenceKind::name),
+        &FenceAction::ALL.map(FenceAction::name),
+    );
     let (audit, writer) = AuditLog::new(records.clone(), Arc::clone(&metrics));
     parts.task("the audit log", |stop| writer.run(stop))?;
     let accounts = Accounts::open(records.clone(), settings.open).await?;
@@ -146,7 +148,6 @@ pub(super) async fn start(
         None => (write_down(commands, journal, &data, parts)?, None),
         Some(cache) => {
             let (commands, joined) = join(settings, cache, commands, journal, &data, parts).await?;
-            metrics.watch_cluster(&joined.membership);
             (commands, Some(joined))
         }
     };
@@ -154,7 +155,14 @@ pub(super) async fn start(
     // Who has records of its own keeps everything in them.
     let shared = records.database().is_some();
     let recorder = Recorder::new(membership.clone().filter(|_| shared));
-    metrics.watch_recorder(&recorder);
+    let stores = Stores {
+        data: settings.data.clone(),
+        history: history.clone(),
+        recorder: recorder.clone(),
+        records: records.clone(),
+        membership: membership.clone(),
+    };
+    metrics.read(move |out| stores.write_metrics(out));
     let writer = recorder.writer(records.clone());
     parts.task("what is recorded", |stop| writer.run(stop))?;
     let audit = Arc::new(audit);

@@ -88,7 +88,7 @@ impl Bench {
 
     fn refused(&self, reason: Refusal) -> u64 {
         let handle = self.broker.handle();
-        let mut refusals = handle.counters().refusals();
+        let mut refusals = handle.counters.refusals();
         let found = refusals.find(|(name, _)| *name == reason.name());
         found.expect("every reason").1
     }
