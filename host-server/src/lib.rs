@@ -23,15 +23,15 @@ mod fences;
 mod fleet;
 mod history;
 mod http;
-mod metrics;
 mod recipe;
 mod recorder;
 mod simulation;
 mod simulator;
 mod tls;
 
+use crawler_metrics as metrics;
 use crawler_system::text::hex;
-use crawler_system::{clock, data, descriptors, places, process, text, waiting};
+use crawler_system::{clock, data, descriptors, places, text, waiting};
 
 pub use data::DataError;
 pub use recipe::Randomisation;

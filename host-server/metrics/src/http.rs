@@ -7,7 +7,7 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::Metrics;
+use crate::Metrics;
 
 /// What no route answers: the files of the control room, and whatever strangers try.
 const NO_ROUTE: &str = "other";
@@ -22,10 +22,10 @@ struct Label {
 }
 
 /// Latency of requests.
-pub(super) struct Latency(Family<Label, Histogram>);
+pub(crate) struct Latency(Family<Label, Histogram>);
 
 impl Latency {
-    pub(super) fn new(registry: &mut Registry) -> Self {
+    pub(crate) fn new(registry: &mut Registry) -> Self {
         let family = Family::<Label, Histogram>::new_with_constructor(|| {
             Histogram::new([
                 0.001, 0.002_5, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0,
@@ -43,13 +43,7 @@ impl Latency {
 
 impl Metrics {
     /// Notes one request: `route` as the router spells it, `None` when no route answered.
-    pub(crate) fn observe_http(
-        &self,
-        method: &str,
-        route: Option<&str>,
-        status: u16,
-        took: Duration,
-    ) {
+    pub fn observe_http(&self, method: &str, route: Option<&str>, status: u16, took: Duration) {
         let label = Label {
             method: name(method),
             route: route.unwrap_or(NO_ROUTE).to_owned(),

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use crate::metrics::Exposition;
-use crate::process;
+use crawler_system::process;
+
+use crate::Exposition;
 
 /// What this process costs and what program it is.
-pub(crate) fn write_process(out: &mut Exposition) {
+pub fn write_process(out: &mut Exposition) {
     out.info(
         "terracrawler_build_info",
         "The program that answers",
@@ -39,7 +40,7 @@ pub(crate) fn write_process(out: &mut Exposition) {
 }
 
 /// How full the disk of the data directory is, and with what.
-pub(crate) fn write_data(out: &mut Exposition, data: &Path) {
+pub fn write_data(out: &mut Exposition, data: &Path) {
     if let Ok(found) = rustix::fs::statvfs(data) {
         out.gauge(
             "terracrawler_data_free_bytes",

@@ -3,7 +3,7 @@
 /// Why the server let something go, because a queue was full, a budget was spent, or it came too late.
 /// `docs/monitor.md` says what each means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Dropped {
+pub enum Dropped {
     /// A reader of the live feed fell behind.
     SlowReader,
     /// Too many samples wait to be written into the history.
@@ -22,7 +22,7 @@ pub(crate) enum Dropped {
 
 impl Dropped {
     /// Every reason.
-    pub(super) const ALL: [Self; 7] = [
+    pub(crate) const ALL: [Self; 7] = [
         Self::SlowReader,
         Self::HistoryFull,
         Self::OutboxFull,
@@ -33,7 +33,7 @@ impl Dropped {
     ];
 
     /// The value of the label.
-    pub(super) const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::SlowReader => "slow_reader",
             Self::HistoryFull => "history_full",
@@ -54,9 +54,9 @@ mod tests {
 
     #[test]
     fn every_reason_is_explained_and_there_before_it_happens() {
-        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/monitor.md");
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/monitor.md");
         let page = std::fs::read_to_string(page).expect("docs/monitor.md");
-        let metrics = crate::metrics::Metrics::new();
+        let metrics = crate::Metrics::new();
         metrics.dropped(Dropped::AuditFull);
         let text = metrics.exposition().finish();
         for reason in Dropped::ALL {

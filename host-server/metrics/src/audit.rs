@@ -5,14 +5,14 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Registry;
 
 /// What is counted of writing to the audit log.
-pub(crate) struct AuditLog {
+pub struct AuditLog {
     up: Gauge,
     waiting: Gauge,
     failures: Counter,
 }
 
 impl AuditLog {
-    pub(super) fn new(registry: &mut Registry) -> Self {
+    pub(crate) fn new(registry: &mut Registry) -> Self {
         let log = Self {
             up: Gauge::default(),
             waiting: Gauge::default(),
@@ -37,13 +37,13 @@ impl AuditLog {
     }
 
     /// Says whether the log can be written, and how many lines wait.
-    pub(crate) fn written(&self, up: bool, waiting: usize) {
+    pub fn written(&self, up: bool, waiting: usize) {
         self.up.set(i64::from(up));
         self.waiting.set(waiting as i64);
     }
 
     /// Counts a write that failed.
-    pub(crate) fn failed(&self) {
+    pub fn failed(&self) {
         self.failures.inc();
     }
 }

@@ -1,13 +1,18 @@
-//! Numbers about the server, in the text format Prometheus reads.
+//! The numbers of the server, in the text format that Prometheus reads. `docs/monitor.md` says what each of
+//! them tells and when to worry.
 //!
-//! `docs/monitor.md` says what each of them tells and when to worry.
+//! There are two kinds. What happens is counted as it happens, by whoever does it, in [`Metrics`], which the
+//! parts of the server share. What merely *is*, such as the length of a queue, is read at every scrape: whoever
+//! has it writes it into the [`Exposition`], called by [`Metrics::read`] or, where only the API knows it, by the
+//! handler of the scrape. So nothing here knows the parts that are measured, and a label has no value that
+//! somebody outside has made up.
 
 mod audit;
 mod dropped;
 mod exposition;
 mod fences;
 mod http;
-pub(crate) mod machine;
+pub mod machine;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -21,8 +26,9 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
-pub(crate) use dropped::Dropped;
-pub(crate) use exposition::Exposition;
+pub use audit::AuditLog;
+pub use dropped::Dropped;
+pub use exposition::Exposition;
 
 /// What a command comes to that nobody answers.
 const TIMEOUT: &str = "timeout";
@@ -54,7 +60,7 @@ struct HttpLabel {
 }
 
 /// Every number of the server.
-pub(crate) struct Metrics {
+pub struct Metrics {
     registry: Mutex<Registry>,
     messages_in: Family<Kind, Counter>,
     messages_in_total: AtomicU64,
@@ -70,7 +76,8 @@ pub(crate) struct Metrics {
     broker_losses: Counter,
     journal_up: Gauge,
     journal_failures: Counter,
-    pub(crate) audit: audit::AuditLog,
+    /// How writing to the audit log goes.
+    pub audit: AuditLog,
     http_latency: http::Latency,
     drops: Family<ReasonLabel, Counter>,
     fence_crossings: fences::Crossings,
@@ -88,8 +95,15 @@ fn latency_histogram() -> Histogram {
     ])
 }
 
+impl Default for Metrics {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Metrics {
-    pub(crate) fn new() -> Self {
+    /// All at nothing.
+    pub fn new() -> Self {
         let mut registry = Registry::with_prefix("terracrawler");
         let metrics = Self {
             messages_in: Family::default(),
@@ -106,7 +120,7 @@ impl Metrics {
             broker_losses: Counter::default(),
             journal_up: Gauge::default(),
             journal_failures: Counter::default(),
-            audit: audit::AuditLog::new(&mut registry),
+            audit: AuditLog::new(&mut registry),
             http_latency: http::Latency::new(&mut registry),
             drops: Family::default(),
             fence_crossings: fences::Crossings::new(&mut registry),
@@ -205,43 +219,49 @@ impl Metrics {
         metrics
     }
 
-    pub(crate) fn message_in(&self, topic: &Topic) {
+    /// Counts a message that was accepted.
+    pub fn message_in(&self, topic: &Topic) {
         self.messages_in_total.fetch_add(1, Ordering::Relaxed);
         count(&self.messages_in, topic_kind(topic));
     }
 
-    pub(crate) fn message_out(&self, topic: &Topic) {
+    /// Counts a message of the server.
+    pub fn message_out(&self, topic: &Topic) {
         count(&self.messages_out, topic_kind(topic));
     }
 
     /// Counts a message that was not accepted, whatever topic it came on.
-    pub(crate) fn message_rejected(&self, cause: &'static str) {
+    pub fn message_rejected(&self, cause: &'static str) {
         self.messages_in_total.fetch_add(1, Ordering::Relaxed);
         count(&self.messages_rejected, cause);
     }
 
     /// Messages received so far, good and bad.
-    pub(crate) fn messages_in_total(&self) -> u64 {
+    pub fn messages_in_total(&self) -> u64 {
         self.messages_in_total.load(Ordering::Relaxed)
     }
 
-    pub(crate) fn command_sent(&self, command: &'static str, robots: usize) {
+    /// Counts a command that went to so many robots.
+    pub fn command_sent(&self, command: &'static str, robots: usize) {
         self.commands_sent
             .get_or_create(&CommandLabel { command })
             .inc_by(robots as u64);
     }
 
-    pub(crate) fn answer(&self, status: &'static str) {
+    /// Counts what a command came to at a robot.
+    pub fn answer(&self, status: &'static str) {
         self.answers.get_or_create(&StatusLabel { status }).inc();
     }
 
-    pub(crate) fn completed(&self, command: &'static str, took: Duration) {
+    /// Notes how long a robot took to complete a command.
+    pub fn completed(&self, command: &'static str, took: Duration) {
         self.latency
             .get_or_create(&CommandLabel { command })
             .observe(took.as_secs_f64());
     }
 
-    pub(crate) fn http_request(&self, status: u16) {
+    /// Counts a request that was answered with this status.
+    pub fn http_request(&self, status: u16) {
         let class = match status {
             100..200 => "1xx",
             200..300 => "2xx",
@@ -252,47 +272,52 @@ impl Metrics {
         self.http_requests.get_or_create(&HttpLabel { class }).inc();
     }
 
-    pub(crate) fn live_clients(&self, change: i64) {
+    /// Readers of the live feed have come, or gone.
+    pub fn live_clients(&self, change: i64) {
         self.live_clients.inc_by(change);
     }
 
-    pub(crate) fn live_dropped(&self) {
+    /// Counts a reader of the live feed that was too slow.
+    pub fn live_dropped(&self) {
         self.live_dropped.inc();
         self.dropped(Dropped::SlowReader);
     }
 
     /// Counts something that is let go.
-    pub(crate) fn dropped(&self, reason: Dropped) {
+    pub fn dropped(&self, reason: Dropped) {
         let reason = reason.name();
         self.drops.get_or_create(&ReasonLabel { reason }).inc();
     }
 
-    pub(crate) fn broker_connected(&self, up: bool) {
+    /// Says whether the broker is connected.
+    pub fn broker_connected(&self, up: bool) {
         self.broker_up.set(i64::from(up));
     }
 
-    pub(crate) fn broker_lost(&self) {
+    /// Counts a connection to the broker that was lost.
+    pub fn broker_lost(&self) {
         self.broker_losses.inc();
     }
 
     /// Says whether commands can be written down.
-    pub(crate) fn journal_up(&self, up: bool) {
+    pub fn journal_up(&self, up: bool) {
         self.journal_up.set(i64::from(up));
     }
 
-    pub(crate) fn journal_failed(&self) {
+    /// Counts a write of commands that failed.
+    pub fn journal_failed(&self) {
         self.journal_failures.inc();
     }
 
     /// Has something read at every scrape, in the order of these calls. What holds these metrics must not be
     /// kept by `write`: neither would ever end.
-    pub(crate) fn read(&self, write: impl Fn(&mut Exposition) + Send + Sync + 'static) {
+    pub fn read(&self, write: impl Fn(&mut Exposition) + Send + Sync + 'static) {
         let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
         readers.push(Box::new(write));
     }
 
     /// Everything as text, behind which goes what only the caller can read.
-    pub(crate) fn exposition(&self) -> Exposition {
+    pub fn exposition(&self) -> Exposition {
         let mut counted = String::new();
         let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
         // Writing to a String does not fail.

@@ -5,7 +5,7 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::registry::Registry;
 
-use super::Metrics;
+use crate::Metrics;
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
 struct Label {
@@ -14,10 +14,10 @@ struct Label {
 }
 
 /// How often robots crossed fences to where they should not be.
-pub(super) struct Crossings(Family<Label, Counter>);
+pub(crate) struct Crossings(Family<Label, Counter>);
 
 impl Crossings {
-    pub(super) fn new(registry: &mut Registry) -> Self {
+    pub(crate) fn new(registry: &mut Registry) -> Self {
         let family = Family::<Label, Counter>::default();
         registry.register(
             "fence_crossings",
@@ -31,7 +31,7 @@ impl Crossings {
 impl Metrics {
     /// Shows a count for each kind of fence with each action: a counter that is not there before its first
     /// event has no rate at that event.
-    pub(crate) fn expect_fence_crossings(&self, kinds: &[&'static str], actions: &[&'static str]) {
+    pub fn expect_fence_crossings(&self, kinds: &[&'static str], actions: &[&'static str]) {
         for &kind in kinds {
             for &action in actions {
                 let _ = self
@@ -44,7 +44,7 @@ impl Metrics {
     }
 
     /// Counts a crossing of a fence of this kind and action to where a robot should not be.
-    pub(crate) fn fence_crossing(&self, kind: &'static str, action: &'static str) {
+    pub fn fence_crossing(&self, kind: &'static str, action: &'static str) {
         self.fence_crossings
             .0
             .get_or_create(&Label { kind, action })

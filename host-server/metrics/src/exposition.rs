@@ -8,12 +8,12 @@ const END: &str = "# EOF\n";
 /// Metrics as text, in the order in which they were written. Names are written whole, but for the suffix
 /// `_total` of counters; help texts without their full stop.
 #[derive(Debug)]
-pub(crate) struct Exposition(String);
+pub struct Exposition(String);
 
 // Writing to a String does not fail.
 impl Exposition {
     /// Goes on behind `counted`, which may have ended.
-    pub(super) fn behind(mut counted: String) -> Self {
+    pub(crate) fn behind(mut counted: String) -> Self {
         if counted.ends_with(END) {
             counted.truncate(counted.len() - END.len());
         }
@@ -21,24 +21,24 @@ impl Exposition {
     }
 
     /// A value that goes up and down.
-    pub(crate) fn gauge(&mut self, name: &str, help: &str, value: f64) {
+    pub fn gauge(&mut self, name: &str, help: &str, value: f64) {
         self.head(name, help, "gauge");
         let _ = writeln!(self.0, "{name} {value}");
     }
 
     /// 1 while something is so, else 0.
-    pub(crate) fn flag(&mut self, name: &str, help: &str, value: bool) {
+    pub fn flag(&mut self, name: &str, help: &str, value: bool) {
         self.gauge(name, help, f64::from(u8::from(value)));
     }
 
     /// A value that only goes up.
-    pub(crate) fn counter(&mut self, name: &str, help: &str, value: f64) {
+    pub fn counter(&mut self, name: &str, help: &str, value: f64) {
         self.head(name, help, "counter");
         let _ = writeln!(self.0, "{name}_total {value}");
     }
 
     /// Gauges that differ in the value of one label.
-    pub(crate) fn gauges<'a>(
+    pub fn gauges<'a>(
         &mut self,
         name: &str,
         help: &str,
@@ -52,7 +52,7 @@ impl Exposition {
     }
 
     /// Counters that differ in the value of one label.
-    pub(crate) fn counters<'a>(
+    pub fn counters<'a>(
         &mut self,
         name: &str,
         help: &str,
@@ -66,7 +66,7 @@ impl Exposition {
     }
 
     /// A value that is always 1 and says something in its label.
-    pub(crate) fn info(&mut self, name: &str, help: &str, label: &str, value: &str) {
+    pub fn info(&mut self, name: &str, help: &str, label: &str, value: &str) {
         self.gauges(name, help, label, [(value, 1)]);
     }
 
@@ -75,7 +75,7 @@ impl Exposition {
     }
 
     /// The text, with its end.
-    pub(crate) fn finish(mut self) -> String {
+    pub fn finish(mut self) -> String {
         self.0.push_str(END);
         self.0
     }
