@@ -22,6 +22,8 @@ pub use crawler_system::address::{
     Postgres, Redis,
 };
 
+use crate::tls::CertificateOptions;
+
 pub use cli::{Cli, Command, Common};
 pub use layer::{Layer, LogFormat};
 pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
@@ -249,6 +251,23 @@ impl Settings {
             tls,
             experiment_threads: merged.experiment_threads,
         })
+    }
+
+    /// What the certificate of the listeners that speak TLS is to be.
+    pub(crate) fn certificates(&self) -> CertificateOptions {
+        let mqtt = match self.broker {
+            Broker::Embedded(listen) => Some(listen),
+            Broker::Outside(_) => None,
+        };
+        let listeners = mqtt.into_iter().chain([self.http]);
+        CertificateOptions {
+            own: self.tls.own.clone(),
+            names: self.tls.names.as_slice().to_vec(),
+            dir: self.data.join("tls"),
+            listeners: listeners
+                .filter(|listen| self.tls.covers(*listen))
+                .collect(),
+        }
     }
 
     /// The addresses that machines other than this one can reach.

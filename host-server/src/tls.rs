@@ -21,7 +21,6 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, SystemTime};
 
-use crawler_sim::live::Authority as Pinned;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::crypto::CryptoProvider;
 use tokio_rustls::rustls::server::{ClientHello, ResolvesServerCert, WebPkiClientVerifier};
@@ -29,7 +28,6 @@ use tokio_rustls::rustls::sign::CertifiedKey;
 use tokio_rustls::rustls::{ServerConfig, crypto};
 use tokio_util::sync::CancellationToken;
 
-use crate::config::{Broker, Settings, TlsSettings};
 use authority::Authority;
 use validity::{Validity, day_of};
 
@@ -49,11 +47,16 @@ const AGAIN: i64 = 60;
 /// A certificate of the user that ends so soon is worth a word, in seconds.
 const SOON: i64 = 14 * 24 * 60 * 60;
 
-/// The key of the first certificate in a file, as robots pin it; `None` when there is none that they
-/// can use.
-pub(crate) fn pin(certificate: &Path) -> Option<Pinned> {
-    let certificates = files::certificates(certificate).ok()?;
-    Pinned::of_certificate(certificates.first()?).ok()
+/// The first certificate in a file, in DER.
+///
+/// # Errors
+/// [`TlsError`] says what is wrong with the file.
+pub(crate) fn first_certificate(path: &Path) -> Result<Vec<u8>, TlsError> {
+    let certificates = files::certificates(path)?;
+    Ok(certificates
+        .first()
+        .map(|der| der.to_vec())
+        .unwrap_or_default())
 }
 
 /// What does the cryptography. The one that the MQTT broker's own dependencies bring.
@@ -63,6 +66,19 @@ fn provider() -> Arc<CryptoProvider> {
 
 fn unix_now() -> i64 {
     (crate::clock::unix_ms() / 1000) as i64
+}
+
+/// What a certificate is to be for, and where it comes from.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct CertificateOptions {
+    /// Certificate and key of the user: two PEM files. Without them the server has an authority of its own.
+    pub(crate) own: Option<(PathBuf, PathBuf)>,
+    /// More names for the certificate that the server makes.
+    pub(crate) names: Vec<String>,
+    /// Where a private authority lives.
+    pub(crate) dir: PathBuf,
+    /// The listeners that speak TLS.
+    pub(crate) listeners: Vec<SocketAddr>,
 }
 
 /// The certificate of this server, always current.
@@ -100,18 +116,12 @@ fn stamp(certificate: &Path, key: &Path) -> Stamp {
 }
 
 impl Certificates {
-    /// Opens or makes what the settings ask for. A private authority lives in `dir`, and its
-    /// certificate is for `listeners`.
+    /// Opens or makes what `options` ask for. `now` is in Unix seconds.
     ///
     /// # Errors
     /// [`TlsError`] says which file is wrong, and what about it.
-    pub(crate) fn open(
-        settings: &TlsSettings,
-        dir: &Path,
-        listeners: &[SocketAddr],
-        now: i64,
-    ) -> Result<Arc<Self>, TlsError> {
-        let (source, (pair, validity)) = if let Some((certificate, key)) = &settings.own {
+    pub(crate) fn open(options: &CertificateOptions, now: i64) -> Result<Arc<Self>, TlsError> {
+        let (source, (pair, validity)) = if let Some((certificate, key)) = &options.own {
             let seen = Mutex::new(stamp(certificate, key));
             let (pair, validity) = files::pair(certificate, key)?;
             files::check_time(certificate, validity, now)?;
@@ -126,8 +136,8 @@ impl Certificates {
             };
             (source, (pair, validity))
         } else {
-            let names = names::of(listeners, settings.names.as_slice());
-            let authority = Box::new(Authority::open(dir, names, now)?);
+            let names = names::of(&options.listeners, &options.names);
+            let authority = Box::new(Authority::open(&options.dir, names, now)?);
             let current = authority.current(now)?;
             (Source::Own(authority, Mutex::new(now)), current)
         };
@@ -143,25 +153,15 @@ impl Certificates {
         }))
     }
 
-    /// The certificate that the listeners of `settings` need, if one of them speaks TLS.
+    /// The certificate that the listeners need, if there is one.
     ///
     /// # Errors
     /// [`TlsError`] says which file is wrong, and what about it.
-    pub(crate) fn of(settings: &Settings) -> Result<Option<Arc<Self>>, TlsError> {
-        let mqtt = match settings.broker {
-            Broker::Embedded(listen) => Some(listen),
-            Broker::Outside(_) => None,
-        };
-        let listeners: Vec<_> = mqtt
-            .into_iter()
-            .chain([settings.http])
-            .filter(|listen| settings.tls.covers(*listen))
-            .collect();
-        if listeners.is_empty() {
+    pub(crate) fn of(options: &CertificateOptions) -> Result<Option<Arc<Self>>, TlsError> {
+        if options.listeners.is_empty() {
             return Ok(None);
         }
-        let dir = settings.data.join("tls");
-        Self::open(&settings.tls, &dir, &listeners, unix_now()).map(Some)
+        Self::open(options, unix_now()).map(Some)
     }
 
     /// The file that clients pin, when the authority is ours.

@@ -1,14 +1,17 @@
 //! Credentials of robots and of simulators.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use crawler_access::{Secret, UserName};
+use crawler_sim::live::Authority;
 use serde_json::json;
 
 use super::args::{RobotTask, Whose};
 use super::{Console, moment, now, said};
 use crate::addresses::{Addresses, Endpoint};
 use crate::config::{Broker, Settings};
+use crate::tls::first_certificate;
 
 pub(super) async fn run(task: RobotTask, settings: &Settings) -> Result<(), String> {
     let make = matches!(task, RobotTask::Enroll { .. });
@@ -133,14 +136,21 @@ fn advice(
     text
 }
 
+/// The key of the first certificate in a file, as robots pin it; `None` when there is none that they
+/// can use.
+fn pin(certificate: &Path) -> Option<Authority> {
+    let certificate = first_certificate(certificate).ok()?;
+    Authority::of_certificate(&certificate).ok()
+}
+
 /// The line about what a robot knows the broker by.
 fn authority(broker: &Endpoint, settings: &Settings) -> String {
     if !broker.tls {
         return String::new();
     }
     let pinned = match &settings.broker {
-        Broker::Embedded(_) => crate::tls::pin(&settings.data.join("tls").join("ca.pem")),
-        Broker::Outside(_) => settings.tls.broker_ca.as_deref().and_then(crate::tls::pin),
+        Broker::Embedded(_) => pin(&settings.certificates().dir.join("ca.pem")),
+        Broker::Outside(_) => settings.tls.broker_ca.as_deref().and_then(pin),
     };
     let pinned = pinned.filter(|_| settings.tls.own.is_none());
     pinned.map_or_else(
@@ -286,13 +296,10 @@ mod tests {
         settings.data.clone_from(&data);
         let own = endpoint(&settings, None, true).expect("an address");
         assert!(own.tls && authority(&own, &settings).contains("docs/tls.md"));
-        crate::tls::Certificates::of(&settings).expect("certificates");
+        crate::tls::Certificates::of(&settings.certificates()).expect("certificates");
         let told = authority(&own, &settings);
         let digits = told.split_whitespace().next_back().expect("a key");
-        assert!(
-            digits.parse::<crawler_sim::live::Authority>().is_ok(),
-            "{told}"
-        );
+        assert!(digits.parse::<Authority>().is_ok(), "{told}");
         let _ = std::fs::remove_dir_all(&data);
         let plain = Endpoint { tls: false, ..own };
         assert_eq!(authority(&plain, &settings), "");

@@ -87,7 +87,7 @@ pub(super) async fn start(
     parts.task("the audit log", |stop| writer.run(stop))?;
     let accounts = Accounts::open(records.clone(), settings.open).await?;
     let invitation = accounts.invite_first().await?;
-    let certificates = Certificates::of(settings)?;
+    let certificates = Certificates::of(&settings.certificates())?;
     let authority = certificates.as_ref().and_then(|own| own.authority());
     let descriptors = Descriptors::of_process(match settings.role {
         Role::Up => settings.robots.unwrap_or(DEFAULT_ROBOTS),

@@ -1,7 +1,7 @@
 //! The way in: a handshake that takes a bounded time.
 //!
 //! A handshake costs the server more than the client. How many wait for one at once is for the listener to
-//! bound: see [`crate::waiting`].
+//! bound: see `crawler_system::waiting`.
 
 use std::io;
 use std::time::Duration;
@@ -54,7 +54,6 @@ impl Door {
     }
 
     /// The same with another time for the whole handshake.
-    #[cfg(test)]
     pub(crate) fn within(self, time_out: Duration) -> Self {
         Self { time_out, ..self }
     }

@@ -1,9 +1,8 @@
-//! The certificates that the settings name, looked at without making any.
+//! The certificates that the options name, looked at without making any.
 
 use std::path::PathBuf;
 
-use super::{Certificates, TlsError, files};
-use crate::config::{Broker, Settings};
+use super::{CertificateOptions, Certificates, TlsError, files};
 
 /// A certificate of this server.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -17,20 +16,16 @@ pub(crate) struct Shown {
 }
 
 impl Certificates {
-    /// What the listeners of `settings` would show; nothing when none of them speaks TLS.
+    /// What the listeners would show; nothing when none of them speaks TLS. `now` is in Unix seconds.
     ///
     /// # Errors
     /// [`TlsError`] says which file is wrong, and what about it.
-    pub(crate) fn shown(settings: &Settings, now: i64) -> Result<Option<Shown>, TlsError> {
-        let mqtt = match settings.broker {
-            Broker::Embedded(listen) => settings.tls.covers(listen),
-            Broker::Outside(_) => false,
-        };
-        if !mqtt && !settings.tls.covers(settings.http) {
+    pub(crate) fn shown(options: &CertificateOptions, now: i64) -> Result<Option<Shown>, TlsError> {
+        if options.listeners.is_empty() {
             return Ok(None);
         }
-        let dir = settings.data.join("tls");
-        let (path, key, own) = match &settings.tls.own {
+        let dir = &options.dir;
+        let (path, key, own) = match &options.own {
             Some((certificate, key)) => (certificate.clone(), key.clone(), false),
             None => (dir.join("server.pem"), dir.join("server.key"), true),
         };

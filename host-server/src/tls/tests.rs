@@ -21,12 +21,17 @@ impl Scratch {
         Self(path)
     }
 
+    /// Of an authority here; `names` are separated by commas.
+    fn options(&self, names: &str) -> CertificateOptions {
+        CertificateOptions {
+            names: names.split(',').map(str::to_owned).collect(),
+            dir: self.0.clone(),
+            ..CertificateOptions::default()
+        }
+    }
+
     fn open(&self, names: &str, now: i64) -> Arc<Certificates> {
-        let settings = TlsSettings {
-            names: names.parse().expect("names"),
-            ..TlsSettings::default()
-        };
-        Certificates::open(&settings, &self.0, &[], now).expect("certificates")
+        Certificates::open(&self.options(names), now).expect("certificates")
     }
 
     fn read(&self, name: &str) -> Vec<u8> {
@@ -88,8 +93,8 @@ fn damaged_certificates_are_replaced_and_a_lost_authority_comes_back_from_its_ke
     let other = Scratch::new("other");
     other.open("a.example", START);
     std::fs::copy(other.0.join("ca.pem"), scratch.0.join("ca.pem")).expect("ours");
-    let settings = TlsSettings::default();
-    let error = Certificates::open(&settings, &scratch.0, &[], START).expect_err("foreign");
+    let options = scratch.options("a.example");
+    let error = Certificates::open(&options, START).expect_err("foreign");
     assert!(matches!(error, TlsError::Mismatch { .. }), "{error}");
 }
 

@@ -8,8 +8,7 @@ use tokio_rustls::rustls::{ClientConfig, RootCertStore, crypto};
 
 use super::super::{EmbeddedBroker, Open};
 use super::*;
-use crate::config::TlsSettings;
-use crate::tls::Certificates;
+use crate::tls::{CertificateOptions, Certificates};
 
 /// How long a test waits for something that is to happen, however slow the machine is.
 const LIMIT: Duration = Duration::from_mins(1);
@@ -157,12 +156,13 @@ async fn who_does_not_say_in_time_who_it_is_is_closed() {
 async fn who_is_silent_before_or_after_tls_is_closed() {
     let scratch = std::env::temp_dir().join(format!("crawler-edge-{}", std::process::id()));
     let _ = std::fs::remove_dir_all(&scratch);
-    let settings = TlsSettings {
-        names: "localhost".parse().expect("names"),
-        ..TlsSettings::default()
+    let options = CertificateOptions {
+        names: vec!["localhost".to_owned()],
+        dir: scratch.clone(),
+        ..CertificateOptions::default()
     };
     let now = (crate::clock::unix_ms() / 1_000) as i64;
-    let certificates = Certificates::open(&settings, &scratch, &[], now).expect("certificates");
+    let certificates = Certificates::open(&options, now).expect("certificates");
     let acceptor = certificates.acceptor(tls::MQTT, None).expect("TLS");
     let door = Door::new(acceptor).within(Duration::from_millis(400));
     let bench = Bench::start(limits(100, 100, 100, SHORT)).await;
