@@ -27,9 +27,9 @@ mod recipe;
 mod recorder;
 mod simulation;
 mod simulator;
-mod tls;
 
 use crawler_metrics as metrics;
+use crawler_server_tls as tls;
 use crawler_system::text::hex;
 use crawler_system::{clock, data, descriptors, places, text, waiting};
 

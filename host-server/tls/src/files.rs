@@ -10,14 +10,14 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::sign::CertifiedKey;
 use tokio_rustls::rustls::{Error, InconsistentKeys, RootCertStore};
 
-use super::validity::{Validity, day_of};
-use super::{TlsError, provider};
+use crate::validity::{Validity, day_of};
+use crate::{TlsError, provider};
 
 /// Far above every chain, also above the list of all public authorities.
 const LONGEST: u64 = 4 * 1024 * 1024;
 
 /// Reads a whole file, which may not be endless.
-pub(super) fn read(path: &Path) -> Result<Vec<u8>, TlsError> {
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>, TlsError> {
     let mut bytes = Vec::new();
     let read = File::open(path).and_then(|file| file.take(LONGEST + 1).read_to_end(&mut bytes));
     match read {
@@ -31,7 +31,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, TlsError> {
 }
 
 /// The certificates in a file, at least one.
-pub(super) fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, TlsError> {
+pub(crate) fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, TlsError> {
     let certificates = CertificateDer::pem_slice_iter(&read(path)?)
         .collect::<Result<Vec<_>, _>>()
         .map_err(|error| content(path, &format!("is no PEM file: {error}")))?;
@@ -42,7 +42,7 @@ pub(super) fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, 
 }
 
 /// The authorities in a file, at least one.
-pub(super) fn authorities(path: &Path) -> Result<RootCertStore, TlsError> {
+pub(crate) fn authorities(path: &Path) -> Result<RootCertStore, TlsError> {
     let mut roots = RootCertStore::empty();
     for certificate in certificates(path)? {
         roots
@@ -53,7 +53,7 @@ pub(super) fn authorities(path: &Path) -> Result<RootCertStore, TlsError> {
 }
 
 /// A certificate with its chain and its key, which belong together, and the time it is valid.
-pub(super) fn pair(
+pub(crate) fn pair(
     certificate: &Path,
     key: &Path,
 ) -> Result<(Arc<CertifiedKey>, Validity), TlsError> {
@@ -83,7 +83,7 @@ pub(super) fn pair(
 }
 
 /// Whether a certificate is valid at `now`, in Unix seconds.
-pub(super) fn check_time(path: &Path, validity: Validity, now: i64) -> Result<(), TlsError> {
+pub(crate) fn check_time(path: &Path, validity: Validity, now: i64) -> Result<(), TlsError> {
     let text = if now > validity.until {
         format!("expired on {}", day_of(validity.until))
     } else if now < validity.from {
@@ -105,7 +105,7 @@ fn content(path: &Path, text: &str) -> TlsError {
 }
 
 /// Makes a directory that nobody else may look into.
-pub(super) fn private_dir(path: &Path) -> Result<(), TlsError> {
+pub(crate) fn private_dir(path: &Path) -> Result<(), TlsError> {
     let mut builder = fs::DirBuilder::new();
     builder.recursive(true);
     #[cfg(unix)]
@@ -117,7 +117,7 @@ pub(super) fn private_dir(path: &Path) -> Result<(), TlsError> {
 }
 
 /// Writes a file, whole or not at all. Others may read it unless it is `secret`.
-pub(super) fn write(path: &Path, text: &str, secret: bool) -> Result<(), TlsError> {
+pub(crate) fn write(path: &Path, text: &str, secret: bool) -> Result<(), TlsError> {
     let new = with_suffix(path, ".new");
     let write = || -> io::Result<()> {
         // A left-over would keep the rights it had.
@@ -153,7 +153,7 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 
 /// Takes from others the right to read a key of ours, should somebody have given it to them.
 #[cfg(unix)]
-pub(super) fn make_private(path: &Path) -> Result<(), TlsError> {
+pub(crate) fn make_private(path: &Path) -> Result<(), TlsError> {
     use std::os::unix::fs::PermissionsExt as _;
     let tighten = || -> io::Result<()> {
         let mode = fs::metadata(path)?.permissions().mode();
@@ -170,12 +170,12 @@ pub(super) fn make_private(path: &Path) -> Result<(), TlsError> {
 }
 
 #[cfg(not(unix))]
-pub(super) fn make_private(_: &Path) -> Result<(), TlsError> {
+pub(crate) fn make_private(_: &Path) -> Result<(), TlsError> {
     Ok(())
 }
 
 /// Whether every account of this machine may read a file.
-pub(super) fn is_public(path: &Path) -> bool {
+pub(crate) fn is_public(path: &Path) -> bool {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;

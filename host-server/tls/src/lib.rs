@@ -1,6 +1,10 @@
 //! TLS: the certificates of this server, and connections that are encrypted with them.
 //!
-//! The server either has a private authority of its own ([`authority`]) or uses files that the user
+//! - [`Certificates`]: what the listeners show, always current; [`CertificateOptions`] say what it is to be.
+//! - [`Door`]: the way in, a handshake that takes a bounded time.
+//! - [`Tunnel`]: the way to an outside broker, for clients of this process that encrypt nothing.
+//!
+//! The server either has a private authority of its own or uses files that the user
 //! keeps current. Both are looked after while the server runs: a certificate that is due is made
 //! anew, and files that change are read again. Every connection from then on gets the new one.
 
@@ -21,6 +25,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, SystemTime};
 
+use crawler_system::clock::unix_ms;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::crypto::CryptoProvider;
 use tokio_rustls::rustls::server::{ClientHello, ResolvesServerCert, WebPkiClientVerifier};
@@ -31,13 +36,13 @@ use tokio_util::sync::CancellationToken;
 use authority::Authority;
 use validity::{Validity, day_of};
 
-pub(crate) use door::{Door, Refusal};
+pub use door::{Door, Refusal};
 pub use error::TlsError;
-pub(crate) use shown::Shown;
-pub(crate) use tunnel::{Tunnel, reachable};
+pub use shown::Shown;
+pub use tunnel::{Tunnel, reachable};
 
 /// What clients may ask for by ALPN at the listener of the broker.
-pub(crate) const MQTT: &[u8] = b"mqtt";
+pub const MQTT: &[u8] = b"mqtt";
 /// Content of a record to a robot, and its overhead.
 const ROBOT_FRAGMENT: usize = 2_048;
 /// How often files and dates are looked at.
@@ -51,7 +56,7 @@ const SOON: i64 = 14 * 24 * 60 * 60;
 ///
 /// # Errors
 /// [`TlsError`] says what is wrong with the file.
-pub(crate) fn first_certificate(path: &Path) -> Result<Vec<u8>, TlsError> {
+pub fn first_certificate(path: &Path) -> Result<Vec<u8>, TlsError> {
     let certificates = files::certificates(path)?;
     Ok(certificates
         .first()
@@ -65,24 +70,24 @@ fn provider() -> Arc<CryptoProvider> {
 }
 
 fn unix_now() -> i64 {
-    (crate::clock::unix_ms() / 1000) as i64
+    (unix_ms() / 1000) as i64
 }
 
 /// What a certificate is to be for, and where it comes from.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct CertificateOptions {
+pub struct CertificateOptions {
     /// Certificate and key of the user: two PEM files. Without them the server has an authority of its own.
-    pub(crate) own: Option<(PathBuf, PathBuf)>,
+    pub own: Option<(PathBuf, PathBuf)>,
     /// More names for the certificate that the server makes.
-    pub(crate) names: Vec<String>,
+    pub names: Vec<String>,
     /// Where a private authority lives.
-    pub(crate) dir: PathBuf,
+    pub dir: PathBuf,
     /// The listeners that speak TLS.
-    pub(crate) listeners: Vec<SocketAddr>,
+    pub listeners: Vec<SocketAddr>,
 }
 
 /// The certificate of this server, always current.
-pub(crate) struct Certificates {
+pub struct Certificates {
     source: Source,
     now: RwLock<Current>,
 }
@@ -120,7 +125,7 @@ impl Certificates {
     ///
     /// # Errors
     /// [`TlsError`] says which file is wrong, and what about it.
-    pub(crate) fn open(options: &CertificateOptions, now: i64) -> Result<Arc<Self>, TlsError> {
+    pub fn open(options: &CertificateOptions, now: i64) -> Result<Arc<Self>, TlsError> {
         let (source, (pair, validity)) = if let Some((certificate, key)) = &options.own {
             let seen = Mutex::new(stamp(certificate, key));
             let (pair, validity) = files::pair(certificate, key)?;
@@ -157,7 +162,7 @@ impl Certificates {
     ///
     /// # Errors
     /// [`TlsError`] says which file is wrong, and what about it.
-    pub(crate) fn of(options: &CertificateOptions) -> Result<Option<Arc<Self>>, TlsError> {
+    pub fn of(options: &CertificateOptions) -> Result<Option<Arc<Self>>, TlsError> {
         if options.listeners.is_empty() {
             return Ok(None);
         }
@@ -165,7 +170,7 @@ impl Certificates {
     }
 
     /// The file that clients pin, when the authority is ours.
-    pub(crate) fn authority(&self) -> Option<PathBuf> {
+    pub fn authority(&self) -> Option<PathBuf> {
         match &self.source {
             Source::Own(authority, _) => Some(authority.certificate()),
             Source::Files { .. } => None,
@@ -232,7 +237,7 @@ impl Certificates {
     }
 
     /// Looks after the certificate until `stop`.
-    pub(crate) async fn keep(self: Arc<Self>, stop: CancellationToken) {
+    pub async fn keep(self: Arc<Self>, stop: CancellationToken) {
         let mut tick = tokio::time::interval(LOOK);
         tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
         loop {
@@ -254,7 +259,7 @@ impl Certificates {
     ///
     /// # Errors
     /// [`TlsError`] when `client_ca` cannot be used.
-    pub(crate) fn acceptor(
+    pub fn acceptor(
         self: &Arc<Self>,
         protocol: &[u8],
         client_ca: Option<&Path>,

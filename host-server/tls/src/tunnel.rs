@@ -21,9 +21,9 @@ use tokio_rustls::rustls::{CertificateError, ClientConfig, Error, RootCertStore}
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::TaskTracker;
 
-use super::carry::carry;
-use super::{files, provider, unix_now};
-use crate::config::BrokerUrl;
+use crate::carry::carry;
+use crate::{files, provider, unix_now};
+use crawler_system::address::BrokerUrl;
 
 /// For connecting and the handshake.
 const TIME_OUT: Duration = Duration::from_secs(10);
@@ -33,7 +33,7 @@ const MOST: usize = 25_000;
 const SILENCE: i64 = 10;
 
 /// A way to one broker, until it is dropped.
-pub(crate) struct Tunnel {
+pub struct Tunnel {
     inside: BrokerUrl,
     connections: TaskTracker,
     stop: DropGuard,
@@ -45,7 +45,7 @@ impl Tunnel {
     ///
     /// # Errors
     /// One line saying what is wrong.
-    pub(crate) async fn open(url: &BrokerUrl, ca: Option<&Path>) -> Result<Self, String> {
+    pub async fn open(url: &BrokerUrl, ca: Option<&Path>) -> Result<Self, String> {
         let far = Arc::new(Far::new(url, ca)?);
         // Later failures only end connections, which tells those who wait for an answer nothing.
         drop(far.connect().await?);
@@ -69,7 +69,7 @@ impl Tunnel {
     }
 
     /// Ends every connection and frees the port.
-    pub(crate) async fn stop(self) {
+    pub async fn stop(self) {
         let Self {
             connections, stop, ..
         } = self;
@@ -79,7 +79,7 @@ impl Tunnel {
     }
 
     /// Where the broker is reached without TLS, from this machine alone.
-    pub(crate) const fn inside(&self) -> &BrokerUrl {
+    pub const fn inside(&self) -> &BrokerUrl {
         &self.inside
     }
 }
@@ -220,7 +220,7 @@ async fn serve(
 }
 
 /// Where a listener of this process is reached from here.
-pub(crate) fn reachable(listener: SocketAddr) -> SocketAddr {
+pub fn reachable(listener: SocketAddr) -> SocketAddr {
     let ip = match listener.ip() {
         ip if !ip.is_unspecified() => ip,
         std::net::IpAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),

@@ -11,13 +11,13 @@ use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
 
 /// For the whole handshake.
-pub(crate) const TIME_OUT: Duration = Duration::from_secs(10);
+const TIME_OUT: Duration = Duration::from_secs(10);
 /// The first byte of every TLS connection (RFC 8446, section 5.1: handshake).
 const HANDSHAKE: u8 = 22;
 
 /// Why somebody does not get in.
 #[derive(Debug)]
-pub(crate) enum Refusal {
+pub enum Refusal {
     /// They do not speak TLS.
     Plain(TcpStream),
     /// They went away before they said anything.
@@ -40,13 +40,14 @@ impl std::fmt::Display for Refusal {
 }
 
 /// Where encrypted connections come in.
-pub(crate) struct Door {
+pub struct Door {
     acceptor: TlsAcceptor,
     time_out: Duration,
 }
 
 impl Door {
-    pub(crate) fn new(acceptor: TlsAcceptor) -> Self {
+    /// One with the usual time for the whole handshake.
+    pub fn new(acceptor: TlsAcceptor) -> Self {
         Self {
             acceptor,
             time_out: TIME_OUT,
@@ -54,7 +55,7 @@ impl Door {
     }
 
     /// The same with another time for the whole handshake.
-    pub(crate) fn within(self, time_out: Duration) -> Self {
+    pub fn within(self, time_out: Duration) -> Self {
         Self { time_out, ..self }
     }
 
@@ -62,7 +63,7 @@ impl Door {
     ///
     /// # Errors
     /// [`Refusal`] says why somebody does not get in.
-    pub(crate) async fn enter(&self, tcp: TcpStream) -> Result<TlsStream<TcpStream>, Refusal> {
+    pub async fn enter(&self, tcp: TcpStream) -> Result<TlsStream<TcpStream>, Refusal> {
         let entering = async {
             let mut first = [0];
             match tcp.peek(&mut first).await {

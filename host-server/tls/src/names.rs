@@ -6,7 +6,7 @@ use tokio_rustls::rustls::pki_types::DnsName;
 
 /// Every name a certificate of ours is for: those of this machine, the addresses that `listeners`
 /// have or are reached at, and `more`.
-pub(super) fn of(listeners: &[SocketAddr], more: &[String]) -> Vec<String> {
+pub(crate) fn of(listeners: &[SocketAddr], more: &[String]) -> Vec<String> {
     let mut names = vec![
         "localhost".to_owned(),
         Ipv4Addr::LOCALHOST.to_string(),

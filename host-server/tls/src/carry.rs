@@ -9,7 +9,7 @@ use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt as _};
 const LAST_WORDS: Duration = Duration::from_secs(5);
 
 /// Carries bytes until both sides have ended, or one is gone.
-pub(super) async fn carry<A, B>(one: A, other: B)
+pub(crate) async fn carry<A, B>(one: A, other: B)
 where
     A: AsyncRead + AsyncWrite,
     B: AsyncRead + AsyncWrite,

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use crawler_system::text::hex;
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa,
     Issuer, KeyPair, KeyUsagePurpose,
@@ -17,8 +18,8 @@ use tokio_rustls::rustls::client::danger::ServerCertVerifier;
 use tokio_rustls::rustls::pki_types::{ServerName, UnixTime};
 use tokio_rustls::rustls::sign::CertifiedKey;
 
-use super::validity::Validity;
-use super::{TlsError, files, provider};
+use crate::validity::Validity;
+use crate::{TlsError, files, provider};
 
 const DAY: i64 = 24 * 60 * 60;
 /// How long the certificate is valid.
@@ -34,7 +35,7 @@ const AUTHORITY_LEFT: i64 = 2 * 365 * DAY;
 const BACK: i64 = DAY;
 
 /// The authority, and what its certificates are for.
-pub(super) struct Authority {
+pub(crate) struct Authority {
     dir: PathBuf,
     names: Vec<String>,
     issuer: Issuer<'static, KeyPair>,
@@ -42,7 +43,7 @@ pub(super) struct Authority {
 
 impl Authority {
     /// Opens the authority in `dir`, or makes one there.
-    pub(super) fn open(dir: &Path, names: Vec<String>, now: i64) -> Result<Self, TlsError> {
+    pub(crate) fn open(dir: &Path, names: Vec<String>, now: i64) -> Result<Self, TlsError> {
         files::private_dir(dir)?;
         let (certificate, key) = (dir.join("ca.pem"), dir.join("ca.key"));
         match (certificate.exists(), key.exists()) {
@@ -84,12 +85,12 @@ impl Authority {
     }
 
     /// Where the certificate is that clients pin.
-    pub(super) fn certificate(&self) -> PathBuf {
+    pub(crate) fn certificate(&self) -> PathBuf {
         self.dir.join("ca.pem")
     }
 
     /// The server's certificate: that in the files while it serves, else a new one.
-    pub(super) fn current(&self, now: i64) -> Result<(Arc<CertifiedKey>, Validity), TlsError> {
+    pub(crate) fn current(&self, now: i64) -> Result<(Arc<CertifiedKey>, Validity), TlsError> {
         let (certificate, key) = self.paths();
         if certificate.exists() && key.exists() {
             match files::pair(&certificate, &key) {
@@ -108,12 +109,12 @@ impl Authority {
     }
 
     /// Whether a certificate has to be replaced soon.
-    pub(super) const fn is_due(validity: Validity, now: i64) -> bool {
+    pub(crate) const fn is_due(validity: Validity, now: i64) -> bool {
         now + LEFT > validity.until || now < validity.from
     }
 
     /// Makes a new certificate.
-    pub(super) fn issue(&self, now: i64) -> Result<(Arc<CertifiedKey>, Validity), TlsError> {
+    pub(crate) fn issue(&self, now: i64) -> Result<(Arc<CertifiedKey>, Validity), TlsError> {
         let own = KeyPair::generate()?;
         let mut params = CertificateParams::new(self.names.clone())?;
         params.distinguished_name = DistinguishedName::new();
@@ -161,7 +162,7 @@ impl Authority {
 fn authority(key: &KeyPair, now: i64) -> CertificateParams {
     let mut params = CertificateParams::default();
     // Several servers' authorities must be told apart in one list.
-    let id = crate::hex(params.key_identifier(key).get(..4).unwrap_or_default());
+    let id = hex(params.key_identifier(key).get(..4).unwrap_or_default());
     params.distinguished_name = DistinguishedName::new();
     params
         .distinguished_name

@@ -2,17 +2,17 @@
 
 use std::path::PathBuf;
 
-use super::{CertificateOptions, Certificates, TlsError, files};
+use crate::{CertificateOptions, Certificates, TlsError, files};
 
 /// A certificate of this server.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Shown {
+pub struct Shown {
     /// Its file.
-    pub(crate) path: PathBuf,
+    pub path: PathBuf,
     /// Its last moment, in Unix seconds; `None` when it is not there yet.
-    pub(crate) until: Option<i64>,
+    pub until: Option<i64>,
     /// Whether the server makes and renews it itself.
-    pub(crate) own: bool,
+    pub own: bool,
 }
 
 impl Certificates {
@@ -20,7 +20,7 @@ impl Certificates {
     ///
     /// # Errors
     /// [`TlsError`] says which file is wrong, and what about it.
-    pub(crate) fn shown(options: &CertificateOptions, now: i64) -> Result<Option<Shown>, TlsError> {
+    pub fn shown(options: &CertificateOptions, now: i64) -> Result<Option<Shown>, TlsError> {
         if options.listeners.is_empty() {
             return Ok(None);
         }
