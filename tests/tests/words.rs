@@ -13,7 +13,6 @@ use crate::examples::page::Page;
 const METAPHORS: &[(&str, &str)] = &[
     ("clerk", "driver of the delivery"),
     ("haste", "factor of speed"),
-    ("lonely", "without a network"),
     ("parcel", "pending command"),
 ];
 
