@@ -4,7 +4,6 @@
 //! A world is a value: the same seed and the same scenario give the same history,
 //! byte for byte, on any number of threads and however many worlds run beside it.
 
-pub mod cells;
 pub mod devices;
 pub mod evaluate;
 pub mod faults;

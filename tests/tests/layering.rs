@@ -1,7 +1,6 @@
 //! Dependencies point one way, between crates and within them, and the robot program needs nothing
 //! that a microcontroller lacks.
 
-#[path = "layering/modules.rs"]
 mod modules;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -38,6 +37,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-protocol",
             "crawler-tls",
             "crawler-app",
+            "crawler-cells",
         ],
     ),
     (
@@ -56,6 +56,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-sim",
             "crawler-detector",
             "crawler-access",
+            "crawler-cells",
             "crawler-cluster",
             "crawler-delivery",
             "crawler-history",
@@ -69,6 +70,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-metrics", &["crawler-protocol", "crawler-system"]),
     ("crawler-server-tls", &["crawler-system"]),
     ("crawler-system", &["crawler-access"]),
+    (
+        "crawler-cells",
+        &["crawler-app", "crawler-hal", "crawler-protocol"],
+    ),
     ("crawler-cluster", &[]),
     ("crawler-access", &["crawler-protocol"]),
     ("crawler-delivery", &["crawler-protocol"]),

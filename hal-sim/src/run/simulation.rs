@@ -27,7 +27,6 @@ use super::journal::Journal;
 use super::machine::{Program, SimRobot};
 use super::parallel::Seat;
 use super::tracker::Camera;
-use crate::cells;
 use crate::devices::World;
 use crate::net::lockstep::VirtualNetwork;
 use crate::scenario::{Scenario, Spawner};
@@ -312,7 +311,7 @@ impl Simulation {
             next_time,
             next_step: Instant::BOOT + PHYSICS_STEP,
             next_history: Instant::BOOT + HISTORY_PERIOD,
-            next_cells: Instant::BOOT + cells::PERIOD,
+            next_cells: Instant::BOOT + crawler_cells::PERIOD,
             hashes: Hashes::default(),
             seq: command::FIRST_SEQ,
             journal: Journal::default(),

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
+use crawler_cells as cells;
 use crawler_protocol::{MAX_MESSAGE, Neighbour, Pose, RobotId, Topic};
-use crawler_sim::cells;
 
 use crate::bus::Bus;
 use crate::fleet::{Presence, SharedFleet};

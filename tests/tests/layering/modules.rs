@@ -19,7 +19,7 @@ struct Crate {
 const CRATES: &[Crate] = &[Crate {
     folder: "hal-sim",
     layers: &[
-        &["cells", "faults", "sched", "world"],
+        &["faults", "sched", "world"],
         &["net", "render"],
         &["devices"],
         &["scenario"],

@@ -7,7 +7,6 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::Fleet;
 
 use super::{BrokerAddress, HISTORY_PERIOD, Machine, PHYSICS_STEP, Simulation, Way};
-use crate::cells;
 use crate::devices::KeptWorld;
 use crate::faults::Fault;
 use crate::run::error::SimulationError;
@@ -99,7 +98,7 @@ impl Simulation {
         let after = |period: Duration| steps(kept.at.as_micros() / period.as_micros() + 1, period);
         simulation.next_step = steps(kept.world.steps() + 1, PHYSICS_STEP);
         simulation.next_history = after(HISTORY_PERIOD);
-        simulation.next_cells = after(cells::PERIOD);
+        simulation.next_cells = after(crawler_cells::PERIOD);
         simulation.director.skip_to(kept.at);
         simulation.hashes = kept.hashes.clone();
         for (number, &(boots, history)) in kept.robots.iter().enumerate() {

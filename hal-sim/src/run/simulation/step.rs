@@ -4,7 +4,6 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::{MAX_MESSAGE, Neighbour, Topic};
 
 use super::{EPOCH_MS, HISTORY_PERIOD, Simulation, TIME_PERIOD, Way, next_start};
-use crate::cells;
 use crate::devices::BodyEvent;
 use crate::net::pose_fix;
 use crate::run::machine;
@@ -155,7 +154,7 @@ impl Simulation {
         if self.sched.now() < self.next_cells {
             return false;
         }
-        self.next_cells += cells::PERIOD;
+        self.next_cells += crawler_cells::PERIOD;
         let Way::Lockstep(network) = &self.way else {
             return false;
         };
@@ -175,7 +174,7 @@ impl Simulation {
             })
         });
         let unix = EPOCH_MS + self.sched.now().as_millis();
-        for digest in cells::digests(robots, &wanted, unix) {
+        for digest in crawler_cells::digests(robots, &wanted, unix) {
             let (x, y) = (digest.x, digest.y);
             let mut buffer = [0; MAX_MESSAGE];
             // Bodies are where numbers are.

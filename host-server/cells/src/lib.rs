@@ -1,4 +1,7 @@
-//! Telling robots who is near: what a server does, for one in the process as well.
+//! Telling robots who is near, cell by cell of the floor: which cells anybody listens to, and what is
+//! said about each.
+//!
+//! The server tells it from telemetry, the server of a simulation in lockstep from where bodies are.
 
 use std::collections::{BTreeMap, BTreeSet};
 
