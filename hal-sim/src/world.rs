@@ -38,7 +38,7 @@ pub use arena::{
 };
 pub use dropped::{DropError, Dropped, DroppedItem, MAX_DROPPED};
 pub use error::{PlacementError, WorldError};
-pub use fingerprint::Fingerprint;
+pub use fingerprint::{Fingerprint, Fnv};
 pub use geometry::Pose;
 pub use members::Members;
 pub use parameters::Camera;
@@ -55,8 +55,9 @@ pub(crate) use bodies::{Bridge, Build, Inputs, Presence};
 #[cfg(feature = "live")]
 pub(crate) use dropped::Items;
 pub(crate) use exchange::Published;
+pub(crate) use fingerprint::StateFingerprint;
 pub(crate) use geometry::{Beam, Cone, Vec2};
-pub(crate) use hash::{Hasher, body as hash_body, movers as hash_movers};
+pub(crate) use hash::{body as hash_body, movers as hash_movers};
 pub(crate) use physics::Power;
 pub(crate) use rng::{Purpose, mix, normal, stream, uniform};
 pub(crate) use space::{Space, Thing};

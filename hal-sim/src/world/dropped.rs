@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::RobotIndex;
 use super::arena::{Colour, MAX_OBSTACLES, Object, ObjectShape, Obstacle, Solid};
 use super::bodies::Presence;
-use super::hash::Hasher;
+use super::fingerprint::StateFingerprint;
 use super::physics::SKIN_M;
 use super::space::{Space, fits_grid};
 
@@ -80,19 +80,19 @@ impl Items {
         &self.all
     }
 
-    pub(crate) fn fold(&self, hasher: &mut Hasher) {
+    pub(crate) fn fold(&self, print: &mut StateFingerprint) {
         for item in &self.all {
-            hasher.word(u64::from(item.id));
+            print.word(u64::from(item.id));
             let numbers = match item.what {
                 Dropped::Obstacle(Obstacle::Circle { x, y, r }) => [x, y, r, 0.0, 0.0],
                 Dropped::Obstacle(Obstacle::Box { x, y, w, h, theta }) => [x, y, w, h, theta],
                 Dropped::Object(object) => {
-                    hasher.word((object.shape as u64) << 8 | object.colour as u64);
+                    print.word((object.shape as u64) << 8 | object.colour as u64);
                     [object.x, object.y, object.size, 0.0, 0.0]
                 }
             };
             for number in numbers {
-                hasher.word(u64::from(number.to_bits()));
+                print.word(u64::from(number.to_bits()));
             }
         }
     }

@@ -1,11 +1,21 @@
-//! Running fingerprints of histories.
+//! Running fingerprints of states and histories.
 
-/// FNV-1a (Fowler, Noll, Vo), 64 bits, over words of eight bytes, each folded once more: fixed for
-/// ever, unlike the hasher of `std`, and fast enough to take in every message of a run.
+use rand_core::Rng;
+use rand_pcg::Pcg32;
+
+/// FNV-1a (Fowler, Noll, Vo), 64 bits, over words of eight bytes, each folded by `FOLD` bits once
+/// more, because FNV moves nothing downwards: fixed for ever, unlike the hasher of `std`, and fast
+/// enough to take in every message of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Fingerprint(u64);
+pub struct Fnv<const FOLD: u32>(u64);
 
-impl Fingerprint {
+/// Of a history: messages, moments, and the states on the way.
+pub type Fingerprint = Fnv<29>;
+
+/// Of a state. Histories are compared across builds, so it keeps the fold that it always had.
+pub(crate) type StateFingerprint = Fnv<32>;
+
+impl<const FOLD: u32> Fnv<FOLD> {
     /// Of nothing.
     #[must_use]
     pub const fn new() -> Self {
@@ -15,7 +25,7 @@ impl Fingerprint {
     /// Takes in one word.
     pub const fn word(&mut self, word: u64) {
         let mixed = (self.0 ^ word).wrapping_mul(0x0000_0100_0000_01B3);
-        self.0 = mixed ^ (mixed >> 29);
+        self.0 = mixed ^ (mixed >> FOLD);
     }
 
     /// Takes in bytes and their number.
@@ -30,6 +40,16 @@ impl Fingerprint {
         self.word(bytes.len() as u64);
     }
 
+    /// Takes in the bits of a number.
+    pub(crate) const fn float(&mut self, value: f32) {
+        self.word(value.to_bits() as u64);
+    }
+
+    /// Takes in where a generator stands, told by what it would give next.
+    pub(crate) fn generator(&mut self, rng: &Pcg32) {
+        self.word(rng.clone().next_u64());
+    }
+
     /// The fingerprint so far.
     #[must_use]
     pub const fn value(self) -> u64 {
@@ -37,7 +57,7 @@ impl Fingerprint {
     }
 }
 
-impl Default for Fingerprint {
+impl<const FOLD: u32> Default for Fnv<FOLD> {
     fn default() -> Self {
         Self::new()
     }

@@ -3,8 +3,9 @@
 use crawler_hal::Millivolts;
 
 use super::bodies::{Bridge, Drive, Inputs, Presence};
+use super::fingerprint::StateFingerprint;
 use super::geometry::wrap_any;
-use super::hash::{self, Hasher};
+use super::hash;
 use super::rng::{Purpose, stream};
 use super::space::Space;
 use super::{MAX_ROBOTS, Observation, PlacementError, Pose, RobotIndex};
@@ -81,18 +82,18 @@ impl Space {
     }
 
     /// Folds every bit of the physical state into a fingerprint.
-    pub(crate) fn fold(&self, hasher: &mut Hasher) {
-        hasher.word(self.steps);
-        hash::movers(hasher, &self.movers);
+    pub(crate) fn fold(&self, print: &mut StateFingerprint) {
+        print.word(self.steps);
+        hash::movers(print, &self.movers);
         for i in 0..self.bodies.len() {
-            hash::body(hasher, &self.bodies, i);
+            hash::body(print, &self.bodies, i);
         }
     }
 
     /// The fingerprint of the physical state alone.
     pub(crate) fn fingerprint(&self) -> u64 {
-        let mut hasher = Hasher::new();
-        self.fold(&mut hasher);
-        hasher.finish()
+        let mut print = StateFingerprint::new();
+        self.fold(&mut print);
+        print.value()
     }
 }

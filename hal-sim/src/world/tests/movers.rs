@@ -317,10 +317,10 @@ fn crowd() -> Fine {
 
 fn fingerprint(space: &Space, members: Members) -> Vec<u64> {
     let print = |i| {
-        let mut hasher = hash::Hasher::new();
-        hash::body(&mut hasher, &space.bodies, i);
-        hash::movers(&mut hasher, &space.movers);
-        hasher.finish()
+        let mut print = StateFingerprint::new();
+        hash::body(&mut print, &space.bodies, i);
+        hash::movers(&mut print, &space.movers);
+        print.value()
     };
     members.iter(space.bodies.len()).map(print).collect()
 }
