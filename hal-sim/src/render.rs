@@ -15,7 +15,7 @@ mod census;
 mod coat;
 mod decor;
 mod frame;
-mod hash;
+mod noise;
 mod paint;
 mod rays;
 mod scene;

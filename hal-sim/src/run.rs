@@ -8,11 +8,11 @@ pub(crate) mod eyes;
 pub mod hashes;
 pub mod journal;
 pub(crate) mod machine;
+mod overhead;
 pub mod parallel;
 pub(crate) mod simulation;
 #[cfg(feature = "recording")]
 pub mod tape;
-mod tracker;
 
 pub use control::FactorError;
 pub use crawler_app::Credentials;

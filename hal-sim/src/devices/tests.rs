@@ -15,14 +15,14 @@ use crate::sched::Scheduler;
 use crate::world::{Arena, Obstacle, Parameters, Pose, RobotIndex, Spread};
 
 /// One robot before a wall or an obstacle.
-struct Bench {
+struct TestBody {
     world: World,
     scheduler: Scheduler,
     robot: RobotIndex,
     parts: Option<BodyParts>,
 }
 
-impl Bench {
+impl TestBody {
     fn new(arena: Arena, parameters: Parameters, seed: u64, pose: Pose) -> Self {
         let clock = SimClock::new();
         let scheduler = Scheduler::new(&clock);

@@ -1,4 +1,7 @@
-//! What an overhead camera tells a robot.
+//! What an overhead camera tells a robot, and the client that tells it in a live world.
+
+#[cfg(feature = "live")]
+pub(crate) mod publisher;
 
 use crawler_protocol::{MAX_MESSAGE, Pose, PoseFix, RobotId};
 

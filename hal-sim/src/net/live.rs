@@ -19,9 +19,9 @@ use rand_core::UnwrapErr;
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, watch};
 
+use super::fix::publisher::Outlet;
 use super::lockstep::{Cut, NO_ADDRESS_AFTER, PASSWORD_REFUSED_AFTER};
 use super::proxy::{Proxy, Signal};
-use super::tracker::Outlet;
 use boundary::Boundary;
 use wire::{Gate, Wire};
 

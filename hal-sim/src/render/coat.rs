@@ -1,7 +1,7 @@
 //! The paint of things.
 
 use super::decor::{Paint, mixed, painted};
-use super::hash::{Draws, of_cell, scramble, share, smooth, split};
+use super::noise::{Draws, of_cell, scramble, share, smooth, split};
 use super::shape::{Form, Hit, Shape, Vec3};
 use crate::world::Vec2;
 

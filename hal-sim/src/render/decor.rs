@@ -1,6 +1,6 @@
 //! What the world is painted with: floors, walls, light, and the paint of things.
 
-use super::hash::{Draws, of_cell, scramble, share, smooth, split};
+use super::noise::{Draws, of_cell, scramble, share, smooth, split};
 use super::shape::Vec3;
 use crate::world::Look;
 

@@ -1,7 +1,7 @@
 //! What a camera makes of the light that falls into it.
 
 use super::frame::Frame;
-use super::hash::scramble;
+use super::noise::scramble;
 use crate::world::Look;
 
 /// Most pictures that a blurred one is the mean of.

@@ -23,9 +23,9 @@
 //!
 //! [`Simulation`]: super::Simulation
 
-mod body;
 mod brain;
 mod pins;
+mod robot;
 mod state;
 #[cfg(test)]
 mod tests;
@@ -44,7 +44,7 @@ use crate::world::{
     Arena, Fingerprint, Members, Observation, PHYSICS_STEP, Parameters, PlacementError, Pose,
     RobotIndex, Space, Wiring, WorldError,
 };
-use body::Body;
+use robot::BareRobot;
 
 pub use brain::{Drive, Senses, Steering};
 pub use state::StateError;
@@ -59,7 +59,7 @@ pub struct BareWorld {
     settings: Settings,
     /// What follows from them and the shape of the drive at the nominal voltage.
     tuning: Tuning,
-    robots: Vec<Body>,
+    robots: Vec<BareRobot>,
 }
 
 impl BareWorld {
@@ -139,7 +139,7 @@ impl BareWorld {
         steering: Steering,
     ) -> Result<RobotIndex, PlacementError> {
         let robot = self.space.place(pose, self.seed)?;
-        let body = Body::new(self, robot, wiring, steering);
+        let body = BareRobot::new(self, robot, wiring, steering);
         self.robots.push(body);
         Ok(robot)
     }

@@ -25,9 +25,11 @@ use super::eyes::DetectorInstance;
 use super::hashes::Hashes;
 use super::journal::Journal;
 use super::machine::{Program, SimRobot};
+use super::overhead::OverheadCamera;
 use super::parallel::Seat;
-use super::tracker::Camera;
 use crate::devices::World;
+#[cfg(feature = "live")]
+use crate::net::fix::publisher;
 use crate::net::lockstep::VirtualNetwork;
 use crate::scenario::{Scenario, Spawner};
 use crate::sched::{Scheduler, SimClock};
@@ -99,7 +101,7 @@ pub struct Simulation {
     /// Whoever runs the scenario.
     director: Director,
     /// The camera above the arena.
-    camera: Option<Camera>,
+    camera: Option<OverheadCamera>,
     /// Its client in a live world.
     #[cfg(feature = "live")]
     messenger: Option<crate::sched::TaskId>,
@@ -291,7 +293,8 @@ impl Simulation {
         let parameters = scenario.drawn_parameters(seed);
         let world = World::replica(arena, parameters, seed, clock, members)?;
         let detector = scenario.detector.map(DetectorInstance::new).transpose()?;
-        let camera = Camera::new(scenario.tracker, seed).filter(|_| !matches!(way, Way::None));
+        let camera =
+            OverheadCamera::new(scenario.tracker, seed).filter(|_| !matches!(way, Way::None));
         Ok(Self {
             scenario,
             seed,
@@ -332,7 +335,7 @@ impl Simulation {
             let credentials = self.broker.credentials.clone();
             let (host, clock) = (self.broker.host.clone(), clock.world());
             let network = gateway.secure(network, Box::new(|| None));
-            let client = crate::net::tracker::run(fleet, credentials, outlet, network, host, clock);
+            let client = publisher::run(fleet, credentials, outlet, network, host, clock);
             self.messenger = Some(self.sched.spawn(client));
         }
     }

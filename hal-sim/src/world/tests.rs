@@ -21,13 +21,13 @@ use crate::devices::{BodyEvent, BodyParts, World};
 use crate::sched::{Scheduler, SimClock};
 
 /// A world, its clock, and the parts of its robots.
-pub(crate) struct Bench {
+pub(crate) struct TestWorld {
     pub(crate) world: World,
     pub(crate) scheduler: Scheduler,
     pub(crate) parts: Vec<BodyParts>,
 }
 
-impl Bench {
+impl TestWorld {
     pub(crate) fn new(arena: Arena, parameters: Parameters, seed: u64) -> Self {
         let clock = SimClock::new();
         let scheduler = Scheduler::new(&clock);

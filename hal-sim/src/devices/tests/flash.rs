@@ -140,7 +140,7 @@ fn a_torn_erase_leaves_a_block_that_is_neither() {
 
 #[test]
 fn a_cut_in_a_world_resets_the_robot_and_keeps_the_memory() {
-    let mut bench = Bench::facing(1.0, exact(), 1);
+    let mut bench = TestBody::facing(1.0, exact(), 1);
     let robot = bench.robot;
     let mut parts = bench.parts();
     bench.run(parts.flash.write(0, &[7; 4])).expect("blank");

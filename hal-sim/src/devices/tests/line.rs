@@ -7,7 +7,7 @@ use embedded_io_async::{Read, Write};
 use super::*;
 use crate::world::Wiring;
 
-fn uart(bench: &mut Bench) -> (SimUart, SimClock) {
+fn uart(bench: &mut TestBody) -> (SimUart, SimClock) {
     let parts = bench.parts();
     match parts.ranger {
         RangerPort::Uart(uart) => (uart, parts.clock),
@@ -16,10 +16,10 @@ fn uart(bench: &mut Bench) -> (SimUart, SimClock) {
 }
 
 /// A robot 1 m in front of a post, its ranger wired for pulses.
-fn pins() -> (Bench, SimTrigger, SimEcho, SimClock) {
+fn pins() -> (TestBody, SimTrigger, SimEcho, SimClock) {
     let mut parameters = exact();
     parameters.ranger.wiring = Wiring::Pulse;
-    let mut bench = Bench::facing(1.0, parameters, 1);
+    let mut bench = TestBody::facing(1.0, parameters, 1);
     let parts = bench.parts();
     match parts.ranger {
         RangerPort::Pulse { trigger, echo } => (bench, trigger, echo, parts.clock),
@@ -40,7 +40,7 @@ async fn gather(uart: &mut SimUart, clock: &SimClock, ms: u64) -> Vec<u8> {
 
 #[test]
 fn the_sensor_ignores_what_it_does_not_know() {
-    let mut bench = Bench::facing(1.0, exact(), 1);
+    let mut bench = TestBody::facing(1.0, exact(), 1);
     let (mut uart, clock) = uart(&mut bench);
     bench.run(async {
         let garbage: Vec<u8> = (0..=255).filter(|b| ![0x55, 0x50].contains(b)).collect();
@@ -53,7 +53,7 @@ fn the_sensor_ignores_what_it_does_not_know() {
 
 #[test]
 fn requests_during_a_measurement_are_not_answered() {
-    let mut bench = Bench::facing(1.0, exact(), 1);
+    let mut bench = TestBody::facing(1.0, exact(), 1);
     let (mut uart, clock) = uart(&mut bench);
     bench.run(async {
         uart.write_all(&[0x55, 0x55, 0x50, 0x55])
@@ -69,7 +69,7 @@ fn requests_during_a_measurement_are_not_answered() {
 
 #[test]
 fn bytes_take_their_time_and_the_transmitter_has_an_end() {
-    let mut bench = Bench::facing(1.0, exact(), 1);
+    let mut bench = TestBody::facing(1.0, exact(), 1);
     let (mut uart, clock) = uart(&mut bench);
     bench.run(async {
         let some = uart.write(&[0; 4_000]).await.expect("connected");
@@ -86,7 +86,7 @@ fn bytes_take_their_time_and_the_transmitter_has_an_end() {
 
 #[test]
 fn a_dropped_read_takes_no_byte_and_an_unread_line_does_not_grow() {
-    let mut bench = Bench::facing(0.5, exact(), 1);
+    let mut bench = TestBody::facing(0.5, exact(), 1);
     let (mut uart, clock) = uart(&mut bench);
     let kept = bench.run(async {
         for _ in 0..200 {
@@ -123,7 +123,7 @@ fn a_dropped_read_takes_no_byte_and_an_unread_line_does_not_grow() {
 
 #[test]
 fn a_reset_body_is_disconnected_and_its_line_empty() {
-    let mut bench = Bench::facing(1.0, exact(), 1);
+    let mut bench = TestBody::facing(1.0, exact(), 1);
     let (mut old, _) = uart(&mut bench);
     bench
         .run(async { old.write_all(&[0x55]).await })
@@ -187,7 +187,7 @@ fn a_waiter_that_came_before_the_trigger_is_woken() {
 
 #[test]
 fn a_reader_wakes_once_for_a_whole_reply_and_at_once_for_what_is_there() {
-    let mut bench = Bench::facing(1.0, exact(), 1);
+    let mut bench = TestBody::facing(1.0, exact(), 1);
     let (mut uart, clock) = uart(&mut bench);
     bench.run(async {
         let mut reply = [0; 8];

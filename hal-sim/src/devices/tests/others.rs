@@ -10,7 +10,7 @@ use crate::faults::Fault;
 
 #[test]
 fn a_duty_beyond_the_maximum_is_refused_and_the_old_one_stays() {
-    let mut bench = Bench::facing(3.0, exact(), 1);
+    let mut bench = TestBody::facing(3.0, exact(), 1);
     let robot = bench.robot;
     let mut parts = bench.parts();
     parts.left.in1.set_high().expect("infallible");
@@ -23,7 +23,7 @@ fn a_duty_beyond_the_maximum_is_refused_and_the_old_one_stays() {
 #[test]
 fn the_gauge_and_the_driver_agree_on_the_pack() {
     for charge in [0.05, 0.3, 0.7, 1.0] {
-        let mut bench = Bench::facing(3.0, exact(), 1);
+        let mut bench = TestBody::facing(3.0, exact(), 1);
         let robot = bench.robot;
         bench
             .world
@@ -49,7 +49,7 @@ fn the_gauge_and_the_driver_agree_on_the_pack() {
     }
 }
 
-fn frame(bench: &mut Bench) -> Vec<u8> {
+fn frame(bench: &mut TestBody) -> Vec<u8> {
     let mut parts = bench.parts();
     let side = usize::from(CAMERA_SIDE);
     let mut frame = vec![0; 2 * side * side];
@@ -82,7 +82,7 @@ fn a_still_is_a_jpeg_of_what_stands_before_the_camera() {
             obstacles,
             ..Arena::empty(8.0, 8.0)
         };
-        let mut bench = Bench::new(arena, exact(), 1, Pose::default());
+        let mut bench = TestBody::new(arena, exact(), 1, Pose::default());
         let mut parts = bench.parts();
         let mut buffer = vec![0; 16 * 1024];
         let len = bench
@@ -133,7 +133,7 @@ fn the_camera_shows_what_stands_before_it_where_it_stands() {
             obstacles,
             ..Arena::empty(8.0, 8.0)
         };
-        frame(&mut Bench::new(arena, exact(), 1, Pose::default()))
+        frame(&mut TestBody::new(arena, exact(), 1, Pose::default()))
     };
     let post = |x, y| Obstacle::Circle { x, y, r: 0.1 };
     let empty = look(Vec::new());

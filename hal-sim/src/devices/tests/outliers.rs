@@ -10,7 +10,7 @@ const AIR: Celsius = Celsius(22);
 
 /// So many measurements of a post two metres ahead.
 fn measure(parameters: Parameters, seed: u64, count: u32) -> Vec<Result<Millimeters, RangeError>> {
-    let mut bench = Bench::facing(2.0, parameters, seed);
+    let mut bench = TestBody::facing(2.0, parameters, seed);
     let parts = bench.parts();
     let mut driver = Us100::new(parts.ranger);
     (0..count)
@@ -81,7 +81,7 @@ fn a_thermometer_that_is_off_makes_ranges_wrong_over_the_line_and_not_in_the_pul
     parameters.spread.thermometer_c = 5.0;
     let mut errors = Vec::new();
     for seed in 0..40 {
-        let mut bench = Bench::facing(4.0, parameters, seed);
+        let mut bench = TestBody::facing(4.0, parameters, seed);
         let parts = bench.parts();
         let mut driver = Us100::new(parts.ranger);
         let told = bench
@@ -98,7 +98,7 @@ fn a_thermometer_that_is_off_makes_ranges_wrong_over_the_line_and_not_in_the_pul
         errors.push(off_c);
         let mut pulse = parameters;
         pulse.ranger.wiring = Wiring::Pulse;
-        let mut bench = Bench::facing(4.0, pulse, seed);
+        let mut bench = TestBody::facing(4.0, pulse, seed);
         let parts = bench.parts();
         let mut driver = Us100::new(parts.ranger);
         let told = bench
@@ -118,7 +118,7 @@ fn converters_differ_and_count_in_steps() {
     parameters.spread.gauge_gain = 0.01;
     parameters.spread.gauge_offset_mv = 10.0;
     let read = |parameters: Parameters, seed| {
-        let mut bench = Bench::facing(3.0, parameters, seed);
+        let mut bench = TestBody::facing(3.0, parameters, seed);
         let mut parts = bench.parts();
         bench.run(parts.battery.read()).expect("powered").0
     };

@@ -14,7 +14,7 @@ fn wired(wiring: Wiring, mut parameters: Parameters) -> Parameters {
     parameters
 }
 
-fn measure(bench: &mut Bench) -> Result<Millimeters, RangeError> {
+fn measure(bench: &mut TestBody) -> Result<Millimeters, RangeError> {
     let parts = bench.parts();
     let mut driver = Us100::new(parts.ranger);
     let clock = parts.clock;
@@ -26,7 +26,7 @@ fn both_wirings_tell_every_distance_to_the_millimetre() {
     for wiring in [Wiring::Uart, Wiring::Pulse] {
         let mut mm = 26.0_f32;
         while mm < 4_500.0 {
-            let mut bench = Bench::facing(mm * 1e-3, wired(wiring, exact()), 1);
+            let mut bench = TestBody::facing(mm * 1e-3, wired(wiring, exact()), 1);
             let told = measure(&mut bench).expect("something is there");
             assert!(
                 (f32::from(told.0) - mm).abs() <= 1.5,
@@ -43,7 +43,7 @@ fn errors_have_the_size_the_world_says() {
         let mut parameters = exact();
         parameters.ranger.noise_mm = 2.0;
         parameters.ranger.noise_share = 0.002;
-        let mut bench = Bench::facing(distance_mm * 1e-3, parameters, 11);
+        let mut bench = TestBody::facing(distance_mm * 1e-3, parameters, 11);
         let parts = bench.parts();
         let mut driver = Us100::new(parts.ranger);
         let clock = parts.clock;
@@ -68,7 +68,7 @@ fn errors_have_the_size_the_world_says() {
 #[test]
 fn nothing_in_reach_is_told_late_and_as_nothing() {
     for wiring in [Wiring::Uart, Wiring::Pulse] {
-        let mut bench = Bench::facing(6.0, wired(wiring, exact()), 1);
+        let mut bench = TestBody::facing(6.0, wired(wiring, exact()), 1);
         let error = measure(&mut bench).expect_err("nothing in reach");
         assert!(
             matches!(error, RangeError::NoEcho(mm) if mm > FARTHEST),
@@ -83,7 +83,7 @@ fn nothing_in_reach_is_told_late_and_as_nothing() {
 #[test]
 fn an_echo_takes_its_time() {
     // 2 m: the request, 11.6 ms of flight at 344.6 m/s, and two bytes.
-    let mut bench = Bench::facing(2.0, exact(), 1);
+    let mut bench = TestBody::facing(2.0, exact(), 1);
     let parts = bench.parts();
     let RangerPort::Uart(mut uart) = parts.ranger else {
         panic!("wired for serial")
@@ -106,7 +106,7 @@ fn the_temperature_is_that_of_the_air() {
     for air in [-20.0_f32, -0.4, 22.0, 70.0] {
         let mut parameters = exact();
         parameters.surroundings.air_c = air;
-        let mut bench = Bench::facing(1.0, parameters, 1);
+        let mut bench = TestBody::facing(1.0, parameters, 1);
         let parts = bench.parts();
         let mut driver = Us100::new(parts.ranger);
         let told = bench
@@ -121,7 +121,7 @@ fn pulses_depend_on_the_air_and_the_driver_corrects_for_it() {
     let mut parameters = wired(Wiring::Pulse, exact());
     parameters.surroundings.air_c = -10.0;
     let told = |air: Celsius| {
-        let mut bench = Bench::facing(2.0, parameters, 1);
+        let mut bench = TestBody::facing(2.0, parameters, 1);
         let parts = bench.parts();
         let mut driver = Us100::new(parts.ranger);
         bench
@@ -136,7 +136,7 @@ fn pulses_depend_on_the_air_and_the_driver_corrects_for_it() {
 #[test]
 fn a_dead_ranger_says_nothing_and_a_stuck_one_always_the_same() {
     for wiring in [Wiring::Uart, Wiring::Pulse] {
-        let mut bench = Bench::facing(1.0, wired(wiring, Parameters::default()), 1);
+        let mut bench = TestBody::facing(1.0, wired(wiring, Parameters::default()), 1);
         let robot = bench.robot;
         let parts = bench.parts();
         let mut driver = Us100::new(parts.ranger);
@@ -164,7 +164,7 @@ fn what_touches_the_front_is_still_told() {
     // The transducers sit behind the rim, so contact is beyond the blind zone.
     let parameters = exact();
     let gap = parameters.chassis.radius_m - parameters.ranger.mount_m + 1e-4;
-    let mut bench = Bench::facing(gap, parameters, 1);
+    let mut bench = TestBody::facing(gap, parameters, 1);
     let told = measure(&mut bench).expect("not in the blind zone");
     assert!(told >= NEAREST && told <= Millimeters(26), "{told:?}");
 }
@@ -173,7 +173,7 @@ fn what_touches_the_front_is_still_told() {
 fn lost_echoes_come_as_often_as_the_world_says_and_never_break_the_driver() {
     let mut parameters = exact();
     parameters.ranger.dropout = 0.25;
-    let mut bench = Bench::facing(1.0, parameters, 5);
+    let mut bench = TestBody::facing(1.0, parameters, 5);
     let parts = bench.parts();
     let mut driver = Us100::new(parts.ranger);
     let mut lost = 0;
@@ -189,7 +189,7 @@ fn lost_echoes_come_as_often_as_the_world_says_and_never_break_the_driver() {
 
 #[test]
 fn a_noisy_line_costs_readings_and_recovers() {
-    let mut bench = Bench::facing(1.0, exact(), 9);
+    let mut bench = TestBody::facing(1.0, exact(), 9);
     let robot = bench.robot;
     let noise = Fault::LineNoise { flips: 0.05 };
     bench.world.inject(robot, noise).expect("a share");

@@ -5,7 +5,7 @@ use crawler_hal::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::BareWorld;
-use super::body::Body;
+use super::robot::BareRobot;
 use crate::world::Fingerprint;
 use crate::world::{Arena, Parameters, Space, SpaceState};
 
@@ -55,7 +55,7 @@ struct Stored {
     arena: String,
     parameters: String,
     space: SpaceState,
-    robots: Vec<Body>,
+    robots: Vec<BareRobot>,
 }
 
 impl BareWorld {

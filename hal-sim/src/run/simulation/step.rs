@@ -5,10 +5,10 @@ use crawler_protocol::{MAX_MESSAGE, Neighbour, Topic};
 
 use super::{EPOCH_MS, HISTORY_PERIOD, Simulation, TIME_PERIOD, Way, next_start};
 use crate::devices::BodyEvent;
-use crate::net::pose_fix;
+use crate::net::fix::pose_fix;
 use crate::run::machine;
 #[cfg(feature = "live")]
-use crate::run::tracker;
+use crate::run::overhead;
 use crate::world::PHYSICS_STEP;
 
 impl Simulation {
@@ -117,7 +117,7 @@ impl Simulation {
         let most = match &self.way {
             Way::None | Way::Lockstep(_) => u64::MAX,
             #[cfg(feature = "live")]
-            Way::Live(_) => tracker::LIVE_MOST_PER_S,
+            Way::Live(_) => overhead::LIVE_MOST_PER_S,
         };
         let due = camera.pass(PHYSICS_STEP, robots, most);
         for _ in 0..due {

@@ -21,7 +21,7 @@ const VERSION: u32 = 1;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Body {
+struct Contents {
     build: String,
     link: Link,
     /// TOML, so that every number is read as it was.
@@ -95,7 +95,7 @@ impl Snapshot {
             }
             Err(error) => return Err(SnapshotError::Scenario(error.to_string())),
         }
-        let body = Body {
+        let body = Contents {
             build: self.build.clone(),
             link: self.link,
             scenario,
@@ -148,12 +148,13 @@ impl Snapshot {
         if words.next().is_some() || told != fingerprint(body) {
             return Err(wrong("it is damaged: its fingerprint is another"));
         }
-        let body: Body = serde_json::from_slice(body).map_err(|error| wrong(error.to_string()))?;
+        let body: Contents =
+            serde_json::from_slice(body).map_err(|error| wrong(error.to_string()))?;
         body.check()
     }
 }
 
-impl Body {
+impl Contents {
     fn check(self) -> Result<Snapshot, RestoreError> {
         if self.build.len() > BUILD.len().max(64) {
             return Err(wrong("the name of its build is too long"));

@@ -117,7 +117,7 @@ proptest! {
             })
             .collect();
         let arena = Arena {  obstacles, ..Arena::empty(10.0, 10.0) };
-        let mut bench = Bench::new(arena, alike(), 2);
+        let mut bench = TestWorld::new(arena, alike(), 2);
         prop_assume!(bench.world.add_robot(Pose::new(x, y, theta)).is_ok());
         for (x, y) in others {
             if let Ok((_, parts)) = bench.world.add_robot(Pose::new(x, y, x * y)) {

@@ -22,7 +22,7 @@ fn shapes() -> impl Strategy<Value = Vec<Obstacle>> {
 }
 
 /// The overlap of robot `i` with anything, by looking at everything.
-fn deepest(bench: &Bench, arena: &Arena, radius: f32) -> f32 {
+fn deepest(bench: &TestWorld, arena: &Arena, radius: f32) -> f32 {
     let poses: Vec<Pose> = (0..bench.parts.len()).map(|i| bench.see(i).pose).collect();
     let mut deepest = f32::MIN;
     for (i, pose) in poses.iter().enumerate() {
@@ -46,7 +46,7 @@ proptest! {
         seed: u64,
     ) {
         let arena = Arena {  obstacles, ..Arena::empty(5.0, 5.0) };
-        let mut bench = Bench::new(arena.clone(), Parameters::default(), seed);
+        let mut bench = TestWorld::new(arena.clone(), Parameters::default(), seed);
         for (x, y, theta) in places {
             if let Ok((_, parts)) = bench.world.add_robot(Pose::new(x, y, theta)) {
                 bench.parts.push(parts);
@@ -98,7 +98,7 @@ fn a_thin_board_stops_a_robot_at_full_speed_from_any_angle() {
             obstacles: vec![board],
             ..Arena::empty(10.0, 10.0)
         };
-        let mut bench = Bench::new(arena, alike(), 1);
+        let mut bench = TestWorld::new(arena, alike(), 1);
         bench.add(0.0, 0.0, theta);
         bench.drive(0, 255, 255);
         bench.steps(600);
@@ -110,7 +110,7 @@ fn a_thin_board_stops_a_robot_at_full_speed_from_any_angle() {
 
 #[test]
 fn a_contact_is_counted_once_for_both_and_again_only_after_a_pause() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(0.0, 0.0, 0.0);
     bench.add(0.5, 0.0, 0.0);
     bench.drive(0, 200, 200);
@@ -130,7 +130,7 @@ fn a_contact_is_counted_once_for_both_and_again_only_after_a_pause() {
 #[test]
 fn a_robot_added_at_any_step_is_solid_at_once() {
     for step in 0..20 {
-        let mut bench = Bench::plain();
+        let mut bench = TestWorld::plain();
         bench.add(0.0, 0.0, 0.0);
         bench.drive(0, 255, 255);
         bench.steps(60 + step);
@@ -144,7 +144,7 @@ fn a_robot_added_at_any_step_is_solid_at_once() {
 
 #[test]
 fn a_robot_at_a_wall_slides_along_it_and_does_not_stick() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(4.0, 0.0, 0.5);
     bench.drive(0, 220, 220);
     bench.steps(300);
@@ -157,7 +157,7 @@ fn a_robot_at_a_wall_slides_along_it_and_does_not_stick() {
 
 #[test]
 fn a_robot_held_back_draws_more_than_one_that_rolls() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(4.9, 0.0, 0.0);
     bench.add(-4.9, 1.0, 0.0);
     bench.drive(0, 255, 255);
@@ -177,7 +177,7 @@ fn robots_are_placed_only_where_there_is_room() {
         }],
         ..Arena::empty(4.0, 4.0)
     };
-    let mut bench = Bench::new(arena, alike(), 1);
+    let mut bench = TestWorld::new(arena, alike(), 1);
     bench.add(0.0, 0.0, 0.0);
     let mut refused = |x, y| {
         let error = bench.world.add_robot(Pose::new(x, y, 0.0)).err();
@@ -195,7 +195,7 @@ fn robots_are_placed_only_where_there_is_room() {
 
 #[test]
 fn a_removed_robot_is_neither_touched_nor_seen_and_frees_its_place() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     let mover = bench.add(0.0, 0.0, 0.0);
     let gone = bench.add(1.0, 0.0, 0.0);
     assert!(bench.world.true_range(mover).expect("in front") < 1.0);

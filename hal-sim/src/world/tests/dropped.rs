@@ -25,7 +25,7 @@ fn ball(x: f32, y: f32, size: f32) -> Dropped {
 
 #[test]
 fn a_dropped_wall_is_heard_and_never_entered_and_taking_it_opens_the_way() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     let robot = bench.add(0.0, 0.0, 0.0);
     let radius = alike().chassis.radius_m;
     assert_eq!(bench.world.true_range(robot), None, "the wall is too far");
@@ -54,7 +54,7 @@ fn a_dropped_wall_is_heard_and_never_entered_and_taking_it_opens_the_way() {
 
 #[test]
 fn a_robot_beside_which_something_is_dropped_does_not_enter_it() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     let radius = alike().chassis.radius_m;
     bench.add(0.0, 0.0, 0.0);
     bench.drive(0, 255, 255);
@@ -83,7 +83,7 @@ fn cameras_see_what_was_dropped_as_what_it_is() {
         }],
         ..Arena::empty(6.0, 6.0)
     };
-    let mut bench = Bench::new(arena, alike(), 1);
+    let mut bench = TestWorld::new(arena, alike(), 1);
     let robot = bench.add(0.0, 0.0, 0.0);
     let mut frame = Frame::square();
     let mut seen = |world: &World| -> Vec<Seen> {
@@ -110,7 +110,7 @@ fn cameras_see_what_was_dropped_as_what_it_is() {
 
 #[test]
 fn what_cannot_be_dropped_is_refused_and_changes_nothing() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(1.0, 1.0, 0.0);
     let gone = bench.add(-1.0, -1.0, 0.0);
     let before = bench.world.hash();
@@ -180,7 +180,7 @@ proptest! {
         things in proptest::collection::vec(anything(), 1..12),
         places in proptest::collection::vec((-2.4..2.4_f32, -2.4..2.4_f32, -3.0..3.0_f32), 1..8),
     ) {
-        let mut bench = Bench::new(Arena::empty(5.0, 5.0), alike(), 1);
+        let mut bench = TestWorld::new(Arena::empty(5.0, 5.0), alike(), 1);
         let radius = alike().chassis.radius_m;
         for (x, y, theta) in places {
             if let Ok((_, parts)) = bench.world.add_robot(Pose::new(x, y, theta)) {

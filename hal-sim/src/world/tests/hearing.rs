@@ -13,7 +13,7 @@ fn heard(a: Pose, b: Pose, obstacles: Vec<Obstacle>, age_us: u64) -> Option<f32>
         obstacles,
         ..Arena::empty(20.0, 20.0)
     };
-    let mut bench = Bench::new(arena, alike(), 1);
+    let mut bench = TestWorld::new(arena, alike(), 1);
     for pose in [a, b] {
         bench.add(pose.x, pose.y, pose.theta);
     }
@@ -93,11 +93,11 @@ fn what_stands_between_takes_the_ping() {
 #[test]
 fn a_ping_counts_from_the_step_after_it() {
     let (a, b) = facing(2.0);
-    let mut bench = Bench::new(Arena::empty(20.0, 20.0), alike(), 1);
+    let mut bench = TestWorld::new(Arena::empty(20.0, 20.0), alike(), 1);
     bench.add(a.x, a.y, a.theta);
     bench.add(b.x, b.y, b.theta);
     bench.step();
-    let listen = |bench: &Bench| {
+    let listen = |bench: &TestWorld| {
         let mut space = bench.world.shared.space.borrow_mut();
         space.list_robots(0);
         space.crosstalk(0, 12_000, SPEED, 0.02, 4.5)
@@ -114,7 +114,7 @@ fn the_reach_of_pings_is_a_parameter() {
     for (reach, hears) in [(0.0, false), (1.9, false), (2.1, true)] {
         let mut parameters = alike();
         parameters.ranger.crosstalk_m = reach;
-        let mut bench = Bench::new(Arena::empty(20.0, 20.0), parameters, 1);
+        let mut bench = TestWorld::new(Arena::empty(20.0, 20.0), parameters, 1);
         bench.add(a.x, a.y, a.theta);
         bench.add(b.x, b.y, b.theta);
         bench.world.shared.space.borrow_mut().bodies.ping(1, 5_000);

@@ -188,7 +188,7 @@ fn a_robot_of_nonsense_harms_no_other() {
 
 #[test]
 fn a_robot_pushes_another_against_a_wall_and_stays_out_of_it() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(4.0, 0.0, 0.0);
     bench.add(4.5, 0.0, 0.0);
     bench.drive(0, 255, 255);
@@ -206,7 +206,7 @@ fn a_robot_pushes_another_against_a_wall_and_stays_out_of_it() {
     );
     assert!(pusher.slip[0] > 0.2, "its wheels spin: {pusher:?}");
     let free = {
-        let mut bench = Bench::plain();
+        let mut bench = TestWorld::plain();
         bench.add(-4.0, 0.0, 0.0);
         bench.drive(0, 255, 255);
         bench.steps(400);

@@ -5,7 +5,7 @@ use crate::world::geometry::wrap_any;
 
 #[test]
 fn alike_wheels_drive_straight_and_mirrored_duties_drive_mirrored() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(-4.0, 0.0, 0.0);
     bench.add(0.0, -2.0, 0.0);
     bench.add(0.0, 2.0, 0.0);
@@ -25,7 +25,7 @@ fn alike_wheels_drive_straight_and_mirrored_duties_drive_mirrored() {
 
 #[test]
 fn forward_and_backward_are_the_same_but_for_the_sign() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(0.0, 1.0, 0.0);
     bench.add(0.0, -1.0, 0.0);
     bench.drive(0, 180, 180);
@@ -38,7 +38,7 @@ fn forward_and_backward_are_the_same_but_for_the_sign() {
 
 #[test]
 fn a_turn_in_place_turns_by_the_speed_of_the_wheels_over_the_track() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(0.0, 0.0, 0.0);
     bench.drive(0, -255, 255);
     bench.steps(100);
@@ -59,7 +59,7 @@ fn a_turn_in_place_turns_by_the_speed_of_the_wheels_over_the_track() {
 #[test]
 fn without_duty_every_robot_comes_to_a_full_stop_and_stays_there() {
     for (in1, in2, longest) in [(false, false, 150), (true, true, 150), (true, false, 150)] {
-        let mut bench = Bench::plain();
+        let mut bench = TestWorld::plain();
         bench.add(0.0, 0.0, 0.3);
         bench.drive(0, 255, 255);
         bench.steps(100);
@@ -84,7 +84,7 @@ fn a_robot_stops_in_the_way_that_its_shorted_motors_and_friction_make() {
     let mut parameters = alike();
     parameters.chassis.grip = 1.5;
     for duty in [0, 64, 128, 255_u8] {
-        let mut bench = Bench::new(Arena::empty(10.0, 10.0), parameters, 1);
+        let mut bench = TestWorld::new(Arena::empty(10.0, 10.0), parameters, 1);
         bench.add(-3.0, 0.0, 0.0);
         bench.drive(0, 255, 255);
         bench.steps(150);
@@ -112,7 +112,7 @@ fn a_robot_stops_in_the_way_that_its_shorted_motors_and_friction_make() {
 
 #[test]
 fn stiction_holds_a_standing_wheel_that_would_go_on_turning() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(0.0, 1.0, 0.0);
     bench.add(0.0, -1.0, 0.0);
     // 0.118 · 6.8 V = 0.80 V: between friction and stiction.
@@ -131,7 +131,7 @@ fn stiction_holds_a_standing_wheel_that_would_go_on_turning() {
 
 #[test]
 fn the_motor_lags_by_its_time_constant() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(0.0, 0.0, 0.0);
     bench.drive(0, 200, 200);
     bench.steps(9);
@@ -144,7 +144,7 @@ fn the_motor_lags_by_its_time_constant() {
 
 #[test]
 fn a_heading_stays_within_one_turn() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(0.0, 0.0, 40.0);
     bench.drive(0, 255, -255);
     for _ in 0..500 {
@@ -155,7 +155,7 @@ fn a_heading_stays_within_one_turn() {
 
 /// Speed at which a robot comes to drive with this duty, by the dead band and the top speed at the
 /// voltage that its pack has.
-fn settled(bench: &Bench, robot: usize, duty: u8) -> f32 {
+fn settled(bench: &TestWorld, robot: usize, duty: u8) -> f32 {
     let chassis = &bench.world.parameters().chassis;
     let supply_v = f32::from(bench.see(robot).battery.0) * 1e-3;
     let band = chassis.dead_band(supply_v);
@@ -165,7 +165,7 @@ fn settled(bench: &Bench, robot: usize, duty: u8) -> f32 {
 #[test]
 fn settled_speeds_follow_the_dead_band_and_the_top_speed() {
     for duty in [60, 90, 128, 200, 255_u8] {
-        let mut bench = Bench::plain();
+        let mut bench = TestWorld::plain();
         bench.add(-4.0, 0.0, 0.0);
         bench.drive(0, duty.into(), duty.into());
         bench.steps(300);

@@ -15,7 +15,7 @@ fn circle_mover(x: f32, path: Vec<[f32; 2]>, speed: f32) -> Arena {
     }
 }
 
-fn place(bench: &Bench) -> [f32; 2] {
+fn place(bench: &TestWorld) -> [f32; 2] {
     bench.world.mover(0).expect("a mover")
 }
 
@@ -24,7 +24,7 @@ fn a_mover_goes_round_on_its_path() {
     let arena = circle_mover(0.0, vec![[1.0, 0.0], [1.0, 1.0]], 0.5);
     let length = arena.movers[0].length();
     assert!((length - (2.0 + core::f32::consts::SQRT_2)).abs() < 1e-5);
-    let mut bench = Bench::new(arena, alike(), 1);
+    let mut bench = TestWorld::new(arena, alike(), 1);
     assert_eq!(place(&bench), [0.0, 0.0]);
     bench.steps(100);
     let [x, y] = place(&bench);
@@ -40,7 +40,7 @@ fn a_mover_goes_round_on_its_path() {
 #[test]
 fn a_mover_pushes_a_robot_and_is_seen_and_counted() {
     let arena = circle_mover(-2.0, vec![[2.0, 0.0]], 0.3);
-    let mut bench = Bench::new(arena, alike(), 1);
+    let mut bench = TestWorld::new(arena, alike(), 1);
     bench.add(0.0, 0.01, core::f32::consts::PI);
     let range = bench.world.true_range(RobotIndex::new(0)).expect("ahead");
     assert!((range - (2.0 - 0.2 - 0.06)).abs() < 0.01, "{range}");
@@ -107,7 +107,7 @@ fn a_robot_and_a_mover_that_drive_at_each_other_never_overlap() {
 fn a_mover_waits_for_a_robot_at_the_wall_and_goes_on_when_it_has_left() {
     // It wants to go on until 0.1 m before the wall; a robot is 0.17 m wide.
     let arena = circle_mover(2.0, vec![[2.7, 0.0]], 0.2);
-    let mut bench = Bench::new(arena, alike(), 1);
+    let mut bench = TestWorld::new(arena, alike(), 1);
     bench.add(2.8, 0.0, core::f32::consts::FRAC_PI_2);
     bench.steps(1_000);
     let [x, _] = place(&bench);
@@ -148,7 +148,7 @@ fn a_slippery_floor_lets_wheels_slide() {
             }],
             ..Arena::empty(10.0, 10.0)
         };
-        let mut bench = Bench::new(arena, alike(), 1);
+        let mut bench = TestWorld::new(arena, alike(), 1);
         bench.add(-3.0, 0.0, 0.0);
         bench.drive(0, 255, 255);
         bench.steps(20);
@@ -195,7 +195,7 @@ fn one_wheel_on_ice_turns_a_robot() {
         }],
         ..Arena::empty(10.0, 10.0)
     };
-    let mut bench = Bench::new(arena, alike(), 1);
+    let mut bench = TestWorld::new(arena, alike(), 1);
     bench.add(-3.0, 0.0, 0.0);
     bench.drive(0, 255, 255);
     bench.steps(30);

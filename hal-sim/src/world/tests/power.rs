@@ -7,7 +7,7 @@ use crate::faults::{Fault, FaultError, FaultRange, Wheel};
 
 #[test]
 fn the_battery_sags_under_load_recovers_and_drains() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(-4.0, 0.0, 0.0);
     bench.step();
     let rest = bench.see(0);
@@ -28,7 +28,7 @@ fn the_battery_sags_under_load_recovers_and_drains() {
 
 #[test]
 fn charge_is_used_up_as_the_current_says() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(0.0, 0.0, 0.0);
     let before = bench.see(0).charge;
     bench.steps(6_000);
@@ -40,7 +40,7 @@ fn charge_is_used_up_as_the_current_says() {
 
 #[test]
 fn an_empty_battery_ends_everything() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     let robot = bench.add(0.0, 0.0, 0.0);
     bench.drive(0, 255, 255);
     bench.steps(50);
@@ -66,7 +66,7 @@ fn an_empty_battery_ends_everything() {
 
 #[test]
 fn a_bad_contact_browns_out_and_comes_back_with_its_cause() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     let robot = bench.add(0.0, 0.0, 0.0);
     let sag = Fault::BatterySag { ohm: 40.0 };
     bench.world.inject(robot, sag).expect("a resistance");
@@ -96,7 +96,7 @@ fn a_bad_contact_browns_out_and_comes_back_with_its_cause() {
 
 #[test]
 fn a_starved_watchdog_bites_once_and_a_fed_one_never() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     let starved = bench.add(0.0, 0.0, 0.0);
     bench.add(1.0, 0.0, 0.0);
     bench.add(2.0, 0.0, 0.0);
@@ -115,7 +115,7 @@ fn a_starved_watchdog_bites_once_and_a_fed_one_never() {
 
 #[test]
 fn a_program_that_asks_for_a_reset_gets_one() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     let robot = bench.add(0.0, 0.0, 0.0);
     let mut system = bench.parts.remove(0).system;
     assert_eq!(system.reset_cause(), ResetCause::PowerOn);
@@ -132,7 +132,7 @@ fn a_program_that_asks_for_a_reset_gets_one() {
 
 #[test]
 fn a_weak_motor_pulls_to_its_side_until_it_is_mended() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     let robot = bench.add(-4.0, 0.0, 0.0);
     let weak = Fault::MotorWeak {
         wheel: Wheel::Left,
@@ -149,7 +149,7 @@ fn a_weak_motor_pulls_to_its_side_until_it_is_mended() {
 
 #[test]
 fn faults_out_of_range_are_refused_and_change_nothing() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     let robot = bench.add(0.0, 0.0, 0.0);
     let before = bench.world.hash();
     for fault in [

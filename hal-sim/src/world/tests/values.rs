@@ -22,8 +22,8 @@ fn arena() -> Arena {
     }
 }
 
-fn crowd(seed: u64) -> Bench {
-    let mut bench = Bench::new(arena(), Parameters::default(), seed);
+fn crowd(seed: u64) -> TestWorld {
+    let mut bench = TestWorld::new(arena(), Parameters::default(), seed);
     for k in 0..12_u8 {
         let x = -2.5 + f32::from(k % 6);
         let y = if k < 6 { -1.5 } else { 1.5 };
@@ -34,7 +34,7 @@ fn crowd(seed: u64) -> Bench {
 }
 
 /// All moments of a history, folded.
-fn history(bench: &mut Bench) -> Vec<u64> {
+fn history(bench: &mut TestWorld) -> Vec<u64> {
     (0..50)
         .map(|_| {
             bench.steps(10);
@@ -85,7 +85,7 @@ fn worlds_side_by_side_and_on_other_threads_do_not_disturb_each_other() {
 #[test]
 fn two_robots_of_one_world_differ_and_share_nothing() {
     use rand_core::Rng;
-    let mut bench = Bench::new(Arena::empty(10.0, 10.0), Parameters::default(), 3);
+    let mut bench = TestWorld::new(Arena::empty(10.0, 10.0), Parameters::default(), 3);
     bench.add(0.0, -2.0, 0.0);
     bench.add(0.0, 2.0, 0.0);
     let draws: Vec<u64> = bench
@@ -114,7 +114,7 @@ fn the_hash_covers_every_part_of_the_state() {
     let mut bench = crowd(5);
     let mut last = bench.world.hash();
     assert_eq!(last, bench.world.hash(), "looking changes nothing");
-    let mut changed = |bench: &Bench, what: &str| {
+    let mut changed = |bench: &TestWorld, what: &str| {
         let next = bench.world.hash();
         assert_ne!(next, last, "{what}");
         last = next;
@@ -140,7 +140,7 @@ type Change = (&'static str, fn(&mut bodies::Bodies));
 
 #[test]
 fn the_hash_covers_every_number_of_a_body() {
-    let mut bench = Bench::plain();
+    let mut bench = TestWorld::plain();
     bench.add(0.5, 0.5, 0.5);
     let still = bench.world.hash();
     let changes: [Change; 24] = [
@@ -172,7 +172,7 @@ fn the_hash_covers_every_number_of_a_body() {
         }),
     ];
     for (what, change) in changes {
-        let mut bench = Bench::plain();
+        let mut bench = TestWorld::plain();
         bench.add(0.5, 0.5, 0.5);
         assert_eq!(bench.world.hash(), still);
         change(&mut bench.world.shared.space.borrow_mut().bodies);

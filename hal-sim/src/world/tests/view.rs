@@ -14,7 +14,7 @@ fn object(shape: ObjectShape, x: f32, y: f32, colour: Colour) -> Object {
 }
 
 fn look(arena: Arena, robots: &[Pose]) -> Frame {
-    let mut bench = Bench::new(arena, alike(), 1);
+    let mut bench = TestWorld::new(arena, alike(), 1);
     for pose in robots {
         bench.add(pose.x, pose.y, pose.theta);
     }
@@ -100,7 +100,7 @@ fn a_picture_depends_on_the_world_alone() {
 fn a_ranger_hears_objects() {
     let mut arena = Arena::empty(10.0, 10.0);
     arena.objects = vec![object(ObjectShape::Cylinder, 0.0, 2.06, Colour::White)];
-    let mut bench = Bench::new(arena, alike(), 1);
+    let mut bench = TestWorld::new(arena, alike(), 1);
     bench.add(0.0, 1.0, core::f32::consts::FRAC_PI_2);
     let told = bench.world.true_range(RobotIndex::new(0));
     assert!(

@@ -30,8 +30,8 @@ use rust_mqtt::client::options::{
 use rust_mqtt::config::KeepAlive;
 use rust_mqtt::types::{MqttBinary, MqttString, TopicFilter, TopicName};
 
-use super::live::SecuredNetwork;
 use super::pose_fix;
+use crate::net::live::SecuredNetwork;
 use crate::sched::SimClock;
 
 /// Fixes that wait at most: one of each robot of the largest world.

@@ -12,7 +12,7 @@ pub(super) const LIVE_MOST_PER_S: u64 = 400;
 
 /// Looks at the robots in turn. All of its noise comes from the seed of the world.
 #[derive(Debug)]
-pub(super) struct Camera {
+pub(super) struct OverheadCamera {
     model: Tracker,
     seed: u64,
     /// Turns so far.
@@ -22,7 +22,7 @@ pub(super) struct Camera {
     next: usize,
 }
 
-impl Camera {
+impl OverheadCamera {
     pub(super) fn new(model: Tracker, seed: u64) -> Option<Self> {
         model.on.then_some(Self {
             model,
@@ -83,7 +83,7 @@ mod tests {
     #[test]
     fn every_robot_has_its_turn_and_nobody_waits_for_a_burst() {
         let model = Tracker::default();
-        let mut camera = Camera::new(model, 1).unwrap();
+        let mut camera = OverheadCamera::new(model, 1).unwrap();
         let mut seen = [0; 30];
         for _ in 0..1_000 {
             let due = camera.pass(Duration::from_millis(10), seen.len(), u64::MAX);
@@ -98,6 +98,6 @@ mod tests {
             .sum();
         assert_eq!(all, 4_000, "ten seconds of them");
         let off = Tracker { on: false, ..model };
-        assert!(Camera::new(off, 1).is_none());
+        assert!(OverheadCamera::new(off, 1).is_none());
     }
 }

@@ -37,7 +37,7 @@ struct Pending {
 
 /// See the [module](self). Times are those of the world, unless they go into the program's code.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(super) struct Body {
+pub(super) struct BareRobot {
     boot: Instant,
     life: u32,
     wiring: WiringState,
@@ -66,7 +66,7 @@ enum WiringState {
     Pulse,
 }
 
-impl Body {
+impl BareRobot {
     pub(super) fn new(
         world: &mut BareWorld,
         robot: RobotIndex,
