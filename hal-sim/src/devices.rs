@@ -4,12 +4,12 @@
 
 mod broken;
 mod camera;
+#[cfg(feature = "live")]
+mod checkpoint;
 mod ear;
 mod flash;
 mod gauge;
 mod hash;
-#[cfg(feature = "live")]
-mod kept;
 mod meter;
 mod motor;
 mod ports;
@@ -37,11 +37,11 @@ pub use trigger::{SimEcho, SimTrigger};
 pub use uart::{SimUart, UartError};
 pub use world::World;
 
+#[cfg(feature = "live")]
+pub(crate) use checkpoint::WorldCheckpoint;
 pub(crate) use ear::Ear;
 #[cfg(feature = "live")]
 pub(crate) use flash::Contents;
-#[cfg(feature = "live")]
-pub(crate) use kept::KeptWorld;
 pub(crate) use meter::Meter;
 pub(crate) use ports::senses;
 pub(crate) use sonar::Sonar;

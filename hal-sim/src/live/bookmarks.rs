@@ -7,7 +7,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use crawler_hal::Instant;
 use crawler_protocol::SnapshotName;
 
-use crate::run::simulation::Kept;
+use crate::run::simulation::Checkpoint;
 
 /// Most bookmarks of a live world.
 pub const MAX_BOOKMARKS: usize = 16;
@@ -54,11 +54,15 @@ impl fmt::Display for BookmarkError {
 
 /// All of them, the oldest first.
 #[derive(Default)]
-pub(super) struct Bookmarks(Vec<(Bookmark, Rc<Kept>)>);
+pub(super) struct Bookmarks(Vec<(Bookmark, Rc<Checkpoint>)>);
 
 impl Bookmarks {
     /// Keeps a world under `name`, in place of the one that has that name.
-    pub(super) fn add(&mut self, name: &SnapshotName, kept: Kept) -> Result<(), BookmarkError> {
+    pub(super) fn add(
+        &mut self,
+        name: &SnapshotName,
+        kept: Checkpoint,
+    ) -> Result<(), BookmarkError> {
         let others = || self.0.iter().filter(|(other, _)| other.name != *name);
         if others().count() >= MAX_BOOKMARKS {
             return Err(BookmarkError::Full);
@@ -82,7 +86,7 @@ impl Bookmarks {
     }
 
     /// The world kept under `name`.
-    pub(super) fn get(&self, name: &SnapshotName) -> Result<Rc<Kept>, BookmarkError> {
+    pub(super) fn get(&self, name: &SnapshotName) -> Result<Rc<Checkpoint>, BookmarkError> {
         let found = self.0.iter().find(|(bookmark, _)| bookmark.name == *name);
         let (_, kept) = found.ok_or_else(|| BookmarkError::Unknown(name.clone()))?;
         Ok(Rc::clone(kept))

@@ -24,7 +24,7 @@ use super::{
 use crate::net::live::Gateway;
 use crate::net::proxy::Proxy;
 use crate::run::SimulationError;
-use crate::run::simulation::{BrokerAddress, Kept, Simulation};
+use crate::run::simulation::{BrokerAddress, Checkpoint, Simulation};
 use crate::scenario::Scenario;
 
 /// What a world begins as.
@@ -32,7 +32,7 @@ pub(super) enum Beginning<'a> {
     /// This scenario with this seed.
     New(Box<Scenario>, u64),
     /// What was kept of another.
-    Again(&'a Kept),
+    Again(&'a Checkpoint),
 }
 
 /// Makes a world, and its way to the broker.

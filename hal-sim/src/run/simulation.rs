@@ -1,12 +1,12 @@
 //! A simulation: see [`Simulation`].
 
+#[cfg(feature = "live")]
+mod checkpoint;
 mod command;
 mod direct;
 mod faults;
 mod history;
 mod hostile;
-#[cfg(feature = "live")]
-mod kept;
 mod observe;
 mod outside;
 mod robots;
@@ -37,7 +37,7 @@ use crate::world::Fingerprint;
 use crate::world::{Members, PHYSICS_STEP, RobotIndex};
 
 #[cfg(feature = "live")]
-pub(crate) use kept::Kept;
+pub(crate) use checkpoint::Checkpoint;
 
 /// Unix time at the beginning of every simulated world: 2026-01-01, in milliseconds.
 pub const EPOCH_MS: u64 = 1_767_225_600_000;

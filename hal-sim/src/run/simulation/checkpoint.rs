@@ -7,7 +7,7 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::Fleet;
 
 use super::{BrokerAddress, HISTORY_PERIOD, Machine, PHYSICS_STEP, Simulation, Way};
-use crate::devices::KeptWorld;
+use crate::devices::WorldCheckpoint;
 use crate::faults::Fault;
 use crate::run::error::SimulationError;
 use crate::run::hashes::Hashes;
@@ -21,11 +21,11 @@ mod tests;
 
 /// See the [module](self).
 #[derive(Debug)]
-pub(crate) struct Kept {
+pub(crate) struct Checkpoint {
     scenario: Scenario,
     seed: u64,
     at: Instant,
-    world: KeptWorld,
+    world: WorldCheckpoint,
     /// Boots and history of every robot ever added.
     robots: Vec<(u32, Fingerprint)>,
     /// What is broken, and for how long yet.
@@ -33,7 +33,7 @@ pub(crate) struct Kept {
     hashes: Hashes,
 }
 
-impl Kept {
+impl Checkpoint {
     /// The scenario.
     pub(crate) const fn scenario(&self) -> &Scenario {
         &self.scenario
@@ -58,14 +58,14 @@ impl Kept {
 
 impl Simulation {
     /// Keeps the world as it is, but for its programs.
-    pub(crate) fn keep(&self) -> Kept {
+    pub(crate) fn keep(&self) -> Checkpoint {
         let now = self.now();
         let faults = self.troubles.all().map(|(robot, fault, until)| {
             let left = (until < Instant::FAR_FUTURE).then(|| until.saturating_since(now));
             (robot, fault, left)
         });
         let robots = self.machines.iter();
-        Kept {
+        Checkpoint {
             scenario: self.scenario.clone(),
             seed: self.seed,
             at: now,
@@ -82,7 +82,7 @@ impl Simulation {
     /// # Errors
     /// See [`SimulationError`].
     pub(crate) fn again(
-        kept: &Kept,
+        kept: &Checkpoint,
         fleet: Fleet,
         way: Way,
         broker: BrokerAddress,
@@ -126,7 +126,7 @@ impl Simulation {
     }
 
     /// Breaks what was broken, and goes on from the kept state of bodies and flash.
-    pub(crate) fn go_on(&mut self, kept: &Kept) {
+    pub(crate) fn go_on(&mut self, kept: &Checkpoint) {
         for &(robot, fault, left) in &kept.faults {
             // It could be broken this way before, so it can again.
             let broken = self.break_part(robot, fault, left);

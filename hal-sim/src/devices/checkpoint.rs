@@ -5,7 +5,7 @@ use crate::world::{Bodies, Inputs, Items, Pose, Presence, RobotIndex, Wiring};
 
 /// What there is of a world beyond its arena as the scenario made it, its parameters and its seed.
 #[derive(Debug, Clone)]
-pub(crate) struct KeptWorld {
+pub(crate) struct WorldCheckpoint {
     bodies: Bodies,
     steps: u64,
     /// How far each mover has gone on its path, metres.
@@ -15,7 +15,7 @@ pub(crate) struct KeptWorld {
     flash: Vec<Contents>,
 }
 
-impl KeptWorld {
+impl WorldCheckpoint {
     /// Number of robots ever added.
     pub(crate) fn robots(&self) -> usize {
         self.bodies.len()
@@ -52,14 +52,14 @@ impl KeptWorld {
 
 impl World {
     /// Keeps the physical state of a whole world.
-    pub(crate) fn keep(&self) -> KeptWorld {
+    pub(crate) fn keep(&self) -> WorldCheckpoint {
         let space = self.shared.space.borrow();
         let ports = self.robots.iter();
         let flash = ports.map(|ports| match ports {
             Some(ports) => ports.chip.borrow().contents(),
             None => Contents::default(),
         });
-        KeptWorld {
+        WorldCheckpoint {
             bodies: space.bodies.clone(),
             steps: space.steps,
             movers: (0..space.movers.len())
@@ -81,7 +81,7 @@ impl World {
 
     /// Goes on from what was kept of a world of the same scenario and seed, whose robots have all
     /// been put back. Nothing is driven: their programs begin anew.
-    pub(crate) fn take_up(&mut self, kept: &KeptWorld) {
+    pub(crate) fn take_up(&mut self, kept: &WorldCheckpoint) {
         {
             let space = &mut *self.shared.space.borrow_mut();
             debug_assert_eq!(space.bodies.len(), kept.robots());

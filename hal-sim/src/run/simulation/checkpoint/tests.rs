@@ -13,7 +13,7 @@ fn without_network(name: &str, robots: u32) -> Simulation {
     Simulation::without_network(scenario, 7).expect("sound")
 }
 
-fn resume(kept: &Kept) -> Simulation {
+fn resume(kept: &Checkpoint) -> Simulation {
     let nowhere = BrokerAddress::default();
     let mut simulation =
         Simulation::again(kept, Fleet::default(), Way::None, nowhere).expect("sound");
