@@ -7,6 +7,7 @@ mod direct;
 mod faults;
 mod history;
 mod hostile;
+mod initial;
 mod observe;
 mod outside;
 mod robots;
@@ -17,7 +18,7 @@ use std::rc::Rc;
 
 use crawler_app::Credentials;
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Action, Fleet, RobotId, Topic};
+use crawler_protocol::{Fleet, RobotId, Topic};
 
 use super::director::Director;
 use super::error::SimulationError;
@@ -35,6 +36,7 @@ use crate::scenario::{Scenario, Spawner};
 use crate::sched::{Scheduler, SimClock};
 use crate::world::Fingerprint;
 use crate::world::{Members, PHYSICS_STEP, RobotIndex};
+use initial::Initial;
 
 #[cfg(feature = "live")]
 pub(crate) use checkpoint::Checkpoint;
@@ -43,8 +45,6 @@ pub(crate) use checkpoint::Checkpoint;
 pub const EPOCH_MS: u64 = 1_767_225_600_000;
 /// How often the state of the world goes into the history.
 const HISTORY_PERIOD: Duration = Duration::from_secs(1);
-/// How often robots are looked at that have not been given the initial command yet.
-const START_PERIOD: Duration = Duration::from_millis(100);
 /// How often robots are told the time: by the server of a lockstep world, or without a network
 /// by the simulation.
 const TIME_PERIOD: Duration = Duration::from_secs(5);
@@ -105,10 +105,8 @@ pub struct Simulation {
     /// Its client in a live world.
     #[cfg(feature = "live")]
     messenger: Option<crate::sched::TaskId>,
-    /// Robots that wait for the initial command.
-    waiting: Vec<u32>,
-    action: Option<Action>,
-    next_start: Instant,
+    /// What every robot is told first.
+    initial: Initial,
     /// When the robots of a simulation without a network are told the time.
     next_time: Instant,
     /// When the next physics step ends.
@@ -280,7 +278,7 @@ impl Simulation {
         seat: Option<Seat>,
     ) -> Result<Self, SimulationError> {
         scenario.validate()?;
-        let action = scenario.action()?;
+        let initial = Initial::new(scenario.action()?);
         let next_time = if matches!(way, Way::None) {
             Instant::BOOT
         } else {
@@ -308,9 +306,7 @@ impl Simulation {
             camera,
             #[cfg(feature = "live")]
             messenger: None,
-            waiting: Vec::new(),
-            action,
-            next_start: Instant::FAR_FUTURE,
+            initial,
             next_time,
             next_step: Instant::BOOT + PHYSICS_STEP,
             next_history: Instant::BOOT + HISTORY_PERIOD,
@@ -355,13 +351,6 @@ impl Machine {
     fn running(&self) -> Option<(&Rc<SimRobot>, &Program)> {
         self.robot.as_ref().zip(self.program.as_ref())
     }
-}
-
-/// The next moment at which robots are looked at that wait for the initial command: it must not
-/// depend on which others wait.
-fn next_start(now: Instant) -> Instant {
-    let period = START_PERIOD.as_micros();
-    Instant::from_micros((now.as_micros() / period + 1) * period)
 }
 
 impl fmt::Debug for Simulation {

@@ -139,7 +139,7 @@ impl Simulation {
             Way::Lockstep(network) => Instant::from_micros(network.next_due()),
             _ => Instant::FAR_FUTURE,
         };
-        due.min(self.next_start)
+        due.min(self.initial.due())
             .min(self.next_time)
             .min(self.troubles.next())
             .min(self.director.next_due())

@@ -7,7 +7,7 @@ use crawler_app::Config;
 use crawler_hal::Clock as _;
 use crawler_protocol::{Kind, RobotId};
 
-use super::{Machine, Simulation, Way, next_start};
+use super::{Machine, Simulation, Way};
 use crate::devices::BodyParts;
 use crate::net::NoNetwork;
 use crate::net::lockstep::Cut;
@@ -91,9 +91,8 @@ impl Simulation {
             history: Fingerprint::new(),
         });
         self.director.add(pose);
-        if self.action.is_some() && self.machines[number].robot.is_some() {
-            self.waiting.push(number as u32);
-            self.next_start = self.next_start.min(next_start(self.sched.now()));
+        if self.machines[number].robot.is_some() {
+            self.initial.wait(number, self.sched.now());
         }
         Ok(number)
     }
@@ -150,7 +149,7 @@ impl Simulation {
                 program.stop(&mut self.sched);
             }
             self.world.remove_robot(machine.index);
-            self.waiting.retain(|&waiting| waiting as usize != robot);
+            self.initial.forget(robot);
         }
     }
 

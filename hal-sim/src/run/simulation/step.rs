@@ -3,7 +3,7 @@
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{MAX_MESSAGE, Neighbour, Topic};
 
-use super::{EPOCH_MS, HISTORY_PERIOD, Simulation, TIME_PERIOD, Way, next_start};
+use super::{EPOCH_MS, HISTORY_PERIOD, Simulation, TIME_PERIOD, Way};
 use crate::devices::BodyEvent;
 use crate::net::fix::pose_fix;
 use crate::run::machine;
@@ -38,7 +38,7 @@ impl Simulation {
                 self.pass_troubles();
                 continue;
             }
-            if self.sched.now() >= self.next_start {
+            if self.sched.now() >= self.initial.due() {
                 self.start_waiting();
                 continue;
             }
@@ -188,24 +188,18 @@ impl Simulation {
 
     /// Gives the initial command to robots that can take it by now.
     fn start_waiting(&mut self) {
-        let Some(action) = self.action.clone() else {
-            self.next_start = Instant::FAR_FUTURE;
+        let Some((action, waiting)) = self.initial.take() else {
             return;
         };
-        let waiting = std::mem::take(&mut self.waiting);
+        let now = self.now();
         for number in waiting {
-            let machine = &self.machines[number as usize];
-            if machine.takes_commands() {
-                self.tell(number as usize, action.clone());
+            let number = number as usize;
+            if self.machines[number].takes_commands() {
+                self.tell(number, action.clone());
             } else {
-                self.waiting.push(number);
+                self.initial.wait(number, now);
             }
         }
-        self.next_start = if self.waiting.is_empty() {
-            Instant::FAR_FUTURE
-        } else {
-            next_start(self.now())
-        };
     }
 
     /// Sets the clocks of robots that no server tells the time.
