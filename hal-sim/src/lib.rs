@@ -3,6 +3,9 @@
 //!
 //! A world is a value: the same seed and the same scenario give the same history,
 //! byte for byte, on any number of threads and however many worlds run beside it.
+//!
+//! Reading order, from below: `world`, `faults`, `sched` and `cells`; `net` and `render`; `devices`;
+//! `scenario`; `run`; `evaluate` and `tools`; `live`.
 
 pub mod devices;
 pub mod evaluate;

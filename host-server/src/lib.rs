@@ -3,6 +3,11 @@
 //! [`config`] resolves the options, [`server::Server`] starts and stops everything, [`run`] is what
 //! the binary `terracrawler` does with the two. Robots are met in MQTT messages alone, whether the
 //! broker is in this process or not; what those messages are is `crawler-protocol`'s to say.
+//!
+//! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people: `broker`,
+//! `bus`, `fleet`, `fences`, `commands`, `history`, `recorder`, `feed`, `http`, `accounts`, `addresses`. Worlds:
+//! `simulation`, `simulator`, `experiments`, `recipe`. Several servers: `cluster`. The command line: `console`,
+//! `evaluate`, `replay`.
 
 pub mod config;
 pub mod console;

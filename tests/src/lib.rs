@@ -1,5 +1,8 @@
 //! Support for the end-to-end tests and the measurements: real processes on loopback, each ended
 //! by its own id, each wait bounded.
+//!
+//! Reading order: what is started in `server`, `clients`, `engines`, `certificates` and `port`; what is measured
+//! in `measure`, `load`, `chaos` and `soak`; `tamper`.
 
 mod certificates;
 pub mod chaos;

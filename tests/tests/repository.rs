@@ -40,6 +40,9 @@ const SCATTERED: [(&str, &str, usize); 6] = [
     ("host-server/records", "Records", 12),
 ];
 
+/// Modules from which on a crate says in which order to read them.
+const MANY_MODULES: usize = 8;
+
 /// The workspace of the host, and those of boards and models, which have lock files of their own.
 fn workspaces() -> Vec<PathBuf> {
     let inside = |folder: &str| std::fs::read_dir(root().join(folder)).expect("a folder of ours");
@@ -159,6 +162,50 @@ fn a_type_is_in_few_files() {
         }
     }
     assert!(scattered.is_empty(), "{}", scattered.join("\n"));
+}
+
+#[test]
+fn a_crate_says_in_which_order_to_read_it() {
+    let mut silent = Vec::new();
+    let mut count = 0;
+    for path in sources().iter().filter(|path| path.ends_with("src/lib.rs")) {
+        let text = std::fs::read_to_string(path).expect("UTF-8");
+        let modules = modules(&syn::parse_file(&text).expect("valid Rust"));
+        if modules.len() < MANY_MODULES {
+            continue;
+        }
+        count += 1;
+        let head = text.lines().take_while(|line| line.starts_with("//!"));
+        let words: BTreeSet<&str> = head
+            .flat_map(|line| line.split(|c: char| !(c.is_alphanumeric() || c == '_')))
+            .collect();
+        let missing: Vec<_> = modules
+            .iter()
+            .filter(|name| !words.contains(name.as_str()))
+            .collect();
+        if !missing.is_empty() {
+            silent.push(format!("{}: {missing:?}", path.display()));
+        }
+    }
+    assert!(silent.is_empty(), "{}", silent.join("\n"));
+    assert!(count > 8, "only {count} crates of many modules");
+}
+
+/// The modules that the root of a crate has in files, without its tests.
+fn modules(file: &syn::File) -> Vec<String> {
+    let modules = file.items.iter().filter_map(|item| match item {
+        syn::Item::Mod(module) if module.content.is_none() => Some(module),
+        _ => None,
+    });
+    let ours = modules.filter(|module| {
+        let conditions = module.attrs.iter().filter(|one| one.path().is_ident("cfg"));
+        let mut texts = conditions.filter_map(|one| match &one.meta {
+            syn::Meta::List(list) => Some(list.tokens.to_string()),
+            _ => None,
+        });
+        !texts.any(|text| text == "test")
+    });
+    ours.map(|module| module.ident.to_string()).collect()
 }
 
 /// Every source file that is no test.

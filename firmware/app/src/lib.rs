@@ -16,6 +16,17 @@
 //! | [`store()`] | flash | on demand |
 //! | [`link()`] | network | events |
 //! | [`camera()`] | camera, where there is one | on demand; `vision_period_ms` while it looks |
+//!
+//! # Reading order
+//!
+//! 1. What activities share, and who may write which part of it: `context`.
+//! 2. A command: `link`, `intake` with `ledger`, `memory` and `timesync`, `order`, `controller`, called by `control`.
+//! 3. What it comes to: `state`, `goal`, `behaviour`, `motion`.
+//! 4. What the robot knows: `sense`, `perception`, `power`, `tracking`, `neighbours`, `observe`, `camera`,
+//!    `vision`.
+//! 5. What it tells: `outbox`, `trouble`, `lamp`.
+//! 6. What it keeps: `config`, `parameters`, `store`; and on the side `hold`, memory of rare steps, and
+//!    `injected`, faults that are put in on purpose.
 #![no_std]
 // Activities are polled by the executor that owns their peripherals; no `Send` bound is wanted.
 #![allow(async_fn_in_trait)]

@@ -16,6 +16,9 @@
 //! | [`Network`] | joining a network and opening a byte stream |
 //! | [`System`] | reset, reset cause, watchdog |
 //! | [`Body`] | all of them as associated types, handed over once at boot |
+//!
+//! Reading order: `units`, `time` and `clock`; then the parts, `adc`, `camera`, `network` and `system`;
+//! `body` bundles them.
 #![no_std]
 // The futures of these traits are polled by the executor that owns the peripheral, so no `Send`
 // bound is wanted; the lint exists for public traits of thread pools.

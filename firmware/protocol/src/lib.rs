@@ -26,6 +26,9 @@
 //!
 //! The crate has no heap and no `std`. Feature `schema` adds JSON Schemas of all messages for the
 //! host.
+//!
+//! Reading order: `ids` and `topic`; `command` and `reason`; `message`, a file for each; `simulator`. Below
+//! them: `json` reads and writes, `number` and `words` are values in it, `schema` is for the host.
 #![no_std]
 
 #[cfg(any(feature = "schema", test))]

@@ -38,6 +38,12 @@
 //! alternative names are not compared; a read that is dropped loses the header of a record
 //! (`record_reader.rs`), which the session's `select` does all the time; a record without content
 //! panics (`connection.rs`); and its suites are AES alone. rustls needs a heap.
+//!
+//! # Reading order
+//!
+//! `authority`, `expected` and `error`; `stream` and `network`, which are called; `connection` with `hello`,
+//! `handshake`, `keys` and `record`; certificates in `chain`, `certificate`, `name` and `time`, over `der` and
+//! `reader`; `sizes`.
 #![no_std]
 
 #[cfg(test)]

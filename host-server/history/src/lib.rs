@@ -6,6 +6,9 @@
 //! robot, packed, at three levels: every sample, seconds, minutes. A question about an hour of a
 //! robot thus reads some sixty rows. After a crash the tail is read again, so nothing that
 //! [`History::flush`] confirmed is lost.
+//!
+//! Reading order: writing in `memory` and `keeper`; blocks in `seal`, `fold` and `codec`; `start` and
+//! `retention`; reading in `query`, `points`, `frames` and `span`.
 
 mod codec;
 mod fold;

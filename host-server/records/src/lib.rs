@@ -15,6 +15,9 @@
 //!
 //! Times are Unix milliseconds and handed in. Only the history looks at a clock, for what it may
 //! forget.
+//!
+//! Reading order: `store` and `settings`; `users`, `sessions`, `credentials` and `audit`; `events`, `arenas`,
+//! `fences` and `experiments`; below them `schema`, `query`, `postgres` and `text`; `backup` and `transfer`.
 
 mod arenas;
 mod audit;

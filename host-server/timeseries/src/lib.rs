@@ -7,6 +7,9 @@
 //! and answers as [`crawler_history::History`] does, in `InfluxQL` or `MetricsQL`.
 //!
 //! Each sample is one line of the measurement [`MEASUREMENT`]; `docs/history.md` has the schema.
+//!
+//! Reading order: `remote`, which is called; `shared`, `writer` and `line`; `engine`, `address` and `client`;
+//! `read`; `error`.
 
 mod address;
 mod client;

@@ -7,6 +7,9 @@
 //! The server either has a private authority of its own or uses files that the user
 //! keeps current. Both are looked after while the server runs: a certificate that is due is made
 //! anew, and files that change are read again. Every connection from then on gets the new one.
+//!
+//! Reading order: certificates in `files`, `names`, `authority`, `validity` and `shown`; connections in `door`,
+//! `carry` and `tunnel`; `error`.
 
 mod authority;
 mod carry;
