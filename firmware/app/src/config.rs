@@ -6,7 +6,7 @@ use crawler_hal::Millivolts;
 use crawler_protocol::{Fleet, Kind, RobotId};
 use heapless::String;
 
-use crate::vision::Lens;
+use crate::vision::lens::Lens;
 
 /// Identity, whereabouts of the broker, and shape of one robot. Fixed from boot to boot.
 #[derive(Debug, Clone)]

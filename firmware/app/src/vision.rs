@@ -17,7 +17,7 @@ mod class;
 #[cfg(test)]
 mod driving_tests;
 mod eyes;
-mod lens;
+pub(crate) mod lens;
 mod picture;
 #[cfg(test)]
 mod tests;
