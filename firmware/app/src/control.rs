@@ -182,7 +182,9 @@ impl Pilot {
         if woken_by.is_none() {
             // In this order: an order that is there after the halt was taken came after it.
             taken = robot.take_halt();
-            order = robot.take_order();
+            if robot.order_waits() {
+                order = robot.take_order();
+            }
         }
         let has_eyes = robot.config.eyes.is_some();
         let view = if has_eyes { robot.take_view() } else { None };
@@ -218,7 +220,7 @@ impl Pilot {
         };
         self.controller.step_into(&inputs, rng, now, outputs);
         let state = self.controller.state();
-        robot.publish(Snapshot {
+        robot.publish(&Snapshot {
             state: state.reported(),
             behaviour: self.controller.behaviour(),
             fault: state.fault(),

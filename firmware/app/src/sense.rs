@@ -58,7 +58,7 @@ where
             let before = lookout.health();
             let Snapshot { wheels, pose, .. } = robot.snapshot();
             let reading = lookout.observe(measured, wheels, pose.theta, now);
-            robot.sense_handle().publish(reading);
+            robot.sense_handle().publish(&reading);
             if reading.health != before {
                 let level = if reading.health.is_fault() {
                     Level::Error

@@ -273,7 +273,7 @@ impl Bench {
             Sensor::Silent => {}
             Sensor::Broken(health) => self.reading.health = health,
         }
-        self.robot.sense_handle().publish(self.reading);
+        self.robot.sense_handle().publish(&self.reading);
         let fault = self.motor_fault;
         let out = self
             .pilot

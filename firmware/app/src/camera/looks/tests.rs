@@ -172,7 +172,7 @@ impl Bench<'_> {
         let mut snapshot = self.robot.snapshot();
         snapshot.state = state;
         snapshot.behaviour = BehaviourName::Manual;
-        self.robot.control_handle().publish(snapshot);
+        self.robot.control_handle().publish(&snapshot);
     }
 
     /// Whether the link would have had something to tell every 100 ms for `span`: the places.

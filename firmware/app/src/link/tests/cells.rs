@@ -19,7 +19,7 @@ fn behave(broker: &Broker, behaviour: BehaviourName) {
     let mut snapshot = broker.robot.snapshot();
     snapshot.behaviour = behaviour;
     (snapshot.pose.x, snapshot.pose.y) = (0.5, 0.5);
-    broker.robot.control_handle().publish(snapshot);
+    broker.robot.control_handle().publish(&snapshot);
 }
 
 /// The next request of the robot, SUBSCRIBE or UNSUBSCRIBE: its kind, its identifier, and its filter with

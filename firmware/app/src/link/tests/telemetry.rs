@@ -90,7 +90,7 @@ fn check(messages: &[Message]) {
 fn set_state(broker: &Broker, state: RobotState) {
     let mut snapshot = broker.robot.snapshot();
     snapshot.state = state;
-    broker.robot.control_handle().publish(snapshot);
+    broker.robot.control_handle().publish(&snapshot);
 }
 
 #[test]
