@@ -37,9 +37,8 @@ for (const [message, schema] of Object.entries(messages)) {
     document.components.schemas[`${name}.${inner}`] = inDocument(definition, name)
   }
 }
-// Bodies are what the control room reads and writes; paths it knows by heart.
+// The same program under another number serves the same.
 document.info.version = ''
-document.paths = {}
 
 const types = astToString(await openapi(document, { alphabetize: true }))
 await mkdir(new URL('.', to), { recursive: true })

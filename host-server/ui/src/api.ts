@@ -1,25 +1,22 @@
 /** The calls that watching and steering robots take. */
 
-import type { CommandRecord, RobotBody } from './api-types'
+import type { CommandRecord, CommandRequest, RobotBody, RobotsBody } from './api-types'
+import { quickClient } from './client'
 import type { RobotSummary } from './fleet/order'
 import type { Readiness } from './fleet/health'
 import type { Send } from './http'
-import {
-  ApiError,
-  SLOW_MS,
-  call as callWith,
-  fields,
-  numeric,
-  payloadOf,
-  request,
-  text,
-} from './http'
+import { ApiError, SLOW_MS, fields, numeric, payloadOf, request, text, told } from './http'
 
 export { ApiError, problemText } from './http'
 
 export interface Command {
   command: string
   parameters?: Record<string, number | string | boolean>
+}
+
+/** As the interface describes it: pages hold what a person chose as names and values. */
+export function asRequest(command: Command): CommandRequest {
+  return command as CommandRequest
 }
 
 /** One thing that a robot saw. */
@@ -84,18 +81,18 @@ export interface Api {
 }
 
 export function createApi(send: Send = (...args) => fetch(...args)): Api {
-  const call = (method: string, path: string, body?: unknown) => callWith(send, method, path, body)
+  const ask = quickClient(send)
 
   return {
     async commandRobot(id, command) {
-      return commandId(await call('POST', `/robots/${encodeURIComponent(id)}/commands`, command))
+      const body = asRequest(command)
+      return commandId(await ask('post', '/robots/{id}/commands', { path: { id }, body }))
     },
     async commandSwarm(command) {
-      return commandId(await call('POST', '/swarm/commands', command))
+      return commandId(await ask('post', '/swarm/commands', { body: asRequest(command) }))
     },
     async outcome(id) {
-      const path = `/commands/${encodeURIComponent(id)}`
-      const body = told<CommandRecord>(await call('GET', path))
+      const body = told<CommandRecord>(await ask('get', '/commands/{id}', { path: { id } }))
       const counts = Object.entries(fields(body.counts)).map(
         ([name, count]) => [name, numeric(count) ?? 0] as const,
       )
@@ -107,13 +104,13 @@ export function createApi(send: Send = (...args) => fetch(...args)): Api {
       }
     },
     async robot(id) {
-      return details(await call('GET', `/robots/${encodeURIComponent(id)}`))
+      return details(await ask('get', '/robots/{id}', { path: { id } }))
     },
     async summaries() {
-      const list = fields(await call('GET', '/robots'))['robots']
+      const list = told<RobotsBody>(await ask('get', '/robots')).robots
       const found = new Map<string, RobotSummary>()
       if (!Array.isArray(list)) return found
-      for (const item of list as Partial<RobotBody>[]) {
+      for (const item of list.map((one) => told<RobotBody>(one))) {
         const id = text(item.id)
         if (id === null) continue
         found.set(id, {
@@ -164,11 +161,6 @@ async function bare(send: Send, path: string): Promise<Response> {
   } catch {
     throw new ApiError('the server cannot be reached', 0)
   }
-}
-
-/** The fields of a body that should be one of these, none of which can be relied on. */
-function told<T>(value: unknown): { readonly [K in keyof T]?: unknown } {
-  return fields(value) as { readonly [K in keyof T]?: unknown }
 }
 
 function details(value: unknown): RobotDetails {

@@ -12,6 +12,8 @@ export class ApiError extends Error {
     readonly retryAfter: number | null = null,
     /** What is wrong with this request; `null` without a problem document. */
     readonly detail: string | null = null,
+    /** The whole problem document, or whatever came in its place. */
+    readonly problem: unknown = null,
   ) {
     super(message)
   }
@@ -60,6 +62,7 @@ export async function payloadOf(response: Response): Promise<unknown> {
   return payload
 }
 
+/** For the calls of `client.ts`, which know what each takes and gives. */
 export async function call(
   send: Send,
   method: string,
@@ -78,6 +81,7 @@ function failure(response: Response, payload: unknown): ApiError {
     text(fields(payload)['code']),
     Number.isFinite(wait) && wait >= 0 ? Math.ceil(wait) : null,
     text(fields(payload)['detail']),
+    payload,
   )
 }
 
@@ -90,6 +94,11 @@ export function problemText(payload: unknown, status: number): string {
 
 export function fields(value: unknown): Record<string, unknown> {
   return typeof value === 'object' && value !== null ? (value as Record<string, unknown>) : {}
+}
+
+/** The fields of a body that should be one of these, none of which can be relied on. */
+export function told<T>(value: unknown): { readonly [K in keyof T]?: unknown } {
+  return fields(value) as { readonly [K in keyof T]?: unknown }
 }
 
 export function text(value: unknown): string | null {

@@ -1,7 +1,9 @@
 /** The calls that manage accounts, keys and the audit log; needed by the pages only. */
 
+import type { AuditVerdict, NewCredential, NewUser } from '../api-types'
+import { createClient } from '../client'
 import type { Send } from '../http'
-import { SLOW_MS, call, fields, numeric, text } from '../http'
+import { fields, numeric, text, told } from '../http'
 import type { Role } from './roles'
 import { parseRole } from './roles'
 
@@ -67,14 +69,11 @@ export interface AuditCheck {
 const VERIFY_MS = 120_000
 
 export function accountApi(send: Send) {
-  const ask = (method: string, path: string, body?: unknown, milliseconds = SLOW_MS) =>
-    call(send, method, path, body, milliseconds)
-  const user = (name: string) => `/users/${encodeURIComponent(name)}`
-  const credential = (robot: string) => `/robots/${encodeURIComponent(robot)}/credential`
+  const ask = createClient(send)
 
   return {
     async users(): Promise<User[]> {
-      return list(await ask('GET', '/users'), 'users').flatMap((item) => {
+      return list(await ask('get', '/users'), 'users').flatMap((item) => {
         const [name, role] = [text(item['name']), parseRole(item['role'])]
         if (name === null || role === null) return []
         const invited =
@@ -85,17 +84,17 @@ export function accountApi(send: Send) {
     },
     /** Gives the invitation's link. */
     async invite(name: string, role: Role): Promise<string | null> {
-      return text(fields(await ask('POST', '/users', { name, role }))['invitation'])
+      return text(told<NewUser>(await ask('post', '/users', { body: { name, role } })).invitation)
     },
     async change(name: string, change: { role?: Role; disabled?: boolean }): Promise<void> {
-      await ask('PATCH', user(name), change)
+      await ask('patch', '/users/{name}', { path: { name }, body: change })
     },
     async remove(name: string): Promise<void> {
-      await ask('DELETE', user(name))
+      await ask('delete', '/users/{name}', { path: { name } })
     },
 
     async sessions(): Promise<OpenSession[]> {
-      return list(await ask('GET', '/sessions'), 'sessions').flatMap((item) => {
+      return list(await ask('get', '/sessions'), 'sessions').flatMap((item) => {
         const id = text(item['id']) ?? numeric(item['id'])
         if (id === null) return []
         return [
@@ -111,11 +110,11 @@ export function accountApi(send: Send) {
       })
     },
     async endSession(id: string): Promise<void> {
-      await ask('DELETE', `/sessions/${encodeURIComponent(id)}`)
+      await ask('delete', '/sessions/{id}', { path: { id } })
     },
 
     async credentials(): Promise<Credential[]> {
-      return list(await ask('GET', '/credentials'), 'credentials').flatMap((item) => {
+      return list(await ask('get', '/credentials'), 'credentials').flatMap((item) => {
         const robot = text(item['robot']) ?? text(item['name'])
         if (robot === null) return []
         return [
@@ -129,22 +128,22 @@ export function accountApi(send: Send) {
       })
     },
     async enrol(robot: string): Promise<Enrolment> {
-      const body = fields(await ask('POST', credential(robot)))
+      const body = told<NewCredential>(
+        await ask('post', '/robots/{id}/credential', { path: { id: robot } }),
+      )
       return {
-        robot: text(body['robot']) ?? robot,
-        secret: text(body['secret']) ?? '',
-        url: text(body['url']) ?? '',
+        robot: text(body.robot) ?? robot,
+        secret: text(body.secret) ?? '',
+        url: text(body.url) ?? '',
       }
     },
     async revoke(robot: string): Promise<void> {
-      await ask('DELETE', credential(robot))
+      await ask('delete', '/robots/{id}/credential', { path: { id: robot } })
     },
 
     async audit(who: string, before: number | null, limit: number): Promise<AuditPage> {
-      const query = new URLSearchParams({ limit: String(limit) })
-      if (who !== '') query.set('who', who)
-      if (before !== null) query.set('before', String(before))
-      const body = await ask('GET', `/audit?${query.toString()}`)
+      const query = { limit, who: who === '' ? null : who, before }
+      const body = await ask('get', '/audit', { query })
       const entries = list(body, 'entries').flatMap((item) => {
         const [seq, at] = [numeric(item['seq']), numeric(item['at'])]
         if (seq === null || at === null) return []
@@ -165,12 +164,14 @@ export function accountApi(send: Send) {
       return { entries, next: numeric(fields(body)['next']) }
     },
     async verifyAudit(): Promise<AuditCheck> {
-      const body = fields(await ask('GET', '/audit/verify', undefined, VERIFY_MS))
+      const body = told<AuditVerdict>(
+        await ask('get', '/audit/verify', {}, { milliseconds: VERIFY_MS }),
+      )
       return {
-        entries: numeric(body['entries']) ?? 0,
-        intact: body['intact'] === true,
-        brokenAt: numeric(body['broken_at']),
-        lost: numeric(body['lost']) ?? 0,
+        entries: numeric(body.entries) ?? 0,
+        intact: body.intact === true,
+        brokenAt: numeric(body.broken_at),
+        lost: numeric(body.lost) ?? 0,
       }
     },
   }

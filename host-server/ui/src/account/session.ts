@@ -6,8 +6,11 @@
 
 import type { Ref } from 'vue'
 import { ref } from 'vue'
+import type { Ticket } from '../api-types'
+import type { Client } from '../client'
+import { createClient, quickClient } from '../client'
 import type { Send } from '../http'
-import { ApiError, SLOW_MS, call, fields, numeric, payloadOf, request, text } from '../http'
+import { ApiError, fields, numeric, payloadOf, request, text, told } from '../http'
 import { words } from '../strings-account'
 import type { Exclusive } from './exclusive'
 import type { Role } from './roles'
@@ -123,12 +126,13 @@ export class Session {
   }
 
   async logIn(user: string, password: string): Promise<void> {
-    await this.enter('/session', { user, password })
+    await this.enter((ask) => ask('post', '/session', { body: { user, password } }))
   }
 
   /** Makes the account that an invitation is for, and is logged in by it. */
   async accept(code: string, name: string, password: string): Promise<void> {
-    await this.enter('/invitations', { code, ...(name === '' ? {} : { name }), password })
+    const body = { code, ...(name === '' ? {} : { name }), password }
+    await this.enter((ask) => ask('post', '/invitations', { body }))
   }
 
   /** Ends the session at the server; only the server can take the cookie away. */
@@ -142,13 +146,13 @@ export class Session {
   }
 
   async changePassword(old: string, next: string): Promise<void> {
-    await call(this.send, 'PUT', '/session/password', { old, new: next }, SLOW_MS)
+    await createClient(this.send)('put', '/session/password', { body: { old, new: next } })
   }
 
   /** Something to open the live feed with; `null` where none is needed. */
   async ticket(): Promise<string | null> {
     if (this.state.value === 'open') return null
-    return text(fields(await call(this.send, 'POST', '/session/ticket'))['ticket'])
+    return text(told<Ticket>(await quickClient(this.send)('post', '/session/ticket')).ticket)
   }
 
   /** `fetch` in the name of the user; a token that has run out is replaced and the call repeated. */
@@ -227,9 +231,9 @@ export class Session {
     void this.renew()
   }
 
-  private async enter(path: string, body: unknown): Promise<void> {
+  private async enter(call: (ask: Client) => Promise<unknown>): Promise<void> {
     try {
-      this.take(await call(this.options.send, 'POST', path, body, SLOW_MS), true)
+      this.take(await call(createClient(this.options.send)), true)
     } catch (error) {
       // It was started anew without accounts while the form was filled in.
       if (!(error instanceof ApiError) || error.code !== 'open_server') throw error

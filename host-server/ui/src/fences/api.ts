@@ -1,8 +1,8 @@
 /** Calls about fences. */
 
-import type { FenceBody, FencesBody, NewFence } from '../api-types'
+import type { FenceBody, NewFence } from '../api-types'
+import { createClient } from '../client'
 import type { Send } from '../http'
-import { SLOW_MS, call } from '../http'
 
 export interface FencesApi {
   list(): Promise<readonly FenceBody[]>
@@ -12,18 +12,16 @@ export interface FencesApi {
 }
 
 export function fencesApi(send: Send): FencesApi {
-  const ask = async <T>(method: string, path: string, body?: unknown): Promise<T> =>
-    (await call(send, method, path, body, SLOW_MS)) as T
-  const of = (id: string): string => `/fences/${encodeURIComponent(id)}`
+  const ask = createClient(send)
 
   return {
     async list() {
-      return (await ask<FencesBody>('GET', '/fences')).fences
+      return (await ask('get', '/fences')).fences
     },
-    add: (fence) => ask('POST', '/fences', fence),
-    change: (id, fence) => ask('PUT', of(id), fence),
+    add: (fence) => ask('post', '/fences', { body: fence }),
+    change: (id, fence) => ask('put', '/fences/{id}', { path: { id }, body: fence }),
     async remove(id) {
-      await ask('DELETE', of(id))
+      await ask('delete', '/fences/{id}', { path: { id } })
     },
   }
 }

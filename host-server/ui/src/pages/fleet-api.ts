@@ -2,20 +2,19 @@
 
 import type {
   CommandRecord,
-  CommandRecords,
   LogRecord,
   ParametersBody,
   ScenarioPreview,
   ScenarioSummary,
-  Scenarios,
   SimulatorAnswer,
   SimulatorBody,
   SimulatorCommand,
   TelemetryHistory,
 } from '../api-types'
 import type { Command } from '../api'
+import { asRequest } from '../api'
+import { createClient } from '../client'
 import type { Send } from '../http'
-import { SLOW_MS, call } from '../http'
 
 export type Parameter = ParametersBody['parameters'][number]
 export type ParameterValue = number | string | boolean
@@ -47,49 +46,41 @@ export interface FleetApi {
 }
 
 export function fleetApi(send: Send): FleetApi {
-  // The server's answers are what it says they are: a test on its side holds it to that.
-  const ask = async <T>(method: string, path: string, body?: unknown): Promise<T> =>
-    (await call(send, method, path, body, SLOW_MS)) as T
-  const of = (robot: string): string => `/robots/${encodeURIComponent(robot)}`
+  const ask = createClient(send)
 
   return {
-    async parameters(robot) {
-      return (await ask<ParametersBody>('GET', `${of(robot)}/parameters`)).parameters
+    async parameters(id) {
+      return (await ask('get', '/robots/{id}/parameters', { path: { id } })).parameters
     },
-    setParameters: (robot, values) => ask('PUT', `${of(robot)}/parameters`, values),
-    async logs(robot) {
-      return (await ask<{ records: LogRecord[] }>('GET', `${of(robot)}/logs`)).records
+    setParameters: (id, values) =>
+      ask('put', '/robots/{id}/parameters', { path: { id }, body: values }),
+    async logs(id) {
+      const { records } = await ask('get', '/robots/{id}/logs', { path: { id } })
+      // Messages of robots, whose type the description of the interface leaves open.
+      return records as unknown as LogRecord[]
     },
-    history: (robot, { from, to, step }) =>
-      ask(
-        'GET',
-        `${of(robot)}/telemetry?from=${String(from)}&to=${String(to)}&step=${String(step)}`,
-      ),
+    history: (id, { from, to, step }) =>
+      ask('get', '/robots/{id}/telemetry', { path: { id }, query: { from, to, step } }),
     async commands(robot, limit) {
-      const which = robot === null ? '' : `&robot=${encodeURIComponent(robot)}`
-      return (await ask<CommandRecords>('GET', `/commands?limit=${String(limit)}${which}`)).commands
+      return (await ask('get', '/commands', { query: { limit, robot } })).commands
     },
-    command: (id) => ask('GET', `/commands/${encodeURIComponent(id)}`),
-    toRobot: (robot, command) => ask('POST', `${of(robot)}/commands`, command),
-    toSwarm: (command) => ask('POST', '/swarm/commands', command),
-    simulator: () => ask('GET', '/simulator'),
-    simulate: (command) => ask('POST', '/simulator/commands', command),
+    command: (id) => ask('get', '/commands/{id}', { path: { id } }),
+    toRobot: (id, command) =>
+      ask('post', '/robots/{id}/commands', { path: { id }, body: asRequest(command) }),
+    toSwarm: (command) => ask('post', '/swarm/commands', { body: asRequest(command) }),
+    simulator: () => ask('get', '/simulator'),
+    simulate: (command) => ask('post', '/simulator/commands', { body: command }),
     async scenarios() {
-      return (await ask<Scenarios>('GET', '/simulator/scenarios')).scenarios
+      return (await ask('get', '/simulator/scenarios')).scenarios
     },
-    scenario(name, robots, seed) {
-      const query = new URLSearchParams()
-      if (robots !== null) query.set('robots', String(robots))
-      if (seed !== null) query.set('seed', String(seed))
-      const asked = query.size === 0 ? '' : `?${query.toString()}`
-      return ask('GET', `/simulator/scenarios/${encodeURIComponent(name)}${asked}`)
-    },
-    async inject(robot, fault, lasting) {
+    scenario: (name, robots, seed) =>
+      ask('get', '/simulator/scenarios/{name}', { path: { name }, query: { robots, seed } }),
+    async inject(id, fault, lasting) {
       const body = lasting === null ? { fault } : { fault, lasting_ms: lasting }
-      await ask('POST', `${of(robot)}/faults`, body)
+      await ask('post', '/robots/{id}/faults', { path: { id }, body })
     },
-    async heal(robot) {
-      await ask('DELETE', `${of(robot)}/faults`)
+    async heal(id) {
+      await ask('delete', '/robots/{id}/faults', { path: { id } })
     },
   }
 }

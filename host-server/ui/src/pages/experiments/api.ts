@@ -1,15 +1,10 @@
 /** Calls of the pages about experiments. */
 
-import type {
-  Experiment,
-  ExperimentMetrics,
-  NewExperiment,
-  ScenarioSummary,
-  Scenarios,
-} from '../../api-types'
+import type { Experiment, ExperimentMetrics, NewExperiment, ScenarioSummary } from '../../api-types'
 import type { Act } from '../../experiments/shown'
+import { createClient } from '../../client'
 import type { Send } from '../../http'
-import { ApiError, SLOW_MS, call, fields, payloadOf, request, text } from '../../http'
+import { ApiError, fields, text } from '../../http'
 
 /** The most that a server gives of them at once. */
 export const TRIALS_AT_ONCE = 5_000
@@ -21,7 +16,7 @@ export class FormRefused extends ApiError {
     from: ApiError,
     readonly errors: readonly { field: string; message: string }[],
   ) {
-    super(from.message, from.status, from.code, from.retryAfter, from.detail)
+    super(from.message, from.status, from.code, from.retryAfter, from.detail, from.problem)
   }
 }
 
@@ -39,49 +34,43 @@ export interface ExperimentsApi {
 }
 
 export function experimentsApi(send: Send): ExperimentsApi {
-  // The server's answers are what it says they are: a test on its side holds it to that.
-  const ask = async <T>(method: string, path: string, body?: unknown): Promise<T> =>
-    (await call(send, method, path, body, SLOW_MS)) as T
-  const of = (id: string): string => `/experiments/${encodeURIComponent(id)}`
+  const ask = createClient(send)
 
   return {
     async list(pages) {
       const found: Experiment[] = []
       let before: string | null = null
       for (let page = 0; page < pages; page++) {
-        const from: string = before === null ? '' : `&before=${encodeURIComponent(before)}`
-        const path = `/experiments?limit=${String(LISTED_AT_ONCE)}${from}`
-        const told = await ask<{ experiments: Experiment[]; next?: string | null }>('GET', path)
+        const query: { limit: number; before: string | null } = { limit: LISTED_AT_ONCE, before }
+        const told = await ask('get', '/experiments', { query })
         found.push(...told.experiments)
         before = told.next ?? null
         if (before === null) break
       }
       return { experiments: found, more: before !== null }
     },
-    one: (id) => ask('GET', of(id)),
+    one: (id) => ask('get', '/experiments/{id}', { path: { id } }),
     async create(experiment) {
-      const answer = await request(send, 'POST', '/experiments', experiment, SLOW_MS)
-      const copy = answer.clone()
       try {
-        return (await payloadOf(answer)) as Experiment
+        return await ask('post', '/experiments', { body: experiment })
       } catch (error) {
-        const errors = wrongFields(await copy.json().catch(() => null))
+        const errors = error instanceof ApiError ? wrongFields(error.problem) : []
         throw error instanceof ApiError && errors.length > 0
           ? new FormRefused(error, errors)
           : error
       }
     },
-    act: (id, act) => ask('POST', `${of(id)}/${act}`),
+    act: (id, act) => ask('post', `/experiments/{id}/${act}`, { path: { id } }),
     async remove(id) {
-      await ask('DELETE', of(id))
+      await ask('delete', '/experiments/{id}', { path: { id } })
     },
     trials(id, after) {
-      const from = after < 0 ? '' : `&after=${String(after)}`
-      return ask('GET', `${of(id)}/metrics?limit=${String(TRIALS_AT_ONCE)}${from}`)
+      const query = { limit: TRIALS_AT_ONCE, after: after < 0 ? null : after }
+      return ask('get', '/experiments/{id}/metrics', { path: { id }, query })
     },
     async scenarios() {
       try {
-        return (await ask<Scenarios>('GET', '/simulator/scenarios')).scenarios
+        return (await ask('get', '/simulator/scenarios')).scenarios
       } catch (error) {
         if (error instanceof ApiError && error.status === 404) return null
         throw error
