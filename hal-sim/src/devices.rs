@@ -1,6 +1,10 @@
 //! The devices of a simulated robot, on the far side of the traits of `crawler-hal`.
 //!
 //! They are stricter than hardware: what a data sheet forbids fails or is recorded here.
+//!
+//! Reading order: `world` is a world whose robots have devices; `ports` is what those share with
+//! it; `ear`, `meter` and `motor` are the physics of sensors and drives, the others what a program
+//! holds in its hands; `broken` breaks them; `hash` and `checkpoint` are for what comes after.
 
 mod broken;
 mod camera;

@@ -4,8 +4,18 @@
 //! A world is a value: the same seed and the same scenario give the same history,
 //! byte for byte, on any number of threads and however many worlds run beside it.
 //!
-//! Reading order, from below: `world`, `faults`, `sched` and `cells`; `net` and `render`; `devices`;
-//! `scenario`; `run`; `evaluate` and `tools`; `live`.
+//! # Reading order
+//! Each layer imports from those above it in this table alone; a test holds the modules to it.
+//!
+//! | modules | what they are |
+//! |---|---|
+//! | [`world`], [`sched`], [`faults`] | arena, bodies and physics; virtual time and its tasks; what can break |
+//! | `render`, `net` | pictures of a world; ways to a broker, in virtual time and over sockets |
+//! | [`devices`] | what `crawler-hal` abstracts, and a world with them in it |
+//! | [`scenario`] | recipes for worlds |
+//! | [`run`] | the robot program in every body: one simulation, several threads, or none of the program |
+//! | [`evaluate`], [`tools`] | many runs and what they come to; record, replay, stop, keep, measure |
+//! | `live` | a world in real time, on a thread of its own |
 
 pub mod devices;
 pub mod evaluate;

@@ -1,4 +1,10 @@
 //! Robots at work: a world, the real robot program in each body, and a way to the network.
+//!
+//! Reading order: `machine` runs the program of one robot; `simulation` has all of them in a world
+//! and lets time pass; `director`, `eyes` and `overhead` are the scenario, the detector behind the
+//! lenses and the camera above the arena; `journal` and `hashes` are what was done to a simulation
+//! and what came of it; `tape` listens to devices. [`parallel`] cuts one simulation into shards,
+//! [`bare`] does without the program.
 
 pub mod bare;
 pub(crate) mod control;

@@ -1,4 +1,9 @@
 //! A simulation: see [`Simulation`].
+//!
+//! Reading order: this file makes one; `step` lets time pass; `robots` adds, boots and removes;
+//! `initial`, `direct` and `command` tell robots what to do; `faults` and `hostile` trouble them;
+//! `outside` is what else can be done to it, `observe` and `history` what can be asked;
+//! `checkpoint` keeps a live one to go on from.
 
 #[cfg(feature = "live")]
 mod checkpoint;
