@@ -19,11 +19,11 @@ use std::time::{Duration, Instant};
 
 use crawler_access::token::{Claims, Key, TokenError};
 use crawler_access::{Digest, Role, Secret, UserName};
+use crawler_cluster::Cluster;
 use crawler_records::{Records, RecordsError};
 use tokio_util::sync::CancellationToken;
 
-use crate::clock;
-use crate::cluster::ClusterMembership;
+use crate::clock::now_ms;
 use crate::hex;
 use login::Rotated;
 use sessions::Alive;
@@ -200,13 +200,13 @@ impl Accounts {
     pub(crate) async fn shared_ticket(
         &self,
         identity: &Identity,
-        membership: &ClusterMembership,
+        cluster: &Cluster,
     ) -> Option<Secret> {
         // Also here, for as long as Redis is away.
         let ticket = self.ticket(identity)?;
         let lent = tickets::Lent::of(identity);
         let name = hex(&ticket.digest().0);
-        let told = membership.cluster.lend(&name, &lent, TICKET_LIFETIME).await;
+        let told = cluster.lend(&name, &lent, TICKET_LIFETIME).await;
         if let Err(error) = told {
             tracing::warn!(%error, "a ticket is good on this server alone");
         }
@@ -214,14 +214,10 @@ impl Accounts {
     }
 
     /// Whose ticket this is, whichever server gave it. It is used up by that.
-    pub(crate) async fn redeem_shared(
-        &self,
-        ticket: &str,
-        membership: &ClusterMembership,
-    ) -> Option<Identity> {
+    pub(crate) async fn redeem_shared(&self, ticket: &str, cluster: &Cluster) -> Option<Identity> {
         let secret: Secret = ticket.parse().ok()?;
         let own = lock(&self.tickets).redeem(&secret, Instant::now());
-        match membership.cluster.redeem(&hex(&secret.digest().0)).await {
+        match cluster.redeem(&hex(&secret.digest().0)).await {
             Ok(lent) => {
                 let (session, role) = tickets::Lent::read(&lent?)?;
                 let alive = lock(&self.alive);
@@ -300,11 +296,6 @@ impl Accounts {
         alive.sweep(now);
         Ok(())
     }
-}
-
-/// Unix milliseconds, as the records have them.
-pub(crate) fn now_ms() -> i64 {
-    i64::try_from(clock::unix_ms()).unwrap_or(i64::MAX)
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

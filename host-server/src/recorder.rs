@@ -9,7 +9,7 @@ use crawler_records::{Event, EventRetention, Records, RecordsError};
 use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
-use crate::accounts::now_ms;
+use crate::clock::now_ms;
 use crate::cluster::ClusterMembership;
 use crate::metrics::Exposition;
 

@@ -15,7 +15,7 @@ use crawler_records::{Records, RecordsError};
 use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
-use super::now_ms;
+use crate::clock::now_ms;
 use crate::metrics::Metrics;
 use queue::Queue;
 

@@ -8,7 +8,8 @@ use crawler_access::{Role, Secret, UserName};
 use crawler_records::{RecordsError, User};
 
 use super::login::new_secret;
-use super::{Accounts, Entered, LoginError, OpenError, lock, now_ms};
+use super::{Accounts, Entered, LoginError, OpenError, lock};
+use crate::clock::now_ms;
 
 /// For how long an invitation is good.
 const LIFETIME: Duration = Duration::from_hours(24);

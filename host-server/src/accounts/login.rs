@@ -8,7 +8,8 @@ use crawler_access::password::{self, HashError, Weak};
 use crawler_access::{Digest, Role, Secret, UserName};
 use crawler_records::{RecordsError, Refreshed, User};
 
-use super::{Accounts, Busy, Identity, SESSION_LIFETIME, lock, now_ms};
+use super::{Accounts, Busy, Identity, SESSION_LIFETIME, lock};
+use crate::clock::now_ms;
 
 /// Two pages of one browser may use the same refresh token at the same moment. The second is not a
 /// thief when it comes this soon after the first; it gets no refresh token of its own.

@@ -6,7 +6,8 @@ use crawler_records::{RecordsError, User};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{Accounts, LoginError, lock, now_ms};
+use super::{Accounts, LoginError, lock};
+use crate::clock::now_ms;
 
 /// An account, without what is secret about it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]

@@ -11,7 +11,7 @@ use super::board::Entry;
 use super::keeper::{metrics, recount, store, take_up};
 use super::recipe::{FieldError, read};
 use super::{Experiments, Tally};
-use crate::accounts::now_ms;
+use crate::clock::now_ms;
 
 use ExperimentState::{Created, Paused, Running, Stopped};
 

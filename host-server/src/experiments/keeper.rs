@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 use super::board::Entry;
 use super::results::{self, MetricView, Tally};
 use super::{Experiments, Recipe};
-use crate::accounts::now_ms;
+use crate::clock::now_ms;
 
 /// Trials that come within this time are stored together.
 const GATHER: Duration = Duration::from_millis(250);

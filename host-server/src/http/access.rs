@@ -347,7 +347,11 @@ impl Gate {
         }
         let shared = self.shared_ticket(&request);
         let redeemed = match shared {
-            Some((membership, ticket)) => self.accounts.redeem_shared(&ticket, membership).await,
+            Some((membership, ticket)) => {
+                self.accounts
+                    .redeem_shared(&ticket, &membership.cluster)
+                    .await
+            }
             None => None,
         };
         let caller = match self.admit(&request, redeemed) {

@@ -16,8 +16,8 @@ use super::access::Caller;
 use super::audit::Audit;
 use super::problem::{Code, Problem};
 use super::state::Broker;
-use crate::accounts::now_ms;
 use crate::broker::Kind;
+use crate::clock::now_ms;
 use crate::config::BrokerUrl;
 
 /// A credential, without its secret, which nobody keeps.

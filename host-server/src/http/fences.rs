@@ -16,7 +16,7 @@ use super::audit::Audit;
 use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::state::ApiState;
-use crate::accounts::now_ms;
+use crate::clock::now_ms;
 use crate::fences;
 use crate::fleet::{Fence, FenceAction, FenceKind, Shape, ShapeError, SharedFleet};
 

@@ -16,7 +16,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::problem::{Code, Problem};
 use super::query::{ApiQuery, bad_query};
 use super::telemetry::{bounds, problem};
-use crate::accounts::now_ms;
+use crate::clock::now_ms;
 use crate::fleet::SharedFleet;
 use crate::history::History;
 

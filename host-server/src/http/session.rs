@@ -414,7 +414,7 @@ pub(super) async fn ticket(
 ) -> Result<Json<TicketView>, Problem> {
     let identity = caller.identity()?;
     let ticket = match &membership {
-        Some(membership) => accounts.shared_ticket(identity, membership).await,
+        Some(membership) => accounts.shared_ticket(identity, &membership.cluster).await,
         None => accounts.ticket(identity),
     };
     let ticket = ticket.ok_or_else(|| Problem::internal("no randomness"))?;

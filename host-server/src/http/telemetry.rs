@@ -12,7 +12,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::problem::{Code, Problem};
 use super::query::{ApiQuery, bad_query};
-use crate::accounts::now_ms;
+use crate::clock::now_ms;
 use crate::history::{History, HistoryError};
 
 /// When another try may find the engine back.

@@ -13,9 +13,10 @@ use super::cells::Cells;
 use super::outcome_log::OutcomeLog;
 use super::watch::Watch;
 use super::writable::Writable;
-use crate::accounts::{self, Accounts, AuditLog};
+use crate::accounts::{Accounts, AuditLog};
 use crate::broker::BrokerHandle;
 use crate::bus::Bus;
+use crate::clock;
 use crate::cluster::ClusterMembership;
 use crate::commands::CommandCenter;
 use crate::feed::{self, Feed, Numbers};
@@ -162,7 +163,7 @@ impl Upkeep {
             }
             if pruned.is_none_or(|at| at.elapsed() >= PRUNE) {
                 pruned = Some(Instant::now());
-                if let Err(error) = self.records.prune(accounts::now_ms()).await {
+                if let Err(error) = self.records.prune(clock::now_ms()).await {
                     tracing::warn!(%error, "cannot forget sessions that are over");
                 }
             }

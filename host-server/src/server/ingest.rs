@@ -8,8 +8,8 @@ use crawler_cluster::frame::{Message, Told};
 use crawler_protocol::{Fleet, Telemetry, Topic};
 
 use super::outcome_log::OutcomeLog;
-use crate::accounts;
 use crate::bus::Receiver;
+use crate::clock;
 use crate::cluster::{ClusterMembership, is_shared};
 use crate::commands::CommandCenter;
 use crate::fences::Stops;
@@ -90,7 +90,7 @@ impl Receiver for Ingest {
                 && !message.retained
                 && let Some(newest) = fleet.get(robot).and_then(|robot| robot.telemetry.as_ref())
             {
-                let now = accounts::now_ms();
+                let now = clock::now_ms();
                 for telemetry in earlier.iter().chain([newest]) {
                     let sample = sample(telemetry, now - age(telemetry, newest));
                     if self.history.push(sample).is_err() {

@@ -13,6 +13,11 @@ pub fn unix_ms() -> u64 {
         .map_or(0, |elapsed| elapsed.as_millis() as u64)
 }
 
+/// Unix milliseconds, as the records have them: with a sign.
+pub fn now_ms() -> i64 {
+    i64::try_from(unix_ms()).unwrap_or(i64::MAX)
+}
+
 /// Unix microseconds; 0 when the machine's clock stands before 1970.
 pub fn unix_us() -> u64 {
     SystemTime::now()

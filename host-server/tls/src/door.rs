@@ -55,6 +55,7 @@ impl Door {
     }
 
     /// The same with another time for the whole handshake.
+    #[must_use]
     pub fn within(self, time_out: Duration) -> Self {
         Self { time_out, ..self }
     }
