@@ -16,7 +16,6 @@ pub mod replay;
 pub mod run;
 pub mod server;
 
-mod accounts;
 mod addresses;
 mod broker;
 mod bus;
@@ -33,6 +32,7 @@ mod recorder;
 mod simulation;
 mod simulator;
 
+use crawler_accounts as accounts;
 use crawler_metrics as metrics;
 use crawler_server_tls as tls;
 use crawler_system::text::hex;

@@ -57,6 +57,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-detector",
             "crawler-access",
             "crawler-cells",
+            "crawler-accounts",
             "crawler-cluster",
             "crawler-delivery",
             "crawler-history",
@@ -68,6 +69,16 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     ("crawler-metrics", &["crawler-protocol", "crawler-system"]),
+    (
+        "crawler-accounts",
+        &[
+            "crawler-access",
+            "crawler-cluster",
+            "crawler-metrics",
+            "crawler-records",
+            "crawler-system",
+        ],
+    ),
     ("crawler-server-tls", &["crawler-system"]),
     ("crawler-system", &["crawler-access"]),
     (

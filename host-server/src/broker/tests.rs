@@ -42,7 +42,7 @@ impl Bench {
         tokio::spawn(writer.run(CancellationToken::new()));
         let accounts = Arc::new(RecordAccounts::new(
             records.clone(),
-            Arc::new(crate::accounts::Failures::new()),
+            Arc::new(crate::accounts::Failures::default()),
             crate::accounts::Hashing::new(Duration::from_mins(1)),
             audit.notes(),
         ));

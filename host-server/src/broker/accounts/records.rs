@@ -202,7 +202,7 @@ mod tests {
         let (audit, _writer) = AuditLog::new(records.clone(), Arc::new(Metrics::new()));
         let accounts = RecordAccounts::new(
             records,
-            Arc::new(Failures::new()),
+            Arc::new(Failures::default()),
             Hashing::new(Duration::from_mins(1)),
             audit.notes(),
         );

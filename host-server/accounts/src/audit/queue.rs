@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use crawler_records::{Entry, RecordsError};
 use tokio::sync::{Notify, oneshot};
 
-use crate::metrics::{Dropped, Metrics};
+use crawler_metrics::{Dropped, Metrics};
 
 /// Entries that wait to be written, at most.
-pub(super) const MOST: usize = 4_096;
+pub(crate) const MOST: usize = 4_096;
 
 struct Waiting {
     entry: Entry,
@@ -36,14 +36,14 @@ struct State {
 }
 
 /// See the [module](self).
-pub(super) struct Queue {
+pub(crate) struct Queue {
     state: Mutex<State>,
     added: Notify,
     metrics: Arc<Metrics>,
 }
 
 impl Queue {
-    pub(super) fn new(metrics: Arc<Metrics>) -> Self {
+    pub(crate) fn new(metrics: Arc<Metrics>) -> Self {
         metrics.audit.written(true, 0);
         Self {
             state: Mutex::default(),
@@ -57,7 +57,7 @@ impl Queue {
     }
 
     /// Adds an entry. One too many makes a gap, or a longer one.
-    pub(super) fn push(&self, entry: Entry) {
+    pub(crate) fn push(&self, entry: Entry) {
         self.add(entry, None);
     }
 
@@ -65,7 +65,7 @@ impl Queue {
     ///
     /// # Cancellation safety
     /// It is written all the same.
-    pub(super) async fn push_and_wait(&self, entry: Entry) {
+    pub(crate) async fn push_and_wait(&self, entry: Entry) {
         let (written, waits) = oneshot::channel();
         self.add(entry, Some(written));
         // An error says that it was not written for now.
@@ -102,12 +102,12 @@ impl Queue {
     }
 
     /// Returns when something was added.
-    pub(super) async fn added(&self) {
+    pub(crate) async fn added(&self) {
         self.added.notified().await;
     }
 
     /// The first entries; they stay until they are [written](Queue::written).
-    pub(super) fn batch(&self, most: usize) -> Vec<Entry> {
+    pub(crate) fn batch(&self, most: usize) -> Vec<Entry> {
         let mut state = self.state();
         if state.entries.is_empty() {
             state.write_gap();
@@ -117,7 +117,7 @@ impl Queue {
     }
 
     /// The first `count` entries are in the records.
-    pub(super) fn written(&self, count: usize) {
+    pub(crate) fn written(&self, count: usize) {
         let mut state = self.state();
         if std::mem::take(&mut state.failing) {
             tracing::info!("the audit log can be written again");
@@ -133,7 +133,7 @@ impl Queue {
     }
 
     /// The records did not take the first entries.
-    pub(super) fn failed(&self, error: &RecordsError) {
+    pub(crate) fn failed(&self, error: &RecordsError) {
         let mut state = self.state();
         if !std::mem::replace(&mut state.failing, true) {
             tracing::error!(%error, "the audit log cannot be written: its lines wait in memory");
@@ -144,7 +144,7 @@ impl Queue {
     }
 
     /// Takes nothing more.
-    pub(super) fn end(&self) {
+    pub(crate) fn end(&self) {
         let mut state = self.state();
         state.ended = true;
         state.let_go();
@@ -157,11 +157,11 @@ impl Queue {
         }
     }
 
-    pub(super) fn is_failing(&self) -> bool {
+    pub(crate) fn is_failing(&self) -> bool {
         self.state().failing
     }
 
-    pub(super) fn is_half_empty(&self) -> bool {
+    pub(crate) fn is_half_empty(&self) -> bool {
         self.state().entries.len() < MOST / 2
     }
 }

@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 
 /// Why a session ended, for whoever still listens to the live feed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Ending {
+pub enum Ending {
     /// Somebody ended it.
     Revoked,
     /// Nobody refreshed it in time.
@@ -31,7 +31,7 @@ const REMEMBERED: i64 = 10 * 60 * 1_000;
 
 /// Sessions by their number.
 #[derive(Debug, Default)]
-pub(super) struct Alive {
+pub(crate) struct Alive {
     sessions: HashMap<u64, Session>,
     /// Those that ended lately: why, and when.
     ended: HashMap<u64, (Ending, i64)>,
@@ -39,7 +39,7 @@ pub(super) struct Alive {
 
 impl Alive {
     /// Notes a session, or that it lasts longer than it did. One that has ended stays ended.
-    pub(super) fn insert(&mut self, id: u64, user: &UserName, expires: i64) {
+    pub(crate) fn insert(&mut self, id: u64, user: &UserName, expires: i64) {
         if self.ended.contains_key(&id) {
             return;
         }
@@ -54,24 +54,24 @@ impl Alive {
     }
 
     /// Whose session this is, and what ends with it.
-    pub(super) fn get(&self, id: u64, now: i64) -> Option<(&UserName, CancellationToken)> {
+    pub(crate) fn get(&self, id: u64, now: i64) -> Option<(&UserName, CancellationToken)> {
         let session = self.sessions.get(&id)?;
         (session.expires > now).then(|| (&session.user, session.ended.clone()))
     }
 
     /// Why a session has ended.
-    pub(super) fn ending(&self, id: u64) -> Ending {
+    pub(crate) fn ending(&self, id: u64) -> Ending {
         let ended = self.ended.get(&id);
         ended.map_or(Ending::Revoked, |(ending, _)| *ending)
     }
 
     /// The numbers of all sessions.
-    pub(super) fn ids(&self) -> Vec<u64> {
+    pub(crate) fn ids(&self) -> Vec<u64> {
         self.sessions.keys().copied().collect()
     }
 
     /// Ends a session, whether or not it is known.
-    pub(super) fn end(&mut self, id: u64, now: i64) {
+    pub(crate) fn end(&mut self, id: u64, now: i64) {
         self.over(id, Ending::Revoked, now);
     }
 
@@ -83,7 +83,7 @@ impl Alive {
     }
 
     /// Ends all sessions of a user but one.
-    pub(super) fn end_all(&mut self, user: &UserName, but: Option<u64>, now: i64) {
+    pub(crate) fn end_all(&mut self, user: &UserName, but: Option<u64>, now: i64) {
         let own = self.sessions.iter();
         let own = own.filter(|(id, session)| session.user == *user && but != Some(**id));
         for id in own.map(|(id, _)| *id).collect::<Vec<_>>() {
@@ -92,7 +92,7 @@ impl Alive {
     }
 
     /// Ends sessions that nobody refreshed in time, and forgets those that ended long ago.
-    pub(super) fn sweep(&mut self, now: i64) {
+    pub(crate) fn sweep(&mut self, now: i64) {
         let late = self.sessions.iter();
         let late = late.filter(|(_, session)| session.expires <= now);
         for id in late.map(|(id, _)| *id).collect::<Vec<_>>() {

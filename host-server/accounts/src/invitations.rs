@@ -7,16 +7,19 @@ use crawler_access::password::{self, Weak};
 use crawler_access::{Role, Secret, UserName};
 use crawler_records::{RecordsError, User};
 
-use super::login::new_secret;
-use super::{Accounts, Entered, LoginError, OpenError, lock};
-use crate::clock::now_ms;
+use crate::login::new_secret;
+use crate::{Accounts, Entered, LoginError, OpenError, lock};
+use crawler_system::clock::now_ms;
 
 /// For how long an invitation is good.
 const LIFETIME: Duration = Duration::from_hours(24);
 
 impl Accounts {
     /// Makes an invitation to an account; returns its code.
-    pub(crate) async fn invite(&self, user: &UserName, role: Role) -> Result<Secret, LoginError> {
+    ///
+    /// # Errors
+    /// [`LoginError`] of the records, or when there is no randomness.
+    pub async fn invite(&self, user: &UserName, role: Role) -> Result<Secret, LoginError> {
         let code = new_secret()?;
         let expires = now_ms().saturating_add(LIFETIME.as_millis() as i64);
         self.records
@@ -27,7 +30,10 @@ impl Accounts {
 
     /// Makes the invitation of the first administrator, where there is none yet; returns its code.
     /// It is kept in memory alone, so that an old one is worth nothing after a restart.
-    pub(crate) async fn invite_first(&self) -> Result<Option<Secret>, OpenError> {
+    ///
+    /// # Errors
+    /// [`OpenError`] of the records, or when there is no randomness.
+    pub async fn invite_first(&self) -> Result<Option<Secret>, OpenError> {
         if self.open || self.has_admin().await? {
             return Ok(None);
         }
@@ -45,7 +51,10 @@ impl Accounts {
     }
 
     /// Makes or completes an account by an invitation, and opens a session.
-    pub(crate) async fn accept(
+    ///
+    /// # Errors
+    /// [`LoginError`] says why nobody gets in.
+    pub async fn accept(
         &self,
         code: &str,
         name: Option<&str>,

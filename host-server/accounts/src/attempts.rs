@@ -8,18 +8,18 @@ use std::time::{Duration, Instant};
 use crawler_access::UserName;
 use crawler_access::limits::{Attempts, Backoff, neighbourhood};
 
-use super::lock;
+use crate::lock;
 
 /// Failures that count, by name and address, and by address whatever the name. Secrets of robots do
 /// not: they cannot be guessed, and many robots may live behind one address.
-pub(crate) struct Failures {
+pub struct Failures {
     names: Mutex<Attempts<(String, IpAddr)>>,
     addresses: Mutex<Attempts<IpAddr>>,
 }
 
-impl Failures {
+impl Default for Failures {
     /// Nobody has failed yet.
-    pub(crate) fn new() -> Self {
+    fn default() -> Self {
         Self {
             names: Mutex::new(Attempts::new(Backoff::default())),
             addresses: Mutex::new(Attempts::new(Backoff {
@@ -29,12 +29,14 @@ impl Failures {
             })),
         }
     }
+}
 
+impl Failures {
     /// Whether anybody from there may try now.
     ///
     /// # Errors
     /// How long they have to wait until they may.
-    pub(crate) fn check(&self, from: IpAddr, now: Instant) -> Result<(), Duration> {
+    pub fn check(&self, from: IpAddr, now: Instant) -> Result<(), Duration> {
         lock(&self.addresses).check(&neighbourhood(from), now)
     }
 
@@ -42,7 +44,7 @@ impl Failures {
     ///
     /// # Errors
     /// How long this name has to wait from there until it may try. Such an attempt is not counted.
-    pub(crate) fn begin(
+    pub fn begin(
         &self,
         name: Option<&UserName>,
         from: IpAddr,
@@ -52,12 +54,12 @@ impl Failures {
     }
 
     /// Somebody from there has failed.
-    pub(crate) fn failed(&self, from: IpAddr, now: Instant) {
+    pub fn failed(&self, from: IpAddr, now: Instant) {
         lock(&self.addresses).failed(&neighbourhood(from), now);
     }
 
     /// This name has proven itself there.
-    pub(crate) fn succeeded(&self, name: Option<&UserName>, from: IpAddr) {
+    pub fn succeeded(&self, name: Option<&UserName>, from: IpAddr) {
         lock(&self.names).succeeded(&key(name, from));
     }
 }

@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 
 use crawler_access::{Digest, NoRandomness, Role, Secret};
 
-use super::Identity;
+use crate::Identity;
 
 /// For how long a ticket is good.
-pub(crate) const LIFETIME: Duration = Duration::from_secs(30);
+pub const LIFETIME: Duration = Duration::from_secs(30);
 /// Tickets of everybody that wait to be used; the oldest makes room.
 const MOST: usize = 1_024;
 /// And of one session.
@@ -24,14 +24,14 @@ struct Ticket {
 
 /// Tickets that were not used yet, the oldest first.
 #[derive(Default)]
-pub(super) struct Tickets(VecDeque<Ticket>);
+pub(crate) struct Tickets(VecDeque<Ticket>);
 
 impl Tickets {
     /// A ticket for `identity`.
     ///
     /// # Errors
     /// [`NoRandomness`] when the system gives none.
-    pub(super) fn issue(
+    pub(crate) fn issue(
         &mut self,
         identity: &Identity,
         now: Instant,
@@ -55,7 +55,7 @@ impl Tickets {
     }
 
     /// Whose ticket this is. It is used up by that.
-    pub(super) fn redeem(&mut self, secret: &Secret, now: Instant) -> Option<Identity> {
+    pub(crate) fn redeem(&mut self, secret: &Secret, now: Instant) -> Option<Identity> {
         self.forget(now);
         let mut all = self.0.iter();
         let position = all.position(|ticket| ticket.digest.matches(secret))?;
@@ -70,15 +70,15 @@ impl Tickets {
 }
 
 /// What other servers are told of a ticket. Short: it lives for half a minute.
-pub(super) struct Lent;
+pub(crate) struct Lent;
 
 impl Lent {
-    pub(super) fn of(identity: &Identity) -> String {
+    pub(crate) fn of(identity: &Identity) -> String {
         format!("{} {}", identity.session, identity.role)
     }
 
     /// The session and the role; `None` when it says something else.
-    pub(super) fn read(text: &str) -> Option<(u64, Role)> {
+    pub(crate) fn read(text: &str) -> Option<(u64, Role)> {
         let (session, role) = text.split_once(' ')?;
         Some((session.parse().ok()?, role.parse().ok()?))
     }

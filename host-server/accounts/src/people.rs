@@ -6,13 +6,13 @@ use crawler_records::{RecordsError, User};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{Accounts, LoginError, lock};
-use crate::clock::now_ms;
+use crate::{Accounts, LoginError, lock};
+use crawler_system::clock::now_ms;
 
 /// An account, without what is secret about it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 #[schema(as = User)]
-pub(crate) struct UserView {
+pub struct UserView {
     /// Its name.
     name: String,
     /// `viewer`, `operator` or `admin`.
@@ -39,15 +39,18 @@ impl UserView {
 
 /// What changes about an account.
 #[derive(Default)]
-pub(crate) struct Change {
-    pub(crate) role: Option<Role>,
-    pub(crate) disabled: Option<bool>,
-    pub(crate) password: Option<String>,
+pub struct Change {
+    /// What it may do from now on.
+    pub role: Option<Role>,
+    /// Whether it is locked out.
+    pub disabled: Option<bool>,
+    /// A new password.
+    pub password: Option<String>,
 }
 
 /// Why an account stays as it is.
 #[derive(Debug)]
-pub(crate) enum PeopleError {
+pub enum PeopleError {
     /// There is none of that name.
     Unknown,
     /// There is one of that name.
@@ -93,13 +96,19 @@ impl From<LoginError> for PeopleError {
 
 impl Accounts {
     /// Every account.
-    pub(crate) async fn users(&self) -> Result<Vec<UserView>, PeopleError> {
+    ///
+    /// # Errors
+    /// [`PeopleError`] of the records.
+    pub async fn users(&self) -> Result<Vec<UserView>, PeopleError> {
         let users = self.records.users().await?;
         Ok(users.iter().map(UserView::new).collect())
     }
 
     /// Makes an account; without a password, returns the code of an invitation to it.
-    pub(crate) async fn add(
+    ///
+    /// # Errors
+    /// [`PeopleError`] says why there is none.
+    pub async fn add(
         &self,
         name: UserName,
         role: Role,
@@ -125,11 +134,10 @@ impl Accounts {
     }
 
     /// Changes an account and ends its sessions: their tokens say what was true before.
-    pub(crate) async fn change(
-        &self,
-        name: &UserName,
-        change: Change,
-    ) -> Result<UserView, PeopleError> {
+    ///
+    /// # Errors
+    /// [`PeopleError`] says why it stays as it is.
+    pub async fn change(&self, name: &UserName, change: Change) -> Result<UserView, PeopleError> {
         let hash = match change.password {
             Some(password) => Some(self.hash(name, password).await?),
             None => None,
@@ -167,7 +175,10 @@ impl Accounts {
     }
 
     /// Forgets an account. What it did stays in the audit log.
-    pub(crate) async fn delete(&self, name: &UserName) -> Result<(), PeopleError> {
+    ///
+    /// # Errors
+    /// [`PeopleError`] says why it stays as it is.
+    pub async fn delete(&self, name: &UserName) -> Result<(), PeopleError> {
         let _changing = self.changing.lock().await;
         let ended = self.records.delete_user(name, now_ms()).await?;
         lock(&self.alive).end_all(name, None, now_ms());

@@ -15,8 +15,8 @@ use crawler_records::{Records, RecordsError};
 use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
-use crate::clock::now_ms;
-use crate::metrics::Metrics;
+use crawler_metrics::Metrics;
+use crawler_system::clock::now_ms;
 use queue::Queue;
 
 /// Entries that are written at a time, in one transaction.
@@ -26,19 +26,19 @@ const AGAIN: Duration = Duration::from_secs(1);
 
 /// One line of the log.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Entry {
+pub struct Entry {
     /// The account, or what did it.
-    pub(crate) who: String,
+    pub who: String,
     /// The address it came from; empty where it came from the server itself.
-    pub(crate) from: String,
+    pub from: String,
     /// What was done, like `command.send`.
-    pub(crate) action: &'static str,
+    pub action: &'static str,
     /// To what.
-    pub(crate) target: String,
+    pub target: String,
     /// How, in detail.
-    pub(crate) detail: Value,
+    pub detail: Value,
     /// What came of it: `ok`, or a stable code.
-    pub(crate) outcome: String,
+    pub outcome: String,
 }
 
 impl Entry {
@@ -58,17 +58,17 @@ impl Entry {
 
 /// Notes lines of the log, for whoever cannot wait. A handle.
 #[derive(Clone)]
-pub(crate) struct Notes(Arc<Queue>);
+pub struct Notes(Arc<Queue>);
 
 impl Notes {
     /// Notes a line.
-    pub(crate) fn note(&self, entry: Entry) {
+    pub fn note(&self, entry: Entry) {
         self.0.push(entry.into_record());
     }
 }
 
 /// Writes to the log.
-pub(crate) struct AuditLog {
+pub struct AuditLog {
     notes: Notes,
     /// Whether the records are in a file, and not in a database that others bring back.
     in_file: bool,
@@ -76,7 +76,7 @@ pub(crate) struct AuditLog {
 
 impl AuditLog {
     /// A log in `records`, and what is to run for as long as it is used.
-    pub(crate) fn new(records: Records, metrics: Arc<Metrics>) -> (Self, AuditWriter) {
+    pub fn new(records: Records, metrics: Arc<Metrics>) -> (Self, AuditWriter) {
         let queue = Arc::new(Queue::new(metrics));
         let audit = Self {
             notes: Notes(Arc::clone(&queue)),
@@ -86,7 +86,7 @@ impl AuditLog {
     }
 
     /// For others who cannot wait.
-    pub(crate) fn notes(&self) -> Notes {
+    pub fn notes(&self) -> Notes {
         self.notes.clone()
     }
 
@@ -96,37 +96,37 @@ impl AuditLog {
     ///
     /// # Cancellation safety
     /// It is written all the same.
-    pub(crate) async fn write(&self, entry: Entry) {
+    pub async fn write(&self, entry: Entry) {
         self.notes.0.push_and_wait(entry.into_record()).await;
     }
 
     /// Notes a line, for whoever cannot wait.
-    pub(crate) fn note(&self, entry: Entry) {
+    pub fn note(&self, entry: Entry) {
         self.notes.note(entry);
     }
 
     /// Whether the records took what was written last.
-    pub(crate) fn is_written(&self) -> bool {
+    pub fn is_written(&self) -> bool {
         !self.notes.0.is_failing()
     }
 
     /// Whether something may be done that has to be in the log. A file that takes nothing says that the
     /// disk is full. A database that is away comes back, and until then half of the memory is for those
     /// who may wait; the rest is for halts and motion.
-    pub(crate) fn has_room(&self) -> bool {
+    pub fn has_room(&self) -> bool {
         (self.is_written() || !self.in_file) && self.notes.0.is_half_empty()
     }
 }
 
 /// What writes the lines.
-pub(crate) struct AuditWriter {
+pub struct AuditWriter {
     records: Records,
     queue: Arc<Queue>,
 }
 
 impl AuditWriter {
     /// Writes what comes in, until `stop` and until nothing waits that the records take.
-    pub(crate) async fn run(self, stop: CancellationToken) {
+    pub async fn run(self, stop: CancellationToken) {
         loop {
             let batch = self.queue.batch(BATCH);
             if batch.is_empty() {

@@ -11,7 +11,7 @@ const MEMORIES: usize = 2;
 
 /// Too many passwords are being checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Busy;
+pub struct Busy;
 
 /// Memory for all passwords of a server.
 struct Memories {
@@ -23,7 +23,7 @@ struct Memories {
 ///
 /// Each side may have as many under way as there are memories, and they take turns: a crowd on one side
 /// costs the other half of its pace.
-pub(crate) struct Hashing {
+pub struct Hashing {
     places: Arc<Semaphore>,
     patience: Duration,
     memories: Arc<Memories>,
@@ -31,7 +31,7 @@ pub(crate) struct Hashing {
 
 impl Hashing {
     /// The first side. Whoever gets no place within `patience` is sent away.
-    pub(crate) fn new(patience: Duration) -> Self {
+    pub fn new(patience: Duration) -> Self {
         Self {
             places: Arc::new(Semaphore::new(MEMORIES)),
             patience,
@@ -43,7 +43,8 @@ impl Hashing {
     }
 
     /// Another side of the same server.
-    pub(crate) fn other(&self, patience: Duration) -> Self {
+    #[must_use]
+    pub fn other(&self, patience: Duration) -> Self {
         Self {
             places: Arc::new(Semaphore::new(MEMORIES)),
             patience,
@@ -58,7 +59,7 @@ impl Hashing {
     ///
     /// # Cancellation safety
     /// Work that has begun is done, and keeps its place until then.
-    pub(crate) async fn run<T: Send + 'static>(
+    pub async fn run<T: Send + 'static>(
         &self,
         work: impl FnOnce(&mut Memory) -> T + Send + 'static,
     ) -> Result<T, Busy> {
@@ -87,9 +88,11 @@ impl Hashing {
         })
     }
 
-    /// Takes every place of this side, for as long as the result lives.
-    #[cfg(test)]
-    pub(crate) async fn occupy(&self) -> tokio::sync::OwnedSemaphorePermit {
+    /// Takes every place of this side, for as long as the result lives: a test of what comes then.
+    ///
+    /// # Panics
+    /// Never: the places stay open.
+    pub async fn occupy(&self) -> tokio::sync::OwnedSemaphorePermit {
         let all = Arc::clone(&self.places).acquire_many_owned(MEMORIES as u32);
         all.await.expect("open")
     }

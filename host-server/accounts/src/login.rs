@@ -8,8 +8,8 @@ use crawler_access::password::{self, HashError, Weak};
 use crawler_access::{Digest, Role, Secret, UserName};
 use crawler_records::{RecordsError, Refreshed, User};
 
-use super::{Accounts, Busy, Identity, SESSION_LIFETIME, lock};
-use crate::clock::now_ms;
+use crate::{Accounts, Busy, Identity, SESSION_LIFETIME, lock};
+use crawler_system::clock::now_ms;
 
 /// Two pages of one browser may use the same refresh token at the same moment. The second is not a
 /// thief when it comes this soon after the first; it gets no refresh token of its own.
@@ -18,24 +18,24 @@ const GRACE: Duration = Duration::from_secs(2);
 const MOST_ROTATED: usize = 1_024;
 
 /// What somebody has who got in.
-pub(crate) struct Entered {
+pub struct Entered {
     /// The access token.
-    pub(crate) token: String,
+    pub token: String,
     /// For how many seconds it is good.
-    pub(crate) expires_in: i64,
+    pub expires_in: i64,
     /// The account.
-    pub(crate) user: UserName,
+    pub user: UserName,
     /// What it may do.
-    pub(crate) role: Role,
+    pub role: Role,
     /// The session.
-    pub(crate) session: u64,
+    pub session: u64,
     /// The next refresh token, where there is one.
-    pub(crate) refresh: Option<Secret>,
+    pub refresh: Option<Secret>,
 }
 
 /// Why somebody does not get in.
 #[derive(Debug)]
-pub(crate) enum LoginError {
+pub enum LoginError {
     /// Name or password are wrong, or the account is locked: which one is nobody's business.
     Credentials,
     /// Too many failures; this long until the next attempt.
@@ -43,7 +43,12 @@ pub(crate) enum LoginError {
     /// There is no session to this refresh token.
     NoSession,
     /// The refresh token was used before. Its session has been ended.
-    Reused { session: u64, user: UserName },
+    Reused {
+        /// The session.
+        session: u64,
+        /// Whose it was.
+        user: UserName,
+    },
     /// There is no such invitation, or no longer.
     Invitation,
     /// The invitation leaves the name open and none was given, or it cannot be one.
@@ -86,7 +91,7 @@ impl From<HashError> for LoginError {
 
 /// Refresh tokens that were used a moment ago.
 #[derive(Default)]
-pub(super) struct Rotated(VecDeque<(Digest, u64, Instant)>);
+pub(crate) struct Rotated(VecDeque<(Digest, u64, Instant)>);
 
 impl Rotated {
     fn note(&mut self, digest: Digest, session: u64, now: Instant) {
@@ -109,7 +114,10 @@ impl Rotated {
 
 impl Accounts {
     /// Opens a session for whoever knows the password.
-    pub(crate) async fn login(
+    ///
+    /// # Errors
+    /// [`LoginError`] says why nobody gets in.
+    pub async fn login(
         &self,
         name: &str,
         password: String,
@@ -150,7 +158,7 @@ impl Accounts {
     }
 
     /// Opens a session for a user who has proven to be that.
-    pub(super) async fn enter(&self, user: &User, from: IpAddr) -> Result<Entered, LoginError> {
+    pub(crate) async fn enter(&self, user: &User, from: IpAddr) -> Result<Entered, LoginError> {
         let refresh = new_secret()?;
         let now = now_ms();
         let expires = now.saturating_add(SESSION_LIFETIME.as_millis() as i64);
@@ -192,7 +200,10 @@ impl Accounts {
     }
 
     /// Gives a new access token, and a new refresh token, for one that was not used yet.
-    pub(crate) async fn refresh(&self, refresh: &str) -> Result<Entered, LoginError> {
+    ///
+    /// # Errors
+    /// [`LoginError`] says why the session does not go on.
+    pub async fn refresh(&self, refresh: &str) -> Result<Entered, LoginError> {
         let old: Secret = refresh.parse().map_err(|_| LoginError::NoSession)?;
         let digest = old.digest();
         // Of two that come at once the second waits for the first, and is known for what it is.
@@ -238,7 +249,10 @@ impl Accounts {
     }
 
     /// Ends the session of a refresh token; returns whose it was.
-    pub(crate) async fn leave(&self, refresh: &str) -> Result<Option<(UserName, u64)>, LoginError> {
+    ///
+    /// # Errors
+    /// [`LoginError`] of the records.
+    pub async fn leave(&self, refresh: &str) -> Result<Option<(UserName, u64)>, LoginError> {
         let Ok(old) = refresh.parse::<Secret>() else {
             return Ok(None);
         };
@@ -261,7 +275,10 @@ impl Accounts {
     }
 
     /// Changes the password of whoever knows the old one, and ends their other sessions.
-    pub(crate) async fn change_password(
+    ///
+    /// # Errors
+    /// [`LoginError`] says why the old one stays.
+    pub async fn change_password(
         &self,
         identity: &Identity,
         old: String,
@@ -291,6 +308,6 @@ impl Accounts {
     }
 }
 
-pub(super) fn new_secret() -> Result<Secret, LoginError> {
+pub(crate) fn new_secret() -> Result<Secret, LoginError> {
     Secret::generate().map_err(|_| LoginError::Internal("no randomness"))
 }

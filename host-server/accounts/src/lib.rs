@@ -1,8 +1,15 @@
-//! Accounts of people: who somebody is, and what they have to show for it.
+//! Accounts of people: who somebody is, what they have to show for it, and what is written down of what they do.
 //!
 //! A password opens a session; the session's refresh token, which rotates, gets access tokens that
 //! last a quarter of an hour. What must survive a restart is in the records; what every request asks
 //! is in memory.
+//!
+//! - [`Accounts`]: logging in, sessions, tickets for sockets, invitations, and the people themselves.
+//! - [`Hashing`] and [`Failures`]: how many passwords are checked at a time, and who has guessed too often, at
+//!   the API and at the broker alike.
+//! - [`AuditLog`]: who did what, in the order in which it was done.
+//!
+//! The rules are `crawler-access`'s; here is who has logged in.
 
 mod attempts;
 mod audit;
@@ -23,24 +30,24 @@ use crawler_cluster::Cluster;
 use crawler_records::{Records, RecordsError};
 use tokio_util::sync::CancellationToken;
 
-use crate::clock::now_ms;
-use crate::hex;
+use crawler_system::clock::now_ms;
+use crawler_system::text::hex;
 use login::Rotated;
 use sessions::Alive;
 use tickets::Tickets;
 
-pub(crate) use attempts::Failures;
-pub(crate) use audit::{AuditLog, Entry, Notes};
-pub(crate) use hashing::{Busy, Hashing};
-pub(crate) use login::{Entered, LoginError};
-pub(crate) use people::{Change, PeopleError, UserView};
-pub(crate) use sessions::Ending;
-pub(crate) use tickets::LIFETIME as TICKET_LIFETIME;
+pub use attempts::Failures;
+pub use audit::{AuditLog, AuditWriter, Entry, Notes};
+pub use hashing::{Busy, Hashing};
+pub use login::{Entered, LoginError};
+pub use people::{Change, PeopleError, UserView};
+pub use sessions::Ending;
+pub use tickets::LIFETIME as TICKET_LIFETIME;
 
 /// Name of the key that signs tokens, in the records.
 const KEY: &str = "token_key";
 /// For how long a session lasts that nobody refreshes.
-pub(crate) const SESSION_LIFETIME: Duration = Duration::from_hours(14 * 24);
+pub const SESSION_LIFETIME: Duration = Duration::from_hours(14 * 24);
 /// For a place among the passwords that are checked. Whoever waits at the broker holds one of its places for
 /// handshakes, and robots need those.
 const AT_API: Duration = Duration::from_secs(5);
@@ -50,20 +57,20 @@ const REFRESHING: usize = 64;
 
 /// Somebody who has shown who they are.
 #[derive(Debug, Clone)]
-pub(crate) struct Identity {
+pub struct Identity {
     /// The account.
-    pub(crate) user: UserName,
+    pub user: UserName,
     /// What it may do.
-    pub(crate) role: Role,
+    pub role: Role,
     /// The session.
-    pub(crate) session: u64,
+    pub session: u64,
     /// Ends with the session.
-    pub(crate) ended: CancellationToken,
+    pub ended: CancellationToken,
 }
 
 /// Why a token names nobody.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum AuthError {
+pub enum AuthError {
     /// It was good once.
     Expired,
     /// It never was, or its session is over.
@@ -71,7 +78,7 @@ pub(crate) enum AuthError {
 }
 
 /// All accounts of this server.
-pub(crate) struct Accounts {
+pub struct Accounts {
     open: bool,
     records: Records,
     key: Key,
@@ -92,7 +99,7 @@ pub(crate) struct Accounts {
 
 /// Why there are no accounts.
 #[derive(Debug)]
-pub(crate) enum OpenError {
+pub enum OpenError {
     /// The records cannot be read or written.
     Records(RecordsError),
     /// The system gives no random numbers.
@@ -109,7 +116,10 @@ impl From<RecordsError> for OpenError {
 
 impl Accounts {
     /// The accounts in `records`. On an `open` server, nobody needs one.
-    pub(crate) async fn open(records: Records, open: bool) -> Result<Self, OpenError> {
+    ///
+    /// # Errors
+    /// [`OpenError`] says why there are none.
+    pub async fn open(records: Records, open: bool) -> Result<Self, OpenError> {
         let new = Secret::generate().map_err(|_| OpenError::NoRandomness)?;
         let kept = records.setting_or(KEY, new.as_bytes()).await?;
         let kept = <[u8; 32]>::try_from(kept).map_err(|_| OpenError::Key)?;
@@ -121,7 +131,7 @@ impl Accounts {
             tickets: Mutex::default(),
             rotated: Mutex::default(),
             refreshing: std::array::from_fn(|_| tokio::sync::Mutex::default()),
-            failures: Arc::new(Failures::new()),
+            failures: Arc::new(Failures::default()),
             hashing: Hashing::new(AT_API),
             changing: tokio::sync::Mutex::new(()),
             first: Mutex::default(),
@@ -131,22 +141,25 @@ impl Accounts {
     }
 
     /// Wrong passwords, for whoever checks some elsewhere.
-    pub(crate) fn failures(&self) -> Arc<Failures> {
+    pub fn failures(&self) -> Arc<Failures> {
         Arc::clone(&self.failures)
     }
 
     /// The places at which passwords are checked that come to the broker.
-    pub(crate) fn hashing_at_broker(&self) -> Hashing {
+    pub fn hashing_at_broker(&self) -> Hashing {
         self.hashing.other(AT_BROKER)
     }
 
     /// Whether everybody who reaches the server may do everything.
-    pub(crate) const fn is_open(&self) -> bool {
+    pub const fn is_open(&self) -> bool {
         self.open
     }
 
     /// Whose token this is.
-    pub(crate) fn who(&self, token: &str) -> Result<Identity, AuthError> {
+    ///
+    /// # Errors
+    /// [`AuthError`] when it names nobody.
+    pub fn who(&self, token: &str) -> Result<Identity, AuthError> {
         let now = now_ms();
         let claims =
             self.key
@@ -184,12 +197,12 @@ impl Accounts {
     }
 
     /// A ticket for the live feed; `None` when the system gives no random numbers.
-    pub(crate) fn ticket(&self, identity: &Identity) -> Option<Secret> {
+    pub fn ticket(&self, identity: &Identity) -> Option<Secret> {
         lock(&self.tickets).issue(identity, Instant::now()).ok()
     }
 
     /// Whose ticket this is. It is used up by that.
-    pub(crate) fn redeem(&self, ticket: &str) -> Option<Identity> {
+    pub fn redeem(&self, ticket: &str) -> Option<Identity> {
         let secret = ticket.parse().ok()?;
         let identity = lock(&self.tickets).redeem(&secret, Instant::now())?;
         // The session may have ended since.
@@ -197,11 +210,7 @@ impl Accounts {
     }
 
     /// A ticket that any of several servers takes.
-    pub(crate) async fn shared_ticket(
-        &self,
-        identity: &Identity,
-        cluster: &Cluster,
-    ) -> Option<Secret> {
+    pub async fn shared_ticket(&self, identity: &Identity, cluster: &Cluster) -> Option<Secret> {
         // Also here, for as long as Redis is away.
         let ticket = self.ticket(identity)?;
         let lent = tickets::Lent::of(identity);
@@ -214,7 +223,7 @@ impl Accounts {
     }
 
     /// Whose ticket this is, whichever server gave it. It is used up by that.
-    pub(crate) async fn redeem_shared(&self, ticket: &str, cluster: &Cluster) -> Option<Identity> {
+    pub async fn redeem_shared(&self, ticket: &str, cluster: &Cluster) -> Option<Identity> {
         let secret: Secret = ticket.parse().ok()?;
         let own = lock(&self.tickets).redeem(&secret, Instant::now());
         match cluster.redeem(&hex(&secret.digest().0)).await {
@@ -235,12 +244,15 @@ impl Accounts {
     }
 
     /// Why a session that has ended did so.
-    pub(crate) fn ending(&self, session: u64) -> Ending {
+    pub fn ending(&self, session: u64) -> Ending {
         lock(&self.alive).ending(session)
     }
 
     /// Ends a session: its tokens are worth nothing from here on. Whether it was alive.
-    pub(crate) async fn end_session(&self, session: u64) -> Result<bool, RecordsError> {
+    ///
+    /// # Errors
+    /// [`RecordsError`] when the records do not know of it yet.
+    pub async fn end_session(&self, session: u64) -> Result<bool, RecordsError> {
         // Memory first: whatever the disk does, nobody goes on with it.
         let now = now_ms();
         lock(&self.alive).end(session, now);
@@ -264,7 +276,10 @@ impl Accounts {
     }
 
     /// The sessions that are alive, of one user or of all.
-    pub(crate) async fn sessions(
+    ///
+    /// # Errors
+    /// [`RecordsError`] when they cannot be read.
+    pub async fn sessions(
         &self,
         user: Option<&UserName>,
     ) -> Result<Vec<crawler_records::Session>, RecordsError> {
@@ -276,7 +291,10 @@ impl Accounts {
 
     /// Takes in what the records say of sessions: those of an earlier start, and what another
     /// process, such as the console, has ended.
-    pub(crate) async fn catch_up(&self) -> Result<(), RecordsError> {
+    ///
+    /// # Errors
+    /// [`RecordsError`] when they cannot be read.
+    pub async fn catch_up(&self) -> Result<(), RecordsError> {
         // Sessions that are opened from here on may be missing from what is read.
         let before = lock(&self.alive).ids();
         let known = self.records.sessions(None).await?;
