@@ -4,10 +4,8 @@
 //! `TERRACRAWLER_LOG_FORMAT` and the key `log_format` of the file given by `--config`. A name
 //! nobody knows is an error in each of them, so a typing mistake cannot pass for a default.
 
-mod cli;
 mod layer;
-#[cfg(test)]
-mod tests;
+mod options;
 mod tls;
 
 use std::ffi::OsString;
@@ -24,8 +22,9 @@ pub use crawler_system::address::{
 
 use crate::tls::CertificateOptions;
 
-pub use cli::{Cli, Command, Common};
+pub(crate) use layer::KEYS;
 pub use layer::{Layer, LogFormat};
+pub use options::{Common, EngineOptions, RobotOptions, ServerOptions, TlsOptions};
 pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
 
 /// Prefix of every environment variable of this program.
@@ -140,8 +139,7 @@ impl std::fmt::Display for ConfigError {
             Self::UnknownVariable(name) => write!(
                 f,
                 "unknown environment variable {name}; known ones are {}",
-                layer::KEYS
-                    .iter()
+                KEYS.iter()
                     .map(|key| format!("{ENV_PREFIX}{}", key.to_uppercase()))
                     .chain([format!("{ENV_PREFIX}CONFIG")])
                     .collect::<Vec<_>>()
@@ -156,17 +154,18 @@ impl std::fmt::Display for ConfigError {
 impl std::error::Error for ConfigError {}
 
 impl Settings {
-    /// Resolves the options of one run.
+    /// Resolves the options of one run: those of the command line, and the file that it names.
     ///
     /// `environment` is every variable of the process; those without our prefix are ignored.
     ///
     /// # Errors
     /// [`ConfigError`] when a source cannot be read or holds something unknown or unusable.
     pub fn resolve(
-        cli: Cli,
+        role: Role,
+        arguments: Layer,
+        config: Option<PathBuf>,
         environment: impl IntoIterator<Item = (OsString, OsString)>,
     ) -> Result<Self, ConfigError> {
-        let (role, arguments, config) = cli.into_layer()?;
         let (environment, environment_config) = Layer::from_environment(environment)?;
         let file = match config.or(environment_config) {
             Some(path) => read_file(&path)?,

@@ -23,7 +23,7 @@ use crawler_records::{Entry, Records, RecordsError};
 use serde_json::Value;
 
 use crate::clock;
-use crate::config::{Cli, Command, Settings};
+use crate::config::Settings;
 
 pub use args::{
     AuditArgs, AuditTask, BackupArgs, Place, RestoreArgs, RobotArgs, RobotTask, UserArgs, UserTask,
@@ -34,51 +34,47 @@ pub use mosquitto::{MosquittoArgs, MosquittoTask};
 /// Longest name of a person on this machine that goes into the log.
 const LONGEST_NAME: usize = 48;
 
-/// Runs a command of the console. Others end with an error.
+/// Does one thing. 1 when it cannot be done.
 #[must_use]
-pub fn run(cli: Cli) -> ExitCode {
-    let command = match &cli.command {
-        Command::User(args) => Task::User(args.clone()),
-        Command::Robot(args) => Task::Robot(args.clone()),
-        Command::Audit(args) => Task::Audit(args.clone()),
-        Command::Backup(args) => Task::Backup(args.clone()),
-        Command::Restore(args) => Task::Restore(args.clone()),
-        Command::Mosquitto(args) => Task::Mosquitto(args.clone()),
-        _ => Task::Doctor,
-    };
-    let settings = match Settings::resolve(cli, std::env::vars_os()) {
-        Ok(settings) => settings,
-        Err(error) => return complain(&error.to_string(), 2),
-    };
+pub fn run(task: Task, settings: &Settings) -> ExitCode {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()
         .build();
     let runtime = match runtime {
         Ok(runtime) => runtime,
-        Err(error) => return complain(&format!("cannot start: {error}"), 1),
+        Err(error) => return complain(&format!("cannot start: {error}")),
     };
     // What is left of a broker that does not answer must not hold up the end.
-    let result = runtime.block_on(command.run(&settings));
+    let result = runtime.block_on(task.run(settings));
     runtime.shutdown_background();
     match result {
         Ok(code) => code,
-        Err(text) => complain(&text, 1),
+        Err(text) => complain(&text),
     }
 }
 
-fn complain(text: &str, code: u8) -> ExitCode {
+fn complain(text: &str) -> ExitCode {
     eprintln!("terracrawler: {text}");
-    ExitCode::from(code)
+    ExitCode::FAILURE
 }
 
-enum Task {
+/// What the console does.
+#[derive(Debug)]
+pub enum Task {
+    /// Accounts of people.
     User(UserArgs),
+    /// Credentials of robots and simulators.
     Robot(RobotArgs),
+    /// Who did what.
     Audit(AuditArgs),
+    /// Copies everything to one file.
     Backup(BackupArgs),
+    /// Puts that back.
     Restore(RestoreArgs),
+    /// Configurations for another broker.
     Mosquitto(MosquittoArgs),
+    /// Checks what a server needs.
     Doctor,
 }
 

@@ -1,7 +1,7 @@
 //! The server of a fleet: embedded broker, state of every robot, API, live feed, control room.
 //!
-//! [`config`] resolves the options, [`server::Server`] starts and stops everything, [`run`] is what
-//! the binary `terracrawler` does with the two. Robots are met in MQTT messages alone, whether the
+//! [`cli`] is the command line, [`config`] resolves the options, [`server::Server`] starts and stops
+//! everything, [`run`] is what the binary `terracrawler` does with them. Robots are met in MQTT messages alone, whether the
 //! broker is in this process or not; what those messages are is `crawler-protocol`'s to say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people: `broker`,
@@ -9,6 +9,7 @@
 //! `simulation`, `simulator`, `experiments`, `recipe`. Several servers: `cluster`. The command line: `console`,
 //! `evaluate`, `replay`.
 
+pub mod cli;
 pub mod config;
 pub mod console;
 pub mod evaluate;

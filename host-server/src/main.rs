@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use crawler_server::config::{Cli, Command, Settings};
+use crawler_server::cli::{Cli, Command};
 use crawler_server::{console, evaluate, replay, run};
 
 fn main() -> ExitCode {
@@ -11,22 +11,19 @@ fn main() -> ExitCode {
     match &cli.command {
         Command::Evaluate(args) => return evaluate::run(args),
         Command::Replay(args) => return replay::run(args),
-        Command::User(_)
-        | Command::Robot(_)
-        | Command::Audit(_)
-        | Command::Backup(_)
-        | Command::Restore(_)
-        | Command::Mosquitto(_)
-        | Command::Doctor { .. } => return console::run(cli),
-        Command::Up { .. } | Command::Serve { .. } | Command::Sim { .. } => {}
+        _ => {}
     }
-    let settings = match Settings::resolve(cli, std::env::vars_os()) {
+    let task = cli.command.console();
+    let settings = match cli.settings(std::env::vars_os()) {
         Ok(settings) => settings,
         Err(error) => {
             eprintln!("terracrawler: {error}");
             return ExitCode::from(2);
         }
     };
+    if let Some(task) = task {
+        return console::run(task, &settings);
+    }
     match run::run(&settings) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

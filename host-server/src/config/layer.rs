@@ -39,7 +39,7 @@ impl FromStr for LogFormat {
 }
 
 /// Every key, as the file spells it.
-pub(super) const KEYS: [&str; 25] = [
+pub(crate) const KEYS: [&str; 25] = [
     "fleet",
     "broker",
     "mqtt",

@@ -4,13 +4,14 @@ use std::path::PathBuf;
 use clap::{CommandFactory as _, Parser as _};
 
 use super::*;
+use crate::config::*;
 
 fn resolve(arguments: &[&str], environment: &[(&str, &str)]) -> Result<Settings, ConfigError> {
     let cli = Cli::try_parse_from([&["terracrawler"], arguments].concat()).expect("command line");
     let environment = environment
         .iter()
         .map(|(name, value)| (OsString::from(name), OsString::from(value)));
-    Settings::resolve(cli, environment)
+    cli.settings(environment)
 }
 
 /// A file of its own for each test, removed with the value.
@@ -106,7 +107,7 @@ fn every_key_is_known_in_every_source() {
         ("broker_ca", "b.pem", "\"b.pem\""),
         ("experiment_threads", "3", "3"),
     ];
-    assert_eq!(values.map(|(key, _, _)| key), layer::KEYS);
+    assert_eq!(values.map(|(key, _, _)| key), KEYS);
     for (key, plain, toml) in values {
         let variable = format!("TERRACRAWLER_{}", key.to_uppercase());
         let (from_environment, _) =

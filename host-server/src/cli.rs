@@ -1,0 +1,164 @@
+//! The command line.
+
+#[cfg(test)]
+mod tests;
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use clap::{Parser, Subcommand};
+
+use crate::config::{Common, ConfigError, Layer, RobotOptions, Role, ServerOptions, Settings};
+use crate::console::{
+    AuditArgs, BackupArgs, MosquittoArgs, RestoreArgs, RobotArgs, Task, UserArgs,
+};
+use crate::evaluate::EvaluateArgs;
+use crate::replay::ReplayArgs;
+
+/// A swarm of robots, simulated or real: broker, API, control room.
+///
+/// Every option of `up`, `serve`, `sim` and `doctor` is also an environment variable (`--log-format` is
+/// `TERRACRAWLER_LOG_FORMAT`) and a key of the file given by `--config` (`log_format`). The command line
+/// wins over the environment, that over the file.
+#[derive(Debug, Parser)]
+#[command(name = "terracrawler", version)]
+pub struct Cli {
+    /// What to run.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to run.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Server, broker and simulated robots in one process
+    Up {
+        #[command(flatten)]
+        #[allow(missing_docs)] // a doc comment here would become the command's description
+        common: Common,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        server: ServerOptions,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        robots: RobotOptions,
+    },
+    /// Server and broker, without robots
+    Serve {
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        common: Common,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        server: ServerOptions,
+    },
+    /// Simulated robots alone, on any MQTT 5 broker
+    Sim {
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        common: Common,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        robots: RobotOptions,
+    },
+    /// Runs a scenario on many seeds and tells what comes of it
+    Evaluate(Box<EvaluateArgs>),
+    /// Runs a recording, or a seed, through the program once more
+    Replay(Box<ReplayArgs>),
+    /// Accounts of people
+    User(UserArgs),
+    /// Credentials of robots and simulators
+    Robot(RobotArgs),
+    /// Who did what
+    Audit(AuditArgs),
+    /// Copies records, keys and certificates to one file, also beside a running server
+    Backup(BackupArgs),
+    /// Puts a backup back
+    Restore(RestoreArgs),
+    /// Configurations for the broker Mosquitto, on sites and in the middle
+    Mosquitto(MosquittoArgs),
+    /// Checks everything a server needs, and says what to do
+    Doctor {
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        common: Common,
+        #[command(flatten)]
+        #[allow(missing_docs)] // as above
+        server: ServerOptions,
+    },
+}
+
+impl Cli {
+    /// What the command line, `environment` and the file that either of them names come to.
+    ///
+    /// `environment` is every variable of the process; those without our prefix are ignored.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when a source cannot be read or holds something unknown or unusable, and for
+    /// commands that have options of their own.
+    pub fn settings(
+        self,
+        environment: impl IntoIterator<Item = (OsString, OsString)>,
+    ) -> Result<Settings, ConfigError> {
+        let (role, arguments, config) = self.into_layer()?;
+        Settings::resolve(role, arguments, config, environment)
+    }
+
+    fn into_layer(self) -> Result<(Role, Layer, Option<PathBuf>), ConfigError> {
+        let (role, common, server, robots) = match self.command {
+            Command::Up {
+                common,
+                server,
+                robots,
+            } => (Role::Up, common, Some(server), Some(robots)),
+            // The doctor looks at a server with these options.
+            Command::Serve { common, server } | Command::Doctor { common, server } => {
+                (Role::Serve, common, Some(server), None)
+            }
+            Command::User(UserArgs { place, .. })
+            | Command::Robot(RobotArgs { place, .. })
+            | Command::Audit(AuditArgs { place, .. })
+            | Command::Backup(BackupArgs { place, .. })
+            | Command::Restore(RestoreArgs { place, .. }) => {
+                return Ok((Role::Serve, place.layer(), place.config));
+            }
+            Command::Mosquitto(args) => (Role::Sim, args.task.common(), None, None),
+            Command::Sim { common, robots } => (Role::Sim, common, None, Some(robots)),
+            Command::Evaluate(_) => {
+                return Err(ConfigError::Conflict("`evaluate` has options of its own"));
+            }
+            Command::Replay(_) => {
+                return Err(ConfigError::Conflict("`replay` has options of its own"));
+            }
+        };
+        let (mut layer, config) = common.layer();
+        if let Some(server) = server {
+            server.fill(&mut layer);
+        }
+        if let Some(robots) = robots {
+            robots.fill(&mut layer);
+        }
+        Ok((role, layer, config))
+    }
+}
+
+impl Command {
+    /// What of it the console does; `None` for commands that are not its own.
+    #[must_use]
+    pub fn console(&self) -> Option<Task> {
+        match self {
+            Self::User(args) => Some(Task::User(args.clone())),
+            Self::Robot(args) => Some(Task::Robot(args.clone())),
+            Self::Audit(args) => Some(Task::Audit(args.clone())),
+            Self::Backup(args) => Some(Task::Backup(args.clone())),
+            Self::Restore(args) => Some(Task::Restore(args.clone())),
+            Self::Mosquitto(args) => Some(Task::Mosquitto(args.clone())),
+            Self::Doctor { .. } => Some(Task::Doctor),
+            Self::Up { .. }
+            | Self::Serve { .. }
+            | Self::Sim { .. }
+            | Self::Evaluate(_)
+            | Self::Replay(_) => None,
+        }
+    }
+}
