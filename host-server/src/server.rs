@@ -1,9 +1,12 @@
 //! The server as a whole: started from settings, stopped in order.
 
+mod broker_link;
 mod cells;
 mod clockwork;
 mod cluster;
 mod endpoints;
+mod entrance;
+mod hub;
 mod ingest;
 mod outcome_log;
 mod parts;
@@ -14,6 +17,7 @@ mod start;
 mod start_error;
 #[cfg(test)]
 mod start_tests;
+mod storage;
 mod stores;
 mod watch;
 mod writable;

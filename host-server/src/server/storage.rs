@@ -1,0 +1,77 @@
+//! What a server keeps, and who may see it.
+
+use std::sync::Arc;
+
+use crawler_records::Records;
+
+use super::StartError;
+use super::parts::Parts;
+use crate::accounts::{Accounts, AuditLog};
+use crate::clock;
+use crate::commands::{Journal, Sequence};
+use crate::config::Settings;
+use crate::data::{DataDir, Disk};
+use crate::experiments;
+use crate::fleet::{FenceAction, FenceKind};
+use crate::history::{self, History};
+use crate::metrics::Metrics;
+
+/// What this server alone keeps in its data directory.
+pub(super) struct OwnFiles {
+    pub(super) data: Arc<DataDir>,
+    pub(super) journal: Journal,
+    pub(super) sequence: Sequence,
+    /// How it is called in records that it shares with others.
+    pub(super) owner: String,
+}
+
+impl OwnFiles {
+    pub(super) fn open(settings: &Settings, disk: Disk) -> Result<Self, StartError> {
+        let data = Arc::new(DataDir::open_on(&settings.data, disk)?);
+        let journal = Journal::of(&data)?;
+        let owner = experiments::owner(&data)?;
+        let sequence = Sequence::open(&data, clock::unix_ms())?;
+        Ok(Self {
+            data,
+            journal,
+            sequence,
+            owner,
+        })
+    }
+}
+
+/// What is kept and counted, and who may see it.
+pub(super) struct Storage {
+    pub(super) records: Records,
+    pub(super) history: History,
+    pub(super) metrics: Arc<Metrics>,
+    pub(super) audit: Arc<AuditLog>,
+    pub(super) accounts: Arc<Accounts>,
+}
+
+impl Storage {
+    pub(super) async fn open(settings: &Settings, parts: &mut Parts) -> Result<Self, StartError> {
+        let (records, history) = history::open(settings).await?;
+        let closing = (records.clone(), history.clone());
+        parts.end_with(async move {
+            let (records, history) = closing;
+            history.close().await;
+            records.close().await;
+        })?;
+        let metrics = Arc::new(Metrics::new());
+        metrics.expect_fence_crossings(
+            &FenceKind::ALL.map(FenceKind::name),
+            &FenceAction::ALL.map(FenceAction::name),
+        );
+        let (audit, writer) = AuditLog::new(records.clone(), Arc::clone(&metrics));
+        parts.task("the audit log", |stop| writer.run(stop))?;
+        let accounts = Accounts::open(records.clone(), settings.open).await?;
+        Ok(Self {
+            records,
+            history,
+            metrics,
+            audit: Arc::new(audit),
+            accounts: Arc::new(accounts),
+        })
+    }
+}
