@@ -7,12 +7,12 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
+use crawler_experiments::evaluate::EvaluateArgs;
 
 use crate::config::{Common, ConfigError, Layer, RobotOptions, Role, ServerOptions, Settings};
 use crate::console::{
     AuditArgs, BackupArgs, MosquittoArgs, RestoreArgs, RobotArgs, Task, UserArgs,
 };
-use crate::evaluate::EvaluateArgs;
 use crate::replay::ReplayArgs;
 
 /// A swarm of robots, simulated or real: broker, API, control room.

@@ -12,7 +12,6 @@
 pub mod cli;
 pub mod config;
 pub mod console;
-pub mod evaluate;
 pub mod replay;
 pub mod run;
 pub mod server;
@@ -22,13 +21,11 @@ mod broker;
 mod bus;
 mod cluster;
 mod commands;
-mod experiments;
 mod feed;
 mod fences;
 mod fleet;
 mod history;
 mod http;
-mod recipe;
 mod recorder;
 mod simulation;
 mod simulator;
@@ -40,5 +37,4 @@ use crawler_system::text::hex;
 use crawler_system::{clock, data, descriptors, places, text, waiting};
 
 pub use data::DataError;
-pub use recipe::Randomisation;
 pub use tls::TlsError;

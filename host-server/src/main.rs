@@ -3,8 +3,9 @@
 use std::process::ExitCode;
 
 use clap::Parser as _;
+use crawler_experiments::evaluate;
 use crawler_server::cli::{Cli, Command};
-use crawler_server::{console, evaluate, replay, run};
+use crawler_server::{console, replay, run};
 
 fn main() -> ExitCode {
     let cli = Cli::parse();

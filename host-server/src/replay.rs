@@ -12,7 +12,7 @@ use std::process::ExitCode;
 use crawler_protocol::ParameterValues;
 use crawler_sim::tools::replay::{Recording, replay};
 
-use crate::recipe::{self, Changes, DETECTOR, Randomisation};
+use crawler_experiments::scenarios::{self, Changes, DETECTOR, Randomisation};
 use session::Session;
 
 /// What `terracrawler replay` takes.
@@ -165,7 +165,7 @@ fn run_world(args: &ReplayArgs) -> Result<ExitCode, String> {
             difficulty: args.difficulty.as_deref(),
             set: &set,
         };
-        let scenario = changes.apply(recipe::scenario(args.scenario.as_deref())?)?;
+        let scenario = changes.apply(scenarios::scenario(args.scenario.as_deref())?)?;
         Session::new(scenario, args.seed.unwrap_or(1), args.record.as_deref())?
     };
     if let Some(until) = args.until {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use crawler_experiments::scenarios::scenario;
 use crawler_protocol::SimulatorCommand;
 use crawler_sim::live::{
     ControlError, LiveConfig, LiveDone, LiveHandle, LiveScene, LiveState, start, start_recorded,
@@ -13,7 +14,6 @@ use tokio::sync::watch;
 use crate::config::{BrokerUrl, Settings};
 use crate::feed::Feed;
 use crate::metrics::Exposition;
-use crate::recipe::scenario;
 use crate::recorder::Recorder;
 
 /// For robots to come to rest. From full speed the ramp takes well under a second.

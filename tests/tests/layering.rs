@@ -50,8 +50,19 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "crawler-experiments",
+        &[
+            "crawler-detector",
+            "crawler-metrics",
+            "crawler-records",
+            "crawler-sim",
+            "crawler-system",
+        ],
+    ),
+    (
         "crawler-server",
         &[
+            "crawler-experiments",
             "crawler-protocol",
             "crawler-sim",
             "crawler-detector",

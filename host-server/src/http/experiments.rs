@@ -18,7 +18,7 @@ use super::audit::Audit;
 use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::query::{self, ApiQuery, bad_query};
-use crate::experiments::{self, Action, ControlError, Experiments};
+use crawler_experiments::{self as experiments, Action, ControlError, Experiments};
 use view::{ExperimentList, ExperimentView, MetricsView, NewExperiment, TrialView};
 
 /// Experiments of a page, and most of them.

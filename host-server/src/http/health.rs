@@ -17,10 +17,10 @@ use crate::broker::BrokerHandle;
 use crate::bus::Bus;
 use crate::cluster::ClusterMembership;
 use crate::commands::CommandCenter;
-use crate::experiments::Experiments;
 use crate::fleet::{RobotCounts, SharedFleet};
 use crate::history::History;
 use crate::metrics::Metrics;
+use crawler_experiments::Experiments;
 
 pub(super) fn routes() -> Router<ApiState> {
     Router::new()

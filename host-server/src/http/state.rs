@@ -16,12 +16,12 @@ use crate::bus::Bus;
 use crate::cluster::ClusterMembership;
 use crate::commands::CommandCenter;
 use crate::config::BrokerUrl;
-use crate::experiments::Experiments;
 use crate::feed::Feed;
 use crate::fleet::SharedFleet;
 use crate::history::History;
 use crate::metrics::Metrics;
 use crate::simulation::Simulation;
+use crawler_experiments::Experiments;
 
 /// What a server has that the API serves.
 pub(crate) struct Parts {

@@ -11,8 +11,8 @@ use utoipa::{IntoParams, ToSchema};
 use super::problem::{Code, Problem};
 use super::query::{ApiQuery, bad_query};
 use super::state::Drawing;
-use crate::experiments::MAX_SEED;
 use crate::simulation::arena_json;
+use crawler_experiments::MAX_SEED;
 
 /// Most robots whose places a preview tells.
 const MOST_POSES: usize = 1_000;

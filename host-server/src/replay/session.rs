@@ -12,7 +12,7 @@ use crawler_sim::tools::debugger::{Debugger, Step};
 use crawler_sim::tools::recording::{Recorded, Recorder};
 use crawler_sim::tools::snapshot::{self, Snapshot};
 
-use crate::recipe::DETECTOR;
+use crawler_experiments::scenarios::DETECTOR;
 
 /// Real time between two looks at the clock, while a world runs at a pace.
 const TURN: StdDuration = StdDuration::from_millis(20);

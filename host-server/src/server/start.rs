@@ -26,13 +26,13 @@ use crate::broker::BrokerHandle;
 use crate::bus::{self, Connection, Target};
 use crate::config::{BrokerUrl, Role, Settings};
 use crate::data::Disk;
-use crate::experiments::{self, Experiments, Tell};
 use crate::fences::{self, Enforcer, Stops};
 use crate::fleet::{Level, SharedFleet};
 use crate::http;
 use crate::simulation::Simulation;
 use crate::simulator;
 use crate::tls::Certificates;
+use crawler_experiments::{self as experiments, Experiments, Tell};
 
 /// What is known of a server when all its parts run.
 pub(super) struct Started {

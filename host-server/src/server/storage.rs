@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crawler_experiments as experiments;
 use crawler_records::Records;
 
 use super::StartError;
@@ -11,7 +12,6 @@ use crate::clock;
 use crate::commands::{Journal, Sequence};
 use crate::config::Settings;
 use crate::data::{DataDir, Disk};
-use crate::experiments;
 use crate::fleet::{FenceAction, FenceKind};
 use crate::history::{self, History};
 use crate::metrics::Metrics;

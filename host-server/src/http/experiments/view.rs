@@ -3,8 +3,8 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::experiments::{Experiments, Judged, MetricView, Recipe, Results, Summary};
 use crate::http::problem::Problem;
+use crawler_experiments::{Experiments, Judged, MetricView, Recipe, Results, Summary};
 
 /// An experiment to be made: a scenario that comes along, on many seeds.
 #[derive(ToSchema)]

@@ -11,13 +11,13 @@ use utoipa::ToSchema;
 /// Something that is measured of every trial.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = ExperimentMetric)]
-pub(crate) struct MetricView {
+pub struct MetricView {
     /// Its name.
-    pub(crate) name: String,
+    pub name: String,
     /// What its values are in.
-    pub(crate) unit: String,
+    pub unit: String,
     /// Which way is better: `more`, `less` or `neither`.
-    pub(crate) better: String,
+    pub better: String,
 }
 
 impl MetricView {
@@ -35,44 +35,46 @@ impl MetricView {
 /// One metric over all trials that have it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = ExperimentSummary)]
-pub(crate) struct Summary {
+pub struct Summary {
     /// Its name.
-    pub(crate) metric: String,
+    pub metric: String,
     /// What its values are in.
-    pub(crate) unit: String,
+    pub unit: String,
     /// The mean.
-    pub(crate) mean: f64,
+    pub mean: f64,
     /// Lower end of the 95 % interval: Wilson's of `success`, Student's t of the others.
-    pub(crate) low: f64,
+    pub low: f64,
     /// Upper end.
-    pub(crate) high: f64,
+    pub high: f64,
     /// How many trials have it.
-    pub(crate) count: u32,
+    pub count: u32,
 }
 
 /// A threshold, and whether it is met.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = ExperimentVerdict)]
-pub(crate) struct Judged {
+pub struct Judged {
     /// What was asked, by the scenario or by whoever made the experiment.
-    pub(crate) threshold: String,
+    pub threshold: String,
     /// Whether it is met.
-    pub(crate) met: bool,
+    pub met: bool,
     /// The mean, where a trial has it.
-    pub(crate) value: Option<f64>,
+    pub value: Option<f64>,
 }
 
 /// What the trials that are done come to.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Results {
-    pub(crate) summary: Vec<Summary>,
+pub struct Results {
+    /// A line for each metric that a trial has.
+    pub summary: Vec<Summary>,
     /// Only of an experiment that is complete.
-    pub(crate) verdict: Option<Vec<Judged>>,
+    pub verdict: Option<Vec<Judged>>,
 }
 
 impl Results {
     /// What the records have of an experiment.
-    pub(crate) fn read(text: &str) -> Self {
+    #[must_use]
+    pub fn read(text: &str) -> Self {
         // There are none before the first trial.
         serde_json::from_str(text).unwrap_or_default()
     }

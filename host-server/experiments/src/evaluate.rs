@@ -14,7 +14,7 @@ use clap::Args;
 use crawler_sim::evaluate::{Axis, Criterion, Evaluation, Job, Trial, run_all};
 use crawler_sim::scenario::{Scenario, Threshold};
 
-use crate::recipe::{self, Changes, Randomisation, quoted};
+use crate::scenarios::{self, Changes, Randomisation, quoted};
 use output::{can_write, explain, write_file};
 
 /// Most runs of one evaluation.
@@ -161,7 +161,7 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
         difficulty: args.difficulty.as_deref(),
         set: &args.set,
     };
-    let scenario = changes.apply(recipe::scenario(Some(&args.scenario))?)?;
+    let scenario = changes.apply(scenarios::scenario(Some(&args.scenario))?)?;
     if scenario.robots == 0 {
         return Err("a world without robots cannot fail: there is nothing to evaluate".into());
     }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::recipe::{Change, Changes, Randomisation, built_in, quoted};
+use crate::scenarios::{Change, Changes, Randomisation, built_in, quoted};
 
 /// Longest name, in characters.
 const MAX_NAME: usize = 64;
@@ -21,34 +21,41 @@ const MAX_THRESHOLDS: usize = 16;
 /// Longest word of a recipe, in bytes.
 const MAX_WORD: usize = 256;
 /// What every reader of JSON can count to.
-pub(crate) const MAX_SEED: u64 = (1 << 53) - 1;
+pub const MAX_SEED: u64 = (1 << 53) - 1;
 
 /// A field that is wrong, and how.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
-pub(crate) struct FieldError {
+pub struct FieldError {
     /// The field.
-    pub(crate) field: String,
+    pub field: String,
     /// What is wrong with it, for people.
-    pub(crate) message: String,
+    pub message: String,
 }
 
 /// What was asked for.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Recipe {
-    pub(crate) scenario: String,
+pub struct Recipe {
+    /// Name of a scenario that comes along.
+    pub scenario: String,
     /// How many robots were asked for; otherwise the scenario says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) robots: Option<u32>,
+    pub robots: Option<u32>,
     /// How many there are in each world.
-    pub(crate) in_each: u32,
-    pub(crate) seeds: u32,
-    pub(crate) first_seed: u64,
+    pub in_each: u32,
+    /// How many seeds, each of which makes a trial.
+    pub seeds: u32,
+    /// The first of them.
+    pub first_seed: u64,
+    /// From 0 to 1, or the name of a level.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) difficulty: Option<String>,
+    pub difficulty: Option<String>,
+    /// Name of a profile.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) randomisation: Option<String>,
-    pub(crate) set: Vec<String>,
-    pub(crate) thresholds: Vec<String>,
+    pub randomisation: Option<String>,
+    /// Other values for keys of the scenario, `KEY=VALUE`.
+    pub set: Vec<String>,
+    /// What all trials must come to together, beside what the scenario asks.
+    pub thresholds: Vec<String>,
 }
 
 /// An experiment to be made.
@@ -266,7 +273,8 @@ impl Recipe {
     }
 
     /// The command line that comes to the same numbers, as a shell takes it.
-    pub(crate) fn command(&self) -> String {
+    #[must_use]
+    pub fn command(&self) -> String {
         let words = self.changes().words(&self.scenario);
         let mut command = format!(
             "terracrawler evaluate{words} --seeds {} --seed {}",

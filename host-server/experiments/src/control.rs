@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use crawler_records::{EventLevel, Experiment, ExperimentState, NewExperiment, RecordsError};
+use crawler_system::clock::now_ms;
 use serde_json::{Map, Value};
 use tokio_util::task::TaskTracker;
 
@@ -11,13 +12,12 @@ use super::board::Entry;
 use super::keeper::{metrics, recount, store, take_up};
 use super::recipe::{FieldError, read};
 use super::{Experiments, Tally};
-use crate::clock::now_ms;
 
 use ExperimentState::{Created, Paused, Running, Stopped};
 
 /// What can be done about an experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Action {
+pub enum Action {
     /// Has it run for the first time.
     Start,
     /// Has it wait.
@@ -30,7 +30,8 @@ pub(crate) enum Action {
 
 impl Action {
     /// Its name in the audit log.
-    pub(crate) const fn name(self) -> &'static str {
+    #[must_use]
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Start => "experiment.start",
             Self::Pause => "experiment.pause",
@@ -52,7 +53,7 @@ impl Action {
 
 /// Why something is not done.
 #[derive(Debug)]
-pub(crate) enum ControlError {
+pub enum ControlError {
     /// Fields that are wrong.
     Invalid(Vec<FieldError>),
     /// There is none of that number.
@@ -98,7 +99,7 @@ async fn whole<T: Send + 'static>(
 ///
 /// # Cancellation safety
 /// An experiment is made as a whole, or not at all.
-pub(crate) async fn create(
+pub async fn create(
     experiments: &Arc<Experiments>,
     by: String,
     body: Map<String, Value>,
@@ -157,7 +158,7 @@ async fn took_up(experiments: &Experiments, tallies: &mut HashMap<i64, Tally>, r
 ///
 /// # Cancellation safety
 /// It is done as a whole, or not at all.
-pub(crate) async fn act(
+pub async fn act(
     experiments: &Arc<Experiments>,
     id: i64,
     action: Action,
@@ -216,7 +217,7 @@ pub(crate) async fn act(
 ///
 /// # Errors
 /// [`ControlError`]; it is as it was then.
-pub(crate) async fn delete(experiments: &Arc<Experiments>, id: i64) -> Result<(), ControlError> {
+pub async fn delete(experiments: &Arc<Experiments>, id: i64) -> Result<(), ControlError> {
     let (experiments, tasks) = (Arc::clone(experiments), &experiments.tasks);
     whole(tasks, async move {
         let _alone = experiments.tallies.lock().await;

@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::output::{explain, write_file};
 use super::{EvaluateArgs, MOST_RUNS, NAMED, interrupted, repeat, run_jobs};
-use crate::recipe::Randomisation;
+use crate::scenarios::Randomisation;
 
 /// Columns of the table of a sweep, beside the keys.
 const COLUMNS: [Metric; 6] = [

@@ -1,9 +1,19 @@
 //! Experiments: evaluations of a scenario on many seeds, by threads of this process beside its other
 //! work, kept in the records.
 //!
-//! What the records say is so. The [`Board`] has what runs, [`Tally`] what its trials came to so far;
-//! one lock makes control and storing wait for each other. A trial is the same whenever it runs, so one
-//! that is given up costs time and nothing else.
+//! What the records say is so. The board has what runs, tallies what its trials came to so far; one lock
+//! makes control and storing wait for each other. A trial is the same whenever it runs, so one that is given
+//! up costs time and nothing else.
+//!
+//! - [`scenarios`]: scenarios from names and files, with changes.
+//! - [`evaluate`]: the same on the command line, with sweeps, drawn parameters and the search for a run that
+//!   breaks something. It runs and judges trials by the same means (`crawler_sim::evaluate`), so both come to
+//!   the same numbers.
+//! - `recipe` reads what an experiment is asked to be, `control` makes, starts, pauses and ends it, `board`
+//!   runs its trials, `keeper` stores them and takes up what ran before, `results` has what they come to.
+
+pub mod evaluate;
+pub mod scenarios;
 
 mod board;
 mod control;
@@ -22,15 +32,15 @@ use crawler_records::{EventLevel, Experiment, ExperimentState, Records, RecordsE
 use tokio::sync::Semaphore;
 use tokio_util::task::TaskTracker;
 
-use crate::data::{DataDir, DataError};
-use crate::metrics::Exposition;
+use crawler_metrics::Exposition;
+use crawler_system::data::{DataDir, DataError};
 
 use board::Board;
-pub(crate) use control::{Action, ControlError, act, create, delete};
-pub(crate) use keeper::keep;
-pub(crate) use recipe::{FieldError, MAX_SEED, Recipe};
+pub use control::{Action, ControlError, act, create, delete};
+pub use keeper::keep;
+pub use recipe::{FieldError, MAX_SEED, Recipe};
 use results::Tally;
-pub(crate) use results::{Judged, MetricView, Results, Summary};
+pub use results::{Judged, MetricView, Results, Summary};
 
 /// File with the number by which this server knows its experiments, in the data directory.
 const OWNER: &str = "experiments-owner";
@@ -40,10 +50,10 @@ const BUILDING: usize = 2;
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Tells those who watch the fleet what becomes of experiments.
-pub(crate) type Tell = Box<dyn Fn(EventLevel, String) + Send + Sync>;
+pub type Tell = Box<dyn Fn(EventLevel, String) + Send + Sync>;
 
 /// The experiments of this server.
-pub(crate) struct Experiments {
+pub struct Experiments {
     records: Records,
     tell: Tell,
     /// What was begun for somebody and goes on without them.
@@ -69,18 +79,18 @@ struct Counts {
 
 /// Numbers for the metrics.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct ExperimentNumbers {
+pub struct ExperimentNumbers {
     /// Experiments of this server, in the order of [`ExperimentState::ALL`].
-    pub(crate) states: [u64; ExperimentState::ALL.len()],
+    pub states: [u64; ExperimentState::ALL.len()],
     /// Trials stored since the start that were a success.
-    pub(crate) succeeded: u64,
+    pub succeeded: u64,
     /// And that were none.
-    pub(crate) failed: u64,
+    pub failed: u64,
 }
 
 impl ExperimentNumbers {
     /// Every state has a line, also one that no experiment is in.
-    pub(crate) fn write_metrics(self, out: &mut Exposition) {
+    pub fn write_metrics(self, out: &mut Exposition) {
         let states = ExperimentState::ALL.map(ExperimentState::name);
         let counts = self.states.map(|count| count as usize);
         out.gauges(
@@ -102,7 +112,7 @@ impl ExperimentNumbers {
 ///
 /// # Errors
 /// [`DataError`] when it cannot be read or kept.
-pub(crate) fn owner(data: &DataDir) -> Result<String, DataError> {
+pub fn owner(data: &DataDir) -> Result<String, DataError> {
     if let Some(number) = data.number(OWNER)? {
         return Ok(format!("{number:016x}"));
     }
@@ -118,7 +128,8 @@ impl Experiments {
     /// Nothing runs before [`Experiments::begin`]; then so many `threads` run trials, half as many as there are
     /// processors when nobody says. `owner` is how this server is called in `records`, and `tasks` is what it
     /// waits for before it ends.
-    pub(crate) fn new(
+    #[must_use]
+    pub fn new(
         records: Records,
         owner: String,
         threads: Option<NonZeroU8>,
@@ -146,14 +157,14 @@ impl Experiments {
     ///
     /// # Errors
     /// What the operating system said when it refused threads. There are none then.
-    pub(crate) fn begin(&self) -> std::io::Result<()> {
+    pub fn begin(&self) -> std::io::Result<()> {
         let workers = self.board.start(self.threads)?;
         *self.workers.lock().unwrap_or_else(PoisonError::into_inner) = workers;
         Ok(())
     }
 
     /// Gives up the trials under way and ends the threads. What runs goes on at the next start.
-    pub(crate) async fn end(&self) {
+    pub async fn end(&self) {
         self.board.end();
         let workers =
             std::mem::take(&mut *self.workers.lock().unwrap_or_else(PoisonError::into_inner));
@@ -177,12 +188,13 @@ impl Experiments {
     }
 
     /// Whether an experiment waits until others are done.
-    pub(crate) fn is_waiting(&self, id: i64) -> bool {
+    #[must_use]
+    pub fn is_waiting(&self, id: i64) -> bool {
         self.board.is_waiting(id)
     }
 
     /// Numbers for the metrics.
-    pub(crate) fn numbers(&self) -> ExperimentNumbers {
+    pub fn numbers(&self) -> ExperimentNumbers {
         let load = |count: &AtomicU64| count.load(Ordering::Relaxed);
         ExperimentNumbers {
             states: self.counts.states.each_ref().map(load),

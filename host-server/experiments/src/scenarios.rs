@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use crawler_sim::scenario::Scenario;
 use crawler_sim::world::Profile;
 
-use crate::text::read_text;
+use crawler_system::text::read_text;
 
 /// Profiles of randomisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -20,7 +20,9 @@ pub enum Randomisation {
 }
 
 impl Randomisation {
-    pub(crate) const fn profile(self) -> Profile {
+    /// The profile as worlds take it.
+    #[must_use]
+    pub const fn profile(self) -> Profile {
         match self {
             Self::None => Profile::None,
             Self::Mild => Profile::Mild,
@@ -28,12 +30,16 @@ impl Randomisation {
         }
     }
 
-    pub(crate) fn by_name(name: &str) -> Option<Self> {
+    /// The profile of that name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
         let all = [Self::None, Self::Mild, Self::Wild];
         all.into_iter().find(|profile| profile.name() == name)
     }
 
-    pub(crate) const fn name(self) -> &'static str {
+    /// Its name in files, bodies and options.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
         match self {
             Self::None => "none",
             Self::Mild => "mild",
@@ -43,23 +49,29 @@ impl Randomisation {
 }
 
 /// What robots that have a camera see with.
-pub(crate) const DETECTOR: Option<&[u8]> = Some(crawler_detector::BLOB);
+pub const DETECTOR: Option<&[u8]> = Some(crawler_detector::BLOB);
 
 /// What the command line changes about a scenario.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Changes<'a> {
-    pub(crate) robots: Option<u32>,
-    pub(crate) randomisation: Option<Randomisation>,
-    pub(crate) difficulty: Option<&'a str>,
+pub struct Changes<'a> {
+    /// How many robots each world has.
+    pub robots: Option<u32>,
+    /// How far parameters differ from the scenario's.
+    pub randomisation: Option<Randomisation>,
+    /// From 0 to 1, or the name of a level.
+    pub difficulty: Option<&'a str>,
     /// Values for keys, like `duration_s=7`.
-    pub(crate) set: &'a [String],
+    pub set: &'a [String],
 }
 
 /// One of the changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Change {
+pub enum Change {
+    /// Of how difficult it is.
     Difficulty,
+    /// Of how many robots there are.
     Robots,
+    /// Of how far parameters differ.
     Randomisation,
     /// The one of this number among those of `set`.
     Set(usize),
@@ -72,7 +84,7 @@ impl Changes<'_> {
     ///
     /// # Errors
     /// One line that names the option.
-    pub(crate) fn apply(&self, scenario: Scenario) -> Result<Scenario, String> {
+    pub fn apply(&self, scenario: Scenario) -> Result<Scenario, String> {
         let (scenario, refused) = self.apply_all(scenario);
         let Some((change, why)) = refused.into_iter().next() else {
             return Ok(scenario);
@@ -87,7 +99,8 @@ impl Changes<'_> {
     }
 
     /// The same, and everything that is refused, with the reason; the scenario goes without that.
-    pub(crate) fn apply_all(&self, scenario: Scenario) -> (Scenario, Vec<(Change, String)>) {
+    #[must_use]
+    pub fn apply_all(&self, scenario: Scenario) -> (Scenario, Vec<(Change, String)>) {
         let mut refused = Vec::new();
         let mut scenario = scenario;
         let mut take = |change: Change, changed: Result<Scenario, String>| match changed {
@@ -127,7 +140,8 @@ impl Changes<'_> {
 
     /// The options of the command line that make these changes of `scenario`, as a shell takes them,
     /// each after a space.
-    pub(crate) fn words(&self, scenario: &str) -> String {
+    #[must_use]
+    pub fn words(&self, scenario: &str) -> String {
         let mut words = vec![String::new(), "--scenario".into(), quoted(scenario)];
         if let Some(robots) = self.robots {
             words.extend(["--robots".into(), robots.to_string()]);
@@ -151,7 +165,8 @@ fn with(scenario: &Scenario, key: &str, value: &str) -> Result<Scenario, String>
 }
 
 /// A word as a shell takes it.
-pub(crate) fn quoted(word: &str) -> String {
+#[must_use]
+pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
         word.to_owned()
@@ -164,7 +179,7 @@ pub(crate) fn quoted(word: &str) -> String {
 ///
 /// # Errors
 /// One line with the names that there are.
-pub(crate) fn built_in(name: &str) -> Result<Scenario, String> {
+pub fn built_in(name: &str) -> Result<Scenario, String> {
     let scenario = Scenario::built_in(name).map_err(|_| {
         let known: Vec<_> = Scenario::names().collect();
         format!("is none of {}", known.join(", "))
@@ -175,8 +190,12 @@ pub(crate) fn built_in(name: &str) -> Result<Scenario, String> {
     })
 }
 
-/// A scenario by name, or from a file, where robots that have a camera see.
-pub(crate) fn scenario(name: Option<&str>) -> Result<Scenario, String> {
+/// A scenario by name, or from a file, where robots that have a camera see. The first that comes along when
+/// there is no name.
+///
+/// # Errors
+/// One line that says what is wrong with the name or the file.
+pub fn scenario(name: Option<&str>) -> Result<Scenario, String> {
     Ok(Scenario {
         detector: DETECTOR,
         ..named(name)?

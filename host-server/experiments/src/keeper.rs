@@ -7,12 +7,12 @@ use std::time::Duration;
 
 use crawler_records::{EventLevel, Experiment, ExperimentState, RecordsError};
 use crawler_sim::evaluate::{Measured, Trial};
+use crawler_system::clock::now_ms;
 use tokio_util::sync::CancellationToken;
 
 use super::board::Entry;
 use super::results::{self, MetricView, Tally};
 use super::{Experiments, Recipe};
-use crate::clock::now_ms;
 
 /// Trials that come within this time are stored together.
 const GATHER: Duration = Duration::from_millis(250);
@@ -23,7 +23,7 @@ const PAGE: u32 = 2_000;
 
 /// Goes on with what ran when the server stopped, and stores what trials come to, until `stop`; then what
 /// is done by then.
-pub(crate) async fn keep(experiments: Arc<Experiments>, stop: CancellationToken) {
+pub async fn keep(experiments: Arc<Experiments>, stop: CancellationToken) {
     let mut look = tokio::time::interval(LOOK);
     look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
