@@ -3,6 +3,8 @@
 //! Source: ESP-IDF Programming Guide, "App Image Format"; esptool documentation, "Firmware Image
 //! Format".
 
+use std::fmt;
+
 use sha2::{Digest as _, Sha256};
 
 const MAGIC: u8 = 0xe9;
@@ -26,26 +28,67 @@ pub(crate) struct AppImage {
     pub(crate) payload: usize,
 }
 
+/// What the bootloader would stumble over.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum ImageError {
+    /// It ends inside its header.
+    NoHeader,
+    /// It begins with another byte.
+    Magic(u8),
+    /// As many segments as cannot be loaded.
+    Segments(u8),
+    /// It ends inside this segment of so many.
+    InsideSegment(u8, u8),
+    /// The checksum is another.
+    Checksum,
+    /// The header says that there is no hash.
+    NoHash,
+    /// It ends inside its hash.
+    InsideHash,
+    /// The hash is another.
+    Hash,
+    /// So many bytes lie behind its end.
+    TooLong(usize),
+}
+
+impl fmt::Display for ImageError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoHeader => f.write_str("shorter than its header"),
+            Self::Magic(magic) => write!(f, "magic {magic:#04x} instead of {MAGIC:#04x}"),
+            Self::Segments(segments) => {
+                write!(f, "{segments} segments; 1 to {MOST_SEGMENTS} can be loaded")
+            }
+            Self::InsideSegment(number, segments) => {
+                write!(f, "ends inside segment {number} of {segments}")
+            }
+            Self::Checksum => f.write_str("wrong checksum"),
+            Self::NoHash => f.write_str("no hash behind it"),
+            Self::InsideHash => f.write_str("ends inside its hash"),
+            Self::Hash => f.write_str("wrong hash"),
+            Self::TooLong(bytes) => write!(f, "{bytes} bytes too many"),
+        }
+    }
+}
+
 /// Checks structure, checksum and hash.
 ///
 /// # Errors
-/// Says what the bootloader would stumble over.
-pub(crate) fn read(image: &[u8]) -> Result<AppImage, String> {
-    let header = image.get(..HEADER).ok_or("shorter than its header")?;
+/// See [`ImageError`].
+pub(crate) fn read(image: &[u8]) -> Result<AppImage, ImageError> {
+    let header: &[u8; HEADER] = image.first_chunk().ok_or(ImageError::NoHeader)?;
     if header[0] != MAGIC {
-        return Err(format!("magic {:#04x} instead of {MAGIC:#04x}", header[0]));
+        return Err(ImageError::Magic(header[0]));
     }
     let segments = header[1];
     if segments == 0 || segments > MOST_SEGMENTS {
-        return Err(format!(
-            "{segments} segments; 1 to {MOST_SEGMENTS} can be loaded"
-        ));
+        return Err(ImageError::Segments(segments));
     }
     let mut at = HEADER;
     let mut payload = 0;
     let mut checksum = CHECKSUM_SEED;
     for number in 1..=segments {
-        let short = || format!("ends inside segment {number} of {segments}");
+        let short = || ImageError::InsideSegment(number, segments);
         let length = word(image, at + 4).ok_or_else(short)? as usize;
         let from = at + SEGMENT_HEADER;
         let to = from.checked_add(length).ok_or_else(short)?;
@@ -57,21 +100,21 @@ pub(crate) fn read(image: &[u8]) -> Result<AppImage, String> {
     // The checksum is the last byte of a row of 16.
     let end = (at / 16 + 1) * 16;
     if image.get(end - 1) != Some(&checksum) {
-        return Err("wrong checksum".to_owned());
+        return Err(ImageError::Checksum);
     }
     if header[23] != 1 {
-        return Err("no hash behind it".to_owned());
+        return Err(ImageError::NoHash);
     }
-    let hash = image.get(end..end + HASH).ok_or("ends inside its hash")?;
+    let hash = image.get(end..end + HASH).ok_or(ImageError::InsideHash)?;
     if hash != Sha256::digest(&image[..end]).as_slice() {
-        return Err("wrong hash".to_owned());
+        return Err(ImageError::Hash);
     }
     if image.len() != end + HASH {
-        return Err(format!("{} bytes too many", image.len() - end - HASH));
+        return Err(ImageError::TooLong(image.len() - end - HASH));
     }
     Ok(AppImage {
         chip: u16::from_le_bytes([header[12], header[13]]),
-        entry: word(header, 4).ok_or("no entry")?,
+        entry: u32::from_le_bytes([header[4], header[5], header[6], header[7]]),
         segments,
         payload,
     })

@@ -1,5 +1,6 @@
 //! The partition table of a board, and what this project asks of one.
 
+use std::fmt;
 use std::path::Path;
 
 use esp_idf_part::{AppType, DataType, PartitionTable, SubType, Type};
@@ -38,42 +39,83 @@ pub(crate) fn load(path: &Path, flash: FlashSize) -> Outcome<Table> {
     check(&text, flash).when(path.display())
 }
 
-fn check(text: &str, flash: FlashSize) -> Result<Table, String> {
+/// Why a table is not fit for the robot program.
+#[derive(Debug)]
+enum TableError {
+    /// It made the library panic.
+    Contradiction(Failure),
+    /// It is no partition table.
+    Malformed(esp_idf_part::Error),
+    /// A partition ends here, behind the flash of so many bytes.
+    BehindFlash { name: String, end: u64, flash: u32 },
+    /// A partition lies on the table itself.
+    OnTable(String),
+    /// Nothing says which slot starts.
+    NoOtaData,
+    /// There are not two update slots.
+    OneSlot,
+    /// An image has to fit both slots.
+    UnequalSlots,
+    /// A partition that boards look for is missing.
+    Missing(&'static str),
+    /// It is smaller than so many bytes.
+    TooSmall(&'static str, u32),
+}
+
+impl fmt::Display for TableError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Contradiction(Failure(reason)) => f.write_str(reason),
+            Self::Malformed(error) => error.fmt(f),
+            Self::BehindFlash { name, end, flash } => write!(
+                f,
+                "{name} ends at {end:#x}, behind the {flash:#x} bytes of flash"
+            ),
+            Self::OnTable(name) => write!(f, "{name} lies on the partition table itself"),
+            Self::NoOtaData => f.write_str("otadata is missing: nothing says which slot starts"),
+            Self::OneSlot => f.write_str("two update slots are needed: ota_0 and ota_1"),
+            Self::UnequalSlots => {
+                f.write_str("ota_0 and ota_1 differ in size: an image must fit both")
+            }
+            Self::Missing(name) => write!(f, "the partition '{name}' is missing"),
+            Self::TooSmall(name, smallest) => {
+                write!(f, "'{name}' is smaller than {smallest:#x} bytes")
+            }
+        }
+    }
+}
+
+fn check(text: &str, flash: FlashSize) -> Result<Table, TableError> {
     let table = quietly("esp-idf-part", || PartitionTable::try_from_str(text))
-        .map_err(|Failure(reason)| reason)?
-        .map_err(|error| error.to_string())?;
+        .map_err(TableError::Contradiction)?
+        .map_err(TableError::Malformed)?;
     for partition in table.partitions() {
         let end = u64::from(partition.offset()) + u64::from(partition.size());
         if end > u64::from(flash.size()) {
-            return Err(format!(
-                "{} ends at {end:#x}, behind the {:#x} bytes of flash",
-                partition.name(),
-                flash.size()
-            ));
+            return Err(TableError::BehindFlash {
+                name: partition.name(),
+                end,
+                flash: flash.size(),
+            });
         }
         if partition.offset() < OFFSET + 0x1000 {
-            return Err(format!(
-                "{} lies on the partition table itself",
-                partition.name()
-            ));
+            return Err(TableError::OnTable(partition.name()));
         }
     }
     let find = |kind, subtype| table.find_by_subtype(kind, subtype);
     if find(Type::Data, SubType::Data(DataType::Ota)).is_none() {
-        return Err("otadata is missing: nothing says which slot starts".to_owned());
+        return Err(TableError::NoOtaData);
     }
     let [Some(first), Some(second)] = SLOTS.map(|slot| find(Type::App, SubType::App(slot))) else {
-        return Err("two update slots are needed: ota_0 and ota_1".to_owned());
+        return Err(TableError::OneSlot);
     };
     if first.size() != second.size() {
-        return Err("ota_0 and ota_1 differ in size: an image must fit both".to_owned());
+        return Err(TableError::UnequalSlots);
     }
     for (name, smallest) in NAMED {
-        let partition = table
-            .find(name)
-            .ok_or_else(|| format!("the partition '{name}' is missing"))?;
+        let partition = table.find(name).ok_or(TableError::Missing(name))?;
         if partition.size() < smallest {
-            return Err(format!("'{name}' is smaller than {smallest:#x} bytes"));
+            return Err(TableError::TooSmall(name, smallest));
         }
     }
     Ok(Table { slot: first.size() })
@@ -100,7 +142,7 @@ mod tests {
     const LARGE: &str = include_str!("../../partitions-8mb.csv");
 
     fn refused(text: &str, because: &str) {
-        let error = check(text, FlashSize::_4Mb).expect_err(because);
+        let error = check(text, FlashSize::_4Mb).expect_err(because).to_string();
         assert!(error.contains(because), "{error}");
     }
 
