@@ -19,8 +19,8 @@ const ONLOOKERS: [&str; 5] = [
     "crawler-compare",
     "crawler-footprint",
     "crawler-fuzz",
-    "crawler-history",
     "crawler-tests",
+    "crawler-world-history",
 ];
 
 /// Folders without manifests of ours.

@@ -403,11 +403,14 @@ fn words(pages: &[Page]) -> Vec<String> {
 /// Everything the server is made of, as text.
 fn sources() -> String {
     let mut text = String::new();
-    let mut waiting = vec![root().join("host-server/src")];
+    let mut waiting = vec![root().join("host-server")];
     while let Some(path) = waiting.pop() {
+        let name = path.file_name().unwrap_or_default();
         if path.is_dir() {
-            let entries = std::fs::read_dir(&path).expect("a readable folder");
-            waiting.extend(entries.map(|entry| entry.expect("an entry").path()));
+            if !["target", "tests", "ui"].iter().any(|other| name == *other) {
+                let entries = std::fs::read_dir(&path).expect("a readable folder");
+                waiting.extend(entries.map(|entry| entry.expect("an entry").path()));
+            }
         } else if path.extension().is_some_and(|ending| ending == "rs") {
             text += &std::fs::read_to_string(&path).expect("UTF-8");
         }

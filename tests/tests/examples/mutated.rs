@@ -101,6 +101,11 @@ fn a_page_that_is_wrong_is_noticed() {
             "--example telemetry_cost",
             "--example telemetry_price",
         ),
+        (
+            "docs/architecture.md",
+            "`firmware/app/src/intake.rs`",
+            "`firmware/app/src/intakes.rs`",
+        ),
         ("docs/scenarios.md", "within_s = 120.0", "with_s = 120.0"),
         (
             "docs/flash.md",
