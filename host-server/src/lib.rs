@@ -5,7 +5,7 @@
 //! broker is in this process or not; what those messages are is `crawler-protocol`'s to say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people: `broker`,
-//! `bus`, `fleet`, `fences`, `commands`, `history`, `recorder`, `feed`, `http`, `accounts`, `addresses`. Worlds:
+//! `bus`, `fleet`, `fences`, `commands`, `history`, `recorder`, `feed`, `http`, `addresses`. Worlds:
 //! `simulation`, `simulator`, `experiments`, `recipe`. Several servers: `cluster`. The command line: `console`,
 //! `evaluate`, `replay`.
 

@@ -31,11 +31,10 @@ const LICENCES: &[&str] = &[
 const MOST_FILES: usize = 6;
 
 /// Types that are not divided yet, and in how many files they are at most.
-const SCATTERED: [(&str, &str, usize); 6] = [
-    ("firmware/app", "Connection", 7),
+const SCATTERED: [(&str, &str, usize); 5] = [
     ("hal-sim", "Scenario", 8),
-    ("hal-sim", "Simulation", 13),
-    ("hal-sim", "Space", 10),
+    ("hal-sim", "Simulation", 12),
+    ("hal-sim", "Space", 9),
     ("hil", "Bench", 7),
     ("host-server/records", "Records", 12),
 ];

@@ -10,6 +10,9 @@
 //! - [`AuditLog`]: who did what, in the order in which it was done.
 //!
 //! The rules are `crawler-access`'s; here is who has logged in.
+//!
+//! Reading order: `login` with `hashing` and `attempts`; `sessions`, `tickets` and `invitations`; `people`;
+//! `audit`.
 
 mod attempts;
 mod audit;
