@@ -6,8 +6,7 @@
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people: `broker`,
 //! `bus`, `fleet`, `fences`, `commands`, `history`, `recorder`, `feed`, `http`, `addresses`. Worlds:
-//! `simulation`, `simulator`, `experiments`, `recipe`. Several servers: `cluster`. The command line: `console`,
-//! `evaluate`, `replay`.
+//! `simulation`, `simulator`. Several servers: `cluster`. The command line: `cli`, `console`, `replay`.
 
 pub mod cli;
 pub mod config;
