@@ -16,7 +16,6 @@ pub mod run;
 pub mod server;
 
 mod addresses;
-mod broker;
 mod bus;
 mod cluster;
 mod commands;
@@ -30,10 +29,11 @@ mod simulation;
 mod simulator;
 
 use crawler_accounts as accounts;
+use crawler_broker as broker;
 use crawler_metrics as metrics;
 use crawler_server_tls as tls;
 use crawler_system::text::hex;
-use crawler_system::{clock, data, descriptors, places, text, waiting};
+use crawler_system::{clock, data, descriptors, text, waiting};
 
 pub use data::DataError;
 pub use tls::TlsError;

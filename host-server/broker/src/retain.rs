@@ -15,13 +15,13 @@ const MAX_RETAINED: isize = 40_000;
 
 /// The broker's own storage, switched on and bounded. The guard has already refused to retain
 /// anything but what the contract retains.
-pub(super) struct Retained {
+pub(crate) struct Retained {
     inner: DefaultRetainStorage,
     counters: Arc<GuardCounters>,
 }
 
 impl Retained {
-    pub(super) fn new(counters: Arc<GuardCounters>) -> Self {
+    pub(crate) fn new(counters: Arc<GuardCounters>) -> Self {
         Self {
             inner: DefaultRetainStorage::new(),
             counters,

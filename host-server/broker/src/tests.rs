@@ -37,16 +37,16 @@ impl Bench {
     async fn new() -> Self {
         let records = Records::in_memory().await.expect("records");
         let fleet = Fleet::new("swarm").expect("a fleet");
-        let metrics = Arc::new(crate::metrics::Metrics::new());
-        let (audit, writer) = crate::accounts::AuditLog::new(records.clone(), metrics);
+        let metrics = Arc::new(crawler_metrics::Metrics::new());
+        let (audit, writer) = crawler_accounts::AuditLog::new(records.clone(), metrics);
         tokio::spawn(writer.run(CancellationToken::new()));
         let accounts = Arc::new(RecordAccounts::new(
             records.clone(),
-            Arc::new(crate::accounts::Failures::default()),
-            crate::accounts::Hashing::new(Duration::from_mins(1)),
+            Arc::new(crawler_accounts::Failures::default()),
+            crawler_accounts::Hashing::new(Duration::from_mins(1)),
             audit.notes(),
         ));
-        let limits = crate::descriptors::Descriptors::MOST.into();
+        let limits = crawler_system::descriptors::Descriptors::MOST.into();
         let broker = EmbeddedBroker::start(&fleet, accounts, limits)
             .await
             .expect("a broker");

@@ -11,14 +11,14 @@ use crawler_records::{Records, RecordsError};
 use tokio::sync::Semaphore;
 
 use super::{Accounts, Login, Refusal, SIMULATOR, Who};
-use crate::accounts::{Busy, Entry, Failures, Hashing, Notes};
+use crawler_accounts::{Busy, Entry, Failures, Hashing, Notes};
 
 /// Passwords that may wait to be checked. The rest is sent away at once: whoever waits holds one of the
 /// broker's places for handshakes, and robots need those.
 const QUEUE: usize = 16;
 
 /// Robots and simulators by the digests of their secrets, people by their passwords.
-pub(crate) struct RecordAccounts {
+pub struct RecordAccounts {
     records: Records,
     failures: Arc<Failures>,
     hashing: Hashing,
@@ -28,12 +28,7 @@ pub(crate) struct RecordAccounts {
 
 impl RecordAccounts {
     /// Robots and people of `records`; wrong passwords count among `failures`, and logins are noted.
-    pub(crate) fn new(
-        records: Records,
-        failures: Arc<Failures>,
-        hashing: Hashing,
-        notes: Notes,
-    ) -> Self {
+    pub fn new(records: Records, failures: Arc<Failures>, hashing: Hashing, notes: Notes) -> Self {
         Self {
             records,
             failures,
@@ -181,8 +176,8 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::accounts::AuditLog;
-    use crate::metrics::Metrics;
+    use crawler_accounts::AuditLog;
+    use crawler_metrics::Metrics;
 
     fn login<'a>(user: &'a str, password: &'a str) -> Login<'a> {
         Login {

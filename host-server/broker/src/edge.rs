@@ -29,12 +29,12 @@ use tokio::time::timeout;
 
 use super::GuardCounters;
 use super::accounts::Refusal;
-use crate::descriptors::{self, Descriptors};
-use crate::tls::{self, Door};
-use crate::waiting::{Slot, Waiting};
 use connect::{Connect, LEVEL_5, NoConnect};
+use crawler_server_tls::{self as tls, Door};
+use crawler_system::descriptors::{self, Descriptors};
+use crawler_system::waiting::{Slot, Waiting};
 use peers::Note;
-pub(super) use peers::Peers;
+pub(crate) use peers::Peers;
 
 /// Connections of one address that the broker has not let in yet. A simulator opens 64 at a time.
 const MOST_OF_ONE: usize = 256;
@@ -58,13 +58,13 @@ const PROBES: u32 = 4;
 
 /// How long a client may take to say who it is.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Times {
+pub struct Times {
     /// For the first byte, once TCP and TLS are through.
-    pub(crate) first_byte: Duration,
+    pub first_byte: Duration,
     /// For the whole CONNECT, counted from the same moment.
-    pub(crate) connect: Duration,
+    pub connect: Duration,
     /// For the broker to answer: somebody else's password may be checked first.
-    pub(crate) answer: Duration,
+    pub answer: Duration,
 }
 
 impl Default for Times {
@@ -79,16 +79,17 @@ impl Default for Times {
 
 /// How many clients there may be, and how long they may take.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits {
+pub struct Limits {
     /// Clients that the broker has not let in yet.
-    pub(crate) waiting: usize,
+    pub waiting: usize,
     /// Of those, at one address.
-    pub(crate) waiting_of_one: usize,
+    pub waiting_of_one: usize,
     /// Clients in all.
-    pub(crate) clients: usize,
+    pub clients: usize,
     /// Sessions, also of this process and of clients that are away.
-    pub(crate) sessions: usize,
-    pub(crate) times: Times,
+    pub sessions: usize,
+    /// How long each may take.
+    pub times: Times,
 }
 
 impl From<Descriptors> for Limits {
@@ -105,7 +106,7 @@ impl From<Descriptors> for Limits {
 }
 
 /// The way in for everybody but this process.
-pub(super) struct Edge {
+pub(crate) struct Edge {
     /// Where the broker listens.
     broker: SocketAddr,
     waiting: Arc<Waiting>,
@@ -116,7 +117,7 @@ pub(super) struct Edge {
 }
 
 impl Edge {
-    pub(super) fn new(
+    pub(crate) fn new(
         broker: SocketAddr,
         limits: Limits,
         peers: Arc<Peers>,
@@ -138,7 +139,7 @@ impl Edge {
     ///
     /// # Errors
     /// What the operating system says when the address cannot be bound.
-    pub(super) async fn listen(
+    pub(crate) async fn listen(
         self: &Arc<Self>,
         listen: SocketAddr,
         door: Option<Door>,
@@ -154,7 +155,7 @@ impl Edge {
 
     /// A connection to the broker for a client at `origin` over something else than TCP. Who carries it
     /// closes it when the client is silent.
-    pub(super) fn enter(self: &Arc<Self>, origin: SocketAddr, runtime: &Handle) -> DuplexStream {
+    pub(crate) fn enter(self: &Arc<Self>, origin: SocketAddr, runtime: &Handle) -> DuplexStream {
         let (ours, theirs) = tokio::io::duplex(PIPE);
         let edge = Arc::clone(self);
         runtime.spawn(async move {

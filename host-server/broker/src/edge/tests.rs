@@ -8,7 +8,7 @@ use tokio_rustls::rustls::{ClientConfig, RootCertStore, crypto};
 
 use super::super::{EmbeddedBroker, Open};
 use super::*;
-use crate::tls::{CertificateOptions, Certificates};
+use crawler_server_tls::{CertificateOptions, Certificates};
 
 /// How long a test waits for something that is to happen, however slow the machine is.
 const LIMIT: Duration = Duration::from_mins(1);
@@ -161,7 +161,7 @@ async fn who_is_silent_before_or_after_tls_is_closed() {
         dir: scratch.clone(),
         ..CertificateOptions::default()
     };
-    let now = (crate::clock::unix_ms() / 1_000) as i64;
+    let now = (crawler_system::clock::unix_ms() / 1_000) as i64;
     let certificates = Certificates::open(&options, now).expect("certificates");
     let acceptor = certificates.acceptor(tls::MQTT, None).expect("TLS");
     let door = Door::new(acceptor).within(Duration::from_millis(400));

@@ -12,13 +12,13 @@ use tokio::sync::Mutex;
 /// The routes of the library, whose `add` and `remove` each change a tree of filters and then a map, or the
 /// map and then the tree. When the last subscriber of a filter leaves while another one comes, the filter is
 /// gone from the tree though somebody has subscribed to it, and is never told anything.
-pub(super) struct Routes<R> {
+pub(crate) struct Routes<R> {
     library: R,
     changing: Mutex<()>,
 }
 
 impl<R: Router> Routes<R> {
-    pub(super) fn new(library: R) -> Self {
+    pub(crate) fn new(library: R) -> Self {
         Self {
             library,
             changing: Mutex::default(),

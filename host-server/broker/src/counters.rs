@@ -5,7 +5,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::accounts::Refusal;
-use crate::accounts::Notes;
+use crawler_accounts::Notes;
 
 /// A line of log about a refusal at most so often: whoever is refused comes again at once.
 const SAY_EVERY: Duration = Duration::from_secs(1);
@@ -28,21 +28,21 @@ pub(crate) struct GuardCounters {
     /// Sessions ended because their account or credential no longer counts.
     pub(crate) dropped: AtomicU64,
     /// The audit log, once there is one.
-    pub(super) notes: OnceLock<Notes>,
+    pub(crate) notes: OnceLock<Notes>,
     reasons: [AtomicU64; Refusal::ALL.len()],
     said: Mutex<Option<Instant>>,
 }
 
 impl GuardCounters {
     /// Counts one refusal of something that a session wanted.
-    pub(super) fn refuse(&self, reason: Refusal) {
+    pub(crate) fn refuse(&self, reason: Refusal) {
         if let Some(count) = self.reasons.get(reason as usize) {
             count.fetch_add(1, Ordering::Relaxed);
         }
     }
 
     /// Counts a connection that was refused. True when it is time for a line of log.
-    pub(super) fn refuse_connection(&self, reason: Refusal, now: Instant) -> bool {
+    pub(crate) fn refuse_connection(&self, reason: Refusal, now: Instant) -> bool {
         self.refused.fetch_add(1, Ordering::Relaxed);
         self.refuse(reason);
         let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);

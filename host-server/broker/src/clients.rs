@@ -57,7 +57,7 @@ const MANY_DROPS: usize = 1_000;
 
 /// How the link to a robot is, when it is not well.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum LinkState {
+pub enum LinkState {
     /// It sends more than it may and is slowed down.
     Throttled,
     /// It stayed over its budget and is locked out for a while.
@@ -66,7 +66,7 @@ pub(crate) enum LinkState {
 
 impl LinkState {
     /// As the API names it.
-    pub(crate) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Throttled => "throttled",
             Self::CutOff => "cut_off",
@@ -76,24 +76,24 @@ impl LinkState {
 
 /// Which session is meant. A client that connects again has a new session before the old one has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Key<'a> {
-    pub(super) client: &'a str,
-    pub(super) made: Made,
+pub(crate) struct Key<'a> {
+    pub(crate) client: &'a str,
+    pub(crate) made: Made,
 }
 
 /// When and how a session began. Two of a client may begin in the same millisecond, but not over the same
 /// connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Made {
+pub(crate) struct Made {
     /// Unix time by the broker's clock, in milliseconds.
-    pub(super) at: i64,
+    pub(crate) at: i64,
     /// The far end of its connection, as the broker sees it.
-    pub(super) over: Option<SocketAddr>,
+    pub(crate) over: Option<SocketAddr>,
 }
 
 /// What becomes of something that counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Spent {
+pub(crate) enum Spent {
     /// It goes through.
     Pass,
     /// It goes through after this time.
@@ -132,7 +132,7 @@ struct Inner {
 }
 
 /// The list of clients.
-pub(super) struct Clients {
+pub(crate) struct Clients {
     fleet: Fleet,
     inner: Mutex<Inner>,
     /// Where those come from that come through TLS or a WebSocket.
@@ -140,7 +140,7 @@ pub(super) struct Clients {
 }
 
 impl Clients {
-    pub(super) fn new(fleet: Fleet) -> Self {
+    pub(crate) fn new(fleet: Fleet) -> Self {
         Self {
             fleet,
             inner: Mutex::default(),
@@ -148,7 +148,7 @@ impl Clients {
         }
     }
 
-    pub(super) const fn peers(&self) -> &Arc<Peers> {
+    pub(crate) const fn peers(&self) -> &Arc<Peers> {
         &self.peers
     }
 
@@ -157,7 +157,7 @@ impl Clients {
     }
 
     /// Whether a client was cut off and has to stay away.
-    pub(super) fn is_locked(&self, client: &str, now: Instant) -> bool {
+    pub(crate) fn is_locked(&self, client: &str, now: Instant) -> bool {
         let inner = self.lock();
         let meter = inner.meters.get(client);
         meter.is_some_and(|meter| meter.is_locked(now))
@@ -168,7 +168,7 @@ impl Clients {
     /// # Errors
     /// Why it may not come in after all: its name was dropped since `begun`, it comes too often, or
     /// there are too many.
-    pub(super) fn enter(
+    pub(crate) fn enter(
         &self,
         key: Key<'_>,
         user: Option<&str>,
@@ -206,7 +206,7 @@ impl Clients {
     }
 
     /// Whether a session that has just been set up may stay: its name was not dropped meanwhile.
-    pub(super) fn may_stay(&self, key: Key<'_>) -> bool {
+    pub(crate) fn may_stay(&self, key: Key<'_>) -> bool {
         let inner = self.lock();
         inner.session(key).is_some_and(|session| {
             !inner.is_dropped(
@@ -218,31 +218,31 @@ impl Clients {
     }
 
     /// Forgets a session that has ended. What it sent counts on.
-    pub(super) fn leave(&self, key: Key<'_>) {
+    pub(crate) fn leave(&self, key: Key<'_>) {
         self.lock()
             .keep(key.client, |session| session.made != key.made);
     }
 
     /// Whether there are so many clients that some must be ghosts: see [`prune`](Self::prune).
-    pub(super) fn is_full(&self) -> bool {
+    pub(crate) fn is_full(&self) -> bool {
         self.lock().is_full()
     }
 
     /// Forgets the clients that are no longer among the broker's.
-    pub(super) fn prune(&self, exists: impl Fn(&str) -> bool) {
+    pub(crate) fn prune(&self, exists: impl Fn(&str) -> bool) {
         let mut inner = self.lock();
         inner.sessions.retain(|client, _| exists(client));
         inner.kinds.retain(|client, _| exists(client));
     }
 
     /// Whose the session of a client is, connected or not.
-    pub(super) fn kind(&self, client: &str) -> Option<Kind> {
+    pub(crate) fn kind(&self, client: &str) -> Option<Kind> {
         self.lock().kinds.get(client).copied()
     }
 
     /// Takes everything from the sessions of a name, and keeps logins under way from getting it
     /// back. Returns their client ids.
-    pub(super) fn expel(&self, kind: Kind, user: &str, now: Instant) -> Vec<String> {
+    pub(crate) fn expel(&self, kind: Kind, user: &str, now: Instant) -> Vec<String> {
         let mut inner = self.lock();
         if inner.drops.len() >= MANY_DROPS {
             let recent = |at: Instant| now.saturating_duration_since(at) <= DROP_MEMORY;
@@ -265,13 +265,13 @@ impl Clients {
     }
 
     /// What a session may do; `None` for one that was expelled.
-    pub(super) fn access(&self, key: Key<'_>) -> Option<Access> {
+    pub(crate) fn access(&self, key: Key<'_>) -> Option<Access> {
         let inner = self.lock();
         inner.session(key).map(|session| session.access.clone())
     }
 
     /// Whether something is allowed to somebody with this access.
-    pub(super) fn may(&self, access: &Access, act: Act, topic_or_filter: &str) -> bool {
+    pub(crate) fn may(&self, access: &Access, act: Act, topic_or_filter: &str) -> bool {
         match access {
             Access::Everything => true,
             Access::As(who) => may(who, act, &self.fleet, topic_or_filter),
@@ -279,21 +279,21 @@ impl Clients {
     }
 
     /// Counts a publish.
-    pub(super) fn published(&self, client: &str, bytes: usize, now: Instant) -> Spent {
+    pub(crate) fn published(&self, client: &str, bytes: usize, now: Instant) -> Spent {
         let units = bytes.div_ceil(UNIT).max(1) as f64;
         self.lock().spend(client, units, now)
     }
 
     /// Counts a halt. Whether it goes through at once, whatever the client has sent before; otherwise it
     /// counts like anything else.
-    pub(super) fn halted(&self, client: &str, now: Instant) -> bool {
+    pub(crate) fn halted(&self, client: &str, now: Instant) -> bool {
         let mut inner = self.lock();
         let meter = inner.meter(client, now);
         meter.is_some_and(|meter| meter.halts.spend(1.0, now) == Verdict::Pass)
     }
 
     /// Counts a subscription.
-    pub(super) fn subscribed(&self, client: &str, filter: &str, now: Instant) -> Spent {
+    pub(crate) fn subscribed(&self, client: &str, filter: &str, now: Instant) -> Spent {
         let wide = filter.contains(['+', '#']);
         let units = if wide {
             WIDE_SUBSCRIPTION
@@ -304,7 +304,7 @@ impl Clients {
     }
 
     /// How the link to a robot is, when it is not well.
-    pub(super) fn link(&self, robot: &RobotId, now: Instant) -> Option<LinkState> {
+    pub(crate) fn link(&self, robot: &RobotId, now: Instant) -> Option<LinkState> {
         let inner = self.lock();
         let meter = inner.meters.get(robot.as_str())?;
         if meter.is_locked(now) {

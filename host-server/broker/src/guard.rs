@@ -20,8 +20,8 @@ use rmqtt::types::{
 use super::accounts::{Access, Accounts, Login, Refusal, Who, admit};
 use super::clients::{Clients, Key, Made, Spent};
 use super::{Credentials, GuardCounters};
-use crate::accounts::Entry;
-use crate::text::Shown;
+use crawler_accounts::Entry;
+use crawler_system::text::Shown;
 
 /// How long a session that has to end may be in the middle of a handshake.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -55,7 +55,7 @@ impl House {
 /// Everyone but the server's own session is let in by [`Accounts`] and held to the table of
 /// `crawler-access`; what the table does not have is refused.
 #[derive(Clone)]
-pub(super) struct Guard {
+pub(crate) struct Guard {
     shared: Arc<Shared>,
 }
 
@@ -70,7 +70,7 @@ struct Shared {
 }
 
 impl Guard {
-    pub(super) fn new(
+    pub(crate) fn new(
         fleet: Fleet,
         [server, simulator]: [&Credentials; 2],
         accounts: Arc<dyn Accounts>,
@@ -329,7 +329,7 @@ fn key(id: &Id) -> Key<'_> {
 }
 
 /// The clients that have a session under a name, connected or not.
-pub(super) async fn sessions_of(context: &ServerContext, name: &str) -> Vec<String> {
+pub(crate) async fn sessions_of(context: &ServerContext, name: &str) -> Vec<String> {
     let broker = context.extends.shared().await;
     let named = |id: &Id| id.username.as_ref().is_some_and(|known| known == name);
     broker
@@ -341,7 +341,7 @@ pub(super) async fn sessions_of(context: &ServerContext, name: &str) -> Vec<Stri
 }
 
 /// Ends a client's session and forgets its subscriptions and what waits for it.
-pub(super) async fn end_session(context: &ServerContext, client: &str) {
+pub(crate) async fn end_session(context: &ServerContext, client: &str) {
     let id = Id::from(context.node.id(), ClientId::from(client));
     let end = Instant::now() + PATIENCE;
     loop {

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use rmqtt::context::ServerContext;
 
 use super::BrokerHandle;
-use crate::metrics::Exposition;
+use crawler_metrics::Exposition;
 
 /// What the broker holds at this moment.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -25,7 +25,7 @@ pub(crate) struct Load {
 impl Load {
     /// Asks the library. Messages are counted where they are: its own counts of them keep those of sessions
     /// that have ended for ever.
-    pub(super) async fn of(broker: &ServerContext) -> Self {
+    pub(crate) async fn of(broker: &ServerContext) -> Self {
         // The library counts in signed numbers and may be one below for a moment.
         let count = |value: isize| u64::try_from(value).unwrap_or(0);
         let mut load = Self {
@@ -49,7 +49,7 @@ impl Load {
 
 impl BrokerHandle {
     /// How full the broker is, and what it has refused so far.
-    pub(crate) async fn write_metrics(&self, out: &mut Exposition) {
+    pub async fn write_metrics(&self, out: &mut Exposition) {
         let load = self.load().await;
         for (name, help, value) in [
             ("connections", "Open connections", load.connections),

@@ -14,7 +14,7 @@ use rmqtt::types::{
 
 /// Shared subscriptions in turn, those who are connected before those who are not.
 #[derive(Default)]
-pub(super) struct RoundRobin {
+pub(crate) struct RoundRobin {
     turn: AtomicUsize,
 }
 
@@ -69,13 +69,13 @@ impl SharedSubscription for RoundRobin {
 }
 
 /// The server's session reads the whole fleet and gets the long queue.
-pub(super) struct QueueSizes {
+pub(crate) struct QueueSizes {
     server: String,
     server_queue: usize,
 }
 
 impl QueueSizes {
-    pub(super) fn new(server: String, server_queue: usize) -> Self {
+    pub(crate) fn new(server: String, server_queue: usize) -> Self {
         Self {
             server,
             server_queue,

@@ -4,10 +4,15 @@
 //! has a runtime of its own: stopping it ends every session with it, and a busy broker does not
 //! delay the API.
 //!
-//! What protects it from its clients: who comes from outside comes in through an [`edge`]; names and passwords (see [`accounts`]), a table of what each
-//! may publish and subscribe ([`guard`]), a budget of messages per client ([`clients`]), the sizes
-//! and counts below, retained messages only where the contract has them, and a send time-out that
-//! ends a session whose reader has stalled.
+//! What protects it from its clients, from the outside in:
+//!
+//! - the edge: connections from outside come in there, have to say in time who they are, and make room for
+//!   others; what the library gets wrong of their bytes is put right;
+//! - [`Accounts`]: names and passwords;
+//! - the guard: a table of what each may publish and subscribe;
+//! - a budget of messages per client;
+//! - the sizes and counts below, retained messages only where the contract has them, and a send time-out that
+//!   ends a session whose reader has stalled.
 
 mod accounts;
 mod clients;
@@ -29,6 +34,7 @@ use std::time::{Duration, Instant};
 
 use crawler_access::Secret;
 use crawler_protocol::{Fleet, RobotId};
+use crawler_system::text::hex;
 use rmqtt::context::ServerContext;
 use rmqtt::hook::Type;
 use rmqtt::net::Builder;
@@ -36,20 +42,20 @@ use rmqtt::router::DefaultRouter;
 use rmqtt::server::MqttServer;
 use tokio::io::DuplexStream;
 
-pub(crate) use accounts::{Accounts, Kind, Open, RecordAccounts};
-pub(crate) use clients::LinkState;
+pub use accounts::{Accounts, Kind, Login, Open, RecordAccounts, Refusal, Who};
+pub use clients::LinkState;
 use counters::GuardCounters;
-pub(crate) use edge::Limits;
+pub use edge::{Limits, Times};
 use numbers::Load;
 
-use crate::accounts::Notes;
-use crate::places::{Place, Places};
-use crate::tls::Door;
 use clients::Clients;
+use crawler_accounts::Notes;
+use crawler_server_tls::Door;
+use crawler_system::places::{Place, Places};
 use edge::Edge;
 
 /// Largest packet the broker takes: an image with its topic and properties.
-pub(crate) const LARGEST_PACKET: u32 = 256 * 1024;
+pub const LARGEST_PACKET: u32 = 256 * 1024;
 /// Connections at a time, robots and others together. How many sessions there may be is a matter of
 /// [`Limits`].
 const MAX_CONNECTIONS: usize = 25_000;
@@ -69,9 +75,11 @@ const WORKERS: usize = 2;
 
 /// Name and secret that are good until the broker ends.
 #[derive(Clone)]
-pub(crate) struct Credentials {
-    pub(crate) user: String,
-    pub(crate) password: Secret,
+pub struct Credentials {
+    /// The user name.
+    pub user: String,
+    /// The secret.
+    pub password: Secret,
 }
 
 impl Credentials {
@@ -80,14 +88,14 @@ impl Credentials {
         getrandom::fill(&mut bytes).map_err(std::io::Error::other)?;
         Ok(Self {
             // Short enough for a robot, which takes 32 bytes.
-            user: format!("{prefix}{}", crate::hex(&bytes)),
+            user: format!("{prefix}{}", hex(&bytes)),
             password: Secret::generate().map_err(std::io::Error::other)?,
         })
     }
 }
 
 /// The broker, until it is stopped or dropped.
-pub(crate) struct EmbeddedBroker {
+pub struct EmbeddedBroker {
     runtime: Option<tokio::runtime::Runtime>,
     address: SocketAddr,
     server: Credentials,
@@ -97,7 +105,7 @@ pub(crate) struct EmbeddedBroker {
 
 /// What others ask of the embedded broker. Of no effect once that has stopped.
 #[derive(Clone)]
-pub(crate) struct BrokerHandle {
+pub struct BrokerHandle {
     clients: Arc<Clients>,
     counters: Arc<GuardCounters>,
     context: ServerContext,
@@ -113,30 +121,30 @@ impl BrokerHandle {
     }
 
     /// Tasks of its runtime that have not ended.
-    pub(crate) fn tasks(&self) -> usize {
+    pub fn tasks(&self) -> usize {
         self.runtime.metrics().num_alive_tasks()
     }
 
     /// How the link to a robot is, when it is not well.
-    pub(crate) fn link(&self, robot: &RobotId) -> Option<LinkState> {
+    pub fn link(&self, robot: &RobotId) -> Option<LinkState> {
         self.clients.link(robot, Instant::now())
     }
 
     /// A place for a client over a WebSocket; `None` when there is none left for its address.
-    pub(crate) fn place(&self, from: IpAddr) -> Option<Place> {
+    pub fn place(&self, from: IpAddr) -> Option<Place> {
         self.sockets.take(from)
     }
 
     /// A connection to the broker for somebody at `origin`, under whose address it counts. Who carries it
     /// closes it when the client is silent.
-    pub(crate) fn enter(&self, origin: SocketAddr) -> DuplexStream {
+    pub fn enter(&self, origin: SocketAddr) -> DuplexStream {
         self.edge.enter(origin, &self.runtime)
     }
 
     /// Ends every session of a name: a robot or simulator whose credential was revoked or replaced,
     /// a person whose role has changed. From now on none of them is heard, and a login that is under
     /// way comes to nothing. Who else has that name stays. Change the records first.
-    pub(crate) async fn drop_client(&self, kind: Kind, name: &str) {
+    pub async fn drop_client(&self, kind: Kind, name: &str) {
         let mut ended = self.clients.expel(kind, name, Instant::now());
         let clients = Arc::clone(&self.clients);
         let (context, name) = (self.context.clone(), name.to_owned());
@@ -168,7 +176,7 @@ impl EmbeddedBroker {
     ///
     /// # Errors
     /// What the operating system says when no port is to be had on loopback.
-    pub(crate) async fn start(
+    pub async fn start(
         fleet: &Fleet,
         accounts: Arc<dyn Accounts>,
         limits: Limits,
@@ -224,27 +232,28 @@ impl EmbeddedBroker {
     }
 
     /// Where this process finds it.
-    pub(crate) const fn inside(&self) -> SocketAddr {
+    pub const fn inside(&self) -> SocketAddr {
         self.address
     }
 
     /// For the server's own session, which may do everything. Its client id is the user name.
-    pub(crate) const fn server(&self) -> &Credentials {
+    pub const fn server(&self) -> &Credentials {
         &self.server
     }
 
     /// For a simulation in this process.
-    pub(crate) const fn simulator(&self) -> &Credentials {
+    pub const fn simulator(&self) -> &Credentials {
         &self.simulator
     }
 
     /// Has clients that are cut off noted in the audit log.
-    pub(crate) fn note_in(&self, notes: Notes) {
+    pub fn note_in(&self, notes: Notes) {
         // Set once, when the server starts.
         let _ = self.handle.counters.notes.set(notes);
     }
 
-    pub(crate) fn handle(&self) -> BrokerHandle {
+    /// What others ask of it.
+    pub fn handle(&self) -> BrokerHandle {
         self.handle.clone()
     }
 
@@ -253,7 +262,7 @@ impl EmbeddedBroker {
     ///
     /// # Errors
     /// What the operating system says when the address cannot be bound.
-    pub(crate) async fn listen(
+    pub async fn listen(
         &self,
         listen: SocketAddr,
         door: Option<Door>,
@@ -263,7 +272,7 @@ impl EmbeddedBroker {
     }
 
     /// Ends every session and frees the ports.
-    pub(crate) async fn stop(mut self) {
+    pub async fn stop(mut self) {
         if let Some(runtime) = self.runtime.take() {
             end(runtime).await;
         }

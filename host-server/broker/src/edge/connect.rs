@@ -7,7 +7,7 @@ use tokio::time::{Instant, timeout_at};
 
 use super::Times;
 use super::packets::Properties;
-use crate::broker::accounts::Refusal;
+use crate::accounts::Refusal;
 
 /// Largest CONNECT: room for one field of any length (65,535 bytes), and for all else that there is.
 const LARGEST: usize = 72 * 1024;

@@ -9,7 +9,7 @@ use crawler_access::Role;
 use crawler_access::topics::Principal;
 use crawler_protocol::RobotId;
 
-pub(crate) use records::RecordAccounts;
+pub use records::RecordAccounts;
 
 /// First part of the user names of simulators, and of the client ids of what is no robot in them.
 pub(crate) const SIMULATOR: &str = "simulator-";
@@ -22,15 +22,18 @@ const SERVER: &str = "server";
 
 /// What a client says of itself when it connects.
 #[derive(Clone, Copy)]
-pub(crate) struct Login<'a> {
-    pub(crate) user: Option<&'a str>,
-    pub(crate) password: Option<&'a [u8]>,
-    pub(crate) from: IpAddr,
+pub struct Login<'a> {
+    /// Its user name.
+    pub user: Option<&'a str>,
+    /// Its password.
+    pub password: Option<&'a [u8]>,
+    /// The address that it counts under.
+    pub from: IpAddr,
 }
 
 /// Who a client has proven to be.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Who {
+pub enum Who {
     /// Nobody in particular, on an open server.
     Anyone,
     /// A robot with a credential of its own.
@@ -53,7 +56,7 @@ pub(crate) enum Access {
 /// Whose a name is. A person and a robot may have the same one: nothing that becomes of one is to reach
 /// the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) enum Kind {
+pub enum Kind {
     /// An account's.
     Person,
     /// A robot's or a simulator's.
@@ -62,7 +65,7 @@ pub(crate) enum Kind {
 
 impl Access {
     /// Whose name a session with it has. On an open server nobody has one.
-    pub(super) const fn kind(&self) -> Option<Kind> {
+    pub(crate) const fn kind(&self) -> Option<Kind> {
         match self {
             Self::Everything => None,
             Self::As(Principal::User(_)) => Some(Kind::Person),
@@ -73,7 +76,7 @@ impl Access {
 
 /// Why a client is not let in, or not heard. The names are those of the metric's label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Refusal {
+pub enum Refusal {
     /// It gave no name or no password.
     Nameless,
     /// There is no such name, or that is not its password.
@@ -112,7 +115,7 @@ pub(crate) enum Refusal {
 
 impl Refusal {
     /// Every reason.
-    pub(crate) const ALL: [Self; 17] = [
+    pub const ALL: [Self; 17] = [
         Self::Nameless,
         Self::Credentials,
         Self::Attempts,
@@ -133,7 +136,7 @@ impl Refusal {
     ];
 
     /// As metrics and logs name it.
-    pub(crate) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Nameless => "nameless",
             Self::Credentials => "credentials",
@@ -158,7 +161,7 @@ impl Refusal {
 
 /// Knows names and passwords.
 #[async_trait]
-pub(crate) trait Accounts: Send + Sync + 'static {
+pub trait Accounts: Send + Sync + 'static {
     /// Who this is.
     ///
     /// # Errors
@@ -175,7 +178,7 @@ pub(crate) trait Accounts: Send + Sync + 'static {
 
 /// No accounts: whoever reaches the port may connect without a name, and a name is refused because
 /// none exists.
-pub(crate) struct Open;
+pub struct Open;
 
 #[async_trait]
 impl Accounts for Open {
@@ -199,7 +202,7 @@ impl Accounts for Open {
 ///
 /// # Errors
 /// [`Refusal::ClientId`] when the id is not for `who`, and [`Refusal::Records`].
-pub(super) async fn admit(
+pub(crate) async fn admit(
     accounts: &dyn Accounts,
     who: Who,
     client_id: &str,
