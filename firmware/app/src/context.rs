@@ -260,19 +260,16 @@ impl<M: RawMutex> Robot<M> {
     }
 
     /// Newest reading of the ranger.
-    #[inline]
     pub(crate) fn reading(&self) -> Reading {
         self.reading.lock(Cell::get)
     }
 
     /// Newest word on the battery.
-    #[inline]
     pub(crate) fn battery(&self) -> Battery {
         self.battery.lock(Cell::get)
     }
 
     /// How the session with the broker is.
-    #[inline]
     pub(crate) fn link_health(&self) -> LinkHealth {
         self.link_health.lock(Cell::get)
     }

@@ -88,7 +88,6 @@ handle!(
 
 impl<M: RawMutex> SenseHandle<'_, M> {
     /// Publishes what the ranger says.
-    #[inline]
     pub(crate) fn publish(self, reading: &Reading) {
         self.0.reading.lock(|cell| cell.set(*reading));
     }
@@ -96,7 +95,6 @@ impl<M: RawMutex> SenseHandle<'_, M> {
 
 impl<M: RawMutex> PowerHandle<'_, M> {
     /// Publishes what was measured.
-    #[inline]
     pub(crate) fn publish(self, battery: Battery) {
         self.0.battery.lock(|cell| cell.set(battery));
         self.0.battery_measured.signal(());
@@ -125,85 +123,71 @@ impl<'a, M: RawMutex> ControlHandle<'a, M> {
     ///
     /// # Cancellation Safety
     /// A dropped call misses nothing.
-    #[inline]
     pub(crate) fn halt_asked(self) -> impl Future<Output = ()> + use<'a, M> {
         self.0.halt.asked()
     }
 
     /// Whether a halt waits.
-    #[inline]
     pub(crate) fn halt_waits(self) -> bool {
         self.0.halt.waits()
     }
 
     /// Takes the halt that waits.
-    #[inline]
     pub(crate) fn take_halt(self) -> Option<Halt> {
         self.0.halt.try_take()
     }
 
     /// Whether an order waits: cheaper than to take none.
-    #[inline]
     pub(crate) fn order_waits(self) -> bool {
         !self.0.orders.is_empty()
     }
 
     /// Takes the next order.
-    #[inline]
     pub(crate) fn take_order(self) -> Option<Order> {
         self.0.orders.try_receive().ok()
     }
 
     /// Takes the newest view of the camera, if it was not taken yet.
-    #[inline]
     pub(crate) fn take_view(self) -> Option<View> {
         self.0.sights.take()
     }
 
     /// Begins or ends looking; also has the camera read its parameters anew.
-    #[inline]
     pub(crate) fn want_views(self, wanted: bool) {
         self.0.sights.want(wanted);
     }
 
     /// Takes the newest outside position reference, if it was not taken yet.
-    #[inline]
     pub(crate) fn take_fix(self) -> Option<Fix> {
         self.0.tracking.take()
     }
 
     /// Who is near.
-    #[inline]
     pub(crate) fn near(self, now: Instant) -> Near {
         self.0.neighbours.at(now)
     }
 
     /// Takes the behaviour that the restart before this boot interrupted.
-    #[inline]
     pub(crate) fn take_goal_before_restart(self) -> Option<Goal> {
         self.0.behaviour_before_restart.lock(Value::take)
     }
 
     /// Has the behaviour kept that a restart is about to interrupt.
-    #[inline]
     pub(crate) fn keep_goal(self, goal: Goal) {
         self.0.behaviour_to_keep.signal(goal);
     }
 
     /// Publishes what telemetry and the lamp need to know.
-    #[inline]
     pub(crate) fn publish(self, snapshot: &Snapshot) {
         self.0.snapshot.lock(|cell| cell.set(*snapshot));
     }
 
     /// Has the lamp blink until then for whoever looks for the robot.
-    #[inline]
     pub(crate) fn identify(self, until: Instant) {
         self.0.identify_until.lock(|cell| cell.set(until));
     }
 
     /// Has the lamp look for another pattern.
-    #[inline]
     pub(crate) fn wake_lamp(self) {
         self.0.lamp_changed.signal(());
     }
@@ -348,7 +332,6 @@ impl<'a, M: RawMutex> LinkHandle<'a, M> {
     ///
     /// # Errors
     /// Why it was refused; that is counted.
-    #[inline]
     pub(crate) fn take_fix(self, payload: &[u8], now: Instant) -> Result<(), Refusal> {
         let (own, unix) = (&self.0.config.id, self.0.unix_ms(now));
         self.0.tracking.observe(payload, own, unix, now)
