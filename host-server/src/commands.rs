@@ -9,6 +9,7 @@ mod driver;
 mod held_tests;
 mod journal;
 mod list;
+mod pending;
 mod record;
 mod resume;
 mod send;

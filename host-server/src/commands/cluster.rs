@@ -6,69 +6,19 @@ use std::time::Instant;
 
 use crawler_cluster::{Fields, Numbers};
 use crawler_delivery::{Class, End, SETTINGS};
-use crawler_protocol::{Command, RobotId, Source};
+use crawler_protocol::{RobotId, Source};
 
 use super::journal::Owed;
-use super::record::Outcome;
-use super::shared::{Change, SharedTable, read};
-use super::{CommandCenter, CommandView, OutcomeStatus, Record, Target};
+use super::pending::Pending;
+use super::shared::{Change, SharedTable};
+use super::{Book, CommandCenter, CommandView, OutcomeStatus};
 use crate::clock;
 use crate::cluster::ClusterMembership;
 
-/// What was another server's, read and ready.
-struct Inherited {
-    record: Record,
-    /// What is to be delivered: robot, number, boot.
-    legs: Vec<(RobotId, u64, Option<u32>)>,
-    expires: u64,
-}
-
-impl Inherited {
-    fn read(id: u64, fields: &Fields, now: Instant) -> Option<Self> {
-        let (head, command, parts) = read(fields)?;
-        let class = Class::of(&command.action);
-        let target = match parts.keys().next() {
-            Some(robot) if !head.swarm => Target::Robot(robot.clone()),
-            _ => Target::Swarm,
-        };
-        // Its time and number may be those of a later delivery.
-        let settings = head.settings();
-        let mut record = Record::new(command, target, parts.keys().cloned(), now);
-        record.id = id;
-        record.settings = settings.filter(|_| class == Class::Setting);
-        let mut legs = Vec::new();
-        for (robot, part) in parts {
-            let status = part.status.unwrap_or(OutcomeStatus::Pending);
-            let seq = part.seq.unwrap_or(id);
-            record.restore(
-                &robot,
-                Outcome {
-                    status,
-                    reason: part.reason,
-                    timestamp: part.timestamp,
-                    // It was sent and is waited for, from here on anew.
-                    went: part.done.then_some(now),
-                },
-            );
-            if seq != id && !record.numbers.contains(&seq) {
-                record.numbers.push(seq);
-            }
-            if !part.done {
-                legs.push((robot, seq, part.boot));
-            }
-        }
-        Some(Self {
-            record,
-            legs,
-            expires: head.expires,
-        })
-    }
-}
-
 /// A command of another server, as it is; `None` when it is none.
 pub(crate) fn view_of(id: u64, fields: &Fields) -> Option<CommandView> {
-    let inherited = Inherited::read(id, fields, Instant::now())?;
-    Some(inherited.record.view())
+    let pending = Pending::of_fields(id, fields, Instant::now())?;
+    Some(pending.record.view())
 }
 
 impl CommandCenter {
@@ -178,31 +128,28 @@ impl CommandCenter {
         let shared = book.table.shared.as_mut()?;
         // Whatever comes of it, it is written.
         shared.touch_all(id);
-        let Some(inherited) = Inherited::read(id, fields, now) else {
+        let Some(pending) = Pending::of_fields(id, fields, now) else {
             tracing::warn!(id, "a command of another server is none, or was forgotten");
             return None;
         };
-        let Inherited {
+        let (class, left) = (pending.class(), pending.left_ms(clock::unix_ms()));
+        let Pending {
             mut record,
             legs,
             expires,
-        } = inherited;
-        let class = Class::of(&record.command.action);
+        } = pending;
         let at = self.ms(now);
-        // A clock that was set must not keep a command for longer than its life.
-        let left = expires
-            .saturating_sub(clock::unix_ms())
-            .min(class.life_ms());
-        for (robot, seq, boot) in legs {
-            let answer = shared.recall(&robot, seq);
-            if let Some(answer) = answer {
+        let recall = |book: &Book, robot: &RobotId, seq| {
+            let shared = book.table.shared.as_ref()?;
+            shared.recall(robot, seq)
+        };
+        for (robot, leg) in legs {
+            if let Some(answer) = recall(book, &robot, leg.seq) {
                 record.answer(&answer, true);
             } else if left == 0 {
                 record.over(&robot, End::Unanswered);
             } else {
-                let (delivery, flight) = (&mut book.delivery, (seq, boot));
-                delivery.resume(id, &robot, class, flight, (at, at + left));
-                shared.owe_one(id, robot, seq, boot);
+                book.resume(id, class, (robot, leg), at, left);
             }
         }
         // Those that had said `accepted`.
@@ -211,24 +158,19 @@ impl CommandCenter {
         let waiting: Vec<RobotId> = waiting.map(|(robot, _)| robot.clone()).collect();
         for robot in waiting {
             let numbers = record.numbers.iter().copied().chain([id]);
-            let answers = numbers.filter_map(|seq| shared.recall(&robot, seq));
+            let answers = numbers.filter_map(|seq| recall(book, &robot, seq));
             for answer in answers.collect::<Vec<_>>() {
                 record.answer(&answer, true);
             }
         }
         for seq in &record.numbers {
-            book.table.numbers.insert(*seq, id);
             book.table.sequence.above(*seq);
         }
         book.table.sequence.above(id);
         if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.table.journal)
             && let Some(owed) = Owed::new(
-                &Command {
-                    seq: id,
-                    ..record.command.clone()
-                },
+                &record,
                 expires,
-                record.target == Target::Swarm,
                 record
                     .outcomes
                     .iter()
@@ -240,11 +182,7 @@ impl CommandCenter {
             journal.accepted(owed);
         }
         let over = (!record.is_open()).then(|| record.view());
-        if over.is_none() {
-            book.table.open.insert(id);
-        }
-        book.table.outcomes += record.outcomes.len();
-        book.table.records.insert(id, record);
+        book.remember(record);
         over
     }
 }

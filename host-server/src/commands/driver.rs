@@ -7,6 +7,7 @@ use crawler_delivery::{Class, Delivery, DeliverySink, End, SETTINGS, Sending};
 use crawler_protocol::{Command, EncodeError, MAX_MESSAGE, RobotId, Source, Topic};
 
 use super::journal::JournalQueue;
+use super::pending::Store;
 use super::record::Record;
 use super::sequence::Sequence;
 use super::shared::SharedTable;
@@ -30,12 +31,22 @@ pub(super) struct CommandTable {
 }
 
 impl CommandTable {
+    /// Where it is kept what is to be delivered. The disk first: what is on it is told to other servers then.
+    fn stores(&mut self) -> impl Iterator<Item = &mut dyn Store> {
+        let journal = self
+            .journal
+            .iter_mut()
+            .map(|journal| journal as &mut dyn Store);
+        let shared = self
+            .shared
+            .iter_mut()
+            .map(|shared| shared as &mut dyn Store);
+        journal.chain(shared)
+    }
+
     pub(super) fn done(&mut self, id: u64, robot: &RobotId) {
-        if let Some(journal) = &mut self.journal {
-            journal.done(id, robot);
-        }
-        if let Some(shared) = &mut self.shared {
-            shared.done(id, robot);
+        for store in self.stores() {
+            store.done(id, robot);
         }
     }
 
@@ -91,11 +102,12 @@ pub(super) struct DeliveryDriver<'a> {
 
 impl DeliverySink for DeliveryDriver<'_> {
     fn number(&mut self, id: u64, robot: &RobotId, above: u64) -> u64 {
-        let shared = self.table.shared.as_ref();
-        let reserved = shared.and_then(|shared| shared.reserved(id, robot));
-        let journal = self.table.journal.as_mut();
-        let written = journal.and_then(|journal| journal.reserved(id, robot, above));
-        match reserved.filter(|seq| *seq > above).or(written) {
+        let mut reserved = None;
+        for store in self.table.stores() {
+            // What other servers know counts before what is on this disk.
+            reserved = store.reserved(id, robot, above).or(reserved);
+        }
+        match reserved {
             Some(seq) => seq,
             None => self.table.sequence.take(),
         }
@@ -110,20 +122,20 @@ impl DeliverySink for DeliveryDriver<'_> {
     fn send(&mut self, sending: &Sending<'_>) -> bool {
         let table = &mut *self.table;
         let renumbered = sending.seq != sending.id && !sending.again;
+        let Sending {
+            id,
+            robot,
+            seq,
+            boot,
+            ..
+        } = *sending;
+        // After a crash, or when another server takes over, it must not go under yet another. It goes with the next
+        // poll after that is written down.
         if renumbered
-            && let Some(journal) = &mut table.journal
-            && !journal.may_go(sending.id, sending.robot, sending.seq, sending.boot)
+            && !table
+                .stores()
+                .all(|store| store.may_go(id, robot, seq, boot))
         {
-            // After a crash it must not go under yet another. It goes with the next poll after that is
-            // written down.
-            return false;
-        }
-        if renumbered
-            && let Some(shared) = &mut table.shared
-            && !shared.is_safe(sending)
-        {
-            // Another server that takes over must not give it yet another number. It goes with the
-            // next poll after that is written down.
             return false;
         }
         let Some(record) = table.records.get_mut(&sending.id) else {

@@ -19,9 +19,12 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crawler_protocol::{Command, MAX_MESSAGE, RobotId};
+use crawler_protocol::{Command, RobotId};
 use serde::{Deserialize, Serialize};
 
+use super::Target;
+use super::pending::{CommandText, Leg};
+use super::record::Record;
 use crate::data::Disk;
 
 pub(super) use queue::{JournalQueue, Lines, Refused, Ticket};
@@ -41,20 +44,9 @@ pub(super) struct Owed {
     pub(super) expires: u64,
     /// Whether it was for all robots.
     pub(super) swarm: bool,
-    /// The command as it was given, as JSON text.
-    command: String,
+    pub(super) command: CommandText,
     /// Robots that have not answered.
     pub(super) robots: BTreeMap<String, Leg>,
-}
-
-/// One robot's part of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Leg {
-    /// Under which number it went, if it went.
-    pub(super) seq: u64,
-    /// How often the robot had started by then.
-    pub(super) boot: Option<u32>,
 }
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -66,32 +58,26 @@ enum Line {
 }
 
 impl Owed {
-    /// Of the command `command.seq`; `None` when it cannot be written.
+    /// Of a command for `robots`, with how often each has started; `None` when it cannot be written.
     pub(super) fn new(
-        command: &Command,
+        record: &Record,
         expires: u64,
-        swarm: bool,
         robots: impl IntoIterator<Item = (RobotId, Option<u32>)>,
     ) -> Option<Self> {
-        let mut buffer = [0; MAX_MESSAGE];
-        let length = command.to_json(&mut buffer).ok()?;
-        let text = std::str::from_utf8(buffer.get(..length)?).ok()?;
-        let seq = command.seq;
+        let seq = record.id;
         let legs = robots.into_iter();
         Some(Self {
             id: seq,
             expires,
-            swarm,
-            command: text.to_owned(),
+            swarm: record.target == Target::Swarm,
+            command: CommandText::new(&Command {
+                seq,
+                ..record.command.clone()
+            })?,
             robots: legs
                 .map(|(robot, boot)| (robot.as_str().to_owned(), Leg { seq, boot }))
                 .collect(),
         })
-    }
-
-    /// The command; `None` when a newer or older server wrote what is none here.
-    pub(super) fn command(&self) -> Option<Command> {
-        Command::parse(self.command.as_bytes()).ok()
     }
 }
 

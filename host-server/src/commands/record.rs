@@ -150,6 +150,13 @@ impl Record {
         }
     }
 
+    /// Notes a number under which it went.
+    pub(super) fn went_as(&mut self, seq: u64) {
+        if seq != self.id && !self.numbers.contains(&seq) {
+            self.numbers.push(seq);
+        }
+    }
+
     /// Whether some robot has not answered for good.
     pub(super) const fn is_open(&self) -> bool {
         self.open > 0

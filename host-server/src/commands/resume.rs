@@ -3,11 +3,9 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use crawler_delivery::Class;
-use crawler_protocol::RobotId;
-
 use super::journal::{Journal, JournalQueue};
-use super::{CommandCenter, Record, Target, sequence};
+use super::pending::Pending;
+use super::{CommandCenter, sequence};
 use crate::clock;
 use crate::data::{DataDir, DataError};
 
@@ -41,44 +39,20 @@ impl CommandCenter {
             let (unix, at) = (clock::unix_ms(), self.ms(now));
             let mut stale = Vec::new();
             for owed in journal.owed() {
-                // A clock that was set must not keep a command for longer than its life.
-                let Some(command) = owed.command() else {
+                let Some(pending) = Pending::of_owed(owed, now) else {
                     tracing::warn!(id = owed.id, "an invalid command is in the journal");
                     continue;
                 };
-                let class = Class::of(&command.action);
-                let left = owed.expires.saturating_sub(unix).min(class.life_ms());
-                let legs = owed.robots.iter().filter_map(|(name, leg)| {
-                    let robot = RobotId::new(name).ok()?;
-                    Some((robot, *leg))
-                });
-                let legs: Vec<_> = legs.collect();
-                let target = match legs.first() {
-                    Some((robot, _)) if !owed.swarm => Target::Robot(robot.clone()),
-                    _ => Target::Swarm,
-                };
-                let robots = legs.iter().map(|(robot, _)| robot.clone());
-                let mut record = Record::new(command, target, robots, now);
-                for (robot, leg) in &legs {
-                    if left == 0 {
-                        stale.push((owed.id, robot.clone()));
-                        continue;
-                    }
-                    if leg.seq != owed.id {
-                        book.table.numbers.insert(leg.seq, owed.id);
-                        record.numbers.push(leg.seq);
-                    }
-                    let (delivery, flight) = (&mut book.delivery, (leg.seq, leg.boot));
-                    delivery.resume(owed.id, robot, class, flight, (at, at + left));
-                    if let Some(shared) = &mut book.table.shared {
-                        shared.owe_one(owed.id, robot.clone(), leg.seq, leg.boot);
-                    }
+                let (class, left) = (pending.class(), pending.left_ms(unix));
+                if left == 0 {
+                    let legs = pending.legs.into_iter();
+                    stale.extend(legs.map(|(robot, _)| (owed.id, robot)));
+                    continue;
                 }
-                if left > 0 {
-                    book.table.outcomes += record.outcomes.len();
-                    book.table.open.insert(owed.id);
-                    book.table.records.insert(owed.id, record);
+                for leg in pending.legs {
+                    book.resume(owed.id, class, leg, at, left);
                 }
+                book.remember(pending.record);
             }
             let commands = book.delivery.len();
             if commands > 0 {

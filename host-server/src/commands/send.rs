@@ -319,12 +319,7 @@ impl CommandCenter {
             let legs = robots.iter();
             let legs = legs.map(|robot| (robot.clone(), book.delivery.boot(robot)));
             let expires = clock::unix_ms().saturating_add(class.life_ms());
-            if let Some(owed) = Owed::new(
-                &record.command,
-                expires,
-                record.target == Target::Swarm,
-                legs,
-            ) {
+            if let Some(owed) = Owed::new(&record, expires, legs) {
                 ticket = journal.accepted(owed);
             }
         }

@@ -8,10 +8,11 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 
 use crawler_cluster::{Fields, HEAD};
-use crawler_delivery::{Class, Sending};
-use crawler_protocol::{Command, MAX_MESSAGE, Reason, Response, RobotId, Source};
+use crawler_delivery::Class;
+use crawler_protocol::{Command, Reason, Response, RobotId, Source};
 use serde::{Deserialize, Serialize};
 
+use super::pending::{CommandText, Leg, Store};
 use super::record::{OutcomeStatus, Record};
 use super::{CommandTable, Target};
 use crate::clock;
@@ -23,8 +24,7 @@ const MOST_HEARD: usize = 65_536;
 /// The command itself, in its field.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Head {
-    /// As it was given, as JSON text.
-    command: String,
+    command: CommandText,
     /// Whether it was for all robots.
     pub(super) swarm: bool,
     /// Until when it may be delivered, Unix milliseconds.
@@ -35,11 +35,6 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// The command; `None` when a newer or older server wrote what is none here.
-    pub(super) fn command(&self) -> Option<Command> {
-        Command::parse(self.command.as_bytes()).ok()
-    }
-
     pub(super) fn settings(&self) -> Option<Source> {
         Source::new(self.settings.as_deref()?).ok()
     }
@@ -90,11 +85,9 @@ pub(super) fn fields<'a>(
 }
 
 fn head(command: &Command, swarm: bool, settings: Option<&Source>) -> Option<String> {
-    let mut buffer = [0; MAX_MESSAGE];
-    let length = command.to_json(&mut buffer).ok()?;
     let class = Class::of(&command.action);
     let head = Head {
-        command: std::str::from_utf8(buffer.get(..length)?).ok()?.to_owned(),
+        command: CommandText::new(command)?,
         swarm,
         expires: clock::unix_ms().saturating_add(class.life_ms()),
         settings: settings
@@ -107,25 +100,17 @@ fn head(command: &Command, swarm: bool, settings: Option<&Source>) -> Option<Str
 /// Reads a command of another server, or of an earlier start; `None` when it is none.
 pub(super) fn read(fields: &Fields) -> Option<(Head, Command, BTreeMap<RobotId, Part>)> {
     let head: Head = serde_json::from_str(fields.get(HEAD)?).ok()?;
-    let command = head.command()?;
+    let command = head.command.command()?;
     let parts = fields.iter().filter(|(name, _)| *name != HEAD);
     let parts = parts
         .map(|(name, text)| Some((RobotId::new(name).ok()?, serde_json::from_str(text).ok()?)));
     Some((head, command, parts.collect::<Option<_>>()?))
 }
 
-/// How a command went, or will go, to a robot that has not answered.
-#[derive(Debug, Clone, Copy)]
-struct Leg {
-    seq: u64,
-    boot: Option<u32>,
-}
-
 /// A new number that a command is about to go under.
 #[derive(Debug, Clone, Copy)]
 struct Reserved {
-    seq: u64,
-    boot: Option<u32>,
+    leg: Leg,
     /// Whether the other servers know.
     safe: bool,
 }
@@ -173,22 +158,9 @@ impl SharedTable {
     }
 
     /// Notes a delivery that was another server's, or an earlier start's.
-    pub(super) fn owe_one(&mut self, id: u64, robot: RobotId, seq: u64, boot: Option<u32>) {
+    pub(super) fn owe_one(&mut self, id: u64, robot: RobotId, leg: Leg) {
         let legs = self.legs.entry(id).or_default();
-        legs.insert(robot, Leg { seq, boot });
-    }
-
-    /// Notes that there is nothing more to deliver.
-    pub(super) fn done(&mut self, id: u64, robot: &RobotId) {
-        self.reserved.remove(&(id, robot.clone()));
-        if let Some(legs) = self.legs.get_mut(&id)
-            && legs.remove(robot).is_some()
-        {
-            if legs.is_empty() {
-                self.legs.remove(&id);
-            }
-            self.touch(id, robot);
-        }
+        legs.insert(robot, leg);
     }
 
     /// Notes that there is something new to tell.
@@ -208,33 +180,6 @@ impl SharedTable {
 
     pub(super) fn take_retracted(&mut self) -> Vec<u64> {
         std::mem::take(&mut self.retracted)
-    }
-
-    /// The number that was set aside for a command that could not go yet.
-    pub(super) fn reserved(&self, id: u64, robot: &RobotId) -> Option<u64> {
-        let reserved = self.reserved.get(&(id, robot.clone()))?;
-        Some(reserved.seq)
-    }
-
-    /// Whether the others know under which new number a command goes. If not, they are told.
-    pub(super) fn is_safe(&mut self, sending: &Sending<'_>) -> bool {
-        let key = (sending.id, sending.robot.clone());
-        let (seq, boot) = (sending.seq, sending.boot);
-        match self.reserved.get(&key) {
-            Some(known) if known.seq == seq && known.boot == boot => {
-                if known.safe {
-                    self.reserved.remove(&key);
-                    self.owe_one(sending.id, key.1, seq, boot);
-                    return true;
-                }
-            }
-            _ => {
-                let safe = false;
-                self.touch(sending.id, sending.robot);
-                self.reserved.insert(key, Reserved { seq, boot, safe });
-            }
-        }
-        false
     }
 
     /// Remembers an answer to a command that is not ours.
@@ -265,8 +210,10 @@ impl SharedTable {
         let leg = self.legs.get(&record.id).and_then(|legs| legs.get(robot));
         let leg = leg.copied();
         let coming = self.reserved.get(&(record.id, robot.clone()));
-        let seq = coming.map(|coming| coming.seq).or(leg.map(|leg| leg.seq));
-        let boot = coming.map(|coming| coming.boot);
+        let seq = coming
+            .map(|coming| coming.leg.seq)
+            .or(leg.map(|leg| leg.seq));
+        let boot = coming.map(|coming| coming.leg.boot);
         let part = Part {
             status: Some(outcome.status).filter(|status| *status != OutcomeStatus::Pending),
             seq: seq.filter(|seq| *seq != record.id),
@@ -288,6 +235,45 @@ impl SharedTable {
             fields.insert(robot.as_str().to_owned(), self.part(record, robot)?);
         }
         Some(fields)
+    }
+}
+
+impl Store for SharedTable {
+    fn reserved(&mut self, id: u64, robot: &RobotId, above: u64) -> Option<u64> {
+        let reserved = self.reserved.get(&(id, robot.clone()))?;
+        Some(reserved.leg.seq).filter(|seq| *seq > above)
+    }
+
+    fn may_go(&mut self, id: u64, robot: &RobotId, seq: u64, boot: Option<u32>) -> bool {
+        let key = (id, robot.clone());
+        let leg = Leg { seq, boot };
+        match self.reserved.get(&key) {
+            Some(known) if known.leg == leg => {
+                if known.safe {
+                    self.reserved.remove(&key);
+                    self.owe_one(id, key.1, leg);
+                    return true;
+                }
+            }
+            _ => {
+                let safe = false;
+                self.touch(id, robot);
+                self.reserved.insert(key, Reserved { leg, safe });
+            }
+        }
+        false
+    }
+
+    fn done(&mut self, id: u64, robot: &RobotId) {
+        self.reserved.remove(&(id, robot.clone()));
+        if let Some(legs) = self.legs.get_mut(&id)
+            && legs.remove(robot).is_some()
+        {
+            if legs.is_empty() {
+                self.legs.remove(&id);
+            }
+            self.touch(id, robot);
+        }
     }
 }
 
@@ -315,7 +301,8 @@ impl CommandTable {
                 let record = self.records.get(&id);
                 if let Some(part) = record.and_then(|record| shared.part(record, robot)) {
                     change.fields.insert(robot.as_str().to_owned(), part);
-                    let seq = shared.reserved(id, robot);
+                    let reserved = shared.reserved.get(&(id, robot.clone()));
+                    let seq = reserved.map(|reserved| reserved.leg.seq);
                     change.numbers.extend(seq.map(|seq| (robot.clone(), seq)));
                 }
             }
@@ -330,7 +317,7 @@ impl SharedTable {
     pub(super) fn written(&mut self, change: Change) {
         for (robot, seq) in change.numbers {
             if let Some(reserved) = self.reserved.get_mut(&(change.id, robot))
-                && reserved.seq == seq
+                && reserved.leg.seq == seq
             {
                 reserved.safe = true;
             }

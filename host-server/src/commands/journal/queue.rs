@@ -10,7 +10,8 @@ use crawler_protocol::RobotId;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
-use super::{Leg, Line, Owed};
+use super::super::pending::{Leg, Store};
+use super::{Line, Owed};
 
 /// Robots of commands that wait to be written, all together. One command is always taken.
 const MOST_WAITING: usize = 50_000;
@@ -224,14 +225,17 @@ impl JournalQueue {
         Some(Ticket(receiver))
     }
 
+    /// Notes that nothing at all is to be delivered.
+    pub(in crate::commands) fn clear(&mut self) {
+        self.owed.clear();
+        self.lines.push(Job::Clear);
+    }
+}
+
+impl Store for JournalQueue {
     /// The number that was set aside for a command that waited. Not one below `above`, unless it is not
     /// on the disk yet: another one would only join the queue.
-    pub(in crate::commands) fn reserved(
-        &mut self,
-        id: u64,
-        robot: &RobotId,
-        above: u64,
-    ) -> Option<u64> {
+    fn reserved(&mut self, id: u64, robot: &RobotId, above: u64) -> Option<u64> {
         self.safe = self.lines.safe.load(Ordering::Acquire);
         self.failing = self.lines.is_failing();
         let known = (*self.owed.get(&(id, robot.clone()))?)?;
@@ -242,13 +246,7 @@ impl JournalQueue {
     /// Whether a command may go under a new number: it is on the disk, since after a crash it must not go
     /// under yet another. If it is not, it is written. While the disk takes nothing it goes all the
     /// same: it was accepted, telling the robot matters more, and others wait behind it.
-    pub(in crate::commands) fn may_go(
-        &mut self,
-        id: u64,
-        robot: &RobotId,
-        seq: u64,
-        boot: Option<u32>,
-    ) -> bool {
+    fn may_go(&mut self, id: u64, robot: &RobotId, seq: u64, boot: Option<u32>) -> bool {
         let Some(known) = self.owed.get_mut(&(id, robot.clone())) else {
             return true;
         };
@@ -268,17 +266,11 @@ impl JournalQueue {
     }
 
     /// Notes that nothing more is to be delivered.
-    pub(in crate::commands) fn done(&mut self, id: u64, robot: &RobotId) {
+    fn done(&mut self, id: u64, robot: &RobotId) {
         if self.owed.remove(&(id, robot.clone())).is_some() {
             let robot = robot.as_str().to_owned();
             self.lines.push(Job::Line(Line::Done { id, robot }));
         }
-    }
-
-    /// Notes that nothing at all is to be delivered.
-    pub(in crate::commands) fn clear(&mut self) {
-        self.owed.clear();
-        self.lines.push(Job::Clear);
     }
 }
 

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use crawler_protocol::{Action, Source};
 use proptest::prelude::*;
 
+use super::super::pending::Store as _;
 use super::queue::Lines;
 use super::writer::Writer;
 use super::*;
@@ -39,7 +40,8 @@ fn owed(id: u64, robots: u8) -> Owed {
         source: Source::new("server").expect("source"),
     };
     let robots = (0..robots).map(|robot| (robot_id(robot), Some(3)));
-    Owed::new(&command, 99, true, robots).expect("a command")
+    let record = Record::new(command, Target::Swarm, [], Instant::now());
+    Owed::new(&record, 99, robots).expect("a command")
 }
 
 fn robot_id(robot: u8) -> RobotId {

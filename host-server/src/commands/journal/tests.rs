@@ -1,3 +1,5 @@
+use std::time::Instant;
+
 use crawler_protocol::{Action, Source};
 
 use super::*;
@@ -17,8 +19,13 @@ fn owed(seq: u64, robots: &[&str]) -> Owed {
         seq,
         source: Source::new("server").expect("source"),
     };
+    let target = match robots {
+        [robot] => Target::Robot(id(robot)),
+        _ => Target::Swarm,
+    };
+    let record = Record::new(command, target, [], Instant::now());
     let robots = robots.iter().map(|robot| (id(robot), Some(3)));
-    Owed::new(&command, 99, robots.len() > 1, robots).expect("a command")
+    Owed::new(&record, 99, robots).expect("a command")
 }
 
 fn id(text: &str) -> RobotId {
@@ -109,7 +116,7 @@ fn it_is_rewritten_before_it_is_long_and_refuses_what_is_huge() {
         journal
             .owed()
             .next()
-            .and_then(Owed::command)
+            .and_then(|owed| owed.command.command())
             .map(|c| c.action),
         Some(Action::Identify)
     );
