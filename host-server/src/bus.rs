@@ -21,7 +21,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
 use crate::fleet::Incoming;
-use crate::metrics::{Dropped, Metrics};
+use crawler_metrics::{Dropped, Metrics};
 
 /// The shortest the library allows; it finds a silent broker within twice that.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);

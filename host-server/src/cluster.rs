@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crawler_cluster::{Cluster, Queue, Renewed};
 use crawler_protocol::Topic;
 
-use crate::metrics::Exposition;
+use crawler_metrics::Exposition;
 
 /// A lease counts as over this long before it is: what was begun before goes out in between.
 const MARGIN: Duration = Duration::from_millis(250);

@@ -20,7 +20,7 @@ pub use crawler_system::address::{
     Postgres, Redis,
 };
 
-use crate::tls::CertificateOptions;
+use crawler_server_tls::CertificateOptions;
 
 pub(crate) use layer::KEYS;
 pub use layer::{Layer, LogFormat};
@@ -299,7 +299,7 @@ impl Settings {
 }
 
 fn read_file(path: &Path) -> Result<Layer, ConfigError> {
-    let text = crate::text::read_text(path).map_err(|cause| ConfigError::Read {
+    let text = crawler_system::text::read_text(path).map_err(|cause| ConfigError::Read {
         path: path.to_owned(),
         cause,
     })?;

@@ -22,8 +22,8 @@ use std::process::ExitCode;
 use crawler_records::{Entry, Records, RecordsError};
 use serde_json::Value;
 
-use crate::clock;
 use crate::config::Settings;
+use crawler_system::clock;
 
 pub use args::{
     AuditArgs, AuditTask, BackupArgs, Place, RestoreArgs, RobotArgs, RobotTask, UserArgs, UserTask,
@@ -109,7 +109,7 @@ impl Console {
         }
         let data = &settings.data;
         if make && !data.exists() {
-            crate::data::make_private(data)
+            crawler_system::data::make_private(data)
                 .map_err(|error| format!("cannot make {}: {error}", data.display()))?;
         }
         check_owner(data)?;

@@ -15,9 +15,9 @@ use crawler_protocol::Fleet;
 use serde_json::Value;
 use tokio::sync::broadcast;
 
-use crate::clock;
 use crate::commands::Totals;
 use crate::fleet::{FleetState, SharedFleet};
+use crawler_system::clock;
 use encode::Sample;
 
 /// Time between two looks at the fleet.

@@ -8,8 +8,8 @@ use crawler_records::{RECORDS_FILE, Records, RecordsError};
 use crawler_timeseries::{Address, EngineError, QUEUE, Remote};
 
 use crate::config::Settings;
-use crate::metrics::Exposition;
 use crate::server::StartError;
+use crawler_metrics::Exposition;
 
 /// The history of the fleet. A clone is another handle of the same.
 #[derive(Debug, Clone)]

@@ -28,12 +28,8 @@ mod recorder;
 mod simulation;
 mod simulator;
 
-use crawler_accounts as accounts;
-use crawler_broker as broker;
 use crawler_metrics as metrics;
-use crawler_server_tls as tls;
-use crawler_system::text::hex;
-use crawler_system::{clock, data, descriptors, text, waiting};
+use crawler_system::{clock, data};
 
-pub use data::DataError;
-pub use tls::TlsError;
+pub use crawler_server_tls::TlsError;
+pub use crawler_system::data::DataError;

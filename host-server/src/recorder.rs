@@ -9,9 +9,9 @@ use crawler_records::{Event, EventRetention, Records, RecordsError};
 use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
-use crate::clock::now_ms;
 use crate::cluster::ClusterMembership;
-use crate::metrics::Exposition;
+use crawler_metrics::Exposition;
+use crawler_system::clock::now_ms;
 
 /// Events that wait to be written.
 const EVENTS: usize = 8_192;

@@ -8,7 +8,7 @@ use tracing_subscriber::EnvFilter;
 
 use crate::config::{Broker, LogFormat, Role, Settings};
 use crate::server::{Robots, Server, StartError};
-use crate::text::log_fields;
+use crawler_system::text::log_fields;
 
 /// Stopping takes at most this long; whatever still hangs then is left to the operating system.
 const LAST_CALL: Duration = Duration::from_secs(20);

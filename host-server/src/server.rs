@@ -29,8 +29,8 @@ use std::sync::Arc;
 use crawler_access::Secret;
 
 use crate::config::{BrokerUrl, Settings};
-use crate::data::Disk;
 use crate::simulation::Simulation;
+use crawler_system::data::Disk;
 use parts::Parts;
 
 pub(crate) use endpoints::{open_tunnel, outside};

@@ -13,8 +13,8 @@ use tokio::sync::watch;
 
 use crate::config::{BrokerUrl, Settings};
 use crate::feed::Feed;
-use crate::metrics::Exposition;
 use crate::recorder::Recorder;
+use crawler_metrics::Exposition;
 
 /// For robots to come to rest. From full speed the ramp takes well under a second.
 const PATIENCE: Duration = Duration::from_secs(2);

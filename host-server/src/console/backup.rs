@@ -21,8 +21,8 @@ use serde_json::json;
 use super::{Console, now, said};
 use crate::addresses::ADDRESSES_FILE;
 use crate::config::Settings;
-use crate::data::{self, DataDir};
 use checksums::{CHECKSUMS, Checksums, Hashing, append};
+use crawler_system::data::{self, DataDir};
 
 /// What is not copied as a file: locks and addresses belong to processes, and databases are copied by
 /// themselves.

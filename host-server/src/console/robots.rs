@@ -11,7 +11,7 @@ use super::args::{RobotTask, Whose};
 use super::{Console, moment, now, said};
 use crate::addresses::{Addresses, Endpoint};
 use crate::config::{Broker, Settings};
-use crate::tls::first_certificate;
+use crawler_server_tls::first_certificate;
 
 pub(super) async fn run(task: RobotTask, settings: &Settings) -> Result<(), String> {
     let make = matches!(task, RobotTask::Enroll { .. });
@@ -296,7 +296,7 @@ mod tests {
         settings.data.clone_from(&data);
         let own = endpoint(&settings, None, true).expect("an address");
         assert!(own.tls && authority(&own, &settings).contains("docs/tls.md"));
-        crate::tls::Certificates::of(&settings.certificates()).expect("certificates");
+        crawler_server_tls::Certificates::of(&settings.certificates()).expect("certificates");
         let told = authority(&own, &settings);
         let digits = told.split_whitespace().next_back().expect("a key");
         assert!(digits.parse::<Authority>().is_ok(), "{told}");

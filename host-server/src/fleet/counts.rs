@@ -3,7 +3,7 @@
 use crawler_protocol::RobotState;
 
 use super::{FleetState, Presence};
-use crate::metrics::Exposition;
+use crawler_metrics::Exposition;
 
 /// The state of robots that have not told theirs.
 const UNTOLD: &str = "unknown";

@@ -7,8 +7,8 @@ use crawler_records::{Event as Recorded, EventLevel};
 use serde::Serialize;
 
 use super::Presence;
-use crate::clock;
 use crate::recorder::{Known, Recorder};
+use crawler_system::clock;
 
 /// Events kept for readers who come later.
 const KEPT: usize = 500;

@@ -11,7 +11,7 @@ use crawler_protocol::{
 use super::Incoming;
 use super::images::Image;
 use super::{FleetState, Level, MAX_ROBOTS, Received};
-use crate::clock;
+use crawler_system::clock;
 
 /// Positions beyond this are no positions. A coordinate in `f32` is good to 6 cm there.
 const FARTHEST_M: f32 = 1.0e6;

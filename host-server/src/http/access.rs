@@ -20,9 +20,9 @@ use super::peer::Peer;
 use super::problem::{Code, Problem};
 use super::rates::{Charge, Rates};
 use super::state::ApiState;
-use crate::accounts::{Accounts, AuthError, Identity};
 use crate::cluster::ClusterMembership;
-use crate::metrics::{Dropped, Metrics};
+use crawler_accounts::{Accounts, AuthError, Identity};
+use crawler_metrics::{Dropped, Metrics};
 
 /// What a call asks of whoever makes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

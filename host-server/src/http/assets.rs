@@ -46,7 +46,10 @@ fn not_found() -> Response {
 
 fn send(name: &str, file: &EmbeddedFile, request: &HeaderMap) -> Response {
     // Weak: compressed or not, it is the same to a reader, but not byte for byte.
-    let tag = format!("\"{}\"", crate::hex(&file.metadata.sha256_hash()));
+    let tag = format!(
+        "\"{}\"",
+        crawler_system::text::hex(&file.metadata.sha256_hash())
+    );
     let weak = format!("W/{tag}");
     // Vite puts a hash of the content into the names below `assets/`.
     let caching = if name.starts_with("assets/") {

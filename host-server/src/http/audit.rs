@@ -14,8 +14,8 @@ use utoipa::{IntoParams, ToSchema};
 use super::access::Caller;
 use super::problem::{Code, Problem};
 use super::query::{self, ApiQuery, bad_query};
-use crate::accounts::{AuditLog, Entry};
 use crate::cluster::ClusterMembership;
+use crawler_accounts::{AuditLog, Entry};
 
 /// What came of something that cannot fail.
 pub(super) const DONE: Result<(), Problem> = Ok(());

@@ -10,7 +10,7 @@ use axum::http::Request;
 use axum::response::Response;
 use hyper::body::{Frame, Incoming, SizeHint};
 
-use crate::waiting::Slot;
+use crawler_system::waiting::Slot;
 
 /// The same request. Once the whole of it has arrived, the connection in `slot` waits for its client no more.
 pub(super) fn arriving(request: Request<Incoming>, slot: Arc<Slot>) -> Request<Arriving> {

@@ -16,9 +16,9 @@ use super::access::Caller;
 use super::audit::Audit;
 use super::problem::{Code, Problem};
 use super::state::Broker;
-use crate::broker::Kind;
-use crate::clock::now_ms;
 use crate::config::BrokerUrl;
+use crawler_broker::Kind;
+use crawler_system::clock::now_ms;
 
 /// A credential, without its secret, which nobody keeps.
 #[derive(Serialize, ToSchema)]

@@ -16,9 +16,9 @@ use super::audit::Audit;
 use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::state::ApiState;
-use crate::clock::now_ms;
 use crate::fences;
 use crate::fleet::{Fence, FenceAction, FenceKind, Shape, ShapeError, SharedFleet};
+use crawler_system::clock::now_ms;
 
 /// A fence.
 #[derive(Debug, Serialize, ToSchema)]
@@ -303,7 +303,7 @@ pub(super) async fn delete(
 fn new_id() -> Result<String, Problem> {
     let mut id = [0; 8];
     getrandom::fill(&mut id).map_err(|_| Problem::internal("no randomness"))?;
-    Ok(crate::hex(&id))
+    Ok(crawler_system::text::hex(&id))
 }
 
 fn is_id(text: &str) -> bool {

@@ -21,8 +21,8 @@ use tracing::Instrument as _;
 
 use super::peer::Peer;
 use super::problem::{self, Code, Problem};
-use crate::metrics::Metrics;
-use crate::text::Shown;
+use crawler_metrics::Metrics;
+use crawler_system::text::Shown;
 
 /// The id of a request, in its answer.
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -227,7 +227,7 @@ impl RequestIds {
         // Without randomness, two runs may use the same ids: a pity, and no more than that.
         let _ = getrandom::fill(&mut run);
         Self {
-            run: crate::hex(&run),
+            run: crawler_system::text::hex(&run),
             number: AtomicU64::new(0),
         }
     }

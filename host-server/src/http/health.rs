@@ -13,14 +13,14 @@ use tokio::runtime::Handle;
 
 use super::audit::Audit;
 use super::state::{ApiState, Broker, World};
-use crate::broker::BrokerHandle;
 use crate::bus::Bus;
 use crate::cluster::ClusterMembership;
 use crate::commands::CommandCenter;
 use crate::fleet::{RobotCounts, SharedFleet};
 use crate::history::History;
-use crate::metrics::Metrics;
+use crawler_broker::BrokerHandle;
 use crawler_experiments::Experiments;
+use crawler_metrics::Metrics;
 
 pub(super) fn routes() -> Router<ApiState> {
     Router::new()

@@ -16,9 +16,9 @@ use utoipa::{IntoParams, ToSchema};
 use super::problem::{Code, Problem};
 use super::query::{ApiQuery, bad_query};
 use super::telemetry::{bounds, problem};
-use crate::clock::now_ms;
 use crate::fleet::SharedFleet;
 use crate::history::History;
+use crawler_system::clock::now_ms;
 
 /// Points of a robot in one answer.
 const MOST_POINTS: i64 = 600;

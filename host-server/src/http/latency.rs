@@ -7,7 +7,7 @@ use axum::extract::{MatchedPath, Request, State};
 use axum::middleware::Next;
 use axum::response::Response;
 
-use crate::metrics::Metrics;
+use crawler_metrics::Metrics;
 
 /// Measures every request that reaches the router.
 pub(super) async fn observe(

@@ -16,10 +16,10 @@ use tokio_util::task::TaskTracker;
 use super::access::Caller;
 use super::problem::{Code, Problem};
 use super::state::{ApiState, Readers};
-use crate::accounts::{Accounts, Ending};
 use crate::feed::Feed;
 use crate::fleet::SharedFleet;
-use crate::metrics::Metrics;
+use crawler_accounts::{Accounts, Ending};
+use crawler_metrics::Metrics;
 
 /// A reader that takes nothing for so long is gone.
 const STALLED: Duration = Duration::from_secs(5);

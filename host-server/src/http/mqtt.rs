@@ -24,7 +24,7 @@ use tokio_util::task::TaskTracker;
 use super::access::Caller;
 use super::problem::{Code, Problem};
 use super::state::{ApiState, Broker};
-use crate::broker::LARGEST_PACKET;
+use crawler_broker::LARGEST_PACKET;
 
 /// The name of MQTT among the protocols that a WebSocket may carry.
 const PROTOCOL: &str = "mqtt";

@@ -23,9 +23,9 @@ use tokio_util::task::TaskTracker;
 
 use super::connection::{arriving, awaited};
 use super::peer::Peer;
-use crate::descriptors;
-use crate::tls::{Door, Refusal};
-use crate::waiting::{Slot, Waiting};
+use crawler_server_tls::{Door, Refusal};
+use crawler_system::descriptors;
+use crawler_system::waiting::{Slot, Waiting};
 
 /// Connections of one address that wait for their client. Browsers keep six, proxies a few hundred.
 const MOST_OF_ONE: usize = 256;

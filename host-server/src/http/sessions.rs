@@ -14,7 +14,7 @@ use super::access::Caller;
 use super::audit::Audit;
 use super::problem::{Code, Problem};
 use super::query::ApiQuery;
-use crate::accounts::Accounts;
+use crawler_accounts::Accounts;
 
 /// Whose sessions are wanted.
 #[derive(Deserialize, IntoParams)]

@@ -10,8 +10,6 @@ use tokio_util::task::TaskTracker;
 
 use super::audit::Audit;
 use super::problem::{Code, Problem};
-use crate::accounts::{Accounts, AuditLog};
-use crate::broker::{BrokerHandle, Kind};
 use crate::bus::Bus;
 use crate::cluster::ClusterMembership;
 use crate::commands::CommandCenter;
@@ -19,9 +17,11 @@ use crate::config::BrokerUrl;
 use crate::feed::Feed;
 use crate::fleet::SharedFleet;
 use crate::history::History;
-use crate::metrics::Metrics;
 use crate::simulation::Simulation;
+use crawler_accounts::{Accounts, AuditLog};
+use crawler_broker::{BrokerHandle, Kind};
 use crawler_experiments::Experiments;
+use crawler_metrics::Metrics;
 
 /// What a server has that the API serves.
 pub(crate) struct Parts {

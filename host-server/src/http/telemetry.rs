@@ -12,8 +12,8 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::problem::{Code, Problem};
 use super::query::{ApiQuery, bad_query};
-use crate::clock::now_ms;
 use crate::history::{History, HistoryError};
+use crawler_system::clock::now_ms;
 
 /// When another try may find the engine back.
 const RETRY: Duration = Duration::from_secs(5);

@@ -19,8 +19,8 @@ use super::peer::Peer;
 use super::problem::{Code, Problem};
 use super::session::{LoggedIn, LoginView};
 use super::state::Broker;
-use crate::accounts::{Accounts, Change, LoginError, PeopleError, UserView};
-use crate::broker::Kind;
+use crawler_accounts::{Accounts, Change, LoginError, PeopleError, UserView};
+use crawler_broker::Kind;
 
 impl From<PeopleError> for Problem {
     fn from(error: PeopleError) -> Self {

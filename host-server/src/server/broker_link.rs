@@ -5,9 +5,9 @@ use super::endpoints::{self, BrokerEndpoints};
 use super::entrance::Entrance;
 use super::parts::Parts;
 use super::storage::Storage;
-use crate::broker::{BrokerHandle, EmbeddedBroker};
 use crate::bus::{self, Connection, Target};
 use crate::config::{BrokerUrl, Settings};
+use crawler_broker::{BrokerHandle, EmbeddedBroker};
 
 /// The fleet's broker, and our session with it.
 pub(super) struct BrokerLink {

@@ -13,17 +13,17 @@ use super::cells::Cells;
 use super::outcome_log::OutcomeLog;
 use super::watch::Watch;
 use super::writable::Writable;
-use crate::accounts::{Accounts, AuditLog};
-use crate::broker::BrokerHandle;
 use crate::bus::Bus;
-use crate::clock;
 use crate::cluster::ClusterMembership;
 use crate::commands::CommandCenter;
 use crate::feed::{self, Feed, Numbers};
 use crate::fences;
 use crate::fleet::{Level, SharedFleet};
-use crate::metrics::Metrics;
 use crate::simulation::Simulation;
+use crawler_accounts::{Accounts, AuditLog};
+use crawler_broker::BrokerHandle;
+use crawler_metrics::Metrics;
+use crawler_system::clock;
 
 /// What another process changes about sessions holds after this time.
 const CATCH_UP: Duration = Duration::from_secs(5);

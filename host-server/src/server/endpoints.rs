@@ -6,12 +6,12 @@ use std::sync::Arc;
 use crawler_records::Records;
 
 use super::StartError;
-use crate::accounts::{Accounts as People, Notes};
-use crate::broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
 use crate::bus::Target;
 use crate::config::{Broker, BrokerUrl, Settings};
-use crate::descriptors::Descriptors;
-use crate::tls::{Certificates, Door, Tunnel, reachable};
+use crawler_accounts::{Accounts as People, Notes};
+use crawler_broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
+use crawler_server_tls::{Certificates, Door, Tunnel, reachable};
+use crawler_system::descriptors::Descriptors;
 
 /// The fleet's broker, and where each finds it.
 pub(super) struct BrokerEndpoints {
@@ -122,7 +122,7 @@ async fn listen_at(
     };
     let tls = &settings.tls;
     let client_ca = tls.client_ca.as_deref();
-    let door = Door::new(certificates.acceptor(crate::tls::MQTT, client_ca)?);
+    let door = Door::new(certificates.acceptor(crawler_server_tls::MQTT, client_ca)?);
     let mqtt = url(bind(listen, Some(door)).await?, true);
     let plain = match tls.mqtt_plain {
         None => None,
@@ -183,7 +183,7 @@ pub(crate) fn outside(url: &BrokerUrl) -> Result<Target, StartError> {
     Ok(Target {
         host: bracketed(&url.host),
         port: url.port,
-        client_id: format!("server-{}", crate::hex(&id)),
+        client_id: format!("server-{}", crawler_system::text::hex(&id)),
         credentials: url.credentials.clone(),
         shared: false,
     })

@@ -8,8 +8,8 @@ use tokio::net::TcpListener;
 
 use super::StartError;
 use crate::config::{DEFAULT_ROBOTS, Role, Settings};
-use crate::descriptors::Descriptors;
-use crate::tls::{Certificates, Door};
+use crawler_server_tls::{Certificates, Door};
+use crawler_system::descriptors::Descriptors;
 
 /// Where clients of the API come in, and how many.
 pub(super) struct Entrance {

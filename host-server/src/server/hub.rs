@@ -15,11 +15,11 @@ use crate::bus::Bus;
 use crate::cluster::ClusterMembership;
 use crate::commands::{CommandCenter, Journal, Outlet};
 use crate::config::{EngineUrl, Redis, Settings};
-use crate::data::DataDir;
 use crate::feed::Feed;
 use crate::fleet::SharedFleet;
 use crate::recorder::Recorder;
 use crate::simulation::Simulation;
+use crawler_system::data::DataDir;
 
 /// What is known of the fleet and told to it, which the parts of a running server share.
 pub(super) struct Hub {

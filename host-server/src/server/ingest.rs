@@ -9,13 +9,13 @@ use crawler_protocol::{Fleet, Telemetry, Topic};
 
 use super::outcome_log::OutcomeLog;
 use crate::bus::Receiver;
-use crate::clock;
 use crate::cluster::{ClusterMembership, is_shared};
 use crate::commands::CommandCenter;
 use crate::fences::Stops;
 use crate::fleet::{Incoming, Level, Received, SharedFleet};
 use crate::history::{History, sample};
-use crate::metrics::{Dropped, Metrics};
+use crawler_metrics::{Dropped, Metrics};
+use crawler_system::clock;
 
 /// What a sample may be older than the newest one of its message, in milliseconds. Robots send
 /// nothing older than 2 s, unless their link is busy.

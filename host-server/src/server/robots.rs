@@ -9,7 +9,7 @@ use crate::bus;
 use crate::config::{Broker, BrokerUrl, Settings};
 use crate::simulation::Simulation;
 use crate::simulator;
-use crate::tls::Tunnel;
+use crawler_server_tls::Tunnel;
 
 /// A running simulation on somebody's broker.
 pub struct Robots {

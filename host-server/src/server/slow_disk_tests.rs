@@ -18,8 +18,8 @@ use tokio::task::JoinSet;
 
 use super::*;
 use crate::config::{Layer, Role};
-use crate::data::test_disk::{LIMIT, TestDisk};
 use crate::fleet;
+use crawler_system::data::test_disk::{LIMIT, TestDisk};
 
 const COMMANDS: &str = "/api/v1/robots/a/commands";
 const SET: &str = r#"{"command":"set","parameters":{"safe_distance_mm":420}}"#;

@@ -22,17 +22,17 @@ use super::parts::{PATIENCE, Parts, finish};
 use super::storage::{OwnFiles, Storage};
 use super::{StartError, endpoints};
 use crate::addresses::Addresses;
-use crate::broker::BrokerHandle;
 use crate::bus::{self, Connection, Target};
 use crate::config::{BrokerUrl, Role, Settings};
-use crate::data::Disk;
 use crate::fences::{self, Enforcer, Stops};
 use crate::fleet::{Level, SharedFleet};
 use crate::http;
 use crate::simulation::Simulation;
 use crate::simulator;
-use crate::tls::Certificates;
+use crawler_broker::BrokerHandle;
 use crawler_experiments::{self as experiments, Experiments, Tell};
+use crawler_server_tls::Certificates;
+use crawler_system::data::Disk;
 
 /// What is known of a server when all its parts run.
 pub(super) struct Started {

@@ -6,9 +6,9 @@ use std::net::SocketAddr;
 
 use crawler_records::RecordsError;
 
-use crate::accounts::OpenError;
-use crate::data::DataError;
-use crate::tls::TlsError;
+use crawler_accounts::OpenError;
+use crawler_server_tls::TlsError;
+use crawler_system::data::DataError;
 
 /// Why the server does not start, in one line each.
 #[derive(Debug)]

@@ -11,8 +11,8 @@ use crawler_records::RECORDS_FILE;
 use super::*;
 use crate::addresses::ADDRESSES_FILE;
 use crate::config::{Layer, Role, TlsMode};
-use crate::data::DataDir;
-use crate::data::test_disk::{LIMIT, TestDisk};
+use crawler_system::data::DataDir;
+use crawler_system::data::test_disk::{LIMIT, TestDisk};
 
 /// Threads that end with the process: those of the runtime of the test, and one for all brokers together.
 const OTHERS: [&str; 2] = ["own", "futures-timer"];

@@ -7,14 +7,14 @@ use crawler_records::Records;
 
 use super::StartError;
 use super::parts::Parts;
-use crate::accounts::{Accounts, AuditLog};
-use crate::clock;
 use crate::commands::{Journal, Sequence};
 use crate::config::Settings;
-use crate::data::{DataDir, Disk};
 use crate::fleet::{FenceAction, FenceKind};
 use crate::history::{self, History};
-use crate::metrics::Metrics;
+use crawler_accounts::{Accounts, AuditLog};
+use crawler_metrics::Metrics;
+use crawler_system::clock;
+use crawler_system::data::{DataDir, Disk};
 
 /// What this server alone keeps in its data directory.
 pub(super) struct OwnFiles {

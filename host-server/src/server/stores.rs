@@ -7,8 +7,8 @@ use crawler_records::{DatabaseStats, Records};
 
 use crate::cluster::{self, ClusterMembership};
 use crate::history::History;
-use crate::metrics::{Exposition, machine};
 use crate::recorder::Recorder;
+use crawler_metrics::{Exposition, machine};
 
 /// Where things are kept.
 pub(super) struct Stores {

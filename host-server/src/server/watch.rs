@@ -6,7 +6,7 @@ use std::hash::{DefaultHasher, Hasher as _};
 
 use crawler_records::{Records, RecordsError};
 
-use crate::broker::Kind;
+use crawler_broker::Kind;
 
 /// What counted when the records were last looked at, by name.
 #[derive(Default)]

@@ -20,7 +20,8 @@ impl Checksums {
     /// Takes in a file that was read to its end.
     pub(super) fn add<R>(&mut self, name: &Path, read: Hashing<R>) {
         let digest: [u8; 32] = read.hash.finalize().into();
-        self.0.insert(name.to_owned(), crate::hex(&digest));
+        self.0
+            .insert(name.to_owned(), crawler_system::text::hex(&digest));
     }
 
     /// The file.

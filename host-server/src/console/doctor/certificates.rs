@@ -2,7 +2,7 @@
 
 use super::Finding;
 use crate::config::Settings;
-use crate::tls::{Certificates, Shown};
+use crawler_server_tls::{Certificates, Shown};
 
 const DAY: i64 = 24 * 60 * 60;
 /// Whoever renews a certificate by hand wants to know by then.

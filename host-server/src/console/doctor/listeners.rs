@@ -11,7 +11,7 @@ use tokio::net::{TcpListener, TcpStream};
 use super::Finding;
 use crate::bus;
 use crate::config::{Broker, BrokerUrl, EngineUrl, Redis, Settings};
-use crate::tls::Tunnel;
+use crawler_server_tls::Tunnel;
 
 const PATIENCE: Duration = Duration::from_secs(3);
 /// The head of an answer fits several times over.

@@ -180,7 +180,7 @@ async fn clock() -> Finding {
         }
         _ => Synchronised::Unknown,
     };
-    judge_clock(crate::clock::unix_ms() / 1_000, synchronised)
+    judge_clock(crawler_system::clock::unix_ms() / 1_000, synchronised)
 }
 
 fn judge_clock(now: u64, synchronised: Synchronised) -> Finding {
