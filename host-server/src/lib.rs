@@ -4,7 +4,7 @@
 //! everything, [`run`] is what the binary `terracrawler` does with them. Robots are met in MQTT messages alone, whether the
 //! broker is in this process or not; what those messages are is `crawler-protocol`'s to say.
 //!
-//! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people: `broker`,
+//! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people:
 //! `bus`, `fleet`, `fences`, `commands`, `history`, `recorder`, `feed`, `http`, `addresses`. Worlds:
 //! `simulation`, `simulator`. Several servers: `cluster`. The command line: `cli`, `console`, `replay`.
 

@@ -13,6 +13,9 @@
 //! - a budget of messages per client;
 //! - the sizes and counts below, retained messages only where the contract has them, and a send time-out that
 //!   ends a session whose reader has stalled.
+//!
+//! Reading order: `edge`; `accounts`, `guard` and `clients`; `routes`, `retain` and `sharing`; `counters` and
+//! `numbers`.
 
 mod accounts;
 mod clients;
