@@ -11,7 +11,7 @@ import { poseAt } from '../fleet/fleet'
 import type { Selection } from '../fleet/selection'
 import { readPalette } from '../theme'
 import type { Bounds, Camera, Size } from './camera'
-import { fit, toScreen } from './camera'
+import { fit, panBy, toScreen, zoomAt } from './camera'
 import type { Cluster } from './cluster'
 import { clusters } from './cluster'
 import type { Goal } from './goals'
@@ -34,6 +34,10 @@ const LABEL_HEIGHT = 24
 const SLOW_PICTURE_MS = 80
 /** Robots are counted anew no faster than this while the view rests. */
 const COUNT_EVERY_MS = 250
+/** An arrow moves the view by this share of it. */
+const STEP_SHARE = 0.15
+/** Clicking a cluster zooms in by this much. */
+const INTO_CLUSTER = 2.2
 /** Robots of another world are told of a little later than its walls. */
 export const NEW_WORLD_MS = 5_000
 
@@ -150,6 +154,24 @@ export class Stage {
   setCamera(next: Camera): void {
     this.fitted.value = false
     this.moveTo(next)
+  }
+
+  /** Moves the view by hand: nobody is followed any more. */
+  look(next: Camera): void {
+    this.follow.value = false
+    this.setCamera(next)
+  }
+
+  /** Moves the view by a step of so many to the right and up, as arrow keys do. */
+  step(right: number, up: number): void {
+    const pixels = STEP_SHARE * Math.min(this.size.width, this.size.height)
+    this.look(panBy(this.camera.value, -right * pixels, up * pixels))
+  }
+
+  /** Comes so near to a cluster that its robots part. */
+  comeNear({ x, y }: Cluster): void {
+    const at = toScreen(this.camera.value, this.size, x, y)
+    this.look(zoomAt(this.camera.value, this.size, at[0], at[1], INTO_CLUSTER))
   }
 
   showEverything(): void {

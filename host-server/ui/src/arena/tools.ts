@@ -6,7 +6,7 @@ import type { Room } from '../control/room'
 import { position, text } from '../strings'
 import { words as account } from '../strings-account'
 import { words } from '../strings-arena'
-import { panBy, toScreen, toWorld, zoomAt } from './camera'
+import { toScreen, toWorld } from './camera'
 import { clusterAt } from './cluster'
 import type { Keys } from './gestures'
 import { Goals } from './goals'
@@ -27,14 +27,10 @@ export interface FencePen {
 
 /** Finger or pointer this close to a robot selects it, pixels. */
 const REACH = 18
-/** An arrow moves the view by this share of it. */
-const PAN_SHARE = 0.15
 /** How long what was said stands beside the tools. */
 const SAID_MS = 6_000
 /** Robots sent to one point at a time: each is a command of its own, and needs a place. */
 const MOST_SENT = 200
-/** Clicking a cluster zooms in by this much. */
-const INTO_CLUSTER = 2.2
 
 export class ArenaTools {
   readonly tool: Ref<Tool> = ref('none')
@@ -115,9 +111,7 @@ export class ArenaTools {
     const adding = keys.shiftKey || keys.ctrlKey || keys.metaKey
     const cluster = clusterAt(stage.clusters.value, view.camera, view.size, x, y)
     if (cluster !== null && !adding) {
-      const at = toScreen(view.camera, view.size, cluster.x, cluster.y)
-      stage.follow.value = false
-      stage.setCamera(zoomAt(view.camera, view.size, at[0], at[1], INTO_CLUSTER))
+      stage.comeNear(cluster)
     } else if (adding) {
       if (found !== null) this.room.selection.toggle(found.id)
     } else {
@@ -144,13 +138,6 @@ export class ArenaTools {
     if (add) this.room.selection.toggle(found.id)
     else this.room.select(found.id)
     this.room.announcement.value = found.id
-  }
-
-  pan(x: number, y: number): void {
-    const { width, height } = this.stage.size
-    const step = PAN_SHARE * Math.min(width, height)
-    this.stage.follow.value = false
-    this.stage.setCamera(panBy(this.stage.camera.value, -x * step, y * step))
   }
 
   startLasso(x: number, y: number): void {
