@@ -31,9 +31,9 @@ use crawler_protocol::{Action, Command};
 use crawler_protocol::{MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, Topic};
 
 use crate::bus::{Bus, PublishError};
-use crate::clock::{self, FleetTime};
 use crate::cluster::ClusterMembership;
-use crate::metrics::Metrics;
+use crawler_metrics::Metrics;
+use crawler_system::clock::{self, FleetTime};
 
 pub(crate) use cluster::view_of;
 use driver::{CommandTable, DeliveryDriver};

@@ -23,7 +23,7 @@ use crawler_records::{Entry, Records, RecordsError};
 use serde_json::Value;
 
 use crate::config::Settings;
-use crawler_system::clock;
+use crawler_system::clock::now_ms;
 
 pub use args::{
     AuditArgs, AuditTask, BackupArgs, Place, RestoreArgs, RobotArgs, RobotTask, UserArgs, UserTask,
@@ -178,7 +178,7 @@ impl Console {
         outcome: &str,
     ) -> Result<(), String> {
         let entry = Entry {
-            at: now(),
+            at: now_ms(),
             who: self.who.clone(),
             from: "console".into(),
             action: action.into(),
@@ -201,11 +201,6 @@ impl Console {
 
 fn said(error: &RecordsError) -> String {
     error.to_string()
-}
-
-/// Unix milliseconds, as the records have them.
-fn now() -> i64 {
-    i64::try_from(clock::unix_ms()).unwrap_or(i64::MAX)
 }
 
 /// Files that root makes in a directory of the server's account are files the server cannot write.

@@ -1,8 +1,9 @@
 //! The server of a fleet: embedded broker, state of every robot, API, live feed, control room.
 //!
 //! [`cli`] is the command line, [`config`] resolves the options, [`server::Server`] starts and stops
-//! everything, [`run`] is what the binary `terracrawler` does with them. Robots are met in MQTT messages alone, whether the
-//! broker is in this process or not; what those messages are is `crawler-protocol`'s to say.
+//! everything, [`run`] is what the binary `terracrawler` does with them. Robots are met in MQTT messages
+//! alone, whether the broker is in this process or not; what those messages are is `crawler-protocol`'s to
+//! say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people:
 //! `bus`, `fleet`, `fences`, `commands`, `history`, `recorder`, `feed`, `http`, `addresses`. Worlds:
@@ -27,9 +28,6 @@ mod http;
 mod recorder;
 mod simulation;
 mod simulator;
-
-use crawler_metrics as metrics;
-use crawler_system::{clock, data};
 
 pub use crawler_server_tls::TlsError;
 pub use crawler_system::data::DataError;

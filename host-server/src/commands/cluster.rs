@@ -12,8 +12,8 @@ use super::journal::Owed;
 use super::pending::Pending;
 use super::shared::{Change, SharedTable};
 use super::{Book, CommandCenter, CommandView, OutcomeStatus};
-use crate::clock;
 use crate::cluster::ClusterMembership;
+use crawler_system::clock;
 
 /// A command of another server, as it is; `None` when it is none.
 pub(crate) fn view_of(id: u64, fields: &Fields) -> Option<CommandView> {

@@ -13,7 +13,7 @@ use super::sequence::Sequence;
 use super::shared::SharedTable;
 use super::{CommandCenter, CommandView, MAX_AGE, MAX_OUTCOMES, MAX_RECORDS, SendError, Target};
 use crate::bus::PublishError;
-use crate::metrics::Dropped;
+use crawler_metrics::Dropped;
 
 /// All commands that are remembered.
 pub(super) struct CommandTable {

@@ -6,7 +6,7 @@ use crawler_protocol::ResponseStatus;
 
 use super::tests::{MOVE, answer, center, give, id, sent, set};
 use super::*;
-use crate::data::DataDir;
+use crawler_system::data::DataDir;
 
 fn status(center: &CommandCenter, number: u64) -> OutcomeStatus {
     center.view(number).expect("known").status

@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use super::Target;
 use super::pending::{CommandText, Leg};
 use super::record::Record;
-use crate::data::Disk;
+use crawler_system::data::Disk;
 
 pub(super) use queue::{JournalQueue, Lines, Refused, Ticket};
 

@@ -6,8 +6,8 @@ use std::time::Instant;
 use super::journal::{Journal, JournalQueue};
 use super::pending::Pending;
 use super::{CommandCenter, sequence};
-use crate::clock;
-use crate::data::{DataDir, DataError};
+use crawler_system::clock;
+use crawler_system::data::{DataDir, DataError};
 
 /// File of commands that robots are owed, in the data directory.
 const FILE: &str = "commands";

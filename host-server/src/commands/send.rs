@@ -9,9 +9,9 @@ use super::driver::write;
 use super::journal::{Owed, Refused, Ticket};
 use super::shared::fields;
 use super::{Book, CommandCenter, CommandView, Record, SendError, Target};
-use crate::clock;
 use crate::cluster::ClusterMembership;
-use crate::metrics::Dropped;
+use crawler_metrics::Dropped;
+use crawler_system::clock;
 
 /// A command that the other servers were told of and nobody else was. Taken back when dropped.
 struct Promise<'a> {

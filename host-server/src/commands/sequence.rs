@@ -6,8 +6,8 @@ use std::sync::Arc;
 use crawler_cluster::{LONGEST_BLOCK, Numbers};
 
 use super::journal::Lines;
-use crate::clock;
-use crate::data::{DataDir, DataError};
+use crawler_system::clock;
+use crawler_system::data::{DataDir, DataError};
 
 /// File of the number that all used ones are below.
 pub(super) const FILE: &str = "command-sequence";
@@ -162,8 +162,8 @@ mod tests {
 
     use super::super::journal::{Journal, JournalQueue};
     use super::*;
-    use crate::data::test_disk::LIMIT;
-    use crate::metrics::Metrics;
+    use crawler_metrics::Metrics;
+    use crawler_system::data::test_disk::LIMIT;
 
     /// Numbers in `path` as a server with a clock at `unix_ms` has them, and what writes them down.
     fn open(path: &Path, unix_ms: u64) -> (Sequence, JournalQueue) {

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::pending::{CommandText, Leg, Store};
 use super::record::{OutcomeStatus, Record};
 use super::{CommandTable, Target};
-use crate::clock;
+use crawler_system::clock;
 
 /// Answers to commands of other servers that are remembered, for the time it takes until one of them
 /// is given up and its commands are ours.

@@ -8,8 +8,8 @@ use futures_util::poll;
 
 use super::tests::{MOVE, Wire, answer, center, id, set};
 use super::*;
-use crate::data::DataDir;
-use crate::data::test_disk::{LIMIT, TestDisk};
+use crawler_system::data::DataDir;
+use crawler_system::data::test_disk::{LIMIT, TestDisk};
 
 /// Commands on a disk that the test has in its hand.
 struct Scene {

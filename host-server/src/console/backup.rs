@@ -18,10 +18,11 @@ use crawler_history::HISTORY_FILE;
 use crawler_records::{RECORDS_FILE, Records, RecordsError};
 use serde_json::json;
 
-use super::{Console, now, said};
+use super::{Console, said};
 use crate::addresses::ADDRESSES_FILE;
 use crate::config::Settings;
 use checksums::{CHECKSUMS, Checksums, Hashing, append};
+use crawler_system::clock::now_ms;
 use crawler_system::data::{self, DataDir};
 
 /// What is not copied as a file: locks and addresses belong to processes, and databases are copied by
@@ -176,7 +177,7 @@ pub(super) async fn restore(file: &Path, replace: bool, settings: &Settings) -> 
             target.display()
         ));
     }
-    let aside = target.join(format!("{ASIDE}{}", now()));
+    let aside = target.join(format!("{ASIDE}{}", now_ms()));
     let cannot_aside = |error: io::Error| format!("cannot put the old data aside: {error}");
     if replace {
         fs::DirBuilder::new()

@@ -8,10 +8,11 @@ use crawler_sim::live::Authority;
 use serde_json::json;
 
 use super::args::{RobotTask, Whose};
-use super::{Console, moment, now, said};
+use super::{Console, moment, said};
 use crate::addresses::{Addresses, Endpoint};
 use crate::config::{Broker, Settings};
 use crawler_server_tls::first_certificate;
+use crawler_system::clock::now_ms;
 
 pub(super) async fn run(task: RobotTask, settings: &Settings) -> Result<(), String> {
     let make = matches!(task, RobotTask::Enroll { .. });
@@ -56,7 +57,7 @@ async fn enroll(
     let secret = Secret::generate().map_err(|error| error.to_string())?;
     let result = console
         .records
-        .enroll(&name, secret.digest(), now(), &console.who)
+        .enroll(&name, secret.digest(), now_ms(), &console.who)
         .await;
     console
         .noted("robot.enroll", &name, json!({}), result)
@@ -197,7 +198,7 @@ async fn revoke(console: &Console, whose: &Whose) -> Result<(), String> {
             "{name} has no credential; `terracrawler robot list` has those there are"
         ));
     }
-    let result = console.records.revoke_credential(&name, now()).await;
+    let result = console.records.revoke_credential(&name, now_ms()).await;
     console
         .noted("robot.revoke", &name, json!({}), result)
         .await?;

@@ -5,9 +5,10 @@ use crawler_records::User;
 use serde_json::json;
 
 use super::args::UserTask;
-use super::{Console, moment, now, said, terminal};
+use super::{Console, moment, said, terminal};
 use crate::addresses::Addresses;
 use crate::config::Settings;
+use crawler_system::clock::now_ms;
 
 const HOUR_MS: i64 = 3_600_000;
 
@@ -40,7 +41,7 @@ async fn add(console: &Console, name: UserName, role: Role) -> Result<(), String
         password: Some(ask_password(&name)?),
         name,
         role,
-        created: now(),
+        created: now_ms(),
         disabled: false,
     };
     let result = console.records.add_user(&user).await;
@@ -115,7 +116,7 @@ async fn set_disabled(console: &Console, name: &UserName, disabled: bool) -> Res
     } else {
         "user.enable"
     };
-    let result = console.records.set_disabled(name, disabled, now()).await;
+    let result = console.records.set_disabled(name, disabled, now_ms()).await;
     let ended = console
         .noted(action, name.as_ref(), json!({}), result)
         .await?;
@@ -129,7 +130,7 @@ async fn set_disabled(console: &Console, name: &UserName, disabled: bool) -> Res
 
 async fn remove(console: &Console, name: &UserName) -> Result<(), String> {
     console.known(name).await?;
-    let result = console.records.delete_user(name, now()).await;
+    let result = console.records.delete_user(name, now_ms()).await;
     let ended = console
         .noted("user.remove", name.as_ref(), json!({}), result)
         .await?;
@@ -152,7 +153,7 @@ async fn invite(
         None => role.unwrap_or(Role::Viewer),
     };
     let code = Secret::generate().map_err(|error| error.to_string())?;
-    let expires = now() + i64::from(hours) * HOUR_MS;
+    let expires = now_ms() + i64::from(hours) * HOUR_MS;
     let result = console
         .records
         .invite(name, role, code.digest(), expires)
@@ -186,7 +187,7 @@ async fn awaited(console: &Console, name: &UserName, role: Option<Role>) -> Resu
             name: name.clone(),
             role,
             password: None,
-            created: now(),
+            created: now_ms(),
             disabled: false,
         };
         let result = console.records.add_user(&user).await;
@@ -238,7 +239,7 @@ impl Console {
     }
 
     async fn end_sessions(&self, name: &UserName) -> Result<usize, String> {
-        let ended = self.records.revoke_sessions(name, None, now()).await;
+        let ended = self.records.revoke_sessions(name, None, now_ms()).await;
         ended
             .map(|ended| ended.len())
             .map_err(|error| format!("done, but the open sessions did not end: {error}"))

@@ -11,9 +11,9 @@ use super::super::pending::Store as _;
 use super::queue::Lines;
 use super::writer::Writer;
 use super::*;
-use crate::data::DataDir;
-use crate::data::test_disk::{LIMIT, TestDisk};
-use crate::metrics::Metrics;
+use crawler_metrics::Metrics;
+use crawler_system::data::DataDir;
+use crawler_system::data::test_disk::{LIMIT, TestDisk};
 
 struct Scratch(PathBuf);
 

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use super::queue::{Batch, Job, Lines};
 use super::{Journal, JournalQueue, Line};
-use crate::data::DataDir;
-use crate::metrics::Metrics;
+use crawler_metrics::Metrics;
+use crawler_system::data::DataDir;
 
 /// Before what could not be written is tried again.
 const AGAIN: Duration = Duration::from_secs(1);

@@ -12,7 +12,7 @@ const OVERDUE: i64 = 7 * DAY;
 
 pub(super) fn look(settings: &Settings) -> Finding {
     const WHAT: &str = "certificates";
-    let now = crate::console::now() / 1_000;
+    let now = crawler_system::clock::now_ms() / 1_000;
     match Certificates::shown(&settings.certificates(), now) {
         Ok(None) => Finding::ok(WHAT, "no listener speaks TLS"),
         Ok(Some(shown)) => judge(&shown, now),

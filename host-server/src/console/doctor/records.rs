@@ -191,7 +191,7 @@ async fn audit(records: &Records) -> Finding {
 /// Whether the newest entry is from the future.
 async fn newest(records: &Records) -> Option<Finding> {
     let entries = records.audit_page(None, 1, None).await.ok()?;
-    judge_newest(entries.first()?.entry.at, crate::console::now())
+    judge_newest(entries.first()?.entry.at, crawler_system::clock::now_ms())
 }
 
 fn judge_newest(newest: i64, now: i64) -> Option<Finding> {
