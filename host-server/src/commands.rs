@@ -31,7 +31,7 @@ use crawler_protocol::{Action, Command};
 use crawler_protocol::{MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, Topic};
 
 use crate::bus::{Bus, PublishError};
-use crate::cluster::ClusterMembership;
+use crawler_cluster::ClusterMembership;
 use crawler_metrics::Metrics;
 use crawler_system::clock::{self, FleetTime};
 

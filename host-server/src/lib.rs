@@ -7,7 +7,7 @@
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people:
 //! `bus`, `fleet`, `fences`, `commands`, `history`, `recorder`, `feed`, `http`, `addresses`. Worlds:
-//! `simulation`, `simulator`. Several servers: `cluster`. The command line: `cli`, `console`, `replay`.
+//! `simulation`, `simulator`. The command line: `cli`, `console`, `replay`.
 
 pub mod cli;
 pub mod config;
@@ -18,7 +18,6 @@ pub mod server;
 
 mod addresses;
 mod bus;
-mod cluster;
 mod commands;
 mod feed;
 mod fences;

@@ -9,7 +9,7 @@ use crawler_records::{Event, EventRetention, Records, RecordsError};
 use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
-use crate::cluster::ClusterMembership;
+use crawler_cluster::ClusterMembership;
 use crawler_metrics::Exposition;
 use crawler_system::clock::now_ms;
 

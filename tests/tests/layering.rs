@@ -109,7 +109,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-cells",
         &["crawler-app", "crawler-hal", "crawler-protocol"],
     ),
-    ("crawler-cluster", &[]),
+    ("crawler-cluster", &["crawler-metrics"]),
     ("crawler-access", &["crawler-protocol"]),
     ("crawler-delivery", &["crawler-protocol"]),
     ("crawler-database", &[]),

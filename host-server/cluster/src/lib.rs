@@ -8,11 +8,14 @@
 //! Scripts run in Redis are atomic, and every one that writes for a server checks its lease first: a
 //! server that was stopped for longer than its lease changes nothing any more.
 //!
+//! What one of several servers knows of its own place among them is its [`ClusterMembership`].
+//!
 //! This crate knows nothing of commands and robots: what it keeps for its caller is text.
 
 pub mod frame;
 mod journal;
 mod lease;
+mod membership;
 mod number;
 mod queue;
 mod share;
@@ -28,6 +31,7 @@ use redis::{Client, RedisError};
 
 pub use journal::{Fields, HEAD};
 pub use lease::{Adopted, Joined, LEASE, RENEW, Renewed, SLOTS};
+pub use membership::{ClusterMembership, write_metrics};
 pub use number::{LONGEST_BLOCK, Numbers, TICKS_PER_MS};
 pub use queue::{MOST_BYTES, Queue};
 pub use share::{Bucket, Spent};

@@ -12,7 +12,7 @@ use super::journal::Owed;
 use super::pending::Pending;
 use super::shared::{Change, SharedTable};
 use super::{Book, CommandCenter, CommandView, OutcomeStatus};
-use crate::cluster::ClusterMembership;
+use crawler_cluster::ClusterMembership;
 use crawler_system::clock;
 
 /// A command of another server, as it is; `None` when it is none.

@@ -9,7 +9,7 @@ use super::driver::write;
 use super::journal::{Owed, Refused, Ticket};
 use super::shared::fields;
 use super::{Book, CommandCenter, CommandView, Record, SendError, Target};
-use crate::cluster::ClusterMembership;
+use crawler_cluster::ClusterMembership;
 use crawler_metrics::Dropped;
 use crawler_system::clock;
 

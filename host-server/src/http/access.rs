@@ -20,8 +20,8 @@ use super::peer::Peer;
 use super::problem::{Code, Problem};
 use super::rates::{Charge, Rates};
 use super::state::ApiState;
-use crate::cluster::ClusterMembership;
 use crawler_accounts::{Accounts, AuthError, Identity};
+use crawler_cluster::ClusterMembership;
 use crawler_metrics::{Dropped, Metrics};
 
 /// What a call asks of whoever makes it.

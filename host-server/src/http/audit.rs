@@ -14,8 +14,8 @@ use utoipa::{IntoParams, ToSchema};
 use super::access::Caller;
 use super::problem::{Code, Problem};
 use super::query::{self, ApiQuery, bad_query};
-use crate::cluster::ClusterMembership;
 use crawler_accounts::{AuditLog, Entry};
+use crawler_cluster::ClusterMembership;
 
 /// What came of something that cannot fail.
 pub(super) const DONE: Result<(), Problem> = Ok(());

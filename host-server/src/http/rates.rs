@@ -16,7 +16,7 @@ use crawler_access::limits::{Allowance, Flood, Verdict, neighbourhood};
 use crawler_cluster::{Bucket, Spent};
 
 use super::problem::{Code, Problem};
-use crate::cluster::ClusterMembership;
+use crawler_cluster::ClusterMembership;
 
 /// For one address, which a house full of people may share.
 const ADDRESS: Allowance = Allowance {

@@ -20,9 +20,9 @@ use super::audit::{Audit, DONE};
 use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::state::Broker;
-use crate::cluster::ClusterMembership;
 use crawler_accounts::{Accounts, Entered, LoginError, SESSION_LIFETIME, TICKET_LIFETIME};
 use crawler_broker::Kind;
+use crawler_cluster::ClusterMembership;
 
 /// Name of the cookie with the refresh token.
 const COOKIE: &str = "terracrawler_refresh";

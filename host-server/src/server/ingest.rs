@@ -4,12 +4,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use crawler_cluster::ClusterMembership;
 use crawler_cluster::frame::{Message, Told};
 use crawler_protocol::{Fleet, Telemetry, Topic};
 
 use super::outcome_log::OutcomeLog;
 use crate::bus::Receiver;
-use crate::cluster::{ClusterMembership, is_shared};
 use crate::commands::CommandCenter;
 use crate::fences::Stops;
 use crate::fleet::{Incoming, Level, Received, SharedFleet};
@@ -159,4 +159,17 @@ impl Receiver for Ingest {
 fn age(sample: &Telemetry, newest: &Telemetry) -> i64 {
     let age = newest.timestamp.saturating_sub(sample.timestamp);
     age.min(OLDEST) as i64
+}
+
+/// Whether a message goes to one server alone, which tells the others: what robots say all the time.
+/// What everybody has to hear for itself is delivered to everybody.
+const fn is_shared(topic: &Topic) -> bool {
+    matches!(
+        topic,
+        Topic::Telemetry(_)
+            | Topic::Heartbeat(_)
+            | Topic::Vision(_)
+            | Topic::Logs(_)
+            | Topic::Image(_)
+    )
 }

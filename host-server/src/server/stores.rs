@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use crawler_records::{DatabaseStats, Records};
 
-use crate::cluster::{self, ClusterMembership};
 use crate::history::History;
 use crate::recorder::Recorder;
+use crawler_cluster::{ClusterMembership, write_metrics};
 use crawler_metrics::{Exposition, machine};
 
 /// Where things are kept.
@@ -31,7 +31,7 @@ impl Stores {
         if let Some(stats) = self.records.database() {
             write_database(out, &stats);
         }
-        cluster::write_metrics(out, self.membership.as_deref());
+        write_metrics(out, self.membership.as_deref());
     }
 }
 
