@@ -21,6 +21,8 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
 use crate::fleet::Incoming;
+use crawler_commands::{Outlet, PublishError};
+use crawler_delivery::Ms;
 use crawler_metrics::{Dropped, Metrics};
 
 /// The shortest the library allows; it finds a silent broker within twice that.
@@ -93,15 +95,6 @@ pub(crate) trait Receiver: Send + Sync + 'static {
     fn message(&self, message: &Incoming<'_>);
     /// The connection came up (`true`) or was lost.
     fn connection(&self, up: bool, text: &str);
-}
-
-/// Why a message did not go out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum PublishError {
-    /// There is no connection to the broker.
-    NotConnected,
-    /// Too much is waiting already.
-    Full,
 }
 
 /// The sending side, shared by everybody who publishes.
@@ -183,6 +176,16 @@ impl Bus {
         self.up.store(client.is_some(), Ordering::Relaxed);
         self.metrics.broker_connected(client.is_some());
         *self.client.lock().unwrap_or_else(PoisonError::into_inner) = client;
+    }
+}
+
+impl Outlet for Bus {
+    fn is_up(&self) -> bool {
+        Self::is_up(self)
+    }
+
+    fn publish(&self, topic: &Topic, payload: &[u8], within_ms: Ms) -> Result<(), PublishError> {
+        self.publish_within(topic, payload, Duration::from_millis(within_ms))
     }
 }
 

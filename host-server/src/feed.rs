@@ -15,8 +15,8 @@ use crawler_protocol::Fleet;
 use serde_json::Value;
 use tokio::sync::broadcast;
 
-use crate::commands::Totals;
 use crate::fleet::{FleetState, SharedFleet};
+use crawler_commands::Totals;
 use crawler_system::clock;
 use encode::Sample;
 

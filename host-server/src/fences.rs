@@ -16,9 +16,9 @@ use serde_json::json;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-use crate::commands::{CommandCenter, SendError, Target};
 use crate::fleet::{Crossing, Fence, FenceAction, Level, SharedFleet};
 use crawler_accounts::{Entry, Notes};
+use crawler_commands::{CommandCenter, SendError, Target};
 
 /// As whose command a stop goes out, in commands and in the audit log.
 const SOURCE: &str = "fence";

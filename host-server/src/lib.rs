@@ -6,7 +6,7 @@
 //! say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people:
-//! `bus`, `fleet`, `fences`, `commands`, `history`, `recorder`, `feed`, `http`, `addresses`. Worlds:
+//! `bus`, `fleet`, `fences`, `history`, `recorder`, `feed`, `http`, `addresses`. Worlds:
 //! `simulation`, `simulator`. The command line: `cli`, `console`, `replay`.
 
 pub mod cli;
@@ -18,7 +18,6 @@ pub mod server;
 
 mod addresses;
 mod bus;
-mod commands;
 mod feed;
 mod fences;
 mod fleet;

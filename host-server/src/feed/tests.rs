@@ -3,7 +3,7 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 
 use super::*;
-use crate::commands::Totals;
+use crawler_commands::Totals;
 
 const NUMBERS: Numbers = Numbers {
     messages_in: 0,

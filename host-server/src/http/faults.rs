@@ -16,8 +16,9 @@ use super::audit::Audit;
 use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::state::{ApiState, World};
-use crate::bus::{Bus, PublishError};
+use crate::bus::Bus;
 use crate::fleet::{Presence, SharedFleet};
+use crawler_commands::PublishError;
 
 /// A fault and how long it lasts. The schema `simulator-command` says what it may be.
 #[derive(ToSchema)]

@@ -14,11 +14,11 @@ use tokio::runtime::Handle;
 use super::audit::Audit;
 use super::state::{ApiState, Broker, World};
 use crate::bus::Bus;
-use crate::commands::CommandCenter;
 use crate::fleet::{RobotCounts, SharedFleet};
 use crate::history::History;
 use crawler_broker::BrokerHandle;
 use crawler_cluster::ClusterMembership;
+use crawler_commands::CommandCenter;
 use crawler_experiments::Experiments;
 use crawler_metrics::Metrics;
 

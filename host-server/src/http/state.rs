@@ -11,7 +11,6 @@ use tokio_util::task::TaskTracker;
 use super::audit::Audit;
 use super::problem::{Code, Problem};
 use crate::bus::Bus;
-use crate::commands::CommandCenter;
 use crate::config::BrokerUrl;
 use crate::feed::Feed;
 use crate::fleet::SharedFleet;
@@ -20,6 +19,7 @@ use crate::simulation::Simulation;
 use crawler_accounts::{Accounts, AuditLog};
 use crawler_broker::{BrokerHandle, Kind};
 use crawler_cluster::ClusterMembership;
+use crawler_commands::CommandCenter;
 use crawler_experiments::Experiments;
 use crawler_metrics::Metrics;
 

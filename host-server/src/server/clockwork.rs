@@ -14,7 +14,6 @@ use super::outcome_log::OutcomeLog;
 use super::watch::Watch;
 use super::writable::Writable;
 use crate::bus::Bus;
-use crate::commands::CommandCenter;
 use crate::feed::{self, Feed, Numbers};
 use crate::fences;
 use crate::fleet::{Level, SharedFleet};
@@ -22,6 +21,7 @@ use crate::simulation::Simulation;
 use crawler_accounts::{Accounts, AuditLog};
 use crawler_broker::BrokerHandle;
 use crawler_cluster::ClusterMembership;
+use crawler_commands::CommandCenter;
 use crawler_metrics::Metrics;
 use crawler_system::clock;
 

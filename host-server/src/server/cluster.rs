@@ -19,9 +19,9 @@ use super::StartError;
 use super::ingest::Ingest;
 use super::outcome_log::OutcomeLog;
 use super::parts::Parts;
-use crate::commands::{CommandCenter, Journal};
 use crate::config::{EngineUrl, Redis};
 use crawler_cluster::ClusterMembership;
+use crawler_commands::{CommandCenter, Journal};
 
 /// File with the name of this server among the others, in the data directory.
 pub(super) const NAME: &str = "server-name";

@@ -7,11 +7,11 @@ use crawler_records::Records;
 
 use super::StartError;
 use super::parts::Parts;
-use crate::commands::{Journal, Sequence};
 use crate::config::Settings;
 use crate::fleet::{FenceAction, FenceKind};
 use crate::history::{self, History};
 use crawler_accounts::{Accounts, AuditLog};
+use crawler_commands::{Journal, Sequence};
 use crawler_metrics::Metrics;
 use crawler_system::clock;
 use crawler_system::data::{DataDir, Disk};

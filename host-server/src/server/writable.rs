@@ -1,8 +1,8 @@
 //! Whether commands and the audit log can be written, told as events when that changes.
 
-use crate::commands::CommandCenter;
 use crate::fleet::{Level, SharedFleet};
 use crawler_accounts::AuditLog;
+use crawler_commands::CommandCenter;
 
 /// What was told last.
 #[derive(Debug)]

@@ -18,7 +18,7 @@ const MOST_WAITING: usize = 50_000;
 
 /// Why a command cannot be written down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::commands) enum Refused {
+pub(crate) enum Refused {
     /// The disk takes nothing at the moment, or the server is about to end.
     Failing,
     /// Too much waits for it.
@@ -52,7 +52,7 @@ pub(super) struct Batch {
 /// Between those who write lines and the thread that brings them to the disk. Nobody who adds to it
 /// waits for the disk.
 #[derive(Debug, Default)]
-pub(in crate::commands) struct Lines {
+pub(crate) struct Lines {
     batch: Mutex<Batch>,
     added: Condvar,
     /// How many jobs are on the disk.
@@ -79,7 +79,7 @@ impl Lines {
 
     /// Has numbers up to `number` kept free. Whatever is accepted from here on counts as written only
     /// when they are.
-    pub(in crate::commands) fn reserve(&self, number: u64) {
+    pub(crate) fn reserve(&self, number: u64) {
         let mut batch = self.batch();
         batch.reserve = batch.reserve.max(Some(number));
         self.added.notify_one();
@@ -87,14 +87,14 @@ impl Lines {
 
     /// Has everything written, and no more taken. What this returns is cancelled when the thread has come
     /// to its end.
-    pub(in crate::commands) fn end(&self) -> CancellationToken {
+    pub(crate) fn end(&self) -> CancellationToken {
         self.batch().last = true;
         self.added.notify_one();
         self.ended.clone()
     }
 
     /// Whether commands are refused because they cannot be written down.
-    pub(in crate::commands) fn is_failing(&self) -> bool {
+    pub(crate) fn is_failing(&self) -> bool {
         self.failing.load(Ordering::Acquire)
     }
 
@@ -128,23 +128,23 @@ impl Lines {
 /// # Cancellation safety
 /// The command is written whether or not anybody waits for it.
 #[derive(Debug)]
-pub(in crate::commands) struct Ticket(oneshot::Receiver<()>);
+pub(crate) struct Ticket(oneshot::Receiver<()>);
 
 impl Ticket {
     /// Whether the command is on the disk, when that is decided.
-    pub(in crate::commands) async fn safe(self) -> bool {
+    pub(crate) async fn safe(self) -> bool {
         self.0.await.is_ok()
     }
 
     /// The same for tests outside of any runtime.
     #[cfg(test)]
-    pub(in crate::commands) fn wait(self) -> bool {
+    pub(crate) fn wait(self) -> bool {
         self.0.blocking_recv().is_ok()
     }
 
     /// Whether it is decided, and how.
     #[cfg(test)]
-    pub(in crate::commands) fn decided(&mut self) -> Option<bool> {
+    pub(crate) fn decided(&mut self) -> Option<bool> {
         match self.0.try_recv() {
             Ok(()) => Some(true),
             Err(oneshot::error::TryRecvError::Empty) => None,
@@ -164,7 +164,7 @@ struct Numbered {
 /// The journal as the commands see it: what is owed, and where lines go. Dropping it has the thread write
 /// what waits and end.
 #[derive(Debug)]
-pub(in crate::commands) struct JournalQueue {
+pub(crate) struct JournalQueue {
     lines: Arc<Lines>,
     /// What is owed to whom, and the number that it is about to go under.
     owed: BTreeMap<(u64, RobotId), Option<Numbered>>,
@@ -187,7 +187,7 @@ impl JournalQueue {
     }
 
     /// Where jobs go that are none of a command.
-    pub(in crate::commands) const fn lines(&self) -> &Arc<Lines> {
+    pub(crate) const fn lines(&self) -> &Arc<Lines> {
         &self.lines
     }
 
@@ -195,7 +195,7 @@ impl JournalQueue {
     ///
     /// # Errors
     /// [`Refused`] says why not.
-    pub(in crate::commands) fn check(&self, robots: usize) -> Result<(), Refused> {
+    pub(crate) fn check(&self, robots: usize) -> Result<(), Refused> {
         if self.lines.is_failing() {
             return Err(Refused::Failing);
         }
@@ -211,7 +211,7 @@ impl JournalQueue {
     }
 
     /// Notes a command. `None` when there is nothing to note: it is for nobody.
-    pub(in crate::commands) fn accepted(&mut self, owed: Owed) -> Option<Ticket> {
+    pub(crate) fn accepted(&mut self, owed: Owed) -> Option<Ticket> {
         if owed.robots.is_empty() {
             return None;
         }
@@ -226,7 +226,7 @@ impl JournalQueue {
     }
 
     /// Notes that nothing at all is to be delivered.
-    pub(in crate::commands) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.owed.clear();
         self.lines.push(Job::Clear);
     }

@@ -23,7 +23,7 @@ const GREATEST: u64 = 1 << 53;
 ///
 /// Of several servers each has numbers of its own, by a clock that they share. The file holds a
 /// number beyond all that went then too, so that a server that is alone again goes on above them.
-pub(crate) struct Sequence {
+pub struct Sequence {
     next: u64,
     /// Up to where numbers are kept free, or are about to be.
     reserved: u64,
@@ -40,7 +40,7 @@ impl Sequence {
     ///
     /// # Errors
     /// [`DataError`] when the file cannot be read or written.
-    pub(crate) fn open(data: &DataDir, unix_ms: u64) -> Result<Self, DataError> {
+    pub fn open(data: &DataDir, unix_ms: u64) -> Result<Self, DataError> {
         let known = data.number(FILE)?.unwrap_or(0);
         if known > GREATEST {
             return Err(data.damaged(FILE, "is no number of a command; remove the file"));

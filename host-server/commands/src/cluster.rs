@@ -16,21 +16,22 @@ use crawler_cluster::ClusterMembership;
 use crawler_system::clock;
 
 /// A command of another server, as it is; `None` when it is none.
-pub(crate) fn view_of(id: u64, fields: &Fields) -> Option<CommandView> {
+pub fn view_of(id: u64, fields: &Fields) -> Option<CommandView> {
     let pending = Pending::of_fields(id, fields, Instant::now())?;
     Some(pending.record.view())
 }
 
 impl CommandCenter {
     /// Makes it one of several.
-    pub(crate) fn with_cluster(mut self, membership: &Arc<ClusterMembership>) -> Self {
+    #[must_use]
+    pub fn with_cluster(mut self, membership: &Arc<ClusterMembership>) -> Self {
         self.membership = Some(Arc::clone(membership));
         self.book().table.shared = Some(SharedTable::default());
         self
     }
 
     /// From here on commands have the numbers of this slot, above `greatest`.
-    pub(crate) fn share(&self, numbers: Numbers, greatest: u64) {
+    pub fn share(&self, numbers: Numbers, greatest: u64) {
         let mut book = self.book();
         book.table.sequence.share(numbers, greatest);
         if let Some(shared) = &mut book.table.shared {
@@ -44,40 +45,40 @@ impl CommandCenter {
     }
 
     /// Takes what the other servers are to be told.
-    pub(crate) fn changes(&self) -> Vec<Change> {
+    pub fn changes(&self) -> Vec<Change> {
         self.book().table.take_changes()
     }
 
     /// They were told of it.
-    pub(crate) fn written(&self, change: Change) {
+    pub fn written(&self, change: Change) {
         if let Some(shared) = &mut self.book().table.shared {
             shared.written(change);
         }
     }
 
     /// They could not be told of it.
-    pub(crate) fn unwritten(&self, change: Change) {
+    pub fn unwritten(&self, change: Change) {
         if let Some(shared) = &mut self.book().table.shared {
             shared.unwritten(change);
         }
     }
 
     /// Takes the commands that they were told of for nothing.
-    pub(crate) fn retracted(&self) -> Vec<u64> {
+    pub fn retracted(&self) -> Vec<u64> {
         let mut book = self.book();
         let shared = book.table.shared.as_mut();
         shared.map_or_else(Vec::new, SharedTable::take_retracted)
     }
 
     /// Puts back one that could not be taken back.
-    pub(crate) fn retract(&self, id: u64) {
+    pub fn retract(&self, id: u64) {
         if let Some(shared) = &mut self.book().table.shared {
             shared.retract(id);
         }
     }
 
     /// Everything that something is left to do for, for servers that have been told nothing.
-    pub(crate) fn everything(&self) -> Vec<(u64, Fields)> {
+    pub fn everything(&self) -> Vec<(u64, Fields)> {
         let book = self.book();
         let Some(shared) = &book.table.shared else {
             return Vec::new();
@@ -91,7 +92,7 @@ impl CommandCenter {
     }
 
     /// Drops everything that is under way: another server goes on with it.
-    pub(crate) fn let_go(&self) {
+    pub fn let_go(&self) {
         let mut book = self.book();
         let book = &mut *book;
         let open: Vec<u64> = book.table.open.iter().copied().collect();
@@ -119,7 +120,7 @@ impl CommandCenter {
 
     /// Goes on with a command that was another server's, or this one's before it was started anew.
     /// Returns it when it is over by that.
-    pub(crate) fn take_over(&self, id: u64, fields: &Fields, now: Instant) -> Option<CommandView> {
+    pub fn take_over(&self, id: u64, fields: &Fields, now: Instant) -> Option<CommandView> {
         let mut book = self.book();
         let book = &mut *book;
         if book.table.records.contains_key(&id) {

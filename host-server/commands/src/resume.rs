@@ -17,7 +17,7 @@ impl Journal {
     ///
     /// # Errors
     /// [`DataError`] when the file cannot be read or written.
-    pub(crate) fn of(data: &DataDir) -> Result<Self, DataError> {
+    pub fn of(data: &DataDir) -> Result<Self, DataError> {
         Self::open(&data.file(FILE), data.disk()).map_err(|cause| data.failed(FILE, cause))
     }
 }
@@ -27,7 +27,7 @@ impl CommandCenter {
     ///
     /// # Errors
     /// [`DataError`] when nothing can be written down.
-    pub(crate) fn with_journal(
+    pub fn with_journal(
         self,
         journal: Journal,
         data: &Arc<DataDir>,
@@ -80,7 +80,7 @@ impl CommandCenter {
     ///
     /// # Cancellation safety
     /// It is written all the same.
-    pub(crate) fn close(&self) -> impl Future<Output = ()> + Send + use<> {
+    pub fn close(&self) -> impl Future<Output = ()> + Send + use<> {
         let book = self.book();
         let lines = book.table.journal.as_ref().map(JournalQueue::lines);
         let lines = lines.map(Arc::clone);
@@ -92,7 +92,7 @@ impl CommandCenter {
     }
 
     /// Whether commands that are to outlive the server can be written down.
-    pub(crate) fn is_written(&self) -> bool {
+    pub fn is_written(&self) -> bool {
         let book = self.book();
         let journal = book.table.journal.as_ref();
         journal.is_none_or(|journal| !journal.lines().is_failing())

@@ -22,7 +22,7 @@ const LONGEST_GOTO: Duration = Duration::from_mins(10);
 /// What a command came to with one robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum OutcomeStatus {
+pub enum OutcomeStatus {
     /// Done, or in force.
     Completed,
     /// Older than another command; nothing changed.
@@ -42,7 +42,8 @@ pub(crate) enum OutcomeStatus {
 }
 
 impl OutcomeStatus {
-    pub(crate) const fn name(self) -> &'static str {
+    /// As the API and the metrics say it.
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Completed => "completed",
             Self::Stale => "stale",
@@ -354,57 +355,57 @@ fn longest(action: &Action) -> Duration {
 /// A command and what it came to.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 #[schema(as = CommandRecord)]
-pub(crate) struct CommandView {
+pub struct CommandView {
     /// Name of this record in `/api/v1/commands/{id}`.
-    pub(crate) id: String,
+    pub id: String,
     /// The command's number on the wire. One that waited for its robot may get another than `id`
     /// when it goes.
-    pub(crate) seq: u64,
+    pub seq: u64,
     /// The command's name.
-    pub(crate) command: &'static str,
+    pub command: &'static str,
     /// The robot it was for; `null` for all of them.
-    pub(crate) robot: Option<String>,
+    pub robot: Option<String>,
     /// Who sent it, as robots see it.
-    pub(crate) source: String,
+    pub source: String,
     /// Unix milliseconds when it was sent.
-    pub(crate) timestamp: u64,
+    pub timestamp: u64,
     /// The least finished, then the worst, of the outcomes.
-    pub(crate) status: OutcomeStatus,
+    pub status: OutcomeStatus,
     /// Why, in a stable code, of the outcome that gives `status`.
-    pub(crate) reason: Option<&'static str>,
+    pub reason: Option<&'static str>,
     /// Robots by outcome.
-    pub(crate) counts: Counts,
+    pub counts: Counts,
     /// Every robot's outcome; left out of the answer that a command to the swarm was sent.
-    pub(crate) outcomes: Vec<OutcomeView>,
+    pub outcomes: Vec<OutcomeView>,
 }
 
 /// Robots by outcome.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, ToSchema)]
 #[schema(as = CommandCounts)]
 #[allow(missing_docs)] // the names are those of OutcomeStatus
-pub(crate) struct Counts {
-    pub(crate) pending: usize,
-    pub(crate) accepted: usize,
-    pub(crate) completed: usize,
-    pub(crate) rejected: usize,
-    pub(crate) expired: usize,
-    pub(crate) stale: usize,
-    pub(crate) failed: usize,
-    pub(crate) timeout: usize,
+pub struct Counts {
+    pub pending: usize,
+    pub accepted: usize,
+    pub completed: usize,
+    pub rejected: usize,
+    pub expired: usize,
+    pub stale: usize,
+    pub failed: usize,
+    pub timeout: usize,
 }
 
 /// What a command came to with one robot.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 #[schema(as = CommandOutcome)]
-pub(crate) struct OutcomeView {
+pub struct OutcomeView {
     /// The robot.
-    pub(crate) robot: String,
+    pub robot: String,
     /// What it came to.
-    pub(crate) status: OutcomeStatus,
+    pub status: OutcomeStatus,
     /// Why, in a stable code.
-    pub(crate) reason: Option<&'static str>,
+    pub reason: Option<&'static str>,
     /// When the robot said so, in Unix milliseconds by its clock.
-    pub(crate) timestamp: Option<u64>,
+    pub timestamp: Option<u64>,
 }
 
 impl OutcomeView {

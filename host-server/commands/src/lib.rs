@@ -1,5 +1,13 @@
 //! Commands on their way: numbered, sent, sent again where no answer came, held for robots that
 //! are away, and followed until every robot has answered for good.
+//!
+//! When a command goes to a robot is `crawler-delivery`'s to decide; what it has decided is carried out
+//! here, and what robots are owed outlives this server: in a journal on disk, or in Redis.
+//!
+//! Reading order: `record` is a command and what it came to, `sequence` where its number comes from.
+//! `send` accepts it, `driver` carries out what delivery decides, `list` tells what was sent lately.
+//! `pending` is a command that robots are owed as both stores have it: `journal` on disk, which `resume`
+//! goes on with after a start, and `shared` in Redis, which `cluster` joins to the rest.
 
 mod cluster;
 #[cfg(test)]
@@ -30,16 +38,17 @@ use crawler_delivery::{Class, Delivery, Ms};
 use crawler_protocol::{Action, Command};
 use crawler_protocol::{MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, Topic};
 
-use crate::bus::{Bus, PublishError};
 use crawler_cluster::ClusterMembership;
 use crawler_metrics::Metrics;
 use crawler_system::clock::{self, FleetTime};
 
-pub(crate) use cluster::view_of;
+pub use cluster::view_of;
 use driver::{CommandTable, DeliveryDriver};
-pub(crate) use journal::Journal;
-pub(crate) use record::{CommandView, OutcomeStatus, Record};
-pub(crate) use sequence::Sequence;
+pub use journal::Journal;
+use record::Record;
+pub use record::{CommandView, Counts, OutcomeStatus, OutcomeView};
+pub use sequence::Sequence;
+pub use shared::Change;
 
 /// Commands remembered. Steering at seven commands a second fills this in ten minutes.
 const MAX_RECORDS: usize = 4_096;
@@ -50,14 +59,16 @@ const MAX_AGE: Duration = Duration::from_hours(1);
 
 /// Whom a command is for.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Target {
+pub enum Target {
+    /// One robot.
     Robot(RobotId),
+    /// All of them.
     Swarm,
 }
 
 /// Why a command did not go out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum SendError {
+pub enum SendError {
     /// There is no connection to the broker.
     NotConnected,
     /// Too much is waiting to go out.
@@ -76,31 +87,33 @@ pub(crate) enum SendError {
     },
 }
 
-/// What sending needs of the bus; a seam for tests.
-pub(crate) trait Outlet: Send + Sync {
+/// Why a message did not go out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PublishError {
+    /// There is no connection to the broker.
+    NotConnected,
+    /// Too much is waiting already.
+    Full,
+}
+
+/// What sending needs of the connection to the broker; a seam for tests.
+pub trait Outlet: Send + Sync {
     /// Whether there is a connection to the broker.
     fn is_up(&self) -> bool;
-    /// See [`Bus::publish_within`]; the time is in milliseconds.
+    /// Hands one message to the connection. What is not retained is worth nothing `within_ms` later.
+    ///
+    /// # Errors
+    /// [`PublishError`]; the message has not gone out then.
     fn publish(&self, topic: &Topic, payload: &[u8], within_ms: Ms) -> Result<(), PublishError>;
 }
 
-impl Outlet for Bus {
-    fn is_up(&self) -> bool {
-        Self::is_up(self)
-    }
-
-    fn publish(&self, topic: &Topic, payload: &[u8], within_ms: Ms) -> Result<(), PublishError> {
-        self.publish_within(topic, payload, Duration::from_millis(within_ms))
-    }
-}
-
 /// All commands of this server.
-pub(crate) struct CommandCenter {
+pub struct CommandCenter {
     outlet: Arc<dyn Outlet>,
     metrics: Arc<Metrics>,
     source: Source,
     /// The time that commands carry.
-    pub(crate) time: FleetTime,
+    pub time: FleetTime,
     /// Where the time of deliveries begins.
     start: Instant,
     book: Mutex<Book>,
@@ -119,14 +132,19 @@ struct Book {
 
 /// How many commands went out and how many were answered, counted per robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct Totals {
-    pub(crate) sent: u64,
-    pub(crate) answered: u64,
-    pub(crate) open: usize,
+pub struct Totals {
+    /// Sent.
+    pub sent: u64,
+    /// Answered for good.
+    pub answered: u64,
+    /// Commands, not robots, that are under way.
+    pub open: usize,
 }
 
 impl CommandCenter {
-    pub(crate) fn new(
+    /// Of a server that is alone and writes nothing down. Commands of its own are from `source`, and
+    /// numbers are those of `sequence`.
+    pub fn new(
         outlet: Arc<dyn Outlet>,
         metrics: Arc<Metrics>,
         source: Source,
@@ -181,12 +199,7 @@ impl CommandCenter {
     /// answers of robots that were not expected count as well, but not of just anybody.
     ///
     /// Returns the command when this answer was the last one it waited for.
-    pub(crate) fn answer(
-        &self,
-        response: &Response,
-        known: bool,
-        now: Instant,
-    ) -> Option<CommandView> {
+    pub fn answer(&self, response: &Response, known: bool, now: Instant) -> Option<CommandView> {
         let mut book = self.book();
         let book = &mut *book;
         let robot = &response.robot;
@@ -236,7 +249,7 @@ impl CommandCenter {
     }
 
     /// A robot has told its status, or its broker that it is gone. What is held for it goes now.
-    pub(crate) fn status(&self, robot: &RobotId, online: bool, boot: u32, now: Instant) {
+    pub fn status(&self, robot: &RobotId, online: bool, boot: u32, now: Instant) {
         let mut book = self.book();
         let book = &mut *book;
         let at = self.ms(now);
@@ -246,21 +259,21 @@ impl CommandCenter {
     }
 
     /// A robot has spoken.
-    pub(crate) fn heard(&self, robot: &RobotId, now: Instant) {
+    pub fn heard(&self, robot: &RobotId, now: Instant) {
         let at = self.ms(now);
         self.book().delivery.heard(robot, at);
     }
 
     /// The connection to the broker is there, or lost. What robots are owed goes with the next
     /// [`CommandCenter::sweep`].
-    pub(crate) fn connection(&self, up: bool, now: Instant) {
+    pub fn connection(&self, up: bool, now: Instant) {
         let at = self.ms(now);
         self.book().delivery.connection(up, at);
     }
 
     /// Sends what is due, gives up on what is overdue, and forgets what is old. Returns the commands
     /// that are over because of it.
-    pub(crate) fn sweep(&self, now: Instant) -> Vec<CommandView> {
+    pub fn sweep(&self, now: Instant) -> Vec<CommandView> {
         let mut book = self.book();
         let book = &mut *book;
         let at = self.ms(now);
@@ -320,11 +333,13 @@ impl CommandCenter {
         }
     }
 
-    pub(crate) fn view(&self, seq: u64) -> Option<CommandView> {
+    /// The command with the number `seq`, while it is remembered.
+    pub fn view(&self, seq: u64) -> Option<CommandView> {
         self.book().table.records.get(&seq).map(Record::view)
     }
 
-    pub(crate) fn totals(&self) -> Totals {
+    /// See [`Totals`].
+    pub fn totals(&self) -> Totals {
         let book = self.book();
         Totals {
             sent: book.sent,

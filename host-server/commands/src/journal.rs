@@ -83,7 +83,7 @@ impl Owed {
 
 /// The file, and what it says. See the [module](self).
 #[derive(Debug)]
-pub(crate) struct Journal {
+pub struct Journal {
     path: PathBuf,
     disk: Disk,
     file: File,
@@ -100,7 +100,7 @@ impl Journal {
     ///
     /// # Errors
     /// When the file cannot be read or written.
-    pub(crate) fn open(path: &Path, disk: &Disk) -> io::Result<Self> {
+    pub fn open(path: &Path, disk: &Disk) -> io::Result<Self> {
         let mut owed = BTreeMap::new();
         match fs::metadata(path) {
             Ok(known) if known.len() > MAX_BYTES => {
@@ -144,7 +144,7 @@ impl Journal {
     }
 
     /// The commands in it.
-    pub(crate) fn ids(&self) -> Vec<u64> {
+    pub fn ids(&self) -> Vec<u64> {
         self.owed.keys().copied().collect()
     }
 
@@ -152,7 +152,7 @@ impl Journal {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub(crate) fn keep(&mut self, ours: impl Fn(u64) -> bool) -> io::Result<()> {
+    pub fn keep(&mut self, ours: impl Fn(u64) -> bool) -> io::Result<()> {
         self.owed.retain(|id, _| ours(*id));
         self.rewrite()
     }

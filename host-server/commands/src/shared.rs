@@ -117,11 +117,13 @@ struct Reserved {
 
 /// What there is to tell of a command.
 #[derive(Debug)]
-pub(crate) struct Change {
-    pub(crate) id: u64,
-    pub(crate) fields: Fields,
+pub struct Change {
+    /// The command.
+    pub id: u64,
+    /// What the others are to have of it.
+    pub fields: Fields,
     /// Whether nothing is left to do.
-    pub(crate) finished: bool,
+    pub finished: bool,
     robots: BTreeSet<RobotId>,
     numbers: Vec<(RobotId, u64)>,
 }

@@ -12,7 +12,7 @@ use super::record::Record;
 use super::sequence::Sequence;
 use super::shared::SharedTable;
 use super::{CommandCenter, CommandView, MAX_AGE, MAX_OUTCOMES, MAX_RECORDS, SendError, Target};
-use crate::bus::PublishError;
+use crate::PublishError;
 use crawler_metrics::Dropped;
 
 /// All commands that are remembered.

@@ -124,7 +124,7 @@ impl Journal {
     ///
     /// # Errors
     /// When the operating system gives no thread.
-    pub(in crate::commands) fn start(
+    pub(crate) fn start(
         self,
         data: Arc<DataDir>,
         numbers: &'static str,

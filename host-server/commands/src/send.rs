@@ -67,7 +67,7 @@ impl CommandCenter {
     /// # Cancellation safety
     /// Dropped half way, the command does not go, or has gone whole. Nobody else's is delayed. One that
     /// cannot be written down may be followed all the same until this server ends.
-    pub(crate) async fn give(
+    pub async fn give(
         &self,
         source: Option<Source>,
         action: Action,
@@ -219,7 +219,7 @@ impl CommandCenter {
     /// # Errors
     /// [`SendError`]; nothing has gone out then, and nothing will.
     #[cfg(test)]
-    pub(crate) fn send(
+    pub fn send(
         &self,
         action: Action,
         target: Target,

@@ -8,12 +8,7 @@ impl CommandCenter {
     /// The newest commands that are remembered, newest first, without the outcomes of single robots;
     /// with `robot` those that went to it, with its outcome alone. Steering sends so many `drive`
     /// commands that nothing else would be left: they are there only when `drive` asks for them.
-    pub(crate) fn newest(
-        &self,
-        robot: Option<&RobotId>,
-        drive: bool,
-        limit: usize,
-    ) -> Vec<CommandView> {
+    pub fn newest(&self, robot: Option<&RobotId>, drive: bool, limit: usize) -> Vec<CommandView> {
         let view = |record: &Record| match robot {
             Some(robot) => record.view_of(robot),
             None => Some(record.summary()),
