@@ -20,9 +20,9 @@ use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
-use crate::fleet::Incoming;
 use crawler_commands::{Outlet, PublishError};
 use crawler_delivery::Ms;
+use crawler_fleet::Incoming;
 use crawler_metrics::{Dropped, Metrics};
 
 /// The shortest the library allows; it finds a silent broker within twice that.

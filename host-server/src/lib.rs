@@ -6,8 +6,7 @@
 //! say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people:
-//! `bus`, `fleet`, `fences`, `history`, `recorder`, `feed`, `http`, `addresses`. Worlds:
-//! `simulation`, `simulator`. The command line: `cli`, `console`, `replay`.
+//! `bus`, `history`, `http`, `addresses`. Worlds: `simulation`, `simulator`. The command line: `cli`, `console`, `replay`.
 
 pub mod cli;
 pub mod config;
@@ -18,12 +17,8 @@ pub mod server;
 
 mod addresses;
 mod bus;
-mod feed;
-mod fences;
-mod fleet;
 mod history;
 mod http;
-mod recorder;
 mod simulation;
 mod simulator;
 

@@ -42,7 +42,7 @@ pub use start_error::StartError;
 pub struct Server {
     simulation: Option<Arc<Simulation>>,
     #[cfg(test)]
-    fleet: Arc<crate::fleet::SharedFleet>,
+    fleet: Arc<crawler_fleet::SharedFleet>,
     #[cfg(test)]
     records: crawler_records::Records,
     http: SocketAddr,

@@ -12,8 +12,8 @@ use crawler_sim::world::Arena;
 use tokio::sync::watch;
 
 use crate::config::{BrokerUrl, Settings};
-use crate::feed::Feed;
-use crate::recorder::Recorder;
+use crawler_fleet::feed::Feed;
+use crawler_fleet::recorder::Recorder;
 use crawler_metrics::Exposition;
 
 /// For robots to come to rest. From full speed the ramp takes well under a second.

@@ -22,9 +22,9 @@ use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::query::ApiQuery;
 use super::state::ApiState;
-use crate::fleet::{Presence, SharedFleet};
 use crawler_cluster::ClusterMembership;
 use crawler_commands::{CommandCenter, CommandView, SendError, Target, view_of};
+use crawler_fleet::{Presence, SharedFleet};
 
 /// A command on its way: the same document as `GET /api/v1/commands/{id}`, whose address is in
 /// `Location`. A command to the swarm leaves out the outcomes of single robots: there are none yet,

@@ -16,8 +16,8 @@ use super::audit::Audit;
 use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::state::ApiState;
-use crate::fences;
-use crate::fleet::{Fence, FenceAction, FenceKind, Shape, ShapeError, SharedFleet};
+use crawler_fleet::enforcement;
+use crawler_fleet::{Fence, FenceAction, FenceKind, Shape, ShapeError, SharedFleet};
 use crawler_system::clock::now_ms;
 
 /// A fence.
@@ -171,7 +171,7 @@ impl FromRef<ApiState> for FenceKeeper {
 
 impl FenceKeeper {
     async fn catch_up(&self) {
-        fences::catch_up(&self.records, &self.fleet).await;
+        enforcement::catch_up(&self.records, &self.fleet).await;
     }
 
     /// Has a change hold here at once, and writes it down.
@@ -201,7 +201,7 @@ impl FenceKeeper {
         (status = 200, description = "The fences", body = FenceList),
         (status = 503, description = "The records cannot be read")))]
 pub(super) async fn list(State(records): State<Records>) -> Result<Json<FenceList>, Problem> {
-    let fences = fences::all(&records)
+    let fences = enforcement::all(&records)
         .await
         .map_err(|error| failed(&error))?;
     Ok(Json(FenceList {

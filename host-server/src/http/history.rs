@@ -16,8 +16,8 @@ use utoipa::{IntoParams, ToSchema};
 use super::problem::{Code, Problem};
 use super::query::{ApiQuery, bad_query};
 use super::telemetry::{bounds, problem};
-use crate::fleet::SharedFleet;
 use crate::history::History;
+use crawler_fleet::SharedFleet;
 use crawler_system::clock::now_ms;
 
 /// Points of a robot in one answer.

@@ -8,7 +8,7 @@ use axum::response::{IntoResponse, Response};
 use crawler_protocol::{IMAGE_TYPE, RobotId};
 
 use super::problem::{Code, Problem};
-use crate::fleet::SharedFleet;
+use crawler_fleet::SharedFleet;
 
 /// Number of the image.
 const FRAME: HeaderName = HeaderName::from_static("x-image-frame");

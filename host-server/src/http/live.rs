@@ -16,9 +16,9 @@ use tokio_util::task::TaskTracker;
 use super::access::Caller;
 use super::problem::{Code, Problem};
 use super::state::{ApiState, Readers};
-use crate::feed::Feed;
-use crate::fleet::SharedFleet;
 use crawler_accounts::{Accounts, Ending};
+use crawler_fleet::SharedFleet;
+use crawler_fleet::feed::Feed;
 use crawler_metrics::Metrics;
 
 /// A reader that takes nothing for so long is gone.

@@ -16,8 +16,8 @@ use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::query::ApiQuery;
 use super::state::Broker;
-use crate::fleet::{FleetState, Presence, Robot, SharedFleet};
 use crawler_broker::LinkState;
+use crawler_fleet::{FleetState, Presence, Robot, SharedFleet};
 use crawler_system::clock;
 
 /// A robot as last known. What it has not told yet is `null`.

@@ -12,8 +12,6 @@ use super::audit::Audit;
 use super::problem::{Code, Problem};
 use crate::bus::Bus;
 use crate::config::BrokerUrl;
-use crate::feed::Feed;
-use crate::fleet::SharedFleet;
 use crate::history::History;
 use crate::simulation::Simulation;
 use crawler_accounts::{Accounts, AuditLog};
@@ -21,6 +19,8 @@ use crawler_broker::{BrokerHandle, Kind};
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
 use crawler_experiments::Experiments;
+use crawler_fleet::SharedFleet;
+use crawler_fleet::feed::Feed;
 use crawler_metrics::Metrics;
 
 /// What a server has that the API serves.

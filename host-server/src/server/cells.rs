@@ -7,7 +7,7 @@ use crawler_cells as cells;
 use crawler_protocol::{MAX_MESSAGE, Neighbour, Pose, RobotId, Topic};
 
 use crate::bus::Bus;
-use crate::fleet::{Presence, SharedFleet};
+use crawler_fleet::{Presence, SharedFleet};
 
 /// Less sure of its place than this, in metres of sigma, a robot is nobody's neighbour.
 const VAGUE_M: f32 = 0.5;

@@ -14,14 +14,14 @@ use super::outcome_log::OutcomeLog;
 use super::watch::Watch;
 use super::writable::Writable;
 use crate::bus::Bus;
-use crate::feed::{self, Feed, Numbers};
-use crate::fences;
-use crate::fleet::{Level, SharedFleet};
 use crate::simulation::Simulation;
 use crawler_accounts::{Accounts, AuditLog};
 use crawler_broker::BrokerHandle;
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
+use crawler_fleet::enforcement;
+use crawler_fleet::feed::{self, Feed, Numbers};
+use crawler_fleet::{Level, SharedFleet};
 use crawler_metrics::Metrics;
 use crawler_system::clock;
 
@@ -146,7 +146,7 @@ impl Upkeep {
                 // Another server tells that it has changed something.
                 () = self.records_changed.notified() => {}
             }
-            fences::catch_up(&self.records, &self.fleet).await;
+            enforcement::catch_up(&self.records, &self.fleet).await;
             if let Err(error) = self.accounts.catch_up().await {
                 tracing::warn!(%error, "cannot read which sessions are alive");
             }

@@ -13,12 +13,12 @@ use super::storage::{OwnFiles, Storage};
 use super::stores::Stores;
 use crate::bus::Bus;
 use crate::config::{EngineUrl, Redis, Settings};
-use crate::feed::Feed;
-use crate::fleet::SharedFleet;
-use crate::recorder::Recorder;
 use crate::simulation::Simulation;
 use crawler_cluster::ClusterMembership;
 use crawler_commands::{CommandCenter, Journal, Outlet};
+use crawler_fleet::SharedFleet;
+use crawler_fleet::feed::Feed;
+use crawler_fleet::recorder::Recorder;
 use crawler_system::data::DataDir;
 
 /// What is known of the fleet and told to it, which the parts of a running server share.

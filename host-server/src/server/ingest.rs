@@ -10,10 +10,10 @@ use crawler_protocol::{Fleet, Telemetry, Topic};
 
 use super::outcome_log::OutcomeLog;
 use crate::bus::Receiver;
-use crate::fences::Stops;
-use crate::fleet::{Incoming, Level, Received, SharedFleet};
 use crate::history::{History, sample};
 use crawler_commands::CommandCenter;
+use crawler_fleet::enforcement::Stops;
+use crawler_fleet::{Incoming, Level, Received, SharedFleet};
 use crawler_metrics::{Dropped, Metrics};
 use crawler_system::clock;
 

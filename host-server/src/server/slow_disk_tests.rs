@@ -18,7 +18,7 @@ use tokio::task::JoinSet;
 
 use super::*;
 use crate::config::{Layer, Role};
-use crate::fleet;
+
 use crawler_system::data::test_disk::{LIMIT, TestDisk};
 
 const COMMANDS: &str = "/api/v1/robots/a/commands";
@@ -243,12 +243,12 @@ async fn a_full_disk_is_told_and_stops_go_all_the_same() {
     let fleet = Arc::clone(&scene.server.fleet);
     let told = |level, text| {
         let events = fleet.lock();
-        let told = |event: &fleet::Event| (event.level, &event.text[..]) == (level, text);
+        let told = |event: &crawler_fleet::Event| (event.level, &event.text[..]) == (level, text);
         events.events.newest(100).any(told)
     };
     let cannot = "commands cannot be written down: only halts and motion are taken";
     within("an event", async {
-        while !told(fleet::Level::Error, cannot) {
+        while !told(crawler_fleet::Level::Error, cannot) {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     })
@@ -274,7 +274,10 @@ async fn a_full_disk_is_told_and_stops_go_all_the_same() {
         "{metrics}"
     );
     within("another event", async {
-        while !told(fleet::Level::Info, "commands can be written down again") {
+        while !told(
+            crawler_fleet::Level::Info,
+            "commands can be written down again",
+        ) {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     })

@@ -24,13 +24,13 @@ use super::{StartError, endpoints};
 use crate::addresses::Addresses;
 use crate::bus::{self, Connection, Target};
 use crate::config::{BrokerUrl, Role, Settings};
-use crate::fences::{self, Enforcer, Stops};
-use crate::fleet::{Level, SharedFleet};
 use crate::http;
 use crate::simulation::Simulation;
 use crate::simulator;
 use crawler_broker::BrokerHandle;
 use crawler_experiments::{self as experiments, Experiments, Tell};
+use crawler_fleet::enforcement::{self, Enforcer, Stops};
+use crawler_fleet::{Level, SharedFleet};
 use crawler_server_tls::Certificates;
 use crawler_system::data::Disk;
 
@@ -127,7 +127,7 @@ async fn serve_fleet(
     let outcomes = OutcomeLog::new(Arc::clone(&hub.fleet), storage.audit.notes());
     let time_wanted = Arc::new(AtomicBool::new(false));
     let records_changed = Arc::new(Notify::new());
-    fences::catch_up(&storage.records, &hub.fleet).await;
+    enforcement::catch_up(&storage.records, &hub.fleet).await;
     let ingest = Arc::new(Ingest {
         name: settings.fleet.clone(),
         fleet: Arc::clone(&hub.fleet),

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use crawler_records::{DatabaseStats, Records};
 
 use crate::history::History;
-use crate::recorder::Recorder;
 use crawler_cluster::{ClusterMembership, write_metrics};
+use crawler_fleet::recorder::Recorder;
 use crawler_metrics::{Exposition, machine};
 
 /// Where things are kept.

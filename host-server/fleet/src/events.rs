@@ -18,7 +18,7 @@ pub(super) const ONE_BY_ONE: usize = 5;
 /// How much an event matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Level {
+pub enum Level {
     /// As expected.
     Info,
     /// Worth a look.
@@ -29,12 +29,15 @@ pub(crate) enum Level {
 
 /// One event, as the live feed sends it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub(crate) struct Event {
+pub struct Event {
     /// Unix milliseconds.
-    pub(crate) time: u64,
-    pub(crate) level: Level,
-    pub(crate) robot: Option<RobotId>,
-    pub(crate) text: String,
+    pub time: u64,
+    /// How grave it is.
+    pub level: Level,
+    /// Of whom it tells; of the server where there is none.
+    pub robot: Option<RobotId>,
+    /// For people.
+    pub text: String,
 }
 
 impl Event {
@@ -55,7 +58,7 @@ impl Event {
 
 /// The newest events, numbered through.
 #[derive(Debug, Default)]
-pub(crate) struct EventLog {
+pub struct EventLog {
     events: VecDeque<Event>,
     /// Number of the event after the newest.
     next: u64,
@@ -65,12 +68,12 @@ pub(crate) struct EventLog {
 
 impl EventLog {
     /// From here on events are recorded as well.
-    pub(crate) fn record_in(&mut self, recorder: Recorder) {
+    pub fn record_in(&mut self, recorder: Recorder) {
         self.recorder = Some(recorder);
     }
 
     /// Takes an event that this server alone knows of.
-    pub(crate) fn push(&mut self, level: Level, robot: Option<RobotId>, text: String) {
+    pub fn push(&mut self, level: Level, robot: Option<RobotId>, text: String) {
         self.add(level, robot, text, Known::Here);
     }
 
@@ -97,14 +100,14 @@ impl EventLog {
     }
 
     /// The newest `count` events, oldest first.
-    pub(crate) fn newest(&self, count: usize) -> impl Iterator<Item = &Event> {
+    pub fn newest(&self, count: usize) -> impl Iterator<Item = &Event> {
         self.events
             .iter()
             .skip(self.events.len().saturating_sub(count))
     }
 
     /// Events since number `from`, how many in between are lost, and the number to ask for next.
-    pub(crate) fn since(&self, from: u64) -> (impl Iterator<Item = &Event>, u64, u64) {
+    pub fn since(&self, from: u64) -> (impl Iterator<Item = &Event>, u64, u64) {
         let new = self.next.saturating_sub(from);
         let kept = (self.events.len() as u64).min(new);
         (self.newest(kept as usize), new - kept, self.next)

@@ -31,7 +31,7 @@ fn hear(fleet: &SharedFleet, topic: &str, payload: &str, now: Instant) {
     fleet
         .lock()
         .receive(
-            &crate::fleet::Incoming {
+            &crate::Incoming {
                 topic: topic.as_bytes(),
                 payload: payload.as_bytes(),
                 retained: false,

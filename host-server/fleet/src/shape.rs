@@ -15,7 +15,7 @@ pub(crate) type Point = [f64; 2];
 
 /// Why corners do not make a polygon. Corners are counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum ShapeError {
+pub enum ShapeError {
     /// Too few or too many corners.
     Count(usize),
     /// A corner that is no place, or beyond where a robot can be sent.
@@ -53,7 +53,7 @@ impl fmt::Display for ShapeError {
 
 /// A simple polygon: its edges meet in its corners and nowhere else.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Shape {
+pub struct Shape {
     corners: Vec<Point>,
     low: Point,
     high: Point,
@@ -66,7 +66,7 @@ impl Shape {
     ///
     /// # Errors
     /// [`ShapeError`] when it is none.
-    pub(crate) fn new(corners: Vec<Point>) -> Result<Self, ShapeError> {
+    pub fn new(corners: Vec<Point>) -> Result<Self, ShapeError> {
         if !CORNERS.contains(&corners.len()) {
             return Err(ShapeError::Count(corners.len()));
         }
@@ -103,17 +103,17 @@ impl Shape {
     }
 
     /// Its corners, as they were given.
-    pub(crate) fn corners(&self) -> &[Point] {
+    pub fn corners(&self) -> &[Point] {
         &self.corners
     }
 
     /// So deep inside there is a place for sure, in metres.
-    pub(crate) const fn depth(&self) -> f64 {
+    pub const fn depth(&self) -> f64 {
         self.depth
     }
 
     /// Whether a place is within the polygon; one on its edge may be either.
-    pub(crate) fn holds(&self, at: Point) -> bool {
+    pub fn holds(&self, at: Point) -> bool {
         if !self.is_near(at, 0.0) {
             return false;
         }
@@ -130,12 +130,12 @@ impl Shape {
     }
 
     /// Whether a place is within `reach` metres of the box around the polygon.
-    pub(crate) fn is_near(&self, at: Point, reach: f64) -> bool {
+    pub fn is_near(&self, at: Point, reach: f64) -> bool {
         (0..2).all(|axis| at[axis] >= self.low[axis] - reach && at[axis] <= self.high[axis] + reach)
     }
 
     /// How far the edge is from a place, in metres.
-    pub(crate) fn to_edge(&self, at: Point) -> f64 {
+    pub fn to_edge(&self, at: Point) -> f64 {
         let far = edges(&self.corners).map(|(a, b)| to_segment(at, a, b));
         far.fold(f64::INFINITY, f64::min)
     }

@@ -14,7 +14,7 @@ pub(crate) const HYSTERESIS: f64 = 0.1;
 /// On which side of its edge robots are to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum FenceKind {
+pub enum FenceKind {
     /// Within.
     KeepIn,
     /// Outside.
@@ -23,10 +23,10 @@ pub(crate) enum FenceKind {
 
 impl FenceKind {
     /// Both.
-    pub(crate) const ALL: [Self; 2] = [Self::KeepIn, Self::KeepOut];
+    pub const ALL: [Self; 2] = [Self::KeepIn, Self::KeepOut];
 
     /// The name in messages, records and metrics.
-    pub(crate) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::KeepIn => "keep_in",
             Self::KeepOut => "keep_out",
@@ -37,7 +37,7 @@ impl FenceKind {
 /// What happens to a robot that crosses it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum FenceAction {
+pub enum FenceAction {
     /// It is told of.
     Warn,
     /// It is told of, and the robot is stopped.
@@ -46,10 +46,10 @@ pub(crate) enum FenceAction {
 
 impl FenceAction {
     /// Both.
-    pub(crate) const ALL: [Self; 2] = [Self::Warn, Self::Stop];
+    pub const ALL: [Self; 2] = [Self::Warn, Self::Stop];
 
     /// The name in messages, records and metrics.
-    pub(crate) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Warn => "warn",
             Self::Stop => "stop",
@@ -59,21 +59,26 @@ impl FenceAction {
 
 /// A fence.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Fence {
-    pub(crate) id: String,
-    pub(crate) name: String,
-    pub(crate) kind: FenceKind,
-    pub(crate) action: FenceAction,
-    pub(crate) shape: Shape,
+pub struct Fence {
+    /// In the records and in the API.
+    pub id: String,
+    /// For people.
+    pub name: String,
+    /// Which side of it is the wrong one.
+    pub kind: FenceKind,
+    /// What happens to a robot that crosses it.
+    pub action: FenceAction,
+    /// Where it is.
+    pub shape: Shape,
     /// Who made it.
-    pub(crate) by: String,
+    pub by: String,
     /// Unix milliseconds.
-    pub(crate) made_at: i64,
+    pub made_at: i64,
 }
 
 impl Fence {
     /// Whether a robot at `at` is on the wrong side; `was` says whether it was before.
-    pub(crate) fn is_violated(&self, at: [f64; 2], was: bool) -> bool {
+    pub fn is_violated(&self, at: [f64; 2], was: bool) -> bool {
         let shape = &self.shape;
         match self.kind {
             FenceKind::KeepIn if !shape.holds(at) => true,
@@ -85,7 +90,7 @@ impl Fence {
     }
 
     /// What a robot did that crossed it; `back` to where it should be.
-    pub(crate) const fn crossing_verb(&self, back: bool) -> &'static str {
+    pub const fn crossing_verb(&self, back: bool) -> &'static str {
         match (self.kind, back) {
             (FenceKind::KeepIn, false) => "left",
             (FenceKind::KeepIn, true) => "came back into",
@@ -95,7 +100,7 @@ impl Fence {
     }
 
     /// As it is kept.
-    pub(crate) fn to_kept(&self) -> KeptFence {
+    pub fn to_kept(&self) -> KeptFence {
         KeptFence {
             id: self.id.clone(),
             name: self.name.clone(),
@@ -109,7 +114,7 @@ impl Fence {
     }
 
     /// From how it is kept; `None` for what this program could not have kept.
-    pub(crate) fn of_kept(kept: KeptFence) -> Option<Self> {
+    pub fn of_kept(kept: KeptFence) -> Option<Self> {
         let corners = serde_json::from_str(&kept.corners).ok()?;
         Some(Self {
             kind: FenceKind::ALL

@@ -22,7 +22,7 @@ const REPORT_EVERY: Duration = Duration::from_secs(5);
 
 /// Why a message was not accepted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Rejection {
+pub enum Rejection {
     /// The topic is not UTF-8 or none of the contract's.
     Topic,
     /// What should be a robot id in the topic is none.
@@ -54,7 +54,7 @@ impl Rejection {
     ];
 
     /// The name in metrics.
-    pub(crate) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Topic => "topic",
             Self::RobotId => "robot_id",
@@ -107,7 +107,7 @@ impl FleetState {
     ///
     /// # Errors
     /// [`Rejection`]; nothing has changed then but the count of rejections.
-    pub(crate) fn receive(
+    pub fn receive(
         &mut self,
         message: &Incoming<'_>,
         now: Instant,

@@ -13,11 +13,13 @@ const MOST: usize = u64::BITS as usize;
 
 /// A robot that has crossed a fence.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Crossing {
-    pub(crate) robot: RobotId,
-    pub(crate) fence: Arc<Fence>,
+pub struct Crossing {
+    /// Which.
+    pub robot: RobotId,
+    /// Which.
+    pub fence: Arc<Fence>,
     /// To where it should be.
-    pub(crate) back: bool,
+    pub back: bool,
 }
 
 /// The fences, and who has crossed one.
@@ -39,7 +41,7 @@ impl Fences {
 impl FleetState {
     /// Puts these in the place of the fences there were. Who was beyond one that stays still is, and
     /// is told of no second time.
-    pub(crate) fn set_fences(&mut self, fences: Vec<Fence>) {
+    pub fn set_fences(&mut self, fences: Vec<Fence>) {
         let same = |(one, other): (&Arc<Fence>, &Fence)| **one == *other;
         let known = &self.fences.list;
         if known.len() == fences.len() && known.iter().zip(&fences).all(same) {
@@ -109,12 +111,12 @@ impl FleetState {
     }
 
     /// Who crossed a fence by the last message.
-    pub(crate) fn take_crossings(&mut self) -> Vec<Crossing> {
+    pub fn take_crossings(&mut self) -> Vec<Crossing> {
         std::mem::take(&mut self.fences.crossed)
     }
 
     /// The fence that a robot is on the wrong side of; of several the first that stops.
-    pub(crate) fn fence_of(&self, robot: &Robot) -> Option<&Fence> {
+    pub fn fence_of(&self, robot: &Robot) -> Option<&Fence> {
         let mut beyond = self.beyond(robot);
         let first = beyond.next()?;
         if first.action == FenceAction::Stop {
@@ -128,7 +130,7 @@ impl FleetState {
     }
 
     /// Whether a robot is on the wrong side of a fence that stops.
-    pub(crate) fn must_stop(&self, id: &RobotId) -> bool {
+    pub fn must_stop(&self, id: &RobotId) -> bool {
         self.get(id).is_some_and(|robot| {
             self.beyond(robot)
                 .any(|fence| fence.action == FenceAction::Stop)

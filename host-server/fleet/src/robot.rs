@@ -17,23 +17,31 @@ const DOUBLE_JUMPS: usize = 3;
 const DOUBLE_WINDOW: Duration = Duration::from_mins(1);
 
 /// What is known of one robot.
-pub(crate) struct Robot {
-    pub(crate) id: RobotId,
-    pub(crate) index: u16,
-    pub(crate) presence: Presence,
-    pub(crate) status: Option<StatusMessage>,
-    pub(crate) telemetry: Option<Telemetry>,
-    pub(crate) heartbeat: Option<Heartbeat>,
+pub struct Robot {
+    /// Its name.
+    pub id: RobotId,
+    /// Its number in the live feed.
+    pub index: u16,
+    /// Whether it is there.
+    pub presence: Presence,
+    /// The newest.
+    pub status: Option<StatusMessage>,
+    /// The newest.
+    pub telemetry: Option<Telemetry>,
+    /// The newest.
+    pub heartbeat: Option<Heartbeat>,
     /// What it saw last. Boxed: large, and few robots see.
-    pub(crate) sees: Option<Box<Detections>>,
+    pub sees: Option<Box<Detections>>,
     /// Boxed: large, and seldom looked at.
-    pub(crate) parameters: Option<Box<ParametersMessage>>,
+    pub parameters: Option<Box<ParametersMessage>>,
     /// Oldest first.
-    pub(crate) logs: VecDeque<LogRecord>,
-    pub(crate) known_since: Instant,
-    pub(crate) last_seen: Option<Instant>,
+    pub logs: VecDeque<LogRecord>,
+    /// Since its first message.
+    pub known_since: Instant,
+    /// When it last said something itself.
+    pub last_seen: Option<Instant>,
     /// Unix milliseconds of the same moment, for people.
-    pub(crate) last_seen_ms: Option<u64>,
+    pub last_seen_ms: Option<u64>,
     /// Fences that it is on the wrong side of: a bit for each, in their order.
     pub(super) beyond: u64,
     goodbye: bool,
@@ -111,12 +119,12 @@ impl Robot {
     }
 
     /// Whether two robots seem to share this id.
-    pub(crate) fn has_double(&self) -> bool {
+    pub fn has_double(&self) -> bool {
         self.jumps.len() >= DOUBLE_JUMPS
     }
 
     /// The newest state, from whichever message told it last.
-    pub(crate) fn state(&self) -> Option<RobotState> {
+    pub fn state(&self) -> Option<RobotState> {
         match (&self.telemetry, &self.heartbeat) {
             (Some(telemetry), Some(heartbeat)) if heartbeat.timestamp > telemetry.timestamp => {
                 Some(heartbeat.state)

@@ -3,15 +3,24 @@
 //! One value behind one lock, changed by messages ([`FleetState::receive`]) and by time passing
 //! ([`FleetState::sweep`]). It holds at most [`MAX_ROBOTS`] robots, a bounded number of log records
 //! and of events, and a bounded weight of images, whatever arrives.
+//!
+//! Reading order: `robot` is what is known of one, `presence` whether it is there, `incoming` a message
+//! and `ingest` what it changes, `images` the newest pictures, `counts` what the metrics tell. `shape`
+//! and `fence` are what a fence is, `fences` who is on the wrong side of one, [`enforcement`] what happens
+//! then. `events` is what people are told, which [`recorder`] takes to the records, and [`feed`] shows all
+//! of it as it changes.
 
 mod counts;
+pub mod enforcement;
 mod events;
+pub mod feed;
 mod fence;
 mod fences;
 mod images;
 mod incoming;
 mod ingest;
 mod presence;
+pub mod recorder;
 mod robot;
 mod shape;
 #[cfg(test)]
@@ -25,33 +34,36 @@ use std::time::Instant;
 
 use crawler_protocol::{Fleet, Response, RobotId, Telemetry};
 
-pub(crate) use counts::RobotCounts;
-pub(crate) use events::{Event, EventLog, Level};
-pub(crate) use fence::{Fence, FenceAction, FenceKind};
-pub(crate) use fences::Crossing;
-pub(crate) use images::Image;
-pub(crate) use incoming::Incoming;
-pub(crate) use presence::Presence;
-pub(crate) use robot::Robot;
-pub(crate) use shape::{Shape, ShapeError};
+pub use counts::RobotCounts;
+pub use events::{Event, EventLog, Level};
+pub use fence::{Fence, FenceAction, FenceKind};
+pub use fences::Crossing;
+pub use images::Image;
+pub use incoming::Incoming;
+pub use presence::Presence;
+pub use robot::Robot;
+pub use shape::{Shape, ShapeError};
 
 /// The live feed numbers robots with 16 bits; this stays below with room for a bad day.
-pub(crate) const MAX_ROBOTS: usize = 20_000;
+pub const MAX_ROBOTS: usize = 20_000;
 /// Log records kept, of all robots together. Each robot has an equal share.
 const MAX_LOGS: usize = 100_000;
 const LOGS_PER_ROBOT: std::ops::RangeInclusive<usize> = 5..=200;
 
 /// How many robots there are of each presence.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct Presences {
-    pub(crate) online: usize,
-    pub(crate) stale: usize,
-    pub(crate) offline: usize,
+pub struct Presences {
+    /// [`Presence::Online`].
+    pub online: usize,
+    /// [`Presence::Stale`].
+    pub stale: usize,
+    /// [`Presence::Offline`].
+    pub offline: usize,
 }
 
 /// What a message was, beyond what it changed here.
 #[derive(Debug, PartialEq)]
-pub(crate) enum Received {
+pub enum Received {
     /// Nothing for anybody else.
     Noted,
     /// Samples of a robot, oldest first, but for the newest, which the robot's entry now has.
@@ -61,7 +73,7 @@ pub(crate) enum Received {
 }
 
 /// All robots of the fleet.
-pub(crate) struct FleetState {
+pub struct FleetState {
     fleet: Fleet,
     slots: Vec<Option<Robot>>,
     indices: HashMap<RobotId, u16>,
@@ -76,31 +88,37 @@ pub(crate) struct FleetState {
     fences: fences::Fences,
     /// Whether other servers tell what they hear, so that messages of one robot come two ways.
     relayed: bool,
-    pub(crate) events: EventLog,
+    /// What has happened, newest last.
+    pub events: EventLog,
 }
 
 /// What changed in the roster since it was last asked for.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(crate) struct RosterChanges {
-    pub(crate) changed: BTreeSet<u16>,
-    pub(crate) removed: Vec<u16>,
+pub struct RosterChanges {
+    /// Indices of robots whose line is another.
+    pub changed: BTreeSet<u16>,
+    /// Indices of robots that are forgotten.
+    pub removed: Vec<u16>,
 }
 
 /// The fleet behind its lock. A panic while it was held leaves values that are each still valid.
-pub(crate) struct SharedFleet(Mutex<FleetState>);
+pub struct SharedFleet(Mutex<FleetState>);
 
 impl SharedFleet {
-    pub(crate) fn new(fleet: Fleet) -> Self {
+    /// Without a robot.
+    pub fn new(fleet: Fleet) -> Self {
         Self(Mutex::new(FleetState::new(fleet)))
     }
 
-    pub(crate) fn lock(&self) -> MutexGuard<'_, FleetState> {
+    /// Its state, for a moment: whoever holds it waits for nothing.
+    pub fn lock(&self) -> MutexGuard<'_, FleetState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl FleetState {
-    pub(crate) fn new(fleet: Fleet) -> Self {
+    /// Without a robot.
+    pub fn new(fleet: Fleet) -> Self {
         Self {
             fleet,
             slots: Vec::new(),
@@ -117,26 +135,28 @@ impl FleetState {
     }
 
     /// From here on messages of one robot come two ways, and one can overtake another.
-    pub(crate) fn relayed(&mut self) {
+    pub fn relayed(&mut self) {
         self.relayed = true;
     }
 
-    pub(crate) fn get(&self, id: &RobotId) -> Option<&Robot> {
+    /// What is known of a robot.
+    pub fn get(&self, id: &RobotId) -> Option<&Robot> {
         let index = *self.indices.get(id)?;
         self.slots.get(usize::from(index))?.as_ref()
     }
 
     /// The newest image of a robot.
-    pub(crate) fn image(&self, id: &RobotId) -> Option<&Image> {
+    pub fn image(&self, id: &RobotId) -> Option<&Image> {
         self.images.get(id)
     }
 
     /// Every robot, by index.
-    pub(crate) fn robots(&self) -> impl Iterator<Item = &Robot> {
+    pub fn robots(&self) -> impl Iterator<Item = &Robot> {
         self.slots.iter().flatten()
     }
 
-    pub(crate) fn presences(&self) -> Presences {
+    /// See [`Presences`].
+    pub fn presences(&self) -> Presences {
         let mut presences = Presences::default();
         for robot in self.robots() {
             *match robot.presence {
@@ -149,7 +169,7 @@ impl FleetState {
     }
 
     /// Takes the roster changes that have piled up.
-    pub(crate) fn take_roster_changes(&mut self) -> RosterChanges {
+    pub fn take_roster_changes(&mut self) -> RosterChanges {
         RosterChanges {
             changed: std::mem::take(&mut self.changed),
             removed: std::mem::take(&mut self.removed),
@@ -157,7 +177,7 @@ impl FleetState {
     }
 
     /// Recomputes every robot's presence, and makes events of what happened since the last time.
-    pub(crate) fn sweep(&mut self, now: Instant) {
+    pub fn sweep(&mut self, now: Instant) {
         let mut moves = std::mem::take(&mut self.moved);
         for robot in self.slots.iter_mut().flatten() {
             let presence = robot.presence_at(now);

@@ -12,7 +12,7 @@ pub(crate) const OFFLINE_AFTER: Duration = Duration::from_secs(15);
 /// Whether a robot is there, as far as the server can tell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Presence {
+pub enum Presence {
     /// It has spoken within the last three seconds.
     Online,
     /// It has been silent for three seconds, or only its retained status is known yet.
@@ -22,7 +22,8 @@ pub(crate) enum Presence {
 }
 
 impl Presence {
-    pub(crate) const fn name(self) -> &'static str {
+    /// As the API says it.
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Online => "online",
             Self::Stale => "stale",
@@ -34,7 +35,7 @@ impl Presence {
     ///
     /// `goodbye`: its newest word is that it is going. `silence`: since its last live word; `None`
     /// when it has not spoken since the server runs. `known`: since the server knows of it.
-    pub(crate) fn judge(goodbye: bool, silence: Option<Duration>, known: Duration) -> Self {
+    pub fn judge(goodbye: bool, silence: Option<Duration>, known: Duration) -> Self {
         match silence {
             _ if goodbye => Self::Offline,
             Some(silence) if silence < STALE_AFTER => Self::Online,

@@ -2,18 +2,22 @@
 
 /// One message from the broker.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Incoming<'a> {
-    pub(crate) topic: &'a [u8],
-    pub(crate) payload: &'a [u8],
-    pub(crate) retained: bool,
-    pub(crate) content_type: Option<&'a str>,
+pub struct Incoming<'a> {
+    /// As it stands in the message, well-formed or not.
+    pub topic: &'a [u8],
+    /// Its body.
+    pub payload: &'a [u8],
+    /// Whether the broker had kept it.
+    pub retained: bool,
+    /// What its sender says that the body is.
+    pub content_type: Option<&'a str>,
     /// User properties.
-    pub(crate) properties: &'a [(String, String)],
+    pub properties: &'a [(String, String)],
 }
 
 impl Incoming<'_> {
     /// The value of a user property that is there once.
-    pub(crate) fn property(&self, name: &str) -> Option<&str> {
+    pub fn property(&self, name: &str) -> Option<&str> {
         let mut values = self.properties.iter().filter(|(known, _)| known == name);
         match (values.next(), values.next()) {
             (Some((_, value)), None) => Some(value),

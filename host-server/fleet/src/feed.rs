@@ -10,18 +10,18 @@ mod tests;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use axum::body::Bytes;
+use bytes::Bytes;
 use crawler_protocol::Fleet;
 use serde_json::Value;
 use tokio::sync::broadcast;
 
-use crate::fleet::{FleetState, SharedFleet};
+use crate::{FleetState, SharedFleet};
 use crawler_commands::Totals;
 use crawler_system::clock;
 use encode::Sample;
 
 /// Time between two looks at the fleet.
-pub(crate) const INTERVAL: Duration = Duration::from_millis(100);
+pub const INTERVAL: Duration = Duration::from_millis(100);
 /// Frames a reader may be behind: ten seconds of everything. With the largest fleet all moving
 /// that is 25 MB, once for all readers.
 const RING: usize = 256;
@@ -31,7 +31,7 @@ const EVENTS_PER_TICK: usize = 20;
 const EVENTS_AT_START: usize = 50;
 
 /// The feed.
-pub(crate) struct Feed {
+pub struct Feed {
     fleet: Fleet,
     sender: broadcast::Sender<Bytes>,
     state: Mutex<State>,
@@ -50,14 +50,18 @@ struct State {
 
 /// What the metrics frame tells beyond the fleet.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Numbers {
-    pub(crate) messages_in: u64,
-    pub(crate) commands: Totals,
-    pub(crate) real_time_factor: Option<f64>,
+pub struct Numbers {
+    /// From robots, since the start.
+    pub messages_in: u64,
+    /// Commands so far.
+    pub commands: Totals,
+    /// Of the simulated world, where there is one; 1 is as fast as time.
+    pub real_time_factor: Option<f64>,
 }
 
 impl Feed {
-    pub(crate) fn new(fleet: Fleet) -> Self {
+    /// Without readers.
+    pub fn new(fleet: Fleet) -> Self {
         Self {
             fleet,
             sender: broadcast::Sender::new(RING),
@@ -67,7 +71,7 @@ impl Feed {
 
     /// Makes the simulated arena known, to readers who are here as well: they are told hello once
     /// more. Returns the bytes of that frame.
-    pub(crate) fn set_arena(&self, arena: Value) -> usize {
+    pub fn set_arena(&self, arena: Value) -> usize {
         let mut state = self.state();
         state.arena = arena;
         if self.sender.receiver_count() == 0 {
@@ -85,7 +89,7 @@ impl Feed {
     }
 
     /// The snapshot for a new reader, and what follows it.
-    pub(crate) fn connect(&self, fleet: &SharedFleet) -> (Vec<Bytes>, broadcast::Receiver<Bytes>) {
+    pub fn connect(&self, fleet: &SharedFleet) -> (Vec<Bytes>, broadcast::Receiver<Bytes>) {
         // Under this lock no frame goes out, so none is missed and none comes twice.
         let state = self.state();
         let receiver = self.sender.subscribe();
@@ -109,7 +113,7 @@ impl Feed {
     }
 
     /// Looks at the fleet and sends what is new.
-    pub(crate) fn tick(&self, fleet: &SharedFleet, now: Instant, numbers: impl Fn() -> Numbers) {
+    pub fn tick(&self, fleet: &SharedFleet, now: Instant, numbers: impl Fn() -> Numbers) {
         let mut state = self.state();
         let mut fleet = fleet.lock();
         fleet.sweep(now);
@@ -184,9 +188,9 @@ impl State {
         let skip = events.len().saturating_sub(EVENTS_PER_TICK);
         let untold = lost + skip as u64;
         if untold > 0 {
-            frames.extend(encode::event(&crate::fleet::Event {
+            frames.extend(encode::event(&crate::Event {
                 time: clock::unix_ms(),
-                level: crate::fleet::Level::Info,
+                level: crate::Level::Info,
                 robot: None,
                 text: format!("{untold} more events at the same time"),
             }));

@@ -5,7 +5,7 @@
 
 use std::collections::HashMap;
 
-use axum::body::Bytes;
+use bytes::Bytes;
 use crawler_protocol::{IMAGE_FRAME, IMAGE_TIMESTAMP, RobotId};
 
 use super::Incoming;
@@ -18,15 +18,15 @@ const END: [u8; 2] = [0xFF, 0xD9];
 
 /// An image as received.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Image {
+pub struct Image {
     /// The JPEG.
-    pub(crate) jpeg: Bytes,
+    pub jpeg: Bytes,
     /// Counts the robot's images since it started.
-    pub(crate) frame: u32,
+    pub frame: u32,
     /// Unix milliseconds when it was taken by the robot's clock; 0 when that was not set.
-    pub(crate) timestamp: u64,
+    pub timestamp: u64,
     /// Unix milliseconds when it arrived, by the server's clock.
-    pub(crate) received: u64,
+    pub received: u64,
 }
 
 impl Image {

@@ -10,7 +10,7 @@ const UNTOLD: &str = "unknown";
 
 /// The robots of the fleet, counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct RobotCounts {
+pub struct RobotCounts {
     online: usize,
     stale: usize,
     offline: usize,
@@ -23,7 +23,7 @@ pub(crate) struct RobotCounts {
 
 impl RobotCounts {
     /// Counts `fleet`.
-    pub(crate) fn of(fleet: &FleetState) -> Self {
+    pub fn of(fleet: &FleetState) -> Self {
         let mut count = Self::default();
         for robot in fleet.robots() {
             match robot.presence {
@@ -46,7 +46,7 @@ impl RobotCounts {
     }
 
     /// Writes all of it.
-    pub(crate) fn write_metrics(&self, out: &mut Exposition) {
+    pub fn write_metrics(&self, out: &mut Exposition) {
         out.gauges(
             "terracrawler_robots",
             "Robots known, by presence",

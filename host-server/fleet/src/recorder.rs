@@ -26,7 +26,7 @@ const RETAIN_EVERY: Duration = Duration::from_mins(10);
 
 /// Who comes to know of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Known {
+pub enum Known {
     /// This server alone.
     Here,
     /// Every server of the fleet, from what robots say: one of them records it.
@@ -52,15 +52,15 @@ impl Inbox {
 
 /// How it goes, since the start.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct Stats {
+pub struct Stats {
     /// Events in the records.
-    pub(crate) written: u64,
+    pub written: u64,
     /// Events let go because too many waited, or because the records refused them.
-    pub(crate) dropped: u64,
+    pub dropped: u64,
     /// Writes that failed.
-    pub(crate) failures: u64,
+    pub failures: u64,
     /// Events that wait.
-    pub(crate) queued: usize,
+    pub queued: usize,
 }
 
 struct Inner {
@@ -73,7 +73,7 @@ struct Inner {
 
 /// Takes what is to be recorded. A clone is another handle of the same.
 #[derive(Clone)]
-pub(crate) struct Recorder(Arc<Inner>);
+pub struct Recorder(Arc<Inner>);
 
 impl std::fmt::Debug for Recorder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -83,7 +83,7 @@ impl std::fmt::Debug for Recorder {
 
 impl Recorder {
     /// A recorder for one of the servers in `membership`, or for the only one.
-    pub(crate) fn new(membership: Option<Arc<ClusterMembership>>) -> Self {
+    pub fn new(membership: Option<Arc<ClusterMembership>>) -> Self {
         Self(Arc::new(Inner {
             inbox: Mutex::default(),
             membership,
@@ -98,7 +98,7 @@ impl Recorder {
     }
 
     /// Takes an event, without waiting. One too many is counted as dropped.
-    pub(crate) fn record(&self, event: Event, known: Known) {
+    pub fn record(&self, event: Event, known: Known) {
         let leads = || self.0.membership.as_ref().is_none_or(|all| all.leads());
         if known == Known::Everywhere && !leads() {
             return;
@@ -114,7 +114,7 @@ impl Recorder {
 
     /// Takes note that the simulated arena is `arena` from now on, `null` where there is none. Call it
     /// whenever it may have changed: one that is as it was is not recorded again.
-    pub(crate) fn record_arena(&self, arena: &Value) {
+    pub fn record_arena(&self, arena: &Value) {
         let arena = (!arena.is_null()).then(|| arena.to_string());
         let mut inbox = self.inbox();
         if inbox.arenas.len() >= ARENAS {
@@ -124,7 +124,7 @@ impl Recorder {
     }
 
     /// How it goes.
-    pub(crate) fn stats(&self) -> Stats {
+    pub fn stats(&self) -> Stats {
         Stats {
             written: self.0.written.load(Ordering::Relaxed),
             dropped: self.0.dropped.load(Ordering::Relaxed),
@@ -134,7 +134,7 @@ impl Recorder {
     }
 
     /// How events get into the records.
-    pub(crate) fn write_metrics(&self, out: &mut Exposition) {
+    pub fn write_metrics(&self, out: &mut Exposition) {
         let stats = self.stats();
         for (name, help, value) in [
             ("written", "Events in the records", stats.written),
@@ -155,7 +155,7 @@ impl Recorder {
     }
 
     /// What writes to `records` what comes in.
-    pub(crate) fn writer(&self, records: Records) -> Writer {
+    pub fn writer(&self, records: Records) -> Writer {
         Writer {
             recorder: self.clone(),
             records,
@@ -166,7 +166,7 @@ impl Recorder {
 }
 
 /// What writes; there is one.
-pub(crate) struct Writer {
+pub struct Writer {
     recorder: Recorder,
     records: Records,
     /// Taken from the inbox, and not written.
@@ -176,7 +176,7 @@ pub(crate) struct Writer {
 
 impl Writer {
     /// Writes what comes in, until `stop`, and then what is left.
-    pub(crate) async fn run(mut self, stop: CancellationToken) {
+    pub async fn run(mut self, stop: CancellationToken) {
         let mut retained: Option<Instant> = None;
         loop {
             let wait = if self.pending.is_empty() { TICK } else { AGAIN };

@@ -1,6 +1,6 @@
 //! What happens when a robot crosses a fence.
 //!
-//! Every pose that robots tell is held against every fence ([`crate::fleet`]). A robot that crosses
+//! Every pose that robots tell is held against every fence ([`crate::FleetState`]). A robot that crosses
 //! one is told of, and stopped where the fence says so: once, so that it can be driven back. The list
 //! is kept in the records; each server has a copy, which follows within seconds.
 
@@ -16,7 +16,7 @@ use serde_json::json;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-use crate::fleet::{Crossing, Fence, FenceAction, Level, SharedFleet};
+use crate::{Crossing, Fence, FenceAction, Level, SharedFleet};
 use crawler_accounts::{Entry, Notes};
 use crawler_commands::{CommandCenter, SendError, Target};
 
@@ -31,7 +31,7 @@ const AGAIN: Duration = Duration::from_secs(1);
 ///
 /// # Errors
 /// [`RecordsError`] when they cannot be read.
-pub(crate) async fn all(records: &Records) -> Result<Vec<Fence>, RecordsError> {
+pub async fn all(records: &Records) -> Result<Vec<Fence>, RecordsError> {
     let kept = records.fences().await?;
     let fences = kept.into_iter().filter_map(|kept| {
         let id = kept.id.clone();
@@ -45,7 +45,7 @@ pub(crate) async fn all(records: &Records) -> Result<Vec<Fence>, RecordsError> {
 }
 
 /// Brings this server's copy of the list up to date.
-pub(crate) async fn catch_up(records: &Records, fleet: &SharedFleet) {
+pub async fn catch_up(records: &Records, fleet: &SharedFleet) {
     match all(records).await {
         Ok(fences) => fleet.lock().set_fences(fences),
         Err(error) => tracing::warn!(%error, "cannot read the fences"),
@@ -54,7 +54,7 @@ pub(crate) async fn catch_up(records: &Records, fleet: &SharedFleet) {
 
 /// Robots that are to be stopped.
 #[derive(Default)]
-pub(crate) struct Stops {
+pub struct Stops {
     due: Mutex<BTreeMap<RobotId, Due>>,
     wake: Notify,
 }
@@ -73,7 +73,7 @@ impl Stops {
 
     /// Notes a crossing of a robot; it is stopped if the fence wants that. At most one entry for each
     /// robot of the fleet.
-    pub(crate) fn note(&self, crossing: &Crossing) {
+    pub fn note(&self, crossing: &Crossing) {
         if crossing.back || crossing.fence.action != FenceAction::Stop {
             return;
         }
@@ -88,16 +88,20 @@ impl Stops {
 }
 
 /// Stops robots that have crossed a fence.
-pub(crate) struct Enforcer {
-    pub(crate) fleet: Arc<SharedFleet>,
-    pub(crate) commands: Arc<CommandCenter>,
-    pub(crate) audit: Notes,
-    pub(crate) stops: Arc<Stops>,
+pub struct Enforcer {
+    /// Where crossings are told of.
+    pub fleet: Arc<SharedFleet>,
+    /// What stops them.
+    pub commands: Arc<CommandCenter>,
+    /// Where it is noted.
+    pub audit: Notes,
+    /// Which are to be stopped.
+    pub stops: Arc<Stops>,
 }
 
 impl Enforcer {
     /// Stops robots that have crossed a fence which wants that, until `stop`.
-    pub(crate) async fn run(self, stop: CancellationToken) {
+    pub async fn run(self, stop: CancellationToken) {
         loop {
             // One that could not be sent is tried again in a while, or with the next.
             let waiting = !self.stops.due().is_empty();

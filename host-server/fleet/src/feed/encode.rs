@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use axum::body::Bytes;
+use bytes::Bytes;
 use crawler_protocol::{Fleet, RobotState};
 use serde_json::{Value, json};
 
 use super::Numbers;
-use crate::fleet::{Event, FleetState, Presence, Robot};
+use crate::{Event, FleetState, Presence, Robot};
 
 const HELLO: u8 = 0;
 const ROSTER: u8 = 1;
