@@ -4,6 +4,7 @@ mod broker_link;
 mod cells;
 mod clockwork;
 mod cluster;
+mod cluster_metrics;
 mod endpoints;
 mod entrance;
 mod hub;

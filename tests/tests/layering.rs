@@ -110,7 +110,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-cells",
         &["crawler-app", "crawler-hal", "crawler-protocol"],
     ),
-    ("crawler-cluster", &["crawler-metrics"]),
+    ("crawler-cluster", &[]),
     (
         "crawler-commands",
         &[

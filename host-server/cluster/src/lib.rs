@@ -31,7 +31,7 @@ use redis::{Client, RedisError};
 
 pub use journal::{Fields, HEAD};
 pub use lease::{Adopted, Joined, LEASE, RENEW, Renewed, SLOTS};
-pub use membership::{ClusterMembership, write_metrics};
+pub use membership::{ClusterMembership, Counts};
 pub use number::{LONGEST_BLOCK, Numbers, TICKS_PER_MS};
 pub use queue::{MOST_BYTES, Queue};
 pub use share::{Bucket, Spent};

@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use crawler_records::{DatabaseStats, Records};
 
+use super::cluster_metrics;
 use crate::history::History;
-use crawler_cluster::{ClusterMembership, write_metrics};
+use crawler_cluster::ClusterMembership;
 use crawler_fleet::recorder::Recorder;
 use crawler_metrics::{Exposition, machine};
 
@@ -31,7 +32,7 @@ impl Stores {
         if let Some(stats) = self.records.database() {
             write_database(out, &stats);
         }
-        write_metrics(out, self.membership.as_deref());
+        cluster_metrics::write_metrics(out, self.membership.as_deref());
     }
 }
 
