@@ -177,14 +177,14 @@ const WITHOUT_GLOBALS: &[&str] = &[
     "models/micromodel",
 ];
 
-#[test]
-fn dependencies_point_one_way() {
+/// The crates of the workspace, each with what it depends on outside of its tests.
+fn members() -> BTreeMap<String, BTreeSet<String>> {
     let metadata = MetadataCommand::new()
         .current_dir(root())
         .no_deps()
         .exec()
         .expect("cargo metadata");
-    let members: BTreeMap<String, BTreeSet<String>> = metadata
+    metadata
         .packages
         .iter()
         .map(|package| {
@@ -195,7 +195,12 @@ fn dependencies_point_one_way() {
                 .map(|need| need.name.clone());
             (package.name.to_string(), needs.collect())
         })
-        .collect();
+        .collect()
+}
+
+#[test]
+fn dependencies_point_one_way() {
+    let members = members();
     for (name, needs) in &members {
         // The tests may look at everything.
         if name == "crawler-tests" {
@@ -218,6 +223,44 @@ fn dependencies_point_one_way() {
             members.contains_key(*name),
             "{name} is gone: drop it from ALLOWED"
         );
+    }
+}
+
+/// Whoever reads the server from its binary down to what stands on nothing meets no more crates than that.
+#[test]
+fn no_chain_of_crates_of_the_server_is_longer_than_six() {
+    let members = members();
+    let listed = std::fs::read_dir(root().join("host-server")).expect("host-server");
+    let folders: BTreeSet<String> = listed
+        .filter_map(|entry| entry.expect("host-server").path().canonicalize().ok())
+        .chain([root().join("host-server")])
+        .filter_map(|folder| std::fs::read_to_string(folder.join("Cargo.toml")).ok())
+        .filter_map(|manifest| {
+            Some(
+                manifest
+                    .split("name = \"")
+                    .nth(1)?
+                    .split('"')
+                    .next()?
+                    .to_owned(),
+            )
+        })
+        .collect();
+    assert!(folders.len() > 15, "{folders:?}");
+    let mut longest: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    // A chain has a crate more with each round; crates depend one way, so the rounds come to an end.
+    for _ in 0..=folders.len() {
+        for name in &folders {
+            let below = members[name]
+                .iter()
+                .filter_map(|need| longest.get(need.as_str()));
+            let below = below.max_by_key(|chain| chain.len()).cloned();
+            let chain = [vec![name.as_str()], below.unwrap_or_default()].concat();
+            longest.insert(name, chain);
+        }
+    }
+    for chain in longest.values() {
+        assert!(chain.len() <= 6, "{chain:?}");
     }
 }
 
