@@ -12,6 +12,7 @@ use crate::examples::page::Page;
 /// case.
 const METAPHORS: &[(&str, &str)] = &[
     ("clerk", "driver of the delivery"),
+    ("errand", "goal, or dispatch of commands"),
     ("haste", "factor of speed"),
     ("parcel", "pending command"),
 ];
@@ -19,7 +20,6 @@ const METAPHORS: &[(&str, &str)] = &[
 /// Names of types that said too little, each with the one in use. As words of English they are fine.
 const TYPES: &[(&str, &str)] = &[
     ("Desk", "CommandTable"),
-    ("Errand", "Goal"),
     ("Lane", "RobotQueue"),
     ("Mind", "DetectorInstance"),
     ("Post", "DeliverySink"),

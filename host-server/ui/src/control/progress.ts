@@ -69,7 +69,7 @@ function combined(robot: string, parts: readonly Step[]): Step {
   return ranked[0] ?? { robot, status: 'waiting', reason: null }
 }
 
-export class Errand {
+export class Dispatch {
   readonly progress: ShallowRef<Progress> = shallowRef(summarise([]))
   readonly started = Date.now()
   /** What became of each command, by robot. */

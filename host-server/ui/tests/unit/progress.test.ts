@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest'
 import type { CommandRecord, OutcomeStatus } from '../../src/api-types'
 import type { Command } from '../../src/api'
-import { Errand, summarise } from '../../src/control/progress'
+import { Dispatch, summarise } from '../../src/control/progress'
 import type { Outlet } from '../../src/control/progress'
 import { Slide } from '../../src/control/slide'
 import { ApiError } from '../../src/http'
@@ -78,25 +78,25 @@ const command = { command: 'stop' }
 
 describe('a command to many', () => {
   it('to all is one command, followed to its end', async () => {
-    const errand = new Errand([command], { all: true }, new Toy(), at_once)
-    await errand.run()
-    expect(errand.progress.value).toMatchObject({ done: 1, failed: 1, open: 0, error: null })
-    expect(errand.failures).toEqual(['b'])
+    const dispatch = new Dispatch([command], { all: true }, new Toy(), at_once)
+    await dispatch.run()
+    expect(dispatch.progress.value).toMatchObject({ done: 1, failed: 1, open: 0, error: null })
+    expect(dispatch.failures).toEqual(['b'])
     // What went wrong stands first.
-    expect(errand.progress.value.steps[0]?.robot).toBe('b')
+    expect(dispatch.progress.value.steps[0]?.robot).toBe('b')
   })
 
   it('to a group is one for each, and several where it takes several', async () => {
     const toy = new Toy()
-    const errand = new Errand(
+    const dispatch = new Dispatch(
       [command, { command: 'identify' }],
       { all: false, robots: ['a', 'b', 'a'] },
       toy,
       at_once,
     )
-    await errand.run()
+    await dispatch.run()
     expect([...toy.sent].sort()).toEqual(['a identify', 'a stop', 'b identify', 'b stop'])
-    expect(errand.progress.value).toMatchObject({ done: 2, failed: 0, open: 0 })
+    expect(dispatch.progress.value).toMatchObject({ done: 2, failed: 0, open: 0 })
   })
 
   it('waits when it is told to, and says what was not sent', async () => {
@@ -107,10 +107,10 @@ describe('a command to many', () => {
       refusals += 1
       return refusals < 3 ? new ApiError('too many', 429, null, 1) : null
     }
-    const errand = new Errand([command], { all: false, robots: ['a', 'b'] }, toy, at_once)
-    await errand.run()
+    const dispatch = new Dispatch([command], { all: false, robots: ['a', 'b'] }, toy, at_once)
+    await dispatch.run()
     expect(toy.sent).toEqual(['a stop'])
-    expect(errand.progress.value.steps).toEqual([
+    expect(dispatch.progress.value.steps).toEqual([
       { robot: 'b', status: 'unsent', reason: 'nobody knows it' },
       { robot: 'a', status: 'completed', reason: null },
     ])
@@ -119,17 +119,17 @@ describe('a command to many', () => {
   it('does not go on for ever against a server that refuses', async () => {
     const toy = new Toy()
     toy.refuse = () => new ApiError('too many', 429, null, 1)
-    const errand = new Errand([command], { all: false, robots: ['a'] }, toy, at_once)
-    await errand.run()
-    expect(errand.progress.value).toMatchObject({ failed: 1, open: 0 })
+    const dispatch = new Dispatch([command], { all: false, robots: ['a'] }, toy, at_once)
+    await dispatch.run()
+    expect(dispatch.progress.value).toMatchObject({ failed: 1, open: 0 })
   })
 
   it('says when the whole of it was not taken', async () => {
     const toy = new Toy()
     toy.toSwarm = () => Promise.reject(new ApiError('no robot is online', 409))
-    const errand = new Errand([command], { all: true }, toy, at_once)
-    await errand.run()
-    expect(errand.progress.value.error).toBe('no robot is online')
+    const dispatch = new Dispatch([command], { all: true }, toy, at_once)
+    await dispatch.run()
+    expect(dispatch.progress.value.error).toBe('no robot is online')
   })
 
   it('counts nobody twice', () => {
