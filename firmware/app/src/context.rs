@@ -101,7 +101,7 @@ pub(crate) fn cut<const N: usize>(text: &str) -> String<N> {
 
 /// One robot: everything its activities share, and nothing else they could share.
 ///
-/// Every field has one writer: the activity whose [handle](handles) can change it. All others read
+/// Every field has one writer: the activity whose handle can change it. All others read
 /// copies, through the methods here. What everyone writes to (answers and log records in the outbox,
 /// the memory of commands) guards itself. Nothing here is held across an await.
 pub struct Robot<M: RawMutex> {

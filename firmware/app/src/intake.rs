@@ -7,7 +7,7 @@
 //! 2. `stop` and `estop` are obeyed: however old, however often repeated, whatever the clock
 //!    says, and whether or not there is room for the answer. They still count as the latest word
 //!    of their source, so a motion command they overtook is stale.
-//! 3. The [`Ledger`]: a repeated command is answered from memory (not at all while its answer is
+//! 3. The [`Ledger`](crate::ledger::Ledger): a repeated command is answered from memory (not at all while its answer is
 //!    still being worked out; that one will come), an older one is `stale`.
 //! 4. The clock, for motion commands: `rejected` with `no_clock` while it is not synchronised,
 //!    `expired` when older than [`EXPIRY`], `rejected` with `out_of_range` when further in the

@@ -24,7 +24,7 @@ use crate::world::{
 /// Physics steps between two looks at the watchdogs: 100 ms.
 const WATCHDOG_STEPS: u64 = 10;
 
-/// See the [module](self).
+/// A world with the devices of the robots in it; it holds no program.
 pub struct World {
     pub(crate) shared: Rc<Shared>,
     /// The robots whose devices are here.
@@ -176,7 +176,7 @@ impl World {
         Some(BodyParts::new(ports))
     }
 
-    /// Moves everything on by one [`PHYSICS_STEP`].
+    /// Moves everything on by one [`PHYSICS_STEP`](crate::world::PHYSICS_STEP).
     ///
     /// Call it when the clock has reached the end of the step, before the programs run that are
     /// due then.

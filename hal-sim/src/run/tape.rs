@@ -1,6 +1,6 @@
 //! What the devices of one robot said, and what its program made of it.
 //!
-//! Every device of a robot has a `tap` that tells the [`Tape`] what passes through it; `played`
+//! Every device of a robot has a `tap` that tells the `Tape` what passes through it; `played`
 //! devices say once more what is on one. A recording is a file of them.
 
 mod event;

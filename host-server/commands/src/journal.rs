@@ -81,7 +81,7 @@ impl Owed {
     }
 }
 
-/// The file, and what it says. See the [module](self).
+/// The file, and what it says. What robots are owed stands in it, over a restart of the server.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,

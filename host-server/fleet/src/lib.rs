@@ -40,6 +40,7 @@ pub use fence::{Fence, FenceAction, FenceKind};
 pub use fences::Crossing;
 pub use images::Image;
 pub use incoming::Incoming;
+pub use ingest::Rejection;
 pub use presence::Presence;
 pub use robot::Robot;
 pub use shape::{Shape, ShapeError};
