@@ -3,20 +3,20 @@
 //! They are stricter than hardware: what a data sheet forbids fails or is recorded here.
 //!
 //! Reading order: `world` is a world whose robots have devices; `ports` is what those share with
-//! it; `ear`, `meter` and `motor` are the physics of sensors and drives, the others what a program
+//! it; `range_sensor`, `meter` and `motor` are the physics of sensors and drives, the others what a program
 //! holds in its hands; `broken` breaks them; `hash` and `checkpoint` are for what comes after.
 
 mod broken;
 mod camera;
 #[cfg(feature = "live")]
 mod checkpoint;
-mod ear;
 mod flash;
 mod gauge;
 mod hash;
 mod meter;
 mod motor;
 mod ports;
+mod range_sensor;
 mod sonar;
 mod system;
 #[cfg(test)]
@@ -43,11 +43,11 @@ pub use world::World;
 
 #[cfg(feature = "live")]
 pub(crate) use checkpoint::WorldCheckpoint;
-pub(crate) use ear::Ear;
 #[cfg(feature = "live")]
 pub(crate) use flash::Contents;
 pub(crate) use meter::Meter;
 pub(crate) use ports::senses;
+pub(crate) use range_sensor::RangeSensor;
 pub(crate) use sonar::Sonar;
 pub(crate) use trigger::BURST;
 pub(crate) use uart::BYTE_TIME;

@@ -207,7 +207,7 @@ fn start_with(config: LiveConfig, record: Option<PathBuf>) -> Result<LiveHandle,
                     port: config.broker_port,
                     credentials: config.credentials.clone(),
                     #[cfg(feature = "recording")]
-                    deck: None,
+                    event_logs: None,
                 };
                 let tell = (&ready_to, &report_to);
                 let what = (orders_from, record);

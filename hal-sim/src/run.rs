@@ -3,13 +3,15 @@
 //! Reading order: `machine` runs the program of one robot; `simulation` has all of them in a world
 //! and lets time pass; `director`, `eyes` and `overhead` are the scenario, the detector behind the
 //! lenses and the camera above the arena; `journal` and `hashes` are what was done to a simulation
-//! and what came of it; `tape` listens to devices. [`parallel`] cuts one simulation into shards,
+//! and what came of it; `event_log` listens to devices. [`parallel`] cuts one simulation into shards,
 //! [`bare`] does without the program.
 
 pub mod bare;
 pub(crate) mod control;
 mod director;
 mod error;
+#[cfg(feature = "recording")]
+pub mod event_log;
 pub(crate) mod eyes;
 pub mod hashes;
 pub mod journal;
@@ -17,8 +19,6 @@ pub(crate) mod machine;
 mod overhead;
 pub mod parallel;
 pub(crate) mod simulation;
-#[cfg(feature = "recording")]
-pub mod tape;
 
 pub use control::FactorError;
 pub use crawler_app::Credentials;

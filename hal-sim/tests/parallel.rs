@@ -25,7 +25,7 @@ fn plan(scenario: &Scenario, threads: usize, seconds: u64) -> Plan<'_> {
 
 /// Something that is done to a world from outside.
 #[derive(Debug, Clone, Copy)]
-enum Deed {
+enum Step {
     Forward(usize),
     StopAll,
     WanderAll,
@@ -40,49 +40,49 @@ enum Deed {
     Garbage(usize),
 }
 
-fn carry_out(simulation: &mut Simulation, deed: Deed) {
+fn carry_out(simulation: &mut Simulation, action: Step) {
     let mut inject = |robot, fault| match simulation.inject(robot, fault, None) {
         Ok(()) | Err(FaultError::NoRobot) => {}
         Err(error) => panic!("{error}"),
     };
-    match deed {
-        Deed::Forward(robot) => drop(simulation.submit(robot, forward(70, 3_000))),
-        Deed::StopAll => drop(simulation.submit_all(Action::Stop)),
-        Deed::WanderAll => drop(simulation.submit_all(wander())),
-        Deed::Reboot(robot) => drop(simulation.submit(robot, Action::Reboot)),
-        Deed::Cut(robot, cut) => simulation.cut(robot, cut),
-        Deed::Remove(robot) => simulation.remove(robot),
-        Deed::Spawn => {
+    match action {
+        Step::Forward(robot) => drop(simulation.submit(robot, forward(70, 3_000))),
+        Step::StopAll => drop(simulation.submit_all(Action::Stop)),
+        Step::WanderAll => drop(simulation.submit_all(wander())),
+        Step::Reboot(robot) => drop(simulation.submit(robot, Action::Reboot)),
+        Step::Cut(robot, cut) => simulation.cut(robot, cut),
+        Step::Remove(robot) => simulation.remove(robot),
+        Step::Spawn => {
             // A full arena is the same in every shard.
             let _ = simulation.spawn();
         }
-        Deed::Weaken(robot, strength) => {
+        Step::Weaken(robot, strength) => {
             let wheel = Wheel::Left;
             inject(robot, Fault::MotorWeak { wheel, strength });
         }
-        Deed::Drain(robot) => inject(robot, Fault::BatteryAt { charge: 0.0 }),
-        Deed::Deafen(robot) => inject(robot, Fault::RangerDead),
-        Deed::Heal(robot) => simulation.heal(robot),
-        Deed::Garbage(robot) => simulation.submit_raw(robot, b"{\"command\":"),
+        Step::Drain(robot) => inject(robot, Fault::BatteryAt { charge: 0.0 }),
+        Step::Deafen(robot) => inject(robot, Fault::RangerDead),
+        Step::Heal(robot) => simulation.heal(robot),
+        Step::Garbage(robot) => simulation.submit_raw(robot, b"{\"command\":"),
     }
 }
 
-/// A script of deeds, each at its tick.
-fn script(deeds: &[(u64, Deed)]) -> impl Fn(&mut Simulation, Instant) -> Option<Instant> + Sync {
+/// A script of actions, each at its tick.
+fn script(actions: &[(u64, Step)]) -> impl Fn(&mut Simulation, Instant) -> Option<Instant> + Sync {
     move |simulation, now| {
         let tick = now.as_micros() / TICK.as_micros();
-        for &(_, deed) in deeds.iter().filter(|(at, _)| *at == tick) {
-            carry_out(simulation, deed);
+        for &(_, action) in actions.iter().filter(|(at, _)| *at == tick) {
+            carry_out(simulation, action);
         }
         Some(now + TICK)
     }
 }
 
-fn same_on_all_threads(plan: &Plan<'_>, deeds: &[(u64, Deed)]) -> Outcome {
-    let one = run(plan, script(deeds)).unwrap();
+fn same_on_all_threads(plan: &Plan<'_>, actions: &[(u64, Step)]) -> Outcome {
+    let one = run(plan, script(actions)).unwrap();
     for threads in [2, 3, 4] {
         let plan = Plan { threads, ..*plan };
-        let many = run(&plan, script(deeds)).unwrap();
+        let many = run(&plan, script(actions)).unwrap();
         let seconds = one.hashes.first_difference(&many.hashes);
         assert_eq!(seconds, None, "{threads} threads differ within a second");
         assert_eq!(many, one, "{threads} threads");
@@ -92,21 +92,21 @@ fn same_on_all_threads(plan: &Plan<'_>, deeds: &[(u64, Deed)]) -> Outcome {
 
 #[test]
 fn motion_contacts_faults_commands_and_removals_are_the_same_on_any_number_of_threads() {
-    let deeds = [
-        (24, Deed::WanderAll),
-        (26, Deed::Weaken(0, 0.6)),
-        (27, Deed::Forward(2)),
-        (28, Deed::Cut(3, Cut::Silent)),
-        (29, Deed::Drain(4)),
-        (30, Deed::Remove(5)),
-        (31, Deed::Spawn),
-        (32, Deed::Reboot(6)),
-        (33, Deed::Deafen(7)),
-        (34, Deed::Garbage(1)),
-        (36, Deed::StopAll),
-        (37, Deed::Cut(3, Cut::None)),
-        (38, Deed::Heal(0)),
-        (39, Deed::WanderAll),
+    let actions = [
+        (24, Step::WanderAll),
+        (26, Step::Weaken(0, 0.6)),
+        (27, Step::Forward(2)),
+        (28, Step::Cut(3, Cut::Silent)),
+        (29, Step::Drain(4)),
+        (30, Step::Remove(5)),
+        (31, Step::Spawn),
+        (32, Step::Reboot(6)),
+        (33, Step::Deafen(7)),
+        (34, Step::Garbage(1)),
+        (36, Step::StopAll),
+        (37, Step::Cut(3, Cut::None)),
+        (38, Step::Heal(0)),
+        (39, Step::WanderAll),
     ];
     let mut crowd = scenario("arena", 24);
     // Crowded, so that they meet.
@@ -125,7 +125,7 @@ fn motion_contacts_faults_commands_and_removals_are_the_same_on_any_number_of_th
         }],
         ..Radio::default()
     });
-    let outcome = same_on_all_threads(&plan(&crowd, 1, 15), &deeds);
+    let outcome = same_on_all_threads(&plan(&crowd, 1, 15), &actions);
     let contacts: u32 = outcome.robots.iter().map(|robot| robot.contacts).sum();
     assert!(contacts > 10, "{contacts} contacts");
     assert_eq!(outcome.robots.len(), 25, "one was added");
@@ -142,21 +142,21 @@ fn robots_without_a_network_are_the_same_on_any_number_of_threads() {
         network: false,
         ..plan(&scenario, 1, 8)
     };
-    let deeds = [
-        (8, Deed::WanderAll),
-        (9, Deed::Forward(3)),
-        (10, Deed::Reboot(6)),
-        (11, Deed::Deafen(7)),
-        (12, Deed::Remove(2)),
-        (13, Deed::Weaken(0, 0.6)),
-        (14, Deed::Spawn),
-        (15, Deed::Garbage(1)),
-        (16, Deed::Cut(3, Cut::Silent)),
-        (17, Deed::Drain(4)),
-        (18, Deed::Heal(0)),
-        (20, Deed::StopAll),
+    let actions = [
+        (8, Step::WanderAll),
+        (9, Step::Forward(3)),
+        (10, Step::Reboot(6)),
+        (11, Step::Deafen(7)),
+        (12, Step::Remove(2)),
+        (13, Step::Weaken(0, 0.6)),
+        (14, Step::Spawn),
+        (15, Step::Garbage(1)),
+        (16, Step::Cut(3, Cut::Silent)),
+        (17, Step::Drain(4)),
+        (18, Step::Heal(0)),
+        (20, Step::StopAll),
     ];
-    let outcome = same_on_all_threads(&plan, &deeds);
+    let outcome = same_on_all_threads(&plan, &actions);
     assert_eq!(outcome.statistics.received, 0);
     assert!(outcome.robots[0].pose != outcome.robots[1].pose);
 }
@@ -190,17 +190,17 @@ fn timed_faults_hostile_packets_and_a_radio_are_the_same_on_any_number_of_thread
     }
     let scenario = Scenario::parse(&text).unwrap();
     // In the middle of it, robots that are attacked are told something that can be repeated.
-    let deeds = [
-        (30, Deed::Forward(0)),
-        (31, Deed::Forward(1)),
-        (33, Deed::Heal(4)),
+    let actions = [
+        (30, Step::Forward(0)),
+        (31, Step::Forward(1)),
+        (33, Step::Heal(4)),
     ];
-    let outcome = same_on_all_threads(&plan(&scenario, 1, 13), &deeds);
+    let outcome = same_on_all_threads(&plan(&scenario, 1, 13), &actions);
     let quiet = Scenario {
         faults: Vec::new(),
         ..scenario.clone()
     };
-    let quiet = run(&plan(&quiet, 1, 13), script(&deeds)).unwrap();
+    let quiet = run(&plan(&quiet, 1, 13), script(&actions)).unwrap();
     assert!(
         outcome.history != quiet.history,
         "the faults make a difference"
@@ -269,7 +269,7 @@ fn what_cannot_run_is_refused() {
     assert!(matches!(outcome, Err(ParallelError::Script)));
 }
 
-fn deed() -> impl Strategy<Value = Deed> {
+fn action() -> impl Strategy<Value = Step> {
     let robot = 0..7_usize;
     let cut = prop_oneof![
         Just(Cut::None),
@@ -278,18 +278,18 @@ fn deed() -> impl Strategy<Value = Deed> {
         Just(Cut::Password)
     ];
     prop_oneof![
-        3 => robot.clone().prop_map(Deed::Forward),
-        1 => Just(Deed::StopAll),
-        2 => Just(Deed::WanderAll),
-        1 => robot.clone().prop_map(Deed::Reboot),
-        2 => (robot.clone(), cut).prop_map(|(robot, cut)| Deed::Cut(robot, cut)),
-        1 => robot.clone().prop_map(Deed::Remove),
-        1 => Just(Deed::Spawn),
-        1 => (robot.clone(), 0.0..1.0_f32).prop_map(|(robot, share)| Deed::Weaken(robot, share)),
-        1 => robot.clone().prop_map(Deed::Drain),
-        1 => robot.clone().prop_map(Deed::Deafen),
-        1 => robot.clone().prop_map(Deed::Heal),
-        1 => robot.prop_map(Deed::Garbage),
+        3 => robot.clone().prop_map(Step::Forward),
+        1 => Just(Step::StopAll),
+        2 => Just(Step::WanderAll),
+        1 => robot.clone().prop_map(Step::Reboot),
+        2 => (robot.clone(), cut).prop_map(|(robot, cut)| Step::Cut(robot, cut)),
+        1 => robot.clone().prop_map(Step::Remove),
+        1 => Just(Step::Spawn),
+        1 => (robot.clone(), 0.0..1.0_f32).prop_map(|(robot, share)| Step::Weaken(robot, share)),
+        1 => robot.clone().prop_map(Step::Drain),
+        1 => robot.clone().prop_map(Step::Deafen),
+        1 => robot.clone().prop_map(Step::Heal),
+        1 => robot.prop_map(Step::Garbage),
     ]
 }
 
@@ -298,7 +298,7 @@ proptest! {
 
     #[test]
     fn whatever_is_done_to_a_world_its_history_is_the_same_on_three_threads(
-        deeds in proptest::collection::vec((0..36_u64, deed()), 0..25),
+        actions in proptest::collection::vec((0..36_u64, action()), 0..25),
         seed in any::<u64>(),
         loss in 0.0..0.3_f32,
     ) {
@@ -309,7 +309,7 @@ proptest! {
         small.link = Some(LinkModel { loss, ..LinkModel::default() });
         let one = Plan { seed, ..plan(&small, 1, 9) };
         let three = Plan { threads: 3, ..one };
-        let (one, three) = (run(&one, script(&deeds)).unwrap(), run(&three, script(&deeds)).unwrap());
+        let (one, three) = (run(&one, script(&actions)).unwrap(), run(&three, script(&actions)).unwrap());
         prop_assert_eq!(one.hashes.first_difference(&three.hashes), None);
         prop_assert_eq!(one, three);
     }

@@ -12,7 +12,7 @@ use crawler_sim::net::lockstep::Cut;
 use crawler_sim::run::{Link, Simulation};
 use crawler_sim::scenario::Scenario;
 use crawler_sim::tools::recording::Recorder;
-use crawler_sim::tools::replay::{Deed, Recording, Report, replay};
+use crawler_sim::tools::replay::{ProgramAction, Recording, Report, replay};
 
 /// A file that is gone when it is not needed any more.
 struct Scratch(PathBuf);
@@ -76,7 +76,7 @@ const END: u64 = 22_000;
 
 fn record(link: Link, file: &Scratch) -> Simulation {
     let mut recorder = Recorder::create(&file.0).expect("a file");
-    let mut world = Simulation::recorded(link, mixed(), 5, recorder.deck()).expect("sound");
+    let mut world = Simulation::recorded(link, mixed(), 5, recorder.event_logs()).expect("sound");
     for (ms, act) in SCRIPT {
         recorder
             .run_until(&mut world, Instant::from_millis(ms))
@@ -164,7 +164,7 @@ fn other_parameters_part_when_they_first_matter() {
     for report in trimmed.iter().take(2) {
         let (_, difference) = report.difference.as_ref().expect("it drives");
         assert_eq!(difference.output, "duty", "{difference}");
-        let Some((at, Deed::Duty(left, _))) = &difference.recorded else {
+        let Some((at, ProgramAction::Duty(left, _))) = &difference.recorded else {
             panic!("{difference}");
         };
         assert!(*at > 5_000_000 && *left != 0);
@@ -287,7 +287,8 @@ fn what_is_not_written_is_told_and_the_world_goes_on() {
     let Ok(mut recorder) = Recorder::create(full) else {
         return;
     };
-    let mut world = Simulation::recorded(Link::Lockstep, mixed(), 5, recorder.deck()).unwrap();
+    let mut world =
+        Simulation::recorded(Link::Lockstep, mixed(), 5, recorder.event_logs()).unwrap();
     let error = recorder.run_until(&mut world, Instant::from_millis(30_000));
     let error = error.expect_err("the disk is full").to_string();
     assert!(error.contains("/dev/full"), "{error}");

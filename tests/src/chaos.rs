@@ -11,13 +11,13 @@
 //! So nothing that the server says of itself is believed.
 
 mod judge;
+mod observed;
 mod people;
 mod report;
-mod stage;
-mod tape;
+mod run;
 mod twice;
 
 pub use judge::{Given, Kind, judge};
+pub use observed::{Answer, Delivery, Duty, Observations, Observed};
 pub use report::{Fault, Report};
-pub use stage::{Broker, Options, run};
-pub use tape::{Answer, Delivery, Duty, Tape, Tapes};
+pub use run::{Broker, Options, run};

@@ -1,7 +1,7 @@
 //! Several servers of one fleet behind one address: whichever is killed, nothing that was accepted
 //! is lost, and whoever watched goes on watching.
 
-mod door;
+mod balancer;
 mod reader;
 
 use std::collections::BTreeSet;
@@ -19,7 +19,7 @@ use crawler_tests::{
 };
 use serde_json::{Value, json};
 
-use door::Door;
+use balancer::LoadBalancer;
 use reader::Reader;
 
 /// For everything that has to happen on a busy machine.
@@ -140,13 +140,16 @@ fn whichever_server_is_killed_nothing_accepted_is_lost() {
     let arguments = ["serve", "--broker", &broker, "--cache", &cache];
     let mut first = Terracrawler::start(&arguments);
     let mut second = Terracrawler::start(&arguments);
-    let door = Door::open(vec![first.http(), second.http()]);
+    let balancer = LoadBalancer::open(vec![first.http(), second.http()]);
     let _simulated = Simulated::start(port, &["--robots", &robots.to_string()]);
     // Each hears half of what robots say, and tells the other.
     first.wait_online(robots, LIMIT);
     second.wait_online(robots, LIMIT);
     // Two of them, so that each server has one.
-    let readers = [Reader::start(door.port()), Reader::start(door.port())];
+    let readers = [
+        Reader::start(balancer.port()),
+        Reader::start(balancer.port()),
+    ];
     let all_see_all = || {
         let mut online = Vec::new();
         wait_for_with("all readers see all robots", LIMIT, &mut online, |online| {
@@ -157,7 +160,7 @@ fn whichever_server_is_killed_nothing_accepted_is_lost() {
     };
     all_see_all();
 
-    let mut operator = Operator::start(door.port(), robots);
+    let mut operator = Operator::start(balancer.port(), robots);
     operator.wait_more(COMMANDS);
     first.kill();
     operator.wait_more(COMMANDS);

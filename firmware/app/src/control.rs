@@ -60,7 +60,7 @@ where
     async move {
         let robot = robot.control_handle();
         robot.set_boot_cause(system.reset_cause(), system.last_panic(), clock.now());
-        let mut pilot = Pilot::new(&robot);
+        let mut control_loop = ControlLoop::new(&robot);
         let mut last_step = clock.now();
         let mut ticker = Ticker::every(PERIOD, last_step);
         loop {
@@ -71,7 +71,7 @@ where
                 continue;
             }
             let now = clock.now();
-            let done = turn_wheels(robot, &mut pilot, &mut wheels, halted, &mut rng, now);
+            let done = turn_wheels(robot, &mut control_loop, &mut wheels, halted, &mut rng, now);
             if let Err(error) = done {
                 robot.log(Level::Error, "motor", format_args!("{error}"), now);
                 if let MotorError::Runaway(_) = error {
@@ -82,7 +82,7 @@ where
                 system.feed_watchdog();
             }
             last_step = now;
-            if pilot.may_reboot(&robot, now) || robot.injected.restart_is_due(now) {
+            if control_loop.may_reboot(&robot, now) || robot.injected.restart_is_due(now) {
                 system.reset().await;
             }
         }
@@ -93,7 +93,7 @@ where
 /// and not in the future, for as long as it takes.
 fn turn_wheels<M: RawMutex, P: SetDutyCycle, O: OutputPin, R: Rng>(
     robot: ControlHandle<'_, M>,
-    pilot: &mut Pilot,
+    control_loop: &mut ControlLoop,
     wheels: &mut Wheels<P, O>,
     halted: bool,
     rng: &mut R,
@@ -101,7 +101,7 @@ fn turn_wheels<M: RawMutex, P: SetDutyCycle, O: OutputPin, R: Rng>(
 ) -> Result<(), MotorError> {
     let woken_by = halted.then(|| robot.take_halt()).flatten();
     let mut outputs = Outputs::default();
-    pilot.turn_into(
+    control_loop.turn_into(
         robot,
         woken_by.as_ref(),
         wheels.refused,
@@ -110,13 +110,13 @@ fn turn_wheels<M: RawMutex, P: SetDutyCycle, O: OutputPin, R: Rng>(
         &mut outputs,
     );
     let duties = robot.injected.weaken(outputs.duties, now);
-    wheels.apply(duties, pilot.controller().trims(), now)
+    wheels.apply(duties, control_loop.controller().trims(), now)
 }
 
 /// The control loop between two looks at the clock, without the motors: what the activity and the
 /// tests of the safety rules share.
 #[derive(Debug)]
-pub struct Pilot {
+pub struct ControlLoop {
     controller: Controller,
     /// Of the parameters in `controller`.
     version: u32,
@@ -126,7 +126,7 @@ pub struct Pilot {
     looking: bool,
 }
 
-impl Pilot {
+impl ControlLoop {
     /// A loop that has not taken a turn.
     pub fn new<M: RawMutex>(robot: &Robot<M>) -> Self {
         Self {

@@ -5,15 +5,15 @@
 //! the broker has acknowledged it. There are [`ANSWERS`] places, and three kinds of answers
 //! compete for them:
 //!
-//! | kind | admitted while places taken or promised stay within | when there is no room |
+//! | kind | admitted while places taken or reserved stay within | when there is no room |
 //! |---|---|---|
 //! | answers to an admitted command | [`ADMIT_LIMIT`], checked *before* the command is admitted | the command is refused with `busy`; an admitted one has its places |
 //! | refusals, and answers repeated from memory | [`COURTESY_LIMIT`] | not given; counted and reported |
 //! | answers to `stop` and `estop` | [`ANSWERS`] | the oldest such answer not yet sent gives way; counted and reported. The halt itself is never refused |
 //!
-//! An admitted command is promised two places, for `accepted` and for what it comes to; its final
-//! answer gives back what is left. At most [`PROMISES`] commands are open at a time; a promise
-//! nobody kept for [`PROMISE_LIFE`] gives way when all are taken.
+//! An admitted command is reserved two places, for `accepted` and for what it comes to; its final
+//! answer gives back what is left. At most [`RESERVATIONS`] commands are open at a time; a reservation
+//! nobody kept for [`RESERVATION_LIFE`] gives way when all are taken.
 //!
 //! # Log records
 //! [`LOGS`] places and [`LOG_TEXTS`] bytes for what they say, and messages at QoS 0. Still no fault
@@ -50,15 +50,15 @@ pub use logs::{LOG_TEXT, LOG_TEXTS, LOGS, LOSS_PERIOD, LogEntry};
 
 /// Places for answers.
 pub const ANSWERS: usize = 32;
-/// Places taken or promised up to which a command is admitted.
+/// Places taken or reserved up to which a command is admitted.
 pub const ADMIT_LIMIT: usize = 20;
-/// Places taken or promised up to which a refusal or a repeated answer is given.
+/// Places taken or reserved up to which a refusal or a repeated answer is given.
 pub const COURTESY_LIMIT: usize = 24;
 /// Commands that may be open, that is admitted and not finally answered, at a time.
-pub const PROMISES: usize = 8;
-/// Age at which a promise gives way to a new one when all are taken.
-pub const PROMISE_LIFE: Duration = Duration::from_secs(5 * 60);
-/// Answers promised to each admitted command.
+pub const RESERVATIONS: usize = 8;
+/// Age at which a reservation gives way to a new one when all are taken.
+pub const RESERVATION_LIFE: Duration = Duration::from_secs(5 * 60);
+/// Answers reserved to each admitted command.
 const PER_COMMAND: u8 = 2;
 
 /// Names one answer in the outbox.
@@ -84,7 +84,7 @@ pub struct NoRoom;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    Promised,
+    Reserved,
     Courtesy,
     Halt,
 }
@@ -134,7 +134,7 @@ impl Key {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Promise {
+struct Reservation {
     key: Key,
     left: u8,
     made: Instant,
@@ -143,7 +143,7 @@ struct Promise {
 #[derive(Debug)]
 struct Inner {
     answers: Vec<Entry, ANSWERS>,
-    promises: Vec<Promise, PROMISES>,
+    reservations: Vec<Reservation, RESERVATIONS>,
     next_ticket: u32,
     logs: Logs,
     answers_lost: u32,
@@ -161,7 +161,7 @@ impl<M: RawMutex> Outbox<M> {
         Self {
             inner: Mutex::new(RefCell::new(Inner {
                 answers: Vec::new(),
-                promises: Vec::new(),
+                reservations: Vec::new(),
                 next_ticket: 0,
                 logs: Logs::new(),
                 answers_lost: 0,
@@ -174,7 +174,7 @@ impl<M: RawMutex> Outbox<M> {
         self.inner.lock(|inner| f(&mut inner.borrow_mut()))
     }
 
-    /// Promises room for the answers to one command.
+    /// Reserves room for the answers to one command.
     ///
     /// # Errors
     /// [`NoRoom`]: refuse the command with `busy`.
@@ -182,13 +182,17 @@ impl<M: RawMutex> Outbox<M> {
         self.with(|inner| inner.admit(Key::new(source, seq), now))
     }
 
-    /// Takes back a promise whose command was not accepted after all.
+    /// Takes back a reservation whose command was not accepted after all.
     pub fn dismiss(&self, source: &Source, seq: u64) {
         let key = Key::new(source, seq);
-        self.with(|inner| inner.promises.retain(|promise| promise.key != key));
+        self.with(|inner| {
+            inner
+                .reservations
+                .retain(|reservation| reservation.key != key)
+        });
     }
 
-    /// Queues the answer to an admitted command, or, when there is no promise for it, to a halt.
+    /// Queues the answer to an admitted command, or, when there is no reservation for it, to a halt.
     pub fn answer(&self, source: &Source, answer: Outgoing) {
         self.with(|inner| inner.answer(Key::new(source, answer.seq), answer));
         self.wake.signal(());
@@ -314,18 +318,18 @@ impl<M: RawMutex> Default for Outbox<M> {
 }
 
 impl Inner {
-    /// Places taken or promised.
+    /// Places taken or reserved.
     fn load(&self) -> usize {
-        let promised: usize = self.promises.iter().map(|p| usize::from(p.left)).sum();
-        self.answers.len() + promised
+        let reserved: usize = self.reservations.iter().map(|p| usize::from(p.left)).sum();
+        self.answers.len() + reserved
     }
 
     fn admit(&mut self, key: Key, now: Instant) -> Result<(), NoRoom> {
-        if self.promises.is_full() {
-            // Oldest first: promises are pushed in order.
-            match self.promises.first() {
-                Some(oldest) if now - oldest.made > PROMISE_LIFE => {
-                    self.promises.remove(0);
+        if self.reservations.is_full() {
+            // Oldest first: reservations are pushed in order.
+            match self.reservations.first() {
+                Some(oldest) if now - oldest.made > RESERVATION_LIFE => {
+                    self.reservations.remove(0);
                 }
                 Some(_) | None => return Err(NoRoom),
             }
@@ -333,28 +337,28 @@ impl Inner {
         if self.load() + usize::from(PER_COMMAND) > ADMIT_LIMIT {
             return Err(NoRoom);
         }
-        let promise = Promise {
+        let reservation = Reservation {
             key,
             left: PER_COMMAND,
             made: now,
         };
-        self.promises.push(promise).map_err(|_| NoRoom)
+        self.reservations.push(reservation).map_err(|_| NoRoom)
     }
 
     fn answer(&mut self, key: Key, answer: Outgoing) {
-        let Some(index) = self.promises.iter().position(|p| p.key == key) else {
+        let Some(index) = self.reservations.iter().position(|p| p.key == key) else {
             return self.answer_halt(answer);
         };
-        let promise = &mut self.promises[index];
+        let reservation = &mut self.reservations[index];
         if answer.status.is_final() {
-            self.promises.remove(index);
-        } else if promise.left > 1 {
-            promise.left -= 1;
+            self.reservations.remove(index);
+        } else if reservation.left > 1 {
+            reservation.left -= 1;
         } else {
             // A second `accepted`: the last place is for what the command comes to.
             return self.send_best_effort(answer);
         }
-        self.push(Kind::Promised, answer);
+        self.push(Kind::Reserved, answer);
     }
 
     fn answer_halt(&mut self, answer: Outgoing) {

@@ -1,4 +1,4 @@
-//! The outbox: what is promised is kept, in order.
+//! The outbox: what is reserved is kept, in order.
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use proptest::prelude::*;
@@ -45,7 +45,7 @@ fn an_admitted_command_gets_both_its_answers_out_whatever_else_is_there() {
             admitted.push(seq);
         }
     }
-    assert_eq!(admitted.len(), PROMISES);
+    assert_eq!(admitted.len(), RESERVATIONS);
     for seq in 1_000..1_100 {
         outbox.send_best_effort(outgoing(seq, ResponseStatus::Rejected));
         outbox.answer(&ada(), outgoing(seq + 1_000, ResponseStatus::Completed));
@@ -108,11 +108,14 @@ fn one_answer_repeated_takes_one_place() {
 #[test]
 fn a_promise_nobody_keeps_gives_way_in_the_end() {
     let outbox = Box::new();
-    for seq in 0..PROMISES as u64 {
+    for seq in 0..RESERVATIONS as u64 {
         assert_eq!(outbox.admit(&ada(), seq, NOW), Ok(()));
     }
-    assert_eq!(outbox.admit(&ada(), 100, NOW + PROMISE_LIFE), Err(NoRoom));
-    let later = NOW + PROMISE_LIFE + Duration::from_millis(1);
+    assert_eq!(
+        outbox.admit(&ada(), 100, NOW + RESERVATION_LIFE),
+        Err(NoRoom)
+    );
+    let later = NOW + RESERVATION_LIFE + Duration::from_millis(1);
     assert_eq!(outbox.admit(&ada(), 100, later), Ok(()));
     outbox.dismiss(&ada(), 100);
     assert_eq!(outbox.admit(&ada(), 101, later), Ok(()));
@@ -355,12 +358,12 @@ proptest! {
         let mut seq = 0;
         // Open commands: number, whether `accepted` was given.
         let mut open: Vec<(u64, bool)> = Vec::new();
-        // Promised answers in the order they were given, and those that arrived.
+        // Reserved answers in the order they were given, and those that arrived.
         let mut owed: VecDeque<(u64, ResponseStatus)> = VecDeque::new();
         let mut on_the_way: Vec<Ticket> = Vec::new();
         let arrive = |ticket, owed: &mut VecDeque<(u64, ResponseStatus)>| {
             let answer = outbox.get(ticket).expect("kept until delivered");
-            owed.retain(|promised| *promised != (answer.seq, answer.status));
+            owed.retain(|reserved| *reserved != (answer.seq, answer.status));
             outbox.delivered(ticket);
         };
         for step in steps {
@@ -394,10 +397,10 @@ proptest! {
                 }
                 Step::Send => {
                     if on_the_way.len() < 8 && let Some((ticket, answer)) = outbox.next_answer() {
-                        // The first of the promised ones that is not on its way.
-                        let waiting = owed.iter().find(|promised| {
+                        // The first of the reserved ones that is not on its way.
+                        let waiting = owed.iter().find(|reserved| {
                             !on_the_way.iter().any(|ticket| {
-                                outbox.get(*ticket).map(|a| (a.seq, a.status)) == Some(**promised)
+                                outbox.get(*ticket).map(|a| (a.seq, a.status)) == Some(**reserved)
                             })
                         });
                         if owed.contains(&(answer.seq, answer.status)) {
@@ -426,7 +429,7 @@ proptest! {
         }
         outbox.rewind();
         let delivered = deliver_all(&outbox);
-        let promised: Vec<_> = delivered.into_iter().filter(|d| owed.contains(d)).collect();
-        prop_assert_eq!(promised, Vec::from(owed));
+        let reserved: Vec<_> = delivered.into_iter().filter(|d| owed.contains(d)).collect();
+        prop_assert_eq!(reserved, Vec::from(owed));
     }
 }

@@ -50,14 +50,14 @@ where
     let mut ranger = Us100::new(port);
     async move {
         let mut ticker = Ticker::every(PERIOD, clock.now());
-        let mut lookout = Lookout::new(clock.now());
+        let mut monitor = RangeMonitor::new(clock.now());
         loop {
-            let measured = ranger.measure(&clock, lookout.air()).await;
+            let measured = ranger.measure(&clock, monitor.air()).await;
             let now = clock.now();
             let measured = robot.injected.range(measured, now);
-            let before = lookout.health();
+            let before = monitor.health();
             let Snapshot { wheels, pose, .. } = robot.snapshot();
-            let reading = lookout.observe(measured, wheels, pose.theta, now);
+            let reading = monitor.observe(measured, wheels, pose.theta, now);
             robot.sense_handle().publish(&reading);
             if reading.health != before {
                 let level = if reading.health.is_fault() {
@@ -72,8 +72,8 @@ where
                     now,
                 );
             }
-            if lookout.wants_temperature(measured, now) {
-                lookout.set_air_temperature(ranger.temperature(&clock).await);
+            if monitor.wants_temperature(measured, now) {
+                monitor.set_air_temperature(ranger.temperature(&clock).await);
             }
             ticker.tick(&clock).await;
         }
@@ -84,14 +84,14 @@ where
 /// without waiting.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Lookout {
+pub struct RangeMonitor {
     filter: RangeFilter,
     air: Option<Celsius>,
     thermometer_due: Instant,
 }
 
-impl Lookout {
-    /// A lookout that has seen nothing. The sensor has from `now` on to answer.
+impl RangeMonitor {
+    /// A monitor that has seen nothing. The sensor has from `now` on to answer.
     pub const fn new(now: Instant) -> Self {
         Self {
             filter: RangeFilter::new(now),

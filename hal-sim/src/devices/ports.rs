@@ -6,7 +6,7 @@ use std::rc::Rc;
 use crawler_hal::{Instant, ResetCause};
 use rand_pcg::Pcg32;
 
-use super::{Chip, Ear, Meter, Sonar};
+use super::{Chip, Meter, RangeSensor, Sonar};
 use crate::faults::Faults;
 use crate::render::Frame;
 use crate::sched::SimClock;
@@ -67,12 +67,12 @@ pub(crate) struct Ports {
 }
 
 /// The sensors of a robot, each with its own errors.
-pub(crate) fn senses(seed: u64, robot: RobotIndex, spread: &Spread) -> (Ear, Meter) {
+pub(crate) fn senses(seed: u64, robot: RobotIndex, spread: &Spread) -> (RangeSensor, Meter) {
     let rng = |purpose| stream(seed, robot.get(), purpose);
     let build = &mut rng(Purpose::Senses);
-    let ear = Ear::new(rng(Purpose::Ranger), build, spread.thermometer_c);
+    let sensor = RangeSensor::new(rng(Purpose::Ranger), build, spread.thermometer_c);
     let meter = Meter::new(rng(Purpose::Battery), build, spread);
-    (ear, meter)
+    (sensor, meter)
 }
 
 impl Ports {
@@ -87,7 +87,7 @@ impl Ports {
                 space.parameters.spread,
             )
         };
-        let (ear, meter) = senses(seed, robot, &spread);
+        let (sensor, meter) = senses(seed, robot, &spread);
         Self {
             sound,
             life: Cell::new(0),
@@ -100,7 +100,7 @@ impl Ports {
             }),
             faults: Cell::new(Faults::NONE),
             panic: RefCell::new(None),
-            sonar: RefCell::new(Sonar::new(ear, rng(Purpose::Serial))),
+            sonar: RefCell::new(Sonar::new(sensor, rng(Purpose::Serial))),
             meter: RefCell::new(meter),
             camera_rng: RefCell::new(rng(Purpose::Camera)),
             chip: Rc::new(RefCell::new(Chip::new(sectors, rng(Purpose::Flash)))),

@@ -2,7 +2,7 @@
 //!
 //! One measurement: the sensor sends a burst, listens until the nearest echo or the end of its
 //! window, and tells what it heard. The world is asked when the request is made, and only then:
-//! see [`Ear`].
+//! see [`RangeSensor`].
 
 use std::collections::VecDeque;
 use std::task::Waker;
@@ -10,8 +10,8 @@ use std::task::Waker;
 use crawler_hal::Instant;
 use rand_pcg::Pcg32;
 
-use super::ear::{Ear, Echo};
 use super::ports::Ports;
+use super::range_sensor::{Echo, RangeSensor};
 use crate::faults::RangerFault;
 use crate::world::uniform;
 
@@ -21,7 +21,7 @@ pub(crate) const FIFO_BYTES: usize = 128;
 /// State of one sensor and of the receiver behind its line.
 #[derive(Debug)]
 pub(crate) struct Sonar {
-    ear: Ear,
+    sensor: RangeSensor,
     /// Of the line, not of the sensor: which bits flip.
     line_rng: Pcg32,
     /// The sensor hears nothing new before this moment.
@@ -43,9 +43,9 @@ pub(crate) struct Sonar {
 }
 
 impl Sonar {
-    pub(crate) fn new(ear: Ear, line_rng: Pcg32) -> Self {
+    pub(crate) fn new(sensor: RangeSensor, line_rng: Pcg32) -> Self {
         Self {
-            ear,
+            sensor,
             line_rng,
             busy_until: Instant::BOOT,
             inbox: VecDeque::new(),
@@ -87,13 +87,13 @@ impl Sonar {
     pub(crate) fn listen(&mut self, ports: &Ports, burst: Instant) -> Echo {
         let space = &mut *ports.shared.space.borrow_mut();
         let fault = ports.faults.get().ranger;
-        self.ear.listen(space, ports.index(), fault, burst)
+        self.sensor.listen(space, ports.index(), fault, burst)
     }
 
     /// The byte that stands for the temperature.
     pub(crate) fn temperature_code(&self, ports: &Ports) -> u8 {
         let air_c = ports.shared.space.borrow().parameters.surroundings.air_c;
-        self.ear.temperature_code(air_c)
+        self.sensor.temperature_code(air_c)
     }
 
     /// Passes one byte over the line, with the bits that flip on it.
@@ -112,7 +112,7 @@ impl Sonar {
 
     pub(crate) fn fingerprint(&self, mut word: impl FnMut(u64)) {
         use rand_core::Rng;
-        self.ear.fingerprint(&mut word);
+        self.sensor.fingerprint(&mut word);
         word(self.line_rng.clone().next_u64());
         word(self.busy_until.as_micros());
         word(self.sent_until.as_micros());

@@ -25,7 +25,7 @@ impl Log {
     /// What the robots of the recorded world are given.
     pub(super) fn given(&self, plain: &BrokerAddress) -> BrokerAddress {
         BrokerAddress {
-            deck: self.recorder.as_ref().map(Recorder::deck),
+            event_logs: self.recorder.as_ref().map(Recorder::event_logs),
             ..plain.clone()
         }
     }

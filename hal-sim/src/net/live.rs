@@ -23,7 +23,7 @@ use super::fix::publisher::Outlet;
 use super::lockstep::{Cut, NO_ADDRESS_AFTER, PASSWORD_REFUSED_AFTER};
 use super::proxy::{Proxy, Signal};
 use boundary::Boundary;
-use wire::{Gate, Wire};
+use wire::{LinkSwitch, Wire};
 
 /// Connections being opened at once. A thousand at a time overrun the backlog of a broker.
 const OPENING: usize = 64;
@@ -90,17 +90,17 @@ impl Gateway {
 
     /// The way of the robot of that name.
     pub(crate) fn network(&self, robot: &str) -> LiveNetwork {
-        let (signal, gate) = if let Some(radio) = &self.shared.radio {
+        let (signal, link_switch) = if let Some(radio) = &self.shared.radio {
             // A radio holds a connection up by itself.
             (radio.signal(robot), None)
         } else {
             let wire = self.wire(robot);
-            (wire.subscribe(), Some(Gate::new(&wire)))
+            (wire.subscribe(), Some(LinkSwitch::new(&wire)))
         };
         LiveNetwork {
             shared: Rc::clone(&self.shared),
             robot: Some(signal),
-            gate,
+            link_switch,
         }
     }
 
@@ -121,7 +121,7 @@ impl Gateway {
         LiveNetwork {
             shared: Rc::clone(&self.shared),
             robot: None,
-            gate: None,
+            link_switch: None,
         }
     }
 
@@ -166,7 +166,7 @@ pub(crate) struct LiveNetwork {
     /// What a robot can know of its link.
     robot: Option<watch::Receiver<Signal>>,
     /// The link itself, where nobody else holds bytes up while it is cut.
-    gate: Option<Gate>,
+    link_switch: Option<LinkSwitch>,
 }
 
 impl Network for LiveNetwork {
@@ -198,8 +198,8 @@ impl Network for LiveNetwork {
 
     async fn connect(&mut self, _host: &str, _port: u16) -> Result<LiveStream, NetError> {
         // Before the place is taken: those that cannot get through must not keep out the others.
-        if let Some(gate) = &mut self.gate {
-            gate.healed().await;
+        if let Some(link_switch) = &mut self.link_switch {
+            link_switch.healed().await;
         }
         let _permit = self
             .shared
@@ -226,7 +226,7 @@ impl Network for LiveNetwork {
                         shared: Rc::clone(&self.shared),
                         heard: false,
                         counted: self.robot.is_some(),
-                        gate: self.gate.clone(),
+                        link_switch: self.link_switch.clone(),
                         boundary: Boundary::default(),
                     });
                 }
@@ -280,20 +280,20 @@ pub(crate) struct LiveStream {
     /// It is that of a robot.
     counted: bool,
     /// The link, where nobody else holds bytes up while it is cut.
-    gate: Option<Gate>,
+    link_switch: Option<LinkSwitch>,
     boundary: Boundary,
 }
 
 impl LiveStream {
     /// Waits while the link is cut.
     async fn healed(&mut self) {
-        if let Some(gate) = &mut self.gate {
-            gate.healed().await;
+        if let Some(link_switch) = &mut self.link_switch {
+            link_switch.healed().await;
         }
     }
 
     fn is_cut(&self) -> bool {
-        self.gate.as_ref().is_some_and(Gate::is_cut)
+        self.link_switch.as_ref().is_some_and(LinkSwitch::is_cut)
     }
 }
 
@@ -390,8 +390,12 @@ impl Drop for LiveStream {
         if self.heard && self.counted {
             self.shared.connected.set(self.shared.connected.get() - 1);
         }
-        if let Some(gate) = self.gate.as_ref().filter(|gate| gate.is_cut()) {
-            gate.keep(Rc::clone(&self.tcp));
+        if let Some(link_switch) = self
+            .link_switch
+            .as_ref()
+            .filter(|link_switch| link_switch.is_cut())
+        {
+            link_switch.keep(Rc::clone(&self.tcp));
             return;
         }
         // Beneath TLS nobody would understand it: the broker publishes the last will as well.

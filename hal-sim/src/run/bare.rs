@@ -23,10 +23,10 @@
 //!
 //! [`Simulation`]: super::Simulation
 
-mod brain;
 mod pins;
 mod robot;
 mod state;
+mod steering;
 #[cfg(test)]
 mod tests;
 
@@ -46,8 +46,8 @@ use crate::world::{
 };
 use robot::BareRobot;
 
-pub use brain::{Drive, Senses, Steering};
 pub use state::StateError;
+pub use steering::{Drive, Senses, Steering};
 
 /// See the [module](self).
 #[derive(Debug, Clone)]

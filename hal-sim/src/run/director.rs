@@ -27,7 +27,7 @@ const TRIES: u32 = 200;
 
 /// A thing to do.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Deed {
+pub(crate) enum ScenarioAction {
     /// Give this command.
     Tell(Box<Action>),
     /// Break this, for so long.
@@ -69,7 +69,7 @@ struct Entry {
     every: Option<Duration>,
     until: Instant,
     robots: crate::scenario::Selector,
-    deed: Deed,
+    action: ScenarioAction,
 }
 
 /// A place a robot is to go to.
@@ -131,16 +131,16 @@ fn span(seconds: f32) -> Duration {
 impl Director {
     /// For a scenario that was validated.
     pub(crate) fn new(scenario: &Scenario, arena: &Arena, seed: u64) -> Self {
-        let entry = |times: Times, robots: &crate::scenario::Selector, deed| Entry {
+        let entry = |times: Times, robots: &crate::scenario::Selector, action| Entry {
             next: instant(times.at_s),
             every: times.every_s.map(span),
             until: times.until_s.map_or(Instant::FAR_FUTURE, instant),
             robots: robots.clone(),
-            deed,
+            action,
         };
         let faults = scenario.faults.iter().map(|timed| {
-            let deed = Deed::Break(timed.fault, timed.for_s.map(span));
-            entry(timed.times(), &timed.robots, deed)
+            let action = ScenarioAction::Break(timed.fault, timed.for_s.map(span));
+            entry(timed.times(), &timed.robots, action)
         });
         // A validated command is one.
         let commands = scenario.commands.iter().filter_map(|timed| {
@@ -148,7 +148,7 @@ impl Director {
             Some(entry(
                 timed.times(),
                 &timed.robots,
-                Deed::Tell(Box::new(action)),
+                ScenarioAction::Tell(Box::new(action)),
             ))
         });
         let drawn = scenario.goals.iter().any(|goal| goal.draw.is_some());
@@ -304,14 +304,14 @@ impl Director {
     }
 
     /// What the timeline has for robot numbers below `robots` at `now`.
-    pub(crate) fn due(&mut self, robots: usize, now: Instant) -> Vec<(usize, Deed)> {
-        let mut deeds = Vec::new();
+    pub(crate) fn due(&mut self, robots: usize, now: Instant) -> Vec<(usize, ScenarioAction)> {
+        let mut actions = Vec::new();
         for entry in &mut self.entries {
             if entry.next > now {
                 continue;
             }
             let those = (0..robots).filter(|&robot| entry.robots.has(robot));
-            deeds.extend(those.map(|robot| (robot, entry.deed.clone())));
+            actions.extend(those.map(|robot| (robot, entry.action.clone())));
             entry.next = match entry.every {
                 Some(every) if entry.next + every <= entry.until => entry.next + every,
                 Some(_) | None => Instant::FAR_FUTURE,
@@ -320,7 +320,7 @@ impl Director {
         self.entries
             .retain(|entry| entry.next < Instant::FAR_FUTURE);
         self.plan();
-        deeds
+        actions
     }
 
     /// Whether it is time to look at goals; if so, the next time is set.

@@ -12,11 +12,11 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 
+#[cfg(feature = "recording")]
+use super::event_log::{EventLog, What, tap};
 use super::eyes::{DetectorInstance, SimEyes};
 #[cfg(feature = "recording")]
 use super::journal::Payload;
-#[cfg(feature = "recording")]
-use super::tape::{Tape, What, tap};
 use crate::devices::BodyParts;
 use crate::net::network::SimNetwork;
 use crate::sched::{Scheduler, SimClock, TaskId};
@@ -40,9 +40,9 @@ const IMAGE_BUFFER: usize = 16 * 1024;
 enum Heap {}
 
 /// A value that is on the heap while it is needed.
-struct Seldom<T>(Option<Box<T>>);
+struct HeapRoom<T>(Option<Box<T>>);
 
-impl<T: Blank> Room<T> for Seldom<T> {
+impl<T: Blank> Room<T> for HeapRoom<T> {
     const EMPTY: Self = Self(None);
 
     fn get(&self) -> Option<&T> {
@@ -60,7 +60,7 @@ impl<T: Blank> Room<T> for Seldom<T> {
 
 impl Hold for Heap {
     type Held<F: Future> = Pin<Box<F>>;
-    type Room<T: Blank> = Seldom<T>;
+    type Room<T: Blank> = HeapRoom<T>;
 
     fn hold<F: Future>(step: F) -> Pin<Box<F>> {
         Box::pin(step)
@@ -91,7 +91,7 @@ pub(crate) struct Program {
     pub(crate) clock: SimClock,
     tasks: Vec<TaskId>,
     #[cfg(feature = "recording")]
-    tape: Option<Rc<Tape>>,
+    event_log: Option<Rc<EventLog>>,
 }
 
 /// Runs the activities of `robot` on `parts`, as a board does at boot.
@@ -101,14 +101,14 @@ pub(crate) fn start(
     parts: BodyParts,
     network: SimNetwork,
     detector: Option<&Rc<DetectorInstance>>,
-    #[cfg(feature = "recording")] tape: Option<Rc<Tape>>,
+    #[cfg(feature = "recording")] event_log: Option<Rc<EventLog>>,
 ) -> Program {
     let ranger_after = parts.ranger_after;
     #[cfg(feature = "recording")]
     {
-        let parts = tap::tap(parts.with_network(network), tape.as_ref());
+        let parts = tap::tap(parts.with_network(network), event_log.as_ref());
         let mut program = launch(sched, robot, parts, ranger_after, detector);
-        program.tape = tape;
+        program.event_log = event_log;
         program
     }
     #[cfg(not(feature = "recording"))]
@@ -187,7 +187,7 @@ pub(crate) fn launch(
         clock,
         tasks,
         #[cfg(feature = "recording")]
-        tape: None,
+        event_log: None,
     }
 }
 
@@ -226,8 +226,8 @@ impl Program {
     /// Hands the program a command that comes past the network.
     pub(crate) fn tell(&self, robot: &SimRobot, payload: &[u8]) {
         #[cfg(feature = "recording")]
-        if let Some(tape) = &self.tape {
-            tape.note(What::Told(Payload::new(payload)));
+        if let Some(event_log) = &self.event_log {
+            event_log.note(What::Told(Payload::new(payload)));
         }
         robot.submit(payload, self.clock.now());
     }
@@ -235,8 +235,8 @@ impl Program {
     /// Puts the program's idea of the time off.
     pub(crate) fn step_clock(&self, robot: &SimRobot, ms: i64) {
         #[cfg(feature = "recording")]
-        if let Some(tape) = &self.tape {
-            tape.note(What::ClockStep(ms));
+        if let Some(event_log) = &self.event_log {
+            event_log.note(What::ClockStep(ms));
         }
         robot.step_clock(ms);
     }
@@ -244,8 +244,8 @@ impl Program {
     /// Tells the program the time past the network.
     pub(crate) fn tell_time(&self, robot: &SimRobot, unix_ms: u64) {
         #[cfg(feature = "recording")]
-        if let Some(tape) = &self.tape {
-            tape.note(What::Time(unix_ms));
+        if let Some(event_log) = &self.event_log {
+            event_log.note(What::Time(unix_ms));
         }
         robot.observe_time(unix_ms, self.clock.now());
     }
@@ -253,8 +253,8 @@ impl Program {
     /// Drops the program where it stands, as a reset or a power cut does.
     pub(crate) fn stop(self, sched: &mut Scheduler) {
         #[cfg(feature = "recording")]
-        if let Some(tape) = &self.tape {
-            tape.end();
+        if let Some(event_log) = &self.event_log {
+            event_log.end();
         }
         for task in self.tasks {
             sched.remove(task);

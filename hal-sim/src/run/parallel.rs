@@ -7,8 +7,8 @@
 //! the world not on their number.
 
 mod barrier;
+mod exchange;
 mod measure;
-mod table;
 
 use std::any::Any;
 use std::fmt;
@@ -17,8 +17,8 @@ use std::sync::Arc;
 
 use crawler_hal::{Duration, Instant};
 
+pub(crate) use exchange::ShardHandle;
 pub use measure::{Clocks, Pace, measure};
-pub(crate) use table::Seat;
 
 use super::error::SimulationError;
 use super::hashes::{self, Hashes};
@@ -26,7 +26,7 @@ use super::simulation::Simulation;
 use crate::net::lockstep::PeerStatistics;
 use crate::scenario::Scenario;
 use crate::world::Observation;
-use table::Table;
+use exchange::Exchange;
 
 /// Most threads that one world is given.
 pub const MAX_THREADS: usize = 256;
@@ -165,17 +165,17 @@ fn each<R: Send>(
         };
     }
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let table = Arc::new(Table::new(threads, cores));
-    let table = &table;
+    let exchange = Arc::new(Exchange::new(threads, cores));
+    let exchange = &exchange;
     let work = &work;
     std::thread::scope(|scope| {
         let mut running = Vec::new();
         for shard in 0..threads {
-            let seat = Seat::new(table, shard);
+            let shard_handle = ShardHandle::new(exchange, shard);
             let started = std::thread::Builder::new()
                 .name(format!("shard {shard}"))
                 // A simulation is not `Send`: it is made on the thread that runs it.
-                .spawn_scoped(scope, move || Ok(work(&mut set_up(plan, seat)?)));
+                .spawn_scoped(scope, move || Ok(work(&mut set_up(plan, shard_handle)?)));
             match started {
                 Ok(thread) => running.push(thread),
                 Err(error) => {
@@ -199,12 +199,15 @@ fn each<R: Send>(
     })
 }
 
-fn set_up(plan: &Plan<'_>, seat: Option<Seat>) -> Result<Simulation, SimulationError> {
+fn set_up(
+    plan: &Plan<'_>,
+    shard_handle: Option<ShardHandle>,
+) -> Result<Simulation, SimulationError> {
     let (scenario, seed) = (plan.scenario.clone(), plan.seed);
     if plan.network {
-        Simulation::lockstep_shard(scenario, seed, seat)
+        Simulation::lockstep_shard(scenario, seed, shard_handle)
     } else {
-        Simulation::shard_without_network(scenario, seed, seat)
+        Simulation::shard_without_network(scenario, seed, shard_handle)
     }
 }
 

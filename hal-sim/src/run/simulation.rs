@@ -32,7 +32,7 @@ use super::hashes::Hashes;
 use super::journal::Journal;
 use super::machine::{Program, SimRobot};
 use super::overhead::OverheadCamera;
-use super::parallel::Seat;
+use super::parallel::ShardHandle;
 use crate::devices::World;
 #[cfg(feature = "live")]
 use crate::net::fix::publisher;
@@ -125,7 +125,7 @@ pub struct Simulation {
     /// What was done to it from outside.
     pub(super) journal: Journal,
     /// Where the other shards of the world are met.
-    seat: Option<Seat>,
+    shard_handle: Option<ShardHandle>,
     /// What is broken about the robots, and until when.
     troubles: faults::Troubles,
     /// Whom robots are to connect to.
@@ -156,7 +156,7 @@ pub(crate) struct BrokerAddress {
     pub(crate) credentials: Option<Credentials>,
     /// Where their devices are recorded.
     #[cfg(feature = "recording")]
-    pub(crate) deck: Option<super::tape::Deck>,
+    pub(crate) event_logs: Option<super::event_log::EventLogs>,
 }
 
 impl Simulation {
@@ -178,10 +178,10 @@ impl Simulation {
         link: Link,
         scenario: Scenario,
         seed: u64,
-        deck: super::tape::Deck,
+        event_logs: super::event_log::EventLogs,
     ) -> Result<Self, SimulationError> {
         let given = BrokerAddress {
-            deck: Some(deck),
+            event_logs: Some(event_logs),
             ..BrokerAddress::default()
         };
         match link {
@@ -194,26 +194,26 @@ impl Simulation {
     pub(crate) fn lockstep_shard(
         scenario: Scenario,
         seed: u64,
-        seat: Option<Seat>,
+        shard_handle: Option<ShardHandle>,
     ) -> Result<Self, SimulationError> {
-        Self::lockstep_given(scenario, seed, BrokerAddress::default(), seat)
+        Self::lockstep_given(scenario, seed, BrokerAddress::default(), shard_handle)
     }
 
     fn lockstep_given(
         scenario: Scenario,
         seed: u64,
         nowhere: BrokerAddress,
-        seat: Option<Seat>,
+        shard_handle: Option<ShardHandle>,
     ) -> Result<Self, SimulationError> {
         let clock = SimClock::new();
         let network = VirtualNetwork::with_radio(&scenario.radio_setup(seed), &clock);
         let fleet = Fleet::default();
         network.serve_time(&Topic::Time.render(&fleet), EPOCH_MS, TIME_PERIOD);
-        if seat.is_some() {
+        if shard_handle.is_some() {
             network.share();
         }
         let way = Way::Lockstep(network);
-        Self::with(scenario, seed, &clock, fleet, way, nowhere, seat)
+        Self::with(scenario, seed, &clock, fleet, way, nowhere, shard_handle)
     }
 
     /// A simulation whose robots never find a network. Commands come through
@@ -232,20 +232,28 @@ impl Simulation {
     pub(crate) fn shard_without_network(
         scenario: Scenario,
         seed: u64,
-        seat: Option<Seat>,
+        shard_handle: Option<ShardHandle>,
     ) -> Result<Self, SimulationError> {
-        Self::without_network_with(scenario, seed, BrokerAddress::default(), seat)
+        Self::without_network_with(scenario, seed, BrokerAddress::default(), shard_handle)
     }
 
     fn without_network_with(
         scenario: Scenario,
         seed: u64,
         nowhere: BrokerAddress,
-        seat: Option<Seat>,
+        shard_handle: Option<ShardHandle>,
     ) -> Result<Self, SimulationError> {
         let fleet = Fleet::default();
         let clock = SimClock::new();
-        Self::with(scenario, seed, &clock, fleet, Way::None, nowhere, seat)
+        Self::with(
+            scenario,
+            seed,
+            &clock,
+            fleet,
+            Way::None,
+            nowhere,
+            shard_handle,
+        )
     }
 
     pub(crate) fn with(
@@ -255,10 +263,11 @@ impl Simulation {
         fleet: Fleet,
         way: Way,
         broker: BrokerAddress,
-        seat: Option<Seat>,
+        shard_handle: Option<ShardHandle>,
     ) -> Result<Self, SimulationError> {
         let robots = scenario.robots;
-        let mut simulation = Self::deserted(scenario, seed, clock, fleet, way, broker, seat)?;
+        let mut simulation =
+            Self::deserted(scenario, seed, clock, fleet, way, broker, shard_handle)?;
         for number in 1..=robots {
             match simulation.place(None) {
                 Err(SimulationError::NoRoom(..)) => {
@@ -280,7 +289,7 @@ impl Simulation {
         fleet: Fleet,
         way: Way,
         broker: BrokerAddress,
-        seat: Option<Seat>,
+        shard_handle: Option<ShardHandle>,
     ) -> Result<Self, SimulationError> {
         scenario.validate()?;
         let initial = Initial::new(scenario.action()?);
@@ -292,7 +301,9 @@ impl Simulation {
         let arena = scenario.arena(seed)?;
         let spawner = scenario.spawner(&arena, seed);
         let director = Director::new(&scenario, &arena, seed);
-        let members = seat.as_ref().map_or(Members::ALL, Seat::members);
+        let members = shard_handle
+            .as_ref()
+            .map_or(Members::ALL, ShardHandle::members);
         let parameters = scenario.drawn_parameters(seed);
         let world = World::replica(arena, parameters, seed, clock, members)?;
         let detector = scenario.detector.map(DetectorInstance::new).transpose()?;
@@ -319,7 +330,7 @@ impl Simulation {
             hashes: Hashes::default(),
             seq: command::FIRST_SEQ,
             journal: Journal::default(),
-            seat,
+            shard_handle,
             troubles: faults::Troubles::default(),
             broker,
             detector,

@@ -10,6 +10,6 @@ mod compare;
 mod play;
 mod read;
 
-pub use compare::{Deed, Difference};
+pub use compare::{Difference, ProgramAction};
 pub use play::{ReplayError, Report, replay};
 pub use read::{ReadError, Recording};

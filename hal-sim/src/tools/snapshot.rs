@@ -125,8 +125,8 @@ impl Snapshot {
         &self,
         recorder: &mut super::recording::Recorder,
     ) -> Result<Simulation, RestoreError> {
-        let (scenario, deck) = (self.scenario.clone(), recorder.deck());
-        let mut simulation = Simulation::recorded(self.link, scenario, self.seed, deck)?;
+        let (scenario, event_logs) = (self.scenario.clone(), recorder.event_logs());
+        let mut simulation = Simulation::recorded(self.link, scenario, self.seed, event_logs)?;
         for entry in &self.entries {
             let at = Instant::from_micros(entry.at_us);
             if entry.settled || at > simulation.now() {

@@ -216,7 +216,7 @@ impl Accounts {
     pub async fn shared_ticket(&self, identity: &Identity, cluster: &Cluster) -> Option<Secret> {
         // Also here, for as long as Redis is away.
         let ticket = self.ticket(identity)?;
-        let lent = tickets::Lent::of(identity);
+        let lent = tickets::SharedTicket::of(identity);
         let name = hex(&ticket.digest().0);
         let told = cluster.lend(&name, &lent, TICKET_LIFETIME).await;
         if let Err(error) = told {
@@ -231,7 +231,7 @@ impl Accounts {
         let own = lock(&self.tickets).redeem(&secret, Instant::now());
         match cluster.redeem(&hex(&secret.digest().0)).await {
             Ok(lent) => {
-                let (session, role) = tickets::Lent::read(&lent?)?;
+                let (session, role) = tickets::SharedTicket::read(&lent?)?;
                 let alive = lock(&self.alive);
                 let (user, ended) = alive.get(session, now_ms())?;
                 Some(Identity {

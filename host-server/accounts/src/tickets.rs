@@ -70,9 +70,9 @@ impl Tickets {
 }
 
 /// What other servers are told of a ticket. Short: it lives for half a minute.
-pub(crate) struct Lent;
+pub(crate) struct SharedTicket;
 
-impl Lent {
+impl SharedTicket {
     pub(crate) fn of(identity: &Identity) -> String {
         format!("{} {}", identity.session, identity.role)
     }
@@ -114,10 +114,10 @@ mod tests {
 
     #[test]
     fn what_other_servers_are_told_says_whose_it_is() {
-        let told = Lent::of(&identity(7));
-        assert_eq!(Lent::read(&told), Some((7, Role::Viewer)));
+        let told = SharedTicket::of(&identity(7));
+        assert_eq!(SharedTicket::read(&told), Some((7, Role::Viewer)));
         for other in ["", "7", "7 king", "x viewer"] {
-            assert_eq!(Lent::read(other), None, "{other}");
+            assert_eq!(SharedTicket::read(other), None, "{other}");
         }
     }
 

@@ -30,7 +30,7 @@ use tokio::time::timeout;
 use super::GuardCounters;
 use super::accounts::Refusal;
 use connect::{Connect, LEVEL_5, NoConnect};
-use crawler_server_tls::{self as tls, Door};
+use crawler_server_tls::{self as tls, TlsHandshake};
 use crawler_system::descriptors::{self, Descriptors};
 use crawler_system::waiting::{Slot, Waiting};
 use peers::Note;
@@ -133,7 +133,7 @@ impl Edge {
         })
     }
 
-    /// Listens at `listen` in the runtime of the broker, and ends with that. With a `door` connections are
+    /// Listens at `listen` in the runtime of the broker, and ends with that. With `tls` connections are
     /// encrypted. Returns the address it listens at, with the port chosen by the system when none was
     /// asked for.
     ///
@@ -142,14 +142,14 @@ impl Edge {
     pub(crate) async fn listen(
         self: &Arc<Self>,
         listen: SocketAddr,
-        door: Option<Door>,
+        tls: Option<TlsHandshake>,
         runtime: &Handle,
     ) -> std::io::Result<SocketAddr> {
         // A socket belongs to the runtime that it is made in.
         let bind = runtime.spawn(TcpListener::bind(listen));
         let listener = bind.await.map_err(std::io::Error::other)??;
         let address = listener.local_addr()?;
-        runtime.spawn(Arc::clone(self).accept(listener, door.map(Arc::new)));
+        runtime.spawn(Arc::clone(self).accept(listener, tls.map(Arc::new)));
         Ok(address)
     }
 
@@ -171,7 +171,7 @@ impl Edge {
         ours
     }
 
-    async fn accept(self: Arc<Self>, listener: TcpListener, door: Option<Arc<Door>>) {
+    async fn accept(self: Arc<Self>, listener: TcpListener, tls: Option<Arc<TlsHandshake>>) {
         loop {
             let (client, origin) = match listener.accept().await {
                 Ok(accepted) => accepted,
@@ -186,14 +186,14 @@ impl Edge {
                 }
             };
             let slot = self.waiting.enter(origin.ip());
-            let (edge, door) = (Arc::clone(&self), door.clone());
+            let (edge, tls) = (Arc::clone(&self), tls.clone());
             tokio::spawn(async move {
                 tune(&client);
-                let Some(door) = door else {
+                let Some(tls) = tls else {
                     return edge.serve(client, origin, slot, edge.times).await;
                 };
                 let entered = tokio::select! {
-                    entered = door.enter(client) => entered,
+                    entered = tls.enter(client) => entered,
                     () = slot.crowded_out() => {
                         return edge.refuse(Refusal::Crowded, origin);
                     }

@@ -28,12 +28,12 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const TRY_EVERY: Duration = Duration::from_millis(20);
 
 /// Name and secret made up at this start.
-struct House {
+struct ServerLogin {
     user: String,
     digest: Digest,
 }
 
-impl House {
+impl ServerLogin {
     fn new(credentials: &Credentials) -> Self {
         Self {
             user: credentials.user.clone(),
@@ -61,8 +61,8 @@ pub(crate) struct Guard {
 
 struct Shared {
     fleet: Fleet,
-    server: House,
-    simulator: House,
+    server: ServerLogin,
+    simulator: ServerLogin,
     accounts: Arc<dyn Accounts>,
     clients: Arc<Clients>,
     counters: Arc<GuardCounters>,
@@ -81,8 +81,8 @@ impl Guard {
         Self {
             shared: Arc::new(Shared {
                 fleet,
-                server: House::new(server),
-                simulator: House::new(simulator),
+                server: ServerLogin::new(server),
+                simulator: ServerLogin::new(simulator),
                 accounts,
                 clients,
                 counters,

@@ -53,7 +53,7 @@ use numbers::Load;
 
 use clients::Clients;
 use crawler_accounts::Notes;
-use crawler_server_tls::Door;
+use crawler_server_tls::TlsHandshake;
 use crawler_system::places::{Place, Places};
 use edge::Edge;
 
@@ -260,7 +260,7 @@ impl EmbeddedBroker {
         self.handle.clone()
     }
 
-    /// Lets clients in at `listen`, through TLS when there is a `door`. Returns the address it listens at,
+    /// Lets clients in at `listen`, through TLS when there is one. Returns the address it listens at,
     /// with the port chosen by the system when none was asked for.
     ///
     /// # Errors
@@ -268,10 +268,10 @@ impl EmbeddedBroker {
     pub async fn listen(
         &self,
         listen: SocketAddr,
-        door: Option<Door>,
+        tls: Option<TlsHandshake>,
     ) -> std::io::Result<SocketAddr> {
         let BrokerHandle { edge, runtime, .. } = &self.handle;
-        edge.listen(listen, door, runtime).await
+        edge.listen(listen, tls, runtime).await
     }
 
     /// Ends every session and frees the ports.

@@ -32,7 +32,7 @@ pub struct Message {
 
 /// A message to be written: as [`Message`].
 #[derive(Debug, Clone, Copy)]
-pub struct Told<'a> {
+pub struct OutgoingMessage<'a> {
     /// Where it was published.
     pub topic: &'a [u8],
     /// What it says.
@@ -68,8 +68,8 @@ pub fn begin(sender: &str) -> Vec<u8> {
 
 /// Writes one message. False when it has parts that a frame has no room for; nothing is written
 /// then.
-pub fn put(frame: &mut Vec<u8>, message: Told<'_>) -> bool {
-    let Told {
+pub fn put(frame: &mut Vec<u8>, message: OutgoingMessage<'_>) -> bool {
+    let OutgoingMessage {
         topic,
         payload,
         retained,
@@ -176,8 +176,8 @@ mod tests {
 
     use super::*;
 
-    fn told(message: &Message) -> Told<'_> {
-        Told {
+    fn told(message: &Message) -> OutgoingMessage<'_> {
+        OutgoingMessage {
             topic: &message.topic,
             payload: &message.payload,
             retained: message.retained,

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::frame::{self, Told};
+use crate::frame::{self, OutgoingMessage};
 
 /// Bytes that wait at most: two seconds of ten thousand robots.
 pub const MOST_BYTES: usize = 32 * 1024 * 1024;
@@ -41,7 +41,7 @@ impl Queue {
     }
 
     /// Takes in a message. Never waits: when there is no room the oldest frame is dropped.
-    pub fn push(&self, message: Told<'_>) {
+    pub fn push(&self, message: OutgoingMessage<'_>) {
         let mut inner = self.lock();
         let inner = &mut *inner;
         if inner.open.is_none() {
@@ -91,8 +91,8 @@ impl Queue {
 mod tests {
     use super::*;
 
-    fn of(payload: &[u8]) -> Told<'_> {
-        Told {
+    fn of(payload: &[u8]) -> OutgoingMessage<'_> {
+        OutgoingMessage {
             topic: b"swarm/telemetry/a",
             payload,
             retained: false,
@@ -123,7 +123,7 @@ mod tests {
         let queue = Queue::new("a");
         assert_eq!(queue.take(), None);
         for number in 0..10_u8 {
-            queue.push(Told {
+            queue.push(OutgoingMessage {
                 topic: &[number],
                 ..of(&[])
             });

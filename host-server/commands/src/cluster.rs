@@ -8,7 +8,7 @@ use crawler_cluster::{Fields, Numbers};
 use crawler_delivery::{Class, End, SETTINGS};
 use crawler_protocol::{RobotId, Source};
 
-use super::journal::Owed;
+use super::journal::JournalEntry;
 use super::pending::Pending;
 use super::shared::{Change, SharedTable};
 use super::{Book, CommandCenter, CommandView, OutcomeStatus};
@@ -169,7 +169,7 @@ impl CommandCenter {
         }
         book.table.sequence.above(id);
         if let (Class::Plain | Class::Setting, Some(journal)) = (class, &mut book.table.journal)
-            && let Some(owed) = Owed::new(
+            && let Some(owed) = JournalEntry::new(
                 &record,
                 expires,
                 record

@@ -37,7 +37,7 @@ const MAX_BYTES: u64 = 256 * 1024 * 1024;
 /// A command that has not reached all its robots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Owed {
+pub(super) struct JournalEntry {
     /// Name of its record.
     pub(super) id: u64,
     /// Until when it may be delivered, Unix milliseconds.
@@ -52,12 +52,12 @@ pub(super) struct Owed {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Line {
-    Accepted(Owed),
+    Accepted(JournalEntry),
     Numbered { id: u64, robot: String, leg: Leg },
     Done { id: u64, robot: String },
 }
 
-impl Owed {
+impl JournalEntry {
     /// Of a command for `robots`, with how often each has started; `None` when it cannot be written.
     pub(super) fn new(
         record: &Record,
@@ -89,7 +89,7 @@ pub struct Journal {
     file: File,
     /// Bytes of the file that are as they are to be.
     length: u64,
-    owed: BTreeMap<u64, Owed>,
+    owed: BTreeMap<u64, JournalEntry>,
     lines: usize,
     /// A write failed, so nobody knows how the file ends, or it says more than is owed.
     damaged: bool,
@@ -139,7 +139,7 @@ impl Journal {
     }
 
     /// What is owed, oldest first.
-    pub(super) fn owed(&self) -> impl Iterator<Item = &Owed> {
+    pub(super) fn owed(&self) -> impl Iterator<Item = &JournalEntry> {
         self.owed.values()
     }
 
@@ -238,7 +238,7 @@ impl Journal {
     }
 }
 
-fn apply(owed: &mut BTreeMap<u64, Owed>, line: Line) {
+fn apply(owed: &mut BTreeMap<u64, JournalEntry>, line: Line) {
     match line {
         Line::Accepted(command) => {
             owed.insert(command.id, command);
@@ -262,7 +262,11 @@ fn apply(owed: &mut BTreeMap<u64, Owed>, line: Line) {
 }
 
 /// Replaces the file by one that says what `owed` says, whole or not at all; returns it with its length.
-fn rewrite(path: &Path, disk: &Disk, owed: &BTreeMap<u64, Owed>) -> io::Result<(File, u64)> {
+fn rewrite(
+    path: &Path,
+    disk: &Disk,
+    owed: &BTreeMap<u64, JournalEntry>,
+) -> io::Result<(File, u64)> {
     let new = path.with_extension("new");
     let mut file = File::create(&new)?;
     let mut length = 0;

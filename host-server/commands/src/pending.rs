@@ -1,7 +1,7 @@
 //! A command that something is left to do for, and where it is kept until that is done.
 //!
 //! Here it is a [`Record`] with what is to be delivered, a [`Leg`] for each robot. So that it outlives this
-//! server it is kept in two [`Store`]s as well: in the journal as [`Owed`], a line of JSON, and for other servers as
+//! server it is kept in two [`Store`]s as well: in the journal as [`JournalEntry`], a line of JSON, and for other servers as
 //! [`Fields`] in Redis. Both are read back into the same [`Pending`].
 
 use std::time::Instant;
@@ -11,7 +11,7 @@ use crawler_delivery::{Class, Ms};
 use crawler_protocol::{Command, MAX_MESSAGE, RobotId};
 use serde::{Deserialize, Serialize};
 
-use super::journal::Owed;
+use super::journal::JournalEntry;
 use super::record::{Outcome, OutcomeStatus, Record};
 use super::{Book, Target, shared};
 
@@ -69,7 +69,7 @@ pub(super) struct Pending {
 
 impl Pending {
     /// Of a line of the journal; `None` when it has no command of this program.
-    pub(super) fn of_owed(owed: &Owed, now: Instant) -> Option<Self> {
+    pub(super) fn of_entry(owed: &JournalEntry, now: Instant) -> Option<Self> {
         let legs = owed.robots.iter();
         let legs = legs.filter_map(|(name, leg)| Some((RobotId::new(name).ok()?, *leg)));
         let legs: Vec<_> = legs.collect();

@@ -39,7 +39,7 @@ impl CommandCenter {
             let (unix, at) = (clock::unix_ms(), self.ms(now));
             let mut stale = Vec::new();
             for owed in journal.owed() {
-                let Some(pending) = Pending::of_owed(owed, now) else {
+                let Some(pending) = Pending::of_entry(owed, now) else {
                     tracing::warn!(id = owed.id, "an invalid command is in the journal");
                     continue;
                 };

@@ -6,7 +6,7 @@ use crawler_delivery::Class;
 use crawler_protocol::{Action, Command, MAX_MESSAGE, RobotId, Source, Topic};
 
 use super::driver::write;
-use super::journal::{Owed, Refused, Ticket};
+use super::journal::{JournalEntry, Refused, Ticket};
 use super::shared::fields;
 use super::{Book, CommandCenter, CommandView, Record, SendError, Target};
 use crawler_cluster::ClusterMembership;
@@ -14,18 +14,18 @@ use crawler_metrics::Dropped;
 use crawler_system::clock;
 
 /// A command that the other servers were told of and nobody else was. Taken back when dropped.
-struct Promise<'a> {
+struct Announcement<'a> {
     center: &'a CommandCenter,
     id: Option<u64>,
 }
 
-impl Promise<'_> {
+impl Announcement<'_> {
     fn keep(mut self) {
         self.id = None;
     }
 }
 
-impl Drop for Promise<'_> {
+impl Drop for Announcement<'_> {
     fn drop(&mut self) {
         if let Some(id) = self.id
             && let Some(shared) = &mut self.center.book().table.shared
@@ -109,7 +109,7 @@ impl CommandCenter {
             let fields = fields(&command, target == Target::Swarm, settings, boots);
             (command, fields.ok_or(SendError::TooLarge)?)
         };
-        let promise = Promise {
+        let announcement = Announcement {
             center: self,
             id: Some(command.seq),
         };
@@ -123,7 +123,7 @@ impl CommandCenter {
             book.table.sequence.above(greatest);
             self.dispatch(&mut book, command, target, expected, Instant::now())?
         };
-        promise.keep();
+        announcement.keep();
         // Nobody waits for the disk because of somebody else's command.
         drop(turn);
         self.written_down(given).await
@@ -319,7 +319,7 @@ impl CommandCenter {
             let legs = robots.iter();
             let legs = legs.map(|robot| (robot.clone(), book.delivery.boot(robot)));
             let expires = clock::unix_ms().saturating_add(class.life_ms());
-            if let Some(owed) = Owed::new(&record, expires, legs) {
+            if let Some(owed) = JournalEntry::new(&record, expires, legs) {
                 ticket = journal.accepted(owed);
             }
         }

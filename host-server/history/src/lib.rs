@@ -7,13 +7,12 @@
 //! robot thus reads some sixty rows. After a crash the tail is read again, so nothing that
 //! [`History::flush`] confirmed is lost.
 //!
-//! Reading order: writing in `memory` and `keeper`; blocks in `seal`, `fold` and `codec`; `start` and
+//! Reading order: writing in `memory` and `writer`; blocks in `seal`, `fold` and `codec`; `start` and
 //! `retention`; reading in `query`, `points`, `frames` and `span`.
 
 mod codec;
 mod fold;
 mod frames;
-mod keeper;
 mod memory;
 mod points;
 mod query;
@@ -21,6 +20,7 @@ mod retention;
 mod seal;
 mod span;
 mod start;
+mod writer;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -187,7 +187,7 @@ impl History {
             return Err(Full);
         }
         inbox.samples.push(sample);
-        let many = inbox.samples.len() == keeper::BATCH;
+        let many = inbox.samples.len() == writer::BATCH;
         drop(inbox);
         self.shared.counts.accepted.fetch_add(1, Ordering::Relaxed);
         if many {
@@ -221,7 +221,7 @@ impl History {
                 return Err(RecordsError::Closed);
             }
             let list = list(&mut inbox);
-            if list.len() >= keeper::MOST_WAITING {
+            if list.len() >= writer::MOST_WAITING {
                 return Err(RecordsError::TooMany("who wait for the history"));
             }
             list.push(sender);

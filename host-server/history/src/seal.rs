@@ -6,8 +6,8 @@ use std::sync::atomic::Ordering;
 
 use super::codec;
 use super::fold::{self, Raw};
-use super::keeper::Keeper;
 use super::memory::{Lots, Minutes};
+use super::writer::HistoryWriter;
 use crawler_database::RecordsError;
 
 /// Steps of the levels; the first has every sample.
@@ -108,7 +108,7 @@ fn emptied(mut lots: Lots) -> Lots {
     lots
 }
 
-impl Keeper {
+impl HistoryWriter {
     /// Replaces the tail with blocks, in one transaction. When it fails, everything is as before, and
     /// the next call tries the same again.
     pub(super) async fn seal(&mut self) -> Result<(), RecordsError> {

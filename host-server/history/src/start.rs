@@ -9,8 +9,8 @@ use sqlx::SqliteConnection;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
-use super::keeper::{Keeper, TailRow, split};
 use super::memory::{Memory, Shared};
+use super::writer::{HistoryWriter, TailRow, split};
 use super::{HISTORY, HISTORY_FILE, History, codec, retention};
 
 /// Held by the process that keeps the history.
@@ -21,7 +21,7 @@ const PAGE: i64 = 16;
 /// Keeps the history going.
 #[derive(Debug)]
 pub struct Running {
-    /// The keeper ends when this is dropped.
+    /// The writer ends when this is dropped.
     alive: mpsc::Sender<()>,
     task: JoinHandle<()>,
 }
@@ -104,10 +104,10 @@ impl History {
             .counts
             .damaged
             .store(loaded.damaged, Ordering::Relaxed);
-        let keeper = Keeper::new(shared.clone(), db.clone(), loaded.next_tail, lock);
+        let writer = HistoryWriter::new(shared.clone(), db.clone(), loaded.next_tail, lock);
         // Never sent on: its end is the message.
         let (alive, ends) = mpsc::channel(1);
-        let task = tokio::spawn(keeper.run(ends));
+        let task = tokio::spawn(writer.run(ends));
         let running = Running { alive, task };
         let db = Some(db);
         (Self { shared, db }, Some(running))

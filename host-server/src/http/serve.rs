@@ -23,7 +23,7 @@ use tokio_util::task::TaskTracker;
 
 use super::connection::{arriving, awaited};
 use super::peer::Peer;
-use crawler_server_tls::{Door, Refusal};
+use crawler_server_tls::{Refusal, TlsHandshake};
 use crawler_system::descriptors;
 use crawler_system::waiting::{Slot, Waiting};
 
@@ -46,13 +46,13 @@ const PLAIN_TIME_OUT: Duration = Duration::from_secs(2);
 
 type Service = TowerToHyperService<Router>;
 
-/// Serves `router` until `stop`, then lets requests under way finish. With a `door` connections are
+/// Serves `router` until `stop`, then lets requests under way finish. With `tls` connections are
 /// encrypted. There are at most so many `connections` at a time; live feeds and MQTT over a WebSocket have
 /// limits of their own.
 pub(crate) async fn serve(
     listener: TcpListener,
     router: Router,
-    door: Option<Door>,
+    tls: Option<TlsHandshake>,
     connections: usize,
     stop: CancellationToken,
 ) {
@@ -63,7 +63,7 @@ pub(crate) async fn serve(
     let cut = CancellationToken::new();
     let guard = cut.clone().drop_guard();
     let service = TowerToHyperService::new(router);
-    let door = door.map(Arc::new);
+    let tls = tls.map(Arc::new);
     loop {
         let accepted = tokio::select! {
             biased;
@@ -88,13 +88,13 @@ pub(crate) async fn serve(
         }
         let peer = Peer {
             address,
-            tls: door.is_some(),
+            tls: tls.is_some(),
         };
         let slot = Arc::new(waiting.enter(peer.ip()));
-        let (service, door, stop) = (service.clone(), door.clone(), stop.clone());
+        let (service, tls, stop) = (service.clone(), tls.clone(), stop.clone());
         let cut = cut.clone();
         serving.spawn(async move {
-            let serving = one(stream, peer, Arc::clone(&slot), service, door, stop);
+            let serving = one(stream, peer, Arc::clone(&slot), service, tls, stop);
             tokio::select! {
                 () = serving => {}
                 () = cut.cancelled() => {}
@@ -120,15 +120,15 @@ async fn one(
     peer: Peer,
     slot: Arc<Slot>,
     service: Service,
-    door: Option<Arc<Door>>,
+    tls: Option<Arc<TlsHandshake>>,
     stop: CancellationToken,
 ) {
-    let Some(door) = door else {
+    let Some(tls) = tls else {
         return speak(stream, peer, slot, service, stop).await;
     };
     let entered = tokio::select! {
         () = stop.cancelled() => return,
-        entered = door.enter(stream) => entered,
+        entered = tls.enter(stream) => entered,
     };
     match entered {
         Ok(stream) => speak(stream, peer, slot, service, stop).await,

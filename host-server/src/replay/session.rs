@@ -45,7 +45,9 @@ impl Session {
     ) -> Result<Self, String> {
         let recorder = record.map(Recorder::create).transpose().map_err(text)?;
         let simulation = match &recorder {
-            Some(recorder) => Simulation::recorded(Link::Lockstep, scenario, seed, recorder.deck()),
+            Some(recorder) => {
+                Simulation::recorded(Link::Lockstep, scenario, seed, recorder.event_logs())
+            }
             None => Simulation::lockstep(scenario, seed),
         };
         Ok(Self::of(simulation.map_err(text)?, recorder))

@@ -10,7 +10,7 @@ use crate::bus::Target;
 use crate::config::{Broker, BrokerUrl, Settings};
 use crawler_accounts::{Accounts as People, Notes};
 use crawler_broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
-use crawler_server_tls::{Certificates, Door, Tunnel, reachable};
+use crawler_server_tls::{Certificates, TlsHandshake, Tunnel, reachable};
 use crawler_system::descriptors::Descriptors;
 
 /// The fleet's broker, and where each finds it.
@@ -113,8 +113,8 @@ async fn listen_at(
     settings: &Settings,
     certificates: Option<&Arc<Certificates>>,
 ) -> Result<(BrokerUrl, Option<u16>), StartError> {
-    let bind = async |address, door| {
-        let bound = broker.listen(address, door).await;
+    let bind = async |address, tls| {
+        let bound = broker.listen(address, tls).await;
         bound.map_err(|cause| StartError::mqtt(address, cause))
     };
     let Some(certificates) = certificates else {
@@ -122,8 +122,8 @@ async fn listen_at(
     };
     let tls = &settings.tls;
     let client_ca = tls.client_ca.as_deref();
-    let door = Door::new(certificates.acceptor(crawler_server_tls::MQTT, client_ca)?);
-    let mqtt = url(bind(listen, Some(door)).await?, true);
+    let handshake = TlsHandshake::new(certificates.acceptor(crawler_server_tls::MQTT, client_ca)?);
+    let mqtt = url(bind(listen, Some(handshake)).await?, true);
     let plain = match tls.mqtt_plain {
         None => None,
         Some(plain) => Some(bind(plain, None).await?.port()),

@@ -8,7 +8,7 @@ use tokio::net::TcpListener;
 
 use super::StartError;
 use crate::config::{DEFAULT_ROBOTS, Role, Settings};
-use crawler_server_tls::{Certificates, Door};
+use crawler_server_tls::{Certificates, TlsHandshake};
 use crawler_system::descriptors::Descriptors;
 
 /// Where clients of the API come in, and how many.
@@ -17,7 +17,7 @@ pub(super) struct Entrance {
     pub(super) descriptors: Descriptors,
     pub(super) listener: TcpListener,
     pub(super) http: SocketAddr,
-    pub(super) door: Option<Door>,
+    pub(super) tls: Option<TlsHandshake>,
 }
 
 impl Entrance {
@@ -33,9 +33,9 @@ impl Entrance {
         let http = listener
             .local_addr()
             .map_err(|cause| StartError::http(settings.http, cause))?;
-        let door = match &certificates {
+        let tls = match &certificates {
             Some(certificates) if settings.tls.covers(settings.http) => {
-                Some(Door::new(certificates.acceptor(b"http/1.1", None)?))
+                Some(TlsHandshake::new(certificates.acceptor(b"http/1.1", None)?))
             }
             _ => None,
         };
@@ -44,7 +44,7 @@ impl Entrance {
             descriptors,
             listener,
             http,
-            door,
+            tls,
         })
     }
 

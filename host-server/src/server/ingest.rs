@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use crawler_cluster::ClusterMembership;
-use crawler_cluster::frame::{Message, Told};
+use crawler_cluster::frame::{Message, OutgoingMessage};
 use crawler_protocol::{Fleet, Telemetry, Topic};
 
 use super::outcome_log::OutcomeLog;
@@ -119,7 +119,7 @@ impl Receiver for Ingest {
                 if let Some(membership) = &self.membership
                     && is_shared(&topic)
                 {
-                    membership.queue.push(Told {
+                    membership.queue.push(OutgoingMessage {
                         topic: message.topic,
                         payload: message.payload,
                         retained: message.retained,

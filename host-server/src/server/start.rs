@@ -70,7 +70,7 @@ pub(super) async fn start(
     simulate(settings, &storage, &hub, &link.inside, parts).await?;
     let tasks = TaskTracker::new();
     let experiments = experiment(settings, &storage, &hub, owner, &tasks, parts)?;
-    let (https, authority) = (entrance.door.is_some(), entrance.authority());
+    let (https, authority) = (entrance.tls.is_some(), entrance.authority());
     let http = entrance.http;
     keep_certificate(entrance.certificates.as_ref(), parts)?;
     let stop = CancellationToken::new();
@@ -95,7 +95,7 @@ pub(super) async fn start(
     };
     let router = http::router(api, http, settings.trusted_proxies.clone());
     let most = entrance.descriptors.http;
-    let serving = http::serve(entrance.listener, router, entrance.door, most, stop.clone());
+    let serving = http::serve(entrance.listener, router, entrance.tls, most, stop.clone());
     let serving = tokio::spawn(serving);
     parts.add(stop, end_requests(tasks, serving))?;
     leave_addresses(settings, http, &link.mqtt, link.plain, parts)?;

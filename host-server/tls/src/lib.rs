@@ -1,21 +1,21 @@
 //! TLS: the certificates of this server, and connections that are encrypted with them.
 //!
 //! - [`Certificates`]: what the listeners show, always current; [`CertificateOptions`] say what it is to be.
-//! - [`Door`]: the way in, a handshake that takes a bounded time.
+//! - [`TlsHandshake`]: the way in, a handshake that takes a bounded time.
 //! - [`Tunnel`]: the way to an outside broker, for clients of this process that encrypt nothing.
 //!
 //! The server either has a private authority of its own or uses files that the user
 //! keeps current. Both are looked after while the server runs: a certificate that is due is made
 //! anew, and files that change are read again. Every connection from then on gets the new one.
 //!
-//! Reading order: certificates in `files`, `names`, `authority`, `validity` and `shown`; connections in `door`,
+//! Reading order: certificates in `files`, `names`, `authority`, `validity` and `shown`; connections in `handshake`,
 //! `carry` and `tunnel`; `error`.
 
 mod authority;
 mod carry;
-mod door;
 mod error;
 mod files;
+mod handshake;
 mod names;
 mod shown;
 #[cfg(test)]
@@ -39,8 +39,8 @@ use tokio_util::sync::CancellationToken;
 use authority::Authority;
 use validity::{Validity, day_of};
 
-pub use door::{Door, Refusal};
 pub use error::TlsError;
+pub use handshake::{Refusal, TlsHandshake};
 pub use shown::Shown;
 pub use tunnel::{Tunnel, reachable};
 

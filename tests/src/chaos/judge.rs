@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::{Value, json};
 
+use super::observed::{Answer, Duty, Observations, Observed};
 use super::report::{Counts, Report};
-use super::tape::{Answer, Duty, Tape, Tapes};
 
 /// So long after the last word of `drive` the wheels stand, microseconds.
 const LEASE_US: u64 = 500_000;
@@ -122,21 +122,21 @@ struct Done {
 }
 
 /// Fills in what the recording tells of commands and wheels.
-pub fn judge(given: &[Given], tapes: &Tapes, report: &mut Report) {
-    report.unrecorded = tapes.lost;
+pub fn judge(given: &[Given], observations: &Observations, report: &mut Report) {
+    report.unrecorded = observations.lost;
     let mut by_robot: BTreeMap<&str, Vec<&Given>> = BTreeMap::new();
     for one in given {
         by_robot.entry(&one.robot).or_default().push(one);
     }
-    for (id, tape) in &tapes.robots {
+    for (id, observed) in &observations.robots {
         let theirs = by_robot.remove(id.as_str()).unwrap_or_default();
-        commands(id, &theirs, tape, report);
-        wheels(tape, tapes.end_us, report);
-        report.reboots += tape.boots.saturating_sub(1);
+        commands(id, &theirs, observed, report);
+        wheels(observed, observations.end_us, report);
+        report.reboots += observed.boots.saturating_sub(1);
     }
     // A robot that is not in the recording did nothing.
     for (id, theirs) in by_robot {
-        commands(id, &theirs, &Tape::default(), report);
+        commands(id, &theirs, &Observed::default(), report);
     }
 }
 
@@ -152,13 +152,13 @@ fn did(answers: &[Answer]) -> bool {
     })
 }
 
-fn commands(id: &str, given: &[&Given], tape: &Tape, report: &mut Report) {
+fn commands(id: &str, given: &[&Given], observed: &Observed, report: &mut Report) {
     let (mut done, mut seen) = (
         BTreeMap::<(Kind, Option<u64>), Done>::new(),
         BTreeSet::new(),
     );
     let (mut ran, mut silent) = (BTreeSet::new(), 0_u64);
-    for delivery in &tape.deliveries {
+    for delivery in &observed.deliveries {
         report.deliveries[0] += 1;
         if !seen.insert(delivery.seq) {
             report.deliveries[1] += 1;
@@ -170,7 +170,7 @@ fn commands(id: &str, given: &[&Given], tape: &Tape, report: &mut Report) {
         let done = done
             .entry((kind, kind.read(&delivery.parameters)))
             .or_default();
-        match tape.answers.get(&delivery.seq) {
+        match observed.answers.get(&delivery.seq) {
             None => silent += 1,
             Some(answers) if did(answers) => {
                 ran.insert(delivery.seq);
@@ -218,7 +218,7 @@ fn commands(id: &str, given: &[&Given], tape: &Tape, report: &mut Report) {
         }
     }
 
-    let (commands, numbers) = tape.carried_out;
+    let (commands, numbers) = observed.carried_out;
     let known = ran.len() as u64;
     let unsaid = commands.saturating_sub(known + silent);
     report.twice += unsaid;
@@ -231,7 +231,7 @@ fn commands(id: &str, given: &[&Given], tape: &Tape, report: &mut Report) {
     if silent == 0 && commands == known && numbers != sum {
         report.invented += 1;
     }
-    report.wrong_settings += u64::from(!last_is_held(tape));
+    report.wrong_settings += u64::from(!last_is_held(observed));
 }
 
 fn missing(counts: &mut Counts, kind: Kind, acknowledged: u64, done: &Done, lost: &mut u64) {
@@ -248,10 +248,10 @@ fn missing(counts: &mut Counts, kind: Kind, acknowledged: u64, done: &Done, lost
 }
 
 /// Whether the robot says to have the value of the last `set` that ran.
-fn last_is_held(tape: &Tape) -> bool {
-    let sets = tape.deliveries.iter().rev();
+fn last_is_held(observed: &Observed) -> bool {
+    let sets = observed.deliveries.iter().rev();
     let mut ran = sets.filter(|delivery| {
-        let answers = tape.answers.get(&delivery.seq);
+        let answers = observed.answers.get(&delivery.seq);
         delivery.command == "set" && answers.is_some_and(|answers| did(answers))
     });
     // The highest number, since what comes again comes out of order.
@@ -263,15 +263,15 @@ fn last_is_held(tape: &Tape) -> bool {
     let Some(last) = last else {
         return true;
     };
-    let held = tape.parameters["safe_distance_mm"]["value"].as_f64();
+    let held = observed.parameters["safe_distance_mm"]["value"].as_f64();
     held == last.parameters["safe_distance_mm"].as_f64()
 }
 
 /// Holds every moment in which a wheel is driven against the word that allows it.
-fn wheels(tape: &Tape, end_us: u64, report: &mut Report) {
+fn wheels(observed: &Observed, end_us: u64, report: &mut Report) {
     let mut seen = BTreeSet::new();
-    let words = tape.deliveries.iter().filter_map(|delivery| {
-        let answers = tape.answers.get(&delivery.seq);
+    let words = observed.deliveries.iter().filter_map(|delivery| {
+        let answers = observed.answers.get(&delivery.seq);
         // What is there again moves nobody.
         if !seen.insert(delivery.seq) || !answers.is_some_and(|answers| did(answers)) {
             return None;
@@ -287,8 +287,8 @@ fn wheels(tape: &Tape, end_us: u64, report: &mut Report) {
     });
     let mut words: Vec<(u64, u64, u64)> = words.collect();
     words.sort_unstable();
-    let ends = tape.duties.iter().skip(1).map(|duty| duty.0);
-    for (duty, end) in tape.duties.iter().zip(ends.chain([end_us])) {
+    let ends = observed.duties.iter().skip(1).map(|duty| duty.0);
+    for (duty, end) in observed.duties.iter().zip(ends.chain([end_us])) {
         let Duty(begin, true) = *duty else { continue };
         // Where the words of this span leave gaps.
         // The newer word replaces the older.

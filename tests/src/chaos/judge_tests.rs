@@ -30,33 +30,35 @@ fn answer(status: &str, reason: Option<&str>) -> Answer {
 }
 
 /// A robot that got a set, an identify and a move, and did all of them.
-fn good() -> (Vec<Given>, Tape) {
+fn good() -> (Vec<Given>, Observed) {
     let kinds = [(Kind::Set, 7), (Kind::Identify, 0), (Kind::Move, 100)];
     let given = kinds.map(|(kind, mark)| given(kind, mark, "an id"));
-    let mut tape = Tape {
+    let mut observed = Observed {
         carried_out: (3, 1 + 2 + 3),
         boots: 1,
         parameters: json!({ "safe_distance_mm": { "value": 307.0 } }),
         // A move of 300 ms, and its ramp.
         duties: vec![Duty(3_000_000, true), Duty(3_360_000, false)],
-        ..Tape::default()
+        ..Observed::default()
     };
     for (seq, (kind, mark)) in (1..).zip(kinds) {
-        tape.deliveries.push(delivery(seq * 1_000, seq, kind, mark));
+        observed
+            .deliveries
+            .push(delivery(seq * 1_000, seq, kind, mark));
         let answers = ["accepted", "completed"].map(|status| answer(status, None));
-        tape.answers.insert(seq, answers.into());
+        observed.answers.insert(seq, answers.into());
     }
-    (given.into(), tape)
+    (given.into(), observed)
 }
 
-fn judged(given: &[Given], tape: Tape) -> Report {
-    let tapes = Tapes {
-        robots: [("r".to_owned(), tape)].into(),
+fn judged(given: &[Given], observed: Observed) -> Report {
+    let observed = Observations {
+        robots: [("r".to_owned(), observed)].into(),
         lost: 0,
         end_us: 60_000_000,
     };
     let mut report = Report::default();
-    judge(given, &tapes, &mut report);
+    judge(given, &observed, &mut report);
     report
 }
 
@@ -70,31 +72,31 @@ fn red(report: &Report) -> Vec<&'static str> {
 
 #[test]
 fn what_went_well_is_not_held_against_anybody() {
-    let (given, mut tape) = good();
-    let report = judged(&given, tape.clone());
+    let (given, mut observed) = good();
+    let report = judged(&given, observed.clone());
     assert_eq!(red(&report), [""; 0], "{report}");
     assert_eq!(report.longest_beyond_ms, 60);
     assert_eq!(report.commands[&Kind::Set].ran, 1);
     // The same number again is what QoS 1 may do.
-    tape.deliveries.push(tape.deliveries[0].clone());
-    let report = judged(&given, tape);
+    observed.deliveries.push(observed.deliveries[0].clone());
+    let report = judged(&given, observed);
     assert_eq!(red(&report), [""; 0]);
     assert_eq!(report.deliveries, [4, 1]);
 }
 
 #[test]
 fn a_setting_that_never_came_is_lost_and_motion_expires() {
-    let (mut all, tape) = good();
+    let (mut all, observed) = good();
     all.push(given(Kind::Move, 200, "an id"));
     all.push(given(Kind::Drive, 3, "an id"));
-    let report = judged(&all, tape.clone());
+    let report = judged(&all, observed.clone());
     assert_eq!(red(&report), [""; 0]);
     assert_eq!(report.commands[&Kind::Move].expired, 1);
     all.push(given(Kind::Set, 8, "an id"));
     all.push(given(Kind::Identify, 0, "an id"));
     // Nobody said that this one was taken.
     all.push(given(Kind::Set, 9, ""));
-    let report = judged(&all, tape);
+    let report = judged(&all, observed);
     assert_eq!(red(&report), ["acknowledged commands lost"]);
     assert_eq!(report.lost, 2);
     assert_eq!(report.commands[&Kind::Set].unknown, 1);
@@ -103,30 +105,33 @@ fn a_setting_that_never_came_is_lost_and_motion_expires() {
 #[test]
 fn a_command_under_two_numbers_ran_twice() {
     for (kind, mark) in [(Kind::Set, 7), (Kind::Identify, 0), (Kind::Move, 100)] {
-        let (given, mut tape) = good();
-        tape.deliveries.push(delivery(2_900, 4, kind, mark));
-        tape.answers.insert(4, vec![answer("completed", None)]);
-        tape.carried_out = (4, 10);
-        let report = judged(&given, tape);
+        let (given, mut observed) = good();
+        observed.deliveries.push(delivery(2_900, 4, kind, mark));
+        observed.answers.insert(4, vec![answer("completed", None)]);
+        observed.carried_out = (4, 10);
+        let report = judged(&given, observed);
         assert_eq!(report.twice, 1, "{kind:?}: {report}");
     }
     // Under one number, as only the robot's own count tells.
-    let (given, mut tape) = good();
-    tape.carried_out = (4, 7);
-    assert_eq!(red(&judged(&given, tape)), ["commands run twice"]);
+    let (given, mut observed) = good();
+    observed.carried_out = (4, 7);
+    assert_eq!(red(&judged(&given, observed)), ["commands run twice"]);
 }
 
 #[test]
 fn what_is_rejected_at_the_door_was_not_taken_up() {
-    let (mut all, mut tape) = good();
+    let (mut all, mut observed) = good();
     for (seq, reason) in [(4, "blocked"), (5, "busy")] {
-        tape.deliveries.push(delivery(9_000, seq, Kind::Drive, seq));
-        tape.answers
+        observed
+            .deliveries
+            .push(delivery(9_000, seq, Kind::Drive, seq));
+        observed
+            .answers
             .insert(seq, vec![answer("rejected", Some(reason))]);
         all.push(given(Kind::Drive, seq, "an id"));
     }
-    tape.carried_out = (4, 10);
-    let report = judged(&all, tape);
+    observed.carried_out = (4, 10);
+    let report = judged(&all, observed);
     assert_eq!(red(&report), [""; 0], "{report}");
     let drives = report.commands[&Kind::Drive];
     assert_eq!((drives.ran, drives.refused), (1, 1));
@@ -135,15 +140,15 @@ fn what_is_rejected_at_the_door_was_not_taken_up() {
 #[test]
 fn a_robot_that_says_what_it_did_not_do_is_found_out() {
     let what = "commands said to have run that did not";
-    let (given, mut tape) = good();
-    tape.carried_out = (2, 3);
-    assert_eq!(red(&judged(&given, tape.clone())), [what]);
-    tape.carried_out = (3, 7);
-    assert_eq!(red(&judged(&given, tape.clone())), [what]);
-    tape.carried_out = (3, 6);
-    tape.parameters = json!({ "safe_distance_mm": { "value": 600.0 } });
+    let (given, mut observed) = good();
+    observed.carried_out = (2, 3);
+    assert_eq!(red(&judged(&given, observed.clone())), [what]);
+    observed.carried_out = (3, 7);
+    assert_eq!(red(&judged(&given, observed.clone())), [what]);
+    observed.carried_out = (3, 6);
+    observed.parameters = json!({ "safe_distance_mm": { "value": 600.0 } });
     let what = "robots with another setting than the last";
-    assert_eq!(red(&judged(&given, tape)), [what]);
+    assert_eq!(red(&judged(&given, observed)), [what]);
 }
 
 #[test]
@@ -158,48 +163,51 @@ fn wheels_need_a_word() {
         // To the end.
         (vec![Duty(3_000_000, true)], 56_700),
     ] {
-        let tape = Tape {
+        let observed = Observed {
             duties,
             ..good.clone()
         };
-        let report = judged(&given, tape);
+        let report = judged(&given, observed);
         assert_eq!(red(&report), [what]);
         assert_eq!(report.longest_beyond_ms, beyond);
     }
     // What comes again is no word.
-    let mut tape = good.clone();
-    tape.deliveries.push(delivery(3_200, 3, Kind::Move, 100));
-    tape.duties[1] = Duty(3_500_000, false);
-    assert_eq!(red(&judged(&given, tape)), [what]);
+    let mut observed = good.clone();
+    observed
+        .deliveries
+        .push(delivery(3_200, 3, Kind::Move, 100));
+    observed.duties[1] = Duty(3_500_000, false);
+    assert_eq!(red(&judged(&given, observed)), [what]);
     // A word that was refused is none.
-    let mut tape = good.clone();
-    tape.answers.insert(3, vec![answer("expired", None)]);
-    tape.carried_out = (2, 3);
-    assert_eq!(red(&judged(&given, tape)), [what]);
+    let mut observed = good.clone();
+    observed.answers.insert(3, vec![answer("expired", None)]);
+    observed.carried_out = (2, 3);
+    assert_eq!(red(&judged(&given, observed)), [what]);
     // A robot that is steered drives on from word to word.
-    let mut tape = good;
+    let mut observed = good;
     for seq in 4..9 {
         let mark = seq;
-        tape.deliveries
+        observed
+            .deliveries
             .push(delivery(3_200 + (seq - 4) * 400, seq, Kind::Drive, mark));
-        tape.answers.insert(seq, vec![answer("accepted", None)]);
+        observed.answers.insert(seq, vec![answer("accepted", None)]);
     }
-    tape.carried_out = (8, 36);
-    tape.duties[1] = Duty(4_800_000 + 500_000, false);
+    observed.carried_out = (8, 36);
+    observed.duties[1] = Duty(4_800_000 + 500_000, false);
     let mut given = given;
     given.extend((4..9).map(|mark| super::tests::given(Kind::Drive, mark, "an id")));
-    let report = judged(&given, tape.clone());
+    let report = judged(&given, observed.clone());
     assert_eq!(red(&report), [""; 0], "{report}");
     assert_eq!(report.longest_beyond_ms, 0);
     // And stands half a second after the last one, ramp and all.
-    tape.duties[1] = Duty(4_800_000 + 501_000, false);
-    assert_eq!(red(&judged(&given, tape)), [what]);
+    observed.duties[1] = Duty(4_800_000 + 501_000, false);
+    assert_eq!(red(&judged(&given, observed)), [what]);
 }
 
 #[test]
 fn a_robot_that_is_not_there_has_lost_everything() {
     let mut report = Report::default();
-    judge(&good().0, &Tapes::default(), &mut report);
+    judge(&good().0, &Observations::default(), &mut report);
     assert_eq!(report.lost, 2);
     assert_eq!(red(&report), ["acknowledged commands lost"]);
 }

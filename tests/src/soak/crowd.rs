@@ -27,7 +27,7 @@ const BACK_OFF: Duration = Duration::from_millis(200);
 
 /// What the crowd has done in a cycle.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) struct Told {
+pub(super) struct CrowdCounts {
     /// Commands acknowledged with 202.
     pub(super) acknowledged: u64,
     /// Commands refused, or not answered while the server was down.
@@ -115,13 +115,13 @@ impl Crowd {
     }
 
     /// Sends everybody home.
-    pub(super) fn stop(self) -> Told {
+    pub(super) fn stop(self) -> CrowdCounts {
         self.work.stop.store(true, Ordering::Relaxed);
         for thread in self.threads {
             thread.join().expect("somebody at work");
         }
         let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-        Told {
+        CrowdCounts {
             acknowledged: count(&self.work.acknowledged),
             refused: count(&self.work.refused),
             looks: count(&self.work.looks),

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use super::crowd::Told;
+use super::crowd::CrowdCounts;
 use super::follow::Fates;
 use crate::Terracrawler;
 use crate::measure::{self, sum};
@@ -48,7 +48,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    pub(super) fn take(server: &Terracrawler, told: Told, fates: Fates) -> Self {
+    pub(super) fn take(server: &Terracrawler, told: CrowdCounts, fates: Fates) -> Self {
         let text = measure::metrics(server);
         let count = |name: &str| sum(&text, name) as u64;
         let [history_bytes, records_bytes] = sizes(&server.data()).expect("a data directory");

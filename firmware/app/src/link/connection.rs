@@ -24,9 +24,9 @@ use super::buffered::Buffered;
 use super::cells::Asked;
 use super::flow::{Flow, RECEIVE_WINDOW, SEND_WINDOW, SUBSCRIPTIONS};
 use super::images::Images;
-use super::letter::{Letter, Mailbox};
 use super::limits::{ACKNOWLEDGED_WITHIN, LOST_AFTER, SUBSCRIBED_WITHIN, WRITTEN_WITHIN};
 use super::loss::Loss;
+use super::packet::{BufferLender, PacketBuffer};
 use crate::context::{BootRecord, Robot};
 use crate::hold::Hold;
 
@@ -38,7 +38,7 @@ pub(super) type Mqtt<'c, S, H> = Client<
     'c,
     'c,
     &'c mut Buffered<S, H>,
-    Mailbox<'c, H>,
+    BufferLender<'c, H>,
     SUBSCRIPTIONS,
     RECEIVE_WINDOW,
     SEND_WINDOW,
@@ -62,7 +62,7 @@ pub(super) struct Connection<'a, 'c, H: Hold, M: RawMutex, C, L, S: Read + Write
     pub(super) clock: &'a C,
     pub(super) monitor: &'a L,
     pub(super) client: &'a mut Mqtt<'c, S, H>,
-    pub(super) letter: &'c RefCell<Letter<H>>,
+    pub(super) packet: &'c RefCell<PacketBuffer<H>>,
     pub(super) flow: &'a mut Flow,
     pub(super) counters: &'a mut Counters,
     pub(super) images: &'a mut dyn Images,

@@ -41,10 +41,10 @@ mod cells;
 mod connection;
 mod flow;
 mod images;
-mod letter;
 mod limits;
 mod loss;
 mod messages;
+mod packet;
 mod session;
 
 #[cfg(test)]
@@ -80,17 +80,17 @@ use buffered::Buffered;
 use connection::{Connection, Counters, Mqtt, State};
 use flow::Flow;
 use images::{FromSlot, Images, NoImages};
-use letter::{Letter, MAX_PACKET, Mailbox};
 pub use limits::{
     ACKNOWLEDGED_WITHIN, HEARTBEAT_PERIOD, JOINED_WITHIN, KEEP_ALIVE, LOST_AFTER, OPENED_WITHIN,
     PING_AFTER, SESSION_EXPIRY, SUBSCRIBED_WITHIN, WRITTEN_WITHIN,
 };
 use loss::Loss;
+use packet::{BufferLender, MAX_PACKET, PacketBuffer};
 
 /// Everything that outlives a connection, lent to it. Held together by value it would be built on
 /// the stack before it is moved to where it lives.
 struct Kept<'k, H: Hold> {
-    letter: &'k RefCell<Letter<H>>,
+    packet: &'k RefCell<PacketBuffer<H>>,
     flow: &'k mut Flow,
     counters: &'k mut Counters,
     batch: &'k mut Batch<H>,
@@ -162,7 +162,7 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
 ) -> impl Future<Output = Infallible> {
     async move {
         let robot = &*robot;
-        let letter = RefCell::new(Letter::<H>::new());
+        let packet = RefCell::new(PacketBuffer::<H>::new());
         let mut flow = Flow::new();
         let mut counters = Counters::default();
         let mut batch = Batch::<H>::new();
@@ -170,7 +170,7 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
         let mut told = None;
         loop {
             let kept = Kept {
-                letter: &letter,
+                packet: &packet,
                 flow: &mut flow,
                 counters: &mut counters,
                 batch: &mut batch,
@@ -207,7 +207,7 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
             }
             robot.link_handle().set_trouble(Some(trouble));
             robot.outbox.rewind_logs();
-            letter.borrow_mut().discard();
+            packet.borrow_mut().discard();
             batch.discard();
             clock.sleep(wait).await;
         }
@@ -230,16 +230,16 @@ async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
     // In one place for the life of the connection: it is lent, not moved.
     let mut stream = Buffered::new(stream);
     let Kept {
-        letter,
+        packet,
         flow,
         counters,
         batch,
     } = kept;
-    let mut mailbox = Mailbox(letter);
+    let mut lender = BufferLender(packet);
     let clean = flow.session.is_none();
     let mut client: Mqtt<'_, _, H> = match flow.session.take() {
-        Some(session) => Mqtt::with_session(session, &mut mailbox),
-        None => Mqtt::new(&mut mailbox),
+        Some(session) => Mqtt::with_session(session, &mut lender),
+        None => Mqtt::new(&mut lender),
     };
     let connected = H::hold(connect(robot, clock, &mut client, &mut stream, clean)).await;
     let mut connection = Connection {
@@ -247,7 +247,7 @@ async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
         clock,
         monitor: &monitor,
         client: &mut client,
-        letter,
+        packet,
         flow,
         counters,
         images,
@@ -297,7 +297,7 @@ where
     S: embedded_io_async::Read + embedded_io_async::Write,
 {
     let config = robot.config();
-    // Not in the letter: what the broker answers arrives there.
+    // Not in the packet: what the broker answers arrives there.
     let mut will = [0; MAX_MESSAGE];
     let len = messages::status(robot, false, robot.boot(), &mut will).ok_or(Loss::Unsupported)?;
     let topic = Topic::Status(config.id.clone());

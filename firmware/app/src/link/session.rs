@@ -46,7 +46,7 @@ where
             } else {
                 self.next_deadline()
             };
-            self.letter.borrow_mut().discard();
+            self.packet.borrow_mut().discard();
             // Only `poll_header` may be dropped half-way; what follows it runs to its end.
             let event = select4(
                 self.client.poll_header(),
@@ -67,7 +67,7 @@ where
     }
 
     async fn receive(&mut self, header: FixedHeader) -> Result<(), Loss> {
-        self.letter.borrow_mut().clear();
+        self.packet.borrow_mut().clear();
         let deadline = self.write_deadline();
         let event = {
             let work = pin!(self.client.poll_body(header));
@@ -126,29 +126,29 @@ where
     fn open_letter(&mut self, now: Instant) {
         let robot = self.robot;
         let config = robot.config();
-        let letter = self.letter.borrow();
-        let topic = core::str::from_utf8(letter.topic())
+        let packet = self.packet.borrow();
+        let topic = core::str::from_utf8(packet.topic())
             .ok()
             .and_then(|topic| Topic::parse(&config.fleet, topic).ok());
         match topic {
-            Some(Topic::CommandRobot(id)) if id == config.id => robot.submit(letter.payload(), now),
+            Some(Topic::CommandRobot(id)) if id == config.id => robot.submit(packet.payload(), now),
             Some(Topic::CommandSwarm | Topic::CommandExperiment) => {
-                robot.submit(letter.payload(), now);
+                robot.submit(packet.payload(), now);
             }
             Some(Topic::Time) => {
-                if let Ok(message) = TimeMessage::from_json(letter.payload()) {
+                if let Ok(message) = TimeMessage::from_json(packet.payload()) {
                     robot.observe_time(message.timestamp, now);
                 }
             }
             Some(Topic::Pose(id)) if id == config.id => {
                 // Refusals are counted and logged there.
-                let _ = robot.observe_fix(letter.payload(), now);
+                let _ = robot.observe_fix(packet.payload(), now);
             }
             Some(Topic::Cell { x, y }) => {
-                robot.observe_cell((x, y), letter.payload(), now);
+                robot.observe_cell((x, y), packet.payload(), now);
             }
             #[cfg(feature = "faults")]
-            Some(Topic::SimulatorCommand) => robot.obey_simulator(letter.payload(), now),
+            Some(Topic::SimulatorCommand) => robot.obey_simulator(packet.payload(), now),
             // Not what we subscribed to.
             Some(_) | None => {}
         }

@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 use super::happening::{Happening, Number, Sensor};
 use super::meaning::{Meaning, Sent};
-use crate::control::Pilot;
+use crate::control::ControlLoop;
 use crate::controller::{CALM, Note, Outputs};
 use crate::motion::DEAD_TIME;
 use crate::neighbours::cell_at;
@@ -31,7 +31,7 @@ const EPSILON: f32 = 1e-5;
 #[allow(clippy::struct_excessive_bools)]
 pub(super) struct Bench {
     pub(super) robot: TestRobot,
-    pilot: Pilot,
+    control_loop: ControlLoop,
     rng: TestRng,
     now: Instant,
     sensor: Sensor,
@@ -63,10 +63,10 @@ impl Bench {
         let robot = robot("rules");
         robot.time.observe(BOOTED_MS, Instant::BOOT);
         robot.store_handle().set_loaded();
-        let pilot = Pilot::new(&robot);
+        let control_loop = ControlLoop::new(&robot);
         let mut bench = Self {
             robot,
-            pilot,
+            control_loop,
             rng: TestRng(seed | 1),
             now: Instant::BOOT,
             sensor: Sensor::Sees(Sight::Clear),
@@ -276,7 +276,7 @@ impl Bench {
         self.robot.sense_handle().publish(&self.reading);
         let fault = self.motor_fault;
         let out = self
-            .pilot
+            .control_loop
             .turn(&self.robot, woken_by, fault, &mut self.rng, self.now);
         self.judge(&out)?;
         Ok(out)

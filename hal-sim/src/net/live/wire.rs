@@ -47,12 +47,12 @@ impl Wire {
 
 /// What stands between a connection and its robot while the link is cut.
 #[derive(Debug, Clone)]
-pub(super) struct Gate {
+pub(super) struct LinkSwitch {
     wire: Rc<Wire>,
     news: watch::Receiver<Signal>,
 }
 
-impl Gate {
+impl LinkSwitch {
     pub(super) fn new(wire: &Rc<Wire>) -> Self {
         Self {
             wire: Rc::clone(wire),

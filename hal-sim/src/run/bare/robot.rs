@@ -5,7 +5,7 @@ use crawler_app::controller::Tuning;
 use crawler_app::order::{Halt, Order, Sender, Task};
 use crawler_app::perception::{Battery, Reading};
 use crawler_app::power::{self, Monitor};
-use crawler_app::sense::{self, Lookout};
+use crawler_app::sense::{self, RangeMonitor};
 use crawler_drivers::us100::{
     RangeError, SILENCE, TRIGGER, TemperatureError, echo_range, parse_range, parse_temperature,
 };
@@ -15,10 +15,10 @@ use rand_core::Rng;
 use rand_pcg::Pcg32;
 use serde::{Deserialize, Serialize};
 
-use super::brain::{Brain, Drive, Known, Senses, Steering};
 use super::pins::{Level, Pin};
+use super::steering::{Drive, Known, Senses, Steering, SteeringState};
 use super::{BareWorld, Settings};
-use crate::devices::{BURST, BYTE_TIME, Ear, Meter, ranger_after, senses};
+use crate::devices::{BURST, BYTE_TIME, Meter, RangeSensor, ranger_after, senses};
 use crate::world::{Bridge, Power, Presence, Purpose, RobotIndex, Space, Wiring, stream};
 
 /// Name under which orders are given.
@@ -41,10 +41,10 @@ pub(super) struct BareRobot {
     boot: Instant,
     life: u32,
     wiring: WiringState,
-    ear: Ear,
+    sensor: RangeSensor,
     meter: Meter,
     rng: Pcg32,
-    lookout: Lookout,
+    range_monitor: RangeMonitor,
     reading: Reading,
     /// When the next measurement begins.
     measure_at: Instant,
@@ -54,7 +54,7 @@ pub(super) struct BareRobot {
     power_at: Instant,
     wheels: Wheels<Level, Pin>,
     last_step: Instant,
-    brain: Brain,
+    steering_state: SteeringState,
     /// Without power, or just back.
     down: bool,
 }
@@ -74,12 +74,12 @@ impl BareRobot {
         steering: Steering,
     ) -> Self {
         let spread = world.space.parameters.spread;
-        let (ear, meter) = senses(world.seed, robot, &spread);
+        let (sensor, meter) = senses(world.seed, robot, &spread);
         let wiring = match wiring {
             Wiring::Uart => WiringState::Uart,
             Wiring::Pulse => WiringState::Pulse,
         };
-        Self::start(world, robot, 0, wiring, ear, meter, steering)
+        Self::start(world, robot, 0, wiring, sensor, meter, steering)
     }
 
     /// A robot that is switched on now.
@@ -88,7 +88,7 @@ impl BareRobot {
         robot: RobotIndex,
         life: u32,
         wiring: WiringState,
-        ear: Ear,
+        sensor: RangeSensor,
         meter: Meter,
         steering: Steering,
     ) -> Self {
@@ -107,10 +107,10 @@ impl BareRobot {
             boot: world.now,
             life,
             wiring,
-            ear,
+            sensor,
             meter,
             rng,
-            lookout: Lookout::new(Instant::BOOT + first),
+            range_monitor: RangeMonitor::new(Instant::BOOT + first),
             reading: Reading::default(),
             measure_at: world.now + first,
             pending: None,
@@ -119,7 +119,7 @@ impl BareRobot {
             power_at: world.now,
             wheels: Wheels::new(port(), port()),
             last_step: world.now,
-            brain: Brain::new(steering, world.tuning),
+            steering_state: SteeringState::new(steering, world.tuning),
             down: false,
         };
         body.weigh(&world.space, robot.get() as usize, world.now);
@@ -128,10 +128,10 @@ impl BareRobot {
 
     /// The same robot after its supply has come back.
     pub(super) fn booted_again(&self, world: &BareWorld, robot: RobotIndex) -> Self {
-        let (ear, meter) = (self.ear.clone(), self.meter.clone());
-        let steering = self.brain.steering();
+        let (sensor, meter) = (self.sensor.clone(), self.meter.clone());
+        let steering = self.steering_state.steering();
         let life = self.life.wrapping_add(1);
-        Self::start(world, robot, life, self.wiring, ear, meter, steering)
+        Self::start(world, robot, life, self.wiring, sensor, meter, steering)
     }
 
     pub(super) fn power_changed(&mut self, power: Power) {
@@ -188,7 +188,7 @@ impl BareRobot {
         match self.wiring {
             WiringState::Uart => {
                 let asked = begun + BYTE_TIME;
-                let echo = self.ear.listen(space, i, None, asked);
+                let echo = self.sensor.listen(space, i, None, asked);
                 Pending {
                     at: asked + echo.after + BYTE_TIME * 2 + SILENCE,
                     says_mm: echo.says_mm,
@@ -197,7 +197,7 @@ impl BareRobot {
             }
             WiringState::Pulse => {
                 let asked = begun + TRIGGER;
-                let echo = self.ear.listen(space, i, None, asked);
+                let echo = self.sensor.listen(space, i, None, asked);
                 Pending {
                     at: asked + BURST + echo.after,
                     says_mm: 0,
@@ -213,16 +213,19 @@ impl BareRobot {
             WiringState::Uart => parse_range(pending.says_mm.to_be_bytes()),
             WiringState::Pulse => {
                 let width = Duration::from_micros(pending.width_us);
-                parse_range(echo_range(width, self.lookout.air()).0.to_be_bytes())
+                parse_range(echo_range(width, self.range_monitor.air()).0.to_be_bytes())
             }
         };
         let now = self.local(pending.at);
-        let (wheels, heading) = (self.brain.duties(), self.brain.pose().theta);
-        self.reading = self.lookout.observe(measured, wheels, heading, now);
-        if self.lookout.wants_temperature(measured, now) {
+        let (wheels, heading) = (
+            self.steering_state.duties(),
+            self.steering_state.pose().theta,
+        );
+        self.reading = self.range_monitor.observe(measured, wheels, heading, now);
+        if self.range_monitor.wants_temperature(measured, now) {
             let air_c = space.parameters.surroundings.air_c;
-            self.lookout.set_air_temperature(match self.wiring {
-                WiringState::Uart => parse_temperature([self.ear.temperature_code(air_c)]),
+            self.range_monitor.set_air_temperature(match self.wiring {
+                WiringState::Uart => parse_temperature([self.sensor.temperature_code(air_c)]),
                 WiringState::Pulse => Err(TemperatureError::NotWired),
             });
         }
@@ -250,19 +253,19 @@ impl BareRobot {
         if !self.lives(space, i) || now == self.boot {
             return;
         }
-        match self.brain.steering() {
+        match self.steering_state.steering() {
             Steering::Shipped => {
                 let (known, local) = (self.known(), self.local(now));
                 let rng = &mut self.rng;
-                let _ = self.brain.steer_itself(&known, None, rng, local);
+                let _ = self.steering_state.steer_itself(&known, None, rng, local);
             }
             Steering::Caller => {
                 let elapsed = now - self.last_step;
                 let tuning = tuning.at(self.battery.voltage);
-                self.brain.reckon(&tuning, elapsed);
+                self.steering_state.reckon(&tuning, elapsed);
                 let told = steer(RobotIndex::new(i as u32), &self.senses(space, i, now));
                 let local = self.local(now);
-                self.brain.steer_by(told, &tuning, elapsed, local);
+                self.steering_state.steer_by(told, &tuning, elapsed, local);
             }
         }
         self.last_step = now;
@@ -276,7 +279,7 @@ impl BareRobot {
         // Outputs of memory refuse nothing.
         let _ = self
             .wheels
-            .apply(self.brain.duties(), tuning.trims(), local);
+            .apply(self.steering_state.duties(), tuning.trims(), local);
         let [left, right] = self.wheels.driver().ports().map(|port| Bridge {
             duty: port.enable.0,
             in1: port.in1.0,
@@ -296,7 +299,7 @@ impl BareRobot {
 
     pub(super) fn order(&mut self, task: Task, now: Instant) -> bool {
         let arrived = self.local(now);
-        let Brain::Shipped { orders, answer, .. } = &mut self.brain else {
+        let SteeringState::Shipped { orders, answer, .. } = &mut self.steering_state else {
             return false;
         };
         *answer = None;
@@ -317,7 +320,7 @@ impl BareRobot {
         now: Instant,
         tuning: &Tuning,
     ) -> bool {
-        let Brain::Shipped { orders, .. } = &mut self.brain else {
+        let SteeringState::Shipped { orders, .. } = &mut self.steering_state else {
             return false;
         };
         // Orders that would undo the halt are taken back.
@@ -336,7 +339,9 @@ impl BareRobot {
         if self.lives(space, i) {
             let (known, local) = (self.known(), self.local(now));
             let rng = &mut self.rng;
-            let _ = self.brain.steer_itself(&known, Some(&halt), rng, local);
+            let _ = self
+                .steering_state
+                .steer_itself(&known, Some(&halt), rng, local);
             self.last_step = now;
             self.drive(space, i, now, tuning);
         }
@@ -344,16 +349,16 @@ impl BareRobot {
     }
 
     pub(super) const fn answer(&self) -> Option<ResponseStatus> {
-        match &self.brain {
-            Brain::Shipped { answer, .. } => *answer,
-            Brain::Caller { .. } => None,
+        match &self.steering_state {
+            SteeringState::Shipped { answer, .. } => *answer,
+            SteeringState::Caller { .. } => None,
         }
     }
 
     pub(super) const fn state(&self) -> Option<RobotState> {
-        match &self.brain {
-            Brain::Shipped { controller, .. } => Some(controller.state().reported()),
-            Brain::Caller { .. } => None,
+        match &self.steering_state {
+            SteeringState::Shipped { controller, .. } => Some(controller.state().reported()),
+            SteeringState::Caller { .. } => None,
         }
     }
 
@@ -361,8 +366,8 @@ impl BareRobot {
         Senses {
             now: self.local(now),
             reading: self.reading,
-            pose: self.brain.pose(),
-            duties: self.brain.duties(),
+            pose: self.steering_state.pose(),
+            duties: self.steering_state.duties(),
             battery: self.battery,
             contacts: space.bodies.contacts[i],
         }
@@ -371,13 +376,13 @@ impl BareRobot {
     /// Puts back what is not part of a stored state.
     pub(super) fn settle(&mut self, settings: &Settings, tuning: Tuning) {
         self.monitor.adjust(settings);
-        self.brain.set_tuning(tuning);
+        self.steering_state.set_tuning(tuning);
     }
 
     /// Whether a stored state can be gone on with at `now`.
     pub(super) fn is_sound(&self, now: Instant) -> bool {
-        let pose = self.brain.pose();
-        let duties = self.brain.duties();
+        let pose = self.steering_state.pose();
+        let duties = self.steering_state.duties();
         self.boot <= now
             && self.last_step <= now
             && self.measure_at <= now + LONGEST_WAIT
@@ -387,21 +392,21 @@ impl BareRobot {
                 .iter()
                 .all(|v| v.is_finite())
             && duties.iter().all(|duty| (-1.0..=1.0).contains(duty))
-            && self.ear.is_sound()
+            && self.sensor.is_sound()
             && self.meter.is_sound()
     }
 
     pub(super) fn fingerprint(&self, mut word: impl FnMut(u64)) {
-        self.ear.fingerprint(&mut word);
+        self.sensor.fingerprint(&mut word);
         self.meter.fingerprint(&mut word);
         word(self.rng.clone().next_u64());
         word(self.boot.as_micros());
         word(self.measure_at.as_micros());
-        let pose = self.brain.pose();
+        let pose = self.steering_state.pose();
         for value in [pose.x, pose.y, pose.theta, pose.sigma] {
             word(u64::from(value.to_bits()));
         }
-        for duty in self.brain.duties() {
+        for duty in self.steering_state.duties() {
             word(u64::from(duty.to_bits()));
         }
         word(

@@ -19,8 +19,8 @@ use crate::devices::{
     SimCamera, SimEcho, SimFlash, SimGauge, SimPin, SimPwm, SimSystem, SimTrigger, SimUart,
 };
 use crate::net::network::SimNetwork;
-use crate::run::tape::played::{Line, Played, PlayedFlash, PlayedSystem};
-use crate::run::tape::tap::{Tap, Wired};
+use crate::run::event_log::played::{Line, Played, PlayedFlash, PlayedSystem};
+use crate::run::event_log::tap::{Tap, Wired};
 use crate::sched::SimClock;
 
 /// See the [module](self).

@@ -5,7 +5,7 @@ use crawler_protocol::{Action, BehaviourName, RobotState};
 
 use super::{Machine, Simulation};
 use crate::faults::Fault;
-use crate::run::director::{Broken, Deed, Issued, Sighting, Target};
+use crate::run::director::{Broken, Issued, ScenarioAction, Sighting, Target};
 
 impl Simulation {
     /// The places that the scenario sends a robot to, in order.
@@ -44,14 +44,14 @@ impl Simulation {
     /// Does what the scenario has for now.
     pub(super) fn direct(&mut self) {
         let now = self.now();
-        for (robot, deed) in self.director.due(self.machines.len(), now) {
-            match deed {
-                Deed::Tell(action) if self.machines[robot].robot.is_some() => {
+        for (robot, action) in self.director.due(self.machines.len(), now) {
+            match action {
+                ScenarioAction::Tell(action) if self.machines[robot].robot.is_some() => {
                     self.tell(robot, *action);
                 }
                 // It is another shard's.
-                Deed::Tell(_) => {}
-                Deed::Break(fault, lasting) => self.break_down(robot, fault, lasting),
+                ScenarioAction::Tell(_) => {}
+                ScenarioAction::Break(fault, lasting) => self.break_down(robot, fault, lasting),
             }
         }
         if !self.director.looks(now) {

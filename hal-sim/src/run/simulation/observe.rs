@@ -10,7 +10,7 @@ use crate::devices::World;
 use crate::net::lockstep::VirtualNetwork;
 use crate::run::eyes::Looks;
 use crate::run::machine::SimRobot;
-use crate::run::parallel::Seat;
+use crate::run::parallel::ShardHandle;
 use crate::scenario::Scenario;
 use crate::world::{Observation, Pose, RobotIndex};
 
@@ -128,7 +128,9 @@ impl Simulation {
     /// Whether this is one of several shards of a world and another one has failed. Time passes no
     /// more then.
     pub(crate) fn is_cut_off(&self) -> bool {
-        self.seat.as_ref().is_some_and(Seat::is_cut_off)
+        self.shard_handle
+            .as_ref()
+            .is_some_and(ShardHandle::is_cut_off)
     }
 
     /// The next moment at which anything but physics happens.

@@ -13,11 +13,11 @@ use crate::net::NoNetwork;
 use crate::net::lockstep::Cut;
 use crate::net::network::SimNetwork;
 use crate::run::error::SimulationError;
+#[cfg(feature = "recording")]
+use crate::run::event_log::life::Life;
 use crate::run::eyes;
 use crate::run::journal::Input;
 use crate::run::machine::{self, Program, SimRobot};
-#[cfg(feature = "recording")]
-use crate::run::tape::life::Life;
 use crate::world::Fingerprint;
 use crate::world::Pose;
 
@@ -106,11 +106,11 @@ impl Simulation {
         link: usize,
     ) -> Program {
         #[cfg(feature = "recording")]
-        let tape = self.broker.deck.as_ref().map(|deck| {
+        let event_log = self.broker.event_logs.as_ref().map(|event_logs| {
             let life = Life::of(robot.config(), &parts);
-            let tape = deck.insert(number, life, &parts.clock);
-            tape.watch(robot);
-            tape
+            let event_log = event_logs.insert(number, life, &parts.clock);
+            event_log.watch(robot);
+            event_log
         });
         #[cfg(not(feature = "recording"))]
         let _ = number;
@@ -133,7 +133,7 @@ impl Simulation {
             network,
             detector,
             #[cfg(feature = "recording")]
-            tape,
+            event_log,
         )
     }
 

@@ -89,9 +89,9 @@ impl Simulation {
             Way::Lockstep(network) => Some(network),
             _ => None,
         };
-        match (&mut self.seat, network) {
-            (Some(seat), network) => {
-                if !seat.trade(&mut self.world, network) {
+        match (&mut self.shard_handle, network) {
+            (Some(shard_handle), network) => {
+                if !shard_handle.trade(&mut self.world, network) {
                     return false;
                 }
             }

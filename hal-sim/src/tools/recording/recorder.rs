@@ -10,11 +10,11 @@ use serde_json::{Value, json};
 use super::file::{RecordFile, topics};
 use super::{RecordError, scene};
 use crate::run::Simulation;
+use crate::run::event_log::{Event, EventLogs, Track, What};
 use crate::run::journal::{Entry, Input};
-use crate::run::tape::{Deck, Event, Track, What};
 use crate::tools::snapshot::BUILD;
 
-/// How often what is on the tapes is taken, and a small fleet is looked at.
+/// How often what is on the event logs is taken, and a small fleet is looked at.
 const PERIOD: Duration = Duration::from_millis(100);
 /// Robots that are looked at in each period; a larger fleet takes turns of several.
 const ROBOTS_PER_LOOK: usize = 100;
@@ -37,12 +37,12 @@ pub struct Recorded {
 /// Writes what happens in one world to a file.
 ///
 /// Made before the world, since its robots boot with a tap on every device:
-/// [`Recorder::create`], [`Simulation::recorded`] with its [`Recorder::deck`], then
+/// [`Recorder::create`], [`Simulation::recorded`] with its [`Recorder::event_logs`], then
 /// [`Recorder::run_until`] or [`Recorder::observe`], and [`Recorder::finish`]. Memory is bounded by
 /// a chunk and by what a fleet does in 100 ms.
 pub struct Recorder {
     file: RecordFile,
-    deck: Deck,
+    event_logs: EventLogs,
     begun: bool,
     next: Instant,
     periods: u64,
@@ -70,7 +70,7 @@ impl Recorder {
     pub fn create(path: &Path) -> Result<Self, RecordError> {
         Ok(Self {
             file: RecordFile::create(path)?,
-            deck: Deck::default(),
+            event_logs: EventLogs::default(),
             begun: false,
             next: Instant::BOOT + PERIOD,
             periods: 0,
@@ -82,10 +82,10 @@ impl Recorder {
         })
     }
 
-    /// The tapes, for [`Simulation::recorded`].
+    /// The event logs, for [`Simulation::recorded`].
     #[must_use]
-    pub fn deck(&self) -> Deck {
-        self.deck.clone()
+    pub fn event_logs(&self) -> EventLogs {
+        self.event_logs.clone()
     }
 
     /// Whether [`Recorder::observe`] has something to do by now.
@@ -217,10 +217,13 @@ impl Recorder {
 
     fn take_tapes(&mut self, simulation: &Simulation) -> Result<(), RecordError> {
         let Self {
-            file, deck, boots, ..
+            file,
+            event_logs,
+            boots,
+            ..
         } = self;
         let (mut result, mut all_lost) = (Ok(()), 0);
-        deck.drain(|track, events, lost| {
+        event_logs.drain(|track, events, lost| {
             all_lost += lost;
             if result.is_ok() {
                 let name = simulation.id(track.robot).map_or("", |id| id.as_str());
@@ -326,7 +329,7 @@ fn write_track(
     lost: u64,
 ) -> Result<(), RecordError> {
     if !track.told {
-        let begun = track.tape.begun();
+        let begun = track.event_log.begun();
         let line = json!({
             "at_us": begun, "robot": robot, "number": track.robot, "boot": boot,
             "life": track.life,
@@ -362,7 +365,7 @@ fn write_track(
         let line = json!({ "robot": robot, "boot": boot, "lost": lost, "events": quiet });
         file.add(topics::DEVICES, last, &line)?;
     }
-    if let Some(ended) = track.tape.ended() {
+    if let Some(ended) = track.event_log.ended() {
         let line = json!({ "at_us": ended, "robot": robot, "boot": boot });
         file.add(topics::ENDS, ended, &line)?;
     }

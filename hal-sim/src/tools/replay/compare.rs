@@ -1,17 +1,17 @@
-//! What a program does, as a list for each kind of deed, and where two such lists part.
+//! What a program does, as a list for each kind of action, and where two such lists part.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use crawler_protocol::{BehaviourName, RobotState};
 
+use crate::run::event_log::{Event, Output, What};
 use crate::run::journal::Payload;
-use crate::run::tape::{Event, Output, What};
 
 /// Something a program did that can be seen from outside.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub enum Deed {
+pub enum ProgramAction {
     /// It set the duty of the left and right wheel, −255 to 255.
     Duty(i16, i16),
     /// It switched the lamp.
@@ -33,7 +33,7 @@ pub enum Deed {
     Reset,
 }
 
-impl fmt::Display for Deed {
+impl fmt::Display for ProgramAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Duty(left, right) => write!(f, "duty {left} {right}"),
@@ -58,16 +58,18 @@ pub struct Difference {
     /// Which output: `duty`, `lamp`, `state`, `message`, `ranger` or `reset`.
     pub output: &'static str,
     /// What was done, and when.
-    pub recorded: Option<(u64, Deed)>,
+    pub recorded: Option<(u64, ProgramAction)>,
     /// What is done now, and when.
-    pub now: Option<(u64, Deed)>,
+    pub now: Option<(u64, ProgramAction)>,
 }
 
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let seconds = |us: u64| us as f64 * 1e-6;
-        let part = |f: &mut fmt::Formatter<'_>, name: &str, deed: &Option<(u64, Deed)>| match deed {
-            Some((at, deed)) => write!(f, "\n  {name:<8} {:.6} s  {deed}", seconds(*at)),
+        let part = |f: &mut fmt::Formatter<'_>,
+                    name: &str,
+                    action: &Option<(u64, ProgramAction)>| match action {
+            Some((at, action)) => write!(f, "\n  {name:<8} {:.6} s  {action}", seconds(*at)),
             None => write!(f, "\n  {name:<8} nothing more of the kind"),
         };
         write!(f, "at {:.6} s: {}", seconds(self.at_us), self.output)?;
@@ -85,56 +87,57 @@ pub(super) struct Except {
     pub(super) fields: Vec<&'static str>,
 }
 
-/// The deeds among `events`, by kind. Several changes of the pins at one moment are one deed.
-fn deeds(events: &[Event], except: &Except) -> BTreeMap<&'static str, Vec<(u64, Deed)>> {
-    let mut kinds: BTreeMap<&'static str, Vec<(u64, Deed)>> = BTreeMap::new();
+/// The actions among `events`, by kind. Several changes of the pins at one moment are one action.
+fn actions(events: &[Event], except: &Except) -> BTreeMap<&'static str, Vec<(u64, ProgramAction)>> {
+    let mut kinds: BTreeMap<&'static str, Vec<(u64, ProgramAction)>> = BTreeMap::new();
     let mut pins: BTreeMap<Output, u8> = BTreeMap::new();
     let mut drive = (0, 0);
     let mut changed: Option<u64> = None;
-    let mut settle = |pins: &BTreeMap<Output, u8>, at: u64, list: &mut Vec<(u64, Deed)>| {
-        use Output::{LeftDuty, LeftIn1, LeftIn2, RightDuty, RightIn1, RightIn2};
-        let level = |output| pins.get(&output).copied().unwrap_or(0);
-        let duty = |enable, in1, in2| match (level(in1) > 0, level(in2) > 0) {
-            (true, false) => i16::from(level(enable)),
-            (false, true) => -i16::from(level(enable)),
-            (true, true) | (false, false) => 0,
+    let mut settle =
+        |pins: &BTreeMap<Output, u8>, at: u64, list: &mut Vec<(u64, ProgramAction)>| {
+            use Output::{LeftDuty, LeftIn1, LeftIn2, RightDuty, RightIn1, RightIn2};
+            let level = |output| pins.get(&output).copied().unwrap_or(0);
+            let duty = |enable, in1, in2| match (level(in1) > 0, level(in2) > 0) {
+                (true, false) => i16::from(level(enable)),
+                (false, true) => -i16::from(level(enable)),
+                (true, true) | (false, false) => 0,
+            };
+            let next = (
+                duty(LeftDuty, LeftIn1, LeftIn2),
+                duty(RightDuty, RightIn1, RightIn2),
+            );
+            if next != drive {
+                drive = next;
+                list.push((at, ProgramAction::Duty(next.0, next.1)));
+            }
         };
-        let next = (
-            duty(LeftDuty, LeftIn1, LeftIn2),
-            duty(RightDuty, RightIn1, RightIn2),
-        );
-        if next != drive {
-            drive = next;
-            list.push((at, Deed::Duty(next.0, next.1)));
-        }
-    };
     for Event(at, what) in events {
         let at = *at;
         if let Some(moment) = changed.filter(|&moment| moment < at) {
             settle(&pins, moment, kinds.entry("duty").or_default());
             changed = None;
         }
-        let (kind, deed) = match what {
-            What::Set(Output::Lamp, level) => ("lamp", Deed::Lamp(*level > 0)),
+        let (kind, action) = match what {
+            What::Set(Output::Lamp, level) => ("lamp", ProgramAction::Lamp(*level > 0)),
             What::Set(output, value) => {
                 pins.insert(*output, *value);
                 changed = Some(at);
                 continue;
             }
-            What::State(state, behaviour) => ("state", Deed::State(*state, *behaviour)),
+            What::State(state, behaviour) => ("state", ProgramAction::State(*state, *behaviour)),
             What::Published { topic, payload, .. } => {
                 if except.topics.iter().any(|part| topic.contains(part)) {
                     continue;
                 }
                 let (topic, payload) = (topic.clone(), except.clean(payload));
-                ("message", Deed::Published { topic, payload })
+                ("message", ProgramAction::Published { topic, payload })
             }
-            What::Asked { bytes, .. } => ("ranger", Deed::Asked(bytes.clone())),
-            What::Trigger(level) => ("ranger", Deed::Trigger(*level)),
-            What::Reset => ("reset", Deed::Reset),
+            What::Asked { bytes, .. } => ("ranger", ProgramAction::Asked(bytes.clone())),
+            What::Trigger(level) => ("ranger", ProgramAction::Trigger(*level)),
+            What::Reset => ("reset", ProgramAction::Reset),
             _ => continue,
         };
-        kinds.entry(kind).or_default().push((at, deed));
+        kinds.entry(kind).or_default().push((at, action));
     }
     if let Some(moment) = changed {
         settle(&pins, moment, kinds.entry("duty").or_default());
@@ -160,7 +163,7 @@ impl Except {
 }
 
 /// Where what is done `now` parts from what was `recorded` first; `end` is when the recorded
-/// program was stopped. The second value counts the deeds that agree.
+/// program was stopped. The second value counts the actions that agree.
 pub(super) fn compare(
     recorded: &[Event],
     now: &[Event],
@@ -170,7 +173,7 @@ pub(super) fn compare(
     let sorted = |events: &[Event]| {
         let mut events = events.to_vec();
         events.sort_by_key(|event| event.0);
-        deeds(&events, except)
+        actions(&events, except)
     };
     let (before, after) = (sorted(recorded), sorted(now));
     let mut first: Option<Difference> = None;
@@ -189,7 +192,7 @@ pub(super) fn compare(
         if old.is_none() && new.is_none_or(|&(at, _)| at >= end) {
             continue;
         }
-        let at = |deed: Option<&(u64, Deed)>| deed.map_or(u64::MAX, |deed| deed.0);
+        let at = |action: Option<&(u64, ProgramAction)>| action.map_or(u64::MAX, |action| action.0);
         let at_us = at(old).min(at(new));
         if first.as_ref().is_none_or(|first| at_us < first.at_us) {
             first = Some(Difference {

@@ -10,10 +10,10 @@ use crawler_protocol::{ParameterValues, Reason};
 
 use super::compare::{Difference, Except, compare};
 use super::read::{Boot, Recording};
+use crate::run::event_log::playback::{Playback, Script, Word};
+use crate::run::event_log::{Event, played};
 use crate::run::eyes::DetectorInstance;
 use crate::run::machine;
-use crate::run::tape::stage::{Script, Stage, Word};
-use crate::run::tape::{Event, played};
 use crate::sched::{Scheduler, SimClock};
 use crate::tools::snapshot::BUILD;
 
@@ -158,10 +158,10 @@ fn play(
     let clock = SimClock::new();
     let mut sched = Scheduler::new(&clock);
     sched.advance_to(Instant::from_micros(boot.begun));
-    let stage = Rc::new(Stage::new(Script::of(&boot.events), &clock));
+    let playback = Rc::new(Playback::new(Script::of(&boot.events), &clock));
     let robot = machine::context(config);
-    stage.tape.watch(&robot);
-    let parts = played::parts(&boot.life, &stage, &clock);
+    playback.event_log.watch(&robot);
+    let parts = played::parts(&boot.life, &playback, &clock);
     let ranger_after = Duration::from_micros(boot.life.ranger_after_us);
     let program = machine::launch(&mut sched, &robot, parts, ranger_after, instance);
     let end = Instant::from_micros(end);
@@ -170,7 +170,7 @@ fn play(
     loop {
         sched.run();
         let now = sched.now().as_micros();
-        match stage.word(now) {
+        match playback.word(now) {
             Some(Word::Command(payload)) => {
                 program.tell(&robot, &payload);
                 continue;
@@ -192,9 +192,9 @@ fn play(
             version = Some(robot.with_parameters(crawler_app::parameters::Parameters::version));
             continue;
         }
-        events.extend(stage.tape.take().0);
+        events.extend(playback.event_log.take().0);
         let due = sched.next_due().unwrap_or(Instant::FAR_FUTURE);
-        let due = due.min(Instant::from_micros(stage.next_word()));
+        let due = due.min(Instant::from_micros(playback.next_word()));
         if due > end {
             return events;
         }

@@ -9,9 +9,9 @@ use mcap::records::{ChunkHeader, Record};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Deserialize;
 
+use crate::run::event_log::life::Life;
+use crate::run::event_log::{Event, What};
 use crate::run::journal::Payload;
-use crate::run::tape::life::Life;
-use crate::run::tape::{Event, What};
 use crate::tools::recording::{START, topics};
 
 /// Opcode and length of a record.

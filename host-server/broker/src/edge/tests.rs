@@ -1,4 +1,4 @@
-//! Clients at the door of a real broker.
+//! Clients at the tls of a real broker.
 
 use crawler_protocol::Fleet;
 use tokio_rustls::TlsConnector;
@@ -164,10 +164,10 @@ async fn who_is_silent_before_or_after_tls_is_closed() {
     let now = (crawler_system::clock::unix_ms() / 1_000) as i64;
     let certificates = Certificates::open(&options, now).expect("certificates");
     let acceptor = certificates.acceptor(tls::MQTT, None).expect("TLS");
-    let door = Door::new(acceptor).within(Duration::from_millis(400));
+    let tls = TlsHandshake::new(acceptor).within(Duration::from_millis(400));
     let bench = Bench::start(limits(100, 100, 100, SHORT)).await;
     let any = "127.0.0.1:0".parse().expect("an address");
-    let address = bench.broker.listen(any, Some(door)).await.expect("a port");
+    let address = bench.broker.listen(any, Some(tls)).await.expect("a port");
 
     for said in [&b""[..], b"\x16\x03\x01\x02\0\x01"] {
         let mut stream = TcpStream::connect(address).await.expect("connect");

@@ -11,7 +11,7 @@ use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
 use super::super::pending::{Leg, Store};
-use super::{Line, Owed};
+use super::{JournalEntry, Line};
 
 /// Robots of commands that wait to be written, all together. One command is always taken.
 const MOST_WAITING: usize = 50_000;
@@ -30,7 +30,7 @@ pub(crate) enum Refused {
 pub(super) enum Job {
     Line(Line),
     /// A command is accepted, and somebody wants to know.
-    Accept(Owed, oneshot::Sender<()>),
+    Accept(JournalEntry, oneshot::Sender<()>),
     /// Nothing is owed any more.
     Clear,
 }
@@ -175,7 +175,7 @@ pub(crate) struct JournalQueue {
 }
 
 impl JournalQueue {
-    pub(super) fn new<'a>(lines: Arc<Lines>, owed: impl Iterator<Item = &'a Owed>) -> Self {
+    pub(super) fn new<'a>(lines: Arc<Lines>, owed: impl Iterator<Item = &'a JournalEntry>) -> Self {
         let owed = owed.flat_map(|owed| owed.robots.keys().map(|robot| (owed.id, robot)));
         let owed = owed.filter_map(|(id, robot)| Some(((id, RobotId::new(robot).ok()?), None)));
         Self {
@@ -211,7 +211,7 @@ impl JournalQueue {
     }
 
     /// Notes a command. `None` when there is nothing to note: it is for nobody.
-    pub(crate) fn accepted(&mut self, owed: Owed) -> Option<Ticket> {
+    pub(crate) fn accepted(&mut self, owed: JournalEntry) -> Option<Ticket> {
         if owed.robots.is_empty() {
             return None;
         }

@@ -32,7 +32,7 @@ impl Drop for Scratch {
     }
 }
 
-fn owed(id: u64, robots: u8) -> Owed {
+fn owed(id: u64, robots: u8) -> JournalEntry {
     let command = Command {
         action: Action::Identify,
         timestamp: 5,
@@ -41,7 +41,7 @@ fn owed(id: u64, robots: u8) -> Owed {
     };
     let robots = (0..robots).map(|robot| (robot_id(robot), Some(3)));
     let record = Record::new(command, Target::Swarm, [], Instant::now());
-    Owed::new(&record, 99, robots).expect("a command")
+    JournalEntry::new(&record, 99, robots).expect("a command")
 }
 
 fn robot_id(robot: u8) -> RobotId {

@@ -12,7 +12,7 @@ fn scratch(name: &str) -> PathBuf {
     folder.join("commands")
 }
 
-fn owed(seq: u64, robots: &[&str]) -> Owed {
+fn owed(seq: u64, robots: &[&str]) -> JournalEntry {
     let command = Command {
         action: Action::Identify,
         timestamp: 5,
@@ -25,7 +25,7 @@ fn owed(seq: u64, robots: &[&str]) -> Owed {
     };
     let record = Record::new(command, target, [], Instant::now());
     let robots = robots.iter().map(|robot| (id(robot), Some(3)));
-    Owed::new(&record, 99, robots).expect("a command")
+    JournalEntry::new(&record, 99, robots).expect("a command")
 }
 
 fn id(text: &str) -> RobotId {
@@ -36,7 +36,7 @@ fn open(path: &Path) -> io::Result<Journal> {
     Journal::open(path, &Disk::default())
 }
 
-fn accept(journal: &mut Journal, owed: Owed) {
+fn accept(journal: &mut Journal, owed: JournalEntry) {
     journal.write(vec![Line::Accepted(owed)]).expect("written");
 }
 
@@ -55,7 +55,7 @@ fn done(journal: &mut Journal, command: u64, robot: &RobotId) {
 }
 
 fn all(journal: &Journal) -> Vec<(u64, Vec<(String, u64)>)> {
-    let legs = |owed: &Owed| -> Vec<_> {
+    let legs = |owed: &JournalEntry| -> Vec<_> {
         let legs = owed.robots.iter();
         legs.map(|(robot, leg)| (robot.clone(), leg.seq)).collect()
     };

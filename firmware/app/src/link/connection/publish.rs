@@ -24,12 +24,12 @@ where
     L: LinkMonitor,
     S: Read + Write,
 {
-    /// Lets `compose` write a message to the page of the letter; its length.
+    /// Lets `compose` write a message to the page of the packet; its length.
     pub(super) fn write(&self, compose: impl FnOnce(&mut [u8]) -> Option<usize>) -> Option<usize> {
-        compose(self.letter.borrow_mut().page())
+        compose(self.packet.borrow_mut().page())
     }
 
-    /// Writes a message to the page of the letter; its topic and length. Images are not composed.
+    /// Writes a message to the page of the packet; its topic and length. Images are not composed.
     pub(super) fn compose(&mut self, kind: MessageKind) -> Option<(Topic, usize)> {
         let robot = self.robot;
         let id = robot.config().id.clone();
@@ -52,7 +52,7 @@ where
     }
 
     /// Publishes the first `len` bytes of the page. Not to be dropped half-way.
-    // Nothing is received while something is written, so nothing else wants the letter.
+    // Nothing is received while something is written, so nothing else wants the packet.
     #[allow(clippy::await_holding_refcell_ref)]
     pub(super) async fn publish(
         &mut self,
@@ -69,8 +69,8 @@ where
         }
         self.flow.sending = kind;
         let deadline = self.write_deadline();
-        let letter = self.letter.borrow();
-        let message = Bytes::Borrowed(letter.draft(len));
+        let packet = self.packet.borrow();
+        let message = Bytes::Borrowed(packet.draft(len));
         let id = {
             let work = pin!(self.client.publish(&options, message));
             let written = with_deadline(self.clock, deadline, work).await;

@@ -30,7 +30,7 @@ where
     S: Read + Write,
 {
     /// Sends once more, under its old number, what the broker has not acknowledged.
-    // Nothing is received while something is written, so nothing else wants the letter.
+    // Nothing is received while something is written, so nothing else wants the packet.
     #[allow(clippy::await_holding_refcell_ref)]
     pub(in crate::link) async fn retransmit(&mut self) -> Result<(), Loss> {
         for index in 0..self.flow.in_flight.len() {
@@ -49,8 +49,8 @@ where
             let topic = topic.render(&self.robot.config().fleet);
             let options = publication(&topic, Qos::AtLeastOnce, flight.kind.retained())?;
             let deadline = self.write_deadline();
-            let letter = self.letter.borrow();
-            let message = Bytes::Borrowed(letter.draft(len));
+            let packet = self.packet.borrow();
+            let message = Bytes::Borrowed(packet.draft(len));
             let written = {
                 let work = pin!(self.client.republish(flight.id, &options, message));
                 with_deadline(self.clock, deadline, work).await

@@ -68,7 +68,7 @@ where
         self.send_samples(written).await
     }
 
-    /// Publishes what was written to the page of the letter, if anything was.
+    /// Publishes what was written to the page of the packet, if anything was.
     async fn send_samples(&mut self, written: Option<usize>) -> Result<(), Loss> {
         let Some(len) = written else {
             return Ok(());

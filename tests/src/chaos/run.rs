@@ -11,9 +11,9 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use super::judge::{Kind, judge};
+use super::observed::Observations;
 use super::people::People;
 use super::report::{Fault, Report};
-use super::tape::Tapes;
 use super::twice::Twice;
 use crate::{Mosquitto, ReservedPort, Simulated, Terracrawler, measure, wait_for_with};
 
@@ -70,7 +70,7 @@ pub struct Options {
 }
 
 /// Everything that runs.
-struct Stage {
+struct Running {
     options: Options,
     server: Terracrawler,
     mosquitto: Option<Mosquitto>,
@@ -90,26 +90,26 @@ struct Stage {
 /// When something cannot be started, or the robots never get online in the first place.
 pub fn run(options: Options) -> Report {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut stage = Stage::set(options);
-    let robots = stage.options.robots;
-    let simulated = stage.simulate(&folder);
-    stage.server.wait_online(robots, stage.options.patience);
+    let mut running = Running::set(options);
+    let robots = running.options.robots;
+    let simulated = running.simulate(&folder);
+    running.server.wait_online(robots, running.options.patience);
     let began = Instant::now();
-    let twice = Twice::start(stage.broker_port, stage.options.forge);
-    let people = People::start(&stage.server.url(), robots);
+    let twice = Twice::start(running.broker_port, running.options.forge);
+    let people = People::start(&running.server.url(), robots);
     let mut report = Report {
         robots,
         ..Report::default()
     };
-    for (at, fault) in stage.options.faults.clone() {
+    for (at, fault) in running.options.faults.clone() {
         std::thread::sleep(at.saturating_sub(began.elapsed()));
-        let owed = stage.befall(fault, &people);
-        report.faults.push((fault, stage.wait_back()));
-        report.open += stage.still_open(&owed);
+        let owed = running.befall(fault, &people);
+        report.faults.push((fault, running.wait_back()));
+        report.open += running.still_open(&owed);
     }
-    std::thread::sleep(stage.options.end.saturating_sub(began.elapsed()));
+    std::thread::sleep(running.options.end.saturating_sub(began.elapsed()));
     // On a busy machine it takes longer until there is something to judge.
-    let (patience, ended) = (stage.options.patience, stage.ended);
+    let (patience, ended) = (running.options.patience, running.ended);
     let mut seen = (0, BTreeSet::new());
     wait_for_with(
         "commands of all kinds, and twice",
@@ -123,15 +123,15 @@ pub fn run(options: Options) -> Report {
     let given = people.stop();
     twice.stop();
     std::thread::sleep(CALM);
-    report.open += stage.owes();
+    report.open += running.owes();
     simulated.interrupt();
     report.seconds = began.elapsed().as_secs();
-    let tapes = Tapes::read(&folder.path().join("chaos.mcap"));
-    judge(&given, &tapes, &mut report);
+    let observed = Observations::read(&folder.path().join("chaos.mcap"));
+    judge(&given, &observed, &mut report);
     report
 }
 
-impl Stage {
+impl Running {
     fn set(options: Options) -> Self {
         let (server, mosquitto, broker_port, reserved) = match options.broker {
             Broker::Embedded => {
@@ -148,7 +148,7 @@ impl Stage {
                 (server, Some(broker), port, Some(reserved))
             }
         };
-        let mut stage = Self {
+        let mut running = Self {
             options,
             server,
             mosquitto,
@@ -158,8 +158,8 @@ impl Stage {
             proxy_port: ReservedPort::new(),
             ended: Instant::now(),
         };
-        stage.connect();
-        stage
+        running.connect();
+        running
     }
 
     /// Opens the way from the robots to their broker.

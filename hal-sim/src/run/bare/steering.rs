@@ -55,7 +55,7 @@ pub enum Drive {
 /// What steers, and all it remembers.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant)] // Worlds hold robots of one kind.
-pub(super) enum Brain {
+pub(super) enum SteeringState {
     Shipped {
         controller: Controller,
         orders: Deque<Order, ORDERS>,
@@ -65,19 +65,19 @@ pub(super) enum Brain {
     Caller {
         odometry: Odometry,
         ramps: [Ramp; 2],
-        drive: Told,
+        drive: StoredDrive,
     },
 }
 
 /// A [`Drive`] in a form that can be stored.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub(super) enum Told {
+pub(super) enum StoredDrive {
     Stop,
     Twist(f32, f32),
     Duties([f32; 2]),
 }
 
-impl From<Drive> for Told {
+impl From<Drive> for StoredDrive {
     fn from(drive: Drive) -> Self {
         match drive {
             Drive::Stop => Self::Stop,
@@ -94,7 +94,7 @@ pub(super) struct Known {
     pub(super) battery: Battery,
 }
 
-impl Brain {
+impl SteeringState {
     pub(super) fn new(steering: Steering, tuning: Tuning) -> Self {
         match steering {
             Steering::Shipped => Self::Shipped {
@@ -105,7 +105,7 @@ impl Brain {
             Steering::Caller => Self::Caller {
                 odometry: Odometry::default(),
                 ramps: [Ramp::default(); 2],
-                drive: Told::Stop,
+                drive: StoredDrive::Stop,
             },
         }
     }
@@ -199,14 +199,14 @@ impl Brain {
             *drive = told.into();
         }
         let targets = match *drive {
-            Told::Stop => {
+            StoredDrive::Stop => {
                 for ramp in ramps {
                     ramp.cut(now);
                 }
                 return;
             }
-            Told::Twist(v, w) => tuning.duties(Twist { v, w }),
-            Told::Duties(duties) => duties,
+            StoredDrive::Twist(v, w) => tuning.duties(Twist { v, w }),
+            StoredDrive::Duties(duties) => duties,
         };
         let step =
             tuning.ramp_step() * (elapsed.as_secs_f32() / super::PERIOD.as_secs_f32()).min(1.0);

@@ -25,7 +25,7 @@ const MAX_TOPIC: usize = 96;
 
 const DASHES: &[u8; MAX_PACKET] = &[b'-'; MAX_PACKET];
 
-/// What a letter is written on.
+/// What a packet is written on.
 #[derive(Debug)]
 pub(super) struct Sheet {
     topic: [u8; MAX_TOPIC],
@@ -40,14 +40,14 @@ impl Blank for Sheet {
 }
 
 /// The packet being received.
-pub(super) struct Letter<H: Hold> {
+pub(super) struct PacketBuffer<H: Hold> {
     sheet: H::Room<Sheet>,
     fields: u8,
     topic_len: usize,
     last_len: usize,
 }
 
-impl<H: Hold> Letter<H> {
+impl<H: Hold> PacketBuffer<H> {
     pub(super) const fn new() -> Self {
         Self {
             sheet: Room::EMPTY,
@@ -108,30 +108,30 @@ impl<H: Hold> Letter<H> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct NoSpace;
 
-/// Hands the buffer of a [`Letter`] to the client, field by field.
-pub(super) struct Mailbox<'a, H: Hold>(pub(super) &'a RefCell<Letter<H>>);
+/// Hands the buffer of a [`PacketBuffer`] to the client, field by field.
+pub(super) struct BufferLender<'a, H: Hold>(pub(super) &'a RefCell<PacketBuffer<H>>);
 
 /// One field, while it is being received.
 pub(super) struct Field<'a, H: Hold> {
-    letter: RefMut<'a, Letter<H>>,
+    packet: RefMut<'a, PacketBuffer<H>>,
     len: usize,
 }
 
 impl<H: Hold> AsMut<[u8]> for Field<'_, H> {
     fn as_mut(&mut self) -> &mut [u8] {
-        &mut self.letter.sheet.enter().last[..self.len]
+        &mut self.packet.sheet.enter().last[..self.len]
     }
 }
 
 impl<'a, H: Hold> From<Field<'a, H>> for Bytes<'a> {
     fn from(mut field: Field<'a, H>) -> Self {
         let len = field.len;
-        field.letter.keep(len);
+        field.packet.keep(len);
         Bytes::Borrowed(&DASHES[..len])
     }
 }
 
-impl<'a, H: Hold> BufferProvider<'a> for Mailbox<'a, H> {
+impl<'a, H: Hold> BufferProvider<'a> for BufferLender<'a, H> {
     type Buffer = Field<'a, H>;
     type ProvisionError = NoSpace;
 
@@ -139,7 +139,7 @@ impl<'a, H: Hold> BufferProvider<'a> for Mailbox<'a, H> {
         if len > MAX_PACKET {
             return Err(NoSpace);
         }
-        let letter = self.0.try_borrow_mut().map_err(|_| NoSpace)?;
-        Ok(Field { letter, len })
+        let packet = self.0.try_borrow_mut().map_err(|_| NoSpace)?;
+        Ok(Field { packet, len })
     }
 }

@@ -8,8 +8,8 @@ use embedded_io_async::{ErrorType, Read, Write};
 
 use super::{Attempt, Tap};
 use crate::devices::{SimEcho, SimTrigger, SimUart, UartError};
+use crate::run::event_log::{What, Writer};
 use crate::run::journal::Payload;
-use crate::run::tape::{What, Writer};
 
 impl ErrorType for Tap<SimUart> {
     type Error = UartError;
@@ -25,15 +25,15 @@ impl Read for Tap<SimUart> {
 
 impl Write for Tap<SimUart> {
     async fn write(&mut self, buf: &[u8]) -> Result<usize, UartError> {
-        let attempt = Attempt::new(self.tape.as_ref(), Writer::Ask);
+        let attempt = Attempt::new(self.event_log.as_ref(), Writer::Ask);
         let result = self.inner.write(buf).await;
-        if let Some((tape, begun)) = attempt.map(Attempt::over) {
+        if let Some((event_log, begun)) = attempt.map(Attempt::over) {
             let taken = result.unwrap_or(0);
-            tape.note_at(
+            event_log.note_at(
                 begun,
                 What::Asked {
                     bytes: Payload::new(&buf[..taken]),
-                    done_us: tape.done(begun),
+                    done_us: event_log.done(begun),
                     broken: result.is_err(),
                 },
             );
@@ -42,10 +42,10 @@ impl Write for Tap<SimUart> {
     }
 
     async fn flush(&mut self) -> Result<(), UartError> {
-        let attempt = Attempt::new(self.tape.as_ref(), Writer::Flush);
+        let attempt = Attempt::new(self.event_log.as_ref(), Writer::Flush);
         let result = self.inner.flush().await;
-        if let Some((tape, begun)) = attempt.map(Attempt::over) {
-            tape.note_at(begun, What::Flushed(tape.now()));
+        if let Some((event_log, begun)) = attempt.map(Attempt::over) {
+            event_log.note_at(begun, What::Flushed(event_log.now()));
         }
         result
     }

@@ -5,8 +5,8 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
+use crawler_sim::run::event_log::{Event, Output, What};
 use crawler_sim::run::journal::Payload;
-use crawler_sim::run::tape::{Event, Output, What};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Deserialize;
@@ -40,7 +40,7 @@ pub struct Duty(pub u64, pub bool);
 
 /// What one robot did.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Tape {
+pub struct Observed {
     /// Commands that reached it, also those that came again.
     pub deliveries: Vec<Delivery>,
     /// What it answered to each number.
@@ -57,9 +57,9 @@ pub struct Tape {
 
 /// What all of them did.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Tapes {
+pub struct Observations {
     /// By id.
-    pub robots: BTreeMap<String, Tape>,
+    pub robots: BTreeMap<String, Observed>,
     /// Events that the recording had no room for.
     pub lost: u64,
     /// When it ends, microseconds.
@@ -109,7 +109,7 @@ struct Mark {
     at_us: u64,
 }
 
-impl Tapes {
+impl Observations {
     /// Reads a recording that was finished.
     ///
     /// # Panics
@@ -118,7 +118,7 @@ impl Tapes {
         let mut file = BufReader::new(File::open(path).expect("the recording"));
         let options = LinearReaderOptions::default().with_skip_end_magic(true);
         let mut reader = LinearReader::new_with_options(options);
-        let (mut tapes, mut channels) = (Self::default(), BTreeMap::new());
+        let (mut observed, mut channels) = (Self::default(), BTreeMap::new());
         let mut wheels = BTreeMap::new();
         while let Some(event) = reader.next_event() {
             match event.expect("an MCAP file") {
@@ -133,7 +133,7 @@ impl Tapes {
                         }
                         Record::Message { header, data } => {
                             if let Some(topic) = channels.get(&header.channel_id) {
-                                tapes.take(topic, &data, &mut wheels);
+                                observed.take(topic, &data, &mut wheels);
                             }
                         }
                         _ => {}
@@ -141,10 +141,10 @@ impl Tapes {
                 }
             }
         }
-        tapes
+        observed
     }
 
-    fn robot(&mut self, id: String) -> &mut Tape {
+    fn robot(&mut self, id: String) -> &mut Observed {
         self.robots.entry(id).or_default()
     }
 
@@ -166,7 +166,7 @@ impl Tapes {
                 let devices: Devices = line(data);
                 self.lost += devices.lost;
                 let duty = wheels.entry(devices.robot.clone()).or_default();
-                let tape = self.robots.entry(devices.robot).or_default();
+                let observed = self.robots.entry(devices.robot).or_default();
                 for Event(at, what) in devices.events {
                     match what {
                         What::Set(Output::LeftDuty, value) => duty[0] = value,
@@ -174,8 +174,12 @@ impl Tapes {
                         _ => continue,
                     }
                     let driven = *duty != [0, 0];
-                    if tape.duties.last().map_or(driven, |last| last.1 != driven) {
-                        tape.duties.push(Duty(at, driven));
+                    if observed
+                        .duties
+                        .last()
+                        .map_or(driven, |last| last.1 != driven)
+                    {
+                        observed.duties.push(Duty(at, driven));
                     }
                 }
             }
@@ -195,9 +199,9 @@ impl Tapes {
         let mut body: Value =
             serde_json::from_slice(message.payload.bytes()).expect("JSON at a robot's end");
         let seq = body["seq"].as_u64();
-        let tape = self.robot(message.robot);
+        let observed = self.robot(message.robot);
         match (kind, seq) {
-            ("command", Some(seq)) => tape.deliveries.push(Delivery {
+            ("command", Some(seq)) => observed.deliveries.push(Delivery {
                 at_us: message.at_us,
                 seq,
                 command: body["command"].as_str().unwrap_or_default().to_owned(),
@@ -208,9 +212,9 @@ impl Tapes {
                     status: body["status"].as_str().unwrap_or_default().to_owned(),
                     reason: body["reason"].as_str().map(str::to_owned),
                 };
-                tape.answers.entry(seq).or_default().push(answer);
+                observed.answers.entry(seq).or_default().push(answer);
             }
-            ("parameters", _) => tape.parameters = body["values"].take(),
+            ("parameters", _) => observed.parameters = body["values"].take(),
             _ => {}
         }
     }

@@ -32,7 +32,7 @@ const RETAIN_EVERY: Duration = Duration::from_mins(1);
 /// A sample in the tail: as a [`Raw`], with the number of its robot behind.
 pub(super) type TailRow = [i64; 12];
 
-pub(super) struct Keeper {
+pub(super) struct HistoryWriter {
     pub(super) shared: Arc<Shared>,
     pub(super) db: Db,
     /// Taken from the inbox, and not on disk.
@@ -50,7 +50,7 @@ pub(super) struct Keeper {
     _lock: Option<Lock>,
 }
 
-impl Keeper {
+impl HistoryWriter {
     pub(super) fn new(shared: Arc<Shared>, db: Db, next_tail: i64, lock: Option<Lock>) -> Self {
         let now = Instant::now();
         Self {

@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use crawler_hal::{Clock, Instant, LinkState, NetError};
 
-use super::{Event, Flash, Lens, Net, Tape, What, Writer};
+use super::{Event, EventLog, Flash, Lens, Net, What, Writer};
 use crate::sched::SimClock;
 
 /// Things to say, each with its moment.
@@ -52,7 +52,7 @@ pub(crate) struct Script {
 }
 
 impl Script {
-    /// Everything that a program hears, out of what is on its tape.
+    /// Everything that a program hears, out of what is on its event log.
     pub(crate) fn of(events: &[Event]) -> Self {
         let mut script = Self::default();
         for Event(at, what) in events {
@@ -150,19 +150,19 @@ impl Script {
 
 /// What all devices of a played body share.
 #[derive(Debug)]
-pub(crate) struct Stage {
+pub(crate) struct Playback {
     clock: SimClock,
     pub(crate) script: RefCell<Script>,
     /// What the program does this time.
-    pub(crate) tape: Rc<Tape>,
+    pub(crate) event_log: Rc<EventLog>,
 }
 
-impl Stage {
+impl Playback {
     pub(crate) fn new(script: Script, clock: &SimClock) -> Self {
         Self {
             clock: clock.world(),
             script: RefCell::new(script),
-            tape: Rc::new(Tape::new(clock)),
+            event_log: Rc::new(EventLog::new(clock)),
         }
     }
 
@@ -194,7 +194,7 @@ impl Stage {
         if taken < said.len() {
             // A program with a smaller buffer gets the rest at once.
             let rest = Some(said[taken..].to_vec());
-            let now = self.tape.now();
+            let now = self.event_log.now();
             lines(&mut self.script.borrow_mut()).push_front((now, rest));
         }
         Some(taken)
@@ -203,7 +203,7 @@ impl Stage {
     /// Waits as long as the device took the first time to take what it is given now. Something
     /// that it was not given then is taken at once.
     pub(crate) async fn take(&self, writer: Writer, length: usize) -> Taken {
-        let now = self.tape.now();
+        let now = self.event_log.now();
         let known = {
             let script = &mut *self.script.borrow_mut();
             let writes = script.writes(writer);
@@ -234,7 +234,7 @@ impl Stage {
 
     /// What the radio says of its access point now.
     pub(crate) fn link(&self) -> LinkState {
-        let now = self.tape.now();
+        let now = self.event_log.now();
         let script = &mut *self.script.borrow_mut();
         while let Some(&(at, state)) = script.links.front()
             && (at <= now || script.link.is_none())

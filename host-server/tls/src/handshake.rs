@@ -40,12 +40,12 @@ impl std::fmt::Display for Refusal {
 }
 
 /// Where encrypted connections come in.
-pub struct Door {
+pub struct TlsHandshake {
     acceptor: TlsAcceptor,
     time_out: Duration,
 }
 
-impl Door {
+impl TlsHandshake {
     /// One with the usual time for the whole handshake.
     pub fn new(acceptor: TlsAcceptor) -> Self {
         Self {

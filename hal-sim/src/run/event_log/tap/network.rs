@@ -6,8 +6,8 @@ use crawler_hal::{LinkMonitor, LinkState, NetError, Network};
 use embedded_io_async::{ErrorType, Read, Write};
 
 use super::{Attempt, Tap};
+use crate::run::event_log::{EventLog, Net, What, Writer};
 use crate::run::journal::Payload;
-use crate::run::tape::{Net, Tape, What, Writer};
 
 impl<N: Network> Network for Tap<N> {
     type Stream<'a>
@@ -19,7 +19,7 @@ impl<N: Network> Network for Tap<N> {
     fn monitor(&self) -> Self::Monitor {
         Watched {
             inner: self.inner.monitor(),
-            tape: self.tape.clone(),
+            event_log: self.event_log.clone(),
         }
     }
 
@@ -31,14 +31,14 @@ impl<N: Network> Network for Tap<N> {
 
     async fn connect(&mut self, host: &str, port: u16) -> Result<Self::Stream<'_>, NetError> {
         let result = self.inner.connect(host, port).await;
-        if let Some(tape) = &self.tape {
+        if let Some(event_log) = &self.event_log {
             let error = result.as_ref().err().copied().map(Net::from);
-            tape.note(What::Connected(error));
-            tape.connected();
+            event_log.note(What::Connected(error));
+            event_log.connected();
         }
         Ok(Tapped {
             inner: result?,
-            tape: self.tape.clone(),
+            event_log: self.event_log.clone(),
         })
     }
 }
@@ -47,14 +47,14 @@ impl<N: Network> Network for Tap<N> {
 #[derive(Debug, Clone)]
 pub(crate) struct Watched<M> {
     inner: M,
-    tape: Option<Rc<Tape>>,
+    event_log: Option<Rc<EventLog>>,
 }
 
 impl<M: LinkMonitor> LinkMonitor for Watched<M> {
     fn state(&self) -> LinkState {
         let state = self.inner.state();
-        if let Some(tape) = &self.tape {
-            tape.link(state);
+        if let Some(event_log) = &self.event_log {
+            event_log.link(state);
         }
         state
     }
@@ -64,7 +64,7 @@ impl<M: LinkMonitor> LinkMonitor for Watched<M> {
 #[derive(Debug)]
 pub(crate) struct Tapped<S> {
     inner: S,
-    tape: Option<Rc<Tape>>,
+    event_log: Option<Rc<EventLog>>,
 }
 
 impl<S: ErrorType> ErrorType for Tapped<S> {
@@ -74,11 +74,11 @@ impl<S: ErrorType> ErrorType for Tapped<S> {
 impl<S: Read> Read for Tapped<S> {
     async fn read(&mut self, buf: &mut [u8]) -> Result<usize, S::Error> {
         let result = self.inner.read(buf).await;
-        if let Some(tape) = &self.tape {
+        if let Some(event_log) = &self.event_log {
             let bytes = result.as_ref().ok().map(|&taken| &buf[..taken]);
-            tape.note(What::Received(bytes.map(Payload::new)));
+            event_log.note(What::Received(bytes.map(Payload::new)));
             if let Some(bytes) = bytes {
-                tape.received(tape.now(), bytes);
+                event_log.received(event_log.now(), bytes);
             }
         }
         result
@@ -87,19 +87,19 @@ impl<S: Read> Read for Tapped<S> {
 
 impl<S: Write> Write for Tapped<S> {
     async fn write(&mut self, buf: &[u8]) -> Result<usize, S::Error> {
-        let attempt = Attempt::new(self.tape.as_ref(), Writer::Send);
+        let attempt = Attempt::new(self.event_log.as_ref(), Writer::Send);
         let result = self.inner.write(buf).await;
-        if let Some((tape, begun)) = attempt.map(Attempt::over) {
+        if let Some((event_log, begun)) = attempt.map(Attempt::over) {
             let taken = result.as_ref().copied().unwrap_or(0);
-            tape.note_at(
+            event_log.note_at(
                 begun,
                 What::Sent {
                     bytes: taken as u32,
-                    done_us: tape.done(begun),
+                    done_us: event_log.done(begun),
                     broken: result.is_err(),
                 },
             );
-            tape.sent(begun, &buf[..taken]);
+            event_log.sent(begun, &buf[..taken]);
         }
         result
     }

@@ -1,4 +1,4 @@
-//! Where the shards of a world meet at the end of each physics step.
+//! What the shards of a world hand each other at the end of each physics step.
 
 use std::sync::{Arc, PoisonError, RwLock};
 
@@ -14,9 +14,9 @@ struct Page {
     news: News,
 }
 
-/// One table for all shards of a world.
+/// One exchange for all shards of a world.
 #[derive(Debug)]
-pub(super) struct Table {
+pub(super) struct Exchange {
     /// Two pages for each shard: while one is read by those who are late, the next step is
     /// written on the other. Who writes on a page a second time has met all others since, and
     /// they read the first time before they came.
@@ -24,7 +24,7 @@ pub(super) struct Table {
     barrier: Barrier,
 }
 
-impl Table {
+impl Exchange {
     pub(super) fn new(shards: usize, cores: usize) -> Self {
         Self {
             pages: (0..shards).map(|_| Default::default()).collect(),
@@ -33,11 +33,11 @@ impl Table {
     }
 }
 
-/// A shard's place at the table. When it is given up, for whatever reason, the others are not kept
+/// What a shard takes part in the exchange with. When it is given up, for whatever reason, the others are not kept
 /// waiting.
 #[derive(Debug)]
-pub(crate) struct Seat {
-    table: Arc<Table>,
+pub(crate) struct ShardHandle {
+    exchange: Arc<Exchange>,
     shard: usize,
     members: Members,
     /// Which of its two pages is next.
@@ -45,12 +45,12 @@ pub(crate) struct Seat {
     cut_off: bool,
 }
 
-impl Seat {
-    /// The seat of shard `shard`.
-    pub(super) fn new(table: &Arc<Table>, shard: usize) -> Option<Self> {
+impl ShardHandle {
+    /// The handle of shard `shard`.
+    pub(super) fn new(exchange: &Arc<Exchange>, shard: usize) -> Option<Self> {
         Some(Self {
-            members: Members::of_shard(shard, table.pages.len())?,
-            table: Arc::clone(table),
+            members: Members::of_shard(shard, exchange.pages.len())?,
+            exchange: Arc::clone(exchange),
             shard,
             page: 0,
             cut_off: false,
@@ -61,7 +61,7 @@ impl Seat {
         self.members
     }
 
-    /// Whether another shard has given up its seat in the middle of a run.
+    /// Whether another shard has given up its handle in the middle of a run.
     pub(crate) const fn is_cut_off(&self) -> bool {
         self.cut_off
     }
@@ -75,7 +75,7 @@ impl Seat {
         let page = self.page;
         self.page = 1 - page;
         {
-            let mut own = self.table.pages[self.shard][page]
+            let mut own = self.exchange.pages[self.shard][page]
                 .write()
                 .unwrap_or_else(PoisonError::into_inner);
             world.publish(&mut own.bodies);
@@ -83,14 +83,14 @@ impl Seat {
                 network.report(&mut own.news);
             }
         }
-        if self.table.barrier.wait().is_err() {
+        if self.exchange.barrier.wait().is_err() {
             self.cut_off = true;
             return false;
         }
-        for (shard, pages) in self.table.pages.iter().enumerate() {
+        for (shard, pages) in self.exchange.pages.iter().enumerate() {
             let told = pages[page].read().unwrap_or_else(PoisonError::into_inner);
             let foreign = shard != self.shard;
-            if foreign && let Some(members) = Members::of_shard(shard, self.table.pages.len()) {
+            if foreign && let Some(members) = Members::of_shard(shard, self.exchange.pages.len()) {
                 world.take_over(members, &told.bodies);
             }
             if let Some(network) = network {
@@ -104,8 +104,8 @@ impl Seat {
     }
 }
 
-impl Drop for Seat {
+impl Drop for ShardHandle {
     fn drop(&mut self) {
-        self.table.barrier.leave();
+        self.exchange.barrier.leave();
     }
 }

@@ -1,7 +1,7 @@
-//! Devices that tell a tape what passes through them, and change nothing about it.
+//! Devices that tell an event log what passes through them, and change nothing about it.
 //!
 //! A tap polls the device inside it and nothing else, so that a recorded history is the same as
-//! one that is not. Every device has one, with a tape or without: a program over devices without
+//! one that is not. Every device has one, with an event log or without: a program over devices without
 //! would be compiled once more.
 
 mod network;
@@ -17,7 +17,7 @@ use embedded_hal::digital::{self, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use embedded_storage_async::nor_flash::{self, NorFlash, ReadNorFlash};
 
-use super::{Flash, Lens, Output, Tape, What, Writer, millivolts};
+use super::{EventLog, Flash, Lens, Output, What, Writer, millivolts};
 use crate::devices::{
     FlashError, LensError, SimBody, SimCamera, SimFlash, SimPin, SimPwm, SimSystem,
 };
@@ -25,17 +25,17 @@ use crate::net::network::SimNetwork;
 use crate::run::journal::Payload;
 use crate::run::machine::{Either, EitherBody};
 
-/// A device and the tape it tells, if any.
+/// A device and the event log it tells, if any.
 #[derive(Debug)]
 pub(crate) struct Tap<D> {
     inner: D,
-    tape: Option<Rc<Tape>>,
+    event_log: Option<Rc<EventLog>>,
 }
 
 impl<D> Tap<D> {
     fn note(&self, what: impl FnOnce() -> What) {
-        if let Some(tape) = &self.tape {
-            tape.note(what());
+        if let Some(event_log) = &self.event_log {
+            event_log.note(what());
         }
     }
 }
@@ -43,34 +43,35 @@ impl<D> Tap<D> {
 /// Something that a device was given and has not taken yet. Dropped before it is over, it is
 /// noted as given up.
 struct Attempt<'a> {
-    tape: &'a Tape,
+    event_log: &'a EventLog,
     writer: Writer,
     begun: u64,
     over: bool,
 }
 
 impl<'a> Attempt<'a> {
-    /// `None` where there is no tape.
-    fn new(tape: Option<&'a Rc<Tape>>, writer: Writer) -> Option<Self> {
-        tape.map(|tape| Self {
-            tape,
+    /// `None` where there is no event log.
+    fn new(event_log: Option<&'a Rc<EventLog>>, writer: Writer) -> Option<Self> {
+        event_log.map(|event_log| Self {
+            event_log,
             writer,
-            begun: tape.now(),
+            begun: event_log.now(),
             over: false,
         })
     }
 
-    /// It was not given up: hands out the tape, and when the attempt began.
-    fn over(mut self) -> (&'a Tape, u64) {
+    /// It was not given up: hands out the event log, and when the attempt began.
+    fn over(mut self) -> (&'a EventLog, u64) {
         self.over = true;
-        (self.tape, self.begun)
+        (self.event_log, self.begun)
     }
 }
 
 impl Drop for Attempt<'_> {
     fn drop(&mut self) {
         if !self.over {
-            self.tape.note_at(self.begun, What::GivenUp(self.writer));
+            self.event_log
+                .note_at(self.begun, What::GivenUp(self.writer));
         }
     }
 }
@@ -80,58 +81,61 @@ impl Drop for Attempt<'_> {
 pub(crate) struct Wired<D> {
     inner: D,
     output: Output,
-    tape: Option<Rc<Tape>>,
+    event_log: Option<Rc<EventLog>>,
 }
 
 impl<D> Wired<D> {
     fn note(&self, value: u8) {
-        if let Some(tape) = &self.tape {
-            tape.set(self.output, value);
+        if let Some(event_log) = &self.event_log {
+            event_log.set(self.output, value);
         }
     }
 }
 
-/// Puts a tap on every device of a body, off where there is no tape.
-pub(crate) fn tap(parts: Parts<SimBody<SimNetwork>>, tape: Option<&Rc<Tape>>) -> Parts<EitherBody> {
+/// Puts a tap on every device of a body, off where there is no event log.
+pub(crate) fn tap(
+    parts: Parts<SimBody<SimNetwork>>,
+    event_log: Option<&Rc<EventLog>>,
+) -> Parts<EitherBody> {
     use Output::{Lamp, LeftDuty, LeftIn1, LeftIn2, RightDuty, RightIn1, RightIn2};
     let motor = |port: MotorPort<SimPwm, SimPin>, outputs: [Output; 3]| MotorPort {
-        enable: wired(port.enable, outputs[0], tape),
-        in1: wired(port.in1, outputs[1], tape),
-        in2: wired(port.in2, outputs[2], tape),
+        enable: wired(port.enable, outputs[0], event_log),
+        in1: wired(port.in1, outputs[1], event_log),
+        in2: wired(port.in2, outputs[2], event_log),
     };
     Parts {
         clock: parts.clock,
         left: motor(parts.left, [LeftDuty, LeftIn1, LeftIn2]),
         right: motor(parts.right, [RightDuty, RightIn1, RightIn2]),
         ranger: match parts.ranger {
-            RangerPort::Uart(uart) => RangerPort::Uart(tapped(uart, tape)),
+            RangerPort::Uart(uart) => RangerPort::Uart(tapped(uart, event_log)),
             RangerPort::Pulse { trigger, echo } => RangerPort::Pulse {
-                trigger: tapped(trigger, tape),
-                echo: tapped(echo, tape),
+                trigger: tapped(trigger, event_log),
+                echo: tapped(echo, event_log),
             },
         },
-        lamp: wired(parts.lamp, Lamp, tape),
-        battery: tapped(parts.battery, tape),
-        camera: tapped(parts.camera, tape),
-        flash: tapped(parts.flash, tape),
-        network: tapped(parts.network, tape),
-        system: tapped(parts.system, tape),
+        lamp: wired(parts.lamp, Lamp, event_log),
+        battery: tapped(parts.battery, event_log),
+        camera: tapped(parts.camera, event_log),
+        flash: tapped(parts.flash, event_log),
+        network: tapped(parts.network, event_log),
+        system: tapped(parts.system, event_log),
         rng: parts.rng,
     }
 }
 
-fn tapped<D, P>(inner: D, tape: Option<&Rc<Tape>>) -> Either<Tap<D>, P> {
+fn tapped<D, P>(inner: D, event_log: Option<&Rc<EventLog>>) -> Either<Tap<D>, P> {
     Either::Simulated(Tap {
         inner,
-        tape: tape.cloned(),
+        event_log: event_log.cloned(),
     })
 }
 
-fn wired<D, P>(inner: D, output: Output, tape: Option<&Rc<Tape>>) -> Either<Wired<D>, P> {
+fn wired<D, P>(inner: D, output: Output, event_log: Option<&Rc<EventLog>>) -> Either<Wired<D>, P> {
     Either::Simulated(Wired {
         inner,
         output,
-        tape: tape.cloned(),
+        event_log: event_log.cloned(),
     })
 }
 
@@ -225,8 +229,8 @@ impl System for Tap<SimSystem> {
     }
 
     fn feed_watchdog(&mut self) {
-        if let Some(tape) = &self.tape {
-            tape.look();
+        if let Some(event_log) = &self.event_log {
+            event_log.look();
         }
         self.inner.feed_watchdog();
     }
@@ -240,7 +244,9 @@ impl System for Tap<SimSystem> {
 impl Tap<SimFlash> {
     /// The number of the operation that begins; none where nobody counts.
     fn operation(&self) -> Option<u64> {
-        self.tape.as_ref().map(|tape| tape.flash_operation())
+        self.event_log
+            .as_ref()
+            .map(|event_log| event_log.flash_operation())
     }
 
     /// Operations take no time and mostly succeed; what they read is known from what was written.

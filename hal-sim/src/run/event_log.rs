@@ -1,13 +1,13 @@
 //! What the devices of one robot said, and what its program made of it.
 //!
-//! Every device of a robot has a `tap` that tells the `Tape` what passes through it; `played`
+//! Every device of a robot has a `tap` that tells the `EventLog` what passes through it; `played`
 //! devices say once more what is on one. A recording is a file of them.
 
 mod event;
 pub(crate) mod life;
 mod mqtt;
+pub(crate) mod playback;
 pub(crate) mod played;
-pub(crate) mod stage;
 pub(crate) mod tap;
 
 use std::cell::{Cell, RefCell};
@@ -28,16 +28,16 @@ use mqtt::{Packets, Publish};
 /// they are taken ten times in one.
 const MAX_WAITING: usize = 65_536;
 
-/// The tape of one robot, shared by its devices. A new one for each boot.
-pub(crate) struct Tape {
+/// The event log of one robot, shared by its devices. A new one for each boot.
+pub(crate) struct EventLog {
     clock: SimClock,
     begun: u64,
     ended: Cell<Option<u64>>,
-    reel: RefCell<Reel>,
+    contents: RefCell<LogContents>,
 }
 
 #[derive(Default)]
-struct Reel {
+struct LogContents {
     events: Vec<Event>,
     lost: u64,
     robot: Option<Rc<SimRobot>>,
@@ -49,29 +49,29 @@ struct Reel {
     flash_operations: u64,
 }
 
-impl std::fmt::Debug for Tape {
+impl std::fmt::Debug for EventLog {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Tape")
+        f.debug_struct("EventLog")
             .field("begun", &self.begun)
             .field("ended", &self.ended)
             .finish_non_exhaustive()
     }
 }
 
-impl Tape {
+impl EventLog {
     pub(crate) fn new(clock: &SimClock) -> Self {
         let clock = clock.world();
         Self {
             begun: clock.now().as_micros(),
             ended: Cell::new(None),
-            reel: RefCell::default(),
+            contents: RefCell::default(),
             clock,
         }
     }
 
     /// The program whose state is told.
     pub(crate) fn watch(&self, robot: &Rc<SimRobot>) {
-        self.reel.borrow_mut().robot = Some(Rc::clone(robot));
+        self.contents.borrow_mut().robot = Some(Rc::clone(robot));
     }
 
     /// When the program started.
@@ -87,7 +87,7 @@ impl Tape {
     /// The program was stopped: a reset, a power cut, or its robot's removal.
     pub(crate) fn end(&self) {
         self.ended.set(Some(self.now()));
-        self.reel.borrow_mut().robot = None;
+        self.contents.borrow_mut().robot = None;
     }
 
     pub(crate) fn now(&self) -> u64 {
@@ -99,7 +99,7 @@ impl Tape {
     }
 
     pub(crate) fn note_at(&self, at: u64, what: What) {
-        self.reel.borrow_mut().note(at, what);
+        self.contents.borrow_mut().note(at, what);
     }
 
     /// When something that was asked for at `begun` is done, if that is later.
@@ -110,55 +110,55 @@ impl Tape {
 
     pub(crate) fn set(&self, output: Output, value: u8) {
         let now = self.now();
-        let reel = &mut *self.reel.borrow_mut();
-        if reel.outputs.insert(output, value) != Some(value) {
-            reel.note(now, What::Set(output, value));
+        let contents = &mut *self.contents.borrow_mut();
+        if contents.outputs.insert(output, value) != Some(value) {
+            contents.note(now, What::Set(output, value));
         }
     }
 
     pub(crate) fn link(&self, state: LinkState) {
         let now = self.now();
-        let reel = &mut *self.reel.borrow_mut();
-        if reel.link.replace(state) != Some(state) {
+        let contents = &mut *self.contents.borrow_mut();
+        if contents.link.replace(state) != Some(state) {
             let link = match state {
                 LinkState::Down => None,
                 LinkState::Up { address, rssi_dbm } => Some((address, rssi_dbm)),
             };
-            reel.note(now, What::Link(link));
+            contents.note(now, What::Link(link));
         }
     }
 
     /// Called once in each control period.
     pub(crate) fn look(&self) {
         let now = self.now();
-        let reel = &mut *self.reel.borrow_mut();
-        let Some(robot) = &reel.robot else { return };
+        let contents = &mut *self.contents.borrow_mut();
+        let Some(robot) = &contents.robot else { return };
         let snapshot = robot.snapshot();
         let state = (snapshot.state, snapshot.behaviour);
-        if reel.state.replace(state) != Some(state) {
-            reel.note(now, What::State(state.0, state.1));
+        if contents.state.replace(state) != Some(state) {
+            contents.note(now, What::State(state.0, state.1));
         }
     }
 
     /// Numbers an operation of the flash.
     pub(crate) fn flash_operation(&self) -> u64 {
-        let reel = &mut *self.reel.borrow_mut();
-        reel.flash_operations += 1;
-        reel.flash_operations - 1
+        let contents = &mut *self.contents.borrow_mut();
+        contents.flash_operations += 1;
+        contents.flash_operations - 1
     }
 
     /// A new connection: what the old one left unfinished is gone.
     pub(crate) fn connected(&self) {
-        let reel = &mut *self.reel.borrow_mut();
-        reel.up = Packets::default();
-        reel.down = Packets::default();
+        let contents = &mut *self.contents.borrow_mut();
+        contents.up = Packets::default();
+        contents.down = Packets::default();
     }
 
     /// Bytes that went out to the network. Only messages are kept: a connection also begins with
     /// name and password.
     pub(crate) fn sent(&self, at: u64, bytes: &[u8]) {
-        let reel = &mut *self.reel.borrow_mut();
-        let mut packets = std::mem::take(&mut reel.up);
+        let contents = &mut *self.contents.borrow_mut();
+        let mut packets = std::mem::take(&mut contents.up);
         packets.feed(bytes, |publish| {
             let Publish {
                 topic,
@@ -168,7 +168,7 @@ impl Tape {
                 ..
             } = publish;
             let payload = Payload::new(&payload);
-            reel.note(
+            contents.note(
                 at,
                 What::Published {
                     topic,
@@ -178,32 +178,32 @@ impl Tape {
                 },
             );
         });
-        reel.up = packets;
+        contents.up = packets;
     }
 
     /// Bytes that came from the network.
     pub(crate) fn received(&self, at: u64, bytes: &[u8]) {
-        let reel = &mut *self.reel.borrow_mut();
-        let mut packets = std::mem::take(&mut reel.down);
+        let contents = &mut *self.contents.borrow_mut();
+        let mut packets = std::mem::take(&mut contents.down);
         packets.feed(bytes, |publish| {
             let payload = Payload::new(&publish.payload);
             let topic = publish.topic;
-            reel.note(at, What::Delivered { topic, payload });
+            contents.note(at, What::Delivered { topic, payload });
         });
-        reel.down = packets;
+        contents.down = packets;
     }
 
     /// Takes the events so far, and how many there was no room for.
     pub(crate) fn take(&self) -> (Vec<Event>, u64) {
-        let reel = &mut *self.reel.borrow_mut();
+        let contents = &mut *self.contents.borrow_mut();
         (
-            std::mem::take(&mut reel.events),
-            std::mem::take(&mut reel.lost),
+            std::mem::take(&mut contents.events),
+            std::mem::take(&mut contents.lost),
         )
     }
 }
 
-impl Reel {
+impl LogContents {
     fn note(&mut self, at: u64, what: What) {
         if self.events.len() < MAX_WAITING {
             self.events.push(Event(at, what));
@@ -213,31 +213,31 @@ impl Reel {
     }
 }
 
-/// The tapes of all robots of a simulation. A handle.
+/// The event logs of all robots of a simulation. A handle.
 #[derive(Debug, Clone, Default)]
-pub struct Deck(Rc<RefCell<Vec<Track>>>);
+pub struct EventLogs(Rc<RefCell<Vec<Track>>>);
 
-/// One boot of a robot on tape.
+/// One boot of a robot in the event log.
 #[derive(Debug, Clone)]
 pub(crate) struct Track {
     pub(crate) robot: usize,
     pub(crate) life: Life,
-    pub(crate) tape: Rc<Tape>,
+    pub(crate) event_log: Rc<EventLog>,
     /// Whether its beginning was taken.
     pub(crate) told: bool,
 }
 
-impl Deck {
-    /// Puts in a tape for a robot that boots.
-    pub(crate) fn insert(&self, robot: usize, life: Life, clock: &SimClock) -> Rc<Tape> {
-        let tape = Rc::new(Tape::new(clock));
+impl EventLogs {
+    /// Puts in an event log for a robot that boots.
+    pub(crate) fn insert(&self, robot: usize, life: Life, clock: &SimClock) -> Rc<EventLog> {
+        let event_log = Rc::new(EventLog::new(clock));
         self.0.borrow_mut().push(Track {
             robot,
             life,
-            tape: Rc::clone(&tape),
+            event_log: Rc::clone(&event_log),
             told: false,
         });
-        tape
+        event_log
     }
 
     /// Hands out every track that is new, has something on it, or has ended, and forgets those
@@ -245,13 +245,13 @@ impl Deck {
     pub(crate) fn drain(&self, mut take: impl FnMut(&Track, Vec<Event>, u64)) {
         let tracks = &mut *self.0.borrow_mut();
         for track in tracks.iter_mut() {
-            let (events, lost) = track.tape.take();
-            if !track.told || !events.is_empty() || lost > 0 || track.tape.ended().is_some() {
+            let (events, lost) = track.event_log.take();
+            if !track.told || !events.is_empty() || lost > 0 || track.event_log.ended().is_some() {
                 take(track, events, lost);
             }
             track.told = true;
         }
-        tracks.retain(|track| track.tape.ended().is_none());
+        tracks.retain(|track| track.event_log.ended().is_none());
     }
 }
 
@@ -280,7 +280,7 @@ pub(crate) fn cause_named(name: &str) -> ResetCause {
     found.unwrap_or(ResetCause::External)
 }
 
-/// What an ADC gave, for the tape.
+/// What an ADC gave, for the event log.
 pub(crate) fn millivolts<E>(result: &Result<Millivolts, E>) -> Option<u16> {
     result.as_ref().ok().map(|voltage| voltage.0)
 }

@@ -1,4 +1,4 @@
-//! A body whose devices say what is on a tape.
+//! A body whose devices say what is on an event log.
 
 use core::convert::Infallible;
 use std::cell::RefCell;
@@ -16,7 +16,7 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use embedded_storage_async::nor_flash::{self, NorFlash, ReadNorFlash};
 
 use super::life::Life;
-use super::stage::{Stage, failed};
+use super::playback::{Playback, failed};
 use super::{Flash, Lens, Output, What, Writer};
 use crate::devices::{
     CAMERA_SIDE, Chip, DutyError, FlashError, GaugeError, LensError, MAX_DUTY, SimFlash, UartError,
@@ -27,12 +27,12 @@ use crate::sched::SimClock;
 use crate::world::Wiring;
 
 /// The body that a program of this life starts on.
-pub(crate) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<EitherBody> {
+pub(crate) fn parts(life: &Life, playback: &Rc<Playback>, clock: &SimClock) -> Parts<EitherBody> {
     use Output::{Lamp, LeftDuty, LeftIn1, LeftIn2, RightDuty, RightIn1, RightIn2};
-    let line = || Line(Rc::clone(stage));
+    let line = || Line(Rc::clone(playback));
     let output = |output| Played {
         output,
-        stage: Rc::clone(stage),
+        playback: Rc::clone(playback),
     };
     let motor = |outputs: [Output; 3]| MotorPort {
         enable: Either::Played(output(outputs[0])),
@@ -58,13 +58,13 @@ pub(crate) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<E
         camera: Either::Played(line()),
         flash: Either::Played(PlayedFlash {
             inner: SimFlash::open(&chip),
-            stage: Rc::clone(stage),
+            playback: Rc::clone(playback),
         }),
         network: Either::Played(line()),
         system: Either::Played(PlayedSystem {
             cause: life.cause(),
             panic: life.panic.clone(),
-            stage: Rc::clone(stage),
+            playback: Rc::clone(playback),
         }),
         rng: life.rng.clone(),
     }
@@ -74,7 +74,7 @@ pub(crate) fn parts(life: &Life, stage: &Rc<Stage>, clock: &SimClock) -> Parts<E
 #[derive(Debug)]
 pub(crate) struct Played {
     output: Output,
-    stage: Rc<Stage>,
+    playback: Rc<Playback>,
 }
 
 impl pwm::ErrorType for Played {
@@ -88,7 +88,7 @@ impl SetDutyCycle for Played {
 
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Self::Error> {
         let duty = u8::try_from(duty).map_err(|_| DutyError)?;
-        self.stage.tape.set(self.output, duty);
+        self.playback.event_log.set(self.output, duty);
         Ok(())
     }
 }
@@ -99,12 +99,12 @@ impl digital::ErrorType for Played {
 
 impl OutputPin for Played {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.stage.tape.set(self.output, 0);
+        self.playback.event_log.set(self.output, 0);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.stage.tape.set(self.output, 1);
+        self.playback.event_log.set(self.output, 1);
         Ok(())
     }
 }
@@ -112,7 +112,7 @@ impl OutputPin for Played {
 /// A device that says its lines: the ranger by line or by pins, the battery, the camera, the
 /// network.
 #[derive(Debug)]
-pub(crate) struct Line(Rc<Stage>);
+pub(crate) struct Line(Rc<Playback>);
 
 impl ErrorType for Line {
     type Error = UartError;
@@ -130,14 +130,14 @@ impl Read for Line {
 
 impl Write for Line {
     async fn write(&mut self, buf: &[u8]) -> Result<usize, UartError> {
-        let begun = self.0.tape.now();
+        let begun = self.0.event_log.now();
         let taken = self.0.take(Writer::Ask, buf.len()).await;
         let asked = What::Asked {
             bytes: Payload::new(&buf[..if taken.broken { 0 } else { taken.bytes }]),
             done_us: None,
             broken: taken.broken,
         };
-        self.0.tape.note_at(begun, asked);
+        self.0.event_log.note_at(begun, asked);
         if taken.broken {
             Err(UartError)
         } else {
@@ -157,12 +157,12 @@ impl digital::ErrorType for Line {
 
 impl OutputPin for Line {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.0.tape.note(What::Trigger(false));
+        self.0.event_log.note(What::Trigger(false));
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.0.tape.note(What::Trigger(true));
+        self.0.event_log.note(What::Trigger(true));
         Ok(())
     }
 }
@@ -258,12 +258,15 @@ impl Camera for Line {
 #[derive(Debug)]
 pub(crate) struct PlayedFlash {
     inner: SimFlash,
-    stage: Rc<Stage>,
+    playback: Rc<Playback>,
 }
 
 impl PlayedFlash {
     fn admit(&self) -> Result<(), FlashError> {
-        match self.stage.refuses(self.stage.tape.flash_operation()) {
+        match self
+            .playback
+            .refuses(self.playback.event_log.flash_operation())
+        {
             None => Ok(()),
             Some(Flash::NotAligned) => Err(FlashError::NotAligned),
             Some(Flash::OutOfBounds) => Err(FlashError::OutOfBounds),
@@ -310,7 +313,7 @@ impl NorFlash for PlayedFlash {
 pub(crate) struct PlayedSystem {
     cause: ResetCause,
     panic: Option<String>,
-    stage: Rc<Stage>,
+    playback: Rc<Playback>,
 }
 
 impl System for PlayedSystem {
@@ -323,18 +326,18 @@ impl System for PlayedSystem {
     }
 
     fn feed_watchdog(&mut self) {
-        self.stage.tape.look();
+        self.playback.event_log.look();
     }
 
     async fn reset(&mut self) -> Infallible {
-        self.stage.tape.note(What::Reset);
+        self.playback.event_log.note(What::Reset);
         pending().await
     }
 }
 
 /// The radio's word, as it was.
 #[derive(Debug, Clone)]
-pub(crate) struct PlayedMonitor(Rc<Stage>);
+pub(crate) struct PlayedMonitor(Rc<Playback>);
 
 impl LinkMonitor for PlayedMonitor {
     fn state(&self) -> LinkState {
@@ -344,7 +347,7 @@ impl LinkMonitor for PlayedMonitor {
 
 /// A connection over which comes what came.
 #[derive(Debug)]
-pub(crate) struct PlayedStream(Rc<Stage>);
+pub(crate) struct PlayedStream(Rc<Playback>);
 
 impl Network for Line {
     type Stream<'a> = PlayedStream;
@@ -360,7 +363,7 @@ impl Network for Line {
 
     async fn connect(&mut self, _host: &str, _port: u16) -> Result<PlayedStream, NetError> {
         failed(self.0.next(|script| &mut script.connected).await)?;
-        self.0.tape.connected();
+        self.0.event_log.connected();
         Ok(PlayedStream(Rc::clone(&self.0)))
     }
 }
@@ -384,12 +387,12 @@ impl Read for PlayedStream {
 
 impl Write for PlayedStream {
     async fn write(&mut self, buf: &[u8]) -> Result<usize, ErrorKind> {
-        let begun = self.0.tape.now();
+        let begun = self.0.event_log.now();
         let taken = self.0.take(Writer::Send, buf.len()).await;
         if taken.broken {
             return Err(BROKEN);
         }
-        self.0.tape.sent(begun, &buf[..taken.bytes]);
+        self.0.event_log.sent(begun, &buf[..taken.bytes]);
         Ok(taken.bytes)
     }
 

@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 /// Listens on a port of loopback for as long as the test runs.
-pub(crate) struct Door {
+pub(crate) struct LoadBalancer {
     port: u16,
 }
 
-impl Door {
+impl LoadBalancer {
     /// Hands every connection to the next of `servers`, by port, that takes one.
     pub(crate) fn open(servers: Vec<u16>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");

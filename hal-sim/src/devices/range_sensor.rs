@@ -1,4 +1,4 @@
-//! The US-100's ear: what one measurement hears, whoever asked for it.
+//! The US-100 without its line: what one measurement hears, whoever asked for it.
 
 use crawler_hal::{Duration, Instant};
 use rand_pcg::Pcg32;
@@ -17,7 +17,7 @@ const CUT: f32 = 3.0;
 
 /// One sensor without its line.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Ear {
+pub(crate) struct RangeSensor {
     rng: Pcg32,
     /// How much too warm its thermometer reads, degrees Celsius.
     thermometer_c: f32,
@@ -32,7 +32,7 @@ pub(crate) struct Echo {
     pub(crate) says_mm: u16,
 }
 
-impl Ear {
+impl RangeSensor {
     /// A sensor with the peculiarities that `build` gives it; its measurements draw from `rng`.
     pub(crate) fn new(rng: Pcg32, build: &mut Pcg32, deviation_c: f32) -> Self {
         Self {
