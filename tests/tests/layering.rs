@@ -105,7 +105,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     ("crawler-server-tls", &["crawler-system"]),
-    ("crawler-system", &["crawler-access"]),
+    ("crawler-system", &[]),
     (
         "crawler-cells",
         &["crawler-app", "crawler-hal", "crawler-protocol"],

@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 use std::hash::Hash;
-use std::net::{IpAddr, Ipv6Addr};
 use std::time::{Duration, Instant};
 
 /// How failed logins are slowed down.
@@ -154,18 +153,6 @@ impl Backoff {
         };
         let factor = 1_u32.checked_shl(beyond).unwrap_or(u32::MAX);
         self.first.saturating_mul(factor).min(self.longest)
-    }
-}
-
-/// The address that attempts are counted for. One line at home has a whole `/64` of IPv6
-/// addresses, so those count as one.
-#[must_use]
-pub fn neighbourhood(address: IpAddr) -> IpAddr {
-    match address.to_canonical() {
-        IpAddr::V6(address) => IpAddr::V6(Ipv6Addr::from_bits(
-            address.to_bits() & !u128::from(u64::MAX),
-        )),
-        address @ IpAddr::V4(_) => address,
     }
 }
 

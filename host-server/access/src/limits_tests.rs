@@ -107,15 +107,6 @@ fn the_usual_settings_leave_a_hundred_guesses_a_day() {
     assert!((50..120).contains(&guesses), "{guesses}");
 }
 
-#[test]
-fn one_line_at_home_is_one_key() {
-    let key = |text: &str| neighbourhood(text.parse().expect("an address"));
-    assert_eq!(key("192.0.2.7"), key("::ffff:192.0.2.7"));
-    assert_ne!(key("192.0.2.7"), key("192.0.2.8"));
-    assert_eq!(key("2001:db8:1:2::1"), key("2001:db8:1:2:ffff::9"));
-    assert_ne!(key("2001:db8:1:2::1"), key("2001:db8:1:3::1"));
-}
-
 const ALLOWANCE: Allowance = Allowance {
     per_second: 10.0,
     burst: 20.0,

@@ -6,7 +6,8 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use crawler_access::UserName;
-use crawler_access::limits::{Attempts, Backoff, neighbourhood};
+use crawler_access::limits::{Attempts, Backoff};
+use crawler_system::neighbourhood;
 
 use crate::lock;
 

@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 use axum::extract::{MatchedPath, Request};
 use axum::http::Method;
 use crawler_access::UserName;
-use crawler_access::limits::{Allowance, Flood, Verdict, neighbourhood};
+use crawler_access::limits::{Allowance, Flood, Verdict};
 use crawler_cluster::{Bucket, Spent};
+use crawler_system::neighbourhood;
 
 use super::problem::{Code, Problem};
 use crawler_cluster::ClusterMembership;

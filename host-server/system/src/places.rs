@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crawler_access::limits::neighbourhood;
+use crate::neighbourhood;
 
 /// The places there are.
 #[derive(Debug)]

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crawler_access::limits::neighbourhood;
+use crate::neighbourhood;
 use tokio_util::sync::CancellationToken;
 
 /// The connections that wait.
