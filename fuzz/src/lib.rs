@@ -3,6 +3,7 @@
 mod access;
 mod board;
 mod models;
+mod release;
 mod targets;
 mod tls;
 
@@ -18,6 +19,7 @@ pub fn run(target: &str, data: &[u8]) {
         .chain(&access::TARGETS)
         .chain(&board::TARGETS)
         .chain(&models::TARGETS)
+        .chain(&release::TARGETS)
         .chain(&tls::TARGETS)
         .find(|(name, _)| *name == target)
         .expect("a target of this name");

@@ -19,6 +19,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-detector", &[]),
     ("crawler-drivers", &["crawler-hal"]),
     ("crawler-protocol", &["crawler-hal"]),
+    ("crawler-release", &[]),
     ("crawler-tls", &["crawler-hal"]),
     (
         "crawler-app",
@@ -163,6 +164,7 @@ const BARE: &[(&str, &str)] = &[
     ("crawler-hal", "firmware/hal"),
     ("crawler-drivers", "firmware/drivers"),
     ("crawler-protocol", "firmware/protocol"),
+    ("crawler-release", "firmware/release"),
     ("crawler-tls", "firmware/tls"),
     ("crawler-app", "firmware/app"),
     ("crawler-micromodel", "models/micromodel"),

@@ -1,0 +1,347 @@
+//! A manifest in bytes: CBOR (RFC 8949), a map with small integers as keys.
+//!
+//! | key | field | type |
+//! |---|---|---|
+//! | 0 | format | 1 |
+//! | 1 | kind | 0 program, 1 model |
+//! | 2 | name | text; models alone |
+//! | 3 | board | text |
+//! | 4 | chip | unsigned, 16 bits |
+//! | 5 | version | text |
+//! | 6 | build | text |
+//! | 7 | sequence | unsigned, 32 bits |
+//! | 8 | floor | unsigned, 32 bits |
+//! | 9 | expires | unsigned, 64 bits; may be missing |
+//! | 10 | size | unsigned, 32 bits |
+//! | 11 | sha256 | 32 bytes |
+//! | 12 | block size | 65536 or 131072 |
+//! | 13 | block hashes | 16 bytes for each block |
+//! | 14 | delta | array of base's SHA-256, base's build, size of the patch; may be missing |
+//! | 15 | requires | array of sequence and protocol; missing when both are 0 |
+//!
+//! There is one encoding of a manifest, the deterministic one of section 4.2.1: what was decoded is the
+//! bytes that encoding it gives, so that what was signed and what is believed are the same.
+
+use core::convert::Infallible;
+use core::fmt;
+
+use minicbor::decode::{self, Decoder};
+use minicbor::encode::write::{Cursor, Write};
+use minicbor::encode::{self, Encoder};
+
+use crate::manifest::{Chip, Delta, FORMAT, HASH, Kind, MANIFEST_MAX, Manifest, Requires};
+
+const KEY_FORMAT: u8 = 0;
+const KEY_KIND: u8 = 1;
+const KEY_NAME: u8 = 2;
+const KEY_BOARD: u8 = 3;
+const KEY_CHIP: u8 = 4;
+const KEY_VERSION: u8 = 5;
+const KEY_BUILD: u8 = 6;
+const KEY_SEQUENCE: u8 = 7;
+const KEY_FLOOR: u8 = 8;
+const KEY_EXPIRES: u8 = 9;
+const KEY_SIZE: u8 = 10;
+const KEY_SHA256: u8 = 11;
+const KEY_BLOCK_SIZE: u8 = 12;
+const KEY_BLOCKS: u8 = 13;
+const KEY_DELTA: u8 = 14;
+const KEY_REQUIRES: u8 = 15;
+
+/// Fields that are always there.
+const ALWAYS: u64 = 12;
+
+/// Why bytes are no manifest, or no envelope.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Malformed {
+    /// More bytes than a manifest or an envelope may have.
+    Oversize,
+    /// The envelope does not begin as one does, or ends in its signature.
+    Envelope,
+    /// A format of a later version.
+    Format(u8),
+    /// Cut off, or no CBOR.
+    Cbor,
+    /// A field of another type.
+    WrongType,
+    /// A field that manifests of this format do not have.
+    UnknownField,
+    /// The field of this key is missing.
+    MissingField(u8),
+    /// The field of this key stands in the wrong place, or twice.
+    FieldOrder(u8),
+    /// The field of this name is outside of its limits, or contradicts another.
+    OutOfRange(&'static str),
+    /// Bytes behind the manifest.
+    Trailing,
+    /// The same could be said in other, shorter bytes.
+    NotCanonical,
+}
+
+impl fmt::Display for Malformed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Oversize => f.write_str("too many bytes"),
+            Self::Envelope => f.write_str("it does not begin as a signed release does"),
+            Self::Format(format) => write!(f, "format {format} is not known, only {FORMAT}"),
+            Self::Cbor => f.write_str("cut off, or not CBOR"),
+            Self::WrongType => f.write_str("a field of another type"),
+            Self::UnknownField => f.write_str("an unknown field"),
+            Self::MissingField(key) => write!(f, "field {key} is missing"),
+            Self::FieldOrder(key) => write!(f, "field {key} stands twice or in the wrong place"),
+            Self::OutOfRange(field) => write!(f, "`{field}` is outside of its limits"),
+            Self::Trailing => f.write_str("bytes behind the manifest"),
+            Self::NotCanonical => f.write_str("not in the shortest encoding"),
+        }
+    }
+}
+
+impl core::error::Error for Malformed {}
+
+impl<'a> Manifest<'a> {
+    /// Writes the manifest to the front of `buf` and returns its length, at most [`MANIFEST_MAX`].
+    ///
+    /// # Errors
+    /// [`Malformed::OutOfRange`] when it is not valid, [`Malformed::Oversize`] when `buf` is too short.
+    pub fn encode(&self, buf: &mut [u8]) -> Result<usize, Malformed> {
+        self.validate()?;
+        let mut out = Encoder::new(Cursor::new(buf));
+        write(self, &mut out).map_err(|_| Malformed::Oversize)?;
+        let length = out.writer().position();
+        if length <= MANIFEST_MAX {
+            Ok(length)
+        } else {
+            Err(Malformed::Oversize)
+        }
+    }
+
+    /// Reads a manifest from the whole of `bytes`. Says nothing on who wrote it: what arrives from outside
+    /// goes through [`Signed::authenticate`](crate::Signed::authenticate).
+    ///
+    /// # Errors
+    /// [`Malformed`] names what is wrong. What is accepted is what [`Manifest::encode`] writes, to the bit.
+    pub fn decode(bytes: &'a [u8]) -> Result<Self, Malformed> {
+        if bytes.len() > MANIFEST_MAX {
+            return Err(Malformed::Oversize);
+        }
+        let mut decoder = Decoder::new(bytes);
+        let manifest = read(&mut decoder)?;
+        if decoder.position() != bytes.len() {
+            return Err(Malformed::Trailing);
+        }
+        manifest.validate()?;
+        let mut again = Encoder::new(Compare {
+            rest: bytes,
+            same: true,
+        });
+        // `Compare` takes whatever is written.
+        let _ = write(&manifest, &mut again);
+        let Compare { rest, same } = again.into_writer();
+        if same && rest.is_empty() {
+            Ok(manifest)
+        } else {
+            Err(Malformed::NotCanonical)
+        }
+    }
+}
+
+/// Holds what is written against bytes that are known, without room for both.
+struct Compare<'a> {
+    rest: &'a [u8],
+    same: bool,
+}
+
+impl Write for Compare<'_> {
+    type Error = Infallible;
+
+    fn write_all(&mut self, written: &[u8]) -> Result<(), Infallible> {
+        match self.rest.strip_prefix(written) {
+            Some(rest) => self.rest = rest,
+            None => self.same = false,
+        }
+        Ok(())
+    }
+}
+
+fn write<W: Write>(
+    manifest: &Manifest<'_>,
+    out: &mut Encoder<W>,
+) -> Result<(), encode::Error<W::Error>> {
+    let requires = Some(manifest.requires).filter(|requires| *requires != Requires::default());
+    let optional = [
+        manifest.name.is_some(),
+        manifest.expires.is_some(),
+        manifest.delta.is_some(),
+        requires.is_some(),
+    ];
+    out.map(ALWAYS + optional.iter().filter(|there| **there).count() as u64)?;
+    out.u8(KEY_FORMAT)?.u8(FORMAT)?;
+    out.u8(KEY_KIND)?.u8(manifest.kind as u8)?;
+    if let Some(name) = manifest.name {
+        out.u8(KEY_NAME)?.str(name)?;
+    }
+    out.u8(KEY_BOARD)?.str(manifest.board)?;
+    out.u8(KEY_CHIP)?.u16(manifest.chip.0)?;
+    out.u8(KEY_VERSION)?.str(manifest.version)?;
+    out.u8(KEY_BUILD)?.str(manifest.build)?;
+    out.u8(KEY_SEQUENCE)?.u32(manifest.sequence)?;
+    out.u8(KEY_FLOOR)?.u32(manifest.floor)?;
+    if let Some(expires) = manifest.expires {
+        out.u8(KEY_EXPIRES)?.u64(expires)?;
+    }
+    out.u8(KEY_SIZE)?.u32(manifest.size)?;
+    out.u8(KEY_SHA256)?.bytes(manifest.sha256)?;
+    out.u8(KEY_BLOCK_SIZE)?.u32(manifest.block_size)?;
+    out.u8(KEY_BLOCKS)?.bytes(manifest.blocks)?;
+    if let Some(delta) = manifest.delta {
+        out.u8(KEY_DELTA)?.array(3)?;
+        out.bytes(delta.base)?.str(delta.build)?.u32(delta.size)?;
+    }
+    if let Some(requires) = requires {
+        out.u8(KEY_REQUIRES)?.array(2)?;
+        out.u32(requires.sequence)?.u8(requires.protocol)?;
+    }
+    Ok(())
+}
+
+fn read<'a>(decoder: &mut Decoder<'a>) -> Result<Manifest<'a>, Malformed> {
+    let mut fields = Fields {
+        left: decoder
+            .map()
+            .map_err(|error| describe(&error))?
+            .ok_or(Malformed::NotCanonical)?,
+        decoder,
+        next: None,
+    };
+    let format = fields.always(KEY_FORMAT)?.u8();
+    let format = is(format)?;
+    if format != FORMAT {
+        return Err(Malformed::Format(format));
+    }
+    let kind = usize::from(is(fields.always(KEY_KIND)?.u8())?);
+    let kind = *Kind::ALL.get(kind).ok_or(Malformed::OutOfRange("kind"))?;
+    let name = fields.optional(KEY_NAME)?.map(text).transpose()?;
+    let board = text(fields.always(KEY_BOARD)?)?;
+    let chip = Chip(is(fields.always(KEY_CHIP)?.u16())?);
+    let version = text(fields.always(KEY_VERSION)?)?;
+    let build = text(fields.always(KEY_BUILD)?)?;
+    let sequence = is(fields.always(KEY_SEQUENCE)?.u32())?;
+    let floor = is(fields.always(KEY_FLOOR)?.u32())?;
+    let expires = fields.optional(KEY_EXPIRES)?.map(Decoder::u64);
+    let expires = expires.map(is).transpose()?;
+    let size = is(fields.always(KEY_SIZE)?.u32())?;
+    let sha256 = hash(fields.always(KEY_SHA256)?)?;
+    let block_size = is(fields.always(KEY_BLOCK_SIZE)?.u32())?;
+    let blocks = is(fields.always(KEY_BLOCKS)?.bytes())?;
+    let delta = fields.optional(KEY_DELTA)?.map(delta).transpose()?;
+    let requires = fields.optional(KEY_REQUIRES)?.map(requires).transpose()?;
+    fields.end()?;
+    Ok(Manifest {
+        kind,
+        name,
+        board,
+        chip,
+        version,
+        build,
+        sequence,
+        floor,
+        expires,
+        size,
+        sha256,
+        block_size,
+        blocks,
+        delta,
+        requires: requires.unwrap_or_default(),
+    })
+}
+
+/// The fields of a map, in rising order of their keys.
+struct Fields<'d, 'a> {
+    decoder: &'d mut Decoder<'a>,
+    left: u64,
+    /// The key that was read and whose value was not.
+    next: Option<u8>,
+}
+
+impl<'a> Fields<'_, 'a> {
+    /// The value of an optional field, if it comes next.
+    fn optional(&mut self, key: u8) -> Result<Option<&mut Decoder<'a>>, Malformed> {
+        if self.next.is_none() && self.left > 0 {
+            self.left -= 1;
+            self.next = Some(is(self.decoder.u8())?);
+        }
+        match self.next {
+            Some(next) if next == key => {
+                self.next = None;
+                Ok(Some(self.decoder))
+            }
+            Some(next) if next > KEY_REQUIRES => Err(Malformed::UnknownField),
+            Some(next) if next < key => Err(Malformed::FieldOrder(next)),
+            _ => Ok(None),
+        }
+    }
+
+    fn always(&mut self, key: u8) -> Result<&mut Decoder<'a>, Malformed> {
+        self.optional(key)?.ok_or(Malformed::MissingField(key))
+    }
+
+    /// Nothing may be left.
+    fn end(mut self) -> Result<(), Malformed> {
+        // No key is so large: whatever comes is unknown, or out of order.
+        match self.optional(u8::MAX)? {
+            None => Ok(()),
+            Some(_) => Err(Malformed::UnknownField),
+        }
+    }
+}
+
+fn describe(error: &decode::Error) -> Malformed {
+    if error.is_type_mismatch() {
+        Malformed::WrongType
+    } else if error.is_end_of_input() {
+        Malformed::Cbor
+    } else {
+        // An integer too large for its field, or a text that is no UTF-8.
+        Malformed::OutOfRange("value")
+    }
+}
+
+fn is<T>(read: Result<T, decode::Error>) -> Result<T, Malformed> {
+    read.map_err(|error| describe(&error))
+}
+
+fn text<'a>(decoder: &mut Decoder<'a>) -> Result<&'a str, Malformed> {
+    is(decoder.str())
+}
+
+fn hash<'a>(decoder: &mut Decoder<'a>) -> Result<&'a [u8; HASH], Malformed> {
+    let bytes = is(decoder.bytes())?;
+    bytes
+        .try_into()
+        .map_err(|_| Malformed::OutOfRange("sha256"))
+}
+
+fn array(decoder: &mut Decoder<'_>, length: u64) -> Result<(), Malformed> {
+    match is(decoder.array())? {
+        Some(told) if told == length => Ok(()),
+        _ => Err(Malformed::WrongType),
+    }
+}
+
+fn delta<'a>(decoder: &mut Decoder<'a>) -> Result<Delta<'a>, Malformed> {
+    array(decoder, 3)?;
+    Ok(Delta {
+        base: hash(decoder)?,
+        build: text(decoder)?,
+        size: is(decoder.u32())?,
+    })
+}
+
+fn requires(decoder: &mut Decoder<'_>) -> Result<Requires, Malformed> {
+    array(decoder, 2)?;
+    Ok(Requires {
+        sequence: is(decoder.u32())?,
+        protocol: is(decoder.u8())?,
+    })
+}

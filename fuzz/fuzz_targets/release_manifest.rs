@@ -1,0 +1,4 @@
+//! Fuzzes `release_manifest`; see `release.rs`.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| crawler_fuzz::run("release_manifest", data));
