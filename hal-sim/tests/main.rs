@@ -1,6 +1,5 @@
-//! Every test of the simulator from outside, in one program: to link the robot program once takes
-//! a twentieth of linking it for each file. cargo-nextest gives each test a process of its own all
-//! the same.
+//! Every test of the simulator from outside, in one program, so that the robot program is linked
+//! once and not for each file. cargo-nextest gives each test a process of its own all the same.
 
 mod camera;
 mod chaos;

@@ -1,6 +1,5 @@
-//! Every test end to end, and every check of the repository, in one program: to link server and simulator once
-//! takes a fraction of linking them for each file. cargo-nextest gives each test a process of its own all
-//! the same.
+//! Every test end to end, and every check of the repository, in one program, so that server and simulator are
+//! linked once and not for each file. cargo-nextest gives each test a process of its own all the same.
 
 mod book;
 mod browser;

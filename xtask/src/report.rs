@@ -13,7 +13,7 @@ const SLOWEST: usize = 10;
 pub(crate) struct Report {
     steps: Vec<(&'static str, Duration)>,
     failed: Vec<&'static str>,
-    programs: Vec<(String, Duration)>,
+    modules: Vec<(String, Duration)>,
 }
 
 impl Report {
@@ -35,8 +35,8 @@ impl Report {
     }
 
     /// Adds how long each test program took.
-    pub(crate) fn programs(&mut self, times: impl IntoIterator<Item = (String, Duration)>) {
-        self.programs.extend(times);
+    pub(crate) fn modules(&mut self, times: impl IntoIterator<Item = (String, Duration)>) {
+        self.modules.extend(times);
     }
 
     /// Prints what was slowest, and the count.
@@ -47,11 +47,11 @@ impl Report {
         let total: Duration = self.steps.iter().map(|(_, took)| *took).sum();
         let steps = self.steps.iter().map(|(name, took)| (*name, *took));
         print!("\n{}", slowest("steps", steps));
-        if !self.programs.is_empty() {
-            let programs = self.programs.iter();
-            let programs = programs.map(|(name, took)| (name.as_str(), *took));
-            let title = "test programs, by the sum of their tests";
-            print!("\n{}", slowest(title, programs));
+        if !self.modules.is_empty() {
+            let modules = self.modules.iter();
+            let modules = modules.map(|(name, took)| (name.as_str(), *took));
+            let title = "modules of test programs, by the sum of their tests";
+            print!("\n{}", slowest(title, modules));
         }
         println!("\n{} s in all", total.as_secs());
         // Alone on its line, as other tools look for it.

@@ -1,6 +1,7 @@
 //! The tests of the workspace, run by cargo-nextest: all or some, once or again and again, on a quiet
 //! machine or a busy one.
 
+use std::collections::BTreeMap;
 use std::env;
 use std::fs;
 use std::io::Read as _;
@@ -125,7 +126,7 @@ impl Selection {
         let _ = fs::remove_file(&path);
         let outcome = run::run_command(self.command(&more, self.one_core));
         if let Ok(text) = fs::read_to_string(path) {
-            report.programs(program_times(&text));
+            report.modules(module_times(&text));
         }
         outcome
     }
@@ -184,19 +185,27 @@ fn filter(suites: &[String], programs: &str) -> String {
     suites.iter().map(one).collect::<Vec<_>>().join(" | ")
 }
 
-/// How long the tests of each program took together, from a report in the form of `JUnit`.
-fn program_times(junit: &str) -> Vec<(String, Duration)> {
-    junit
-        .split("<testsuite ")
-        .skip(1)
-        .filter_map(|suite| {
-            let name = attribute(suite, "name")?;
-            let cases = suite.split("<testcase ").skip(1);
-            let seconds = cases.filter_map(|case| attribute(case, "time")?.parse::<f64>().ok());
-            let took = Duration::try_from_secs_f64(seconds.sum()).ok()?;
-            Some((name.to_owned(), took))
-        })
-        .collect()
+/// How long the tests of each module of each program took together, from a report in the form of `JUnit`.
+fn module_times(junit: &str) -> BTreeMap<String, Duration> {
+    let mut times = BTreeMap::new();
+    for suite in junit.split("<testsuite ").skip(1) {
+        let Some(program) = attribute(suite, "name") else {
+            continue;
+        };
+        for case in suite.split("<testcase ").skip(1) {
+            let time = attribute(case, "time").and_then(|time| time.parse::<f64>().ok());
+            let took = time.and_then(|time| Duration::try_from_secs_f64(time).ok());
+            let (Some(name), Some(took)) = (attribute(case, "name"), took) else {
+                continue;
+            };
+            let of = match name.split_once("::") {
+                Some((module, _)) => format!("{program} {module}"),
+                None => program.to_owned(),
+            };
+            *times.entry(of).or_default() += took;
+        }
+    }
+    times
 }
 
 /// The attribute `name` of the element that `text` begins within.
@@ -255,7 +264,7 @@ pub(crate) fn keep_a_core_busy() {
 mod tests {
     use std::time::Duration;
 
-    use super::{Selection, filter, program_times};
+    use super::{Selection, filter, module_times};
 
     fn parse(words: &[&str]) -> crate::run::Outcome<Selection> {
         let words: Vec<String> = words.iter().map(|&word| word.to_owned()).collect();
@@ -291,18 +300,18 @@ mod tests {
     }
 
     #[test]
-    fn times_are_added_up_for_each_program() {
+    fn times_are_added_up_for_each_module() {
         let junit = "<testsuites name=\"nextest-run\" time=\"9\">\n\
-            <testsuite name=\"crawler-sim::live\" tests=\"2\">\n\
-            <testcase name=\"a\" classname=\"crawler-sim::live\" time=\"1.25\">\n</testcase>\n\
-            <testcase name=\"b\" classname=\"crawler-sim::live\" time=\"0.500\"/></testsuite>\n\
+            <testsuite name=\"crawler-sim::suite\" tests=\"3\">\n\
+            <testcase name=\"live::a\" classname=\"crawler-sim::suite\" time=\"1.25\">\n</testcase>\n\
+            <testcase name=\"live::deep::b\" classname=\"crawler-sim::suite\" time=\"0.500\"/>\n\
+            <testcase name=\"c\" classname=\"crawler-sim::suite\" time=\"2\"/></testsuite>\n\
             <testsuite name=\"crawler-hil\" tests=\"0\"></testsuite></testsuites>";
-        assert_eq!(
-            program_times(junit),
-            [
-                ("crawler-sim::live".to_owned(), Duration::from_millis(1750)),
-                ("crawler-hil".to_owned(), Duration::ZERO)
-            ]
-        );
+        let expected = [
+            ("crawler-sim::suite", 2_000),
+            ("crawler-sim::suite live", 1_750),
+        ];
+        let expected = expected.map(|(name, ms)| (name.to_owned(), Duration::from_millis(ms)));
+        assert_eq!(module_times(junit), expected.into());
     }
 }
