@@ -19,7 +19,7 @@ export class ApiError extends Error {
   }
 }
 
-export const BASE = '/api/v1'
+const BASE = '/api/v1'
 /** Time for what a lock or a look-up answers. */
 export const QUICK_MS = 2_000
 /** Time for what hashes a password or reads many records. */

@@ -1,7 +1,7 @@
 import { type Ref, ref } from 'vue'
 
 /** Does one thing after the other, in the order in which they were asked for. */
-export interface InOrder {
+interface InOrder {
   /** How many are under way or wait. */
   readonly waiting: Readonly<Ref<number>>
   /** Does `task` when all before it have ended, well or not; `null` when too many wait. */

@@ -9,7 +9,7 @@ const many = (value: number, one: string, more: string): string =>
   value === 1 ? `1 ${one}` : `${count(value)} ${more}`
 
 /** Metres, with a true minus. */
-export const coordinate = (value: number): string => value.toFixed(2).replace('-', '−')
+const coordinate = (value: number): string => value.toFixed(2).replace('-', '−')
 
 export const scenarios = {
   title: 'Scenarios',

@@ -18,7 +18,7 @@ export const PLACES = [
   'experiments',
 ] as const
 /** Accounts and administration. */
-export const PAGES = ['account', 'people', 'keys', 'audit'] as const
+const PAGES = ['account', 'people', 'keys', 'audit'] as const
 export type Place = (typeof PLACES)[number]
 export type Page = (typeof PAGES)[number]
 export type View = Place | Page
@@ -28,7 +28,7 @@ const VIEWS: readonly View[] = [...PLACES, ...PAGES]
 
 export type Query = Readonly<Record<string, string>>
 
-export interface Route {
+interface Route {
   view: View
   /** The robot whose page it is; only of the view `robots`. */
   robot: string | null

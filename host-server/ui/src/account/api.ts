@@ -177,8 +177,6 @@ export function accountApi(send: Send) {
   }
 }
 
-export type AccountApi = ReturnType<typeof accountApi>
-
 function list(body: unknown, name: string): Record<string, unknown>[] {
   const found = Array.isArray(body) ? body : fields(body)[name]
   return Array.isArray(found) ? found.map(fields) : []

@@ -1,7 +1,7 @@
 /** What names and passwords must be like, as the server checks it too. */
 
-export const SHORTEST_PASSWORD = 10
-export const LONGEST_PASSWORD = 256
+const SHORTEST_PASSWORD = 10
+const LONGEST_PASSWORD = 256
 
 export type PasswordRule = 'length' | 'name'
 

@@ -16,7 +16,7 @@ import type { Exclusive } from './exclusive'
 import type { Role } from './roles'
 import { parseRole } from './roles'
 
-export type SessionState =
+type SessionState =
   /** Nobody has answered yet. */
   | 'starting'
   /** The server cannot be reached; tried again and again. */
@@ -27,7 +27,7 @@ export type SessionState =
   | 'out'
 
 /** Why the login page is shown; `null` when nobody was logged in. */
-export type WhyOut = 'ended' | 'logged-out' | 'elsewhere' | null
+type WhyOut = 'ended' | 'logged-out' | 'elsewhere' | null
 
 /** What came of asking for a new token. */
 type Renewal = 'renewed' | 'ended' | 'unreachable'
@@ -39,7 +39,7 @@ export interface Channel {
   close(): void
 }
 
-export interface SessionOptions {
+interface SessionOptions {
   send: Send
   exclusive: Exclusive
   channel: Channel | null

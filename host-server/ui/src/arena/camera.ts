@@ -20,8 +20,8 @@ export interface Bounds {
   maxY: number
 }
 
-export const MIN_SCALE = 1
-export const MAX_SCALE = 1_200
+const MIN_SCALE = 1
+const MAX_SCALE = 1_200
 
 export function toScreen(camera: Camera, size: Size, x: number, y: number): [number, number] {
   return [
@@ -59,7 +59,7 @@ export function panBy(camera: Camera, dx: number, dy: number): Camera {
 }
 
 /** Pixels to keep free at each edge. */
-export interface Margins {
+interface Margins {
   top: number
   sides: number
   bottom: number

@@ -4,16 +4,12 @@ import type { Robot } from '../fleet/fleet'
 import type { Bounds, Camera, Size } from './camera'
 import { toWorld } from './camera'
 
-/** What a cluster tells apart, in the order in which its ring is drawn. */
-export const MIX = ['moving', 'waiting', 'attention', 'error', 'gone'] as const
-export type Mix = (typeof MIX)[number]
-
 export interface Cluster {
   /** Middle of its robots, metres. */
   x: number
   y: number
   count: number
-  /** Robots by what they do, in the order of {@link MIX}. */
+  /** Robots that move, wait, want attention, stand with an error, and are gone: as its ring is drawn. */
   mix: readonly number[]
 }
 

@@ -6,7 +6,7 @@
 import type { Ref } from 'vue'
 import { onBeforeUnmount, onMounted } from 'vue'
 
-export interface Gestures {
+interface Gestures {
   pan(dx: number, dy: number): void
   zoom(x: number, y: number, factor: number): void
   tap(x: number, y: number, keys: Keys): void

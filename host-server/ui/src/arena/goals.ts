@@ -5,7 +5,7 @@ import { shallowRef } from 'vue'
 import type { Api } from '../api'
 import type { Placed } from './spread'
 
-export type GoalState =
+type GoalState =
   /** On its way to the server. */
   | 'sending'
   /** The server has it; the robot is told or on its way. */
@@ -22,7 +22,7 @@ export interface Goal {
   readonly why: string | null
 }
 
-export interface GoalsOptions {
+interface GoalsOptions {
   api: Pick<Api, 'commandRobot' | 'outcome'>
   /** Words for a goal that was not reached. */
   words(status: string, reason: string | null): string

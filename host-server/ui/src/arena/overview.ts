@@ -15,7 +15,7 @@ export interface Frame {
   height: number
 }
 
-export interface Rectangle {
+interface Rectangle {
   x: number
   y: number
   width: number

@@ -50,11 +50,11 @@ export interface Palette {
 }
 
 /** Radius of a robot, metres, drawn no smaller than {@link View.smallest} pixels. */
-export const ROBOT_RADIUS = 0.1
+const ROBOT_RADIUS = 0.1
 /** Half the opening of a US-100's beam. */
-export const CONE_HALF_ANGLE = (7.5 * Math.PI) / 180
+const CONE_HALF_ANGLE = (7.5 * Math.PI) / 180
 /** Readings beyond this are drawn as "nothing in reach", metres. */
-export const LONGEST_CONE = 4.5
+const LONGEST_CONE = 4.5
 
 export interface View {
   camera: Camera

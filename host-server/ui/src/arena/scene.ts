@@ -5,7 +5,7 @@ import { COLOURS } from '../feed/arena'
 import type { Bounds } from './camera'
 
 /** Indices into the tones of the theme; the order is the one of {@link TONES}. */
-export const TONE = {
+const TONE = {
   floor: 0,
   grid: 1,
   wall: 2,

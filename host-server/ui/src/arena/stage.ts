@@ -53,7 +53,7 @@ export interface Shown {
   readonly past?: Past
 }
 
-export interface Surfaces {
+interface Surfaces {
   box: HTMLElement
   canvas: HTMLCanvasElement
   over: HTMLCanvasElement

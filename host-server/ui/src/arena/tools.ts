@@ -19,7 +19,7 @@ import { poseAt } from '../fleet/fleet'
 export type Tool = 'none' | 'lasso' | 'go' | 'fence'
 
 /** What draws fences; it comes when it is there. */
-export interface FencePen {
+interface FencePen {
   press(x: number, y: number): void
   close(): void
   cancel(): void

@@ -11,7 +11,7 @@ import { Stage } from './stage'
 /** Beyond this many robots cones and trails of all hide more than they show. */
 const MOST_CONES = 300
 
-export interface StageOptions {
+interface StageOptions {
   /** Changes when robots have been counted anew. */
   tick: Readonly<Ref<number>>
   selected: () => string | null

@@ -4,7 +4,7 @@ import { directionOf, focusOf, intentOf, isSpace } from '../drive/keys'
 import type { Room } from './room'
 
 /** What the page offers keys besides stopping and driving. */
-export interface PageActions {
+interface PageActions {
   /** `room`: all keys; `page`: the emergency stop only; `off`: none. */
   keys(): 'room' | 'page' | 'off'
   help(): void

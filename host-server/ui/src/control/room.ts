@@ -29,7 +29,7 @@ import { Log } from './log'
 
 export { MOST_LOG_ENTRIES } from './log'
 
-export type Blocked = keyof typeof text.drive.blocked
+type Blocked = keyof typeof text.drive.blocked
 
 /** The list and all figures are brought up to date this often, not at feed rate. */
 const REFRESH_MS = 200
@@ -42,7 +42,7 @@ const RECEIPT_EVERY_MS = 300
 /** All robots must report ERROR this long before the page takes it for a stop. */
 const ADOPT_AFTER_MS = 1_500
 
-export interface RoomOptions {
+interface RoomOptions {
   url: FeedAddress
   api: Api
   /** What the one at the controls may do; everything, where it is not said. */

@@ -4,11 +4,11 @@
  */
 
 /** Share of the way that counts as all of it. */
-export const FAR_ENOUGH = 0.95
+const FAR_ENOUGH = 0.95
 /** A jump further than this was a tap on the track, not a slide. */
-export const LONGEST_JUMP = 0.34
+const LONGEST_JUMP = 0.34
 
-export type Slid = 'sliding' | 'confirmed' | 'jumped'
+type Slid = 'sliding' | 'confirmed' | 'jumped'
 
 export class Slide {
   private at = 0

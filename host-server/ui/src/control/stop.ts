@@ -18,7 +18,7 @@ export type StopState =
   /** Re-arming was asked for; no answer yet. */
   | 'rearming'
 
-export interface StopOptions {
+interface StopOptions {
   /** Resolves with the command's id, if the server gave one. */
   send(command: Command): Promise<string | null>
   onChange(state: StopState, error: string | null): void

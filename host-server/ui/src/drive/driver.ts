@@ -16,7 +16,7 @@ export const REPEAT_MS = 150
 export const FULL_SPEED_M_PER_S = 0.5
 export const FULL_TURN_RAD_PER_S = 2.5
 
-export interface Twist {
+interface Twist {
   v: number
   w: number
 }
@@ -38,7 +38,7 @@ const STICK_GRAIN = 0.08
 /** `drive` commands on their way at a time, at most. */
 const MOST_IN_FLIGHT = 2
 
-export interface DriverOptions {
+interface DriverOptions {
   /** Sends a command to a robot; rejects when the server does not take it. */
   send(robot: string, command: Command): Promise<unknown>
   /** A command was not taken. */

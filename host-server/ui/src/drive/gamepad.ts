@@ -49,7 +49,7 @@ function cut(value: number): number {
   return Math.min(1, Math.max(-1, value))
 }
 
-export interface PadActions {
+interface PadActions {
   driver: Driver
   /** Brings what blocks driving up to date. */
   prepare(): void

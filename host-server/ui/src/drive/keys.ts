@@ -12,7 +12,7 @@ import type { Direction } from './driver'
  */
 export type Focus = 'text' | 'choice' | 'slider' | 'list' | 'dialog' | 'arena' | 'pad' | 'elsewhere'
 
-export type Intent =
+type Intent =
   | { do: 'stop-all' }
   | { do: 'drive'; direction: Direction }
   | { do: 'leave-field' }

@@ -9,7 +9,7 @@ export const MOST_COMPARED = 4
 /** How one stands to the first. */
 export type Standing = 'same' | 'better' | 'worse' | 'other'
 
-export interface Cell {
+interface Cell {
   told: ExperimentSummary
   /** To the mean of the first; `null` for the first itself, or where that has none. */
   difference: number | null
@@ -75,7 +75,7 @@ function cell(
 }
 
 /** Settings in which they differ: what the difference of the results may come from. */
-export const SETTINGS = [
+const SETTINGS = [
   'scenario',
   'robots',
   'seeds',

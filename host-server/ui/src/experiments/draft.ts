@@ -21,7 +21,7 @@ export const FIRST_FIELDS: readonly Field[] = ['scenario', 'seeds']
 export type Draft = Record<Field, string> & { start: boolean }
 
 export const LONGEST_NAME = 64
-export const MOST_SEEDS = 100_000
+const MOST_SEEDS = 100_000
 const MOST_LINES = { thresholds: 16, set: 32 } as const
 const MOST_ROBOTS = 10_000
 /** Somebody who has never seen it has a result within a minute. */

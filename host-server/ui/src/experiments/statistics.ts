@@ -3,7 +3,7 @@
 /** Of the standard normal distribution: 95 % lie within so many deviations. */
 const Z = 1.959964
 
-export interface Interval {
+interface Interval {
   low: number
   high: number
 }

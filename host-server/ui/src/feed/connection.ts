@@ -22,7 +22,7 @@ export interface ConnectionStatus {
 }
 
 /** What the connection needs of its surroundings; tests hand in their own. */
-export interface ConnectionOptions {
+interface ConnectionOptions {
   url: FeedAddress
   onFrame(frame: Frame): void
   onRefused(reason: Refusal): void

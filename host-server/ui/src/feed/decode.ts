@@ -24,7 +24,7 @@ export const MAX_FRAME_BYTES = 8 * 1024 * 1024
 export const KINDS = ['simulated', 'emulated', 'physical'] as const
 export type Kind = (typeof KINDS)[number]
 
-export interface HelloFrame {
+interface HelloFrame {
   kind: 'hello'
   protocol: number
   fleet: string
@@ -52,7 +52,7 @@ export interface RosterFrame {
 
 export type Level = 'info' | 'warn' | 'error'
 
-export interface EventFrame {
+interface EventFrame {
   kind: 'event'
   time: number
   level: Level
@@ -72,7 +72,7 @@ export interface MetricsFrame {
 
 export type Frame = HelloFrame | RosterFrame | PosesFrame | EventFrame | MetricsFrame
 
-export type Decoded = { ok: true; frame: Frame } | { ok: false; reason: Refusal }
+type Decoded = { ok: true; frame: Frame } | { ok: false; reason: Refusal }
 
 /** Reads one frame. Never throws. */
 export function decodeFrame(buffer: ArrayBuffer): Decoded {

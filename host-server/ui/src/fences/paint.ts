@@ -18,7 +18,7 @@ const BAND = 11
 const LEAST_NAMED = 28
 const CORNER = 5
 
-export interface Painting {
+interface Painting {
   camera: Camera
   size: Size
   fences: readonly FenceBody[]

@@ -9,7 +9,7 @@ const TWICE_PIXELS = 12
 /** As does one so near to the first corner. */
 const FIRST_PIXELS = 14
 
-export type Stroke = 'corner' | 'close' | 'full'
+type Stroke = 'corner' | 'close' | 'full'
 
 export class Pen {
   /** Metres. */

@@ -2,7 +2,7 @@
 
 import type { Point } from '../arena/lasso'
 
-export const FEWEST_CORNERS = 3
+const FEWEST_CORNERS = 3
 export const MOST_CORNERS = 32
 /** Square metres. */
 const LEAST_AREA = 0.01

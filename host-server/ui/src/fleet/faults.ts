@@ -5,7 +5,7 @@ import type { SimulatorCommand } from '../api-types'
 export type FaultSpec = Extract<SimulatorCommand, { command: 'inject' }>['fault']
 export type FaultName = FaultSpec['fault']
 
-export interface NumberField {
+interface NumberField {
   name: string
   words: string
   least: number
@@ -14,7 +14,7 @@ export interface NumberField {
   whole: boolean
 }
 
-export interface FaultForm {
+interface FaultForm {
   words: string
   number?: NumberField
   wheel?: true

@@ -37,7 +37,7 @@ export interface Robot {
   movedAt: number
 }
 
-export interface Pose {
+interface Pose {
   x: number
   y: number
   heading: number

@@ -11,7 +11,7 @@ export interface Group {
   robots: readonly string[]
 }
 
-export const MOST_GROUPS = 100
+const MOST_GROUPS = 100
 export const LONGEST_NAME = 40
 
 export class Groups {

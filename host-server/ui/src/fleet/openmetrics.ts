@@ -1,6 +1,6 @@
 /** Reading what the server says of itself at `/metrics`. */
 
-export interface Sample {
+interface Sample {
   name: string
   labels: Readonly<Record<string, string>>
   value: number

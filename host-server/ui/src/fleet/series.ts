@@ -54,7 +54,7 @@ export function latencies(
   return [found.map(([x]) => x), found.map(([, y]) => y)]
 }
 
-export interface Gist {
+interface Gist {
   now: number
   least: number
   most: number

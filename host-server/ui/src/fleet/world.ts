@@ -16,7 +16,7 @@ export type ItemKind = (typeof KINDS)[number]
 export type Item = { obstacle: Obstacle } | { object: Thing }
 
 /** Lengths in metres that can be put in; the server knows what fits. */
-export const LENGTHS = { least: 0.02, most: 100 }
+const LENGTHS = { least: 0.02, most: 100 }
 export const TURN = { least: -360, most: 360 }
 export const FARTHEST = 250
 

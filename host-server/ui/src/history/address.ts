@@ -10,7 +10,7 @@ export const LEVELS = ['info', 'warn', 'error'] as const satisfies readonly Leve
 /** A closer look than this shows nothing. */
 export const LEAST_WINDOW_MS = 10_000
 /** As long as anything is kept. */
-export const MOST_WINDOW_MS = 400 * 86_400_000
+const MOST_WINDOW_MS = 400 * 86_400_000
 /** What is shown to whoever asks for nothing in particular. */
 export const USUAL_WINDOW_MS = 300_000
 

@@ -10,7 +10,7 @@ const TELL_MS = 66
 /** A tab that slept does not jump. */
 const LONGEST_FRAME_MS = 500
 
-export interface PlayerOptions {
+interface PlayerOptions {
   window: () => Window
   /** Whether the record of a moment is here. */
   ready: (time: number) => boolean

@@ -5,17 +5,17 @@ import type { Piece } from './chunks'
 import type { Recorded } from './record'
 
 /** About 26 bytes each. */
-export const MOST_KEPT_POINTS = 1_500_000
+const MOST_KEPT_POINTS = 1_500_000
 /** Requests under way at a time. */
 const AT_ONCE = 2
 /** Records are written in batches: what is younger than this may not be there yet. */
-export const SETTLED_MS = 5_000
+const SETTLED_MS = 5_000
 /** What was not all there is asked for again. */
 const AGAIN_MS = 2_000
 const RETRY_MS = 2_000
 const LONGEST_RETRY_MS = 30_000
 
-export interface StoreOptions {
+interface StoreOptions {
   fetch: (piece: Piece, signal: AbortSignal) => Promise<Recorded>
   /** The server's clock, Unix milliseconds. */
   now: () => number

@@ -13,7 +13,7 @@ const STEPS = [
   ...[1, 2, 7, 14, 28, 56, 112, 182, 364].map((count) => count * DAY),
 ]
 
-export interface Tick {
+interface Tick {
   /** Unix milliseconds. */
   at: number
   label: string

@@ -17,10 +17,10 @@ import { createClient } from '../client'
 import type { Send } from '../http'
 
 export type Parameter = ParametersBody['parameters'][number]
-export type ParameterValue = number | string | boolean
+type ParameterValue = number | string | boolean
 export type FaultSpec = Extract<SimulatorCommand, { command: 'inject' }>['fault']
 
-export interface Span {
+interface Span {
   from: number
   to: number
   step: number

@@ -4,7 +4,7 @@ import type { Ref, ShallowRef } from 'vue'
 import { ref, shallowRef } from 'vue'
 import { trouble } from '../account/trouble'
 
-export interface Loaded<T> {
+interface Loaded<T> {
   data: ShallowRef<T | null>
   error: Ref<string | null>
   busy: Ref<boolean>

@@ -20,7 +20,7 @@ export interface Looks {
   axis: uPlot.Axis
 }
 
-export interface PlotOptions {
+interface PlotOptions {
   /** CSS pixels. */
   height: (element: HTMLElement) => number
   options: (looks: Looks) => Omit<uPlot.Options, 'width' | 'height'>

@@ -14,7 +14,7 @@ const ARRANGE_EVERY_MS = 1_000
 /** And sorting a large fleet must not take more than so small a part of the time. */
 const REST = 25
 
-export interface Roster {
+interface Roster {
   wanted: ComputedRef<Wanted>
   shown: ShallowRef<readonly Robot[]>
   search(text: string): void

@@ -5,7 +5,7 @@ import { computed, onBeforeUnmount, onMounted, ref } from 'vue'
 import type { Window } from '../fleet/rows'
 import { reveal, visible } from '../fleet/rows'
 
-export interface Scroller {
+interface Scroller {
   window: ComputedRef<Window>
   width: Ref<number>
   onScroll(event: Event): void

@@ -7,8 +7,8 @@ import type { Send } from '../../http'
 import { ApiError, fields, text } from '../../http'
 
 /** The most that a server gives of them at once. */
-export const TRIALS_AT_ONCE = 5_000
-export const LISTED_AT_ONCE = 50
+const TRIALS_AT_ONCE = 5_000
+const LISTED_AT_ONCE = 50
 
 /** The server has looked at a form and does not take it: what is wrong with which field. */
 export class FormRefused extends ApiError {

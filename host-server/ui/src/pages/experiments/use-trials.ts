@@ -6,7 +6,7 @@ import { trouble } from '../../account/trouble'
 import { Trials } from '../../experiments/trials'
 import type { ExperimentsApi } from './api'
 
-export interface TrialsOf {
+interface TrialsOf {
   readonly trials: Trials
   /** Changes whenever `trials` has: it is kept outside Vue's reactivity. */
   readonly loaded: Ref<number>

@@ -8,7 +8,7 @@ import { past as say } from '../../strings-history'
 /** Robots that are named one by one. */
 const MOST_NAMED = 3
 
-export interface MomentWords {
+interface MomentWords {
   shown: number
   moving: number
   gaps: number
