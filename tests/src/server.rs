@@ -13,6 +13,8 @@ use crate::{ReservedPort, wait_for, wait_for_with};
 
 /// For an answer over HTTP: a machine that is busy may take its time.
 const ANSWER: Duration = Duration::from_mins(1);
+/// Takes everybody in.
+const OPEN: &str = "--open";
 
 /// A running `terracrawler` with ports and data directory of its own.
 #[derive(Debug)]
@@ -91,9 +93,33 @@ impl Terracrawler {
     /// # Panics
     /// When it ends, or is not ready within 60 s; shows its log.
     pub fn start(arguments: &[&str]) -> Self {
-        let mut server = Self::launch(arguments);
+        let mut server = Self::launch(arguments, &[OPEN]);
         server.wait_ready();
         server
+    }
+
+    /// As [`Terracrawler::start`], closed to who has no account.
+    ///
+    /// # Panics
+    /// As [`Terracrawler::start`].
+    pub fn start_closed(arguments: &[&str]) -> Self {
+        let mut server = Self::launch(arguments, &[]);
+        server.wait_ready();
+        server
+    }
+
+    /// The code with which the first administrator of a closed server makes an account.
+    ///
+    /// # Panics
+    /// When it is not told within a minute.
+    pub fn first_invitation(&self) -> String {
+        // The link is printed when the server is ready, and a moment after it says so.
+        wait_for("an invitation", Duration::from_mins(1), || {
+            let log = self.log();
+            let (_, rest) = log.split_once("/#invite=")?;
+            let (code, _) = rest.split_once(char::is_whitespace)?;
+            Some(code.to_owned())
+        })
     }
 
     /// Starts `terracrawler` with TLS at all its listeners, which takes no request of ours over HTTP
@@ -102,7 +128,7 @@ impl Terracrawler {
     /// # Panics
     /// When it ends, or does not listen within 60 s; shows its log.
     pub fn start_encrypted(arguments: &[&str]) -> Self {
-        let mut server = Self::launch(&[arguments, &["--tls", "on"]].concat());
+        let mut server = Self::launch(arguments, &[OPEN, "--tls", "on"]);
         wait_for("the broker listens", Duration::from_mins(1), || {
             server.check();
             TcpStream::connect(("127.0.0.1", server.mqtt())).ok()
@@ -122,12 +148,12 @@ impl Terracrawler {
         }
     }
 
-    fn launch(arguments: &[&str]) -> Self {
+    fn launch(arguments: &[&str], more: &[&str]) -> Self {
         let folder = tempfile::tempdir().expect("a data directory");
         // They stay ours while it is down.
         let (http, mqtt) = (ReservedPort::new(), ReservedPort::new());
-        let mut arguments: Vec<String> = arguments.iter().map(|&word| word.to_owned()).collect();
-        arguments.push("--open".to_owned());
+        let words = arguments.iter().chain(more);
+        let mut arguments: Vec<String> = words.map(|&word| word.to_owned()).collect();
         arguments.extend(["--http".to_owned(), format!("127.0.0.1:{}", http.number())]);
         // An outside broker leaves no port of ours to name.
         if !arguments.iter().any(|word| word == "--broker") {

@@ -26,6 +26,16 @@ fn people_log_in_and_are_shown_what_they_may_do() {
         .env_remove("BASE_URL"));
 }
 
+/// The same against a real one that is closed: what the page says of accounts is what the server does.
+#[test]
+fn people_log_in_to_a_real_server() {
+    let server = Terracrawler::start_closed(&["up", "--robots", "8", "--seed", "3"]);
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:accounts"])
+        .env("BASE_URL", server.url())
+        .env("INVITE", server.first_invitation()));
+}
+
 /// Against a server of the page's own as well: robots are drawn around, sent and driven.
 #[test]
 fn the_arena_obeys_mouse_fingers_keys_and_gamepads() {
