@@ -167,6 +167,168 @@ fn words_to_others_and_nonsense_change_nothing() {
     assert_eq!(robot.injected.range(SOUND, at(0)), SOUND);
 }
 
+/// What a robot on a bench says to each command of a simulator, sound and not.
+#[test]
+fn of_fifteen_commands_a_robot_obeys_two() {
+    for (command, whole, broken, reason) in [
+        ("pause", "", r#","steps":1"#, "unknown_field"),
+        ("resume", "", r#","resume":true"#, "unknown_field"),
+        ("step", r#","steps":5"#, r#","steps":0"#, "out_of_range"),
+        ("speed", r#","factor":2"#, r#","factor":"2""#, "wrong_type"),
+        ("reset", r#","seed":7"#, r#","seed":null"#, "wrong_type"),
+        ("add", "", r#","pose":{"x":1}"#, "missing_field"),
+        ("remove", r#","robot":"rover""#, "", "missing_field"),
+        (
+            "snapshot",
+            r#","name":"a""#,
+            r#","name":"../up""#,
+            "out_of_range",
+        ),
+        ("restore", r#","name":"a""#, r#","name":5"#, "wrong_type"),
+        (
+            "load",
+            r#","scenario":"a""#,
+            r#","scenario":"a","robots":0"#,
+            "out_of_range",
+        ),
+        (
+            "drop",
+            r#","obstacle":{"shape":"circle","x":1,"y":2,"r":0.5}"#,
+            r#","obstacle":{"shape":"circle","x":1,"y":2,"r":-1}"#,
+            "out_of_range",
+        ),
+        (
+            "take",
+            r#","item":3"#,
+            r#","item":3,"item":3"#,
+            "duplicate_field",
+        ),
+        ("forget", r#","name":"a""#, r#","name":"""#, "out_of_range"),
+        ("dance", "", "", "out_of_range"),
+    ] {
+        let robot = bench();
+        if command != "dance" {
+            let text = format!(r#"{{"command":"{command}"{whole}}}"#);
+            robot.obey_simulator(text.as_bytes(), at(0));
+            assert_eq!(told(&robot), [""; 0], "{text}");
+        }
+        let text = format!(r#"{{"command":"{command}"{broken}}}"#);
+        robot.obey_simulator(text.as_bytes(), at(0));
+        let refused = format!("not a command to a simulator: {reason}");
+        assert_eq!(told(&robot), [refused], "{text}");
+        assert_eq!(robot.injected.range(SOUND, at(1)), SOUND, "{text}");
+    }
+    let fault = r#""fault":{"fault":"ranger-dead"}"#;
+    for (fields, record) in [
+        // The two, whole.
+        (
+            format!(r#""command":"inject","robot":"rover",{fault}"#),
+            "ranger-dead",
+        ),
+        (
+            format!(r#""lasting_ms":86400000,{fault},"robot":"rover","command":"inject""#),
+            "ranger-dead for 86400000 ms",
+        ),
+        (r#""command":"heal","robot":"rover""#.to_string(), "healed"),
+        // And not.
+        (r#""command":"heal""#.to_string(), "missing_field"),
+        (
+            r#""command":"heal","robot":"No""#.to_string(),
+            "out_of_range",
+        ),
+        (r#""command":"heal","robot":5"#.to_string(), "wrong_type"),
+        (r#""command":"heal","robot":null"#.to_string(), "wrong_type"),
+        (
+            r#""command":"heal","robot":"rover","robot":"rover""#.to_string(),
+            "duplicate_field",
+        ),
+        (
+            r#""command":"heal","robot":"rover","steps":1"#.to_string(),
+            "unknown_field",
+        ),
+        (
+            r#""command":"heal","robot":"rover","colour":1"#.to_string(),
+            "unknown_field",
+        ),
+        (
+            r#""command":"heal","robot":"rover","lasting_ms":1"#.to_string(),
+            "unknown_field",
+        ),
+        (
+            format!(r#""command":"heal","robot":"rover",{fault}"#),
+            "unknown_field",
+        ),
+        (
+            r#""command":"pause","command":"heal","robot":"rover""#.to_string(),
+            "duplicate_field",
+        ),
+        (format!(r#""command":"inject",{fault}"#), "missing_field"),
+        (
+            r#""command":"inject","robot":"rover""#.to_string(),
+            "missing_field",
+        ),
+        (
+            format!(r#""command":"inject","robot":"rover",{fault},"seed":1"#),
+            "unknown_field",
+        ),
+        (
+            format!(r#""command":"inject","robot":"rover",{fault},"lasting_ms":0"#),
+            "out_of_range",
+        ),
+        (
+            format!(r#""command":"inject","robot":"rover",{fault},"lasting_ms":86400001"#),
+            "out_of_range",
+        ),
+        (
+            r#""command":"inject","robot":"rover","fault":{"fault":"rust"}"#.to_string(),
+            "out_of_range",
+        ),
+        (
+            r#""command":"inject","robot":"rover","fault":{"fault":"ranger-dead","mm":1}"#
+                .to_string(),
+            "unknown_field",
+        ),
+        (
+            r#""command":"inject","robot":"rover","fault":"ranger-dead""#.to_string(),
+            "wrong_type",
+        ),
+        // Whose command it is does not matter where it cannot be read.
+        (
+            r#""command":"heal","robot":"other","colour":1"#.to_string(),
+            "unknown_field",
+        ),
+        (r#""robot":"rover""#.to_string(), "missing_field"),
+        (r#""command":5"#.to_string(), "wrong_type"),
+        (r#""command":null"#.to_string(), "wrong_type"),
+        (
+            r#""command":"heal","robot":"rover""}"#.to_string(),
+            "malformed",
+        ),
+    ] {
+        let robot = bench();
+        let text = format!("{{{fields}}}");
+        robot.obey_simulator(text.as_bytes(), at(0));
+        let refused = format!("not a command to a simulator: {record}");
+        let told = told(&robot);
+        let [told] = told.as_slice() else {
+            panic!("{text}: {told:?}");
+        };
+        assert!(told == record || *told == refused, "{text}: {told}");
+    }
+    for (text, reason) in [
+        ("", "malformed"),
+        ("[]", "wrong_type"),
+        (r#""heal""#, "wrong_type"),
+        ("{}", "missing_field"),
+        (&" ".repeat(MAX_MESSAGE + 1), "too_large"),
+    ] {
+        let robot = bench();
+        robot.obey_simulator(text.as_bytes(), at(0));
+        let refused = format!("not a command to a simulator: {reason}");
+        assert_eq!(told(&robot), [refused], "{text}");
+    }
+}
+
 #[test]
 fn a_robot_at_work_takes_no_faults() {
     let robot = robot("rover");
