@@ -1,4 +1,4 @@
-//! Fuzzes `simulator_command`; see `targets.rs`.
+//! Fuzzes `simulator_command`; see `simulator.rs`.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| crawler_fuzz::run("simulator_command", data));

@@ -4,6 +4,7 @@ mod access;
 mod board;
 mod models;
 mod release;
+mod simulator;
 mod targets;
 mod tls;
 
@@ -20,6 +21,7 @@ pub fn run(target: &str, data: &[u8]) {
         .chain(&board::TARGETS)
         .chain(&models::TARGETS)
         .chain(&release::TARGETS)
+        .chain(&simulator::TARGETS)
         .chain(&tls::TARGETS)
         .find(|(name, _)| *name == target)
         .expect("a target of this name");

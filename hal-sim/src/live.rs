@@ -23,7 +23,8 @@ use std::time::Duration as StdDuration;
 
 use crawler_app::Credentials;
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Fleet, SimulatorCommand};
+use crawler_protocol::Fleet;
+use crawler_sim_protocol::SimulatorCommand;
 use tokio::sync::{Notify, mpsc, oneshot, watch};
 
 use crate::net::live::Gateway;

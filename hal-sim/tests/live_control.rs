@@ -5,12 +5,13 @@ use std::future::Future;
 use std::ops::Deref;
 use std::time::{Duration, Instant};
 
-use crawler_protocol::{
-    Dropped, Fleet, Obstacle, Place, RobotId, ScenarioName, SimulatorCommand, SnapshotName,
-};
+use crawler_protocol::{Fleet, RobotId};
 use crawler_sim::live::{ControlError, LiveConfig, LiveDone, LiveHandle, start};
 use crawler_sim::scenario::Scenario;
 use crawler_sim::world::PHYSICS_STEP;
+use crawler_sim_protocol::{
+    Dropped, Obstacle, Place, ScenarioName, SimulatorCommand, SnapshotName,
+};
 
 /// For anything that has to happen, on the slowest machine.
 const LIMIT: Duration = Duration::from_mins(2);

@@ -4,11 +4,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_experiments::scenarios::scenario;
-use crawler_protocol::SimulatorCommand;
 use crawler_sim::live::{
     ControlError, LiveConfig, LiveDone, LiveHandle, LiveScene, LiveState, start, start_recorded,
 };
 use crawler_sim::world::Arena;
+use crawler_sim_protocol::SimulatorCommand;
 use tokio::sync::watch;
 
 use crate::config::{BrokerUrl, Settings};

@@ -10,8 +10,9 @@ mod view;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crawler_protocol::{Fleet, MAX_MESSAGE, SimulatorCommand, Topic};
+use crawler_protocol::{Fleet, MAX_MESSAGE, Topic};
 use crawler_sim::live::ControlError;
+use crawler_sim_protocol::SimulatorCommand;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Packet, Publish};
 use rumqttc::v5::{AsyncClient, Event};
@@ -131,10 +132,7 @@ async fn answer(simulation: &Simulation, payload: &[u8]) -> Option<Value> {
     };
     let name = Value::from(command.name().name());
     // Robots on benches hear them too, and say in their logs what became of it.
-    let is_fault = matches!(
-        command,
-        SimulatorCommand::Inject { .. } | SimulatorCommand::Heal { .. }
-    );
+    let is_fault = matches!(command, SimulatorCommand::Fault(_));
     match simulation.control(command).await {
         Ok(done) => {
             let done = SimulatorAnswer::new(simulation, &done);

@@ -39,8 +39,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-tls",
             "crawler-app",
             "crawler-cells",
+            "crawler-sim-protocol",
         ],
     ),
+    ("crawler-sim-protocol", &["crawler-protocol"]),
     (
         "crawler-board",
         &[
@@ -66,6 +68,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-experiments",
             "crawler-protocol",
             "crawler-sim",
+            "crawler-sim-protocol",
             "crawler-access",
             "crawler-cells",
             "crawler-accounts",
@@ -176,6 +179,7 @@ const WITHOUT_GLOBALS: &[&str] = &[
     "firmware/drivers",
     "firmware/app",
     "hal-sim",
+    "hal-sim/protocol",
     "models/micromodel",
 ];
 

@@ -4,7 +4,7 @@
 use crawler_hal::Instant;
 use crawler_protocol::Level;
 #[cfg(feature = "faults")]
-use crawler_protocol::{FaultSpec, SimulatorCommand};
+use crawler_protocol::{FaultCommand, FaultSpec};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 
 use crate::context::Robot;
@@ -72,7 +72,7 @@ impl<M: RawMutex> Robot<M> {
     }
 
     /// Obeys a word on `simulator/command`, if it is for this robot: faults alone, and only on a
-    /// robot that takes them. A record says what became of it.
+    /// robot that takes them. A record says what became of it. What a simulator is told is not judged.
     #[cfg(feature = "faults")]
     // Out of line: the command in between is free again when it is carried out.
     #[inline(never)]
@@ -80,12 +80,12 @@ impl<M: RawMutex> Robot<M> {
         if !self.config.takes_faults() {
             return;
         }
-        match SimulatorCommand::from_json(payload) {
-            Ok(SimulatorCommand::Inject {
+        match FaultCommand::from_json(payload) {
+            Ok(Some(FaultCommand::Inject {
                 robot,
                 fault,
                 lasting_ms,
-            }) if robot == self.config.id => {
+            })) if robot == self.config.id => {
                 let name = fault.name();
                 let done = if let FaultSpec::ClockStep { ms } = fault {
                     self.step_clock(ms);
@@ -107,7 +107,7 @@ impl<M: RawMutex> Robot<M> {
                     }
                 }
             }
-            Ok(SimulatorCommand::Heal { robot }) if robot == self.config.id => {
+            Ok(Some(FaultCommand::Heal { robot })) if robot == self.config.id => {
                 self.injected.heal(now);
                 self.log(Level::Info, INJECTED, format_args!("healed"), now);
             }

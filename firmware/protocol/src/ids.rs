@@ -3,8 +3,6 @@
 use core::fmt;
 
 use heapless::String;
-use serde::de::{Unexpected, Visitor};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Longest robot id or fleet name, in bytes.
 pub const MAX_ID: usize = 32;
@@ -35,7 +33,9 @@ impl fmt::Display for IdError {
 
 impl core::error::Error for IdError {}
 
-const fn is_id_byte(byte: u8) -> bool {
+/// Whether a byte may be part of the name of a robot or a fleet: `a-z`, `0-9` and `-`.
+#[must_use]
+pub const fn is_id_byte(byte: u8) -> bool {
     matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-')
 }
 
@@ -44,7 +44,14 @@ const fn is_source_byte(byte: u8) -> bool {
     matches!(byte, b' '..=b'~') && byte != b'"' && byte != b'\\'
 }
 
-fn checked<const N: usize>(text: &str, allowed: fn(u8) -> bool) -> Result<String<N, u8>, IdError> {
+/// Takes a copy of `text`, when every byte of it is `allowed`.
+///
+/// # Errors
+/// [`IdError`] when `text` is empty, longer than `N` bytes or leaves the alphabet.
+pub fn checked<const N: usize>(
+    text: &str,
+    allowed: fn(u8) -> bool,
+) -> Result<String<N, u8>, IdError> {
     if text.is_empty() {
         return Err(IdError::Empty);
     }
@@ -57,19 +64,25 @@ fn checked<const N: usize>(text: &str, allowed: fn(u8) -> bool) -> Result<String
     String::try_from(text).map_err(|_| IdError::TooLong)
 }
 
-macro_rules! name {
+/// Declares a type of names: at most so many bytes of an alphabet, of which a function decides; what one
+/// is, for people, and the same as a regular expression.
+///
+/// The crate depends on `heapless` and `serde`, and has a feature `schema` that brings `schemars` and
+/// `std`.
+#[macro_export]
+macro_rules! identifier {
     ($(#[$doc:meta])* $name:ident, $max:expr, $allowed:expr, $expecting:literal, $pattern:literal) => {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
-        pub struct $name(String<$max, u8>);
+        pub struct $name(::heapless::String<$max, u8>);
 
         impl $name {
             /// Checks `text` and takes a copy of it.
             ///
             /// # Errors
-            /// [`IdError`] when `text` is empty, too long or leaves the alphabet.
-            pub fn new(text: &str) -> Result<Self, IdError> {
-                checked(text, $allowed).map(Self)
+            /// [`IdError`]($crate::IdError) when `text` is empty, too long or leaves the alphabet.
+            pub fn new(text: &str) -> Result<Self, $crate::IdError> {
+                $crate::ids::checked(text, $allowed).map(Self)
             }
 
             /// The name as text.
@@ -85,48 +98,48 @@ macro_rules! name {
             }
         }
 
-        impl fmt::Display for $name {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        impl core::fmt::Display for $name {
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
                 f.write_str(&self.0)
             }
         }
 
         impl core::str::FromStr for $name {
-            type Err = IdError;
+            type Err = $crate::IdError;
 
-            fn from_str(text: &str) -> Result<Self, IdError> {
+            fn from_str(text: &str) -> Result<Self, $crate::IdError> {
                 Self::new(text)
             }
         }
 
         impl TryFrom<&str> for $name {
-            type Error = IdError;
+            type Error = $crate::IdError;
 
-            fn try_from(text: &str) -> Result<Self, IdError> {
+            fn try_from(text: &str) -> Result<Self, $crate::IdError> {
                 Self::new(text)
             }
         }
 
-        impl Serialize for $name {
-            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        impl ::serde::Serialize for $name {
+            fn serialize<S: ::serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
                 serializer.serialize_str(&self.0)
             }
         }
 
-        impl<'de> Deserialize<'de> for $name {
-            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        impl<'de> ::serde::Deserialize<'de> for $name {
+            fn deserialize<D: ::serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
                 struct NameVisitor;
 
-                impl Visitor<'_> for NameVisitor {
+                impl ::serde::de::Visitor<'_> for NameVisitor {
                     type Value = $name;
 
-                    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                    fn expecting(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
                         f.write_str($expecting)
                     }
 
-                    fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<$name, E> {
+                    fn visit_str<E: ::serde::de::Error>(self, text: &str) -> Result<$name, E> {
                         $name::new(text)
-                            .map_err(|_| E::invalid_value(Unexpected::Str(text), &self))
+                            .map_err(|_| E::invalid_value(::serde::de::Unexpected::Str(text), &self))
                     }
                 }
 
@@ -153,26 +166,15 @@ macro_rules! name {
     };
 }
 
-name!(
+identifier!(
     /// The name of a robot: 1 to 32 characters of `a-z`, `0-9` and `-`.
     RobotId, MAX_ID, is_id_byte, "a robot id: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
 );
-name!(
+identifier!(
     /// The root topic of a fleet: same alphabet as [`RobotId`]. The default is `swarm`.
     Fleet, MAX_ID, is_id_byte, "a fleet name: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
 );
-name!(
-    /// The name of a snapshot of a simulated world: same alphabet as [`RobotId`], so that it is
-    /// safe as the name of a file.
-    SnapshotName, MAX_ID, is_id_byte,
-    "a name of a snapshot: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
-);
-name!(
-    /// The name of a scenario: same alphabet as [`RobotId`].
-    ScenarioName, MAX_ID, is_id_byte,
-    "a name of a scenario: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
-);
-name!(
+identifier!(
     /// Who sent a command, such as `operator:ada`: 1 to 48 characters of printable ASCII
     /// without quotation mark and backslash.
     Source, MAX_SOURCE, is_source_byte,

@@ -17,7 +17,7 @@
 //! | `cell/{x}/{y}` | [`CellDigest`] |
 //! | `pose/{id}` | [`PoseFix`] |
 //! | `time` | [`TimeMessage`] |
-//! | `simulator/command` | [`SimulatorCommand`] |
+//! | `simulator/command` | [`FaultCommand`], and what only simulators are told: `crawler-sim-protocol` |
 //!
 //! Messages are read strictly: an unknown field, a field twice, another type or a value out of range
 //! is an error with its own [`Reason`], and nothing that arrives can panic or take more memory than
@@ -27,22 +27,24 @@
 //! The crate has no heap and no `std`. Feature `schema` adds JSON Schemas of all messages for the
 //! host.
 //!
-//! Reading order: `ids` and `topic`; `command` and `reason`; `message`, a file for each; `simulator`. Below
-//! them: `json` reads and writes, `number` and `words` are values in it, `schema` is for the host.
+//! Reading order: [`ids`] and `topic`; `command` and `reason`; `message`, a file for each; `fault`. Below
+//! them: [`json`] reads and writes, `number`, `words` and [`fields`] are values in it, `schema` is for the
+//! host. What is public of these is for crates that define more messages, read in the same way.
 #![no_std]
 
 #[cfg(any(feature = "schema", test))]
 extern crate std;
 
 mod command;
-mod ids;
-mod json;
+mod fault;
+pub mod fields;
+pub mod ids;
+pub mod json;
 mod message;
 mod number;
 mod reason;
 #[cfg(feature = "schema")]
-mod schema;
-mod simulator;
+pub mod schema;
 mod topic;
 mod words;
 
@@ -51,7 +53,11 @@ pub use command::{
     MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
     ParameterValues,
 };
-pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, ScenarioName, SnapshotName, Source};
+pub use fault::{
+    FaultCommand, FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS,
+    MAX_NOISE_MM, MAX_PACKETS_PER_S, MAX_SAG_OHM, Wheel,
+};
+pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, Source};
 pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
     Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
@@ -63,11 +69,6 @@ pub use message::{
 pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]
 pub use schema::schemas;
-pub use simulator::{
-    Colour, Dropped, EXTENT_RANGE, FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS,
-    MAX_LASTING_MS, MAX_LOADED, MAX_NOISE_MM, MAX_PACKETS_PER_S, MAX_SAG_OHM, MAX_STEPS, Obstacle,
-    Place, SPEED_RANGE, SimulatorCommand, SimulatorCommandName, Thing, ThingShape, Wheel,
-};
 pub use topic::{Qos, Topic, TopicError, TopicFilter, TopicString};
 
 /// Most bytes of one message; images and firmware excepted.

@@ -9,8 +9,8 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 use crate::{
     Action, BehaviourName, CellDigest, Command, CommandName, Detections, Direction, Heartbeat,
     LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
-    ParametersMessage, PoseFix, Response, SimulatorCommand, Source, StatusMessage, SwarmResponse,
-    Telemetry, TimeMessage,
+    ParametersMessage, PoseFix, Response, Source, StatusMessage, SwarmResponse, Telemetry,
+    TimeMessage,
 };
 
 /// Name and JSON Schema (2020-12) of every message, and of the request for a command.
@@ -30,7 +30,6 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("cell-digest", schema_for!(CellDigest)),
         ("pose-fix", schema_for!(PoseFix)),
         ("time", schema_for!(TimeMessage)),
-        ("simulator-command", schema_for!(SimulatorCommand)),
     ]
     .into()
 }
@@ -194,7 +193,8 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
 }
 
 /// An object of these members: name, schema, and whether it must be there.
-pub(crate) fn object(members: impl IntoIterator<Item = (&'static str, Schema, bool)>) -> Schema {
+#[must_use]
+pub fn object(members: impl IntoIterator<Item = (&'static str, Schema, bool)>) -> Schema {
     let mut properties = BTreeMap::new();
     let mut required = Vec::new();
     for (name, schema, must) in members {
@@ -220,11 +220,48 @@ fn whole(most: u64, description: &str) -> Schema {
     })
 }
 
-pub(crate) fn within(most: f32, description: &str) -> Schema {
+/// A number within ±`most`.
+#[must_use]
+pub fn within(most: f32, description: &str) -> Schema {
     json_schema!({
         "description": description,
         "type": "number",
         "minimum": -most,
         "maximum": most,
     })
+}
+
+/// A whole number of a range.
+#[must_use]
+pub fn integer(least: i64, most: u64, description: &str) -> Schema {
+    json_schema!({
+        "description": description,
+        "type": "integer",
+        "minimum": least,
+        "maximum": most,
+    })
+}
+
+/// A number of a range.
+#[must_use]
+pub fn number(least: f32, most: f32, description: &str) -> Schema {
+    json_schema!({
+        "description": description,
+        "type": "number",
+        "minimum": least,
+        "maximum": most,
+    })
+}
+
+/// An object with the constant `tag`, and these members.
+#[must_use]
+pub fn tagged(
+    tag: &'static str,
+    name: &'static str,
+    mut members: Vec<(&'static str, Schema, bool)>,
+) -> Schema {
+    members.push((tag, json_schema!({ "const": name }), true));
+    let mut schema = object(members);
+    schema.ensure_object().insert("title".into(), name.into());
+    schema
 }

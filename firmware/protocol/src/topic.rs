@@ -85,7 +85,8 @@ pub enum Topic {
     Time,
     /// `ota/{id}`: update offers and progress.
     Ota(RobotId),
-    /// `simulator/command`: a [`SimulatorCommand`](crate::SimulatorCommand).
+    /// `simulator/command`: what a simulator is told, and of that a [`FaultCommand`](crate::FaultCommand)
+    /// to robots on a bench.
     SimulatorCommand,
     /// `simulator/experiment`: scenario control of an experiment.
     SimulatorExperiment,

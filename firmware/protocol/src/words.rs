@@ -1,6 +1,9 @@
 //! Enums that are words on the wire.
 
 /// Declares an enum whose variants have a stable name on the wire, spelled once.
+///
+/// The crate depends on `serde`, and has a feature `schema` that brings `schemars`.
+#[macro_export]
 macro_rules! words {
     (
         $(#[$doc:meta])* $name:ident {

@@ -55,11 +55,20 @@ fn every_target_has_a_fuzzer() {
                 .into_owned()
         })
         .collect();
-    // Those of the boards' set-up page, of TLS, of models and of what strangers send are held to their
-    // own lists, by `crawler-board`, `crawler-tls`, `crawler-micromodel` and `crawler-access`.
-    let others = ["model", "token", "filter", "credential"];
-    let elsewhere = |name: &str| name.starts_with("provision_") || name.starts_with("tls_");
-    fuzzers.retain(|name| !elsewhere(name) && !others.contains(&name.as_str()));
+    // Those of other crates are held to their own lists: by `crawler-access`, `crawler-board`,
+    // `crawler-micromodel`, `crawler-release`, `crawler-sim-protocol` and `crawler-tls`.
+    let others = [
+        "model",
+        "token",
+        "filter",
+        "credential",
+        "simulator_command",
+    ];
+    let families = ["provision_", "release_", "tls_"];
+    let elsewhere = |name: &str| {
+        others.contains(&name) || families.iter().any(|family| name.starts_with(family))
+    };
+    fuzzers.retain(|name| !elsewhere(name));
     fuzzers.sort();
     let mut names: Vec<_> = TARGETS.iter().map(|(name, _)| (*name).to_owned()).collect();
     names.sort();

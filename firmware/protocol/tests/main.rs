@@ -5,11 +5,11 @@ mod command_syntax;
 mod commands;
 mod common;
 mod contract;
+mod faults;
 mod hostile;
 mod limits;
 mod round_trip;
 #[cfg(feature = "schema")]
 mod schema;
-mod simulator;
 mod telemetry_encodings;
 mod topics;

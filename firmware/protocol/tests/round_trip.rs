@@ -2,7 +2,7 @@
 
 use crawler_protocol::{
     Action, CellDigest, Command, Detections, Heartbeat, LogRecord, MAX_MESSAGE, ParametersMessage,
-    PoseFix, Response, SimulatorCommand, StatusMessage, SwarmResponse, Telemetry, TimeMessage,
+    PoseFix, Response, StatusMessage, SwarmResponse, Telemetry, TimeMessage,
 };
 use proptest::prelude::*;
 
@@ -37,7 +37,7 @@ macro_rules! ordered {
 }
 ordered! {
     Response SwarmResponse StatusMessage Heartbeat Telemetry Detections LogRecord CellDigest PoseFix
-    TimeMessage SimulatorCommand
+    TimeMessage
 }
 
 proptest! {
@@ -112,5 +112,4 @@ round_trips! {
     cell_digest: CellDigest;
     pose_fix: PoseFix;
     time: TimeMessage;
-    simulator_command: SimulatorCommand;
 }

@@ -51,7 +51,6 @@ fn every_message_has_a_schema_and_its_fields_are_described() {
             "cell-digest",
             "pose-fix",
             "time",
-            "simulator-command",
         ]
     );
     for (name, schema) in schemas() {
@@ -96,7 +95,6 @@ agrees! {
     cell_digest: "cell-digest";
     pose_fix: "pose-fix";
     time: "time";
-    simulator_command: "simulator-command";
 }
 
 /// The command schema and the parser agree on what is a command.

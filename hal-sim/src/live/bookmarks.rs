@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use crawler_hal::Instant;
-use crawler_protocol::SnapshotName;
+use crawler_sim_protocol::SnapshotName;
 
 use crate::run::simulation::Checkpoint;
 

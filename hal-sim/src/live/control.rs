@@ -4,7 +4,8 @@ use std::fmt;
 use std::time::Instant as Real;
 
 use crawler_hal::Instant;
-use crawler_protocol::{RobotId, SimulatorCommand};
+use crawler_protocol::RobotId;
+use crawler_sim_protocol::SimulatorCommand;
 use tokio::sync::oneshot;
 
 use crate::run::control::Factor;

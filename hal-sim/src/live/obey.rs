@@ -5,7 +5,8 @@ use std::fmt;
 use std::time::Instant as Real;
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{RobotId, ScenarioName, SimulatorCommand};
+use crawler_protocol::{FaultCommand, RobotId};
+use crawler_sim_protocol::{ScenarioName, SimulatorCommand};
 
 use super::control::{Answer, ControlError, LiveDone, LiveState, Order};
 use super::driver::{Beginning, Driver};
@@ -164,17 +165,17 @@ impl Driver<'_> {
                 self.bookmarks.remove(name).map_err(refused)?;
                 self.tell_bookmarks();
             }
-            SimulatorCommand::Inject {
+            SimulatorCommand::Fault(FaultCommand::Inject {
                 robot,
                 fault,
                 lasting_ms,
-            } => {
+            }) => {
                 let robot = self.number(robot)?;
                 let lasting = lasting_ms.map(|ms| Duration::from_millis(ms.into()));
                 let broken = self.simulation.inject(robot, *fault, lasting);
                 broken.map_err(refused)?;
             }
-            SimulatorCommand::Heal { robot } => {
+            SimulatorCommand::Fault(FaultCommand::Heal { robot }) => {
                 let robot = self.number(robot)?;
                 self.simulation.heal(robot);
             }

@@ -212,29 +212,29 @@ impl Space {
     }
 }
 
-impl From<crawler_protocol::Dropped> for Dropped {
-    fn from(told: crawler_protocol::Dropped) -> Self {
+impl From<crawler_sim_protocol::Dropped> for Dropped {
+    fn from(told: crawler_sim_protocol::Dropped) -> Self {
         match told {
-            crawler_protocol::Dropped::Obstacle(obstacle) => Self::Obstacle(obstacle.into()),
-            crawler_protocol::Dropped::Object(thing) => Self::Object(thing.into()),
+            crawler_sim_protocol::Dropped::Obstacle(obstacle) => Self::Obstacle(obstacle.into()),
+            crawler_sim_protocol::Dropped::Object(thing) => Self::Object(thing.into()),
         }
     }
 }
 
-impl From<crawler_protocol::Obstacle> for Obstacle {
-    fn from(told: crawler_protocol::Obstacle) -> Self {
+impl From<crawler_sim_protocol::Obstacle> for Obstacle {
+    fn from(told: crawler_sim_protocol::Obstacle) -> Self {
         match told {
-            crawler_protocol::Obstacle::Circle { x, y, r } => Self::Circle { x, y, r },
-            crawler_protocol::Obstacle::Box { x, y, w, h, theta } => {
+            crawler_sim_protocol::Obstacle::Circle { x, y, r } => Self::Circle { x, y, r },
+            crawler_sim_protocol::Obstacle::Box { x, y, w, h, theta } => {
                 Self::Box { x, y, w, h, theta }
             }
         }
     }
 }
 
-impl From<crawler_protocol::Thing> for Object {
-    fn from(told: crawler_protocol::Thing) -> Self {
-        use crawler_protocol::{Colour as Word, ThingShape};
+impl From<crawler_sim_protocol::Thing> for Object {
+    fn from(told: crawler_sim_protocol::Thing) -> Self {
+        use crawler_sim_protocol::{Colour as Word, ThingShape};
         Self {
             shape: match told.shape {
                 ThingShape::Cylinder => ObjectShape::Cylinder,

@@ -4,10 +4,9 @@ use std::sync::Arc;
 
 use axum::extract::{FromRef, Path, State};
 use axum::http::StatusCode;
-use crawler_protocol::{
-    Capability, DecodeError, Kind, MAX_MESSAGE, RobotId, SimulatorCommand, Topic,
-};
+use crawler_protocol::{Capability, DecodeError, FaultCommand, Kind, MAX_MESSAGE, RobotId, Topic};
 use crawler_sim::live::ControlError;
+use crawler_sim_protocol::SimulatorCommand;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
@@ -192,10 +191,10 @@ pub(super) async fn heal(
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
     let robot = RobotId::new(&id).map_err(|_| Problem::unknown_robot(&id))?;
-    let command = SimulatorCommand::Heal {
+    let command = FaultCommand::Heal {
         robot: robot.clone(),
     };
-    let result = bench.pass_on(&robot, command).await;
+    let result = bench.pass_on(&robot, command.into()).await;
     audit
         .write(&caller, "fault.heal", &id, json!({}), &result)
         .await;
@@ -212,10 +211,10 @@ mod tests {
         let good = br#" {"fault":{"fault":"ranger-dead"},"lasting_ms":5} "#;
         assert!(matches!(
             read(&robot, good),
-            Ok(SimulatorCommand::Inject {
+            Ok(SimulatorCommand::Fault(FaultCommand::Inject {
                 lasting_ms: Some(5),
                 ..
-            })
+            }))
         ));
         for (body, error) in [
             ("", DecodeError::Malformed),

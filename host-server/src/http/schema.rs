@@ -24,7 +24,7 @@ use super::state::ApiState;
             content_type = "application/schema+json"),
         (status = 404, description = "No such message; the names are in `detail`")))]
 pub(super) async fn one(Path(message): Path<String>) -> Result<Response, Problem> {
-    let schemas = crawler_protocol::schemas();
+    let schemas = crawler_sim_protocol::schemas();
     let names = || {
         let names: Vec<_> = schemas.iter().map(|(name, _)| *name).collect();
         names.join(", ")
@@ -144,7 +144,7 @@ fn describe_commands(document: &mut Value) -> Option<()> {
     let schemas = document.pointer_mut("/components/schemas")?;
     let schemas = schemas.as_object_mut()?;
     for (component, message) in MESSAGES {
-        let all = crawler_protocol::schemas();
+        let all = crawler_sim_protocol::schemas();
         let (_, schema) = all.into_iter().find(|(name, _)| *name == message)?;
         let mut schema = serde_json::to_value(schema).ok()?;
         refer_within(&mut schema, component);

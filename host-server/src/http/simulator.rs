@@ -2,8 +2,8 @@
 
 use axum::Json;
 use axum::extract::State;
-use crawler_protocol::SimulatorCommand;
 use crawler_sim::live::ControlError;
+use crawler_sim_protocol::SimulatorCommand;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 

@@ -1,7 +1,8 @@
 //! A page, held against the program.
 
-use crawler_protocol::{Action, Command, Response, SimulatorCommand, StatusMessage, Telemetry};
+use crawler_protocol::{Action, Command, Response, StatusMessage, Telemetry};
 use crawler_sim::scenario::Scenario;
+use crawler_sim_protocol::SimulatorCommand;
 use tempfile::TempDir;
 
 use super::page::{Block, Page};

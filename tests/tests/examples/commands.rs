@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crawler_protocol::{Command, Fleet, SimulatorCommand, Topic};
+use crawler_protocol::{Command, Fleet, Topic};
+use crawler_sim_protocol::SimulatorCommand;
 use crawler_tests::root;
 use tempfile::TempDir;
 

@@ -3,8 +3,9 @@
 use std::collections::BTreeSet;
 
 use crawler_protocol::{BehaviourName, CommandName, Fleet, Qos, Reason, ResponseStatus};
-use crawler_protocol::{SimulatorCommandName, Topic, TopicFilter};
+use crawler_protocol::{Topic, TopicFilter};
 use crawler_sim::scenario::{Metric, Scenario};
+use crawler_sim_protocol::SimulatorCommandName;
 use crawler_tests::root;
 
 use super::commands::check_variable;

@@ -170,52 +170,38 @@ fn words_to_others_and_nonsense_change_nothing() {
 /// What a robot on a bench says to each command of a simulator, sound and not.
 #[test]
 fn of_fifteen_commands_a_robot_obeys_two() {
-    for (command, whole, broken, reason) in [
-        ("pause", "", r#","steps":1"#, "unknown_field"),
-        ("resume", "", r#","resume":true"#, "unknown_field"),
-        ("step", r#","steps":5"#, r#","steps":0"#, "out_of_range"),
-        ("speed", r#","factor":2"#, r#","factor":"2""#, "wrong_type"),
-        ("reset", r#","seed":7"#, r#","seed":null"#, "wrong_type"),
-        ("add", "", r#","pose":{"x":1}"#, "missing_field"),
-        ("remove", r#","robot":"rover""#, "", "missing_field"),
-        (
-            "snapshot",
-            r#","name":"a""#,
-            r#","name":"../up""#,
-            "out_of_range",
-        ),
-        ("restore", r#","name":"a""#, r#","name":5"#, "wrong_type"),
-        (
-            "load",
-            r#","scenario":"a""#,
-            r#","scenario":"a","robots":0"#,
-            "out_of_range",
-        ),
-        (
-            "drop",
-            r#","obstacle":{"shape":"circle","x":1,"y":2,"r":0.5}"#,
-            r#","obstacle":{"shape":"circle","x":1,"y":2,"r":-1}"#,
-            "out_of_range",
-        ),
-        (
-            "take",
-            r#","item":3"#,
-            r#","item":3,"item":3"#,
-            "duplicate_field",
-        ),
-        ("forget", r#","name":"a""#, r#","name":"""#, "out_of_range"),
-        ("dance", "", "", "out_of_range"),
+    // What only simulators are told is theirs to judge.
+    for text in [
+        r#"{"command":"pause"}"#,
+        r#"{"command":"pause","steps":1}"#,
+        r#"{"command":"resume"}"#,
+        r#"{"command":"step","steps":5}"#,
+        r#"{"command":"step","steps":0}"#,
+        r#"{"command":"speed","factor":2}"#,
+        r#"{"command":"speed","factor":"2"}"#,
+        r#"{"command":"reset","seed":7}"#,
+        r#"{"command":"reset","seed":null}"#,
+        r#"{"command":"add"}"#,
+        r#"{"command":"add","pose":{"x":1}}"#,
+        r#"{"command":"remove","robot":"rover"}"#,
+        r#"{"command":"remove"}"#,
+        r#"{"command":"snapshot","name":"a"}"#,
+        r#"{"command":"snapshot","name":"../up"}"#,
+        r#"{"command":"restore","name":"a"}"#,
+        r#"{"command":"restore","name":5}"#,
+        r#"{"command":"load","scenario":"a"}"#,
+        r#"{"command":"load","scenario":"a","robots":0}"#,
+        r#"{"command":"drop","obstacle":{"shape":"circle","x":1,"y":2,"r":0.5}}"#,
+        r#"{"command":"drop","obstacle":{"shape":"circle","x":1,"y":2,"r":-1}}"#,
+        r#"{"command":"take","item":3}"#,
+        r#"{"command":"take","item":3,"item":3}"#,
+        r#"{"command":"forget","name":"a"}"#,
+        r#"{"command":"forget","name":""}"#,
+        r#"{"command":"dance"}"#,
     ] {
         let robot = bench();
-        if command != "dance" {
-            let text = format!(r#"{{"command":"{command}"{whole}}}"#);
-            robot.obey_simulator(text.as_bytes(), at(0));
-            assert_eq!(told(&robot), [""; 0], "{text}");
-        }
-        let text = format!(r#"{{"command":"{command}"{broken}}}"#);
         robot.obey_simulator(text.as_bytes(), at(0));
-        let refused = format!("not a command to a simulator: {reason}");
-        assert_eq!(told(&robot), [refused], "{text}");
+        assert_eq!(told(&robot), [""; 0], "{text}");
         assert_eq!(robot.injected.range(SOUND, at(1)), SOUND, "{text}");
     }
     let fault = r#""fault":{"fault":"ranger-dead"}"#;

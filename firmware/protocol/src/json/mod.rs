@@ -89,11 +89,11 @@ impl fmt::Display for DecodeError {
 
 impl core::error::Error for DecodeError {}
 
-/// Writes `value` to the front of `buf`, at most [`MAX_MESSAGE`] bytes.
-pub(crate) fn to_slice<T: Serialize + ?Sized>(
-    value: &T,
-    buf: &mut [u8],
-) -> Result<usize, EncodeError> {
+/// Writes `value` to the front of `buf`, at most [`MAX_MESSAGE`] bytes, and returns how many.
+///
+/// # Errors
+/// See [`EncodeError`].
+pub fn to_slice<T: Serialize + ?Sized>(value: &T, buf: &mut [u8]) -> Result<usize, EncodeError> {
     let most = buf.len().min(MAX_MESSAGE);
     let room = buf.get_mut(..most).ok_or(EncodeError::TooLarge)?;
     let mut serializer = ser::Serializer::new(room);
@@ -102,7 +102,10 @@ pub(crate) fn to_slice<T: Serialize + ?Sized>(
 }
 
 /// Reads a value from the whole of `payload`.
-pub(crate) fn from_slice<'de, T: Deserialize<'de>>(payload: &'de [u8]) -> Result<T, DecodeError> {
+///
+/// # Errors
+/// See [`DecodeError`].
+pub fn from_slice<'de, T: Deserialize<'de>>(payload: &'de [u8]) -> Result<T, DecodeError> {
     if payload.len() > MAX_MESSAGE {
         return Err(DecodeError::TooLarge);
     }

@@ -1,26 +1,23 @@
 //! Any message there can be, and any way to spell it.
 
-mod simulator;
+mod faults;
+mod respell;
 
 use crawler_protocol::{
     Action, Battery, BehaviourName, BehaviourSpec, Boot, BootCause, Capability, CellDigest,
     Command, CommandName, Detection, Detections, Direction, Heartbeat, Kind, Level, LogRecord,
     MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, Neighbour, Outcomes, ParameterReport,
-    ParameterValue, ParametersMessage, Pose, PoseFix, Reason, Response, ResponseStatus, RobotId,
-    RobotState, Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
+    ParameterValue, ParametersMessage, Pose, PoseFix, Reason, Response, ResponseStatus, RobotState,
+    Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
 };
 use heapless::String as Text;
 use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
 use proptest::sample::select;
-use serde_json::Value;
 
-pub(crate) use simulator::simulator_command;
-
-pub(crate) fn robot() -> impl Strategy<Value = RobotId> {
-    "[a-z0-9-]{1,32}".prop_map(|text| RobotId::new(&text).unwrap())
-}
+pub(crate) use faults::{fault_command, robot};
+pub(crate) use respell::respell;
 
 pub(crate) fn source() -> impl Strategy<Value = Source> {
     r"[ !#-\[\]-~]{1,48}".prop_map(|text| Source::new(&text).unwrap())
@@ -376,49 +373,4 @@ pub(crate) fn pose_fix() -> impl Strategy<Value = PoseFix> {
 
 pub(crate) fn time() -> impl Strategy<Value = TimeMessage> {
     any::<u64>().prop_map(|timestamp| TimeMessage { timestamp })
-}
-
-/// The same JSON with its members in another order, and with white space. Every `seed` is another
-/// order.
-pub(crate) fn respell(json: &[u8], seed: u64) -> String {
-    fn write(value: &Value, seed: &mut u64, out: &mut String) {
-        match value {
-            Value::Object(members) => {
-                let mut members: Vec<_> = members.iter().collect();
-                out.push_str("{ ");
-                let mut first = true;
-                while !members.is_empty() {
-                    // A linear congruential step is enough to vary the order.
-                    *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                    let (name, value) = members.remove((*seed >> 33) as usize % members.len());
-                    if !core::mem::take(&mut first) {
-                        out.push_str(",\n\t");
-                    }
-                    out.push_str(&Value::from(name.as_str()).to_string());
-                    out.push_str(" : ");
-                    write(value, seed, out);
-                }
-                out.push_str("\r\n}");
-            }
-            Value::Array(elements) => {
-                out.push('[');
-                for (at, element) in elements.iter().enumerate() {
-                    if at > 0 {
-                        out.push_str(" , ");
-                    }
-                    write(element, seed, out);
-                }
-                out.push(']');
-            }
-            Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {
-                out.push_str(&value.to_string());
-            }
-        }
-    }
-
-    let value = serde_json::from_slice(json).expect("others can read what we write");
-    let mut out = String::new();
-    let mut seed = seed;
-    write(&value, &mut seed, &mut out);
-    out
 }

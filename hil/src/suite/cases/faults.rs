@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crawler_protocol::{
-    Action, Capability, FaultSpec, MAX_MESSAGE, RobotState, SimulatorCommand, Topic, Wheel,
+    Action, Capability, FaultCommand, FaultSpec, MAX_MESSAGE, RobotState, Topic, Wheel,
 };
 
 use super::super::case::Verdict;
@@ -22,7 +22,7 @@ fn takes_faults(bench: &Bench) -> Verdict {
     }
 }
 
-fn say(bench: &mut Bench, command: &SimulatorCommand) -> Verdict {
+fn say(bench: &mut Bench, command: &FaultCommand) -> Verdict {
     let mut buffer = [0; MAX_MESSAGE];
     let len = command
         .to_json(&mut buffer)
@@ -31,7 +31,7 @@ fn say(bench: &mut Bench, command: &SimulatorCommand) -> Verdict {
 }
 
 fn inject(bench: &mut Bench, fault: FaultSpec, lasting: Duration) -> Verdict {
-    let command = SimulatorCommand::Inject {
+    let command = FaultCommand::Inject {
         robot: bench.target().robot.clone(),
         fault,
         lasting_ms: u32::try_from(lasting.as_millis()).ok(),
@@ -79,6 +79,6 @@ pub(in super::super) async fn refused(bench: &mut Bench) -> Verdict {
     told(bench, "motor-stuck-on refused: unsupported").await?;
     bench.stays("it stood", 1, is_standing).await?;
     let robot = bench.target().robot.clone();
-    say(bench, &SimulatorCommand::Heal { robot })?;
+    say(bench, &FaultCommand::Heal { robot })?;
     told(bench, "healed").await
 }

@@ -1,11 +1,17 @@
-//! What can be broken about a robot.
+//! What can be broken about a robot, and how a robot is told.
+
+mod command;
+#[cfg(feature = "schema")]
+mod schema;
 
 use core::fmt;
 
 use serde::de::{Deserialize, Deserializer, Error, Unexpected};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use super::read::{given, must, only};
+pub use command::{FaultCommand, MAX_LASTING_MS};
+
+use crate::fields::{given, must, only};
 use crate::words::words;
 
 /// Most that a noisy ranger is off by, as one standard deviation in millimetres.
@@ -256,7 +262,7 @@ impl FaultSpec {
 
 impl FaultName {
     /// The fields of this fault beside `fault`.
-    pub(super) const fn fields(self) -> &'static [&'static str] {
+    const fn fields(self) -> &'static [&'static str] {
         match self {
             Self::RangerDead
             | Self::LineStuck

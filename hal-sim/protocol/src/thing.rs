@@ -3,15 +3,14 @@
 use serde::Serialize;
 use serde::de::{Error, Unexpected};
 
-use super::read::{given, must, only};
-use crate::MAX_COORDINATE;
-use crate::words::words;
+use crawler_protocol::fields::{given, must, only};
+use crawler_protocol::{MAX_COORDINATE, words};
 
 /// Least and greatest length of what is dropped, in metres. The greatest is that of an arena.
 pub const EXTENT_RANGE: (f32, f32) = (0.01, 500.0);
 
 /// Largest turn of a box either way, in radians.
-const MAX_THETA: f32 = super::Place::MAX_THETA;
+const MAX_THETA: f32 = crate::Place::MAX_THETA;
 
 /// What the numbers of a dropped thing are.
 const EXPECTED: &str = "a place within 10 km, a turn within 7 rad, lengths of 0.01 to 500 m";

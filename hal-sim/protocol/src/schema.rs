@@ -1,18 +1,23 @@
-//! JSON Schemas of faults and of commands to a simulated world.
+//! JSON Schemas of commands to a simulated world.
 
 use std::borrow::Cow;
-use std::vec;
-use std::vec::Vec;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 
-use super::{
-    Colour, EXTENT_RANGE, FaultName, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS,
-    MAX_LOADED, MAX_NOISE_MM, MAX_PACKETS_PER_S, MAX_SAG_OHM, MAX_STEPS, Obstacle, Place,
-    SPEED_RANGE, SimulatorCommand, SimulatorCommandName, Thing, ThingShape, Wheel,
+use crate::{
+    Colour, EXTENT_RANGE, MAX_LOADED, MAX_STEPS, Obstacle, Place, SPEED_RANGE, ScenarioName,
+    SimulatorCommand, SimulatorCommandName, SnapshotName, Thing, ThingShape,
 };
-use crate::schema::{object, within};
-use crate::{MAX_COORDINATE, RobotId, ScenarioName, SnapshotName};
+use crawler_protocol::schema::{integer, number, object, tagged, within};
+use crawler_protocol::{FaultSpec, MAX_COORDINATE, MAX_LASTING_MS, RobotId};
+
+/// Name and JSON Schema (2020-12) of every message of a fleet, those to a simulator included.
+#[must_use]
+pub fn schemas() -> Vec<(&'static str, Schema)> {
+    let mut all = crawler_protocol::schemas();
+    all.push(("simulator-command", schema_for!(SimulatorCommand)));
+    all
+}
 
 impl JsonSchema for Place {
     fn schema_name() -> Cow<'static, str> {
@@ -40,93 +45,6 @@ impl JsonSchema for Place {
                 true,
             ),
         ])
-    }
-}
-
-/// A whole number of a range.
-fn integer(least: i64, most: u64, description: &str) -> Schema {
-    json_schema!({
-        "description": description,
-        "type": "integer",
-        "minimum": least,
-        "maximum": most,
-    })
-}
-
-/// A number of a range.
-fn number(least: f32, most: f32, description: &str) -> Schema {
-    json_schema!({
-        "description": description,
-        "type": "number",
-        "minimum": least,
-        "maximum": most,
-    })
-}
-
-fn fault_field(fault: FaultName, field: &'static str, generator: &mut SchemaGenerator) -> Schema {
-    match (fault, field) {
-        (_, "wheel") => generator.subschema_for::<Wheel>(),
-        (_, "how") => generator.subschema_for::<LinkCut>(),
-        (FaultName::RangerNoisy, "mm") => integer(
-            0,
-            MAX_NOISE_MM.into(),
-            "One standard deviation, in millimetres.",
-        ),
-        (_, "mm") => integer(0, u16::MAX.into(), "A distance in millimetres."),
-        (_, "ms") => json_schema!({
-            "description": "Milliseconds by which the clock is off.",
-            "type": "integer",
-            "minimum": -MAX_CLOCK_STEP_MS,
-            "maximum": MAX_CLOCK_STEP_MS,
-        }),
-        (_, "per_s") => integer(1, MAX_PACKETS_PER_S.into(), "Packets a second."),
-        (_, "ohm") => number(0.0, MAX_SAG_OHM, "Ohms added to the pack's own."),
-        (_, "after_bytes") => integer(0, u32::MAX.into(), "Bytes written or erased until then."),
-        (_, "seed") => integer(0, u32::MAX.into(), "Names the noise."),
-        // `flips`, `strength` and `charge`.
-        _ => number(0.0, 1.0, "A share of 0 to 1."),
-    }
-}
-
-/// An object with the constant `tag`, and these members.
-fn tagged(
-    tag: &'static str,
-    name: &'static str,
-    mut members: Vec<(&'static str, Schema, bool)>,
-) -> Schema {
-    members.push((tag, json_schema!({ "const": name }), true));
-    let mut schema = object(members);
-    schema.ensure_object().insert("title".into(), name.into());
-    schema
-}
-
-impl JsonSchema for FaultSpec {
-    fn schema_name() -> Cow<'static, str> {
-        "FaultSpec".into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let alternatives: Vec<Schema> = FaultName::ALL
-            .iter()
-            .map(|fault| {
-                let members = fault
-                    .fields()
-                    .iter()
-                    .map(|field| {
-                        (
-                            *field,
-                            fault_field(*fault, field, generator),
-                            *field != "how",
-                        )
-                    })
-                    .collect();
-                tagged("fault", fault.name(), members)
-            })
-            .collect();
-        json_schema!({
-            "description": "Something broken about a robot.",
-            "oneOf": alternatives,
-        })
     }
 }
 

@@ -1,45 +1,19 @@
-//! What a simulated world is told, and faults.
+//! Any command there can be.
 
-use crawler_protocol::{
-    Colour, Dropped, EXTENT_RANGE, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS,
-    MAX_LOADED, MAX_NOISE_MM, MAX_PACKETS_PER_S, MAX_SAG_OHM, MAX_STEPS, Obstacle, Place,
-    SPEED_RANGE, ScenarioName, SimulatorCommand, SnapshotName, Thing, ThingShape, Wheel,
+use crawler_protocol::MAX_COORDINATE;
+use crawler_sim_protocol::{
+    Colour, Dropped, EXTENT_RANGE, MAX_LOADED, MAX_STEPS, Obstacle, Place, SPEED_RANGE,
+    ScenarioName, SimulatorCommand, SnapshotName, Thing, ThingShape,
 };
 use proptest::option;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-use super::{place, robot};
+use crate::faults::{self, robot};
 
-fn share() -> impl Strategy<Value = f32> {
-    0.0..=1.0_f32
-}
-
-fn fault() -> impl Strategy<Value = FaultSpec> {
-    let wheel = || select(Wheel::ALL);
-    prop_oneof![
-        select(vec![
-            FaultSpec::RangerDead,
-            FaultSpec::LineStuck,
-            FaultSpec::BrownOut,
-            FaultSpec::CameraAbsent,
-            FaultSpec::CameraStalled,
-            FaultSpec::CameraGarbage,
-        ]),
-        any::<u16>().prop_map(|mm| FaultSpec::RangerStuck { mm }),
-        (0..=MAX_NOISE_MM).prop_map(|mm| FaultSpec::RangerNoisy { mm }),
-        share().prop_map(|flips| FaultSpec::LineNoise { flips }),
-        (wheel(), share()).prop_map(|(wheel, strength)| FaultSpec::MotorWeak { wheel, strength }),
-        wheel().prop_map(|wheel| FaultSpec::MotorDead { wheel }),
-        wheel().prop_map(|wheel| FaultSpec::MotorStuckOn { wheel }),
-        select(LinkCut::ALL).prop_map(|how| FaultSpec::LinkLoss { how }),
-        (1..=MAX_PACKETS_PER_S).prop_map(|per_s| FaultSpec::HostilePackets { per_s }),
-        (-MAX_CLOCK_STEP_MS..=MAX_CLOCK_STEP_MS).prop_map(|ms| FaultSpec::ClockStep { ms }),
-        (0.0..=MAX_SAG_OHM).prop_map(|ohm| FaultSpec::BatterySag { ohm }),
-        share().prop_map(|charge| FaultSpec::BatteryAt { charge }),
-        any::<u32>().prop_map(|after_bytes| FaultSpec::FlashPowerCut { after_bytes }),
-        any::<u32>().prop_map(|seed| FaultSpec::FlashNoise { seed }),
-    ]
+fn place() -> impl Strategy<Value = (f32, f32)> {
+    let axis = -MAX_COORDINATE..=MAX_COORDINATE;
+    (axis.clone(), axis)
 }
 
 fn dropped() -> impl Strategy<Value = Dropped> {
@@ -82,14 +56,7 @@ pub(crate) fn simulator_command() -> impl Strategy<Value = SimulatorCommand> {
         robot().prop_map(|robot| SimulatorCommand::Remove { robot }),
         name().prop_map(|name| SimulatorCommand::Snapshot { name }),
         name().prop_map(|name| SimulatorCommand::Restore { name }),
-        (robot(), fault(), option::of(1..=MAX_LASTING_MS)).prop_map(
-            |(robot, fault, lasting_ms)| SimulatorCommand::Inject {
-                robot,
-                fault,
-                lasting_ms
-            }
-        ),
-        robot().prop_map(|robot| SimulatorCommand::Heal { robot }),
+        faults::fault_command().prop_map(SimulatorCommand::Fault),
         (
             "[a-z0-9-]{1,32}".prop_map(|text| ScenarioName::new(&text).unwrap()),
             option::of(1..=MAX_LOADED),

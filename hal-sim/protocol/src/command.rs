@@ -1,27 +1,14 @@
-//! Control of a simulated world, and faults put into robots on purpose.
+//! The commands to a simulated world.
 //!
-//! `simulator/command` carries a [`SimulatorCommand`]. Whoever runs a world obeys all of them; a
-//! robot on a bench, built and booted to take faults, obeys `inject` and `heal` that name it.
-//! There is no heap, so a command is read in two steps: the fields that are there, each with its
-//! type, then what the command makes of them.
+//! On the wire the fields of a command stand beside its name, so that it is read in two steps: the
+//! fields that are there, each with its type, then what the command makes of them.
 
-mod fault;
-mod read;
-#[cfg(feature = "schema")]
-pub(crate) mod schema;
-mod thing;
-
+use crawler_protocol::{
+    DecodeError, EncodeError, FaultCommand, MAX_COORDINATE, RobotId, json, words,
+};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-pub use fault::{
-    FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_NOISE_MM, MAX_PACKETS_PER_S,
-    MAX_SAG_OHM, Wheel,
-};
-pub use thing::{Colour, Dropped, EXTENT_RANGE, Obstacle, Thing, ThingShape};
-
-use crate::message::wire;
-use crate::words::words;
-use crate::{MAX_COORDINATE, RobotId, ScenarioName, SnapshotName};
+use crate::{Dropped, ScenarioName, SnapshotName};
 
 /// Most physics steps of one `step`.
 pub const MAX_STEPS: u32 = 1_000_000;
@@ -29,8 +16,6 @@ pub const MAX_STEPS: u32 = 1_000_000;
 pub const SPEED_RANGE: (f32, f32) = (0.01, 1_000.0);
 /// Most robots that a scenario is loaded with.
 pub const MAX_LOADED: u32 = 65_535;
-/// Longest time for which a fault can be ordered: a day, in milliseconds.
-pub const MAX_LASTING_MS: u32 = 86_400_000;
 
 words! {
     /// The name of a command to a simulated world.
@@ -53,9 +38,9 @@ words! {
         Snapshot = "snapshot",
         /// See [`SimulatorCommand::Restore`].
         Restore = "restore",
-        /// See [`SimulatorCommand::Inject`].
+        /// See [`FaultCommand::Inject`].
         Inject = "inject",
-        /// See [`SimulatorCommand::Heal`].
+        /// See [`FaultCommand::Heal`].
         Heal = "heal",
         /// See [`SimulatorCommand::Load`].
         Load = "load",
@@ -84,7 +69,7 @@ impl Place {
     /// Largest heading either way, in radians.
     pub const MAX_THETA: f32 = 7.0;
 
-    fn is_sound(&self) -> bool {
+    pub(crate) fn is_sound(&self) -> bool {
         self.x.abs() <= MAX_COORDINATE
             && self.y.abs() <= MAX_COORDINATE
             && self.theta.abs() <= Self::MAX_THETA
@@ -136,21 +121,8 @@ pub enum SimulatorCommand {
         /// Under this name.
         name: SnapshotName,
     },
-    /// Put a fault into a robot.
-    Inject {
-        /// This one.
-        robot: RobotId,
-        /// What breaks.
-        fault: FaultSpec,
-        /// For how long, in milliseconds of the world: 1 to [`MAX_LASTING_MS`]; until `heal` where
-        /// there is none.
-        lasting_ms: Option<u32>,
-    },
-    /// Mend every fault of a robot.
-    Heal {
-        /// This one.
-        robot: RobotId,
-    },
+    /// Put a fault into a robot, or mend what is broken about it.
+    Fault(FaultCommand),
     /// Begin another scenario, one that comes with the simulator.
     Load {
         /// This one.
@@ -176,9 +148,32 @@ pub enum SimulatorCommand {
         name: SnapshotName,
     },
 }
-wire!(SimulatorCommand);
+
+impl From<FaultCommand> for SimulatorCommand {
+    fn from(fault: FaultCommand) -> Self {
+        Self::Fault(fault)
+    }
+}
 
 impl SimulatorCommand {
+    /// Writes the message as JSON to the front of `buf` and returns its length.
+    ///
+    /// # Errors
+    /// [`EncodeError::TooLarge`] when it does not fit `buf` or
+    /// [`MAX_MESSAGE`](crawler_protocol::MAX_MESSAGE); [`EncodeError::NotFinite`] when a number that must
+    /// be there is not one.
+    pub fn to_json(&self, buf: &mut [u8]) -> Result<usize, EncodeError> {
+        json::to_slice(self, buf)
+    }
+
+    /// Reads the message from the whole of `payload`.
+    ///
+    /// # Errors
+    /// [`DecodeError`] names what is wrong with `payload`.
+    pub fn from_json(payload: &[u8]) -> Result<Self, DecodeError> {
+        json::from_slice(payload)
+    }
+
     /// Which command this is.
     #[must_use]
     pub const fn name(&self) -> SimulatorCommandName {
@@ -192,8 +187,8 @@ impl SimulatorCommand {
             Self::Remove { .. } => SimulatorCommandName::Remove,
             Self::Snapshot { .. } => SimulatorCommandName::Snapshot,
             Self::Restore { .. } => SimulatorCommandName::Restore,
-            Self::Inject { .. } => SimulatorCommandName::Inject,
-            Self::Heal { .. } => SimulatorCommandName::Heal,
+            Self::Fault(FaultCommand::Inject { .. }) => SimulatorCommandName::Inject,
+            Self::Fault(FaultCommand::Heal { .. }) => SimulatorCommandName::Heal,
             Self::Load { .. } => SimulatorCommandName::Load,
             Self::Drop { .. } => SimulatorCommandName::Drop,
             Self::Take { .. } => SimulatorCommandName::Take,
@@ -204,7 +199,7 @@ impl SimulatorCommand {
 
 impl SimulatorCommandName {
     /// The fields of this command beside `command`.
-    const fn fields(self) -> &'static [&'static str] {
+    pub(crate) const fn fields(self) -> &'static [&'static str] {
         match self {
             Self::Pause | Self::Resume => &[],
             Self::Step => &["steps"],
@@ -223,28 +218,24 @@ impl SimulatorCommandName {
 
 impl Serialize for SimulatorCommand {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if let Self::Fault(fault) = self {
+            return fault.serialize(serializer);
+        }
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("command", self.name().name())?;
         match self {
-            Self::Pause | Self::Resume | Self::Reset { seed: None } | Self::Add { pose: None } => {}
+            Self::Fault(_)
+            | Self::Pause
+            | Self::Resume
+            | Self::Reset { seed: None }
+            | Self::Add { pose: None } => {}
             Self::Step { steps } => map.serialize_entry("steps", steps)?,
             Self::Speed { factor } => map.serialize_entry("factor", factor)?,
             Self::Reset { seed: Some(seed) } => map.serialize_entry("seed", seed)?,
             Self::Add { pose: Some(pose) } => map.serialize_entry("pose", pose)?,
-            Self::Remove { robot } | Self::Heal { robot } => map.serialize_entry("robot", robot)?,
+            Self::Remove { robot } => map.serialize_entry("robot", robot)?,
             Self::Snapshot { name } | Self::Restore { name } | Self::Forget { name } => {
                 map.serialize_entry("name", name)?;
-            }
-            Self::Inject {
-                robot,
-                fault,
-                lasting_ms,
-            } => {
-                map.serialize_entry("robot", robot)?;
-                map.serialize_entry("fault", fault)?;
-                if let Some(ms) = lasting_ms {
-                    map.serialize_entry("lasting_ms", ms)?;
-                }
             }
             Self::Load {
                 scenario,

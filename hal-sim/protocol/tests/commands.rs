@@ -1,9 +1,7 @@
 //! Commands to a simulated world: what is one, and what is refused and why.
 
-use crawler_protocol::{
-    DecodeError, Dropped, FaultName, FaultSpec, LinkCut, MAX_MESSAGE, Obstacle, SimulatorCommand,
-    SimulatorCommandName,
-};
+use crawler_protocol::{DecodeError, FaultCommand, FaultName, FaultSpec, LinkCut, MAX_MESSAGE};
+use crawler_sim_protocol::{Dropped, Obstacle, SimulatorCommand, SimulatorCommandName};
 
 fn read(text: &str) -> Result<SimulatorCommand, DecodeError> {
     SimulatorCommand::from_json(text.as_bytes())
@@ -196,11 +194,11 @@ fn a_link_is_lost_by_its_radio_unless_told_otherwise() {
         ),
     ] {
         let text = format!(r#"{{"command":"inject","robot":"rover","fault":{fault}}}"#);
-        let Ok(SimulatorCommand::Inject {
+        let Ok(SimulatorCommand::Fault(FaultCommand::Inject {
             fault,
             lasting_ms: None,
             ..
-        }) = read(&text)
+        })) = read(&text)
         else {
             panic!("{text}");
         };
@@ -298,4 +296,36 @@ fn what_is_dropped_is_whole_and_of_its_kind() {
     }
     let far = r#"{"command":"drop","obstacle":{"shape":"circle","x":10001,"y":0,"r":1}}"#;
     assert_eq!(read(far), Err(OutOfRange));
+}
+
+/// A robot obeys a part of what a simulator does, read and refused in the same way.
+#[test]
+fn robots_and_simulators_read_the_same_faults() {
+    for text in SHORTEST {
+        let told = FaultCommand::from_json(text.as_bytes()).expect(text);
+        let expected = match read(text).expect(text) {
+            SimulatorCommand::Fault(fault) => Some(fault),
+            _ => None,
+        };
+        assert_eq!(told, expected, "{text}");
+    }
+    let end = r#","robot":"a","fault":{"fault":"brown-out"}}"#;
+    for text in [
+        r#"{"command":"heal"}"#.to_owned(),
+        r#"{"command":"heal","robot":"No"}"#.to_owned(),
+        r#"{"command":"heal","robot":null}"#.to_owned(),
+        r#"{"command":"heal","robot":"a","robot":"a"}"#.to_owned(),
+        r#"{"command":"heal","robot":"a","steps":1}"#.to_owned(),
+        r#"{"command":"heal","robot":"a","colour":1}"#.to_owned(),
+        format!(r#"{{"command":"heal"{end}"#),
+        r#"{"command":"inject","robot":"a"}"#.to_owned(),
+        format!(r#"{{"command":"inject","lasting_ms":0{end}"#),
+        format!(r#"{{"command":"inject","lasting_ms":null{end}"#),
+        format!(r#"{{"command":"inject","item":1{end}"#),
+        r#"{"command":"inject","robot":"a","fault":{"fault":"rust"}}"#.to_owned(),
+    ] {
+        let refused = read(&text).expect_err(&text);
+        let told = FaultCommand::from_json(text.as_bytes());
+        assert_eq!(told, Err(refused), "{text}");
+    }
 }

@@ -2,38 +2,13 @@
 
 use serde::de::{Deserialize, Deserializer, Error, Unexpected};
 
-use super::thing::Solid;
-use super::{
-    Dropped, FaultSpec, MAX_LASTING_MS, MAX_LOADED, MAX_STEPS, Place, SPEED_RANGE,
-    SimulatorCommand, SimulatorCommandName,
+use crate::command::{
+    MAX_LOADED, MAX_STEPS, Place, SPEED_RANGE, SimulatorCommand, SimulatorCommandName,
 };
-use crate::{RobotId, ScenarioName, SnapshotName};
-
-/// A field that is there has a value: `null` is another type.
-pub(super) fn given<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
-    deserializer: D,
-) -> Result<Option<T>, D::Error> {
-    T::deserialize(deserializer).map(Some)
-}
-
-/// The value of a field that must be there.
-pub(super) fn must<T, E: Error>(value: Option<T>, name: &'static str) -> Result<T, E> {
-    value.ok_or_else(|| E::missing_field(name))
-}
-
-/// Refuses a field that is there and does not belong.
-pub(super) fn only<const N: usize, E: Error>(
-    there: [(&'static str, bool); N],
-    allowed: &'static [&'static str],
-) -> Result<(), E> {
-    match there
-        .iter()
-        .find(|(name, there)| *there && !allowed.contains(name))
-    {
-        None => Ok(()),
-        Some((name, _)) => Err(E::unknown_field(name, allowed)),
-    }
-}
+use crate::thing::{Dropped, Solid};
+use crate::{ScenarioName, SnapshotName};
+use crawler_protocol::fields::{given, must, only, whole};
+use crawler_protocol::{FaultCommand, FaultSpec, MAX_LASTING_MS, RobotId};
 
 /// Every field that a command can have.
 #[derive(serde::Deserialize)]
@@ -111,23 +86,25 @@ impl Fields {
             SimulatorCommandName::Remove => SimulatorCommand::Remove {
                 robot: must(self.robot, "robot")?,
             },
-            SimulatorCommandName::Heal => SimulatorCommand::Heal {
+            SimulatorCommandName::Heal => FaultCommand::Heal {
                 robot: must(self.robot, "robot")?,
-            },
+            }
+            .into(),
             SimulatorCommandName::Snapshot => SimulatorCommand::Snapshot {
                 name: must(self.name, "name")?,
             },
             SimulatorCommandName::Restore => SimulatorCommand::Restore {
                 name: must(self.name, "name")?,
             },
-            SimulatorCommandName::Inject => SimulatorCommand::Inject {
+            SimulatorCommandName::Inject => FaultCommand::Inject {
                 robot: must(self.robot, "robot")?,
                 fault: must(self.fault, "fault")?,
                 lasting_ms: match self.lasting_ms {
                     None => None,
                     Some(ms) => Some(whole(ms, MAX_LASTING_MS, &"1 ms to a day")?),
                 },
-            },
+            }
+            .into(),
             SimulatorCommandName::Load => SimulatorCommand::Load {
                 scenario: must(self.scenario, "scenario")?,
                 robots: match self.robots {
@@ -151,16 +128,6 @@ impl Fields {
                 name: must(self.name, "name")?,
             },
         })
-    }
-}
-
-/// A number from 1 to `most`.
-fn whole<E: Error>(value: u32, most: u32, expected: &'static &'static str) -> Result<u32, E> {
-    if (1..=most).contains(&value) {
-        Ok(value)
-    } else {
-        let number = Unexpected::Unsigned(value.into());
-        Err(E::invalid_value(number, expected))
     }
 }
 
