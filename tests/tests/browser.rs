@@ -52,16 +52,16 @@ fn an_operator_finds_looks_at_and_commands_robots() {
         .env_remove("BASE_URL"));
 }
 
-/// Against a server of the page's own, in every state and size.
+/// With a server of the page's own, in every state and size.
 #[test]
-fn a_simulated_world_is_loaded_furnished_and_gone_back_to() {
+fn a_simulated_world_is_seen_in_every_state_and_size() {
     run(Command::new("npm")
         .args(["run", "--silent", "e2e:simulation"])
         .env_remove("BASE_URL"));
 }
 
-/// The same against a real world: what is dropped stands in it, and robots come back to where they
-/// were when it was kept.
+/// A scenario is loaded, things are put in and gone back to in a real world: what is dropped stands in it,
+/// and robots come back to where they were when it was kept.
 #[test]
 fn a_real_world_is_loaded_furnished_and_gone_back_to() {
     let server = Terracrawler::start(&["up", "--robots", "4", "--seed", "3"]);

@@ -1,5 +1,5 @@
-// `npm run e2e:experiments`: experiments made, watched, compared, in a real browser; against the
-// mock, or the open server at BASE_URL, where checks that need a hand on the server are left out.
+// `npm run e2e:experiments`: experiments made, watched, compared, in a real browser, against the open
+// server at BASE_URL; without one every state and size is looked at, with the mock.
 
 import { startMock } from '../tests/mock/server.mjs'
 import { launch } from './browser.mjs'
@@ -11,7 +11,6 @@ const mock = process.env.BASE_URL === undefined ? await startMock({ robots: 12, 
 const base = mock?.url ?? process.env.BASE_URL
 const id = (page, name) => page.getByTestId(name)
 const data = (locator, name) => locator.getAttribute(`data-${name}`)
-const byMock = (name, act) => (mock === null ? undefined : check(name, act))
 
 const newPage = openPage
 
@@ -35,7 +34,7 @@ const is = (page, state) => async () => (await data(id(page, 'experiment'), 'sta
 const made = []
 
 async function first(page) {
-  await byMock('nobody has one yet, and the page says what one is', async () => {
+  await check('nobody has one yet, and the page says what one is', async () => {
     await goTo(page, 'experiments')
     await id(page, 'experiments-empty').waitFor()
     await picture(page, 'experiments-empty')
@@ -223,8 +222,8 @@ const guard = guarded()
 try {
   const browser = await launch()
   const page = await newPage(browser)
-  for (const part of [first, another, several, byKeys]) await part(page)
-  if (mock !== null) {
+  if (mock === null) for (const part of [first, another, several, byKeys]) await part(page)
+  else {
     const hands = { browser, page, mock, newPage, goTo }
     await everyLook(hands)
     await troubles(hands)

@@ -1,6 +1,6 @@
 // `npm run e2e:simulation`: an operator loads a scenario, puts things into it, keeps a bookmark and
-// goes back to it, by mouse and by keyboard; against the server at BASE_URL, or the mock where there
-// is none, which is then looked at in every state and size too.
+// goes back to it, by mouse and by keyboard, against the server at BASE_URL; without one every state
+// and size is looked at, with the mock.
 
 import { startMock } from '../tests/mock/server.mjs'
 import { launch } from './browser.mjs'
@@ -299,8 +299,8 @@ const guard = guarded()
 try {
   const browser = await launch()
   const page = await newPage(browser)
-  for (const part of [scenario, things, bookmarks]) await part(page)
-  if (mock !== null) await looks({ browser, page, mock, newPage, goTo })
+  if (mock === null) for (const part of [scenario, things, bookmarks]) await part(page)
+  else await looks({ browser, page, mock, newPage, goTo })
   await browser.close()
 } catch (error) {
   fail(`the browser: ${String(error.message).split('\n')[0]}`)
