@@ -14,6 +14,7 @@ use syn::visit::{self, Visit};
 /// For each crate, the crates of the workspace that it may depend on.
 const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-hal", &[]),
+    ("crawler-boot", &["crawler-hal"]),
     ("crawler-micromodel", &[]),
     ("crawler-convert", &["crawler-micromodel"]),
     ("crawler-detector", &[]),
@@ -165,6 +166,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
 /// The crates that run on a microcontroller: no std, no heap, no statics, no unsafe.
 const BARE: &[(&str, &str)] = &[
     ("crawler-hal", "firmware/hal"),
+    ("crawler-boot", "firmware/boot"),
     ("crawler-drivers", "firmware/drivers"),
     ("crawler-protocol", "firmware/protocol"),
     ("crawler-release", "firmware/release"),
@@ -176,6 +178,7 @@ const BARE: &[(&str, &str)] = &[
 
 /// Where two robots, or two worlds, must be able to live in one process.
 const WITHOUT_GLOBALS: &[&str] = &[
+    "firmware/boot",
     "firmware/drivers",
     "firmware/app",
     "hal-sim",
