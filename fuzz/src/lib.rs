@@ -2,6 +2,7 @@
 
 mod access;
 mod board;
+mod boot;
 mod models;
 mod release;
 mod simulator;
@@ -19,6 +20,7 @@ pub fn run(target: &str, data: &[u8]) {
         .iter()
         .chain(&access::TARGETS)
         .chain(&board::TARGETS)
+        .chain(&boot::TARGETS)
         .chain(&models::TARGETS)
         .chain(&release::TARGETS)
         .chain(&simulator::TARGETS)
