@@ -8,6 +8,8 @@ const POLYNOMIAL: u32 = 0xEDB8_8320;
 ///
 /// Bit by bit, without a table: a robot checks a kilobyte per start, and a table is a kilobyte of flash.
 #[must_use]
+// Once in flash, not at each of its callers.
+#[inline(never)]
 pub const fn crc32_le(crc: u32, bytes: &[u8]) -> u32 {
     let mut register = !crc;
     let mut at = 0;

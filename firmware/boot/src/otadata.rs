@@ -9,7 +9,7 @@ mod plan;
 mod store;
 
 use crate::crc::crc32_le;
-use crate::flash::SECTOR;
+use crate::flash::{SECTOR, WORD};
 
 pub use plan::{Goal, PlanError};
 
@@ -101,15 +101,15 @@ impl ImageState {
     }
 }
 
-/// Where the words of an entry are, in bytes.
+/// Where the words of an entry are, counted in words.
 mod at {
     pub(super) const SEQUENCE: usize = 0;
     /// First word of `seq_label`, which no bootloader reads: a cleared bit for each attempt.
-    pub(super) const ATTEMPTS: usize = 4;
+    pub(super) const ATTEMPTS: usize = 1;
     /// Second word of `seq_label`: a cleared bit for each restart that the program asked for.
-    pub(super) const RESTARTS: usize = 8;
-    pub(super) const STATE: usize = 24;
-    pub(super) const CRC: usize = 28;
+    pub(super) const RESTARTS: usize = 2;
+    pub(super) const STATE: usize = 6;
+    pub(super) const CRC: usize = 7;
 }
 
 /// What is counted of the starts of a program on trial.
@@ -121,48 +121,52 @@ pub enum Counter {
     Restarts,
 }
 
+/// Words of an entry.
+const WORDS: usize = Entry::BYTES / WORD;
+
 /// A select entry: `esp_ota_select_entry_t`, any 32 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Entry([u8; Self::BYTES]);
+pub struct Entry([u32; WORDS]);
 
 impl Entry {
     /// Bytes of an entry.
     pub const BYTES: usize = 32;
     /// The entry of an erased sector.
-    pub const ERASED: Self = Self([0xFF; Self::BYTES]);
+    pub const ERASED: Self = Self([u32::MAX; WORDS]);
 
     /// These bytes of flash.
     #[must_use]
-    pub const fn from_bytes(bytes: [u8; Self::BYTES]) -> Self {
-        Self(bytes)
+    pub fn from_bytes(bytes: [u8; Self::BYTES]) -> Self {
+        let mut entry = Self::ERASED;
+        let (words, _) = bytes.as_chunks::<WORD>();
+        for (kept, word) in entry.0.iter_mut().zip(words) {
+            *kept = u32::from_le_bytes(*word);
+        }
+        entry
     }
 
     /// The bytes of flash.
     #[must_use]
-    pub const fn to_bytes(self) -> [u8; Self::BYTES] {
-        self.0
+    pub fn to_bytes(self) -> [u8; Self::BYTES] {
+        let mut bytes = [0; Self::BYTES];
+        for (kept, word) in bytes.as_chunks_mut::<WORD>().0.iter_mut().zip(self.0) {
+            *kept = word.to_le_bytes();
+        }
+        bytes
     }
 
     /// An entry with this sequence number and state, and a CRC that fits.
     #[must_use]
     pub const fn new(sequence: u32, state: ImageState) -> Self {
         let mut entry = Self::ERASED;
-        entry.set(at::SEQUENCE, sequence);
-        entry.set(at::STATE, state.word());
-        entry.set(at::CRC, crc_of(sequence));
+        entry.0[at::SEQUENCE] = sequence;
+        entry.0[at::STATE] = state.word();
+        entry.0[at::CRC] = crc_of(sequence);
         entry
     }
 
-    const fn set(&mut self, at: usize, word: u32) {
-        let bytes = word.to_le_bytes();
-        self.0[at] = bytes[0];
-        self.0[at + 1] = bytes[1];
-        self.0[at + 2] = bytes[2];
-        self.0[at + 3] = bytes[3];
-    }
-
     const fn word(&self, at: usize) -> u32 {
-        u32::from_le_bytes([self.0[at], self.0[at + 1], self.0[at + 2], self.0[at + 3]])
+        self.0[at]
     }
 
     /// The sequence number: of two entries, the larger one counts.
@@ -209,7 +213,7 @@ impl Entry {
             if self.word(at) != u32::MAX {
                 return false;
             }
-            at += 4;
+            at += 1;
         }
         self.is_usable()
     }
@@ -299,7 +303,7 @@ impl Otadata {
         if bootloader == Bootloader::RollsBack {
             for (entry, write) in present.entries.iter_mut().zip(&mut writes) {
                 if entry.state() == ImageState::PendingVerify {
-                    entry.set(at::STATE, ImageState::Aborted.word());
+                    entry.0[at::STATE] = ImageState::Aborted.word();
                     *write = Some(ImageState::Aborted);
                 }
             }

@@ -16,7 +16,7 @@
 //!   number was changed by a torn erase is held off by its CRC: by chance, 1 in 2³².
 
 use super::{Counter, Entry, ImageState, Otadata, at};
-use crate::flash::{Operation, SECTOR};
+use crate::flash::{Operation, SECTOR, WORD};
 
 /// What the entries are to say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,6 +69,8 @@ impl Otadata {
     ///
     /// # Errors
     /// See [`PlanError`].
+    // Once in flash, not at each of its callers.
+    #[inline(never)]
     pub fn toward(&self, goal: Goal) -> Result<Option<Operation>, PlanError> {
         let (Goal::Activate { running, .. }
         | Goal::Confirm { running }
@@ -242,5 +244,5 @@ fn program(index: usize, at: usize, word: u32) -> Operation {
 }
 
 const fn address(index: usize, at: usize) -> u32 {
-    index as u32 * SECTOR + at as u32
+    index as u32 * SECTOR + (at * WORD) as u32
 }

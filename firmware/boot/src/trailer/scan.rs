@@ -41,6 +41,8 @@ impl Scanner {
     }
 
     /// Takes the next bytes. Those beyond a sector do not count.
+    // Once in flash, not at each of its callers.
+    #[inline(never)]
     pub fn feed(&mut self, bytes: &[u8]) {
         let left = (SECTOR as usize).saturating_sub(self.position);
         for byte in bytes.iter().take(left) {

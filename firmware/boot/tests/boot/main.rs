@@ -1,6 +1,7 @@
 //! The decisions of the crate, held against other people's and against power cuts.
 
 mod chip;
+mod histories;
 mod loader;
 mod power_cuts;
 mod robot;
