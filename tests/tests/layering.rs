@@ -155,6 +155,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-timeseries",
         &["crawler-history", "crawler-protocol"],
     ),
+    ("crawler-updates", &["crawler-protocol"]),
     ("crawler-hil", &["crawler-protocol"]),
     (
         "crawler-world-history",
