@@ -66,9 +66,9 @@ impl PlannedRelease {
 /// One phase.
 ///
 /// It is *passed* when no robot of it is at work or waits for the rollout, at least `min_count` of its robots
-/// have come to an end, at least `success_percent` of those are confirmed, and all that has held for `soak_s`.
-/// Robots that wait for themselves (offline, asleep, driving, low) do not hold it up: they move on to the next
-/// phase, and are served there.
+/// have come to an end, and at least `success_percent` of those are confirmed; and when that is so again, or
+/// still, `soak_s` after it first was. Robots that wait for themselves (offline, asleep, driving, low) do not hold
+/// it up: they move on to the next phase, and are served there.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Phase {

@@ -186,6 +186,22 @@ impl Scene {
         })
     }
 
+    /// Takes every robot that is at work, or comes to be, to its end; returns how many those were.
+    pub(crate) fn confirm_all(&mut self) -> usize {
+        let mut count = 0;
+        loop {
+            let rows = self.rollout.rows().filter(|row| row.state.is_in_flight());
+            let names: Vec<String> = rows.map(|row| row.robot.to_string()).collect();
+            if names.is_empty() {
+                return count;
+            }
+            for name in names {
+                self.told(&name, Report::Confirmed(build(NEW)));
+                count += 1;
+            }
+        }
+    }
+
     pub(crate) fn pass_s(&mut self, seconds: u64) -> Vec<Effect> {
         self.now.unix_ms += seconds * 1_000;
         self.now.monotonic_ms += seconds * 1_000;
