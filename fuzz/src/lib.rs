@@ -1,4 +1,7 @@
 //! The bodies of the fuzz targets, by name.
+//!
+//! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `models`, `release`, `simulator`
+//! and `tls`.
 
 mod access;
 mod board;
