@@ -164,6 +164,26 @@ impl Write for Compare<'_> {
     }
 }
 
+/// A key and a number. All of them go through one function for the largest, which writes the same bytes as
+/// those for smaller ones and is there once.
+fn number<W: Write>(
+    out: &mut Encoder<W>,
+    key: u8,
+    value: impl Into<u64>,
+) -> Result<(), encode::Error<W::Error>> {
+    out.u64(key.into())?.u64(value.into())?;
+    Ok(())
+}
+
+fn text<W: Write>(
+    out: &mut Encoder<W>,
+    key: u8,
+    value: &str,
+) -> Result<(), encode::Error<W::Error>> {
+    out.u64(key.into())?.str(value)?;
+    Ok(())
+}
+
 fn write<W: Write>(
     manifest: &Manifest<'_>,
     out: &mut Encoder<W>,
@@ -176,31 +196,32 @@ fn write<W: Write>(
         requires.is_some(),
     ];
     out.map(ALWAYS + optional.iter().filter(|there| **there).count() as u64)?;
-    out.u8(KEY_FORMAT)?.u8(FORMAT)?;
-    out.u8(KEY_KIND)?.u8(manifest.kind as u8)?;
+    number(out, KEY_FORMAT, FORMAT)?;
+    number(out, KEY_KIND, manifest.kind as u8)?;
     if let Some(name) = manifest.name {
-        out.u8(KEY_NAME)?.str(name)?;
+        text(out, KEY_NAME, name)?;
     }
-    out.u8(KEY_BOARD)?.str(manifest.board)?;
-    out.u8(KEY_CHIP)?.u16(manifest.chip.0)?;
-    out.u8(KEY_VERSION)?.str(manifest.version)?;
-    out.u8(KEY_BUILD)?.str(manifest.build)?;
-    out.u8(KEY_SEQUENCE)?.u32(manifest.sequence)?;
-    out.u8(KEY_FLOOR)?.u32(manifest.floor)?;
+    text(out, KEY_BOARD, manifest.board)?;
+    number(out, KEY_CHIP, manifest.chip.0)?;
+    text(out, KEY_VERSION, manifest.version)?;
+    text(out, KEY_BUILD, manifest.build)?;
+    number(out, KEY_SEQUENCE, manifest.sequence)?;
+    number(out, KEY_FLOOR, manifest.floor)?;
     if let Some(expires) = manifest.expires {
-        out.u8(KEY_EXPIRES)?.u64(expires)?;
+        number(out, KEY_EXPIRES, expires)?;
     }
-    out.u8(KEY_SIZE)?.u32(manifest.size)?;
-    out.u8(KEY_SHA256)?.bytes(manifest.sha256)?;
-    out.u8(KEY_BLOCK_SIZE)?.u32(manifest.block_size)?;
-    out.u8(KEY_BLOCKS)?.bytes(manifest.blocks)?;
+    number(out, KEY_SIZE, manifest.size)?;
+    out.u64(KEY_SHA256.into())?.bytes(manifest.sha256)?;
+    number(out, KEY_BLOCK_SIZE, manifest.block_size)?;
+    out.u64(KEY_BLOCKS.into())?.bytes(manifest.blocks)?;
     if let Some(delta) = manifest.delta {
-        out.u8(KEY_DELTA)?.array(3)?;
-        out.bytes(delta.base)?.str(delta.build)?.u32(delta.size)?;
+        out.u64(KEY_DELTA.into())?.array(3)?.bytes(delta.base)?;
+        out.str(delta.build)?.u64(delta.size.into())?;
     }
     if let Some(requires) = requires {
-        out.u8(KEY_REQUIRES)?.array(2)?;
-        out.u32(requires.sequence)?.u8(requires.protocol)?;
+        out.u64(KEY_REQUIRES.into())?.array(2)?;
+        out.u64(requires.sequence.into())?
+            .u64(requires.protocol.into())?;
     }
     Ok(())
 }
@@ -214,25 +235,23 @@ fn read<'a>(decoder: &mut Decoder<'a>) -> Result<Manifest<'a>, Malformed> {
         decoder,
         next: None,
     };
-    let format = fields.always(KEY_FORMAT)?.u8();
-    let format = is(format)?;
+    let format: u8 = integer(fields.always(KEY_FORMAT)?)?;
     if format != FORMAT {
         return Err(Malformed::Format(format));
     }
-    let kind = usize::from(is(fields.always(KEY_KIND)?.u8())?);
+    let kind = usize::from(integer::<u8>(fields.always(KEY_KIND)?)?);
     let kind = *Kind::ALL.get(kind).ok_or(Malformed::OutOfRange("kind"))?;
-    let name = fields.optional(KEY_NAME)?.map(text).transpose()?;
-    let board = text(fields.always(KEY_BOARD)?)?;
-    let chip = Chip(is(fields.always(KEY_CHIP)?.u16())?);
-    let version = text(fields.always(KEY_VERSION)?)?;
-    let build = text(fields.always(KEY_BUILD)?)?;
-    let sequence = is(fields.always(KEY_SEQUENCE)?.u32())?;
-    let floor = is(fields.always(KEY_FLOOR)?.u32())?;
-    let expires = fields.optional(KEY_EXPIRES)?.map(Decoder::u64);
-    let expires = expires.map(is).transpose()?;
-    let size = is(fields.always(KEY_SIZE)?.u32())?;
+    let name = fields.optional(KEY_NAME)?.map(string).transpose()?;
+    let board = string(fields.always(KEY_BOARD)?)?;
+    let chip = Chip(integer(fields.always(KEY_CHIP)?)?);
+    let version = string(fields.always(KEY_VERSION)?)?;
+    let build = string(fields.always(KEY_BUILD)?)?;
+    let sequence = integer(fields.always(KEY_SEQUENCE)?)?;
+    let floor = integer(fields.always(KEY_FLOOR)?)?;
+    let expires = fields.optional(KEY_EXPIRES)?.map(integer).transpose()?;
+    let size = integer(fields.always(KEY_SIZE)?)?;
     let sha256 = hash(fields.always(KEY_SHA256)?)?;
-    let block_size = is(fields.always(KEY_BLOCK_SIZE)?.u32())?;
+    let block_size = integer(fields.always(KEY_BLOCK_SIZE)?)?;
     let blocks = is(fields.always(KEY_BLOCKS)?.bytes())?;
     let delta = fields.optional(KEY_DELTA)?.map(delta).transpose()?;
     let requires = fields.optional(KEY_REQUIRES)?.map(requires).transpose()?;
@@ -269,7 +288,7 @@ impl<'a> Fields<'_, 'a> {
     fn optional(&mut self, key: u8) -> Result<Option<&mut Decoder<'a>>, Malformed> {
         if self.next.is_none() && self.left > 0 {
             self.left -= 1;
-            self.next = Some(is(self.decoder.u8())?);
+            self.next = Some(integer(self.decoder)?);
         }
         match self.next {
             Some(next) if next == key => {
@@ -311,7 +330,11 @@ fn is<T>(read: Result<T, decode::Error>) -> Result<T, Malformed> {
     read.map_err(|error| describe(&error))
 }
 
-fn text<'a>(decoder: &mut Decoder<'a>) -> Result<&'a str, Malformed> {
+fn integer<T: TryFrom<u64>>(decoder: &mut Decoder<'_>) -> Result<T, Malformed> {
+    T::try_from(is(decoder.u64())?).map_err(|_| Malformed::OutOfRange("value"))
+}
+
+fn string<'a>(decoder: &mut Decoder<'a>) -> Result<&'a str, Malformed> {
     is(decoder.str())
 }
 
@@ -333,15 +356,15 @@ fn delta<'a>(decoder: &mut Decoder<'a>) -> Result<Delta<'a>, Malformed> {
     array(decoder, 3)?;
     Ok(Delta {
         base: hash(decoder)?,
-        build: text(decoder)?,
-        size: is(decoder.u32())?,
+        build: string(decoder)?,
+        size: integer(decoder)?,
     })
 }
 
 fn requires(decoder: &mut Decoder<'_>) -> Result<Requires, Malformed> {
     array(decoder, 2)?;
     Ok(Requires {
-        sequence: is(decoder.u32())?,
-        protocol: is(decoder.u8())?,
+        sequence: integer(decoder)?,
+        protocol: integer(decoder)?,
     })
 }

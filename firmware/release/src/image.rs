@@ -9,7 +9,13 @@ use crate::manifest::{BLOCK_HASH, HASH, Manifest};
 /// SHA-256.
 #[must_use]
 pub fn image_hash(bytes: &[u8]) -> [u8; HASH] {
-    Sha256::digest(bytes).into()
+    finish(Sha256::new_with_prefix(bytes))
+}
+
+/// Out of line: there are several hashers, and each would get a copy.
+#[inline(never)]
+fn finish(hash: Sha256) -> [u8; HASH] {
+    hash.finalize().into()
 }
 
 /// The hash of a block: the first half of its SHA-256.
@@ -112,7 +118,7 @@ impl BlockHasher {
         if self.left > 0 {
             return Err(ImageError::TooShort);
         }
-        if half(self.hash.finalize().into()) == self.expected {
+        if half(finish(self.hash)) == self.expected {
             Ok(())
         } else {
             Err(ImageError::BadBlock(self.index))
@@ -181,8 +187,7 @@ impl<'a> ImageHasher<'a> {
         if self.block.is_some() {
             return Err(ImageError::TooShort);
         }
-        let hash: [u8; HASH] = self.hash.finalize().into();
-        if hash == *self.manifest.sha256 {
+        if finish(self.hash) == *self.manifest.sha256 {
             Ok(())
         } else {
             Err(ImageError::BadHash)
