@@ -68,6 +68,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         &[
             "crawler-experiments",
             "crawler-protocol",
+            "crawler-release",
             "crawler-sim",
             "crawler-sim-protocol",
             "crawler-access",
@@ -84,6 +85,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-server-tls",
             "crawler-system",
             "crawler-timeseries",
+            "crawler-updates",
         ],
     ),
     ("crawler-metrics", &["crawler-protocol", "crawler-system"]),
@@ -155,7 +157,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-timeseries",
         &["crawler-history", "crawler-protocol"],
     ),
-    ("crawler-updates", &["crawler-protocol"]),
+    ("crawler-updates", &["crawler-protocol", "crawler-release"]),
     ("crawler-hil", &["crawler-protocol"]),
     (
         "crawler-world-history",

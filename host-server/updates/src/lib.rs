@@ -1,7 +1,10 @@
 //! Updates over the air.
 //!
+//! [`release`] makes, signs and verifies releases as files, without a server.
+//!
 //! [`rollout`] decides which robot is offered which release, and when: in phases, within limits, and no
-//! further once a release fails. Nothing here does anything: time and events are handed in, and what is to
+//! further once a release fails. Nothing there does anything: time and events are handed in, and what is to
 //! be stored and sent comes back.
 
+pub mod release;
 pub mod rollout;
