@@ -13,6 +13,7 @@ use crate::config::{Common, ConfigError, Layer, RobotOptions, Role, ServerOption
 use crate::console::{
     AuditArgs, BackupArgs, MosquittoArgs, RestoreArgs, RobotArgs, Task, UserArgs,
 };
+use crate::release::ReleaseArgs;
 use crate::replay::ReplayArgs;
 
 /// A swarm of robots, simulated or real: broker, API, control room.
@@ -65,6 +66,8 @@ pub enum Command {
     Evaluate(Box<EvaluateArgs>),
     /// Runs a recording, or a seed, through the program once more
     Replay(Box<ReplayArgs>),
+    /// Signs programs and models for updates, and verifies them, without a server
+    Release(ReleaseArgs),
     /// Accounts of people
     User(UserArgs),
     /// Credentials of robots and simulators
@@ -130,6 +133,9 @@ impl Cli {
             Command::Replay(_) => {
                 return Err(ConfigError::Conflict("`replay` has options of its own"));
             }
+            Command::Release(_) => {
+                return Err(ConfigError::Conflict("`release` has options of its own"));
+            }
         };
         let (mut layer, config) = common.layer();
         if let Some(server) = server {
@@ -158,7 +164,8 @@ impl Command {
             | Self::Serve { .. }
             | Self::Sim { .. }
             | Self::Evaluate(_)
-            | Self::Replay(_) => None,
+            | Self::Replay(_)
+            | Self::Release(_) => None,
         }
     }
 }

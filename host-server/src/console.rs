@@ -243,7 +243,7 @@ fn operator() -> String {
 }
 
 /// A moment for people: UTC, to the second. Nothing here happened before 1970 or after 9999.
-fn moment(unix_ms: i64) -> String {
+pub(crate) fn moment(unix_ms: i64) -> String {
     let seconds = unix_ms.clamp(0, 253_402_300_799_999) / 1_000;
     let of_day = seconds % 86_400;
     let (year, month, day) = date(seconds / 86_400);
@@ -256,7 +256,7 @@ fn moment(unix_ms: i64) -> String {
 }
 
 /// The day that is `days` after 1970-01-01.
-fn date(days: i64) -> (i64, i64, i64) {
+pub(crate) fn date(days: i64) -> (i64, i64, i64) {
     // Days from 0000-03-01, so that a leap day is the last of its year.
     let days = days + 719_468;
     let before = |year: i64| 365 * year + year / 4 - year / 100 + year / 400;

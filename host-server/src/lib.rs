@@ -6,11 +6,12 @@
 //! say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people:
-//! `bus`, `history`, `http`, `addresses`. Worlds: `simulation`, `simulator`. The command line: `cli`, `console`, `replay`.
+//! `bus`, `history`, `http`, `addresses`. Worlds: `simulation`, `simulator`. The command line: `cli`, `console`, `release`, `replay`.
 
 pub mod cli;
 pub mod config;
 pub mod console;
+pub mod release;
 pub mod replay;
 pub mod run;
 pub mod server;

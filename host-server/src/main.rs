@@ -5,13 +5,14 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use crawler_experiments::evaluate;
 use crawler_server::cli::{Cli, Command};
-use crawler_server::{console, replay, run};
+use crawler_server::{console, release, replay, run};
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     match &cli.command {
         Command::Evaluate(args) => return evaluate::run(args),
         Command::Replay(args) => return replay::run(args),
+        Command::Release(args) => return release::run(args),
         _ => {}
     }
     let task = cli.command.console();

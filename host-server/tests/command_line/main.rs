@@ -24,4 +24,5 @@ mod guesses;
 mod hostile_names;
 mod newcomer;
 mod program;
+mod release;
 mod replay;

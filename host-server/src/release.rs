@@ -1,0 +1,179 @@
+//! `terracrawler release`: keys, and releases as files. Needs neither a server nor a network.
+
+mod args;
+mod table;
+
+use std::fs::File;
+use std::io::{self, Read as _, Write as _};
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::Path;
+use std::process::ExitCode;
+
+use crawler_release::{MAX_IMAGE, PublicKey, Requires};
+use crawler_system::clock::unix_ms;
+use crawler_updates::release::{
+    Expected, FILE_MAX, SecretKey, SignFault, SignOptions, inspect, join, public_from_pem,
+};
+
+pub use args::{ReleaseArgs, ReleaseTask, SignArgs, VerifyArgs};
+
+/// The files that `keygen` makes.
+const PRIVATE: &str = "release-key.pem";
+const PUBLIC: &str = "release-public.pem";
+
+/// Most bytes of a file with a key.
+const KEY_MAX: usize = 16 * 1_024;
+
+/// Does what the command line asks for. 1 when it cannot be done, or a release is not what it should be.
+#[must_use]
+pub fn run(args: &ReleaseArgs) -> ExitCode {
+    let done = match &args.task {
+        ReleaseTask::Keygen { out } => keygen(out),
+        ReleaseTask::Sign(args) => sign(args),
+        ReleaseTask::Verify(args) => verify(args),
+    };
+    match done {
+        Ok(code) => code,
+        Err(text) => {
+            eprintln!("terracrawler: {text}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn keygen(folder: &Path) -> Result<ExitCode, String> {
+    std::fs::create_dir_all(folder)
+        .map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
+    let key = SecretKey::generate().map_err(|fault| fault.to_string())?;
+    let (private, public) = (folder.join(PRIVATE), folder.join(PUBLIC));
+    // Neither without the other: a public key of something else beside the private one is a trap.
+    for path in [&private, &public] {
+        if path.exists() {
+            return Err(exists(path));
+        }
+    }
+    write_new(&private, 0o600, &[key.to_pem().as_bytes()])?;
+    write_new(&public, 0o644, &[key.public_pem().as_bytes()])?;
+    println!("key      {}", key.public().id());
+    println!("private  {}", private.display());
+    println!("public   {}", public.display());
+    eprintln!(
+        "Whoever has the private key can sign programs for every robot that knows the public one. Keep it \
+         off the server, and a copy of it elsewhere: it cannot be made again."
+    );
+    Ok(ExitCode::SUCCESS)
+}
+
+fn sign(args: &SignArgs) -> Result<ExitCode, String> {
+    let text = read_text(&args.key)?;
+    let key = SecretKey::from_pem(&text).map_err(|fault| told(&args.key, &fault))?;
+    let image = read(&args.image, MAX_IMAGE as usize)?;
+    let now = unix_ms() / 1_000;
+    let expires = args.expires.map(|end| end.unix(now));
+    if expires.is_some_and(|end| end <= now) {
+        return Err("the release would have expired already (--expires)".to_owned());
+    }
+    let options = SignOptions {
+        kind: args.kind,
+        name: args.name.as_deref(),
+        board: &args.board,
+        chip: args.chip,
+        version: &args.version,
+        build: args.build.as_deref(),
+        sequence: args.sequence,
+        floor: args.floor,
+        expires,
+        requires: Requires {
+            sequence: args.requires_sequence,
+            protocol: args.requires_protocol,
+        },
+    };
+    let envelope = options.sign(&image, &key).map_err(|fault| match fault {
+        SignFault::Image(fault) => told(&args.image, &fault),
+        other => other.to_string(),
+    })?;
+    let file = join(&envelope, &image).map_err(|fault| fault.to_string())?;
+    write_new(&args.out, 0o644, &[&file])?;
+    let expected = Expected {
+        now,
+        ..Expected::default()
+    };
+    let made = inspect(&file, &[key.public()], &expected).map_err(|fault| fault.to_string())?;
+    print!("{}", table::text(&args.out, &made));
+    Ok(ExitCode::SUCCESS)
+}
+
+fn verify(args: &VerifyArgs) -> Result<ExitCode, String> {
+    let keys: Vec<PublicKey> = args
+        .public
+        .iter()
+        .map(|path| public_from_pem(&read_text(path)?).map_err(|fault| told(path, &fault)))
+        .collect::<Result<_, _>>()?;
+    let file = read(&args.file, FILE_MAX)?;
+    let image = args.image.as_deref();
+    let image = image
+        .map(|path| read(path, MAX_IMAGE as usize))
+        .transpose()?;
+    let expected = Expected {
+        board: args.board.as_deref(),
+        above: args.above,
+        image: image.as_deref(),
+        now: unix_ms() / 1_000,
+    };
+    let found = inspect(&file, &keys, &expected).map_err(|fault| told(&args.file, &fault))?;
+    if args.json {
+        println!("{}", table::json(&args.file, &found));
+    } else {
+        print!("{}", table::text(&args.file, &found));
+    }
+    Ok(if found.faults.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}
+
+fn told(path: &Path, what: &dyn std::fmt::Display) -> String {
+    format!("{}: {what}", path.display())
+}
+
+fn exists(path: &Path) -> String {
+    format!("{} exists already, and is not written over", path.display())
+}
+
+fn read(path: &Path, most: usize) -> Result<Vec<u8>, String> {
+    let refused = |error: io::Error| format!("cannot read {}: {error}", path.display());
+    let file = File::open(path).map_err(refused)?;
+    let mut bytes = Vec::new();
+    // One more than there may be tells that there are too many.
+    file.take(most as u64 + 1)
+        .read_to_end(&mut bytes)
+        .map_err(refused)?;
+    if bytes.len() > most {
+        return Err(told(path, &format!("more than {most} bytes")));
+    }
+    Ok(bytes)
+}
+
+fn read_text(path: &Path) -> Result<String, String> {
+    String::from_utf8(read(path, KEY_MAX)?).map_err(|_| told(path, &"not a key in PEM"))
+}
+
+/// Writes a file that is not there yet, and all of it or nothing.
+fn write_new(path: &Path, mode: u32, parts: &[&[u8]]) -> Result<(), String> {
+    let mut options = File::options();
+    options.write(true).create_new(true).mode(mode);
+    let mut file = options.open(path).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => exists(path),
+        _ => format!("cannot write {}: {error}", path.display()),
+    })?;
+    let written = parts
+        .iter()
+        .try_for_each(|part| file.write_all(part))
+        .and_then(|()| file.sync_all());
+    written.map_err(|error| {
+        // Half a key or half a release is of no use to anybody.
+        let _ = std::fs::remove_file(path);
+        format!("cannot write {}: {error}", path.display())
+    })
+}

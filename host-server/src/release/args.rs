@@ -1,0 +1,228 @@
+//! What `terracrawler release` takes.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Args, Subcommand};
+use crawler_release::{Chip, Kind};
+
+use crate::console::{date, moment};
+
+/// Seconds of a day.
+const DAY: u64 = 86_400;
+/// The most days that a release may last: a hundred years.
+const MOST_DAYS: u64 = 36_525;
+
+/// Releases as files.
+#[derive(Debug, Clone, Args)]
+pub struct ReleaseArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub task: ReleaseTask,
+}
+
+/// What can be done with releases, without a server.
+#[derive(Debug, Clone, Subcommand)]
+pub enum ReleaseTask {
+    /// Makes a pair of keys: one signs releases, by the other they are believed
+    Keygen {
+        /// Folder for both, made where it is missing
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+    /// Signs an image, and puts both into one file
+    Sign(Box<SignArgs>),
+    /// Says what a release is, and whether it is genuine
+    Verify(VerifyArgs),
+}
+
+/// What `release sign` takes.
+#[derive(Debug, Clone, Args)]
+pub struct SignArgs {
+    /// Private key, as `release keygen` makes it
+    #[arg(long, value_name = "FILE")]
+    pub key: PathBuf,
+    /// Image: a program for an update slot, or a model
+    #[arg(long, value_name = "FILE")]
+    pub image: PathBuf,
+    /// Board that it is for, as the status of a robot names it, like xiao-c3
+    #[arg(long, value_name = "BOARD")]
+    pub board: String,
+    /// Chip of that board: none, esp32c3, esp32c6, esp32s3, or Espressif's number [default: that of the
+    /// board or, where the board is not known, of the image]
+    #[arg(long, value_name = "CHIP", value_parser = chip)]
+    pub chip: Option<Chip>,
+    /// Version, for people
+    #[arg(long, value_name = "VERSION")]
+    pub version: String,
+    /// Number of the release, above that of every earlier one for the board
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub sequence: u32,
+    /// Least sequence that a robot takes once it has confirmed this release
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub floor: u32,
+    /// From when on it is not to be installed: a day as 2027-01-31, at 0:00 UTC, or in how many days
+    /// [default: never]
+    #[arg(long, value_name = "DATE|DAYS")]
+    pub expires: Option<Expiry>,
+    /// What the image is: program or model
+    #[arg(long, value_name = "KIND", default_value_t = Kind::Program, value_parser = kind)]
+    pub kind: Kind,
+    /// Name of the model
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// Build id of the program, by which a robot proves that it runs [default for models: half of its
+    /// SHA-256]
+    #[arg(long, value_name = "ID")]
+    pub build: Option<String>,
+    /// Least sequence that must be installed before
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub requires_sequence: u32,
+    /// Least version of the protocol that the program before must speak
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub requires_protocol: u8,
+    /// File for the release
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+/// What `release verify` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Ends with 0 when the release is genuine and what was asked for, and with 1 otherwise."
+)]
+pub struct VerifyArgs {
+    /// File with the release
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Public key that is believed; may be given several times
+    #[arg(long, value_name = "FILE")]
+    pub public: Vec<PathBuf>,
+    /// Image that must be the one in the release
+    #[arg(long, value_name = "FILE")]
+    pub image: Option<PathBuf>,
+    /// Board that it must be for
+    #[arg(long, value_name = "BOARD")]
+    pub board: Option<String>,
+    /// Sequence that it must be above
+    #[arg(long, value_name = "N")]
+    pub above: Option<u32>,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// When a release expires.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Expiry {
+    /// So many days from now.
+    InDays(u64),
+    /// At this moment: Unix time, in seconds.
+    At(u64),
+}
+
+impl Expiry {
+    /// The moment, as Unix time in seconds.
+    pub(super) const fn unix(self, now: u64) -> u64 {
+        match self {
+            Self::InDays(days) => now + days * DAY,
+            Self::At(moment) => moment,
+        }
+    }
+}
+
+impl FromStr for Expiry {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong =
+            || "must be a day like 2027-01-31, or a number of days from 1 to 36525".to_owned();
+        if let Ok(days) = text.parse() {
+            return if (1..=MOST_DAYS).contains(&days) {
+                Ok(Self::InDays(days))
+            } else {
+                Err(wrong())
+            };
+        }
+        let year: u64 = text
+            .get(..4)
+            .and_then(|year| year.parse().ok())
+            .ok_or_else(wrong)?;
+        // The calendar is asked which day has that name: none has when it is no day.
+        let first = year.saturating_sub(1970) * 365;
+        (first..first + 2_500)
+            .find(|day| {
+                let (year, month, of_month) = date(*day as i64);
+                format!("{year:04}-{month:02}-{of_month:02}") == text
+            })
+            .map(|day| Self::At(day * DAY))
+            .ok_or_else(wrong)
+    }
+}
+
+/// A moment for people: UTC, to the second; `never` beyond the year 9999.
+pub(super) fn shown(unix: u64) -> String {
+    match i64::try_from(unix)
+        .ok()
+        .and_then(|unix| unix.checked_mul(1_000))
+    {
+        Some(unix_ms) if unix <= 253_402_300_799 => moment(unix_ms),
+        _ => "after the year 9999".to_owned(),
+    }
+}
+
+fn kind(text: &str) -> Result<Kind, String> {
+    let mut known = Kind::ALL.into_iter();
+    known
+        .find(|kind| kind.name() == text)
+        .ok_or_else(|| "must be program or model".to_owned())
+}
+
+fn chip(text: &str) -> Result<Chip, String> {
+    let known = Chip::ALL.into_iter().find(|chip| chip.name() == Some(text));
+    known
+        .or_else(|| text.parse().ok().map(Chip))
+        .ok_or_else(|| "must be none, esp32c3, esp32c6, esp32s3 or a number".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ends_are_days_or_dates() {
+        for (text, expected) in [
+            ("1", Some(Expiry::InDays(1))),
+            ("36525", Some(Expiry::InDays(36_525))),
+            ("0", None),
+            ("36526", None),
+            ("1970-01-01", Some(Expiry::At(0))),
+            ("2024-02-29", Some(Expiry::At(1_709_164_800))),
+            ("2100-12-31", Some(Expiry::At(4_133_894_400))),
+            ("2027-01-31", Some(Expiry::At(1_801_353_600))),
+            ("2027-02-29", None),
+            ("2027-13-01", None),
+            ("2027-1-31", None),
+            ("9999-12-31", Some(Expiry::At(253_402_214_400))),
+            ("-5", None),
+            ("tomorrow", None),
+            ("é0-01-01", None),
+            ("", None),
+        ] {
+            assert_eq!(text.parse().ok(), expected, "{text}");
+        }
+        assert_eq!(Expiry::InDays(2).unix(5), 172_805);
+        assert_eq!(shown(1_801_353_600), "2027-01-31 00:00:00Z");
+        assert_eq!(shown(u64::MAX), "after the year 9999");
+    }
+
+    #[test]
+    fn chips_have_names_and_numbers() {
+        assert_eq!(chip("esp32c3"), Ok(Chip::ESP32_C3));
+        assert_eq!(chip("none"), Ok(Chip::NONE));
+        assert_eq!(chip("2"), Ok(Chip(2)));
+        for wrong in ["esp8266", "-1", "65536", ""] {
+            assert!(chip(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,329 @@
+//! Releases as a person or a script makes and verifies them.
+
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+use crate::console::{complaint, done, program, row};
+use crate::scratch::Scratch;
+
+/// A folder with a pair of keys and an image for an ESP32-C3.
+struct Folder(Scratch);
+
+impl Folder {
+    fn new() -> Self {
+        let folder = Self(Scratch::new());
+        std::fs::create_dir_all(&folder.0.0).expect("a folder");
+        folder.ok("keygen --out keys");
+        folder.write("image", &esp(5, 150_000));
+        folder
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.0.join(name)
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) {
+        std::fs::write(self.path(name), bytes).expect("a file");
+    }
+
+    fn read(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).expect("a file")
+    }
+
+    fn run(&self, arguments: &str) -> Output {
+        let mut command = program();
+        command.arg("release").args(arguments.split(' '));
+        command.current_dir(&self.0.0).output().expect("runs")
+    }
+
+    #[track_caller]
+    fn ok(&self, arguments: &str) -> String {
+        done(&self.run(arguments))
+    }
+
+    #[track_caller]
+    fn refused(&self, arguments: &str) -> String {
+        complaint(&self.run(arguments), 1)
+    }
+
+    /// What `verify` says against a release, as codes.
+    #[track_caller]
+    fn faults(&self, arguments: &str) -> Vec<String> {
+        let output = self.run(&format!("verify --json {arguments}"));
+        let found: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|error| {
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            panic!("{error}: {said}")
+        });
+        let faults = found["faults"].as_array().expect("faults");
+        let code = i32::from(!faults.is_empty());
+        assert_eq!(output.status.code(), Some(code), "{found}");
+        assert_eq!(found["genuine"], faults.is_empty(), "{found}");
+        let codes = faults
+            .iter()
+            .map(|fault| fault["code"].as_str().expect("a code"));
+        codes.map(str::to_owned).collect()
+    }
+}
+
+/// An image for an ESP32 with this chip, as far as its header goes.
+fn esp(chip: u8, length: usize) -> Vec<u8> {
+    let mut image: Vec<u8> = (0..length).map(|at| (at / 7) as u8).collect();
+    (image[0], image[1], image[12], image[13]) = (0xE9, 4, chip, 0);
+    image
+}
+
+const SIGN: &str = "sign --key keys/release-key.pem --image image --board xiao-c3 --version 0.4.0 \
+                    --sequence 12 --build abc123";
+const PUBLIC: &str = "--public keys/release-public.pem";
+
+#[test]
+fn a_release_is_made_and_verified() {
+    let folder = Folder::new();
+    let made = folder.ok(&format!(
+        "{SIGN} --floor 3 --expires 2099-01-31 --out release"
+    ));
+    let table = folder.ok(&format!(
+        "verify release {PUBLIC} --image image --board xiao-c3 --above 11"
+    ));
+    assert_eq!(made, table);
+    for (name, value) in [
+        ("board", "xiao-c3 (esp32c3)"),
+        ("version", "0.4.0"),
+        ("build", "abc123"),
+        ("sequence", "12"),
+        ("floor", "3"),
+        ("expires", "2099-01-31 00:00:00Z"),
+        ("image", "150000 bytes in 3 blocks of 64 KiB"),
+        ("verdict", "genuine"),
+    ] {
+        assert!(row(&table, name).ends_with(value), "{name}: {table}");
+    }
+    let json = folder.ok(&format!("verify release {PUBLIC} --json"));
+    let found: Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(found["authentic"], true);
+    assert_eq!(found["manifest"]["sequence"], 12);
+    assert_eq!(found["manifest"]["expires"], 4_073_500_800_u64);
+    // The same order gives the same bytes, in a file that holds the image as it is.
+    folder.ok(&format!(
+        "{SIGN} --floor 3 --expires 2099-01-31 --out again"
+    ));
+    assert_eq!(folder.read("release"), folder.read("again"));
+    assert!(folder.read("release").ends_with(&folder.read("image")));
+    // In days from now.
+    let made = folder.ok(&format!("{SIGN} --expires 30 --out days"));
+    assert!(row(&made, "expires").ends_with('Z'), "{made}");
+}
+
+#[test]
+fn what_is_wrong_with_a_release_is_said() {
+    let folder = Folder::new();
+    folder.ok(&format!("{SIGN} --out release"));
+    folder.ok("keygen --out other");
+    let whole = folder.read("release");
+
+    assert_eq!(folder.faults("release"), ["no_key"]);
+    let table = folder.run("verify release");
+    let table = String::from_utf8(table.stdout).expect("UTF-8");
+    assert!(row(&table, "signature").contains("NOT VERIFIED"), "{table}");
+    assert!(!table.contains("genuine"), "{table}");
+    assert_eq!(
+        folder.faults("release --public other/release-public.pem"),
+        ["unknown_key"]
+    );
+    assert!(
+        folder
+            .faults(&format!(
+                "release {PUBLIC} --public other/release-public.pem"
+            ))
+            .is_empty()
+    );
+    assert_eq!(
+        folder.faults(&format!(
+            "release {PUBLIC} --board virt --above 12 --image keys/release-key.pem"
+        )),
+        ["other_image", "wrong_board", "downgrade"]
+    );
+    for (change, expected) in [
+        // Its signature, its manifest, the first block, the last.
+        (20, "bad_signature"),
+        (100, "bad_signature"),
+        (whole.len() - 149_000, "bad_block"),
+        (whole.len() - 1, "bad_block"),
+    ] {
+        let mut changed = whole.clone();
+        changed[change] ^= 1;
+        folder.write("changed", &changed);
+        let faults = folder.faults(&format!("changed {PUBLIC}"));
+        assert!(
+            faults.contains(&expected.to_owned()),
+            "{change}: {faults:?}"
+        );
+    }
+    folder.write("cut", &whole[..whole.len() - 1]);
+    assert_eq!(folder.faults(&format!("cut {PUBLIC}")), ["image_too_short"]);
+    for (name, bytes) in [
+        ("text", &b"no release"[..]),
+        ("empty", b""),
+        ("head", &whole[..80]),
+    ] {
+        folder.write(name, bytes);
+        let said = folder.refused(&format!("verify {name} {PUBLIC}"));
+        assert!(said.contains("not a release"), "{said}");
+    }
+    assert!(
+        folder
+            .refused("verify nowhere")
+            .contains("cannot read nowhere")
+    );
+    assert!(
+        folder
+            .refused("verify release --public keys/release-key.pem")
+            .contains("a private key")
+    );
+}
+
+#[test]
+fn what_no_robot_could_take_is_not_signed() {
+    let folder = Folder::new();
+    folder.write("c6", &esp(13, 1_000));
+    folder.write("raw", b"machine code");
+    for (change, why) in [
+        (
+            "--image c6",
+            "the image is for esp32c6, the board has esp32c3",
+        ),
+        ("--image raw", "not an image for an ESP32"),
+        ("--board virt", "which the board does not have"),
+        ("--board Rover", "a-z"),
+        ("--floor 13", "floor"),
+        ("--requires-sequence 12", "require"),
+        ("--version 1:2", "version"),
+        ("--kind model", "name"),
+        ("--name eyes", "name"),
+        ("--expires 1999-12-31", "expired"),
+        ("--key keys/release-public.pem", "the private one"),
+        ("--key image", "more than"),
+        ("--key nowhere", "cannot read nowhere"),
+        ("--image nowhere", "cannot read nowhere"),
+        ("--out image", "not written over"),
+        ("--out nowhere/release", "cannot write"),
+    ] {
+        let (option, value) = change.split_once(' ').expect("two words");
+        let mut words: Vec<&str> = SIGN.split_whitespace().chain(["--out", "out"]).collect();
+        match words.iter().position(|word| *word == option) {
+            Some(at) => words[at + 1] = value,
+            None => words.extend([option, value]),
+        }
+        let said = folder.refused(&words.join(" "));
+        assert!(said.contains(why), "{change}: {said}");
+        assert!(!folder.path("out").exists(), "{change}");
+    }
+    let without = SIGN.replace(" --build abc123", "");
+    assert!(
+        folder
+            .refused(&format!("{without} --out out"))
+            .contains("--build")
+    );
+    for words in [
+        "--sequence 0",
+        "--sequence -1",
+        "--sequence 12 --expires never",
+        "--sequence 12 --chip toaster",
+        "--sequence 12 --kind virus",
+    ] {
+        let output = folder.run(&format!(
+            "{} --out out",
+            SIGN.replace("--sequence 12", words)
+        ));
+        assert_eq!(output.status.code(), Some(2), "{words}");
+    }
+}
+
+#[test]
+fn keys_are_not_lost_and_not_shown() {
+    let folder = Folder::new();
+    let mode = |name: &str| {
+        let metadata = std::fs::metadata(folder.path(name)).expect("a file");
+        metadata.permissions().mode() & 0o777
+    };
+    assert_eq!(mode("keys/release-key.pem"), 0o600);
+    let key = folder.read("keys/release-key.pem");
+    assert!(
+        folder
+            .refused("keygen --out keys")
+            .contains("not written over")
+    );
+    assert_eq!(folder.read("keys/release-key.pem"), key);
+    // Nor is half of a pair completed with something else.
+    std::fs::remove_file(folder.path("keys/release-key.pem")).expect("removed");
+    assert!(
+        folder
+            .refused("keygen --out keys")
+            .contains("not written over")
+    );
+    assert!(!folder.path("keys/release-key.pem").exists());
+}
+
+/// OpenSSL believes our releases, and signs some itself.
+#[test]
+fn keys_and_signatures_are_those_of_openssl() {
+    let folder = Folder::new();
+    let openssl = |arguments: &str| {
+        let mut command = Command::new("openssl");
+        command.args(arguments.split(' ')).current_dir(&folder.0.0);
+        command.output()
+    };
+    let read = "pkey -in keys/release-key.pem -pubout -outform DER -out ours.der";
+    match openssl(read) {
+        Ok(output) => done(&output),
+        Err(error) => {
+            eprintln!("skipped: openssl cannot be run ({error}); cargo xtask setup installs it");
+            return;
+        }
+    };
+    let public = "pkey -pubin -in keys/release-public.pem -outform DER -out public.der";
+    done(&openssl(public).expect("there"));
+    assert_eq!(folder.read("ours.der"), folder.read("public.der"));
+
+    folder.ok(&format!("{SIGN} --out release"));
+    let file = folder.read("release");
+    let envelope = &file[2..2 + usize::from(u16::from_le_bytes([file[0], file[1]]))];
+    folder.write("manifest", &envelope[76..]);
+    folder.write("signature", &der(&envelope[12..76]));
+    let verify = "dgst -sha256 -verify keys/release-public.pem -signature signature manifest";
+    assert!(done(&openssl(verify).expect("there")).contains("Verified OK"));
+    folder.write("manifest", &envelope[75..]);
+    assert!(!openssl(verify).expect("there").status.success());
+
+    let generate = "genpkey -algorithm EC -pkeyopt ec_paramgen_curve:P-256 -out theirs.pem";
+    done(&openssl(generate).expect("there"));
+    done(&openssl("pkey -in theirs.pem -pubout -out theirs.pub").expect("there"));
+    let sign = SIGN.replace("keys/release-key.pem", "theirs.pem");
+    folder.ok(&format!("{sign} --out theirs"));
+    assert!(folder.faults("theirs --public theirs.pub").is_empty());
+    // The older form of a key says how to get at the newer.
+    done(&openssl("ec -in theirs.pem -out old.pem").expect("there"));
+    let sign = SIGN.replace("keys/release-key.pem", "old.pem");
+    assert!(
+        folder
+            .refused(&format!("{sign} --out old"))
+            .contains("openssl pkcs8")
+    );
+}
+
+/// Two numbers as DER has them: SEQUENCE of INTEGER.
+fn der(signature: &[u8]) -> Vec<u8> {
+    let mut body = Vec::new();
+    for number in signature.chunks(32) {
+        let zeros = number.iter().take_while(|byte| **byte == 0).count();
+        let number = &number[zeros..];
+        let sign = usize::from(number[0] >= 0x80);
+        body.extend([2, (number.len() + sign) as u8]);
+        body.extend(&[0][..sign]);
+        body.extend(number);
+    }
+    [&[0x30, body.len() as u8], &body[..]].concat()
+}
