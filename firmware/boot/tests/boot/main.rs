@@ -3,6 +3,7 @@
 mod chip;
 mod histories;
 mod loader;
+mod plans;
 mod power_cuts;
 mod robot;
 mod selection;
