@@ -188,7 +188,7 @@ impl<M: RawMutex> Outbox<M> {
         self.with(|inner| {
             inner
                 .reservations
-                .retain(|reservation| reservation.key != key)
+                .retain(|reservation| reservation.key != key);
         });
     }
 
