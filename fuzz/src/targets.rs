@@ -4,6 +4,7 @@
 //! A target proves more than the absence of a panic: what was read survives being written and read
 //! again, and what is called malformed is malformed to an independent parser too.
 
+use crawler_protocol::open::{self, Read, Report};
 use crawler_protocol::{
     Action, CellDigest, Command, DecodeError, Detections, EncodeError, FaultCommand, Fleet,
     Heartbeat, LogRecord, MAX_BATCH, MAX_DEPTH, MAX_MESSAGE, ParametersMessage, PoseFix, Reason,
@@ -14,7 +15,7 @@ use crawler_protocol::{
 pub type Target = fn(&[u8]);
 
 /// Name and body of every target.
-pub const TARGETS: [(&str, Target); 16] = [
+pub const TARGETS: [(&str, Target); 17] = [
     ("command", command),
     ("command_request", command_request),
     ("topic", topic),
@@ -31,6 +32,7 @@ pub const TARGETS: [(&str, Target); 16] = [
     ("pose_fix", pose_fix),
     ("time", time),
     ("fault_command", fault_command),
+    ("open", open_messages),
 ];
 
 /// Compares our verdict on the syntax with that of another parser.
@@ -185,5 +187,46 @@ fn telemetry_cbor(data: &[u8]) {
         }
         let again: Result<Vec<_>, _> = how.samples(&buf[..length]).collect();
         assert_eq!(again, Ok(read));
+    }
+}
+
+/// What a strict reader takes, one that knows less than everything takes as well, and knows all of it;
+/// what it takes beyond that is short of nothing but fields and words.
+fn open_message<T: Report>(data: &[u8], strict: Result<(), DecodeError>) {
+    match (open::read::<T>(data), strict) {
+        (Ok(Read { unknown, .. }), Ok(())) => assert!(unknown.is_none(), "{unknown:?}"),
+        (Ok(Read { unknown, .. }), Err(error)) => {
+            assert!(!unknown.is_none(), "{error}");
+            assert!(unknown.fields as usize <= MAX_MESSAGE);
+        }
+        (Err(error), strict) => {
+            assert!(strict.is_err());
+            assert_ne!(error, DecodeError::UnknownField);
+        }
+    }
+}
+
+fn open_messages(data: &[u8]) {
+    open_message::<open::Response>(data, Response::from_json(data).map(drop));
+    open_message::<open::StatusMessage>(data, StatusMessage::from_json(data).map(drop));
+    open_message::<open::Heartbeat>(data, Heartbeat::from_json(data).map(drop));
+    open_message::<open::Telemetry>(data, Telemetry::from_json(data).map(drop));
+    open_message::<open::LogRecord>(data, LogRecord::from_json(data).map(drop));
+    open_message::<Detections>(data, Detections::from_json(data).map(drop));
+    open_message::<ParametersMessage>(data, ParametersMessage::from_json(data).map(drop));
+    for how in TelemetryEncoding::ALL {
+        let strict: Result<Vec<_>, _> = how.samples(data).collect();
+        let read: Result<Vec<_>, _> = how.open_samples(data).collect();
+        match (read, strict) {
+            (Ok(read), Ok(strict)) => {
+                assert_eq!(read.len(), strict.len());
+                assert!(read.iter().all(|sample| sample.unknown.is_none()));
+            }
+            (Ok(read), Err(_)) => {
+                assert!((1..=MAX_BATCH).contains(&read.len()));
+                assert!(read.iter().any(|sample| !sample.unknown.is_none()));
+            }
+            (Err(_), strict) => assert!(strict.is_err()),
+        }
     }
 }

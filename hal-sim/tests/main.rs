@@ -9,6 +9,7 @@ mod evaluate;
 mod eyes;
 mod fault_schedules;
 mod faults;
+mod golden;
 mod injection;
 #[cfg(feature = "live")]
 mod live;

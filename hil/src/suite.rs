@@ -194,6 +194,7 @@ pub async fn run(
         tell(&line);
         report.cases.push(line);
     }
+    report.unknown = bench.book.unknown;
     bench.close().await;
     Ok(report)
 }
@@ -241,8 +242,9 @@ impl Bench {
             self.ask(Action::Reset).await?;
         }
         if telemetry.state == RobotState::Idle && is_standing(&telemetry) {
-            let rests =
-                |t: &crawler_protocol::Telemetry| t.state == RobotState::Idle && is_standing(t);
+            let rests = |t: &crawler_protocol::open::Telemetry| {
+                t.state == RobotState::Idle && is_standing(t)
+            };
             if self.stays("it stood", 1, rests).await.is_ok() {
                 return Ok(());
             }

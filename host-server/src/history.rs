@@ -3,7 +3,8 @@
 use std::collections::BTreeSet;
 
 use crawler_history::{Full, History as Local, Point, Recorded, Sample, Track};
-use crawler_protocol::{RobotId, Telemetry};
+use crawler_protocol::open::Telemetry;
+use crawler_protocol::{RobotId, RobotState};
 use crawler_records::{RECORDS_FILE, Records, RecordsError};
 use crawler_timeseries::{Address, EngineError, QUEUE, Remote};
 
@@ -54,7 +55,8 @@ pub(crate) async fn open(settings: &Settings) -> Result<(Records, History), Star
 }
 
 /// What the history keeps of a message that came in at `at`. The server's clock counts: a robot's may
-/// not be set, or be made up.
+/// not be set, or be made up. A state that only a newer robot knows is an error to the history, as one that
+/// a newer program has stored is.
 pub(crate) fn sample(telemetry: &Telemetry, at: i64) -> Sample {
     Sample {
         robot: telemetry.robot.clone(),
@@ -68,7 +70,7 @@ pub(crate) fn sample(telemetry: &Telemetry, at: i64) -> Sample {
         rssi: telemetry.rssi_dbm,
         left: telemetry.wheels.left,
         right: telemetry.wheels.right,
-        state: telemetry.state,
+        state: telemetry.state.known().unwrap_or(RobotState::Error),
     }
 }
 

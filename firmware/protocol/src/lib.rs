@@ -19,15 +19,16 @@
 //! | `time` | [`TimeMessage`] |
 //! | `simulator/command` | [`FaultCommand`], and what only simulators are told: `crawler-sim-protocol` |
 //!
-//! Messages are read strictly: an unknown field, a field twice, another type or a value out of range
-//! is an error with its own [`Reason`], and nothing that arrives can panic or take more memory than
+//! Messages are read strictly, but for what robots say where [`open`] reads it: an unknown field, a field
+//! twice, another type or a value out of range is an error with its own [`Reason`], and nothing that arrives can panic or take more memory than
 //! the type it becomes. A number that is not finite never leaves: it is an error where it must be
 //! there, and `null` where it may be missing.
 //!
 //! The crate has no heap and no `std`. Feature `schema` adds JSON Schemas of all messages for the
 //! host.
 //!
-//! Reading order: [`ids`] and `topic`; `command` and `reason`; `message`, a file for each; `fault`. Below
+//! Reading order: [`ids`] and `topic`; `command` and `reason`; `message`, a file for each, and [`open`], which
+//! reads those of robots that are newer; `fault`. Below
 //! them: [`json`] reads and writes, `number`, `words` and [`fields`] are values in it, `schema` is for the
 //! host. What is public of these is for crates that define more messages, read in the same way.
 #![no_std]
@@ -42,6 +43,7 @@ pub mod ids;
 pub mod json;
 mod message;
 mod number;
+pub mod open;
 mod reason;
 #[cfg(feature = "schema")]
 pub mod schema;

@@ -1,5 +1,30 @@
 //! Enums that are words on the wire.
 
+/// An enum whose values are words on the wire.
+pub trait Words: Copy + 'static {
+    /// Every value, in the order in which they are numbered where they are written as numbers.
+    const VALUES: &'static [Self];
+
+    /// The word.
+    fn word(self) -> &'static str;
+}
+
+impl Words for crate::Reason {
+    const VALUES: &'static [Self] = &Self::ALL;
+
+    fn word(self) -> &'static str {
+        self.name()
+    }
+}
+
+impl Words for crate::ResponseStatus {
+    const VALUES: &'static [Self] = &Self::ALL;
+
+    fn word(self) -> &'static str {
+        self.name()
+    }
+}
+
 /// Declares an enum whose variants have a stable name on the wire, spelled once.
 ///
 /// The crate depends on `serde`, and has a feature `schema` that brings `schemars`.
@@ -37,6 +62,14 @@ macro_rules! words {
                     $($text => Some(Self::$variant),)+
                     _ => None,
                 }
+            }
+        }
+
+        impl $crate::open::Words for $name {
+            const VALUES: &'static [Self] = Self::ALL;
+
+            fn word(self) -> &'static str {
+                self.name()
             }
         }
 

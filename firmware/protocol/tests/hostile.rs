@@ -64,7 +64,7 @@ fn every_target_has_a_fuzzer() {
         "credential",
         "simulator_command",
     ];
-    let families = ["provision_", "release_", "tls_"];
+    let families = ["boot_", "provision_", "release_", "tls_"];
     let elsewhere = |name: &str| {
         others.contains(&name) || families.iter().any(|family| name.starts_with(family))
     };

@@ -6,8 +6,10 @@ mod commands;
 mod common;
 mod contract;
 mod faults;
+mod golden;
 mod hostile;
 mod limits;
+mod open;
 mod round_trip;
 #[cfg(feature = "schema")]
 mod schema;

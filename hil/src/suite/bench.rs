@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
+use crawler_protocol::open::{Response, StatusMessage, Telemetry};
 use crawler_protocol::{
-    Action, Command, MAX_MESSAGE, ParametersMessage, Response, RobotState, Source, StatusMessage,
-    Telemetry, Topic,
+    Action, Command, MAX_MESSAGE, ParametersMessage, RobotState, Source, Topic,
 };
 use rumqttc::v5::mqttbytes::QoS;
 use serde_json::{Value, json};

@@ -1,6 +1,7 @@
 //! What the cases do.
 
-use crawler_protocol::{Reason, Response, ResponseStatus};
+use crawler_protocol::open::{Open, Response};
+use crawler_protocol::{Reason, ResponseStatus};
 
 use super::Failure;
 use super::case::Verdict;
@@ -24,6 +25,7 @@ fn check(good: bool, text: impl FnOnce() -> String) -> Verdict {
 
 /// Fails unless `answer` is `status` with `reason`.
 fn is(answer: &Response, status: ResponseStatus, reason: Option<Reason>) -> Verdict {
+    let (status, reason) = (Open::Known(status), reason.map(Open::Known));
     check(answer.status == status && answer.reason == reason, || {
         format!(
             "answered {}, expected {}",
@@ -33,7 +35,7 @@ fn is(answer: &Response, status: ResponseStatus, reason: Option<Reason>) -> Verd
     })
 }
 
-fn told(status: ResponseStatus, reason: Option<Reason>) -> String {
+fn told(status: Open<ResponseStatus>, reason: Option<Open<Reason>>) -> String {
     match reason {
         Some(reason) => format!("{status} ({reason})"),
         None => status.to_string(),

@@ -1,10 +1,13 @@
-//! What the robot says, read by the protocol's own strict readers, and what was wrong with it.
+//! What the robot says, read by the protocol's own readers, and what was wrong with it. A robot may be newer
+//! than the bench: what it says beyond what the bench knows is counted, and no finding.
 
 use std::collections::{BTreeMap, VecDeque};
 
+use crawler_protocol::open::{
+    self, Heartbeat, LogRecord, Read, Response, StatusMessage, Telemetry, Unknown,
+};
 use crawler_protocol::{
-    Detections, Fleet, Heartbeat, LogRecord, MAX_MESSAGE, ParametersMessage, Response, RobotId,
-    StatusMessage, Telemetry, TimeMessage, Topic,
+    DecodeError, Detections, Fleet, MAX_MESSAGE, ParametersMessage, RobotId, TimeMessage, Topic,
 };
 use tokio::time::Instant;
 
@@ -66,6 +69,8 @@ pub(super) struct Book {
     /// What was wrong with some of them.
     pub(super) findings: Vec<String>,
     pub(super) wrong: u64,
+    /// What it says beyond what is known here.
+    pub(super) unknown: Unknown,
     /// Whether each robot of the fleet is online.
     pub(super) fleet: BTreeMap<String, bool>,
     /// Messages of ours that the broker would not pass on.
@@ -97,7 +102,9 @@ impl Book {
         }
         let id = parsed.robot()?.clone();
         if let Topic::Status(_) = parsed
-            && let Ok(status) = StatusMessage::from_json(payload)
+            && let Ok(Read {
+                message: status, ..
+            }) = open::read::<StatusMessage>(payload)
             && (self.fleet.len() < OTHERS || self.fleet.contains_key(id.as_str()))
         {
             self.fleet.insert(id.as_str().to_owned(), status.online);
@@ -106,7 +113,7 @@ impl Book {
             return None;
         }
         self.messages += 1;
-        let word = match read(&parsed, payload) {
+        let word = match read(&parsed, payload, &mut self.unknown) {
             Ok(word) => word?,
             Err(text) => {
                 let shown = String::from_utf8_lossy(&payload[..payload.len().min(120)]);
@@ -170,25 +177,30 @@ impl Book {
 }
 
 /// Reads a message of the robot; none for topics it only listens to.
-fn read(topic: &Topic, payload: &[u8]) -> Result<Option<Word>, String> {
+fn read(topic: &Topic, payload: &[u8], unknown: &mut Unknown) -> Result<Option<Word>, String> {
     if !matches!(topic, Topic::Image(_)) && payload.len() > MAX_MESSAGE {
         return Err(format!("{} bytes", payload.len()));
     }
     let word = match topic {
-        Topic::Status(_) => StatusMessage::from_json(payload).map(Word::Status),
-        Topic::Heartbeat(_) => Heartbeat::from_json(payload).map(Word::Heartbeat),
-        Topic::Telemetry(_) => Telemetry::from_json(payload).map(Word::Telemetry),
-        Topic::Response(_) => Response::from_json(payload).map(Word::Response),
-        Topic::Parameters(_) => ParametersMessage::from_json(payload)
-            .map(Box::new)
-            .map(Word::Parameters),
-        Topic::Logs(_) => LogRecord::from_json(payload).map(Word::Log),
-        Topic::Vision(_) => Detections::from_json(payload).map(Word::Detections),
+        Topic::Status(_) => told(payload, unknown).map(Word::Status),
+        Topic::Heartbeat(_) => told(payload, unknown).map(Word::Heartbeat),
+        Topic::Telemetry(_) => told(payload, unknown).map(Word::Telemetry),
+        Topic::Response(_) => told(payload, unknown).map(Word::Response),
+        Topic::Parameters(_) => told(payload, unknown).map(Box::new).map(Word::Parameters),
+        Topic::Logs(_) => told(payload, unknown).map(Word::Log),
+        Topic::Vision(_) => told(payload, unknown).map(Word::Detections),
         Topic::Image(_) => Ok(Word::Image(payload.to_vec())),
         _ => return Ok(None),
     };
     word.map(Some)
         .map_err(|error| format!("cannot be read ({error})"))
+}
+
+/// Reads a message of a robot that may be newer than the bench.
+fn told<T: open::Report>(payload: &[u8], unknown: &mut Unknown) -> Result<T, DecodeError> {
+    let read = open::read(payload)?;
+    unknown.add(read.unknown);
+    Ok(read.message)
 }
 
 /// Who a message says it is from.
@@ -242,13 +254,13 @@ mod tests {
         let alien = String::from_utf8(heartbeat(1, 1))
             .unwrap()
             .replace("r-1", "r-2");
-        let extra = String::from_utf8(heartbeat(1, 1))
+        let short = String::from_utf8(heartbeat(1, 1))
             .unwrap()
-            .replace('}', r#","mood":"fine"}"#);
+            .replace(r#","state":"IDLE""#, "");
         for (payload, retained, text) in [
             (long, false, "bytes"),
             (alien.into_bytes(), false, "from r-2"),
-            (extra.into_bytes(), false, "unknown_field"),
+            (short.into_bytes(), false, "missing_field"),
             (b"\xff".to_vec(), false, "malformed"),
             (heartbeat(1, 1), true, "retained"),
         ] {
@@ -257,6 +269,19 @@ mod tests {
             assert_eq!(book.wrong, 1, "{text}");
             assert!(book.findings[0].contains(text), "{:?}", book.findings);
         }
+    }
+
+    #[test]
+    fn what_only_a_newer_robot_says_is_counted() {
+        let mut book = Book::default();
+        let newer = String::from_utf8(heartbeat(1, 1))
+            .unwrap()
+            .replace("IDLE", "CHARGING")
+            .replace('}', r#","mood":{"is":"fine"}}"#);
+        let heard = hear(&mut book, "swarm/heartbeat/r-1", newer.as_bytes(), false);
+        assert!(heard.is_some());
+        assert_eq!((book.messages, book.wrong), (1, 0), "{:?}", book.findings);
+        assert_eq!((book.unknown.fields, book.unknown.words), (1, 1));
     }
 
     #[test]

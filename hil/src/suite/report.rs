@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crawler_protocol::StatusMessage;
+use crawler_protocol::open::{StatusMessage, Unknown};
 use serde_json::{Value, json};
 
 use super::Target;
@@ -73,6 +73,8 @@ pub struct Report {
     fleet: String,
     robot: String,
     status: Option<StatusMessage>,
+    /// What the robot said beyond what the bench knows: it is newer.
+    pub(super) unknown: Unknown,
     /// Every case that was asked for, in order.
     pub cases: Vec<CaseReport>,
 }
@@ -84,6 +86,7 @@ impl Report {
             fleet: target.fleet.to_string(),
             robot: target.robot.to_string(),
             status: status.cloned(),
+            unknown: Unknown::default(),
             cases: Vec::new(),
         }
     }
@@ -136,6 +139,7 @@ impl Report {
             "kind": status.map(|status| status.kind.name()),
             "board": status.map(|status| status.board.as_str()),
             "firmware": status.map(|status| status.firmware.as_str()),
+            "unknown": { "fields": self.unknown.fields, "words": self.unknown.words },
             "passed": self.passed(),
             "failed": self.failed(),
             "skipped": self.skipped(),

@@ -34,9 +34,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crawler_delivery::{Class, Delivery, Ms};
+use crawler_protocol::open::Response;
 #[cfg(test)]
 use crawler_protocol::{Action, Command};
-use crawler_protocol::{MAX_MESSAGE, Response, RobotId, Source, SwarmResponse, Topic};
+use crawler_protocol::{MAX_MESSAGE, RobotId, Source, SwarmResponse, Topic};
 
 use crawler_cluster::ClusterMembership;
 use crawler_metrics::Metrics;
@@ -229,7 +230,8 @@ impl CommandCenter {
         book.table.outcomes += record.outcomes.len() - before;
         if change.first_final {
             book.answered += 1;
-            self.metrics.answer(response.status.name());
+            let outcome = OutcomeStatus::from(response.status);
+            self.metrics.answer(outcome.name());
             if change.completed {
                 let took = now.saturating_duration_since(record.sent_at);
                 self.metrics.completed(record.command.action.name(), took);

@@ -4,9 +4,8 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use crawler_delivery::End;
-use crawler_protocol::{
-    Action, Command, Outcomes, Reason, Response, ResponseStatus, RobotId, Source,
-};
+use crawler_protocol::open::{Open, Response};
+use crawler_protocol::{Action, Command, Outcomes, Reason, ResponseStatus, RobotId, Source};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -61,15 +60,17 @@ impl OutcomeStatus {
     }
 }
 
-impl From<ResponseStatus> for OutcomeStatus {
-    fn from(status: ResponseStatus) -> Self {
+impl From<Open<ResponseStatus>> for OutcomeStatus {
+    fn from(status: Open<ResponseStatus>) -> Self {
         match status {
-            ResponseStatus::Accepted => Self::Accepted,
-            ResponseStatus::Completed => Self::Completed,
-            ResponseStatus::Rejected => Self::Rejected,
-            ResponseStatus::Expired => Self::Expired,
-            ResponseStatus::Stale => Self::Stale,
-            ResponseStatus::Failed => Self::Failed,
+            // Of one that is not known the robot has the command, and what it says of the end nobody here
+            // can tell: a word that is known may follow, and is waited for.
+            Open::Known(ResponseStatus::Accepted) | Open::Unknown(_) => Self::Accepted,
+            Open::Known(ResponseStatus::Completed) => Self::Completed,
+            Open::Known(ResponseStatus::Rejected) => Self::Rejected,
+            Open::Known(ResponseStatus::Expired) => Self::Expired,
+            Open::Known(ResponseStatus::Stale) => Self::Stale,
+            Open::Known(ResponseStatus::Failed) => Self::Failed,
         }
     }
 }
@@ -78,7 +79,7 @@ impl From<ResponseStatus> for OutcomeStatus {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Outcome {
     pub(crate) status: OutcomeStatus,
-    pub(crate) reason: Option<Reason>,
+    pub(crate) reason: Option<Open<Reason>>,
     pub(crate) timestamp: Option<u64>,
     /// When the command first went to the robot.
     pub(super) went: Option<Instant>,
@@ -321,9 +322,7 @@ impl Record {
         // The order of the variants is that of how much is left to wish for.
         let decisive = self.outcomes.values().max_by_key(|outcome| outcome.status);
         let status = decisive.map_or(OutcomeStatus::Completed, |outcome| outcome.status);
-        let reason = decisive
-            .and_then(|outcome| outcome.reason)
-            .map(Reason::name);
+        let reason = decisive.and_then(|outcome| outcome.reason);
         CommandView {
             id: self.id.to_string(),
             seq: self.command.seq,
@@ -372,7 +371,8 @@ pub struct CommandView {
     /// The least finished, then the worst, of the outcomes.
     pub status: OutcomeStatus,
     /// Why, in a stable code, of the outcome that gives `status`.
-    pub reason: Option<&'static str>,
+    #[schema(value_type = Option<String>)]
+    pub reason: Option<Open<Reason>>,
     /// Robots by outcome.
     pub counts: Counts,
     /// Every robot's outcome; left out of the answer that a command to the swarm was sent.
@@ -403,7 +403,8 @@ pub struct OutcomeView {
     /// What it came to.
     pub status: OutcomeStatus,
     /// Why, in a stable code.
-    pub reason: Option<&'static str>,
+    #[schema(value_type = Option<String>)]
+    pub reason: Option<Open<Reason>>,
     /// When the robot said so, in Unix milliseconds by its clock.
     pub timestamp: Option<u64>,
 }
@@ -413,7 +414,7 @@ impl OutcomeView {
         Self {
             robot: id.as_str().to_owned(),
             status: outcome.status,
-            reason: outcome.reason.map(Reason::name),
+            reason: outcome.reason,
             timestamp: outcome.timestamp,
         }
     }

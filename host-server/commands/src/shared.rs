@@ -9,7 +9,8 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 
 use crawler_cluster::{Fields, HEAD};
 use crawler_delivery::Class;
-use crawler_protocol::{Command, Reason, Response, RobotId, Source};
+use crawler_protocol::open::{Open, Response};
+use crawler_protocol::{Command, Reason, RobotId, Source};
 use serde::{Deserialize, Serialize};
 
 use super::pending::{CommandText, Leg, Store};
@@ -57,7 +58,7 @@ pub(super) struct Part {
     #[serde(rename = "d", skip_serializing_if = "std::ops::Not::not")]
     pub(super) done: bool,
     #[serde(rename = "r", skip_serializing_if = "Option::is_none")]
-    pub(super) reason: Option<Reason>,
+    pub(super) reason: Option<Open<Reason>>,
     #[serde(rename = "t", skip_serializing_if = "Option::is_none")]
     pub(super) timestamp: Option<u64>,
 }

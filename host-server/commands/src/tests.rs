@@ -45,7 +45,7 @@ pub(super) fn answer(robot: &str, seq: u64, status: ResponseStatus) -> Response 
     Response {
         robot: id(robot),
         seq,
-        status,
+        status: status.into(),
         reason: None,
         timestamp: 7,
     }
@@ -292,13 +292,13 @@ fn reasons_reach_the_operator() {
         .expect("sent")
         .seq;
     let rejected = Response {
-        reason: Some(Reason::Estopped),
+        reason: Some(Reason::Estopped.into()),
         ..answer("a", seq, ResponseStatus::Rejected)
     };
     center.answer(&rejected, true, now);
     let view = center.view(seq).expect("known");
-    assert_eq!(view.reason, Some("estopped"));
-    assert_eq!(view.outcomes[0].reason, Some("estopped"));
+    assert_eq!(view.reason, Some(Reason::Estopped.into()));
+    assert_eq!(view.outcomes[0].reason, Some(Reason::Estopped.into()));
 }
 
 #[test]

@@ -1,11 +1,12 @@
 //! The robots of the fleet, counted for the metrics.
 
 use crawler_protocol::RobotState;
+use crawler_protocol::open::Open;
 
 use super::{FleetState, Presence};
 use crawler_metrics::Exposition;
 
-/// The state of robots that have not told theirs.
+/// The state of robots that have not told theirs, or one that is not known.
 const UNTOLD: &str = "unknown";
 
 /// The robots of the fleet, counted.
@@ -15,7 +16,7 @@ pub struct RobotCounts {
     stale: usize,
     offline: usize,
     /// Those not offline, by the order of [`RobotState::ALL`]; the last place is for those that have
-    /// told no state.
+    /// told no state, or one that is not known.
     states: [usize; RobotState::ALL.len() + 1],
     /// Ids that two robots seem to share.
     doubles: usize,
@@ -36,6 +37,7 @@ impl RobotCounts {
             if robot.presence != Presence::Offline {
                 let place = robot
                     .state()
+                    .and_then(Open::known)
                     .and_then(|state| RobotState::ALL.iter().position(|known| *known == state));
                 if let Some(slot) = count.states.get_mut(place.unwrap_or(RobotState::ALL.len())) {
                     *slot += 1;

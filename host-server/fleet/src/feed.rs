@@ -19,6 +19,7 @@ use crate::{FleetState, SharedFleet};
 use crawler_commands::Totals;
 use crawler_system::clock;
 use encode::Sample;
+pub use encode::drawn_kind;
 
 /// Time between two looks at the fleet.
 pub const INTERVAL: Duration = Duration::from_millis(100);

@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-use crawler_protocol::{RobotId, Telemetry};
+use crawler_protocol::RobotId;
+use crawler_protocol::open::Telemetry;
 
 use super::events::ONE_BY_ONE;
 use super::{Fence, FenceAction, FenceKind, FleetState, Level, MAX_ROBOTS, Robot};

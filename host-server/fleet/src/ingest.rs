@@ -3,9 +3,12 @@
 use std::fmt;
 use std::time::{Duration, Instant};
 
+use crawler_protocol::open::{
+    self, Heartbeat, LogRecord, Open, Read, Response, StatusMessage, Telemetry, Unknown,
+};
 use crawler_protocol::{
-    Detection, Detections, Heartbeat, LogRecord, MAX_IMAGE, MAX_MESSAGE, ParametersMessage,
-    Response, RobotId, StatusMessage, Telemetry, TelemetryEncoding, Topic, TopicError,
+    Detection, Detections, MAX_IMAGE, MAX_MESSAGE, ParametersMessage, RobotId, TelemetryEncoding,
+    Topic, TopicError,
 };
 
 use super::Incoming;
@@ -113,6 +116,7 @@ impl FleetState {
         now: Instant,
     ) -> Result<(Topic, Received), Rejection> {
         self.fences.forget_crossings();
+        self.unknown = Unknown::default();
         let result = self.accept(message, now);
         if let Err(rejection) = result
             && let Some(count) = self.rejected.count(rejection, now)
@@ -152,6 +156,7 @@ impl FleetState {
         if payload.len() > most {
             return Err(Rejection::TooLarge);
         }
+        let mut unknown = Unknown::default();
         let received = match &topic {
             Topic::Status(id) if payload.is_empty() => {
                 // MQTT's way to clear a retained message: somebody takes the robot off the books.
@@ -159,19 +164,19 @@ impl FleetState {
                 Received::Noted
             }
             Topic::Status(id) => {
-                let message = decode(StatusMessage::from_json(payload))?;
+                let message = decode::<StatusMessage>(payload, &mut unknown)?;
                 same(id, &message.robot)?;
                 self.status(id, message, retained, now)?;
                 Received::Noted
             }
             Topic::Heartbeat(id) => {
-                let message = decode(Heartbeat::from_json(payload))?;
+                let message = decode::<Heartbeat>(payload, &mut unknown)?;
                 same(id, &message.robot)?;
                 self.heartbeat(id, message, now)?;
                 Received::Noted
             }
             Topic::Telemetry(id) => {
-                let (earlier, newest) = samples(id, incoming)?;
+                let (earlier, newest) = samples(id, incoming, &mut unknown)?;
                 let relayed = self.relayed;
                 let robot = self.entry(id, now).ok_or(Rejection::Full)?;
                 let last = robot.telemetry.as_ref().map(|last| last.timestamp);
@@ -186,7 +191,7 @@ impl FleetState {
                 Received::Telemetry(earlier)
             }
             Topic::Vision(id) => {
-                let message = decode(Detections::from_json(payload))?;
+                let message = decode::<Detections>(payload, &mut unknown)?;
                 same(id, &message.robot)?;
                 // The reader knows numbers, not which of them a picture and a turn can have.
                 let within = |object: &Detection| {
@@ -208,20 +213,20 @@ impl FleetState {
             }
             Topic::Parameters(_) if payload.is_empty() => Received::Noted,
             Topic::Parameters(id) => {
-                let message = decode(ParametersMessage::from_json(payload))?;
+                let message = decode::<ParametersMessage>(payload, &mut unknown)?;
                 same(id, &message.robot)?;
                 let robot = self.entry(id, now).ok_or(Rejection::Full)?;
                 robot.parameters = Some(Box::new(message));
                 Received::Noted
             }
             Topic::Logs(id) => {
-                let message = decode(LogRecord::from_json(payload))?;
+                let message = decode::<LogRecord>(payload, &mut unknown)?;
                 same(id, &message.robot)?;
                 self.log(id, message, now)?;
                 Received::Noted
             }
             Topic::Response(id) => {
-                let message = decode(Response::from_json(payload))?;
+                let message = decode::<Response>(payload, &mut unknown)?;
                 same(id, &message.robot)?;
                 Received::Response(message)
             }
@@ -243,7 +248,21 @@ impl FleetState {
             | Topic::SimulatorCommand
             | Topic::SimulatorExperiment => return Err(Rejection::Topic),
         };
+        self.note_unknown(&topic, unknown);
         Ok((topic, received))
+    }
+
+    /// Counts what of an accepted message was not known.
+    fn note_unknown(&mut self, topic: &Topic, unknown: Unknown) {
+        if unknown.is_none() {
+            return;
+        }
+        self.unknown.add(unknown);
+        let index = topic.robot().and_then(|id| self.indices.get(id)).copied();
+        let robot = index.and_then(|index| self.slots.get_mut(usize::from(index))?.as_mut());
+        if let Some(robot) = robot {
+            robot.unknown.count(unknown);
+        }
     }
 
     fn status(
@@ -301,9 +320,10 @@ impl FleetState {
         use crawler_protocol::Level as Severity;
         let keep = self.logs_per_robot();
         let level = match message.level {
-            Severity::Error => Some(Level::Error),
-            Severity::Warn => Some(Level::Warn),
-            Severity::Info | Severity::Debug => None,
+            Open::Known(Severity::Error) => Some(Level::Error),
+            // What a newer robot ranks in another way is shown rather than passed over.
+            Open::Known(Severity::Warn) | Open::Unknown(_) => Some(Level::Warn),
+            Open::Known(Severity::Info | Severity::Debug) => None,
         };
         let text = level.map(|_| format!("{}: {}", message.event, message.text));
         let robot = self.entry(id, now).ok_or(Rejection::Full)?;
@@ -343,12 +363,16 @@ impl FleetState {
 
 /// The samples of a message of telemetry: those before the newest, oldest first, and the newest. All
 /// of them are good, or none is taken.
-fn samples(id: &RobotId, message: &Incoming<'_>) -> Result<(Vec<Telemetry>, Telemetry), Rejection> {
+fn samples(
+    id: &RobotId,
+    message: &Incoming<'_>,
+    unknown: &mut Unknown,
+) -> Result<(Vec<Telemetry>, Telemetry), Rejection> {
     let encoding = TelemetryEncoding::of(message.content_type).ok_or(Rejection::ContentType)?;
     let mut earlier = Vec::new();
     let mut newest = None;
-    for sample in encoding.samples(message.payload) {
-        let sample = decode(sample)?;
+    for sample in encoding.open_samples(message.payload) {
+        let sample = taken(sample, unknown)?;
         same(id, &sample.robot)?;
         let pose = &sample.pose;
         if !(pose.x.abs() <= FARTHEST_M && pose.y.abs() <= FARTHEST_M) {
@@ -368,8 +392,15 @@ fn was_overtaken(this: u64, last: Option<u64>) -> bool {
     last.is_some_and(|last| this < last && last - this < OVERTAKEN_MS)
 }
 
-fn decode<T, E>(result: Result<T, E>) -> Result<T, Rejection> {
-    result.map_err(|_| Rejection::Malformed)
+/// Reads a message of a robot that may be newer than this server.
+fn decode<T: open::Report>(payload: &[u8], unknown: &mut Unknown) -> Result<T, Rejection> {
+    taken(open::read(payload), unknown)
+}
+
+fn taken<T, E>(result: Result<Read<T>, E>, unknown: &mut Unknown) -> Result<T, Rejection> {
+    let read = result.map_err(|_| Rejection::Malformed)?;
+    unknown.add(read.unknown);
+    Ok(read.message)
 }
 
 fn same(topic: &RobotId, message: &RobotId) -> Result<(), Rejection> {

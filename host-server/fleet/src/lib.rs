@@ -32,7 +32,8 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use crawler_protocol::{Fleet, Response, RobotId, Telemetry};
+use crawler_protocol::open::{Response, Telemetry, Unknown};
+use crawler_protocol::{Fleet, RobotId};
 
 pub use counts::RobotCounts;
 pub use events::{Event, EventLog, Level};
@@ -42,7 +43,7 @@ pub use images::Image;
 pub use incoming::Incoming;
 pub use ingest::Rejection;
 pub use presence::Presence;
-pub use robot::Robot;
+pub use robot::{Robot, UnknownCount};
 pub use shape::{Shape, ShapeError};
 
 /// The live feed numbers robots with 16 bits; this stays below with room for a bad day.
@@ -87,6 +88,8 @@ pub struct FleetState {
     images: images::Images,
     rejected: ingest::RejectionLog,
     fences: fences::Fences,
+    /// Of how much of the last message nothing was known.
+    unknown: Unknown,
     /// Whether other servers tell what they hear, so that messages of one robot come two ways.
     relayed: bool,
     /// What has happened, newest last.
@@ -130,6 +133,7 @@ impl FleetState {
             images: images::Images::default(),
             rejected: ingest::RejectionLog::default(),
             fences: fences::Fences::default(),
+            unknown: Unknown::default(),
             relayed: false,
             events: EventLog::default(),
         }
@@ -144,6 +148,11 @@ impl FleetState {
     pub fn get(&self, id: &RobotId) -> Option<&Robot> {
         let index = *self.indices.get(id)?;
         self.slots.get(usize::from(index))?.as_ref()
+    }
+
+    /// Of how much of the message that was accepted last nothing was known.
+    pub const fn last_unknown(&self) -> Unknown {
+        self.unknown
     }
 
     /// The newest image of a robot.

@@ -3,10 +3,8 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use crawler_protocol::{
-    Detections, Heartbeat, LogRecord, ParametersMessage, RobotId, RobotState, StatusMessage,
-    Telemetry,
-};
+use crawler_protocol::open::{Heartbeat, LogRecord, Open, StatusMessage, Telemetry, Unknown};
+use crawler_protocol::{Detections, ParametersMessage, RobotId, RobotState};
 
 use super::Presence;
 
@@ -15,6 +13,22 @@ use super::Presence;
 /// or as bad.
 const DOUBLE_JUMPS: usize = 3;
 const DOUBLE_WINDOW: Duration = Duration::from_mins(1);
+
+/// How much a robot has said that this server does not know, since the server knows the robot.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct UnknownCount {
+    /// Fields that were passed over.
+    pub fields: u64,
+    /// Words that were kept as text.
+    pub words: u64,
+}
+
+impl UnknownCount {
+    pub(super) fn count(&mut self, unknown: Unknown) {
+        self.fields = self.fields.saturating_add(unknown.fields.into());
+        self.words = self.words.saturating_add(unknown.words.into());
+    }
+}
 
 /// What is known of one robot.
 pub struct Robot {
@@ -36,6 +50,8 @@ pub struct Robot {
     pub parameters: Option<Box<ParametersMessage>>,
     /// Oldest first.
     pub logs: VecDeque<LogRecord>,
+    /// What it has said that this server does not know.
+    pub unknown: UnknownCount,
     /// Since its first message.
     pub known_since: Instant,
     /// When it last said something itself.
@@ -60,6 +76,7 @@ impl Robot {
             sees: None,
             parameters: None,
             logs: VecDeque::new(),
+            unknown: UnknownCount::default(),
             known_since: now,
             last_seen: None,
             last_seen_ms: None,
@@ -124,7 +141,7 @@ impl Robot {
     }
 
     /// The newest state, from whichever message told it last.
-    pub fn state(&self) -> Option<RobotState> {
+    pub fn state(&self) -> Option<Open<RobotState>> {
         match (&self.telemetry, &self.heartbeat) {
             (Some(telemetry), Some(heartbeat)) if heartbeat.timestamp > telemetry.timestamp => {
                 Some(heartbeat.state)

@@ -18,6 +18,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use crawler_protocol::open::Unknown;
 use crawler_protocol::{ResponseStatus, Topic};
 use prometheus_client::encoding::{EncodeLabelSet, text};
 use prometheus_client::metrics::counter::Counter;
@@ -66,6 +67,8 @@ pub struct Metrics {
     messages_in_total: AtomicU64,
     messages_out: Family<Kind, Counter>,
     messages_rejected: Family<Kind, Counter>,
+    unknown_fields: Family<Kind, Counter>,
+    unknown_words: Family<Kind, Counter>,
     commands_sent: Family<CommandLabel, Counter>,
     answers: Family<StatusLabel, Counter>,
     latency: Family<CommandLabel, Histogram>,
@@ -110,6 +113,8 @@ impl Metrics {
             messages_in_total: AtomicU64::new(0),
             messages_out: Family::default(),
             messages_rejected: Family::default(),
+            unknown_fields: Family::default(),
+            unknown_words: Family::default(),
             commands_sent: Family::default(),
             answers: Family::default(),
             latency: Family::new_with_constructor(latency_histogram),
@@ -142,6 +147,16 @@ impl Metrics {
             "mqtt_messages_rejected",
             "Messages that were not what they should be, by cause",
             metrics.messages_rejected.clone(),
+        );
+        r.register(
+            "mqtt_unknown_fields",
+            "Fields of robots' messages that this server does not know and passed over, by topic",
+            metrics.unknown_fields.clone(),
+        );
+        r.register(
+            "mqtt_unknown_words",
+            "Words of robots' messages, such as states, that this server does not know, by topic",
+            metrics.unknown_words.clone(),
         );
         r.register(
             "commands_sent",
@@ -223,6 +238,22 @@ impl Metrics {
     pub fn message_in(&self, topic: &Topic) {
         self.messages_in_total.fetch_add(1, Ordering::Relaxed);
         count(&self.messages_in, topic_kind(topic));
+    }
+
+    /// Counts what an accepted message had that is not known here: of a robot that is newer.
+    pub fn unknown(&self, topic: &Topic, unknown: Unknown) {
+        let kind = Kind {
+            kind: topic_kind(topic),
+        };
+        let counts = [
+            (&self.unknown_fields, unknown.fields),
+            (&self.unknown_words, unknown.words),
+        ];
+        for (family, count) in counts {
+            if count > 0 {
+                family.get_or_create(&kind).inc_by(count.into());
+            }
+        }
     }
 
     /// Counts a message of the server.

@@ -86,7 +86,7 @@ impl Bench {
                 format!("robot `{robot}` is offline"),
             ));
         }
-        if !status.is_some_and(|status| status.capabilities.contains(&Capability::Faults)) {
+        if !status.is_some_and(|status| status.capabilities.contains(&Capability::Faults.into())) {
             return Err(Problem::new(
                 Code::TakesNoFaults,
                 format!("robot `{robot}` is not simulated and does not stand on a bench"),

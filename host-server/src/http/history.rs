@@ -18,6 +18,7 @@ use super::query::{ApiQuery, bad_query};
 use super::telemetry::{bounds, problem};
 use crate::history::History;
 use crawler_fleet::SharedFleet;
+use crawler_fleet::feed::drawn_kind;
 use crawler_system::clock::now_ms;
 
 /// Points of a robot in one answer.
@@ -253,7 +254,9 @@ pub(super) async fn frames(
     let kinds: Vec<_> = {
         let fleet = fleet.lock();
         let status = |track: &Track| fleet.get(&track.robot)?.status.as_ref();
-        let kinds = tracks.iter().map(|track| Some(status(track)?.kind.name()));
+        let kinds = tracks
+            .iter()
+            .map(|track| Some(drawn_kind(status(track)?.kind).name()));
         kinds.collect()
     };
     Ok(Json(FramesView {

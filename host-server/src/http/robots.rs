@@ -4,8 +4,10 @@ use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::{Path, State};
+use crawler_protocol::open::{Boot, LogRecord, Open};
 use crawler_protocol::{
-    Battery, Boot, Capability, Detections, LogRecord, ParameterValue, Pose, RobotId, Wheels,
+    Battery, BehaviourName, Capability, Detections, Kind, ParameterValue, Pose, RobotId,
+    RobotState, Wheels,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -39,23 +41,30 @@ pub(super) struct RobotView {
     /// server runs.
     last_seen: Option<u64>,
     /// `simulated`, `emulated` or `physical`.
-    kind: Option<&'static str>,
+    #[schema(value_type = Option<String>)]
+    kind: Option<Open<Kind>>,
     /// Version of its program.
     firmware: Option<String>,
     /// Its hardware.
     board: Option<String>,
     /// What it has: `drive`, `range`, `camera`, `vision`.
     #[schema(value_type = Vec<String>)]
-    capabilities: Vec<Capability>,
+    capabilities: Vec<Open<Capability>>,
     /// How often and why it started.
     #[schema(value_type = Option<Object>)]
     boot: Option<Boot>,
     /// Version of the messages it speaks.
     protocol: Option<u8>,
+    /// How many fields of its messages this server did not know, and passed over: it is newer.
+    unknown_fields: u64,
+    /// How many words, such as a state, this server did not know. They are shown as the robot says them.
+    unknown_words: u64,
     /// Its state, like `MOVING`.
-    state: Option<&'static str>,
+    #[schema(value_type = Option<String>)]
+    state: Option<Open<RobotState>>,
     /// Its behaviour, like `wander`.
-    behaviour: Option<&'static str>,
+    #[schema(value_type = Option<String>)]
+    behaviour: Option<Open<BehaviourName>>,
     /// Where it believes to be, in metres and radians; `sigma` is how sure it is.
     #[schema(value_type = Option<Object>)]
     pose: Option<Pose>,
@@ -140,14 +149,16 @@ impl RobotView {
             duplicate: robot.has_double(),
             link: link.map(LinkState::name),
             last_seen: robot.last_seen_ms,
-            kind: status.map(|status| status.kind.name()),
+            kind: status.map(|status| status.kind),
             firmware: status.map(|status| status.firmware.as_str().to_owned()),
             board: status.map(|status| status.board.as_str().to_owned()),
             capabilities: status.map_or_else(Vec::new, |status| status.capabilities.to_vec()),
             boot: status.map(|status| status.boot.clone()),
             protocol: status.map(|status| status.protocol),
-            state: robot.state().map(crawler_protocol::RobotState::name),
-            behaviour: telemetry.map(|telemetry| telemetry.behaviour.name()),
+            unknown_fields: robot.unknown.fields,
+            unknown_words: robot.unknown.words,
+            state: robot.state(),
+            behaviour: telemetry.map(|telemetry| telemetry.behaviour),
             pose: telemetry.map(|telemetry| telemetry.pose),
             range_mm: telemetry.and_then(|telemetry| telemetry.range_mm),
             temperature_c: telemetry.and_then(|telemetry| telemetry.temperature_c),

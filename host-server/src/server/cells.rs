@@ -56,7 +56,7 @@ impl Cells {
                     .filter(|told| unix.abs_diff(told.timestamp) <= STALE_MS)
             };
             let listeners: Vec<[f32; 2]> = known()
-                .filter(|told| cells::needed_for(told.behaviour))
+                .filter(|told| told.behaviour.known().is_none_or(cells::needed_for))
                 .map(|told| [told.pose.x, told.pose.y])
                 .collect();
             if listeners.is_empty() {

@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use crawler_cluster::ClusterMembership;
 use crawler_cluster::frame::{Message, OutgoingMessage};
-use crawler_protocol::{Fleet, Telemetry, Topic};
+use crawler_protocol::open::Telemetry;
+use crawler_protocol::{Fleet, Topic};
 
 use super::outcome_log::OutcomeLog;
 use crate::bus::Receiver;
@@ -81,7 +82,7 @@ impl Ingest {
 impl Receiver for Ingest {
     fn message(&self, message: &Incoming<'_>) {
         let now = Instant::now();
-        let (received, known, crossings) = {
+        let (received, known, crossings, unknown) = {
             let mut fleet = self.fleet.lock();
             let received = fleet.receive(message, now);
             let crossings = fleet.take_crossings();
@@ -102,7 +103,7 @@ impl Receiver for Ingest {
                 Ok((_, Received::Response(response))) => fleet.get(&response.robot).is_some(),
                 _ => false,
             };
-            (received, known, crossings)
+            (received, known, crossings, fleet.last_unknown())
         };
         // What another server has heard is its own to count, and to act upon.
         for crossing in &crossings {
@@ -116,6 +117,7 @@ impl Receiver for Ingest {
         match received {
             Ok((topic, received)) => {
                 self.metrics.message_in(&topic);
+                self.metrics.unknown(&topic, unknown);
                 if let Some(membership) = &self.membership
                     && is_shared(&topic)
                 {

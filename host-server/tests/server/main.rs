@@ -21,6 +21,7 @@ mod images;
 mod link;
 mod live;
 mod live_faults;
+mod mixed;
 mod mqtt_websocket;
 mod names;
 mod outside;

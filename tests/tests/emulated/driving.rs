@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use crawler_hil::suite::{ANSWER, Bench, Failure, REST, is_standing};
-use crawler_protocol::{Action, ResponseStatus, Telemetry};
+use crawler_protocol::open::Telemetry;
+use crawler_protocol::{Action, ResponseStatus};
 use serde_json::json;
 
 use super::board::{Board, listen};

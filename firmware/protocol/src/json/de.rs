@@ -45,14 +45,51 @@ impl de::Error for DecodeError {
     }
 }
 
-pub(super) struct Deserializer<'de> {
-    reader: Reader<'de>,
+/// What is done about a field that a message does not have.
+pub(crate) trait Strictness {
+    /// Whether there may be such fields. A constant, so that a strict reader has no code for them.
+    const TOLERANT: bool;
+
+    /// Counts one that was passed over.
+    fn passed_over(&mut self);
 }
 
-impl<'de> Deserializer<'de> {
-    pub(super) const fn new(text: &'de str) -> Self {
+/// There may be none.
+pub(crate) struct Strict;
+
+/// They are passed over, and counted.
+#[derive(Default)]
+pub(crate) struct Tolerant {
+    pub(crate) fields: u32,
+}
+
+impl Strictness for Strict {
+    const TOLERANT: bool = false;
+
+    fn passed_over(&mut self) {}
+}
+
+impl Strictness for Tolerant {
+    const TOLERANT: bool = true;
+
+    fn passed_over(&mut self) {
+        self.fields = self.fields.saturating_add(1);
+    }
+}
+
+/// The names of a struct's fields; of a map none are known.
+type Fields = Option<&'static [&'static str]>;
+
+pub(super) struct Deserializer<'de, S> {
+    reader: Reader<'de>,
+    pub(super) strictness: S,
+}
+
+impl<'de, S: Strictness> Deserializer<'de, S> {
+    pub(super) const fn new(text: &'de str, strictness: S) -> Self {
         Self {
             reader: Reader::new(text),
+            strictness,
         }
     }
 
@@ -60,6 +97,7 @@ impl<'de> Deserializer<'de> {
     fn visit<V: Visitor<'de>>(
         &mut self,
         value: Value<'de>,
+        fields: Fields,
         visitor: V,
     ) -> Result<V::Value, DecodeError> {
         match value {
@@ -71,6 +109,7 @@ impl<'de> Deserializer<'de> {
                 self.reader.open_object()?;
                 visitor.visit_map(Members {
                     de: self,
+                    fields,
                     first: true,
                 })
             }
@@ -97,7 +136,7 @@ impl<'de> Deserializer<'de> {
                     Err(DecodeError::OutOfRange)
                 }
             }
-            other => self.visit(other, visitor),
+            other => self.visit(other, None, visitor),
         }
     }
 }
@@ -132,12 +171,12 @@ fn visit_text<'de, V: Visitor<'de>>(text: Text<'de>, visitor: V) -> Result<V::Va
     }
 }
 
-impl<'de> de::Deserializer<'de> for &mut Deserializer<'de> {
+impl<'de, S: Strictness> de::Deserializer<'de> for &mut Deserializer<'de, S> {
     type Error = DecodeError;
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
         let value = self.reader.value()?;
-        self.visit(value, visitor)
+        self.visit(value, None, visitor)
     }
 
     fn deserialize_u8<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
@@ -179,7 +218,7 @@ impl<'de> de::Deserializer<'de> for &mut Deserializer<'de> {
                 Ok(value) if value.is_finite() => visitor.visit_f32(value),
                 _ => Err(DecodeError::OutOfRange),
             },
-            other => self.visit(other, visitor),
+            other => self.visit(other, None, visitor),
         }
     }
 
@@ -228,12 +267,12 @@ impl<'de> de::Deserializer<'de> for &mut Deserializer<'de> {
     fn deserialize_struct<V: Visitor<'de>>(
         self,
         _: &'static str,
-        _: &'static [&'static str],
+        fields: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, DecodeError> {
         match self.reader.value()? {
             Value::Array => Err(DecodeError::WrongType),
-            value => self.visit(value, visitor),
+            value => self.visit(value, Some(fields), visitor),
         }
     }
 
@@ -243,25 +282,30 @@ impl<'de> de::Deserializer<'de> for &mut Deserializer<'de> {
     }
 }
 
-struct Members<'a, 'de> {
-    de: &'a mut Deserializer<'de>,
+struct Members<'a, 'de, S> {
+    de: &'a mut Deserializer<'de, S>,
+    fields: Fields,
     first: bool,
 }
 
-impl<'de> de::MapAccess<'de> for Members<'_, 'de> {
+impl<'de, S: Strictness> de::MapAccess<'de> for Members<'_, 'de, S> {
     type Error = DecodeError;
 
     fn next_key_seed<K: DeserializeSeed<'de>>(
         &mut self,
         seed: K,
     ) -> Result<Option<K::Value>, DecodeError> {
-        match self.de.reader.member(self.first)? {
-            None => Ok(None),
-            Some(name) => {
-                self.first = false;
-                seed.deserialize(Key(name)).map(Some)
+        while let Some(name) = self.de.reader.member(self.first)? {
+            self.first = false;
+            if S::TOLERANT && !is_one_of(self.fields, name) {
+                // The first pass has proved that it is no deeper than this.
+                self.de.reader.skip(MAX_DEPTH)?;
+                self.de.strictness.passed_over();
+                continue;
             }
+            return seed.deserialize(Key(name)).map(Some);
         }
+        Ok(None)
     }
 
     fn next_value_seed<V: DeserializeSeed<'de>>(
@@ -272,12 +316,25 @@ impl<'de> de::MapAccess<'de> for Members<'_, 'de> {
     }
 }
 
-struct Elements<'a, 'de> {
-    de: &'a mut Deserializer<'de>,
+/// Whether a struct has a field of this name; a map has any.
+fn is_one_of(fields: Fields, name: Text<'_>) -> bool {
+    let Some(fields) = fields else {
+        return true;
+    };
+    match name.plain() {
+        Some(plain) => fields.contains(&plain),
+        None => name
+            .decode::<MAX_ESCAPED>()
+            .is_some_and(|decoded| fields.contains(&decoded.as_str())),
+    }
+}
+
+struct Elements<'a, 'de, S> {
+    de: &'a mut Deserializer<'de, S>,
     first: bool,
 }
 
-impl<'de> de::SeqAccess<'de> for Elements<'_, 'de> {
+impl<'de, S: Strictness> de::SeqAccess<'de> for Elements<'_, 'de, S> {
     type Error = DecodeError;
 
     fn next_element_seed<T: DeserializeSeed<'de>>(

@@ -10,6 +10,7 @@ mod ser;
 
 use core::fmt;
 
+pub(crate) use de::{Strict, Strictness, Tolerant};
 pub(crate) use read::{Reader, Text, Value};
 use serde::{Deserialize, Serialize};
 
@@ -106,6 +107,14 @@ pub fn to_slice<T: Serialize + ?Sized>(value: &T, buf: &mut [u8]) -> Result<usiz
 /// # Errors
 /// See [`DecodeError`].
 pub fn from_slice<'de, T: Deserialize<'de>>(payload: &'de [u8]) -> Result<T, DecodeError> {
+    read(payload, Strict).map(|(value, _)| value)
+}
+
+/// The same, with what is to be done about fields that the value does not have; and what was done.
+pub(crate) fn read<'de, T: Deserialize<'de>, S: Strictness>(
+    payload: &'de [u8],
+    strictness: S,
+) -> Result<(T, S), DecodeError> {
     if payload.len() > MAX_MESSAGE {
         return Err(DecodeError::TooLarge);
     }
@@ -113,5 +122,7 @@ pub fn from_slice<'de, T: Deserialize<'de>>(payload: &'de [u8]) -> Result<T, Dec
     let mut proof = Reader::new(text);
     proof.skip(MAX_DEPTH)?;
     proof.end()?;
-    T::deserialize(&mut de::Deserializer::new(text))
+    let mut deserializer = de::Deserializer::new(text, strictness);
+    let value = T::deserialize(&mut deserializer)?;
+    Ok((value, deserializer.strictness))
 }

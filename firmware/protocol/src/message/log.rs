@@ -27,8 +27,9 @@ words! {
 /// the message, because nothing else needs a six-byte escape.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "LogRecord"))]
 #[serde(deny_unknown_fields)]
-pub struct LogRecord {
+pub struct LogRecord<L = Level> {
     /// The robot.
     pub robot: RobotId,
     /// Rises by one with each record of this boot, so that a gap shows.
@@ -36,7 +37,7 @@ pub struct LogRecord {
     /// When, in Unix milliseconds; 0 while the robot's clock is not synchronised.
     pub timestamp: u64,
     /// How much it matters.
-    pub level: Level,
+    pub level: L,
     /// Stable name of what happened.
     #[serde(serialize_with = "one_line")]
     #[cfg_attr(

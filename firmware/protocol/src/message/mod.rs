@@ -20,6 +20,7 @@ pub use response::{Outcomes, Response, SwarmResponse};
 pub use state::{BehaviourName, BootCause, Capability, Kind, RobotState};
 pub use status::{Boot, MAX_PANIC, StatusMessage};
 pub use telemetry::{Battery, Heartbeat, MAX_BATCH, Samples, Telemetry, TelemetryEncoding, Wheels};
+pub(crate) use telemetry::{Sample, cbor};
 pub use time::TimeMessage;
 
 /// Gives a message its way in and out of JSON, as inherent functions, so that nobody needs a trait

@@ -8,16 +8,17 @@ use crate::{CommandName, Reason, ResponseStatus, RobotId, Source};
 /// A robot's answer to a command.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "Response"))]
 #[serde(deny_unknown_fields)]
-pub struct Response {
+pub struct Response<S = ResponseStatus, R = Reason> {
     /// Who answers.
     pub robot: RobotId,
     /// The number of the command.
     pub seq: u64,
     /// What the command came to.
-    pub status: ResponseStatus,
+    pub status: S,
     /// Why, where there is a why.
-    pub reason: Option<Reason>,
+    pub reason: Option<R>,
     /// When, in Unix milliseconds; 0 while the robot's clock is not synchronised.
     pub timestamp: u64,
 }

@@ -9,12 +9,13 @@ use crate::RobotId;
 /// Which start of the program this is, and why it started.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "Boot"))]
 #[serde(deny_unknown_fields)]
-pub struct Boot {
+pub struct Boot<B = BootCause> {
     /// Starts so far, this one included.
     pub count: u32,
     /// Why the program started.
-    pub cause: BootCause,
+    pub cause: B,
     /// Where and why the program panicked before it, when that was kept: `src/file.rs:12: text`.
     /// Control characters leave as spaces, which also bounds the message.
     #[serde(
@@ -47,14 +48,15 @@ fn one_line<S: Serializer>(
 /// Retained description of a robot. The last will says `"online": false`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "StatusMessage"))]
 #[serde(deny_unknown_fields)]
-pub struct StatusMessage {
+pub struct StatusMessage<K = Kind, C = Capability, B = BootCause> {
     /// The robot.
     pub robot: RobotId,
     /// Whether it is connected.
     pub online: bool,
     /// What kind of body it has.
-    pub kind: Kind,
+    pub kind: K,
     /// Version of its firmware.
     #[cfg_attr(
         feature = "schema",
@@ -70,11 +72,11 @@ pub struct StatusMessage {
     /// What it can do.
     #[cfg_attr(
         feature = "schema",
-        schemars(with = "std::vec::Vec<Capability>", length(max = 8))
+        schemars(with = "std::vec::Vec<C>", length(max = 8))
     )]
-    pub capabilities: Vec<Capability, 8>,
+    pub capabilities: Vec<C, 8>,
     /// Which start this is.
-    pub boot: Boot,
+    pub boot: Boot<B>,
     /// Version of this contract that it speaks.
     pub protocol: u8,
 }

@@ -1,6 +1,6 @@
 //! What a robot measures, and that it lives.
 
-mod cbor;
+pub(crate) mod cbor;
 mod encoding;
 
 use serde::{Deserialize, Serialize};
@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{BehaviourName, Pose, RobotState, wire};
 use crate::RobotId;
 
+pub(crate) use encoding::Sample;
 pub use encoding::{MAX_BATCH, Samples, TelemetryEncoding};
 
 /// What the wheels are told to do.
@@ -41,8 +42,9 @@ pub struct Battery {
 /// One look at a robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "Telemetry"))]
 #[serde(deny_unknown_fields)]
-pub struct Telemetry {
+pub struct Telemetry<S = RobotState, B = BehaviourName> {
     /// The robot.
     pub robot: RobotId,
     /// Rises by one with each telemetry of this boot.
@@ -50,9 +52,9 @@ pub struct Telemetry {
     /// When, in Unix milliseconds; 0 while the robot's clock is not synchronised.
     pub timestamp: u64,
     /// What it is doing.
-    pub state: RobotState,
+    pub state: S,
     /// The behaviour in force.
-    pub behaviour: BehaviourName,
+    pub behaviour: B,
     /// Where it believes to be.
     pub pose: Pose,
     /// Distance to what is ahead, in millimetres; `null` without a trustworthy reading.
@@ -73,8 +75,9 @@ wire!(Telemetry);
 /// A sign of life.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "Heartbeat"))]
 #[serde(deny_unknown_fields)]
-pub struct Heartbeat {
+pub struct Heartbeat<S = RobotState> {
     /// The robot.
     pub robot: RobotId,
     /// Rises by one with each heartbeat of this boot.
@@ -84,6 +87,6 @@ pub struct Heartbeat {
     /// Time since boot in milliseconds.
     pub uptime_ms: u64,
     /// What it is doing.
-    pub state: RobotState,
+    pub state: S,
 }
 wire!(Heartbeat);

@@ -279,7 +279,7 @@ pub(in super::super) async fn stale(bench: &mut Bench) -> Verdict {
 async fn behave_at(
     bench: &mut Bench,
     timestamp: u64,
-) -> Result<crawler_protocol::Response, Failure> {
+) -> Result<crawler_protocol::open::Response, Failure> {
     let (seq, mut command) =
         bench.envelope(json!({"command": "behave", "parameters": {"behaviour": "manual"}}));
     command["timestamp"] = timestamp.into();

@@ -14,7 +14,7 @@ use super::completed;
 fn takes_faults(bench: &Bench) -> Verdict {
     let takes = bench
         .status()
-        .is_some_and(|status| status.capabilities.contains(&Capability::Faults));
+        .is_some_and(|status| status.capabilities.contains(&Capability::Faults.into()));
     if takes {
         Ok(())
     } else {

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
+use crawler_protocol::open::{Response, Telemetry};
 use crawler_protocol::{
-    Action, BehaviourName, BehaviourSpec, Direction, Reason, Response, ResponseStatus, RobotState,
-    Telemetry,
+    Action, BehaviourName, BehaviourSpec, Direction, Reason, ResponseStatus, RobotState,
 };
 use serde_json::json;
 use tokio::time::Instant;
@@ -139,7 +139,7 @@ pub(in super::super) async fn forward_and_back(bench: &mut Bench) -> Verdict {
             duration_ms: 1_000,
         };
         let (outcome, fastest) = bench.whole_move(there).await?;
-        if outcome.reason == Some(Reason::Blocked) && attempt < 3 {
+        if outcome.reason == Some(Reason::Blocked.into()) && attempt < 3 {
             continue;
         }
         completed(&outcome)?;

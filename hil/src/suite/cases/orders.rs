@@ -27,7 +27,7 @@ pub(in super::super) async fn swarm(bench: &mut Bench) -> Verdict {
 pub(in super::super) async fn capture(bench: &mut Bench) -> Verdict {
     let sees = bench
         .status()
-        .is_some_and(|status| status.capabilities.contains(&Capability::Camera));
+        .is_some_and(|status| status.capabilities.contains(&Capability::Camera.into()));
     let seq = bench.send(Action::Capture)?;
     if !sees {
         let answer = bench.outcome(seq, ANSWER).await?;

@@ -29,8 +29,8 @@ pub(in super::super) async fn status(bench: &mut Bench) -> Verdict {
         .status()
         .ok_or_else(|| Failure::Failed("no status".into()))?;
     check(status.online, || "it says it is offline".into())?;
-    check(status.protocol == PROTOCOL_VERSION, || {
-        format!("protocol {} instead of {PROTOCOL_VERSION}", status.protocol)
+    check(status.protocol >= PROTOCOL_VERSION, || {
+        format!("protocol {} is before {PROTOCOL_VERSION}", status.protocol)
     })?;
     check(!status.firmware.is_empty(), || "no firmware version".into())?;
     check(!status.board.is_empty(), || "no board".into())?;

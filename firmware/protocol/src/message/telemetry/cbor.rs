@@ -2,13 +2,17 @@
 //!
 //! Written in the deterministic way of section 4.2.1, but for floats, which are always single. Read as
 //! strictly as JSON: a key that telemetry does not have, a key twice, another type and a value out of
-//! range are errors. What is not known is left out; there is no `null`.
+//! range are errors; a tolerant reader passes over keys that it does not know, and over what an array
+//! has more than it knows. What is not known is left out; there is no `null`.
 
 use minicbor::decode::{self, Decoder};
 use minicbor::encode::write::{Cursor, EndOfSlice};
 use minicbor::encode::{self, Encoder};
 
 use super::{Battery, Telemetry, Wheels};
+use crate::json::{Strict, Strictness};
+use crate::open::Open;
+use crate::words::Words;
 use crate::{BehaviourName, DecodeError, EncodeError, MAX_MESSAGE, Pose, RobotId, RobotState};
 
 const ROBOT: u8 = 0;
@@ -52,13 +56,51 @@ impl Telemetry {
         if payload.len() > MAX_MESSAGE {
             return Err(DecodeError::TooLarge);
         }
-        let mut decoder = Decoder::new(payload);
-        let telemetry = read(&mut decoder)?;
-        if decoder.position() == payload.len() {
-            Ok(telemetry)
-        } else {
-            Err(DecodeError::Malformed)
-        }
+        read_whole(payload, &mut Strict)
+    }
+}
+
+/// A word that telemetry in CBOR tells by its number.
+pub(crate) trait Numbered: Sized {
+    /// The word of that number.
+    fn numbered(number: u8) -> Result<Self, DecodeError>;
+}
+
+/// One that is not known is none.
+fn known<T: Words>(number: u8) -> Result<T, DecodeError> {
+    let word = T::VALUES.get(usize::from(number));
+    word.copied().ok_or(DecodeError::OutOfRange)
+}
+
+impl Numbered for RobotState {
+    fn numbered(number: u8) -> Result<Self, DecodeError> {
+        known(number)
+    }
+}
+
+impl Numbered for BehaviourName {
+    fn numbered(number: u8) -> Result<Self, DecodeError> {
+        known(number)
+    }
+}
+
+impl<T: Words> Numbered for Open<T> {
+    fn numbered(number: u8) -> Result<Self, DecodeError> {
+        Ok(known(number).map_or_else(|_| Self::of_number(number), Self::Known))
+    }
+}
+
+/// Reads a sample and nothing after it.
+pub(crate) fn read_whole<S: Numbered, B: Numbered>(
+    payload: &[u8],
+    strictness: &mut impl Strictness,
+) -> Result<Telemetry<S, B>, DecodeError> {
+    let mut decoder = Decoder::new(payload);
+    let telemetry = read(&mut decoder, strictness)?;
+    if decoder.position() == payload.len() {
+        Ok(telemetry)
+    } else {
+        Err(DecodeError::Malformed)
     }
 }
 
@@ -103,13 +145,12 @@ fn write(
 }
 
 /// What has been read of a sample.
-#[derive(Default)]
-struct Draft {
+struct Draft<S, B> {
     robot: Option<RobotId>,
     seq: Option<u64>,
     timestamp: Option<u64>,
-    state: Option<RobotState>,
-    behaviour: Option<BehaviourName>,
+    state: Option<S>,
+    behaviour: Option<B>,
     pose: Option<Pose>,
     range_mm: Option<u16>,
     temperature_c: Option<f32>,
@@ -119,30 +160,53 @@ struct Draft {
 }
 
 /// Reads one sample; others may follow.
-pub(super) fn read(decoder: &mut Decoder<'_>) -> Result<Telemetry, DecodeError> {
+pub(crate) fn read<S: Numbered, B: Numbered, F: Strictness>(
+    decoder: &mut Decoder<'_>,
+    strictness: &mut F,
+) -> Result<Telemetry<S, B>, DecodeError> {
     let fields = decoder.map().map_err(|error| describe(&error))?;
-    let mut draft = Draft::default();
+    let mut draft = Draft {
+        robot: None,
+        seq: None,
+        timestamp: None,
+        state: None,
+        behaviour: None,
+        pose: None,
+        range_mm: None,
+        temperature_c: None,
+        wheels: None,
+        battery: None,
+        rssi_dbm: None,
+    };
     // As many rounds as there are bytes at most, whatever the head says: the next one fails.
     for _ in 0..fields.ok_or(DecodeError::WrongType)? {
-        match key(decoder)? {
-            ROBOT => once(&mut draft.robot, robot(decoder)?),
-            SEQ => once(&mut draft.seq, is(decoder.u64())?),
-            TIMESTAMP => once(&mut draft.timestamp, is(decoder.u64())?),
-            STATE => once(&mut draft.state, word(RobotState::ALL, decoder)?),
-            BEHAVIOUR => once(&mut draft.behaviour, word(BehaviourName::ALL, decoder)?),
-            POSE => {
-                let [x, y, theta, sigma] = numbers(decoder)?;
+        let begun = decoder.position();
+        match key(decoder) {
+            Ok(ROBOT) => once(&mut draft.robot, robot(decoder)?),
+            Ok(SEQ) => once(&mut draft.seq, is(decoder.u64())?),
+            Ok(TIMESTAMP) => once(&mut draft.timestamp, is(decoder.u64())?),
+            Ok(STATE) => once(&mut draft.state, S::numbered(is(decoder.u8())?)?),
+            Ok(BEHAVIOUR) => once(&mut draft.behaviour, B::numbered(is(decoder.u8())?)?),
+            Ok(POSE) => {
+                let [x, y, theta, sigma] = numbers(decoder, strictness)?;
                 once(&mut draft.pose, Pose { x, y, theta, sigma })
             }
-            RANGE_MM => once(&mut draft.range_mm, is(decoder.u16())?),
-            TEMPERATURE_C => once(&mut draft.temperature_c, number(decoder)?),
-            WHEELS => {
-                let [left, right] = numbers(decoder)?;
+            Ok(RANGE_MM) => once(&mut draft.range_mm, is(decoder.u16())?),
+            Ok(TEMPERATURE_C) => once(&mut draft.temperature_c, number(decoder)?),
+            Ok(WHEELS) => {
+                let [left, right] = numbers(decoder, strictness)?;
                 once(&mut draft.wheels, Wheels { left, right })
             }
-            BATTERY => once(&mut draft.battery, battery(decoder)?),
-            RSSI_DBM => once(&mut draft.rssi_dbm, is(decoder.i8())?),
-            _ => Err(DecodeError::UnknownField),
+            Ok(BATTERY) => once(&mut draft.battery, battery(decoder, strictness)?),
+            Ok(RSSI_DBM) => once(&mut draft.rssi_dbm, is(decoder.i8())?),
+            Ok(_) | Err(DecodeError::UnknownField) if F::TOLERANT => {
+                decoder.set_position(begun);
+                pass_over(decoder, 2)?;
+                strictness.passed_over();
+                Ok(())
+            }
+            Ok(_) => Err(DecodeError::UnknownField),
+            Err(error) => Err(error),
         }?;
     }
     Ok(Telemetry {
@@ -202,9 +266,13 @@ fn robot(decoder: &mut Decoder<'_>) -> Result<RobotId, DecodeError> {
     RobotId::new(text).map_err(|_| DecodeError::OutOfRange)
 }
 
-fn word<T: Copy>(all: &[T], decoder: &mut Decoder<'_>) -> Result<T, DecodeError> {
-    let place = usize::from(is(decoder.u8())?);
-    all.get(place).copied().ok_or(DecodeError::OutOfRange)
+/// Passes over so many values, however deep they are. What takes part in an indefinite length, which
+/// robots do not write, may not be passed over, and is malformed.
+fn pass_over(decoder: &mut Decoder<'_>, values: usize) -> Result<(), DecodeError> {
+    for _ in 0..values {
+        decoder.skip().map_err(|_| DecodeError::Malformed)?;
+    }
+    Ok(())
 }
 
 fn number(decoder: &mut Decoder<'_>) -> Result<f32, DecodeError> {
@@ -216,19 +284,27 @@ fn number(decoder: &mut Decoder<'_>) -> Result<f32, DecodeError> {
     }
 }
 
-fn numbers<const N: usize>(decoder: &mut Decoder<'_>) -> Result<[f32; N], DecodeError> {
-    array(decoder, N)?;
+fn numbers<const N: usize>(
+    decoder: &mut Decoder<'_>,
+    strictness: &mut impl Strictness,
+) -> Result<[f32; N], DecodeError> {
+    let more = array(decoder, N, strictness)?;
     let mut values = [0.0; N];
     for value in &mut values {
         *value = number(decoder)?;
     }
+    pass_over(decoder, more)?;
     Ok(values)
 }
 
-fn battery(decoder: &mut Decoder<'_>) -> Result<Battery, DecodeError> {
-    array(decoder, 2)?;
+fn battery(
+    decoder: &mut Decoder<'_>,
+    strictness: &mut impl Strictness,
+) -> Result<Battery, DecodeError> {
+    let more = array(decoder, 2, strictness)?;
     let mv = is(decoder.u16())?;
     let percent = is(decoder.u8())?;
+    pass_over(decoder, more)?;
     if percent <= 100 {
         Ok(Battery { mv, percent })
     } else {
@@ -236,9 +312,23 @@ fn battery(decoder: &mut Decoder<'_>) -> Result<Battery, DecodeError> {
     }
 }
 
-fn array(decoder: &mut Decoder<'_>, length: usize) -> Result<(), DecodeError> {
-    match is(decoder.array())? {
-        Some(told) if told == length as u64 => Ok(()),
+/// Enters an array of `length` values, and says how many more it has, each of which is an unknown
+/// field.
+fn array<F: Strictness>(
+    decoder: &mut Decoder<'_>,
+    length: usize,
+    strictness: &mut F,
+) -> Result<usize, DecodeError> {
+    let told = is(decoder.array())?.and_then(|told| usize::try_from(told).ok());
+    match told {
+        Some(told) if told == length => Ok(0),
+        // None of them takes less than a byte.
+        Some(told) if F::TOLERANT && told > length && told <= MAX_MESSAGE => {
+            for _ in length..told {
+                strictness.passed_over();
+            }
+            Ok(told - length)
+        }
         _ => Err(DecodeError::WrongType),
     }
 }

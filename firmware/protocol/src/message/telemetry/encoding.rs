@@ -1,8 +1,12 @@
 //! The ways telemetry may be written, told apart by the content type of its message.
 
+use core::marker::PhantomData;
+
 use minicbor::Decoder;
 
 use super::{Telemetry, cbor};
+use crate::json::Strict;
+use crate::open::{self, Read};
 use crate::{DecodeError, EncodeError, MAX_MESSAGE};
 
 /// Most samples of one message.
@@ -94,62 +98,109 @@ impl TelemetryEncoding {
     /// that cannot be read is the last, and the message is then worth nothing.
     #[must_use]
     pub const fn samples(self, payload: &[u8]) -> Samples<'_> {
-        Samples {
-            encoding: self,
-            rest: payload,
-            count: 0,
-            last: None,
-            over: false,
-        }
+        Samples::new(self, payload)
+    }
+
+    /// The same for a reader that may be older than the robot; see [`crate::open`].
+    #[must_use]
+    pub const fn open_samples(self, payload: &[u8]) -> Samples<'_, Read<open::Telemetry>> {
+        Samples::new(self, payload)
+    }
+}
+
+/// A sample as it is read, strictly or not.
+pub trait Sample: Sized {
+    /// Reads one from JSON.
+    fn read_json(payload: &[u8]) -> Result<Self, DecodeError>;
+
+    /// Reads one from CBOR.
+    fn read_cbor(payload: &[u8]) -> Result<Self, DecodeError>;
+
+    /// Reads the next of a sequence in CBOR.
+    fn next_cbor(decoder: &mut Decoder<'_>) -> Result<Self, DecodeError>;
+
+    /// Its number.
+    fn seq(&self) -> u64;
+}
+
+impl Sample for Telemetry {
+    fn read_json(payload: &[u8]) -> Result<Self, DecodeError> {
+        Self::from_json(payload)
+    }
+
+    fn read_cbor(payload: &[u8]) -> Result<Self, DecodeError> {
+        Self::from_cbor(payload)
+    }
+
+    fn next_cbor(decoder: &mut Decoder<'_>) -> Result<Self, DecodeError> {
+        cbor::read(decoder, &mut Strict)
+    }
+
+    fn seq(&self) -> u64 {
+        self.seq
     }
 }
 
 /// See [`TelemetryEncoding::samples`].
 #[derive(Debug, Clone)]
-pub struct Samples<'a> {
+pub struct Samples<'a, T = Telemetry> {
     encoding: TelemetryEncoding,
     rest: &'a [u8],
     count: usize,
     /// Number of the sample before.
     last: Option<u64>,
     over: bool,
+    what: PhantomData<fn() -> T>,
 }
 
-impl Samples<'_> {
-    fn read(&mut self) -> Result<Telemetry, DecodeError> {
+impl<'a, T> Samples<'a, T> {
+    const fn new(encoding: TelemetryEncoding, payload: &'a [u8]) -> Self {
+        Self {
+            encoding,
+            rest: payload,
+            count: 0,
+            last: None,
+            over: false,
+            what: PhantomData,
+        }
+    }
+}
+
+impl<T: Sample> Samples<'_, T> {
+    fn read(&mut self) -> Result<T, DecodeError> {
         // At the first sample what is left is the whole message.
         if self.rest.len() > MAX_MESSAGE || self.count == MAX_BATCH {
             return Err(DecodeError::TooLarge);
         }
         self.count += 1;
         let sample = match self.encoding {
-            TelemetryEncoding::Json => Telemetry::from_json(self.rest)?,
-            TelemetryEncoding::Cbor => Telemetry::from_cbor(self.rest)?,
+            TelemetryEncoding::Json => T::read_json(self.rest)?,
+            TelemetryEncoding::Cbor => T::read_cbor(self.rest)?,
             TelemetryEncoding::JsonSeq => {
                 let rest = self.rest.strip_prefix(&[SEPARATOR]);
                 let rest = rest.ok_or(DecodeError::Malformed)?;
                 let next = rest.iter().position(|byte| *byte == SEPARATOR);
                 let (text, rest) = rest.split_at(next.unwrap_or(rest.len()));
                 self.rest = rest;
-                Telemetry::from_json(text)?
+                T::read_json(text)?
             }
             TelemetryEncoding::CborSeq => {
                 let mut decoder = Decoder::new(self.rest);
-                let sample = cbor::read(&mut decoder)?;
+                let sample = T::next_cbor(&mut decoder)?;
                 self.rest = self.rest.get(decoder.position()..).unwrap_or_default();
                 sample
             }
         };
-        if self.last.is_some_and(|last| sample.seq <= last) {
+        if self.last.is_some_and(|last| sample.seq() <= last) {
             return Err(DecodeError::OutOfRange);
         }
-        self.last = Some(sample.seq);
+        self.last = Some(sample.seq());
         Ok(sample)
     }
 }
 
-impl Iterator for Samples<'_> {
-    type Item = Result<Telemetry, DecodeError>;
+impl<T: Sample> Iterator for Samples<'_, T> {
+    type Item = Result<T, DecodeError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.over || (self.count > 0 && self.rest.is_empty()) {
@@ -161,4 +212,4 @@ impl Iterator for Samples<'_> {
     }
 }
 
-impl core::iter::FusedIterator for Samples<'_> {}
+impl<T: Sample> core::iter::FusedIterator for Samples<'_, T> {}
