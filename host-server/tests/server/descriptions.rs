@@ -15,7 +15,7 @@ async fn the_control_room_knows_this_interface() {
     fixture.stop().await;
     // The version of the program changes nothing about it.
     document["info"]["version"] = Value::Null;
-    let messages: Map<String, Value> = crawler_protocol::schemas()
+    let messages: Map<String, Value> = crawler_sim_protocol::schemas()
         .into_iter()
         .map(|(name, schema)| Ok((name.to_owned(), serde_json::to_value(schema)?)))
         .collect::<serde_json::Result<_>>()
