@@ -6,7 +6,7 @@
 //! say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people:
-//! `bus`, `history`, `http`, `addresses`. Worlds: `simulation`, `simulator`. The command line: `cli`, `console`, `release`, `replay`.
+//! `history`, `http`, `addresses`. The command line: `cli`, `console`, `release`, `replay`.
 
 pub mod cli;
 pub mod config;
@@ -17,11 +17,8 @@ pub mod run;
 pub mod server;
 
 mod addresses;
-mod bus;
 mod history;
 mod http;
-mod simulation;
-mod simulator;
 
 pub use crawler_server_tls::TlsError;
 pub use crawler_system::data::DataError;

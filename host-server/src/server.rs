@@ -21,6 +21,7 @@ mod start_tests;
 mod storage;
 mod stores;
 mod watch;
+mod world;
 mod writable;
 
 use std::net::SocketAddr;
@@ -30,7 +31,7 @@ use std::sync::Arc;
 use crawler_access::Secret;
 
 use crate::config::{BrokerUrl, Settings};
-use crate::simulation::Simulation;
+use crawler_simulations::Simulation;
 use crawler_system::data::Disk;
 use parts::Parts;
 

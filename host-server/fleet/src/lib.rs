@@ -8,8 +8,9 @@
 //! and `ingest` what it changes, `images` the newest pictures, `counts` what the metrics tell. `shape`
 //! and `fence` are what a fence is, `fences` who is on the wrong side of one, [`enforcement`] what happens
 //! then. `events` is what people are told, which [`recorder`] takes to the records, and [`feed`] shows all
-//! of it as it changes.
+//! of it as it changes. [`bus`] is the session with the broker, over which messages come and go.
 
+pub mod bus;
 mod counts;
 pub mod enforcement;
 mod events;

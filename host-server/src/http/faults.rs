@@ -15,8 +15,8 @@ use super::audit::Audit;
 use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::state::{ApiState, World};
-use crate::bus::Bus;
 use crawler_commands::PublishError;
+use crawler_fleet::bus::Bus;
 use crawler_fleet::{Presence, SharedFleet};
 
 /// A fault and how long it lasts. The schema `simulator-command` says what it may be.

@@ -13,12 +13,12 @@ use tokio::runtime::Handle;
 
 use super::audit::Audit;
 use super::state::{ApiState, Broker, World};
-use crate::bus::Bus;
 use crate::history::History;
 use crawler_broker::BrokerHandle;
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
 use crawler_experiments::Experiments;
+use crawler_fleet::bus::Bus;
 use crawler_fleet::{RobotCounts, SharedFleet};
 use crawler_metrics::Metrics;
 

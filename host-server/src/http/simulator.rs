@@ -12,7 +12,7 @@ use super::audit::Audit;
 use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::state::World;
-use crate::simulator::{SimulatorAnswer, SimulatorView};
+use crawler_simulations::{SimulatorAnswer, SimulatorView};
 
 /// A command to the simulated world; the schema `simulator-command` says what it may be.
 #[derive(ToSchema)]
@@ -88,7 +88,7 @@ pub(super) async fn command(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulator::control_code;
+    use crawler_simulations::control_code;
 
     #[test]
     fn errors_have_one_code_over_http_and_over_mqtt() {

@@ -10,18 +10,18 @@ use tokio_util::task::TaskTracker;
 
 use super::audit::Audit;
 use super::problem::{Code, Problem};
-use crate::bus::Bus;
 use crate::config::BrokerUrl;
 use crate::history::History;
-use crate::simulation::Simulation;
 use crawler_accounts::{Accounts, AuditLog};
 use crawler_broker::{BrokerHandle, Kind};
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
 use crawler_experiments::Experiments;
 use crawler_fleet::SharedFleet;
+use crawler_fleet::bus::Bus;
 use crawler_fleet::feed::Feed;
 use crawler_metrics::Metrics;
+use crawler_simulations::Simulation;
 
 /// What a server has that the API serves.
 pub(crate) struct Parts {

@@ -11,8 +11,8 @@ use utoipa::{IntoParams, ToSchema};
 use super::problem::{Code, Problem};
 use super::query::{ApiQuery, bad_query};
 use super::state::Drawing;
-use crate::simulation::arena_json;
 use crawler_experiments::MAX_SEED;
+use crawler_simulations::arena_json;
 
 /// Most robots whose places a preview tells.
 const MOST_POSES: usize = 1_000;

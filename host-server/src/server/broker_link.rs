@@ -5,9 +5,9 @@ use super::endpoints::{self, BrokerEndpoints};
 use super::entrance::Entrance;
 use super::parts::Parts;
 use super::storage::Storage;
-use crate::bus::{self, Connection, Target};
 use crate::config::{BrokerUrl, Settings};
 use crawler_broker::{BrokerHandle, EmbeddedBroker};
+use crawler_fleet::bus::{self, Connection, Target};
 
 /// The fleet's broker, and our session with it.
 pub(super) struct BrokerLink {

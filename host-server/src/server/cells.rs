@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use crawler_cells as cells;
 use crawler_protocol::{MAX_MESSAGE, Neighbour, Pose, RobotId, Topic};
 
-use crate::bus::Bus;
+use crawler_fleet::bus::Bus;
 use crawler_fleet::{Presence, SharedFleet};
 
 /// Less sure of its place than this, in metres of sigma, a robot is nobody's neighbour.

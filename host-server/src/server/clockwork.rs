@@ -13,16 +13,16 @@ use super::cells::Cells;
 use super::outcome_log::OutcomeLog;
 use super::watch::Watch;
 use super::writable::Writable;
-use crate::bus::Bus;
-use crate::simulation::Simulation;
 use crawler_accounts::{Accounts, AuditLog};
 use crawler_broker::BrokerHandle;
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
+use crawler_fleet::bus::Bus;
 use crawler_fleet::enforcement;
 use crawler_fleet::feed::{self, Feed, Numbers};
 use crawler_fleet::{Level, SharedFleet};
 use crawler_metrics::Metrics;
+use crawler_simulations::Simulation;
 use crawler_system::clock;
 
 /// What another process changes about sessions holds after this time.

@@ -6,10 +6,10 @@ use std::sync::Arc;
 use crawler_records::Records;
 
 use super::StartError;
-use crate::bus::Target;
 use crate::config::{Broker, BrokerUrl, Settings};
 use crawler_accounts::{Accounts as People, Notes};
 use crawler_broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
+use crawler_fleet::bus::Target;
 use crawler_server_tls::{Certificates, TlsHandshake, Tunnel, reachable};
 use crawler_system::descriptors::Descriptors;
 

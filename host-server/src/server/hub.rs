@@ -11,14 +11,14 @@ use super::cluster::{self, OwnLease};
 use super::parts::{PATIENCE, Parts};
 use super::storage::{OwnFiles, Storage};
 use super::stores::Stores;
-use crate::bus::Bus;
 use crate::config::{EngineUrl, Redis, Settings};
-use crate::simulation::Simulation;
 use crawler_cluster::ClusterMembership;
 use crawler_commands::{CommandCenter, Journal, Outlet};
 use crawler_fleet::SharedFleet;
+use crawler_fleet::bus::Bus;
 use crawler_fleet::feed::Feed;
 use crawler_fleet::recorder::Recorder;
+use crawler_simulations::Simulation;
 use crawler_system::data::DataDir;
 
 /// What is known of the fleet and told to it, which the parts of a running server share.

@@ -10,9 +10,9 @@ use crawler_protocol::open::Telemetry;
 use crawler_protocol::{Fleet, Topic};
 
 use super::outcome_log::OutcomeLog;
-use crate::bus::Receiver;
 use crate::history::{History, sample};
 use crawler_commands::CommandCenter;
+use crawler_fleet::bus::Receiver;
 use crawler_fleet::enforcement::Stops;
 use crawler_fleet::{Incoming, Level, Received, SharedFleet};
 use crawler_metrics::{Dropped, Metrics};

@@ -2,14 +2,13 @@
 
 use std::sync::Arc;
 
-use super::StartError;
 use super::endpoints::{open_tunnel, outside};
 use super::parts::Parts;
-use crate::bus;
+use super::{StartError, world};
 use crate::config::{Broker, BrokerUrl, Settings};
-use crate::simulation::Simulation;
-use crate::simulator;
+use crawler_fleet::bus;
 use crawler_server_tls::Tunnel;
+use crawler_simulations::{MAX_PACKET, Simulation};
 
 /// A running simulation on somebody's broker.
 pub struct Robots {
@@ -61,15 +60,14 @@ impl Robots {
                 broker: broker.to_string(),
                 reason,
             })?;
-        let simulation = Simulation::start(settings, &inside)
-            .await
-            .map_err(StartError::Simulation)?;
+        let simulation = world::start(settings, &inside).await?;
         let simulation = Arc::new(simulation);
         let ending = Arc::clone(&simulation);
         parts.end_with(async move { ending.stop().await })?;
         let (world, fleet) = (Arc::clone(&simulation), settings.fleet.clone());
+        let session = target.options(MAX_PACKET);
         parts.task("the commands to the simulator", |stop| {
-            simulator::listen(world, target, fleet, stop)
+            crawler_simulations::listen(world, session, fleet, stop)
         })?;
         Ok((simulation, broker))
     }

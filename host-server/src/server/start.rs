@@ -20,18 +20,17 @@ use super::ingest::Ingest;
 use super::outcome_log::OutcomeLog;
 use super::parts::{PATIENCE, Parts, finish};
 use super::storage::{OwnFiles, Storage};
-use super::{StartError, endpoints};
+use super::{StartError, endpoints, world};
 use crate::addresses::Addresses;
-use crate::bus::{self, Connection, Target};
 use crate::config::{BrokerUrl, Role, Settings};
 use crate::http;
-use crate::simulation::Simulation;
-use crate::simulator;
 use crawler_broker::BrokerHandle;
 use crawler_experiments::{self as experiments, Experiments, Tell};
+use crawler_fleet::bus::{self, Connection, Target};
 use crawler_fleet::enforcement::{self, Enforcer, Stops};
 use crawler_fleet::{Level, SharedFleet};
 use crawler_server_tls::Certificates;
+use crawler_simulations::{MAX_PACKET, Simulation};
 use crawler_system::data::Disk;
 
 /// What is known of a server when all its parts run.
@@ -203,21 +202,23 @@ async fn simulate(
         }
         return Ok(());
     }
-    let simulation = Simulation::start(settings, inside)
-        .await
-        .map_err(StartError::Simulation)?;
+    let simulation = world::start(settings, inside).await?;
     let simulation = Arc::new(simulation);
     let ending = Arc::clone(&simulation);
     parts.end_with(async move { ending.stop().await })?;
-    let telling = simulation.tell_arenas(hub.recorder.clone(), Arc::clone(&hub.feed));
+    let (recorder, feed) = (hub.recorder.clone(), Arc::clone(&hub.feed));
+    let telling = simulation.tell_arenas(move |arena| {
+        recorder.record_arena(&arena);
+        feed.set_arena(arena)
+    });
     parts.task("what is told of the arena", |stop| async move {
         stop.run_until_cancelled(telling).await;
     })?;
     let _ = hub.simulation.set(Arc::clone(&simulation));
     let target = endpoints::outside(inside)?.named("simulator");
-    let fleet = settings.fleet.clone();
+    let (session, fleet) = (target.options(MAX_PACKET), settings.fleet.clone());
     parts.task("the commands to the simulator", |stop| {
-        simulator::listen(simulation, target, fleet, stop)
+        crawler_simulations::listen(simulation, session, fleet, stop)
     })
 }
 

@@ -9,8 +9,8 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 
 use super::Finding;
-use crate::bus;
 use crate::config::{Broker, BrokerUrl, EngineUrl, Redis, Settings};
+use crawler_fleet::bus;
 use crawler_server_tls::Tunnel;
 
 const PATIENCE: Duration = Duration::from_secs(3);

@@ -20,9 +20,9 @@ use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
+use crate::Incoming;
 use crawler_commands::{Outlet, PublishError};
 use crawler_delivery::Ms;
-use crawler_fleet::Incoming;
 use crawler_metrics::{Dropped, Metrics};
 
 /// The shortest the library allows; it finds a silent broker within twice that.
@@ -59,24 +59,29 @@ const FILTERS: [TopicFilter; 8] = [
 
 /// Where the broker is and who we are to it.
 #[derive(Clone)]
-pub(crate) struct Target {
-    pub(crate) host: String,
-    pub(crate) port: u16,
-    pub(crate) client_id: String,
-    pub(crate) credentials: Option<(String, String)>,
+pub struct Target {
+    /// Name or address, an IPv6 address in brackets.
+    pub host: String,
+    /// Its port.
+    pub port: u16,
+    /// How we are called there.
+    pub client_id: String,
+    /// User name and password.
+    pub credentials: Option<(String, String)>,
     /// Whether other servers take part of what robots say all the time, and tell it.
-    pub(crate) shared: bool,
+    pub shared: bool,
 }
 
 impl Target {
-    /// The same broker for another session of ours.
-    pub(crate) fn named(mut self, what: &str) -> Self {
+    /// The same broker for another session of ours, of the server with its simulator for instance.
+    #[must_use]
+    pub fn named(mut self, what: &str) -> Self {
         self.client_id = self.client_id.replacen("server", what, 1);
         self
     }
 
-    /// A session that remembers nothing and takes packets of at most `max_packet` bytes.
-    pub(crate) fn options(&self, max_packet: u32) -> MqttOptions {
+    /// The options of a session that remembers nothing and takes packets of at most `max_packet` bytes.
+    pub fn options(&self, max_packet: u32) -> MqttOptions {
         let mut options = MqttOptions::new(&self.client_id, &self.host, self.port);
         options
             .set_keep_alive(KEEP_ALIVE)
@@ -90,7 +95,7 @@ impl Target {
 }
 
 /// Who gets what arrives.
-pub(crate) trait Receiver: Send + Sync + 'static {
+pub trait Receiver: Send + Sync + 'static {
     /// One message. Called from the task that owns the connection: must not block.
     fn message(&self, message: &Incoming<'_>);
     /// The connection came up (`true`) or was lost.
@@ -98,7 +103,7 @@ pub(crate) trait Receiver: Send + Sync + 'static {
 }
 
 /// The sending side, shared by everybody who publishes.
-pub(crate) struct Bus {
+pub struct Bus {
     fleet: Fleet,
     client: Mutex<Option<AsyncClient>>,
     up: AtomicBool,
@@ -106,7 +111,7 @@ pub(crate) struct Bus {
 }
 
 /// A connection that is set up and not yet served.
-pub(crate) struct Connection {
+pub struct Connection {
     client: AsyncClient,
     events: EventLoop,
     /// What arrived while subscribing.
@@ -114,7 +119,8 @@ pub(crate) struct Connection {
 }
 
 impl Bus {
-    pub(crate) fn new(fleet: Fleet, metrics: Arc<Metrics>) -> Self {
+    /// The sending side for `fleet`, without a connection.
+    pub fn new(fleet: Fleet, metrics: Arc<Metrics>) -> Self {
         Self {
             fleet,
             client: Mutex::new(None),
@@ -124,7 +130,7 @@ impl Bus {
     }
 
     /// Whether messages go out and come in.
-    pub(crate) fn is_up(&self) -> bool {
+    pub fn is_up(&self) -> bool {
         self.up.load(Ordering::Relaxed)
     }
 
@@ -134,7 +140,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`PublishError`]; the message has not gone out then.
-    pub(crate) fn publish(&self, topic: &Topic, payload: &[u8]) -> Result<(), PublishError> {
+    pub fn publish(&self, topic: &Topic, payload: &[u8]) -> Result<(), PublishError> {
         self.publish_within(topic, payload, MESSAGE_EXPIRY)
     }
 
@@ -143,7 +149,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`PublishError`]; the message has not gone out then.
-    pub(crate) fn publish_within(
+    pub fn publish_within(
         &self,
         topic: &Topic,
         payload: &[u8],
@@ -200,7 +206,7 @@ const fn quality(qos: Qos) -> QoS {
 ///
 /// # Errors
 /// One line saying why the broker cannot be used.
-pub(crate) async fn connect(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
+pub async fn connect(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
     match tokio::time::timeout(SETUP, set_up(target, fleet)).await {
         Ok(result) => result,
         Err(_) => Err(format!("no answer within {} s", SETUP.as_secs())),
@@ -211,7 +217,7 @@ pub(crate) async fn connect(target: &Target, fleet: &Fleet) -> Result<Connection
 ///
 /// # Errors
 /// One line saying why the broker cannot be used.
-pub(crate) async fn probe(target: &Target) -> Result<(), String> {
+pub async fn probe(target: &Target) -> Result<(), String> {
     let (client, mut events) = AsyncClient::new(target.options(MAX_PACKET), OUTGOING);
     let probing = async {
         loop {
@@ -298,7 +304,7 @@ fn describe(error: &ConnectionError) -> String {
 }
 
 /// What serves `connection`, and when it is lost new ones, until `stop`. `bus` is up when this returns.
-pub(crate) fn serve(
+pub fn serve(
     bus: Arc<Bus>,
     target: Target,
     connection: Connection,

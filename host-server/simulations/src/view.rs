@@ -5,12 +5,12 @@ use crawler_sim::world::{Dropped, DroppedItem, Object, Obstacle};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::simulation::Simulation;
+use crate::Simulation;
 
 /// The simulated world.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Simulator)]
-pub(crate) struct SimulatorView {
+pub struct SimulatorView {
     /// `running` or `paused`.
     state: &'static str,
     /// How many times as fast as real time it is to run.
@@ -36,7 +36,8 @@ pub(crate) struct SimulatorView {
 }
 
 impl SimulatorView {
-    pub(crate) fn new(simulation: &Simulation, state: &LiveState) -> Self {
+    /// What is said of `simulation`, which is in `state`.
+    pub fn new(simulation: &Simulation, state: &LiveState) -> Self {
         let numbers = simulation.numbers();
         let scene = simulation.scene();
         Self {
@@ -62,7 +63,7 @@ impl SimulatorView {
 /// What came of a command to the simulated world.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = SimulatorAnswer)]
-pub(crate) struct SimulatorAnswer {
+pub struct SimulatorAnswer {
     /// The world after it.
     simulator: SimulatorView,
     /// The robot that was added.
@@ -74,7 +75,8 @@ pub(crate) struct SimulatorAnswer {
 }
 
 impl SimulatorAnswer {
-    pub(crate) fn new(simulation: &Simulation, done: &LiveDone) -> Self {
+    /// What is said of `simulation` after a command that came to `done`.
+    pub fn new(simulation: &Simulation, done: &LiveDone) -> Self {
         Self {
             simulator: SimulatorView::new(simulation, &done.state),
             robot: done.robot.as_ref().map(|robot| robot.as_str().to_owned()),
@@ -84,7 +86,7 @@ impl SimulatorAnswer {
 }
 
 /// The stable code of an error.
-pub(crate) const fn control_code(error: &ControlError) -> &'static str {
+pub const fn control_code(error: &ControlError) -> &'static str {
     match error {
         ControlError::Busy => "busy",
         ControlError::Ended => "simulator_ended",
@@ -167,7 +169,7 @@ enum ThingColour {
 /// What was dropped into the running world.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = DroppedItem)]
-pub(crate) struct ItemView {
+pub struct ItemView {
     /// Its number, for `take`.
     id: u32,
     /// What it is, when it is an obstacle.
@@ -197,7 +199,7 @@ impl From<DroppedItem> for ItemView {
 /// A moment of the world that was kept.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Bookmark)]
-pub(crate) struct BookmarkView {
+pub struct BookmarkView {
     /// Its name.
     name: String,
     /// Seconds of the world.

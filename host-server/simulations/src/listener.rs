@@ -5,8 +5,6 @@
 //! process or elsewhere. Commands are taken one after the other; what was published while nobody
 //! listened is not obeyed later.
 
-mod view;
-
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,15 +13,13 @@ use crawler_sim::live::ControlError;
 use crawler_sim_protocol::SimulatorCommand;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Packet, Publish};
-use rumqttc::v5::{AsyncClient, Event};
+use rumqttc::v5::{AsyncClient, Event, MqttOptions};
 use serde_json::{Value, json};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
-use crate::bus::Target;
-use crate::simulation::Simulation;
-pub(crate) use view::{SimulatorAnswer, SimulatorView, control_code};
+use crate::{Simulation, SimulatorAnswer, control_code};
 
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
@@ -31,18 +27,18 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 const WAITING: usize = 64;
 /// Answers that may wait for the connection.
 const OUTGOING: usize = 256;
-/// The broker's own messages to us are small.
-const MAX_PACKET: u32 = 64 * 1024;
+/// Bytes of a packet at most: the broker's own messages to us are small.
+pub const MAX_PACKET: u32 = 64 * 1024;
 
 /// Where answers go: `simulator/response` of the fleet.
-pub(crate) fn response_topic(fleet: &Fleet) -> String {
+pub fn response_topic(fleet: &Fleet) -> String {
     format!("{}/simulator/response", fleet.as_str())
 }
 
-/// Listens for commands until `stop`.
-pub(crate) async fn listen(
+/// Listens for commands until `stop`, in sessions with the options of `session`.
+pub async fn listen(
     simulation: Arc<Simulation>,
-    target: Target,
+    session: MqttOptions,
     fleet: Fleet,
     stop: CancellationToken,
 ) {
@@ -51,7 +47,7 @@ pub(crate) async fn listen(
         let begun = tokio::time::Instant::now();
         let reason = tokio::select! {
             () = stop.cancelled() => return,
-            reason = serve(&simulation, &target, &fleet) => reason,
+            reason = serve(&simulation, &session, &fleet) => reason,
         };
         tracing::warn!(
             reason,
@@ -69,8 +65,8 @@ pub(crate) async fn listen(
 }
 
 /// One connection, to its end; says why it ended.
-async fn serve(simulation: &Arc<Simulation>, target: &Target, fleet: &Fleet) -> String {
-    let (client, mut events) = AsyncClient::new(target.options(MAX_PACKET), OUTGOING);
+async fn serve(simulation: &Arc<Simulation>, session: &MqttOptions, fleet: &Fleet) -> String {
+    let (client, mut events) = AsyncClient::new(session.clone(), OUTGOING);
     let (to_world, orders) = mpsc::channel(WAITING);
     let _worker = AbortOnDropHandle::new(tokio::spawn(obey(
         Arc::clone(simulation),

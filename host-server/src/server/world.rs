@@ -1,0 +1,46 @@
+//! The simulated world that the settings ask for.
+
+use crawler_experiments::scenarios::scenario;
+use crawler_sim::live::LiveConfig;
+use crawler_simulations::Simulation;
+
+use super::StartError;
+use crate::config::{BrokerUrl, Settings};
+
+/// Sets the world up and lets its robots connect to `broker`.
+///
+/// # Errors
+/// [`StartError::Simulation`], with what is wrong with the scenario or the system.
+pub(super) async fn start(
+    settings: &Settings,
+    broker: &BrokerUrl,
+) -> Result<Simulation, StartError> {
+    let config = config(settings, broker).map_err(StartError::Simulation)?;
+    let started = Simulation::start(config, settings.record.clone()).await;
+    started.map_err(StartError::Simulation)
+}
+
+fn config(settings: &Settings, broker: &BrokerUrl) -> Result<LiveConfig, String> {
+    let credentials = match &broker.credentials {
+        Some((name, password)) => {
+            let usable = crawler_sim::run::credentials(name, password);
+            Some(usable.map_err(|error| format!("simulated robots take {error}"))?)
+        }
+        None => None,
+    };
+    let mut scenario = scenario(settings.scenario.as_deref())?;
+    if let Some(robots) = settings.robots {
+        scenario = scenario.with_robots(robots);
+    }
+    Ok(LiveConfig {
+        fleet: settings.fleet.clone(),
+        broker_host: broker.host.clone(),
+        broker_port: broker.port,
+        credentials,
+        scenario,
+        seed: settings.seed,
+        radio_proxy: settings.radio_proxy,
+        // Connections are carried over TLS on their way, all robots' together.
+        authority: None,
+    })
+}
