@@ -6,7 +6,7 @@
 //! say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people:
-//! `history`, `http`, `addresses`. The command line: `cli`, `console`, `release`, `replay`.
+//! `http`, `addresses`. The command line: `cli`, `console`, `release`, `replay`.
 
 pub mod cli;
 pub mod config;
@@ -17,7 +17,6 @@ pub mod run;
 pub mod server;
 
 mod addresses;
-mod history;
 mod http;
 
 pub use crawler_server_tls::TlsError;

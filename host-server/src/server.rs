@@ -7,6 +7,7 @@ mod cluster;
 mod cluster_metrics;
 mod endpoints;
 mod entrance;
+mod history;
 mod hub;
 mod ingest;
 mod outcome_log;
@@ -35,7 +36,6 @@ use crawler_simulations::Simulation;
 use crawler_system::data::Disk;
 use parts::Parts;
 
-pub(crate) use endpoints::{open_tunnel, outside};
 pub use robots::Robots;
 pub use start_error::StartError;
 

@@ -24,6 +24,7 @@ use crate::Incoming;
 use crawler_commands::{Outlet, PublishError};
 use crawler_delivery::Ms;
 use crawler_metrics::{Dropped, Metrics};
+use crawler_system::address::BrokerUrl;
 
 /// The shortest the library allows; it finds a silent broker within twice that.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
@@ -73,6 +74,22 @@ pub struct Target {
 }
 
 impl Target {
+    /// A session of our own with an outside broker.
+    ///
+    /// # Errors
+    /// What the machine says that has no randomness for a name.
+    pub fn outside(url: &BrokerUrl) -> Result<Self, getrandom::Error> {
+        let mut id = [0_u8; 8];
+        getrandom::fill(&mut id)?;
+        Ok(Self {
+            host: bracketed(&url.host),
+            port: url.port,
+            client_id: format!("server-{}", crawler_system::text::hex(&id)),
+            credentials: url.credentials.clone(),
+            shared: false,
+        })
+    }
+
     /// The same broker for another session of ours, of the server with its simulator for instance.
     #[must_use]
     pub fn named(mut self, what: &str) -> Self {
@@ -91,6 +108,16 @@ impl Target {
             options.set_credentials(user, password);
         }
         options
+    }
+}
+
+/// The client joins host and port with a colon, so an IPv6 address needs its brackets.
+#[must_use]
+pub fn bracketed(host: &str) -> String {
+    if host.contains(':') {
+        format!("[{host}]")
+    } else {
+        host.to_owned()
     }
 }
 

@@ -8,7 +8,8 @@
 //! [`History::flush`] confirmed is lost.
 //!
 //! Reading order: writing in `memory` and `writer`; blocks in `seal`, `fold` and `codec`; `start` and
-//! `retention`; reading in `query`, `points`, `frames` and `span`.
+//! `retention`; reading in `query`, `points`, `frames` and `span`. `store` is this history, or an engine outside
+//! in its place.
 
 mod codec;
 mod fold;
@@ -20,6 +21,7 @@ mod retention;
 mod seal;
 mod span;
 mod start;
+mod store;
 mod writer;
 
 use std::collections::BTreeSet;
@@ -28,6 +30,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use crawler_database::{Db, RecordsError, Schema};
+use crawler_protocol::open::Telemetry;
 use crawler_protocol::{RobotId, RobotState};
 use serde::Serialize;
 use tokio::sync::oneshot;
@@ -40,6 +43,7 @@ pub use points::{MAX_POINTS, Points};
 pub use retention::{Retention, now};
 pub use span::Recorded;
 pub use start::{LOCK_FILE, Running};
+pub use store::{Answer, EngineFailure, EngineStats, HistoryEngine, HistoryError, HistoryStore};
 
 /// History of the fleet: `TCRh`.
 pub const HISTORY: Schema = Schema {
@@ -82,6 +86,29 @@ pub struct Sample {
     pub right: f32,
     /// What the robot was doing.
     pub state: RobotState,
+}
+
+impl Sample {
+    /// What the history keeps of a message that came in at `at`. The server's clock counts: a robot's may
+    /// not be set, or be made up. A state that only a newer robot knows is an error to the history, as one that
+    /// a newer program has stored is.
+    #[must_use]
+    pub fn of(telemetry: &Telemetry, at: i64) -> Self {
+        Self {
+            robot: telemetry.robot.clone(),
+            at,
+            x: telemetry.pose.x,
+            y: telemetry.pose.y,
+            theta: telemetry.pose.theta,
+            range_mm: telemetry.range_mm,
+            battery_mv: telemetry.battery.mv,
+            battery_percent: telemetry.battery.percent,
+            rssi: telemetry.rssi_dbm,
+            left: telemetry.wheels.left,
+            right: telemetry.wheels.right,
+            state: telemetry.state.known().unwrap_or(RobotState::Error),
+        }
+    }
 }
 
 /// Lowest, mean and highest of what was measured.

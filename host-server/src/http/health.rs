@@ -13,13 +13,13 @@ use tokio::runtime::Handle;
 
 use super::audit::Audit;
 use super::state::{ApiState, Broker, World};
-use crate::history::History;
 use crawler_broker::BrokerHandle;
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
 use crawler_experiments::Experiments;
 use crawler_fleet::bus::Bus;
 use crawler_fleet::{RobotCounts, SharedFleet};
+use crawler_history::HistoryStore;
 use crawler_metrics::Metrics;
 
 pub(super) fn routes() -> Router<ApiState> {
@@ -69,7 +69,7 @@ async fn ready(
     State(commands): State<Arc<CommandCenter>>,
     State(audit): State<Audit>,
     State(records): State<Records>,
-    State(history): State<History>,
+    State(history): State<HistoryStore>,
     State(world): State<World>,
     State(membership): State<Option<Arc<ClusterMembership>>>,
 ) -> Response {

@@ -16,9 +16,9 @@ use utoipa::{IntoParams, ToSchema};
 use super::problem::{Code, Problem};
 use super::query::{ApiQuery, bad_query};
 use super::telemetry::{bounds, problem};
-use crate::history::History;
 use crawler_fleet::SharedFleet;
 use crawler_fleet::feed::drawn_kind;
+use crawler_history::HistoryStore;
 use crawler_system::clock::now_ms;
 
 /// Points of a robot in one answer.
@@ -48,7 +48,7 @@ pub(super) struct SpanView {
         (status = 200, description = "What is recorded at all", body = SpanView),
         (status = 501, description = "The engine that keeps the history cannot be asked here"),
         (status = 503, description = "The history cannot be read for now")))]
-pub(super) async fn span(State(history): State<History>) -> Result<Json<SpanView>, Problem> {
+pub(super) async fn span(State(history): State<HistoryStore>) -> Result<Json<SpanView>, Problem> {
     let recorded = history.recorded().await;
     let recorded = recorded.map_err(|error| problem(&error))?;
     let robots = history.robots().await.map_err(|error| problem(&error))?;
@@ -233,7 +233,7 @@ fn arena(text: Option<String>) -> Option<Value> {
         (status = 501, description = "The engine that keeps the history cannot be asked here"),
         (status = 503, description = "The history cannot be read for now")))]
 pub(super) async fn frames(
-    State(history): State<History>,
+    State(history): State<HistoryStore>,
     State(records): State<Records>,
     State(fleet): State<Arc<SharedFleet>>,
     ApiQuery(asked): ApiQuery<FramesQuery>,

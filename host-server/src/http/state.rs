@@ -11,7 +11,6 @@ use tokio_util::task::TaskTracker;
 use super::audit::Audit;
 use super::problem::{Code, Problem};
 use crate::config::BrokerUrl;
-use crate::history::History;
 use crawler_accounts::{Accounts, AuditLog};
 use crawler_broker::{BrokerHandle, Kind};
 use crawler_cluster::ClusterMembership;
@@ -20,6 +19,7 @@ use crawler_experiments::Experiments;
 use crawler_fleet::SharedFleet;
 use crawler_fleet::bus::Bus;
 use crawler_fleet::feed::Feed;
+use crawler_history::HistoryStore;
 use crawler_metrics::Metrics;
 use crawler_simulations::Simulation;
 
@@ -37,7 +37,7 @@ pub(crate) struct Parts {
     /// What must survive a restart.
     pub(crate) records: Records,
     /// What the robots measured.
-    pub(crate) history: History,
+    pub(crate) history: HistoryStore,
     /// Scenarios on many seeds.
     pub(crate) experiments: Arc<Experiments>,
     /// Who is who.
@@ -69,7 +69,7 @@ struct Shared {
     broker: Broker,
     world: World,
     records: Records,
-    history: History,
+    history: HistoryStore,
     experiments: Arc<Experiments>,
     accounts: Arc<Accounts>,
     audit: Audit,
@@ -126,7 +126,7 @@ parts! {
     broker: Broker,
     world: World,
     records: Records,
-    history: History,
+    history: HistoryStore,
     experiments: Arc<Experiments>,
     accounts: Arc<Accounts>,
     audit: Audit,

@@ -6,13 +6,12 @@ use axum::Json;
 use axum::extract::{Path, State};
 use crawler_history::Point;
 use crawler_protocol::RobotId;
-use crawler_timeseries::EngineError;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::problem::{Code, Problem};
 use super::query::{ApiQuery, bad_query};
-use crate::history::{History, HistoryError};
+use crawler_history::{EngineFailure, HistoryError, HistoryStore};
 use crawler_system::clock::now_ms;
 
 /// When another try may find the engine back.
@@ -135,19 +134,21 @@ fn stretch(query: &TelemetryQuery, now: i64) -> Result<(i64, i64, i64), Problem>
 }
 
 pub(super) fn problem(error: &HistoryError) -> Problem {
-    let error = match error {
+    let failure = match error {
         HistoryError::Local(error) => return Problem::records(error),
-        HistoryError::Remote(error) => error,
+        HistoryError::Engine(failure) => failure,
     };
-    match error {
-        EngineError::Invalid(why) => bad_query(why),
-        EngineError::Unreadable => Problem::new(
+    match failure {
+        EngineFailure::Invalid(why) => bad_query(why),
+        EngineFailure::Unreadable => Problem::new(
             Code::HistoryNotReadable,
             "the engine that keeps the history cannot be asked here: use its own tools",
         ),
-        error => {
+        failure => {
             // Addresses and the engine's words are for the log.
-            tracing::warn!(%error, "the history cannot be read: {}", error.advice());
+            if let EngineFailure::Unavailable { reason, advice } = failure {
+                tracing::warn!(error = %reason, "the history cannot be read: {advice}");
+            }
             Problem::later(
                 Code::HistoryUnavailable,
                 "the engine that keeps the history cannot be asked for now",
@@ -171,7 +172,7 @@ pub(super) fn problem(error: &HistoryError) -> Problem {
         (status = 501, description = "The engine that keeps the history cannot be asked here"),
         (status = 503, description = "The history cannot be read for now")))]
 pub(super) async fn history(
-    State(history): State<History>,
+    State(history): State<HistoryStore>,
     Path(id): Path<String>,
     ApiQuery(query): ApiQuery<TelemetryQuery>,
 ) -> Result<Json<HistoryView>, Problem> {

@@ -9,7 +9,7 @@ use super::StartError;
 use crate::config::{Broker, BrokerUrl, Settings};
 use crawler_accounts::{Accounts as People, Notes};
 use crawler_broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
-use crawler_fleet::bus::Target;
+use crawler_fleet::bus::{Target, bracketed};
 use crawler_server_tls::{Certificates, TlsHandshake, Tunnel, reachable};
 use crawler_system::descriptors::Descriptors;
 
@@ -132,7 +132,7 @@ async fn listen_at(
 }
 
 /// The way to an outside broker that speaks TLS.
-pub(crate) async fn open_tunnel(
+pub(super) async fn open_tunnel(
     settings: &Settings,
     broker: &BrokerUrl,
 ) -> Result<Option<Tunnel>, StartError> {
@@ -177,23 +177,6 @@ pub(super) fn for_robots(
 }
 
 /// A session of our own with an outside broker.
-pub(crate) fn outside(url: &BrokerUrl) -> Result<Target, StartError> {
-    let mut id = [0_u8; 8];
-    getrandom::fill(&mut id).map_err(|_| StartError::Internal("no randomness"))?;
-    Ok(Target {
-        host: bracketed(&url.host),
-        port: url.port,
-        client_id: format!("server-{}", crawler_system::text::hex(&id)),
-        credentials: url.credentials.clone(),
-        shared: false,
-    })
-}
-
-/// The client joins host and port with a colon, so an IPv6 address needs its brackets.
-fn bracketed(host: &str) -> String {
-    if host.contains(':') {
-        format!("[{host}]")
-    } else {
-        host.to_owned()
-    }
+pub(super) fn outside(url: &BrokerUrl) -> Result<Target, StartError> {
+    Target::outside(url).map_err(|_| StartError::Internal("no randomness"))
 }

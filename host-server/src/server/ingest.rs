@@ -10,11 +10,11 @@ use crawler_protocol::open::Telemetry;
 use crawler_protocol::{Fleet, Topic};
 
 use super::outcome_log::OutcomeLog;
-use crate::history::{History, sample};
 use crawler_commands::CommandCenter;
 use crawler_fleet::bus::Receiver;
 use crawler_fleet::enforcement::Stops;
 use crawler_fleet::{Incoming, Level, Received, SharedFleet};
+use crawler_history::{HistoryStore, Sample};
 use crawler_metrics::{Dropped, Metrics};
 use crawler_system::clock;
 
@@ -28,7 +28,7 @@ pub(super) struct Ingest {
     pub(super) name: Fleet,
     pub(super) fleet: Arc<SharedFleet>,
     pub(super) commands: Arc<CommandCenter>,
-    pub(super) history: History,
+    pub(super) history: HistoryStore,
     pub(super) metrics: Arc<Metrics>,
     pub(super) membership: Option<Arc<ClusterMembership>>,
     pub(super) stops: Arc<Stops>,
@@ -93,7 +93,7 @@ impl Receiver for Ingest {
             {
                 let now = clock::now_ms();
                 for telemetry in earlier.iter().chain([newest]) {
-                    let sample = sample(telemetry, now - age(telemetry, newest));
+                    let sample = Sample::of(telemetry, now - age(telemetry, newest));
                     if self.history.push(sample).is_err() {
                         self.metrics.dropped(Dropped::HistoryFull);
                     }

@@ -5,13 +5,13 @@ use std::sync::Arc;
 use crawler_experiments as experiments;
 use crawler_records::Records;
 
-use super::StartError;
 use super::parts::Parts;
+use super::{StartError, history};
 use crate::config::Settings;
-use crate::history::{self, History};
 use crawler_accounts::{Accounts, AuditLog};
 use crawler_commands::{Journal, Sequence};
 use crawler_fleet::{FenceAction, FenceKind};
+use crawler_history::HistoryStore;
 use crawler_metrics::Metrics;
 use crawler_system::clock;
 use crawler_system::data::{DataDir, Disk};
@@ -43,7 +43,7 @@ impl OwnFiles {
 /// What is kept and counted, and who may see it.
 pub(super) struct Storage {
     pub(super) records: Records,
-    pub(super) history: History,
+    pub(super) history: HistoryStore,
     pub(super) metrics: Arc<Metrics>,
     pub(super) audit: Arc<AuditLog>,
     pub(super) accounts: Arc<Accounts>,

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crawler_history::EngineFailure;
+
 /// Why an engine did not do what it was asked.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
@@ -61,6 +63,19 @@ impl EngineError {
             Self::Invalid(_) => "ask for a longer step, or a shorter time",
             Self::Certificates(_) => "name a PEM file with the engine's authority: `?ca=FILE`",
             Self::Closed => "the server is stopping",
+        }
+    }
+}
+
+impl From<EngineError> for EngineFailure {
+    fn from(error: EngineError) -> Self {
+        match error {
+            EngineError::Invalid(why) => Self::Invalid(why),
+            EngineError::Unreadable => Self::Unreadable,
+            error => Self::Unavailable {
+                reason: error.to_string(),
+                advice: error.advice(),
+            },
         }
     }
 }

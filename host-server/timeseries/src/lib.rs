@@ -27,5 +27,5 @@ pub use error::EngineError;
 pub use line::{MEASUREMENT, push_line};
 pub use read::SPARSE_ROWS;
 pub use remote::{QUEUE, Remote};
-pub use shared::{State, Stats};
+pub use shared::State;
 pub use writer::BATCH;

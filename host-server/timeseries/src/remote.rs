@@ -2,10 +2,13 @@
 
 use std::collections::BTreeSet;
 use std::fmt;
+use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crawler_history::{Frame, Full, Point, Recorded, Sample, Track};
+use crawler_history::{
+    Answer, EngineStats, Frame, Full, HistoryEngine, Point, Recorded, Sample, Track,
+};
 use crawler_protocol::RobotId;
 use tokio::sync::{Semaphore, SemaphorePermit, mpsc};
 use tokio::task::{JoinHandle, JoinSet};
@@ -15,7 +18,7 @@ use crate::client::{Client, TIME_OUT};
 use crate::engine::{Dialect, Engine};
 use crate::error::EngineError;
 use crate::read::{self, Question, extent};
-use crate::shared::{Shared, State, Stats};
+use crate::shared::{Shared, State};
 use crate::writer::Writer;
 
 /// Samples that wait for the engine; more are refused. At about 90 bytes each they are 45 MB, and of
@@ -101,7 +104,7 @@ impl Remote {
     }
 
     /// How it is doing.
-    pub fn stats(&self) -> Stats {
+    pub fn stats(&self) -> EngineStats {
         self.0.shared.stats()
     }
 
@@ -234,5 +237,47 @@ impl Remote {
             // An error is a panic of the task, which has been reported.
             let _ = task.await;
         }
+    }
+}
+
+impl HistoryEngine for Remote {
+    fn push(&self, sample: Sample) -> Result<(), Full> {
+        Self::push(self, sample)
+    }
+
+    fn query<'a>(
+        &'a self,
+        robot: &'a RobotId,
+        from: i64,
+        to: i64,
+        step: i64,
+    ) -> Answer<'a, Vec<Point>> {
+        Box::pin(async move { Ok(Self::query(self, robot, from, to, step).await?) })
+    }
+
+    fn recorded(&self) -> Answer<'_, Option<Recorded>> {
+        Box::pin(async move { Ok(Self::recorded(self).await?) })
+    }
+
+    fn robots(&self) -> Answer<'_, BTreeSet<RobotId>> {
+        Box::pin(async move { Ok(Self::robots(self).await?) })
+    }
+
+    fn frames<'a>(
+        &'a self,
+        robots: &'a BTreeSet<RobotId>,
+        from: i64,
+        to: i64,
+        step: i64,
+    ) -> Answer<'a, Vec<Track>> {
+        Box::pin(async move { Ok(Self::frames(self, robots, from, to, step).await?) })
+    }
+
+    fn stats(&self) -> EngineStats {
+        Self::stats(self)
+    }
+
+    fn close(&self) -> Pin<Box<dyn Future<Output = ()> + Send + '_>> {
+        Box::pin(Self::close(self))
     }
 }

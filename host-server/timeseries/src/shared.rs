@@ -4,31 +4,12 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crawler_history::{Full, Sample};
+use crawler_history::{EngineStats, Full, Sample};
 use tokio::sync::{Notify, watch};
 
 use crate::engine::Engine;
 use crate::error::EngineError;
 use crate::writer::{BATCH, MANY};
-
-/// How the history is doing, since it was started.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Stats {
-    /// Samples taken into the queue.
-    pub accepted: u64,
-    /// Samples refused because the queue was full, or let go when the server stopped.
-    pub dropped: u64,
-    /// Samples that the engine took.
-    pub written: u64,
-    /// Samples that the engine understood and refused.
-    pub refused: u64,
-    /// Samples that wait.
-    pub queued: u64,
-    /// Requests of the writer that failed and are tried again.
-    pub failures: u64,
-    /// Whether the engine takes samples.
-    pub up: bool,
-}
 
 /// How it stands with the engine.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -188,13 +169,13 @@ impl Shared {
         self.state_lock().1.clone()
     }
 
-    pub(crate) fn stats(&self) -> Stats {
+    pub(crate) fn stats(&self) -> EngineStats {
         let (accepted, queued) = {
             let inbox = self.inbox();
             (inbox.accepted, inbox.accepted - inbox.settled)
         };
         let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-        Stats {
+        EngineStats {
             accepted,
             dropped: count(&self.dropped),
             written: count(&self.written),

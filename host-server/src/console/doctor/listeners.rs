@@ -10,7 +10,7 @@ use tokio::net::{TcpListener, TcpStream};
 
 use super::Finding;
 use crate::config::{Broker, BrokerUrl, EngineUrl, Redis, Settings};
-use crawler_fleet::bus;
+use crawler_fleet::bus::{self, Target};
 use crawler_server_tls::Tunnel;
 
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -70,13 +70,15 @@ async fn cache(url: &EngineUrl<Redis>) -> Finding {
 
 /// Connects to an outside broker as the server does.
 async fn outside(settings: &Settings, url: &BrokerUrl) -> Result<(), String> {
-    let said = |error: crate::server::StartError| error.to_string();
     // It lives as long as the connection needs it.
-    let tunnel = crate::server::open_tunnel(settings, url)
-        .await
-        .map_err(said)?;
+    let tunnel = if url.tls {
+        let opened = Tunnel::open(url, settings.tls.broker_ca.as_deref()).await;
+        Some(opened.map_err(|reason| format!("the broker at {url} cannot be used: {reason}"))?)
+    } else {
+        None
+    };
     let inside = tunnel.as_ref().map_or(url, Tunnel::inside);
-    let target = crate::server::outside(inside).map_err(said)?;
+    let target = Target::outside(inside).map_err(|_| "internal error: no randomness")?;
     bus::connect(&target, &settings.fleet).await.map(drop)
 }
 
