@@ -104,7 +104,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         &[
             "crawler-access",
             "crawler-cluster",
-            "crawler-metrics",
+            "crawler-passwords",
             "crawler-records",
             "crawler-system",
         ],
@@ -113,8 +113,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-broker",
         &[
             "crawler-access",
-            "crawler-accounts",
             "crawler-metrics",
+            "crawler-passwords",
             "crawler-protocol",
             "crawler-records",
             "crawler-server-tls",
@@ -139,11 +139,11 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     ("crawler-access", &["crawler-protocol"]),
+    ("crawler-passwords", &["crawler-access", "crawler-system"]),
     ("crawler-delivery", &["crawler-protocol"]),
     (
         "crawler-fleet",
         &[
-            "crawler-accounts",
             "crawler-cluster",
             "crawler-commands",
             "crawler-delivery",
@@ -161,7 +161,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-access",
             "crawler-database",
             "crawler-history",
+            "crawler-metrics",
             "crawler-protocol",
+            "crawler-system",
         ],
     ),
     (

@@ -1,22 +1,15 @@
-//! Accounts of people: who somebody is, what they have to show for it, and what is written down of what they do.
+//! Accounts of people: who somebody is, and what they have to show for it.
 //!
 //! A password opens a session; the session's refresh token, which rotates, gets access tokens that
 //! last a quarter of an hour. What must survive a restart is in the records; what every request asks
 //! is in memory.
 //!
 //! - [`Accounts`]: logging in, sessions, tickets for sockets, invitations, and the people themselves.
-//! - [`Hashing`] and [`Failures`]: how many passwords are checked at a time, and who has guessed too often, at
-//!   the API and at the broker alike.
-//! - [`AuditLog`]: who did what, in the order in which it was done.
 //!
-//! The rules are `crawler-access`'s; here is who has logged in.
+//! The rules are `crawler-access`'s, checking passwords `crawler-passwords`'; here is who has logged in.
 //!
-//! Reading order: `login` with `hashing` and `attempts`; `sessions`, `tickets` and `invitations`; `people`;
-//! `audit`.
+//! Reading order: `login`; `sessions`, `tickets` and `invitations`; `people`.
 
-mod attempts;
-mod audit;
-mod hashing;
 mod invitations;
 mod login;
 mod people;
@@ -30,6 +23,7 @@ use std::time::{Duration, Instant};
 use crawler_access::token::{Claims, Key, TokenError};
 use crawler_access::{Digest, Role, Secret, UserName};
 use crawler_cluster::Cluster;
+use crawler_passwords::{Failures, Hashing};
 use crawler_records::{Records, RecordsError};
 use tokio_util::sync::CancellationToken;
 
@@ -39,9 +33,6 @@ use login::Rotated;
 use sessions::Alive;
 use tickets::Tickets;
 
-pub use attempts::Failures;
-pub use audit::{AuditLog, AuditWriter, Entry, Notes};
-pub use hashing::{Busy, Hashing};
 pub use login::{Entered, LoginError};
 pub use people::{Change, PeopleError, UserView};
 pub use sessions::Ending;

@@ -8,7 +8,8 @@ use crawler_access::password::{self, HashError, Weak};
 use crawler_access::{Digest, Role, Secret, UserName};
 use crawler_records::{RecordsError, Refreshed, User};
 
-use crate::{Accounts, Busy, Identity, SESSION_LIFETIME, lock};
+use crate::{Accounts, Identity, SESSION_LIFETIME, lock};
+use crawler_passwords::Busy;
 use crawler_system::clock::now_ms;
 
 /// Two pages of one browser may use the same refresh token at the same moment. The second is not a

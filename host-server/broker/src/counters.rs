@@ -5,7 +5,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::accounts::Refusal;
-use crawler_accounts::Notes;
+use crawler_records::audit_log::Notes;
 
 /// A line of log about a refusal at most so often: whoever is refused comes again at once.
 const SAY_EVERY: Duration = Duration::from_secs(1);

@@ -20,7 +20,7 @@ use rmqtt::types::{
 use super::accounts::{Access, Accounts, Login, Refusal, Who, admit};
 use super::clients::{Clients, Key, Made, Spent};
 use super::{Credentials, GuardCounters};
-use crawler_accounts::Entry;
+use crawler_records::audit_log::Entry;
 use crawler_system::text::Shown;
 
 /// How long a session that has to end may be in the middle of a handshake.

@@ -52,7 +52,7 @@ pub use edge::{Limits, Times};
 use numbers::Load;
 
 use clients::Clients;
-use crawler_accounts::Notes;
+use crawler_records::audit_log::Notes;
 use crawler_server_tls::TlsHandshake;
 use crawler_system::places::{Place, Places};
 use edge::Edge;

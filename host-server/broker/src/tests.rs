@@ -38,12 +38,12 @@ impl Bench {
         let records = Records::in_memory().await.expect("records");
         let fleet = Fleet::new("swarm").expect("a fleet");
         let metrics = Arc::new(crawler_metrics::Metrics::new());
-        let (audit, writer) = crawler_accounts::AuditLog::new(records.clone(), metrics);
+        let (audit, writer) = crawler_records::audit_log::AuditLog::new(records.clone(), metrics);
         tokio::spawn(writer.run(CancellationToken::new()));
         let accounts = Arc::new(RecordAccounts::new(
             records.clone(),
-            Arc::new(crawler_accounts::Failures::default()),
-            crawler_accounts::Hashing::new(Duration::from_mins(1)),
+            Arc::new(crawler_passwords::Failures::default()),
+            crawler_passwords::Hashing::new(Duration::from_mins(1)),
             audit.notes(),
         ));
         let limits = crawler_system::descriptors::Descriptors::MOST.into();

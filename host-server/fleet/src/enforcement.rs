@@ -17,8 +17,8 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::{Crossing, Fence, FenceAction, Level, SharedFleet};
-use crawler_accounts::{Entry, Notes};
 use crawler_commands::{CommandCenter, SendError, Target};
+use crawler_records::audit_log::{Entry, Notes};
 
 /// As whose command a stop goes out, in commands and in the audit log.
 const SOURCE: &str = "fence";

@@ -16,11 +16,13 @@
 //! Times are Unix milliseconds and handed in. Only the history looks at a clock, for what it may
 //! forget.
 //!
-//! Reading order: `store` and `settings`; `users`, `sessions`, `credentials` and `audit`; `events`, `arenas`,
+//! Reading order: `store` and `settings`; `users`, `sessions`, `credentials` and `audit`, which [`audit_log`]
+//! fills for those who cannot wait; `events`, `arenas`,
 //! `fences` and `experiments`; below them `schema`, `query`, `postgres` and `text`; `backup` and `transfer`.
 
 mod arenas;
 mod audit;
+pub mod audit_log;
 mod backup;
 mod credentials;
 mod events;

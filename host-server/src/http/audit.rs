@@ -14,8 +14,8 @@ use utoipa::{IntoParams, ToSchema};
 use super::access::Caller;
 use super::problem::{Code, Problem};
 use super::query::{self, ApiQuery, bad_query};
-use crawler_accounts::{AuditLog, Entry};
 use crawler_cluster::ClusterMembership;
+use crawler_records::audit_log::{AuditLog, Entry};
 
 /// What came of something that cannot fail.
 pub(super) const DONE: Result<(), Problem> = Ok(());

@@ -11,7 +11,7 @@ use tokio_util::task::TaskTracker;
 use super::audit::Audit;
 use super::problem::{Code, Problem};
 use crate::config::BrokerUrl;
-use crawler_accounts::{Accounts, AuditLog};
+use crawler_accounts::Accounts;
 use crawler_broker::{BrokerHandle, Kind};
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
@@ -21,6 +21,7 @@ use crawler_fleet::bus::Bus;
 use crawler_fleet::feed::Feed;
 use crawler_history::HistoryStore;
 use crawler_metrics::Metrics;
+use crawler_records::audit_log::AuditLog;
 use crawler_simulations::Simulation;
 
 /// What a server has that the API serves.

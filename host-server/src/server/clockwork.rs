@@ -13,7 +13,7 @@ use super::cells::Cells;
 use super::outcome_log::OutcomeLog;
 use super::watch::Watch;
 use super::writable::Writable;
-use crawler_accounts::{Accounts, AuditLog};
+use crawler_accounts::Accounts;
 use crawler_broker::BrokerHandle;
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
@@ -22,6 +22,7 @@ use crawler_fleet::enforcement;
 use crawler_fleet::feed::{self, Feed, Numbers};
 use crawler_fleet::{Level, SharedFleet};
 use crawler_metrics::Metrics;
+use crawler_records::audit_log::AuditLog;
 use crawler_simulations::Simulation;
 use crawler_system::clock;
 

@@ -7,9 +7,10 @@ use crawler_records::Records;
 
 use super::StartError;
 use crate::config::{Broker, BrokerUrl, Settings};
-use crawler_accounts::{Accounts as People, Notes};
+use crawler_accounts::Accounts as People;
 use crawler_broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
 use crawler_fleet::bus::{Target, bracketed};
+use crawler_records::audit_log::Notes;
 use crawler_server_tls::{Certificates, TlsHandshake, Tunnel, reachable};
 use crawler_system::descriptors::Descriptors;
 

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use crawler_protocol::RobotId;
 use serde_json::json;
 
-use crawler_accounts::{Entry, Notes};
 use crawler_commands::{CommandView, OutcomeStatus};
 use crawler_fleet::{Level, SharedFleet};
+use crawler_records::audit_log::{Entry, Notes};
 
 /// Tells of commands that are over. A clone is another handle of the same.
 #[derive(Clone)]

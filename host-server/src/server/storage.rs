@@ -8,11 +8,12 @@ use crawler_records::Records;
 use super::parts::Parts;
 use super::{StartError, history};
 use crate::config::Settings;
-use crawler_accounts::{Accounts, AuditLog};
+use crawler_accounts::Accounts;
 use crawler_commands::{Journal, Sequence};
 use crawler_fleet::{FenceAction, FenceKind};
 use crawler_history::HistoryStore;
 use crawler_metrics::Metrics;
+use crawler_records::audit_log::AuditLog;
 use crawler_system::clock;
 use crawler_system::data::{DataDir, Disk};
 

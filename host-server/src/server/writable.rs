@@ -1,8 +1,8 @@
 //! Whether commands and the audit log can be written, told as events when that changes.
 
-use crawler_accounts::AuditLog;
 use crawler_commands::CommandCenter;
 use crawler_fleet::{Level, SharedFleet};
+use crawler_records::audit_log::AuditLog;
 
 /// What was told last.
 #[derive(Debug)]

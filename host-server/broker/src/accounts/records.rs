@@ -11,7 +11,8 @@ use crawler_records::{Records, RecordsError};
 use tokio::sync::Semaphore;
 
 use super::{Accounts, Login, Refusal, SIMULATOR, Who};
-use crawler_accounts::{Busy, Entry, Failures, Hashing, Notes};
+use crawler_passwords::{Busy, Failures, Hashing};
+use crawler_records::audit_log::{Entry, Notes};
 
 /// Passwords that may wait to be checked. The rest is sent away at once: whoever waits holds one of the
 /// broker's places for handshakes, and robots need those.
@@ -176,8 +177,8 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crawler_accounts::AuditLog;
     use crawler_metrics::Metrics;
+    use crawler_records::audit_log::AuditLog;
 
     fn login<'a>(user: &'a str, password: &'a str) -> Login<'a> {
         Login {

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crawler_records::{Entry, RecordsError};
+use crate::{Entry, RecordsError};
 use tokio::sync::{Notify, oneshot};
 
 use crawler_metrics::{Dropped, Metrics};

@@ -1,4 +1,4 @@
-use crawler_records::Entry as Record;
+use crate::Entry as Record;
 use proptest::prelude::*;
 use serde_json::json;
 

@@ -11,7 +11,7 @@ mod tests;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crawler_records::{Records, RecordsError};
+use crate::{Records, RecordsError};
 use serde_json::Value;
 use tokio_util::sync::CancellationToken;
 
@@ -42,8 +42,8 @@ pub struct Entry {
 }
 
 impl Entry {
-    fn into_record(self) -> crawler_records::Entry {
-        crawler_records::Entry {
+    fn into_record(self) -> crate::Entry {
+        crate::Entry {
             at: now_ms(),
             who: self.who,
             from: self.from,

@@ -2,14 +2,12 @@
 //! nobody has twice as many.
 
 use std::net::IpAddr;
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crawler_access::UserName;
 use crawler_access::limits::{Attempts, Backoff};
 use crawler_system::neighbourhood;
-
-use crate::lock;
 
 /// Failures that count, by name and address, and by address whatever the name. Secrets of robots do
 /// not: they cannot be guessed, and many robots may live behind one address.
@@ -69,4 +67,8 @@ impl Failures {
 fn key(name: Option<&UserName>, from: IpAddr) -> (String, IpAddr) {
     let name = name.map_or_else(String::new, ToString::to_string);
     (name, neighbourhood(from))
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
