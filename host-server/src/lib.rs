@@ -5,8 +5,8 @@
 //! alone, whether the broker is in this process or not; what those messages are is `crawler-protocol`'s to
 //! say.
 //!
-//! Reading order: `run`, `config` and `server`, which starts the parts. Between robots and people:
-//! `http`, `addresses`. The command line: `cli`, `console`, `release`, `replay`.
+//! Reading order: `run`, `config` and `server`, which starts the parts; `addresses`, where a running server is.
+//! The command line: `cli`, `console`, `release`, `replay`.
 
 pub mod cli;
 pub mod config;
@@ -17,7 +17,6 @@ pub mod run;
 pub mod server;
 
 mod addresses;
-mod http;
 
 pub use crawler_server_tls::TlsError;
 pub use crawler_system::data::DataError;

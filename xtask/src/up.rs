@@ -14,16 +14,18 @@ use crate::ui;
 /// What building takes, in seconds of one core; measured with `cargo build --timings`. It is the share that
 /// counts: how fast this machine is, is seen while it builds.
 const WEIGHTS: &[(&str, u32)] = &[
+    ("crawler_api", 70),
     ("crawler_broker", 23),
     ("crawler_commands", 18),
     ("crawler_database", 11),
     ("crawler_experiments", 29),
-    ("crawler_fleet", 11),
+    ("crawler_fleet", 13),
     ("crawler_history", 18),
     ("crawler_protocol", 15),
     ("crawler_records", 37),
-    ("crawler_server", 115),
+    ("crawler_server", 45),
     ("crawler_sim", 140),
+    ("crawler_simulations", 3),
     ("crawler_timeseries", 24),
     ("libsqlite3_sys", 44),
     ("redis", 18),

@@ -23,7 +23,6 @@ use super::storage::{OwnFiles, Storage};
 use super::{StartError, endpoints, world};
 use crate::addresses::Addresses;
 use crate::config::{BrokerUrl, Role, Settings};
-use crate::http;
 use crawler_broker::BrokerHandle;
 use crawler_experiments::{self as experiments, Experiments, Tell};
 use crawler_fleet::bus::{self, Connection, Target};
@@ -73,7 +72,7 @@ pub(super) async fn start(
     let http = entrance.http;
     keep_certificate(entrance.certificates.as_ref(), parts)?;
     let stop = CancellationToken::new();
-    let api = http::Parts {
+    let api = crawler_api::Parts {
         records: storage.records.clone(),
         history: storage.history,
         experiments,
@@ -92,9 +91,9 @@ pub(super) async fn start(
         tasks: tasks.clone(),
         stop: stop.clone(),
     };
-    let router = http::router(api, http, settings.trusted_proxies.clone());
+    let router = crawler_api::router(api, http, settings.trusted_proxies.clone());
     let most = entrance.descriptors.http;
-    let serving = http::serve(entrance.listener, router, entrance.tls, most, stop.clone());
+    let serving = crawler_api::serve(entrance.listener, router, entrance.tls, most, stop.clone());
     let serving = tokio::spawn(serving);
     parts.add(stop, end_requests(tasks, serving))?;
     leave_addresses(settings, http, &link.mqtt, link.plain, parts)?;

@@ -16,8 +16,8 @@ use super::access::Caller;
 use super::audit::Audit;
 use super::problem::{Code, Problem};
 use super::state::Broker;
-use crate::config::BrokerUrl;
 use crawler_broker::Kind;
+use crawler_system::address::BrokerUrl;
 use crawler_system::clock::now_ms;
 
 /// A credential, without its secret, which nobody keeps.

@@ -3,13 +3,13 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::http::problem::Problem;
+use crate::problem::Problem;
 use crawler_experiments::{Experiments, Judged, MetricView, Recipe, Results, Summary};
 
 /// An experiment to be made: a scenario that comes along, on many seeds.
 #[derive(ToSchema)]
 #[allow(dead_code)] // describes a body that is read field by field
-pub(in crate::http) struct NewExperiment {
+pub(crate) struct NewExperiment {
     /// For people, 1 to 64 characters.
     #[schema(min_length = 1, max_length = 64, example = "tight corridor")]
     name: String,
@@ -44,7 +44,7 @@ pub(in crate::http) struct NewExperiment {
 /// An experiment.
 #[derive(Serialize, ToSchema)]
 #[schema(as = Experiment)]
-pub(in crate::http) struct ExperimentView {
+pub(crate) struct ExperimentView {
     /// Its id.
     id: String,
     /// Its name, for people.
@@ -128,7 +128,7 @@ impl ExperimentView {
 /// Experiments.
 #[derive(Serialize, ToSchema)]
 #[schema(as = Experiments)]
-pub(in crate::http) struct ExperimentList {
+pub(crate) struct ExperimentList {
     /// Newest first.
     pub(super) experiments: Vec<ExperimentView>,
     /// `before` of the next page; `null` where there is none.
@@ -138,7 +138,7 @@ pub(in crate::http) struct ExperimentList {
 /// A trial: one seed.
 #[derive(Serialize, ToSchema)]
 #[schema(as = ExperimentTrial)]
-pub(in crate::http) struct TrialView {
+pub(crate) struct TrialView {
     /// Its number within the experiment, from 0.
     pub(super) number: u32,
     /// Its seed.
@@ -154,7 +154,7 @@ pub(in crate::http) struct TrialView {
 /// What was measured, trial by trial.
 #[derive(Serialize, ToSchema)]
 #[schema(as = ExperimentMetrics)]
-pub(in crate::http) struct MetricsView {
+pub(crate) struct MetricsView {
     /// What is measured of every trial.
     pub(super) metrics: Vec<MetricView>,
     /// The trials that are done, in the order of their seeds.

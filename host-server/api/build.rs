@@ -4,8 +4,8 @@
 use std::path::Path;
 
 fn main() {
-    let index = Path::new("ui/dist/index.html");
-    println!("cargo::rerun-if-changed=ui/dist");
+    let index = Path::new("../ui/dist/index.html");
+    println!("cargo::rerun-if-changed=../ui/dist");
     println!("cargo::rerun-if-env-changed=REQUIRE_UI");
     let required = std::env::var("REQUIRE_UI").is_ok_and(|value| value == "1");
     if required && !index.is_file() {

@@ -49,7 +49,7 @@ type Service = TowerToHyperService<Router>;
 /// Serves `router` until `stop`, then lets requests under way finish. With `tls` connections are
 /// encrypted. There are at most so many `connections` at a time; live feeds and MQTT over a WebSocket have
 /// limits of their own.
-pub(crate) async fn serve(
+pub async fn serve(
     listener: TcpListener,
     router: Router,
     tls: Option<TlsHandshake>,

@@ -9,7 +9,7 @@ use super::problem::{Code, Problem};
 
 /// `npm run build` in `ui/` fills the folder; without it the help page below is served.
 #[derive(RustEmbed)]
-#[folder = "ui/dist"]
+#[folder = "../ui/dist"]
 #[allow_missing = true]
 struct Files;
 

@@ -1,4 +1,13 @@
-//! The HTTP side: API, live feed, health, metrics, control room.
+//! The HTTP side of a server: API, live feed, health, metrics, control room.
+//!
+//! [`router`] has every call, over the [`Parts`] of a server; each handler asks for those that it needs. [`serve`]
+//! serves connections with it.
+//!
+//! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
+//! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
+//! each subject: `robots`, `images`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
+//! `mqtt`; `simulator`, `world`, `experiments`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
+//! `assets`.
 
 mod access;
 mod assets;
@@ -43,13 +52,13 @@ use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::config::Networks;
 use access::Gate;
+use crawler_system::address::Networks;
 use guard::RequestIds;
 use problem::Problem;
-pub(crate) use serve::serve;
+pub use serve::serve;
 use state::ApiState;
-pub(crate) use state::Parts;
+pub use state::Parts;
 
 /// Longest request body. A command is at most 1,024 bytes on the wire.
 const MAX_BODY: usize = 4 * 1024;
@@ -80,7 +89,7 @@ struct Description;
 /// The router of everything, for a server listening at `listen`.
 ///
 /// What `proxies` say of where a request came from is believed.
-pub(crate) fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
+pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
     let metrics = Arc::clone(&parts.metrics);
     let state = ApiState::new(parts);
     let (api, document) = OpenApiRouter::with_openapi(Description::openapi())

@@ -10,7 +10,6 @@ use tokio_util::task::TaskTracker;
 
 use super::audit::Audit;
 use super::problem::{Code, Problem};
-use crate::config::BrokerUrl;
 use crawler_accounts::Accounts;
 use crawler_broker::{BrokerHandle, Kind};
 use crawler_cluster::ClusterMembership;
@@ -23,38 +22,44 @@ use crawler_history::HistoryStore;
 use crawler_metrics::Metrics;
 use crawler_records::audit_log::AuditLog;
 use crawler_simulations::Simulation;
+use crawler_system::address::BrokerUrl;
 
 /// What a server has that the API serves.
-pub(crate) struct Parts {
-    pub(crate) fleet: Arc<SharedFleet>,
-    pub(crate) commands: Arc<CommandCenter>,
-    pub(crate) bus: Arc<Bus>,
-    pub(crate) metrics: Arc<Metrics>,
-    pub(crate) feed: Arc<Feed>,
+pub struct Parts {
+    /// What is known of the robots.
+    pub fleet: Arc<SharedFleet>,
+    /// Commands, from acceptance to outcome.
+    pub commands: Arc<CommandCenter>,
+    /// The session with the broker.
+    pub bus: Arc<Bus>,
+    /// The numbers of the server.
+    pub metrics: Arc<Metrics>,
+    /// What changes, for those who watch.
+    pub feed: Arc<Feed>,
     /// The embedded broker, when it is ours.
-    pub(crate) broker: Option<BrokerHandle>,
+    pub broker: Option<BrokerHandle>,
     /// The simulation in this process, once there is one.
-    pub(crate) simulation: Arc<OnceLock<Arc<Simulation>>>,
+    pub simulation: Arc<OnceLock<Arc<Simulation>>>,
     /// What must survive a restart.
-    pub(crate) records: Records,
+    pub records: Records,
     /// What the robots measured.
-    pub(crate) history: HistoryStore,
+    pub history: HistoryStore,
     /// Scenarios on many seeds.
-    pub(crate) experiments: Arc<Experiments>,
+    pub experiments: Arc<Experiments>,
     /// Who is who.
-    pub(crate) accounts: Arc<Accounts>,
+    pub accounts: Arc<Accounts>,
     /// Who did what.
-    pub(crate) audit: Arc<AuditLog>,
+    pub audit: Arc<AuditLog>,
     /// Where the broker is, as this machine reaches it.
-    pub(crate) mqtt: BrokerUrl,
+    pub mqtt: BrokerUrl,
     /// The other servers of the fleet, where there may be any.
-    pub(crate) membership: Option<Arc<ClusterMembership>>,
+    pub membership: Option<Arc<ClusterMembership>>,
     /// Readers that the live feed has room for.
-    pub(crate) readers: usize,
+    pub readers: usize,
     /// What requests have begun and goes on without them.
-    pub(crate) tasks: TaskTracker,
+    pub tasks: TaskTracker,
     /// Ends the API: what reads the live feed, and requests.
-    pub(crate) stop: CancellationToken,
+    pub stop: CancellationToken,
 }
 
 /// The state of the router: every part once, and a clone is another handle of the same.
