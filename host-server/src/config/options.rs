@@ -27,7 +27,7 @@ pub struct Common {
     /// PEM file with the authorities that broker is trusted by [default: those of this machine]
     #[arg(long, value_name = "FILE")]
     pub broker_ca: Option<PathBuf>,
-    /// Log filter, like `debug` or `info,crawler_server=trace` [default: info]
+    /// Log filter, like `debug` or `info,crawler_api=trace` [default: info]
     #[arg(long, value_name = "FILTER")]
     pub log: Option<String>,
     /// How log lines are written [default: text]
