@@ -88,12 +88,17 @@ fn served() -> BTreeSet<String> {
     // Something that is not what it should be.
     let port = server.mqtt();
     crawler_tests::publish(port, "swarm/heartbeat/stranger", "nonsense");
+    // Something that only a newer robot says.
+    let newer = r#"{"robot":"newer","seq":1,"timestamp":1,"uptime_ms":1,"state":"FLYING","mood":"fine"}"#;
+    crawler_tests::publish(port, "swarm/heartbeat/newer", newer);
     wait_for("every kind of metric", Duration::from_mins(2), || {
         let text = server.get("/metrics").1;
         let text = text.as_str()?;
         let there = [
             "terracrawler_command_latency_seconds_bucket{",
             "terracrawler_mqtt_messages_rejected_total{",
+            "terracrawler_mqtt_unknown_fields_total{",
+            "terracrawler_mqtt_unknown_words_total{",
         ]
         .iter()
         .all(|name| text.contains(name));

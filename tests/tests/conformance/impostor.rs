@@ -14,8 +14,10 @@ use serde_json::{Value, json};
 pub(crate) enum Lie {
     /// Nothing.
     None,
-    /// The status names another version of the protocol.
-    OtherProtocol,
+    /// None either: it is of a later version of the protocol, which has more fields and words.
+    Newer,
+    /// The status names a version of the protocol that is gone.
+    OldProtocol,
     /// Every other heartbeat is lost.
     EveryOtherHeartbeat,
     /// Heartbeats are an hour old.
@@ -200,7 +202,12 @@ impl Middle {
         let mut word: Value = serde_json::from_slice(&payload).expect("a robot speaks JSON");
         let kind = topic.split('/').next().unwrap_or_default();
         match (self.lie, kind) {
-            (Lie::OtherProtocol, "status") => word["protocol"] = 2.into(),
+            (Lie::OldProtocol, "status") => word["protocol"] = 0.into(),
+            (Lie::Newer, "status") => {
+                word["protocol"] = 2.into();
+                word["wings"] = json!({"left": 1, "right": 1});
+            }
+            (Lie::Newer, "heartbeat") => word["state"] = "FLYING".into(),
             (Lie::PowerOnAlways, "status") => word["boot"]["cause"] = "power-on".into(),
             (Lie::EveryOtherHeartbeat, "heartbeat") => {
                 self.heartbeats += 1;

@@ -155,6 +155,14 @@ pub(in super::super) async fn contract(bench: &mut Bench) -> Verdict {
             book.findings.join("; ")
         )
     })?;
+    // Only a robot of a later version may say what this one has not.
+    let newer = bench
+        .status()
+        .is_some_and(|status| status.protocol > PROTOCOL_VERSION);
+    check(newer || book.unknown.is_none(), || {
+        let (fields, words) = (book.unknown.fields, book.unknown.words);
+        format!("{fields} fields and {words} words that protocol {PROTOCOL_VERSION} has not")
+    })?;
     check(book.messages > 0, || {
         format!("no message of at most {MAX_MESSAGE} bytes")
     })
