@@ -89,7 +89,8 @@ fn served() -> BTreeSet<String> {
     let port = server.mqtt();
     crawler_tests::publish(port, "swarm/heartbeat/stranger", "nonsense");
     // Something that only a newer robot says.
-    let newer = r#"{"robot":"newer","seq":1,"timestamp":1,"uptime_ms":1,"state":"FLYING","mood":"fine"}"#;
+    let newer =
+        r#"{"robot":"newer","seq":1,"timestamp":1,"uptime_ms":1,"state":"FLYING","mood":"fine"}"#;
     crawler_tests::publish(port, "swarm/heartbeat/newer", newer);
     wait_for("every kind of metric", Duration::from_mins(2), || {
         let text = server.get("/metrics").1;
