@@ -103,7 +103,7 @@ pub const CASES: &[Case] = &[
     still("fault-refused", "a fault that a program cannot have is refused, and told", |b| Box::pin(faults::refused(b))),
     long("reboot", "reboot counts a boot by software and keeps the parameters", |b| Box::pin(reboot::reboot(b))),
     long("no-clock", "before the clock is known, motion is rejected: no_clock", |b| Box::pin(reboot::no_clock(b))),
-    still("contract", "every message of this run is valid, in order and within 1,024 bytes; only a robot of a later protocol says what the bench does not know", |b| Box::pin(reports::contract(b))),
+    still("contract", "every message is valid, in order, within 1,024 bytes, and of the version in the status", |b| Box::pin(reports::contract(b))),
 ];
 
 #[cfg(test)]
