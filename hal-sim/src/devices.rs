@@ -28,7 +28,7 @@ mod world;
 use core::marker::PhantomData;
 use std::rc::Rc;
 
-use crawler_hal::{Body, Duration, MotorPort, Network, Parts, RangerPort};
+use crawler_hal::{Body, Duration, MotorPort, Network, NoSlots, Parts, RangerPort};
 use rand_pcg::Pcg32;
 
 pub use camera::{CAMERA_SIDE, LensError, STILL_SIZE, SimCamera};
@@ -71,6 +71,7 @@ impl<N: Network> Body for SimBody<N> {
     type Battery = SimGauge;
     type Camera = SimCamera;
     type Flash = SimFlash;
+    type Slots = NoSlots;
     type Network = N;
     type System = SimSystem;
     type Rng = Pcg32;
@@ -160,6 +161,7 @@ impl BodyParts {
             battery: self.battery,
             camera: self.camera,
             flash: self.flash,
+            slots: None,
             network,
             system: self.system,
             rng: self.rng,

@@ -4,10 +4,10 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use embedded_hal_async::digital::Wait;
 use embedded_io_async::{Read, Write};
-use embedded_storage_async::nor_flash::NorFlash;
+use embedded_storage_async::nor_flash::{MultiwriteNorFlash, NorFlash};
 use rand_core::Rng;
 
-use crate::{Adc, Camera, Clock, Network, System};
+use crate::{Adc, Camera, Clock, Network, SlotPort, System};
 
 /// One half of an L298N: the enable input on PWM, and two direction inputs.
 #[derive(Debug, Clone)]
@@ -58,6 +58,8 @@ pub trait Body {
     type Camera: Camera;
     /// Flash region for parameters. The body maps the region to address 0.
     type Flash: NorFlash;
+    /// Flash with the two places for the program, or [`crate::NoSlots`].
+    type Slots: MultiwriteNorFlash;
     /// Way to the broker.
     type Network: Network;
     /// The microcontroller.
@@ -84,6 +86,8 @@ pub struct Parts<B: Body + ?Sized> {
     pub camera: B::Camera,
     /// Flash region for parameters.
     pub flash: B::Flash,
+    /// The two places for the program; `None` on a body that takes no updates.
+    pub slots: Option<SlotPort<B::Slots>>,
     /// Way to the broker.
     pub network: B::Network,
     /// The microcontroller.

@@ -15,10 +15,11 @@
 //! | [`Camera`] | one frame or still into a caller's buffer |
 //! | [`Network`] | joining a network and opening a byte stream |
 //! | [`System`] | reset, reset cause, watchdog |
+//! | [`SlotPort`] | the flash with the two places for the program, for updates |
 //! | [`Body`] | all of them as associated types, handed over once at boot |
 //!
-//! Reading order: `units`, `time` and `clock`; then the parts, `adc`, `camera`, `network` and `system`;
-//! `body` bundles them.
+//! Reading order: `units`, `time` and `clock`; then the parts, `adc`, `camera`, `network`, `slots` and
+//! `system`; `body` bundles them.
 #![no_std]
 // The futures of these traits are polled by the executor that owns the peripheral, so no `Send`
 // bound is wanted; the lint exists for public traits of thread pools.
@@ -29,6 +30,7 @@ mod body;
 mod camera;
 mod clock;
 mod network;
+mod slots;
 mod system;
 mod time;
 mod units;
@@ -38,6 +40,7 @@ pub use body::{Body, MotorPort, Parts, RangerPort};
 pub use camera::{Camera, CameraError, CameraErrorKind, FrameFormat, NoCamera, NoCameraError};
 pub use clock::{Clock, Elapsed, Ticker, with_deadline};
 pub use network::{LinkMonitor, LinkState, NetError, Network};
+pub use slots::{NoSlots, NoSlotsError, SlotPort, SlotRegion};
 pub use system::{PANIC_TEXT, ResetCause, System};
 pub use time::{Duration, Instant};
 pub use units::{Celsius, Millimeters, Millivolts, Percent};

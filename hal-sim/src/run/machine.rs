@@ -146,6 +146,8 @@ pub(crate) fn launch(
         battery,
         camera,
         flash,
+        // No activity takes updates yet.
+        slots: _,
         network,
         system,
         mut rng,

@@ -60,6 +60,7 @@ pub(crate) fn parts(life: &Life, playback: &Rc<Playback>, clock: &SimClock) -> P
             inner: SimFlash::open(&chip),
             playback: Rc::clone(playback),
         }),
+        slots: None,
         network: Either::Played(line()),
         system: Either::Played(PlayedSystem {
             cause: life.cause(),

@@ -118,6 +118,7 @@ pub(crate) fn tap(
         battery: tapped(parts.battery, event_log),
         camera: tapped(parts.camera, event_log),
         flash: tapped(parts.flash, event_log),
+        slots: parts.slots,
         network: tapped(parts.network, event_log),
         system: tapped(parts.system, event_log),
         rng: parts.rng,

@@ -5,7 +5,7 @@
 use core::convert::Infallible;
 
 use crawler_hal::{
-    Adc, Body, Camera, FrameFormat, LinkMonitor, LinkState, Millivolts, NetError, Network,
+    Adc, Body, Camera, FrameFormat, LinkMonitor, LinkState, Millivolts, NetError, Network, NoSlots,
     ResetCause, System,
 };
 use embedded_hal::digital::{self, InputPin, OutputPin};
@@ -37,6 +37,7 @@ impl Body for EitherBody {
     type Battery = Either<Tap<SimGauge>, Line>;
     type Camera = Either<Tap<SimCamera>, Line>;
     type Flash = Either<Tap<SimFlash>, PlayedFlash>;
+    type Slots = NoSlots;
     type Network = Either<Tap<SimNetwork>, Line>;
     type System = Either<Tap<SimSystem>, PlayedSystem>;
     type Rng = Pcg32;
