@@ -17,10 +17,14 @@ pub(crate) const BUSY: &str = "keep-a-core-busy";
 /// The suite that is every test of [`TIMED`].
 const ALL_TIMED: &str = "timed";
 
-/// Everything that has to do with sockets, processes or real time: what a busy machine could upset.
+/// Everything that has to do with sockets, processes or real time: what a busy machine could upset. Those are
+/// the server's crates that have a runtime, and what starts them.
 const TIMED: &str = "package(crawler-tests) | package(crawler-hil) | package(crawler-server) \
-    | package(crawler-cluster) | package(crawler-database) | package(crawler-history) \
-    | package(crawler-records) | package(crawler-timeseries) \
+    | package(crawler-accounts) | package(crawler-api) | package(crawler-broker) \
+    | package(crawler-cluster) | package(crawler-commands) | package(crawler-database) \
+    | package(crawler-experiments) | package(crawler-fleet) | package(crawler-history) \
+    | package(crawler-passwords) | package(crawler-records) | package(crawler-server-tls) \
+    | package(crawler-simulations) | package(crawler-system) | package(crawler-timeseries) \
     | (package(crawler-sim) & kind(test))";
 
 /// Which tests, how often, and beside what.
@@ -264,7 +268,8 @@ pub(crate) fn keep_a_core_busy() {
 mod tests {
     use std::time::Duration;
 
-    use super::{Selection, filter, module_times};
+    use super::{Selection, TIMED, filter, module_times};
+    use crate::run::root;
 
     fn parse(words: &[&str]) -> crate::run::Outcome<Selection> {
         let words: Vec<String> = words.iter().map(|&word| word.to_owned()).collect();
@@ -285,6 +290,25 @@ mod tests {
         ] {
             assert!(parse(wrong).is_err(), "{wrong:?}");
         }
+    }
+
+    #[test]
+    fn every_crate_of_the_server_with_a_runtime_is_held_to_be_timed() {
+        let crates = std::fs::read_dir(root().join("host-server")).expect("the server's crates");
+        let mut seen = 0;
+        for found in crates {
+            let manifest = found.expect("an entry").path().join("Cargo.toml");
+            let Ok(text) = std::fs::read_to_string(manifest) else {
+                continue;
+            };
+            if !text.lines().any(|line| line.starts_with("tokio")) {
+                continue;
+            }
+            let name = text.split('"').nth(1).expect("a name comes first");
+            assert!(TIMED.contains(&format!("package({name})")), "{name}");
+            seen += 1;
+        }
+        assert!(seen > 10, "{seen} crates with a runtime found");
     }
 
     #[test]
