@@ -9,13 +9,14 @@ use crawler_protocol::{
     Action, CellDigest, Command, DecodeError, Detections, EncodeError, FaultCommand, Fleet,
     Heartbeat, LogRecord, MAX_BATCH, MAX_DEPTH, MAX_MESSAGE, ParametersMessage, PoseFix, Reason,
     Response, StatusMessage, SwarmResponse, Telemetry, TelemetryEncoding, TimeMessage, Topic,
+    UpdateCommand,
 };
 
 /// The body of a target. Panics when it finds a fault.
 pub type Target = fn(&[u8]);
 
 /// Name and body of every target.
-pub const TARGETS: [(&str, Target); 17] = [
+pub const TARGETS: [(&str, Target); 19] = [
     ("command", command),
     ("command_request", command_request),
     ("topic", topic),
@@ -33,6 +34,8 @@ pub const TARGETS: [(&str, Target); 17] = [
     ("time", time),
     ("fault_command", fault_command),
     ("open", open_messages),
+    ("update_command", update_command),
+    ("update_report", update_report),
 ];
 
 /// Compares our verdict on the syntax with that of another parser.
@@ -228,5 +231,42 @@ fn open_messages(data: &[u8]) {
             }
             (Err(_), strict) => assert!(strict.is_err()),
         }
+    }
+}
+
+/// What a robot reads of what it is told about updates; others may have written it too.
+fn update_command(data: &[u8]) {
+    let result = UpdateCommand::from_json(data);
+    check_syntax(data, result.as_ref().err().map(|error| error.reason()));
+    if let Ok(Some(read)) = result {
+        let mut buf = [0; MAX_MESSAGE];
+        let length = read.to_json(&mut buf).expect("every one fits");
+        assert_eq!(UpdateCommand::from_json(&buf[..length]), Ok(Some(read)));
+        assert_eq!(open::update(data), Ok(open::Update::Command));
+    }
+}
+
+/// What a server reads of what a robot says about updates: written again, it says the same, without what was
+/// not known.
+fn update_report(data: &[u8]) {
+    let result = open::update(data);
+    check_syntax(data, result.as_ref().err().map(|error| error.reason()));
+    match result {
+        Ok(open::Update::Report(Read { message, unknown })) => {
+            assert!(unknown.fields as usize <= MAX_MESSAGE);
+            assert_eq!(UpdateCommand::from_json(data), Ok(None));
+            let mut buf = [0; MAX_MESSAGE];
+            let length = message.to_json(&mut buf).expect("every one fits");
+            let unknown = open::Unknown {
+                fields: 0,
+                ..unknown
+            };
+            let again = open::Update::Report(Read { message, unknown });
+            assert_eq!(open::update(&buf[..length]), Ok(again));
+        }
+        Ok(open::Update::Command) => {}
+        // A robot does not take what a server does not know.
+        Ok(open::Update::Unknown(_)) => assert!(UpdateCommand::from_json(data).is_err()),
+        Err(error) => assert_ne!(error, DecodeError::UnknownField),
     }
 }

@@ -17,6 +17,7 @@
 //! | `cell/{x}/{y}` | [`CellDigest`] |
 //! | `pose/{id}` | [`PoseFix`] |
 //! | `time` | [`TimeMessage`] |
+//! | `ota/{id}` | [`UpdateCommand`], [`UpdateReport`]; chunks of a release, which are no JSON: `crawler-release` |
 //! | `simulator/command` | [`FaultCommand`], and what only simulators are told: `crawler-sim-protocol` |
 //!
 //! Messages are read strictly, but for what robots say where [`open`] reads it: an unknown field, a field
@@ -62,11 +63,13 @@ pub use fault::{
 pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, Source};
 pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
-    Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
-    Heartbeat, Kind, Level, LogRecord, MAX_BATCH, MAX_DETECTIONS, MAX_NEIGHBOURS, MAX_PANIC,
-    MAX_PARAMETERS, Neighbour, Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix,
+    Battery, BehaviourName, Boot, BootCause, BuildId, Capability, CellDigest, Detection,
+    Detections, Heartbeat, Kind, Level, LogRecord, MAX_BATCH, MAX_BUILD, MAX_DETECTIONS,
+    MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, MAX_REASON_CODE, Neighbour, Outcomes,
+    ParameterReport, ParametersMessage, Pose, PoseFix, ReasonCode, ReleaseId, ReleaseIdError,
     Reports, Response, RobotState, Samples, StatusMessage, SwarmResponse, Telemetry,
-    TelemetryEncoding, TimeMessage, Wheels,
+    TelemetryEncoding, TimeMessage, UpdateCommand, UpdateDelta, UpdateName, UpdateOutcome,
+    UpdatePart, UpdateReport, UpdateStage, Wheels,
 };
 pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]

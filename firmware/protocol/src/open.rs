@@ -8,6 +8,8 @@
 //! The names are those of the strict messages: [`open::Telemetry`](Telemetry) is read here what
 //! [`crate::Telemetry`] is written as there.
 
+mod update;
+
 use core::fmt;
 
 use serde::de::{self, DeserializeOwned, Visitor};
@@ -21,6 +23,7 @@ use crate::{
 };
 
 pub use crate::words::Words;
+pub use update::{Update, UpdateReport, update};
 
 /// Most bytes that are kept of a word that is not known.
 pub const MAX_WORD: usize = 24;

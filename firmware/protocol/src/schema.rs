@@ -10,7 +10,7 @@ use crate::{
     Action, BehaviourName, CellDigest, Command, CommandName, Detections, Direction, Heartbeat,
     LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
     ParametersMessage, PoseFix, Response, Source, StatusMessage, SwarmResponse, Telemetry,
-    TimeMessage,
+    TimeMessage, UpdateCommand, UpdateReport,
 };
 
 /// Name and JSON Schema (2020-12) of every message, and of the request for a command.
@@ -30,6 +30,8 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("cell-digest", schema_for!(CellDigest)),
         ("pose-fix", schema_for!(PoseFix)),
         ("time", schema_for!(TimeMessage)),
+        ("update-command", schema_for!(UpdateCommand)),
+        ("update-report", schema_for!(UpdateReport)),
     ]
     .into()
 }

@@ -83,7 +83,8 @@ pub enum Topic {
     Pose(RobotId),
     /// `time`: a [`TimeMessage`](crate::TimeMessage).
     Time,
-    /// `ota/{id}`: update offers and progress.
+    /// `ota/{id}`: an [`UpdateCommand`](crate::UpdateCommand) or an [`UpdateReport`](crate::UpdateReport) at
+    /// the quality of service of the topic, and chunks of a release at QoS 0.
     Ota(RobotId),
     /// `simulator/command`: what a simulator is told, and of that a [`FaultCommand`](crate::FaultCommand)
     /// to robots on a bench.

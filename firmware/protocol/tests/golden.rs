@@ -1,15 +1,17 @@
 //! What robots and servers of every version of the protocol have said is read by this build.
 //!
-//! `hal-sim/tests/golden.rs` writes the file of a version; it never changes from then on.
+//! `hal-sim/tests/golden.rs` writes the file of a version; it never changes from then on. Messages about
+//! updates, which came later than the rest of version 1, are in a file of their own.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use crawler_protocol::open::{self, Read, Report};
+use crawler_protocol::open::{self, Read, Report, Update};
 use crawler_protocol::{
     BehaviourName, CellDigest, Command, CommandName, Detections, Fleet, PROTOCOL_VERSION,
     ParametersMessage, PoseFix, ResponseStatus, RobotState, TelemetryEncoding, TimeMessage, Topic,
+    UpdateCommand, UpdateOutcome, UpdatePart, UpdateStage,
 };
 use serde_json::Value;
 
@@ -20,9 +22,10 @@ struct Golden {
     content_type: Option<String>,
 }
 
-fn golden(version: u8) -> Vec<Golden> {
-    let path = format!("golden/protocol-{version}.jsonl");
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
+fn golden(file: &str) -> Vec<Golden> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("golden")
+        .join(file);
     let text = fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let lines = text.lines().map(|line| {
         let line: Value = serde_json::from_str(line).expect("a line of JSON");
@@ -64,7 +67,7 @@ fn messages_of_every_version_are_read() {
             topic,
             payload,
             content_type,
-        } in golden(version)
+        } in golden(&format!("protocol-{version}.jsonl"))
         {
             let kind = match topic {
                 Topic::CommandRobot(_) => {
@@ -162,4 +165,54 @@ fn messages_of_every_version_are_read() {
             assert!(behaviours.contains(&BehaviourName::Wander));
         }
     }
+}
+
+/// Messages about updates came later than the rest of version 1. Both sides read each other's.
+#[test]
+fn messages_about_updates_are_read() {
+    let (mut told, mut said) = (BTreeSet::new(), BTreeSet::new());
+    for Golden { topic, payload, .. } in golden("updates-1.jsonl") {
+        assert!(matches!(topic, Topic::Ota(_)), "{topic:?}");
+        let text = String::from_utf8_lossy(&payload);
+        match open::update(&payload).unwrap_or_else(|error| panic!("{error}: {text}")) {
+            Update::Command => {
+                let command = UpdateCommand::from_json(&payload).expect(&text);
+                let (kind, delta) = match command.expect(&text) {
+                    UpdateCommand::Offer { delta, .. } => ("offer", delta.is_some()),
+                    UpdateCommand::Confirm { .. } => ("confirm", false),
+                    UpdateCommand::Cancel { .. } => ("cancel", false),
+                };
+                told.insert((kind, delta));
+            }
+            Update::Report(Read { message, unknown }) => {
+                assert!(unknown.is_none(), "{text}");
+                assert_eq!(Some(message.robot()), topic.robot());
+                assert_eq!(UpdateCommand::from_json(&payload), Ok(None));
+                said.insert(match message {
+                    open::UpdateReport::Have { release, .. } => {
+                        format!("have {}", release.is_some())
+                    }
+                    open::UpdateReport::Want { part, .. } => format!("want {part}"),
+                    open::UpdateReport::Progress { state, .. } => format!("progress {state}"),
+                    open::UpdateReport::Outcome { outcome, .. } => format!("outcome {outcome}"),
+                });
+            }
+            Update::Unknown(word) => panic!("{word:?}: {text}"),
+        }
+    }
+    let kinds = [
+        ("offer", false),
+        ("offer", true),
+        ("confirm", false),
+        ("cancel", false),
+    ];
+    assert_eq!(told, BTreeSet::from(kinds));
+    let parts = UpdatePart::ALL.iter().map(|word| format!("want {word}"));
+    let stages = UpdateStage::ALL.iter();
+    let outcomes = UpdateOutcome::ALL.iter();
+    let all = ["have false", "have true"].map(str::to_owned).into_iter();
+    let all = all.chain(parts);
+    let all = all.chain(stages.map(|word| format!("progress {word}")));
+    let all = all.chain(outcomes.map(|word| format!("outcome {word}")));
+    assert_eq!(said, all.collect());
 }

@@ -15,3 +15,4 @@ mod round_trip;
 mod schema;
 mod telemetry_encodings;
 mod topics;
+mod updates;

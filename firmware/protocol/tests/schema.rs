@@ -51,6 +51,8 @@ fn every_message_has_a_schema_and_its_fields_are_described() {
             "cell-digest",
             "pose-fix",
             "time",
+            "update-command",
+            "update-report",
         ]
     );
     for (name, schema) in schemas() {
@@ -95,6 +97,8 @@ agrees! {
     cell_digest: "cell-digest";
     pose_fix: "pose-fix";
     time: "time";
+    update_command: "update-command";
+    update_report: "update-report";
 }
 
 /// The command schema and the parser agree on what is a command.

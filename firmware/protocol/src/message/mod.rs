@@ -10,6 +10,7 @@ mod state;
 mod status;
 mod telemetry;
 mod time;
+mod update;
 
 pub use cell::{CellDigest, MAX_NEIGHBOURS, Neighbour};
 pub use detections::{Detection, Detections, MAX_DETECTIONS};
@@ -22,6 +23,10 @@ pub use status::{Boot, MAX_PANIC, StatusMessage};
 pub use telemetry::{Battery, Heartbeat, MAX_BATCH, Samples, Telemetry, TelemetryEncoding, Wheels};
 pub(crate) use telemetry::{Sample, cbor};
 pub use time::TimeMessage;
+pub use update::{
+    BuildId, MAX_BUILD, MAX_REASON_CODE, ReasonCode, ReleaseId, ReleaseIdError, UpdateCommand,
+    UpdateDelta, UpdateName, UpdateOutcome, UpdatePart, UpdateReport, UpdateStage,
+};
 
 /// Gives a message its way in and out of JSON, as inherent functions, so that nobody needs a trait
 /// in scope.

@@ -2,6 +2,7 @@
 
 mod faults;
 mod respell;
+mod updates;
 
 use crawler_protocol::{
     Action, Battery, BehaviourName, BehaviourSpec, Boot, BootCause, Capability, CellDigest,
@@ -18,6 +19,7 @@ use proptest::sample::select;
 
 pub(crate) use faults::{fault_command, robot};
 pub(crate) use respell::respell;
+pub(crate) use updates::{update_command, update_report};
 
 pub(crate) fn source() -> impl Strategy<Value = Source> {
     r"[ !#-\[\]-~]{1,48}".prop_map(|text| Source::new(&text).unwrap())

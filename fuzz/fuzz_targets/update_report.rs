@@ -1,0 +1,4 @@
+//! Fuzzes `update_report`; see `targets.rs`.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| crawler_fuzz::run("update_report", data));
