@@ -1,5 +1,6 @@
 //! What can be adjusted: one typed table, and the values of one robot.
 
+mod stored;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -7,6 +8,7 @@ mod tests;
 use crawler_protocol::{ParameterValue, ParameterValues, Reason};
 use heapless::String;
 
+use stored::Entries;
 pub use table::{Definition, Domain, PARAMETER_COUNT, Parameter, TABLE};
 
 /// Longest text parameter, in bytes.
@@ -16,9 +18,15 @@ pub const MAX_TEXT: usize = 24;
 /// pack gains when the motors stop. The two limits are at least this far apart.
 pub const BATTERY_HYSTERESIS_MV: f32 = 200.0;
 
-/// Most bytes [`Parameters::encode`] writes: per number one byte of key and four of value, and
+/// Most bytes of this program's own parameters in flash: per number one byte of key and four of value, and
 /// a text with its key and length.
-pub const ENCODED_MAX: usize = PARAMETER_COUNT * 5 + 2 + MAX_TEXT;
+const OWN_MAX: usize = PARAMETER_COUNT * 5 + 2 + MAX_TEXT;
+
+/// Bytes that are kept of what other versions of the program have stored: twelve numbers, for example.
+const FOREIGN_MAX: usize = 64;
+
+/// Most bytes [`Parameters::encode`] writes.
+pub const ENCODED_MAX: usize = OWN_MAX + FOREIGN_MAX;
 
 /// Current value of every parameter. Always within range, and always consistent.
 #[derive(Debug, Clone, PartialEq)]
@@ -152,8 +160,12 @@ impl Parameters {
     }
 
     /// Writes every persistent parameter to `buffer`, as key (1), length (1, texts only) and
-    /// value (numbers: `f32`, little-endian). Returns the part that was written.
-    pub fn encode<'b>(&self, buffer: &'b mut [u8; ENCODED_MAX]) -> &'b [u8] {
+    /// value (numbers: `f32`, little-endian), and behind them what another version of the program has
+    /// stored in `before`, the item that this one replaces. Returns the part that was written.
+    ///
+    /// Whoever goes back to an older program, and then on to the newer one again, finds there what the newer
+    /// one had been told. Beyond 64 bytes of that what comes last is lost.
+    pub fn encode<'b>(&self, before: &[u8], buffer: &'b mut [u8; ENCODED_MAX]) -> &'b [u8] {
         let mut at = 0;
         for definition in TABLE.iter().filter(|definition| definition.persistent) {
             buffer[at] = definition.key;
@@ -172,51 +184,40 @@ impl Parameters {
                 }
             }
         }
+        for entry in Entries::new(before, NAME_KEY).filter(|entry| by_key(entry.key).is_none()) {
+            let Some(place) = buffer.get_mut(at..at + entry.bytes.len()) else {
+                break;
+            };
+            place.copy_from_slice(entry.bytes);
+            at += entry.bytes.len();
+        }
         &buffer[..at]
     }
 
     /// Reads what [`Parameters::encode`] wrote, perhaps by another version of the program.
     ///
-    /// Whatever is unknown, out of range or cut off keeps its default; the second value counts
-    /// those. Values that do not go together are all dropped.
-    pub fn decode(mut bytes: &[u8]) -> (Self, usize) {
+    /// Whatever is out of range or cut off keeps its default; the second value counts those. What this version
+    /// does not know is passed over. Values that do not go together are all dropped.
+    pub fn decode(bytes: &[u8]) -> (Self, usize) {
         let mut loaded = Self::default();
         let mut dropped = 0;
-        while let [key, rest @ ..] = bytes {
-            let Some(definition) = TABLE.iter().find(|definition| definition.key == *key) else {
-                // Lengths go with keys, so nothing after an unknown one can be read.
-                return (loaded.or_default(), dropped + 1);
+        let mut entries = Entries::new(bytes, NAME_KEY);
+        for entry in &mut entries {
+            let Some(definition) = by_key(entry.key) else {
+                continue;
             };
-            let (value, rest) = match definition.domain {
-                Domain::Number { .. } | Domain::Switch { .. } => {
-                    let Some((number, rest)) = rest.split_first_chunk::<4>() else {
-                        return (loaded.or_default(), dropped + 1);
-                    };
-                    let number = f32::from_le_bytes(*number);
-                    let value = match definition.domain {
-                        Domain::Switch { .. } => ParameterValue::Bool(number != 0.0),
-                        Domain::Number { .. } | Domain::Text { .. } => {
-                            ParameterValue::Number(number)
-                        }
-                    };
-                    (Some(value), rest)
-                }
-                Domain::Text { .. } => {
-                    let Some((text, rest)) = rest
-                        .split_first()
-                        .and_then(|(len, rest)| rest.split_at_checked(usize::from(*len)))
-                    else {
-                        return (loaded.or_default(), dropped + 1);
-                    };
-                    (core::str::from_utf8(text).ok().map(text_value), rest)
-                }
+            let number = || entry.value.try_into().ok().map(f32::from_le_bytes);
+            let value = match definition.domain {
+                Domain::Number { .. } => number().map(ParameterValue::Number),
+                Domain::Switch { .. } => number().map(|number| ParameterValue::Bool(number != 0.0)),
+                Domain::Text { .. } => core::str::from_utf8(entry.value).ok().map(text_value),
             };
-            bytes = rest;
             let put = value.is_some_and(|value| {
                 definition.persistent && loaded.put(definition, &value).is_ok()
             });
             dropped += usize::from(!put);
         }
+        dropped += usize::from(entries.cut);
         (loaded.or_default(), dropped)
     }
 
@@ -272,6 +273,13 @@ impl Changes {
     const fn has(&self, parameter: Parameter) -> bool {
         self.marked[parameter as usize]
     }
+}
+
+/// Key of the robot's name, a text.
+const NAME_KEY: u8 = TABLE[Parameter::Name as usize].key;
+
+fn by_key(key: u8) -> Option<&'static Definition> {
+    TABLE.iter().find(|definition| definition.key == key)
 }
 
 fn text_value(text: &str) -> ParameterValue {

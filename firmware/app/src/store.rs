@@ -119,10 +119,8 @@ async fn set<M: RawMutex, F: NorFlash, C: Clock>(
         })
         .map_err(Refusal::Invalid)?;
     if differs {
-        let mut buffer = [0; ENCODED_MAX];
-        let item = next.encode(&mut buffer);
         let deadline = clock.now() + FLASH_PATIENCE;
-        let stored = with_deadline(clock, deadline, shelf.put(PARAMETERS, item)).await;
+        let stored = with_deadline(clock, deadline, shelf.put_parameters(&next)).await;
         if let Err(error) = stored.unwrap_or(Err(ShelfError::Refused)) {
             robot.log(
                 Level::Error,
@@ -346,6 +344,19 @@ impl<'a, M: RawMutex, F: NorFlash> Shelf<'a, M, F> {
         map.erase_all().await.map_err(|error| classify(&error))?;
         self.erased = true;
         Ok(())
+    }
+
+    /// Writes the parameters over those that are there, of which it keeps what another version of the program
+    /// has stored.
+    async fn put_parameters(&mut self, parameters: &Parameters) -> Result<(), ShelfError> {
+        let mut buffer = [0; ENCODED_MAX];
+        let item = {
+            let mut before = [0; BUFFER];
+            // What cannot be read cannot be kept.
+            let before = self.get(PARAMETERS, &mut before).await.ok().flatten();
+            parameters.encode(before.unwrap_or(&[]), &mut buffer)
+        };
+        self.put(PARAMETERS, item).await
     }
 
     /// Writes an item and reads it back: a flash whose cells have gone bad takes a write and

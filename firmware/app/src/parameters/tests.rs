@@ -135,7 +135,7 @@ fn everything_persistent_survives_flash_and_nothing_else_does() {
     ]);
     let parameters = Parameters::default().with(&set).expect("legal");
     let mut buffer = [0; ENCODED_MAX];
-    let (loaded, dropped) = Parameters::decode(parameters.encode(&mut buffer));
+    let (loaded, dropped) = Parameters::decode(parameters.encode(&[], &mut buffer));
     assert_eq!(dropped, 0);
     assert_eq!(loaded.name().len(), MAX_TEXT);
     for definition in &TABLE {
@@ -149,22 +149,50 @@ fn everything_persistent_survives_flash_and_nothing_else_does() {
 }
 
 #[test]
-fn flash_of_another_version_costs_what_is_unknown_only() {
+fn what_a_newer_program_has_stored_is_passed_over_and_kept() {
     let parameters = Parameters::default()
         .with(&values([("max_speed", number(0.33))]))
         .expect("legal");
     let mut buffer = [0; ENCODED_MAX];
-    let stored = parameters.encode(&mut buffer);
-    // A newer program appended a parameter of key 200.
-    let mut longer = std::vec::Vec::from(stored);
-    longer.extend([200, 1, 2, 3, 4]);
-    let (loaded, dropped) = Parameters::decode(&longer);
-    assert_eq!(dropped, 1);
+    let stored = std::vec::Vec::from(parameters.encode(&[], &mut buffer));
+    // A number that this program does not know, before what it knows, and a text behind it.
+    let newer = [
+        &[100, 1, 2, 3, 4],
+        &stored[..],
+        &[200, 3, b'n', b'e', b'w'],
+        &[255, 0],
+    ]
+    .concat();
+    let (loaded, dropped) = Parameters::decode(&newer);
+    assert_eq!(dropped, 0);
     assert_eq!(loaded.number(Parameter::MaxSpeed), 0.33);
+
+    let changed = loaded
+        .with(&values([("max_turn", number(2.0))]))
+        .expect("legal");
+    let mut buffer = [0; ENCODED_MAX];
+    let rewritten = changed.encode(&newer, &mut buffer);
+    let kept = [100, 1, 2, 3, 4, 200, 3, b'n', b'e', b'w', 255, 0];
+    assert!(rewritten.ends_with(&kept), "{rewritten:?}");
+    assert_eq!(rewritten.len(), stored.len() + kept.len());
+    assert_eq!(
+        Parameters::decode(rewritten).0.number(Parameter::MaxTurn),
+        2.0
+    );
+
     // Cut off anywhere, what came before is kept.
-    for len in 0..stored.len() {
-        let (loaded, _) = Parameters::decode(&stored[..len]);
+    for len in 0..newer.len() {
+        let (loaded, _) = Parameters::decode(&newer[..len]);
         assert!(loaded.check_consistent().is_ok());
+    }
+}
+
+#[test]
+fn a_key_tells_how_long_its_value_is() {
+    for definition in &TABLE {
+        let text = matches!(definition.domain, Domain::Text { .. });
+        let sized = definition.key >= super::stored::SIZED || definition.key == super::NAME_KEY;
+        assert_eq!(text, sized, "{}", definition.name);
     }
 }
 
@@ -174,6 +202,24 @@ proptest! {
     fn no_bytes_lead_to_illegal_parameters(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let (loaded, _) = Parameters::decode(&bytes);
         check_legal(&loaded)?;
+    }
+
+    /// Whatever flash holds, rewriting it keeps what is unknown, as far as there is room, and in order.
+    #[test]
+    fn rewriting_keeps_what_is_unknown(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        let unknown = |item: &[u8]| {
+            super::stored::Entries::new(item, super::NAME_KEY)
+                .filter(|entry| super::by_key(entry.key).is_none())
+                .map(|entry| entry.bytes.to_vec())
+                .collect::<std::vec::Vec<_>>()
+        };
+        let mut buffer = [0; ENCODED_MAX];
+        let rewritten = Parameters::default().encode(&bytes, &mut buffer);
+        let (before, after) = (unknown(&bytes), unknown(rewritten));
+        prop_assert!(before.starts_with(&after));
+        if let Some(lost) = before.get(after.len()) {
+            prop_assert!(rewritten.len() + lost.len() > ENCODED_MAX);
+        }
     }
 
     /// The same with keys that exist, so that values are reached.
