@@ -5,7 +5,7 @@
 //! | 0 | 1 | format, 1 |
 //! | 1 | 1 | part: 0 manifest (the whole envelope), 1 image, 2 delta |
 //! | 2 | 2 | length of the payload, 1 to 1,024 |
-//! | 4 | 4 | tag of the transfer, from its offer |
+//! | 4 | 4 | tag of the release: the first four bytes of its id |
 //! | 8 | 4 | index of the chunk within its part |
 //! | 12 | 4 | CRC-32 (ISO-HDLC) of the first twelve bytes and the payload |
 //! | 16 | | payload |

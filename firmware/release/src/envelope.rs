@@ -102,6 +102,15 @@ impl<'a> Signed<'a> {
         image_hash(self.manifest)
     }
 
+    /// Names the release: the first eight bytes of the [`Self::hash`]. It depends on the manifest alone, so signing
+    /// it with another key does not change it. Chunks carry its first four bytes, as a little-endian number.
+    #[must_use]
+    pub fn id(&self) -> [u8; 8] {
+        let mut id = [0; 8];
+        id.copy_from_slice(&self.hash()[..8]);
+        id
+    }
+
     /// The manifest of somebody, to be shown and not to be acted on: anybody can have written it.
     ///
     /// # Errors

@@ -1,7 +1,8 @@
 //! Whose manifests are believed.
 
 use crawler_release::{
-    ENVELOPE_MAX, MANIFEST_MAX, Malformed, Manifest, PublicKey, PublicKeys, Refusal, Signed, verify,
+    ENVELOPE_MAX, MANIFEST_MAX, Malformed, Manifest, PublicKey, PublicKeys, Refusal, Signed,
+    image_hash, verify,
 };
 use proptest::prelude::*;
 
@@ -29,6 +30,19 @@ proptest! {
         let envelope = sign(&key(with), &manifest);
         prop_assert!(envelope.len() <= ENVELOPE_MAX);
         prop_assert_eq!(opened(&envelope), Ok(draft.manifest()));
+    }
+
+    /// Whoever signed it, and nothing but its own bytes.
+    #[test]
+    fn a_release_is_named_by_its_manifest(one in drafts(), other in drafts()) {
+        let id = |key_number, draft: &Draft| {
+            let envelope = sign(&key(key_number), &draft.encoded());
+            Signed::parse(&envelope).map(|signed| signed.id())
+        };
+        prop_assert_eq!(id(1, &one)?, id(2, &one)?);
+        prop_assert_eq!(id(1, &one)? == id(1, &other)?, one.encoded() == other.encoded());
+        let hash = image_hash(&one.encoded());
+        prop_assert!(hash.starts_with(&id(1, &one)?));
     }
 
     /// One changed bit, anywhere.
