@@ -15,6 +15,7 @@ use syn::visit::{self, Visit};
 const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-hal", &[]),
     ("crawler-boot", &["crawler-hal"]),
+    ("crawler-delta", &[]),
     ("crawler-micromodel", &[]),
     ("crawler-convert", &["crawler-micromodel"]),
     ("crawler-detector", &[]),
@@ -204,6 +205,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
 const BARE: &[(&str, &str)] = &[
     ("crawler-hal", "firmware/hal"),
     ("crawler-boot", "firmware/boot"),
+    ("crawler-delta", "firmware/delta"),
     ("crawler-drivers", "firmware/drivers"),
     ("crawler-protocol", "firmware/protocol"),
     ("crawler-release", "firmware/release"),
@@ -216,6 +218,7 @@ const BARE: &[(&str, &str)] = &[
 /// Where two robots, or two worlds, must be able to live in one process.
 const WITHOUT_GLOBALS: &[&str] = &[
     "firmware/boot",
+    "firmware/delta",
     "firmware/drivers",
     "firmware/app",
     "hal-sim",
