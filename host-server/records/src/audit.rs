@@ -220,6 +220,20 @@ async fn after(
     .await
 }
 
+/// Appends entries in their order, within a transaction that changes other things as well.
+pub(crate) async fn append_all(
+    connection: &mut Connection<'_>,
+    entries: &[Entry],
+) -> Result<(), RecordsError> {
+    let mut end = end(connection).await?;
+    for entry in entries {
+        let entry = Canonical::new(entry);
+        end = pass_foreign(connection, end, entry.at).await?;
+        end = append(connection, entry, end).await?;
+    }
+    Ok(())
+}
+
 impl Records {
     /// Appends an entry and returns its number, once it is on disk. Entries that somebody else has put
     /// there are passed, which an entry of its own tells and [`Self::audit_verify`] for ever after.
@@ -246,17 +260,9 @@ impl Records {
     /// # Errors
     /// [`RecordsError`] when they cannot be written.
     pub async fn audit_all(&self, entries: Vec<Entry>) -> Result<(), RecordsError> {
-        let entries: Vec<_> = entries.iter().map(Canonical::new).collect();
         self.db()
             .write(move |connection| {
-                Box::pin(async move {
-                    let mut end = end(connection).await?;
-                    for entry in entries {
-                        end = pass_foreign(connection, end, entry.at).await?;
-                        end = append(connection, entry, end).await?;
-                    }
-                    Ok(())
-                })
+                Box::pin(async move { append_all(connection, &entries).await })
             })
             .await
     }

@@ -1,7 +1,7 @@
 //! What a server must not forget: accounts, credentials, audit log, experiments, fences, events, history.
 //!
 //! [`Records::open`] opens a directory with two files. `records.sqlite` holds settings, [`User`]s,
-//! [`Invitation`]s, [`Session`]s, [`Credential`]s, [`Experiment`]s, fences ([`KeptFence`]), [`Event`]s and the
+//! [`Invitation`]s, [`Session`]s, [`Credential`]s, [`Experiment`]s, rollouts ([`KeptRollout`]), fences ([`KeptFence`]), [`Event`]s and the
 //! audit log of [`Entry`]s: a call that changes it returns when the change is on disk, also against a power
 //! cut. `history.sqlite` holds the [`History`]: samples are taken in by the thousand and reach the disk
 //! within half a second.
@@ -18,7 +18,7 @@
 //!
 //! Reading order: `store` and `settings`; `users`, `sessions`, `credentials` and `audit`, which [`audit_log`]
 //! fills for those who cannot wait; `events`, `arenas`,
-//! `fences` and `experiments`; below them `schema`, `query`, `postgres` and `text`; `backup` and `transfer`.
+//! `fences`, `experiments` and `rollouts`; below them `schema`, `query`, `postgres` and `text`; `backup` and `transfer`.
 
 mod arenas;
 mod audit;
@@ -30,6 +30,7 @@ mod experiments;
 mod fences;
 mod postgres;
 mod query;
+mod rollouts;
 mod schema;
 mod sessions;
 mod settings;
@@ -59,6 +60,10 @@ pub use experiments::{
 };
 pub use fences::{KeptFence, MAX_FENCE_NAME, MAX_FENCES};
 pub use postgres::DatabaseStats;
+pub use rollouts::{
+    KeptRollout, Lease, MAX_ROLLOUT_DOCUMENT, MAX_ROLLOUT_ENTRY, MAX_ROLLOUT_PAGE, MAX_ROLLOUTS,
+    MAX_ROLLOUTS_AT_WORK, NewRollout, RolloutRobot, RolloutStep, StepNote, Taken, Written,
+};
 pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session};
 pub use settings::{MAX_SETTING, MAX_SETTING_KEY};
 pub use users::{Invitation, MAX_INVITATIONS, MAX_PASSWORD_HASH, MAX_USERS, User};

@@ -2,7 +2,7 @@
 
 use crawler_database::Schema;
 
-/// Accounts, credentials, audit log, experiments, fences, events: `TCRr`.
+/// Accounts, credentials, audit log, experiments, fences, events, rollouts: `TCRr`.
 pub(crate) const RECORDS: Schema = Schema {
     id: 0x5443_5272,
     steps: &[
@@ -10,6 +10,7 @@ pub(crate) const RECORDS: Schema = Schema {
         include_str!("schema/records.experiments.sql"),
         include_str!("schema/records.fences.sql"),
         include_str!("schema/records.events.sql"),
+        include_str!("schema/records.rollouts.sql"),
     ],
 };
 

@@ -69,6 +69,14 @@ const TABLES: &[(&str, &[&str])] = &[
     ("trial", &["id", "seed", "success", "reason", "measured"]),
     ("event", &["id", "at", "level", "robot", "text"]),
     ("arena", &["id", "at", "data"]),
+    (
+        "rollout",
+        &[
+            "id", "made_by", "made", "ended", "owner", "epoch", "beat", "document",
+        ],
+    ),
+    ("rollout_robot", &["place", "state", "entry"]),
+    ("rollout_note", &["place", "at", "what"]),
 ];
 
 /// Writes what the transaction of `from` sees into `file`, which is empty or not there.

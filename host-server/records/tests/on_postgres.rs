@@ -1,5 +1,5 @@
-//! The tests of accounts, of the audit log, of experiments, of fences and of events once more, with the
-//! records in `PostgreSQL`.
+//! The tests of accounts, of the audit log, of experiments, of fences, of events and of rollouts once
+//! more, with the records in `PostgreSQL`.
 #[path = "records/accounts.rs"]
 mod accounts;
 #[path = "records/audit.rs"]
@@ -10,5 +10,7 @@ mod events;
 mod experiments;
 #[path = "records/fences.rs"]
 mod fences;
+#[path = "records/rollouts.rs"]
+mod rollouts;
 #[path = "records/support/mod.rs"]
 mod support;

@@ -14,6 +14,7 @@ const STEPS: &[&str] = &[
     include_str!("../schema/postgres.experiments.sql"),
     include_str!("../schema/postgres.fences.sql"),
     include_str!("../schema/postgres.events.sql"),
+    include_str!("../schema/postgres.rollouts.sql"),
 ];
 /// The oldest `PostgreSQL` that its makers still looked after when this was written, as it numbers
 /// itself.
@@ -29,6 +30,9 @@ const TABLES: &[&str] = &[
     "fence",
     "invitation",
     "refresh",
+    "rollout",
+    "rollout_note",
+    "rollout_robot",
     "session",
     "setting",
     "trial",

@@ -13,3 +13,4 @@ mod history;
 mod killed;
 mod moves;
 mod postgres;
+mod rollouts;

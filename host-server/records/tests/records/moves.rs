@@ -4,11 +4,11 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::support::{Folder, digest, entry, fence, name, now, robot, user};
+use crate::support::{Folder, digest, entry, fence, name, now, robot, rollout, rollout_step, user};
 use crawler_access::Role;
 use crawler_records::{
     Event, EventLevel, EventQuery, NewExperiment, NewTrials, Records, RecordsError, Refreshed,
-    StoredTrial,
+    StoredTrial, Written,
 };
 use crawler_tests::engines::postgres::Postgres;
 
@@ -96,6 +96,21 @@ async fn fill(records: &Records) -> u64 {
     records.add_arena(5, Some("{}".into())).await.unwrap();
     records.add_arena(6, None).await.unwrap();
     records.add_arena(7, Some("[7]".into())).await.unwrap();
+    for id in 1..=2 {
+        let mut new = rollout(id);
+        new.step.audit.clear();
+        records.add_rollout(new).await.unwrap();
+        let mut step = rollout_step(1, Some("[]"));
+        step.audit.clear();
+        step.over = id == 1;
+        let more = (2..450).map(|n| rollout_step(n, None));
+        for more in more {
+            step.robots.extend(more.robots);
+            step.notes.extend(more.notes);
+        }
+        let written = records.write_rollout(id, 1, step).await.unwrap();
+        assert_eq!(written, Written::Stored);
+    }
     let ada = name("ada");
     let session = records
         .open_session(&ada, digest(3), now(), now() + HOUR, "here")
@@ -141,6 +156,21 @@ async fn assert_filled(records: &Records, like: &Records, session: u64) {
         let wanted: Vec<_> = (0..300).map(trial).collect();
         assert_eq!(of(index).await.unwrap(), wanted);
     }
+    assert_eq!(
+        records.rollouts(None, 9).await.unwrap(),
+        like.rollouts(None, 9).await.unwrap()
+    );
+    for id in 1..=2 {
+        let whole = records.rollout_whole(id).await.unwrap();
+        assert_eq!(whole, like.rollout_whole(id).await.unwrap());
+        assert_eq!(whole.map(|(_, robots)| robots.len()), Some(450));
+        let notes = records.rollout_notes(id, None, 1_000).await.unwrap();
+        assert_eq!(notes, like.rollout_notes(id, None, 1_000).await.unwrap());
+        assert_eq!(notes.len(), 450);
+    }
+    let leases = records.rollout_leases().await.unwrap();
+    assert_eq!(leases, like.rollout_leases().await.unwrap());
+    assert_eq!(leases.len(), 1);
     assert_eq!(records.audit_verify().await, Ok(431));
     let (mut text, mut other) = (Vec::new(), Vec::new());
     records.audit_export(&mut text).await.unwrap();

@@ -9,7 +9,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use crawler_access::{Digest, Role, UserName};
 use crawler_history::Sample;
 use crawler_protocol::RobotState;
-use crawler_records::{Entry, KeptFence, Records, User};
+use crawler_records::{
+    Entry, KeptFence, NewRollout, Records, RolloutRobot, RolloutStep, StepNote, User,
+};
 use crawler_tests::engines::postgres::Postgres;
 use serde_json::json;
 use sqlx::Connection as _;
@@ -135,6 +137,48 @@ pub(crate) fn fence(n: i64) -> KeptFence {
         corners: format!("[[0,0],[{n},0],[0,1.5]]"),
         by: "ada".into(),
         made_at: 1_000 + n,
+    }
+}
+
+/// A step of a rollout that changes robot `n` and says so.
+pub(crate) fn rollout_step(n: usize, document: Option<&str>) -> RolloutStep {
+    RolloutStep {
+        at: 1_000 + n as i64,
+        document: document.map(str::to_owned),
+        over: false,
+        robots: vec![RolloutRobot {
+            robot: robot(n),
+            state: if n.is_multiple_of(2) {
+                "waiting"
+            } else {
+                "offered"
+            }
+            .into(),
+            entry: format!("entry {n}"),
+        }],
+        notes: vec![
+            StepNote {
+                robot: Some(robot(n)),
+                revision: 1,
+                what: format!("note {n}"),
+            },
+            StepNote {
+                robot: None,
+                revision: n as u32,
+                what: format!("step {n}"),
+            },
+        ],
+        audit: vec![entry(n as i64)],
+    }
+}
+
+/// Rollout `id`, which begins with robot 0.
+pub(crate) fn rollout(id: i64) -> NewRollout {
+    NewRollout {
+        id,
+        by: "ada".into(),
+        owner: "one".into(),
+        step: rollout_step(0, Some("{}")),
     }
 }
 
