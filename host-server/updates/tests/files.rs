@@ -1,6 +1,9 @@
 //! Releases as files: what is made is what is verified, and nothing else is.
 
-use crawler_release::{Kind, MAX_IMAGE, Malformed, PublicKey, Requires, Signed};
+use crawler_release::{
+    Chip, ENVELOPE_MAX, Kind, MANIFEST_MAX, MAX_IMAGE, Malformed, PublicKey, Requires, Signed,
+    image_hash,
+};
 use crawler_updates::release::{
     Expected, FileFault, ImageFault, Inspection, KeyFault, SecretKey, SignFault, SignOptions,
     inspect, join, public_from_pem, split,
@@ -129,6 +132,37 @@ fn envelope_and_image_of_two_releases_do_not_mix() {
     let envelope = options().sign(&one, &key).expect("signed");
     let file = join(&envelope, &other).expect("an envelope");
     assert_eq!(found(&file, &[key.public()]), ["bad_block"]);
+}
+
+/// What `sign` does not sign: somebody else has, with the key.
+#[test]
+fn an_image_for_another_chip_is_found_out() {
+    let key = key();
+    let mut image = vec![0; 100];
+    (image[0], image[1], image[12]) = (0xE9, 4, 5);
+    let options = SignOptions {
+        board: "xiao-c3",
+        ..options()
+    };
+    let good = options.sign(&image, &key).expect("signed");
+    let signed = Signed::parse(&good).expect("an envelope");
+    for (board, chip, code) in [
+        ("xiao-c6", Chip::ESP32_C6, "wrong_chip"),
+        ("xiao-c3", Chip::ESP32_C6, "wrong_chip"),
+        ("virt", Chip::NONE, "wrong_chip"),
+        ("mine", Chip::ESP32_C3, ""),
+    ] {
+        let mut manifest = signed.unverified().expect("a manifest");
+        (manifest.board, manifest.chip) = (board, chip);
+        let mut encoded = [0; MANIFEST_MAX];
+        let length = manifest.encode(&mut encoded).expect("valid");
+        let signature = key.sign(&image_hash(&encoded[..length]));
+        let signed = Signed::new(key.public().id(), &signature, &encoded[..length]);
+        let mut envelope = [0; ENVELOPE_MAX];
+        let length = signed.expect("short").write(&mut envelope).expect("room");
+        let file = join(&envelope[..length], &image).expect("an envelope");
+        assert_eq!(found(&file, &[key.public()]).concat(), code, "{board}");
+    }
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! What a release is worth, with every reason against it.
 
+use crawler_protocol::ReleaseId;
 use crawler_release::{ImageHasher, KeyId, Manifest, PublicKey, Refusal, Signed};
 
-use super::{FileFault, split};
+use super::{FileFault, ImageFault, chip_for, split};
 
 /// A reason against a release.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,6 +43,8 @@ pub struct Expected<'a> {
 /// What was found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Inspection<'a> {
+    /// Which release it is.
+    pub id: ReleaseId,
     /// The key that the release says it is signed with.
     pub key: KeyId,
     /// Whether one of the keys that were given has signed it. Until then its manifest is a claim.
@@ -87,6 +90,7 @@ pub fn inspect<'a>(
         faults.push(Fault::new("malformed", "its manifest cannot be read"));
     }
     Ok(Inspection {
+        id: ReleaseId::new(signed.id()),
         key: signed.key(),
         authentic: authenticated.is_ok(),
         manifest,
@@ -102,6 +106,13 @@ fn check(manifest: &Manifest<'_>, image: &[u8], expected: &Expected<'_>, faults:
     let mut hasher = ImageHasher::new(manifest);
     if let Err(error) = hasher.update(image).and_then(|()| hasher.finish()) {
         faults.push(Fault::new(error.code(), error.to_string()));
+    } else if let Err(error) = chip_for(manifest.kind, manifest.board, Some(manifest.chip), image) {
+        // What an image says of itself counts once it is the one that was signed.
+        let code = match error {
+            ImageFault::OtherChip(..) | ImageFault::Esp(_) => Refusal::WrongChip.code(),
+            _ => "wrong_image",
+        };
+        faults.push(Fault::new(code, error.to_string()));
     }
     if expected.image.is_some_and(|other| other != image) {
         let text = "the image of the release is not the one that was given";
