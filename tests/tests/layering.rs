@@ -185,6 +185,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-history",
             "crawler-metrics",
             "crawler-protocol",
+            "crawler-release",
             "crawler-system",
         ],
     ),

@@ -1,9 +1,10 @@
-//! What a server must not forget: accounts, credentials, audit log, experiments, fences, events, history.
+//! What a server must not forget: accounts, credentials, audit log, experiments, fences, events, releases, history.
 //!
 //! [`Records::open`] opens a directory with two files. `records.sqlite` holds settings, [`User`]s,
-//! [`Invitation`]s, [`Session`]s, [`Credential`]s, [`Experiment`]s, rollouts ([`KeptRollout`]), fences ([`KeptFence`]), [`Event`]s and the
-//! audit log of [`Entry`]s: a call that changes it returns when the change is on disk, also against a power
-//! cut. `history.sqlite` holds the [`History`]: samples are taken in by the thousand and reach the disk
+//! [`Invitation`]s, [`Session`]s, [`Credential`]s, [`Experiment`]s, releases ([`KeptRelease`]), rollouts
+//! ([`KeptRollout`]), fences ([`KeptFence`]), [`Event`]s and the audit log of [`Entry`]s: a call that changes it
+//! returns when the change is on disk, also against a power cut. `history.sqlite` holds the [`History`]: samples
+//! are taken in by the thousand and reach the disk
 //! within half a second.
 //!
 //! [`Records::connect`] has the first of the two in a `PostgreSQL` database instead, which several
@@ -18,7 +19,8 @@
 //!
 //! Reading order: `store` and `settings`; `users`, `sessions`, `credentials` and `audit`, which [`audit_log`]
 //! fills for those who cannot wait; `events`, `arenas`,
-//! `fences`, `experiments` and `rollouts`; below them `schema`, `query`, `postgres` and `text`; `backup` and `transfer`.
+//! `fences`, `experiments`, `releases` and `rollouts`; below them `schema`, `query`, `postgres` and `text`; `backup`
+//! and `transfer`.
 
 mod arenas;
 mod audit;
@@ -30,6 +32,7 @@ mod experiments;
 mod fences;
 mod postgres;
 mod query;
+mod releases;
 mod rollouts;
 mod schema;
 mod sessions;
@@ -60,6 +63,10 @@ pub use experiments::{
 };
 pub use fences::{KeptFence, MAX_FENCE_NAME, MAX_FENCES};
 pub use postgres::DatabaseStats;
+pub use releases::{
+    KeptRelease, MAX_RELEASE_BYTES, MAX_RELEASE_GATE, MAX_RELEASE_IMAGE, MAX_RELEASE_REASON,
+    MAX_RELEASES, NewRelease, RELEASE_PIECE, Withdrawal,
+};
 pub use rollouts::{
     KeptRollout, Lease, MAX_ROLLOUT_DOCUMENT, MAX_ROLLOUT_ENTRY, MAX_ROLLOUT_PAGE, MAX_ROLLOUTS,
     MAX_ROLLOUTS_AT_WORK, NewRollout, RolloutRobot, RolloutStep, StepNote, Taken, Written,

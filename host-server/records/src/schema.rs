@@ -2,7 +2,7 @@
 
 use crawler_database::Schema;
 
-/// Accounts, credentials, audit log, experiments, fences, events, rollouts: `TCRr`.
+/// Accounts, credentials, audit log, experiments, fences, events, rollouts, releases: `TCRr`.
 pub(crate) const RECORDS: Schema = Schema {
     id: 0x5443_5272,
     steps: &[
@@ -11,6 +11,7 @@ pub(crate) const RECORDS: Schema = Schema {
         include_str!("schema/records.fences.sql"),
         include_str!("schema/records.events.sql"),
         include_str!("schema/records.rollouts.sql"),
+        include_str!("schema/records.releases.sql"),
     ],
 };
 

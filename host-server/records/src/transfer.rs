@@ -77,6 +77,30 @@ const TABLES: &[(&str, &[&str])] = &[
     ),
     ("rollout_robot", &["place", "state", "entry"]),
     ("rollout_note", &["place", "at", "what"]),
+    (
+        "release",
+        &[
+            "id",
+            "kind",
+            "name",
+            "board",
+            "version",
+            "build",
+            "sequence",
+            "floor",
+            "expires",
+            "size",
+            "envelope",
+            "gate",
+            "passed",
+            "added_by",
+            "added",
+            "withdrawn_by",
+            "withdrawn",
+            "why",
+        ],
+    ),
+    ("release_piece", &["place", "data"]),
 ];
 
 /// Writes what the transaction of `from` sees into `file`, which is empty or not there.
@@ -162,7 +186,8 @@ pub(crate) async fn is_empty(connection: &mut PgConnection) -> Result<bool, Reco
     let (any,): (bool,) = query(
         "SELECT EXISTS (SELECT FROM setting) OR EXISTS (SELECT FROM \"user\")
          OR EXISTS (SELECT FROM credential) OR EXISTS (SELECT FROM audit)
-         OR EXISTS (SELECT FROM experiment) OR EXISTS (SELECT FROM fence)",
+         OR EXISTS (SELECT FROM experiment) OR EXISTS (SELECT FROM fence)
+         OR EXISTS (SELECT FROM release)",
     )
     .fetch_one(&mut Connection::Postgres(connection))
     .await?;

@@ -1,4 +1,4 @@
-//! The tests of accounts, of the audit log, of experiments, of fences, of events and of rollouts once
+//! The tests of accounts, of the audit log, of experiments, of fences, of events, of releases and of rollouts once
 //! more, with the records in `PostgreSQL`.
 #[path = "records/accounts.rs"]
 mod accounts;
@@ -10,6 +10,8 @@ mod events;
 mod experiments;
 #[path = "records/fences.rs"]
 mod fences;
+#[path = "records/releases.rs"]
+mod releases;
 #[path = "records/rollouts.rs"]
 mod rollouts;
 #[path = "records/support/mod.rs"]

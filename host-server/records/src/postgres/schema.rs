@@ -15,6 +15,7 @@ const STEPS: &[&str] = &[
     include_str!("../schema/postgres.fences.sql"),
     include_str!("../schema/postgres.events.sql"),
     include_str!("../schema/postgres.rollouts.sql"),
+    include_str!("../schema/postgres.releases.sql"),
 ];
 /// The oldest `PostgreSQL` that its makers still looked after when this was written, as it numbers
 /// itself.
@@ -30,6 +31,8 @@ const TABLES: &[&str] = &[
     "fence",
     "invitation",
     "refresh",
+    "release",
+    "release_piece",
     "rollout",
     "rollout_note",
     "rollout_robot",

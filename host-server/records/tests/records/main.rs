@@ -13,4 +13,5 @@ mod history;
 mod killed;
 mod moves;
 mod postgres;
+mod releases;
 mod rollouts;

@@ -4,11 +4,13 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::support::{Folder, digest, entry, fence, name, now, robot, rollout, rollout_step, user};
+use crate::support::{
+    Folder, digest, entry, fence, name, now, release, robot, rollout, rollout_step, user,
+};
 use crawler_access::Role;
 use crawler_records::{
     Event, EventLevel, EventQuery, NewExperiment, NewTrials, Records, RecordsError, Refreshed,
-    StoredTrial, Written,
+    StoredTrial, Withdrawal, Written,
 };
 use crawler_tests::engines::postgres::Postgres;
 
@@ -111,6 +113,22 @@ async fn fill(records: &Records) -> u64 {
         let written = records.write_rollout(id, 1, step).await.unwrap();
         assert_eq!(written, Written::Stored);
     }
+    // More pieces than a page has.
+    for n in 0..4 {
+        let bytes = if n == 3 { 9 } else { 70 * 65_536 };
+        records.add_release(release(n, bytes)).await.unwrap();
+    }
+    let gate = b"tried".to_vec();
+    let (first, last) = (release(0, 1).id, release(3, 1).id);
+    let passed = records.set_release_gate(&first, gate, true).await;
+    passed.unwrap();
+    let withdrawal = Withdrawal {
+        by: "ada".into(),
+        at: 5,
+        why: "too early".into(),
+    };
+    let withdrawn = records.withdraw_release(&last, withdrawal).await;
+    withdrawn.unwrap();
     let ada = name("ada");
     let session = records
         .open_session(&ada, digest(3), now(), now() + HOUR, "here")
@@ -171,6 +189,16 @@ async fn assert_filled(records: &Records, like: &Records, session: u64) {
     let leases = records.rollout_leases().await.unwrap();
     assert_eq!(leases, like.rollout_leases().await.unwrap());
     assert_eq!(leases.len(), 1);
+    let releases = records.releases(None, 10).await.unwrap();
+    assert_eq!(releases, like.releases(None, 10).await.unwrap());
+    assert_eq!(releases.len(), 4);
+    for n in 0..4 {
+        let wanted = release(n, 70 * 65_536);
+        let image = records.release_image(&wanted.id, 0, usize::MAX).await;
+        assert!(image.unwrap() == (n != 3).then_some(wanted.image), "{n}");
+        let gate = records.release_gate(&wanted.id).await.unwrap();
+        assert_eq!(gate.as_deref(), (n == 0).then_some(&b"tried"[..]));
+    }
     assert_eq!(records.audit_verify().await, Ok(431));
     let (mut text, mut other) = (Vec::new(), Vec::new());
     records.audit_export(&mut text).await.unwrap();

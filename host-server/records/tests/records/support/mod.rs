@@ -10,7 +10,7 @@ use crawler_access::{Digest, Role, UserName};
 use crawler_history::Sample;
 use crawler_protocol::RobotState;
 use crawler_records::{
-    Entry, KeptFence, NewRollout, Records, RolloutRobot, RolloutStep, StepNote, User,
+    Entry, KeptFence, NewRelease, NewRollout, Records, RolloutRobot, RolloutStep, StepNote, User,
 };
 use crawler_tests::engines::postgres::Postgres;
 use serde_json::json;
@@ -179,6 +179,30 @@ pub(crate) fn rollout(id: i64) -> NewRollout {
         by: "ada".into(),
         owner: "one".into(),
         step: rollout_step(0, Some("{}")),
+    }
+}
+
+/// The `n`th release, with an image of so many bytes; every one is different.
+pub(crate) fn release(n: u32, bytes: usize) -> NewRelease {
+    NewRelease {
+        id: format!("{n:016x}"),
+        kind: if n.is_multiple_of(2) {
+            "program"
+        } else {
+            "model"
+        }
+        .into(),
+        name: (!n.is_multiple_of(2)).then(|| "eyes".into()),
+        board: "sim".into(),
+        version: format!("0.{n}.0"),
+        build: format!("b{n}"),
+        sequence: n + 1,
+        floor: n / 2,
+        expires: n.is_multiple_of(3).then_some(4_000_000_000 + i64::from(n)),
+        envelope: vec![n as u8; 300],
+        image: (0..bytes).map(|at| (at / 7 + n as usize) as u8).collect(),
+        by: "ada".into(),
+        added: 1_000 + i64::from(n / 2),
     }
 }
 
