@@ -1,11 +1,12 @@
 //! The bodies of the fuzz targets, by name.
 //!
-//! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `delta`, `models`, `release`,
-//! `simulator` and `tls`.
+//! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `bundle`, `delta`, `models`,
+//! `release`, `simulator` and `tls`.
 
 mod access;
 mod board;
 mod boot;
+mod bundle;
 mod delta;
 mod models;
 mod release;
@@ -25,6 +26,7 @@ pub fn run(target: &str, data: &[u8]) {
         .chain(&access::TARGETS)
         .chain(&board::TARGETS)
         .chain(&boot::TARGETS)
+        .chain(&bundle::TARGETS)
         .chain(&delta::TARGETS)
         .chain(&models::TARGETS)
         .chain(&release::TARGETS)

@@ -15,6 +15,7 @@ use syn::visit::{self, Visit};
 const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-hal", &[]),
     ("crawler-boot", &["crawler-hal"]),
+    ("crawler-bundle", &[]),
     ("crawler-delta", &[]),
     ("crawler-micromodel", &[]),
     ("crawler-convert", &["crawler-micromodel"]),
@@ -40,6 +41,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-protocol",
             "crawler-tls",
             "crawler-app",
+            "crawler-boot",
+            "crawler-bundle",
             "crawler-cells",
             "crawler-sim-protocol",
         ],
@@ -71,6 +74,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-accounts",
             "crawler-api",
             "crawler-broker",
+            "crawler-bundle",
             "crawler-cells",
             "crawler-cluster",
             "crawler-commands",
@@ -193,7 +197,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-timeseries",
         &["crawler-history", "crawler-protocol"],
     ),
-    ("crawler-updates", &["crawler-protocol", "crawler-release"]),
+    (
+        "crawler-updates",
+        &["crawler-bundle", "crawler-protocol", "crawler-release"],
+    ),
     ("crawler-hil", &["crawler-protocol"]),
     (
         "crawler-world-history",
@@ -223,6 +230,7 @@ const WITHOUT_GLOBALS: &[&str] = &[
     "firmware/drivers",
     "firmware/app",
     "hal-sim",
+    "hal-sim/bundle",
     "hal-sim/protocol",
     "models/micromodel",
 ];

@@ -56,8 +56,10 @@ fn every_target_has_a_fuzzer() {
         })
         .collect();
     // Those of other crates are held to their own lists: by `crawler-access`, `crawler-board`,
-    // `crawler-delta`, `crawler-micromodel`, `crawler-release`, `crawler-sim-protocol` and `crawler-tls`.
+    // `crawler-bundle`, `crawler-delta`, `crawler-micromodel`, `crawler-release`, `crawler-sim-protocol` and
+    // `crawler-tls`.
     let others = [
+        "bundle",
         "model",
         "token",
         "filter",
