@@ -3,9 +3,10 @@
 //! They are stricter than hardware: what a data sheet forbids fails or is recorded here.
 //!
 //! Reading order: `world` is a world whose robots have devices; `ports` is what those share with
-//! it; `range_sensor`, `meter` and `motor` are the physics of sensors and drives, the others what a program
+//! it; `boot` starts a program from the flash; `range_sensor`, `meter` and `motor` are the physics of sensors and drives, the others what a program
 //! holds in its hands; `broken` breaks them; `hash` and `checkpoint` are for what comes after.
 
+mod boot;
 mod broken;
 mod camera;
 #[cfg(feature = "live")]
@@ -28,14 +29,20 @@ mod world;
 use core::marker::PhantomData;
 use std::rc::Rc;
 
-use crawler_hal::{Body, Duration, MotorPort, Network, NoSlots, Parts, RangerPort};
+use crawler_hal::{Body, Duration, MotorPort, Network, Parts, RangerPort, SlotPort};
 use rand_pcg::Pcg32;
 
+pub use boot::Started;
+#[cfg(test)]
+pub(crate) use boot::install;
 pub use camera::{CAMERA_SIDE, LensError, STILL_SIZE, SimCamera};
-pub use flash::{Chip, ERASE_BYTES, FlashError, SimFlash, WRITE_BYTES};
+pub use flash::{
+    Chip, ERASE_BYTES, FlashError, OTADATA_AT, SLOTS, SimFlash, SimSlots, WRITE_BYTES,
+};
 pub use gauge::{GaugeError, SimGauge};
 pub use motor::{DutyError, MAX_DUTY, SimPin, SimPwm};
 pub use ports::BodyEvent;
+pub(crate) use system::Resetter;
 pub use system::SimSystem;
 pub use trigger::{SimEcho, SimTrigger};
 pub use uart::{SimUart, UartError};
@@ -45,6 +52,7 @@ pub use world::World;
 pub(crate) use checkpoint::WorldCheckpoint;
 #[cfg(feature = "live")]
 pub(crate) use flash::Contents;
+pub(crate) use flash::Pages;
 pub(crate) use meter::Meter;
 pub(crate) use ports::senses;
 pub(crate) use range_sensor::RangeSensor;
@@ -71,11 +79,14 @@ impl<N: Network> Body for SimBody<N> {
     type Battery = SimGauge;
     type Camera = SimCamera;
     type Flash = SimFlash;
-    type Slots = NoSlots;
+    type Slots = SimSlots;
     type Network = N;
     type System = SimSystem;
     type Rng = Pcg32;
 }
+
+/// What a board without a chip of Espressif says of its chip.
+const NO_CHIP: u16 = u16::MAX;
 
 /// How long after its boot a robot begins to measure, at most `latest_ms` milliseconds; `seed` is
 /// that of the boot.
@@ -103,6 +114,10 @@ pub struct BodyParts {
     pub camera: SimCamera,
     /// Flash region for parameters.
     pub flash: SimFlash,
+    /// The two slots for programs.
+    pub slots: SlotPort<SimSlots>,
+    /// The program that was started from them.
+    pub started: Started,
     /// The microcontroller.
     pub system: SimSystem,
     /// How long after the boot the ranger is asked first: programs do not start in step.
@@ -112,7 +127,7 @@ pub struct BodyParts {
 }
 
 impl BodyParts {
-    pub(crate) fn new(ports: &Rc<Ports>) -> Self {
+    pub(crate) fn new(ports: &Rc<Ports>, started: Started) -> Self {
         let wire = Wire::new(ports);
         let motor = |side| MotorPort {
             enable: SimPwm::new(wire.clone(), side),
@@ -145,6 +160,14 @@ impl BodyParts {
             battery: SimGauge::new(wire.clone()),
             camera: SimCamera::new(wire.clone()),
             flash: SimFlash::of_body(&wire),
+            slots: SlotPort {
+                flash: SimSlots::of_body(&wire),
+                otadata: OTADATA_AT,
+                slots: SLOTS,
+                running: started.running,
+                chip: NO_CHIP,
+            },
+            started,
             system: SimSystem::new(wire.clone()),
             rng: stream(seed, ports.robot.get(), Purpose::Program),
         }
@@ -161,7 +184,7 @@ impl BodyParts {
             battery: self.battery,
             camera: self.camera,
             flash: self.flash,
-            slots: None,
+            slots: Some(self.slots),
             network,
             system: self.system,
             rng: self.rng,

@@ -27,7 +27,7 @@ impl WorldCheckpoint {
     }
 
     /// Where a robot was.
-    pub(crate) fn pose(&self, robot: usize) -> Pose {
+    fn pose(&self, robot: usize) -> Pose {
         self.bodies.pose(robot)
     }
 
@@ -70,12 +70,22 @@ impl World {
         }
     }
 
-    /// Puts a robot where one was: the place is not looked at, since it touches what it touched.
-    pub(crate) fn put_back(&mut self, pose: Pose, wiring: Wiring) -> (RobotIndex, BodyParts) {
+    /// Puts a robot where one was, with what was in its slots: the place is not looked at, since it touches
+    /// what it touched. There are no parts when those hold no program that starts.
+    pub(crate) fn put_back(
+        &mut self,
+        kept: &WorldCheckpoint,
+        robot: usize,
+        wiring: Wiring,
+    ) -> (RobotIndex, Option<BodyParts>) {
+        let pose = kept.pose(robot);
         let index = self.shared.space.borrow_mut().admit(pose, self.shared.seed);
-        let Some(parts) = self.furnish(index, wiring) else {
-            unreachable!("a world that is taken up is whole")
-        };
+        let slots = kept.flash.get(robot);
+        let parts = self.furnish(index, wiring, |chip| {
+            if let Some(contents) = slots {
+                chip.fill_slots(contents);
+            }
+        });
         (index, parts)
     }
 

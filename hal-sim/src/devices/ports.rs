@@ -3,11 +3,12 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use crawler_hal::{Instant, ResetCause};
+use crawler_hal::{Clock as _, Instant, ResetCause};
 use rand_pcg::Pcg32;
 
-use super::{Chip, Meter, RangeSensor, Sonar};
-use crate::faults::Faults;
+use super::boot::{self, Owner, Started};
+use super::{Chip, Meter, Pages, RangeSensor, Sonar};
+use crate::faults::{Faults, RangerFault};
 use crate::render::Frame;
 use crate::sched::SimClock;
 use crate::world::{Build, Inputs, Presence, Purpose, RobotIndex, Space, Spread, Wiring, stream};
@@ -21,6 +22,8 @@ pub(crate) struct Shared {
     pub(crate) events: RefCell<Vec<BodyEvent>>,
     /// What cameras draw into: one picture is taken at a time.
     pub(crate) frame: RefCell<Option<Frame>>,
+    /// What is alike in the slots of robots.
+    pub(crate) pages: Rc<RefCell<Pages>>,
 }
 
 /// Something that happened to a robot and concerns whoever runs its program.
@@ -58,6 +61,8 @@ pub(crate) struct Ports {
     pub(crate) cause: Cell<ResetCause>,
     pub(crate) watchdog: Cell<Watchdog>,
     pub(crate) faults: Cell<Faults>,
+    /// What the program that runs makes of the ranger, worse than it is.
+    pub(crate) worse_ranger: Cell<Option<RangerFault>>,
     /// What the program said when it panicked last, until the next boot has taken it.
     pub(crate) panic: RefCell<Option<String>>,
     pub(crate) sonar: RefCell<Sonar>,
@@ -99,11 +104,14 @@ impl Ports {
                 longest_us: 0,
             }),
             faults: Cell::new(Faults::NONE),
+            worse_ranger: Cell::new(None),
             panic: RefCell::new(None),
             sonar: RefCell::new(Sonar::new(sensor, rng(Purpose::Serial))),
             meter: RefCell::new(meter),
             camera_rng: RefCell::new(rng(Purpose::Camera)),
-            chip: Rc::new(RefCell::new(Chip::new(sectors, rng(Purpose::Flash)))),
+            chip: Rc::new(RefCell::new(
+                Chip::new(sectors, rng(Purpose::Flash)).sharing(&shared.pages),
+            )),
             shared,
             robot,
             wiring,
@@ -123,6 +131,29 @@ impl Ports {
                 .borrow_mut()
                 .push(BodyEvent::Reset(self.robot, cause));
         }
+    }
+
+    /// How the ranger is broken, or how the program breaks it.
+    pub(crate) fn ranger_fault(&self) -> Option<RangerFault> {
+        self.faults.get().ranger.or(self.worse_ranger.get())
+    }
+
+    /// Starts a program from the slots. `None` when there is none left to start.
+    pub(crate) fn start(&self, cause: ResetCause) -> Option<Started> {
+        let owner = Owner {
+            seed: self.shared.seed,
+            robot: self.robot,
+        };
+        let started = boot::start(&mut self.chip.borrow_mut(), cause, owner)?;
+        self.cause.set(started.cause);
+        self.worse_ranger.set(started.worse_ranger());
+        if started.bundle.is_some() {
+            // A boot stage arms it for a program that may hang before it feeds it.
+            let mut watchdog = self.watchdog.get();
+            watchdog.fed = Some(self.shared.clock.now());
+            self.watchdog.set(watchdog);
+        }
+        Some(started)
     }
 
     /// The watchdog's view of the present moment.

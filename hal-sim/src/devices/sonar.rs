@@ -69,7 +69,7 @@ impl Sonar {
 
     /// Claims the sensor from `at` for a measurement; false when it is busy or dead.
     pub(crate) fn claim(&mut self, ports: &Ports, at: Instant) -> bool {
-        if ports.faults.get().ranger == Some(RangerFault::Dead) {
+        if ports.ranger_fault() == Some(RangerFault::Dead) {
             return false;
         }
         if at < self.busy_until {
@@ -86,7 +86,7 @@ impl Sonar {
     /// Sends a burst at `burst` and listens.
     pub(crate) fn listen(&mut self, ports: &Ports, burst: Instant) -> Echo {
         let space = &mut *ports.shared.space.borrow_mut();
-        let fault = ports.faults.get().ranger;
+        let fault = ports.ranger_fault();
         self.sensor.listen(space, ports.index(), fault, burst)
     }
 

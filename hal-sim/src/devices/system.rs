@@ -18,6 +18,11 @@ pub struct SimSystem {
 }
 
 impl SimSystem {
+    /// A second way to its reset.
+    pub(crate) fn resetter(&self) -> Resetter {
+        Resetter(self.wire.clone())
+    }
+
     pub(crate) fn new(wire: Wire) -> Self {
         Self {
             cause: wire.ports.cause.get(),
@@ -61,5 +66,26 @@ impl System for SimSystem {
             self.wire.ports.ask_reset(ResetCause::Software);
         }
         pending().await
+    }
+}
+
+/// Resets a robot from within its program, as a program does that fails.
+#[derive(Debug, Clone)]
+pub(crate) struct Resetter(Wire);
+
+impl Resetter {
+    /// The program panics with `text`, as a board's handler notes it.
+    pub(crate) fn panic(&self, text: &str) {
+        if self.0.is_live() {
+            self.0.ports.panic.replace(Some(text.to_owned()));
+            self.0.ports.ask_reset(ResetCause::Panic);
+        }
+    }
+
+    /// The program restarts itself.
+    pub(crate) fn restart(&self) {
+        if self.0.is_live() {
+            self.0.ports.ask_reset(ResetCause::Software);
+        }
     }
 }

@@ -1,10 +1,12 @@
 //! The devices under the shipped drivers, and under abuse.
 
+mod boot;
 mod flash;
 mod line;
 mod others;
 mod outliers;
 mod ranger;
+mod slots;
 
 use core::future::Future;
 

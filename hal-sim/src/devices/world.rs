@@ -12,7 +12,7 @@ use std::rc::Rc;
 use crawler_hal::{Clock, ResetCause};
 
 use super::ports::{BodyEvent, Ports, Shared};
-use super::{BodyParts, broken};
+use super::{BodyParts, Chip, broken};
 use crate::faults::{Fault, FaultError, Part};
 use crate::render::{self, Frame, Motion};
 use crate::sched::SimClock;
@@ -71,6 +71,7 @@ impl World {
                 seed,
                 events: RefCell::new(Vec::new()),
                 frame: RefCell::new(None),
+                pages: Rc::default(),
             }),
             members,
             robots: Vec::new(),
@@ -154,7 +155,8 @@ impl World {
     /// Starts a robot anew after [`BodyEvent::Reset`], or at will: the devices handed out before
     /// are disconnected, all outputs are low, the flash keeps its contents.
     ///
-    /// `None` when there is no such robot, or it was removed or has no power.
+    /// `None` when there is no such robot, when it was removed or has no power, and when its flash holds no
+    /// program that starts.
     pub fn boot(&mut self, robot: RobotIndex, cause: ResetCause) -> Option<BodyParts> {
         let ports = self.ports(robot)?;
         {
@@ -167,13 +169,13 @@ impl World {
         }
         ports.life.set(ports.life.get().wrapping_add(1));
         ports.resetting.set(false);
-        ports.cause.set(cause);
         let mut watchdog = ports.watchdog.get();
         watchdog.fed = None;
         ports.watchdog.set(watchdog);
         ports.sonar.borrow_mut().restart();
         ports.chip.borrow_mut().restore_power();
-        Some(BodyParts::new(ports))
+        let started = ports.start(cause)?;
+        Some(BodyParts::new(ports, started))
     }
 
     /// Moves everything on by one [`PHYSICS_STEP`](crate::world::PHYSICS_STEP).
@@ -337,18 +339,49 @@ impl World {
     ) -> Result<(RobotIndex, Option<BodyParts>), PlacementError> {
         let seed = self.shared.seed;
         let index = self.shared.space.borrow_mut().place(pose, seed)?;
-        Ok((index, self.furnish(index, wiring)))
+        Ok((index, self.furnish(index, wiring, |_| ())))
     }
 
-    /// Gives the newest robot its devices, when it is a member.
-    pub(super) fn furnish(&mut self, index: RobotIndex, wiring: Wiring) -> Option<BodyParts> {
+    /// Gives the newest robot its devices, when it is a member, and switches it on. `prepare` makes its flash
+    /// what it is before that. `None` also when the flash holds no program that starts.
+    pub(super) fn furnish(
+        &mut self,
+        index: RobotIndex,
+        wiring: Wiring,
+        prepare: impl FnOnce(&mut Chip),
+    ) -> Option<BodyParts> {
         let ports = self
             .members
             .contains(index.get() as usize)
             .then(|| Rc::new(Ports::new(Rc::clone(&self.shared), index, wiring)));
-        let parts = ports.as_ref().map(BodyParts::new);
+        let parts = ports.as_ref().and_then(|ports| {
+            prepare(&mut ports.chip.borrow_mut());
+            let started = ports.start(ports.cause.get())?;
+            Some(BodyParts::new(ports, started))
+        });
         self.robots.push(ports);
         parts
+    }
+
+    /// Memory of the host that the flash of the robots here takes, in bytes: what was written, and what they
+    /// share once.
+    #[must_use]
+    pub fn flash_footprint(&self) -> usize {
+        let robots = self.robots.iter().flatten();
+        let own: usize = robots.map(|ports| ports.chip.borrow().footprint()).sum();
+        own + self.shared.pages.borrow().footprint()
+    }
+
+    /// The longest time between two feedings of a robot's watchdog, microseconds.
+    #[cfg(test)]
+    pub(crate) fn longest_hunger_us(&self, robot: RobotIndex) -> Option<u64> {
+        Some(self.ports(robot)?.watchdog.get().longest_us)
+    }
+
+    /// The flash of a robot.
+    #[cfg(test)]
+    pub(crate) fn chip(&self, robot: RobotIndex) -> Option<Rc<RefCell<Chip>>> {
+        Some(Rc::clone(&self.ports(robot)?.chip))
     }
 
     /// The robots whose devices are here.

@@ -1,5 +1,6 @@
 //! One robot's program in its body.
 
+mod defects;
 #[cfg(feature = "recording")]
 mod either;
 
@@ -24,6 +25,8 @@ use crate::world::Chassis;
 
 #[cfg(feature = "recording")]
 pub(crate) use either::{Either, EitherBody};
+
+use defects::{Faulty, Launcher};
 
 /// The shared context of a simulated robot: everything runs on one thread.
 pub type SimRobot = Robot<NoopRawMutex>;
@@ -104,21 +107,17 @@ pub(crate) fn start(
     #[cfg(feature = "recording")] event_log: Option<Rc<EventLog>>,
 ) -> Program {
     let ranger_after = parts.ranger_after;
+    let faulty = Faulty::of(&parts.started, parts.system.resetter());
+    let parts = parts.with_network(network);
     #[cfg(feature = "recording")]
     {
-        let parts = tap::tap(parts.with_network(network), event_log.as_ref());
-        let mut program = launch(sched, robot, parts, ranger_after, detector);
+        let parts = tap::tap(parts, event_log.as_ref());
+        let mut program = launch(sched, robot, parts, ranger_after, detector, faulty.as_ref());
         program.event_log = event_log;
         program
     }
     #[cfg(not(feature = "recording"))]
-    launch(
-        sched,
-        robot,
-        parts.with_network(network),
-        ranger_after,
-        detector,
-    )
+    launch(sched, robot, parts, ranger_after, detector, faulty.as_ref())
 }
 
 /// What a program runs on. There is one type of it, whatever the devices and the network are: the
@@ -129,13 +128,14 @@ type ProgramBody = EitherBody;
 type ProgramBody = crate::devices::SimBody<SimNetwork>;
 
 /// Runs the activities of `robot` on a body in virtual time, the one of the ranger `ranger_after`
-/// the others.
+/// the others. What is wrong with it is `faulty`.
 pub(crate) fn launch(
     sched: &mut Scheduler,
     robot: &Rc<SimRobot>,
     parts: Parts<ProgramBody>,
     ranger_after: Duration,
     detector: Option<&Rc<DetectorInstance>>,
+    faulty: Option<&Faulty>,
 ) -> Program {
     let Parts {
         clock,
@@ -157,18 +157,19 @@ pub(crate) fn launch(
     // Each is given what it needs and nothing around it: a task that awaited it would keep it all a
     // second time.
     let (own, now) = (|| Rc::clone(robot), || clock.clone());
+    let mut launcher = Launcher { sched, faulty };
     let mut tasks = vec![
-        sched.spawn(crawler_app::control(own(), left, right, system, rng, now())),
-        sched.spawn({
+        launcher.control(crawler_app::control(own(), left, right, system, rng, now())),
+        launcher.other({
             let (robot, clock) = (own(), now());
             async move {
                 clock.sleep(ranger_after).await;
                 match crawler_app::sense(&*robot, ranger, clock).await {}
             }
         }),
-        sched.spawn(crawler_app::power(own(), battery, now())),
-        sched.spawn(crawler_app::lamp(own(), lamp, now())),
-        sched.spawn(crawler_app::store_held::<Heap, _, _, _>(
+        launcher.other(crawler_app::power(own(), battery, now())),
+        launcher.other(crawler_app::lamp(own(), lamp, now())),
+        launcher.other(crawler_app::store_held::<Heap, _, _, _>(
             own(),
             flash,
             now(),
@@ -178,12 +179,23 @@ pub(crate) fn launch(
     if robot.config().camera {
         let pair = {
             let eyes = detector.map(|detector| SimEyes::new(detector, &clock));
-            start_camera(sched, robot, camera, eyes, network, link_rng, &clock)
+            start_camera(
+                &mut launcher,
+                robot,
+                camera,
+                eyes,
+                network,
+                link_rng,
+                &clock,
+            )
         };
         tasks.extend(pair);
     } else {
         let link = crawler_app::link_held::<Heap, _, _, _, _>(own(), network, link_rng, now());
-        tasks.push(sched.spawn(link));
+        tasks.push(launcher.other(link));
+    }
+    if let Some(faulty) = faulty {
+        tasks.extend(faulty.spawn(sched, robot, &clock));
     }
     Program {
         clock,
@@ -195,7 +207,7 @@ pub(crate) fn launch(
 
 /// Runs the link and the camera activity, which share a buffer.
 fn start_camera(
-    sched: &mut Scheduler,
+    launcher: &mut Launcher<'_>,
     robot: &Rc<SimRobot>,
     camera: <ProgramBody as Body>::Camera,
     eyes: Option<SimEyes>,
@@ -205,7 +217,7 @@ fn start_camera(
 ) -> [TaskId; 2] {
     let buffer = vec![0; IMAGE_BUFFER].into_boxed_slice();
     let images: Rc<ImageSlot<NoopRawMutex, Box<[u8]>>> = Rc::new(ImageSlot::new(buffer));
-    let link = sched.spawn({
+    let link = launcher.other({
         let (robot, images, clock) = (Rc::clone(robot), Rc::clone(&images), clock.clone());
         async move {
             let link = crawler_app::link_with_images_held::<Heap, _, _, _, _, _>(
@@ -214,7 +226,7 @@ fn start_camera(
             match link.await {}
         }
     });
-    let camera = sched.spawn({
+    let camera = launcher.other({
         let (robot, clock) = (Rc::clone(robot), clock.clone());
         async move {
             let looking = crawler_app::camera_with_eyes(&robot, camera, &images, eyes, clock);

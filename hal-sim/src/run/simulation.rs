@@ -3,6 +3,7 @@
 //! Reading order: this file makes one; `step` lets time pass; `robots` adds, boots and removes;
 //! `initial`, `direct` and `command` tell robots what to do; `faults` and `hostile` trouble them;
 //! `outside` is what else can be done to it, `observe` and `history` what can be asked;
+//! `words` keeps what programs are called;
 //! `checkpoint` keeps a live one to go on from.
 
 #[cfg(feature = "live")]
@@ -17,6 +18,7 @@ mod observe;
 mod outside;
 mod robots;
 mod step;
+mod words;
 
 use std::fmt;
 use std::rc::Rc;
@@ -42,6 +44,7 @@ use crate::sched::{Scheduler, SimClock};
 use crate::world::Fingerprint;
 use crate::world::{Members, PHYSICS_STEP, RobotIndex};
 use initial::Initial;
+use words::Words;
 
 #[cfg(feature = "live")]
 pub(crate) use checkpoint::Checkpoint;
@@ -132,6 +135,8 @@ pub struct Simulation {
     broker: BrokerAddress,
     /// What their cameras are seen through with.
     detector: Option<Rc<DetectorInstance>>,
+    /// Versions and builds of programs.
+    words: Words,
 }
 
 /// Name and password for a broker, as robots hold them.
@@ -334,6 +339,7 @@ impl Simulation {
             troubles: faults::Troubles::default(),
             broker,
             detector,
+            words: Words::default(),
         })
     }
 

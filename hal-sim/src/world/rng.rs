@@ -19,6 +19,7 @@ pub(crate) enum Purpose {
     Senses = 10,
     Start = 11,
     Hostile = 12,
+    Defects = 13,
 }
 
 /// The stream of `purpose` for one robot of the world with this seed.

@@ -5,7 +5,7 @@
 use core::convert::Infallible;
 
 use crawler_hal::{
-    Adc, Body, Camera, FrameFormat, LinkMonitor, LinkState, Millivolts, NetError, Network, NoSlots,
+    Adc, Body, Camera, FrameFormat, LinkMonitor, LinkState, Millivolts, NetError, Network,
     ResetCause, System,
 };
 use embedded_hal::digital::{self, InputPin, OutputPin};
@@ -16,7 +16,8 @@ use embedded_storage_async::nor_flash::{self, NorFlash, ReadNorFlash};
 use rand_pcg::Pcg32;
 
 use crate::devices::{
-    SimCamera, SimEcho, SimFlash, SimGauge, SimPin, SimPwm, SimSystem, SimTrigger, SimUart,
+    SimCamera, SimEcho, SimFlash, SimGauge, SimPin, SimPwm, SimSlots, SimSystem, SimTrigger,
+    SimUart,
 };
 use crate::net::network::SimNetwork;
 use crate::run::event_log::played::{Line, Played, PlayedFlash, PlayedSystem};
@@ -37,7 +38,8 @@ impl Body for EitherBody {
     type Battery = Either<Tap<SimGauge>, Line>;
     type Camera = Either<Tap<SimCamera>, Line>;
     type Flash = Either<Tap<SimFlash>, PlayedFlash>;
-    type Slots = NoSlots;
+    // A program that is played back takes no updates.
+    type Slots = SimSlots;
     type Network = Either<Tap<SimNetwork>, Line>;
     type System = Either<Tap<SimSystem>, PlayedSystem>;
     type Rng = Pcg32;

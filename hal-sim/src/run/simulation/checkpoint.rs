@@ -103,13 +103,15 @@ impl Simulation {
         simulation.hashes = kept.hashes.clone();
         for (number, &(boots, history)) in kept.robots.iter().enumerate() {
             let wiring = simulation.scenario.wiring(number);
-            let (index, parts) = simulation.world.put_back(kept.world.pose(number), wiring);
-            let config = simulation.config(number);
+            let (index, parts) = simulation.world.put_back(&kept.world, number, wiring);
+            let config = simulation.config(number, parts.as_ref().map(|parts| &parts.started));
             let id = config.id.clone();
             let is_removed = kept.world.is_removed(number);
             let robot = (!is_removed).then(|| machine::context(config));
             let runs = robot.as_ref().filter(|_| kept.world.is_on(number));
-            let program = runs.map(|robot| simulation.start_program(robot, parts, number, number));
+            let program = runs
+                .zip(parts)
+                .map(|(robot, parts)| simulation.start_program(robot, parts, number, number));
             simulation.machines.push(Machine {
                 id,
                 index,

@@ -3,12 +3,13 @@
 use std::rc::Rc;
 
 use crawler_app::Config;
+use crawler_bundle::DefectKind;
 #[cfg(feature = "live")]
 use crawler_hal::Clock as _;
 use crawler_protocol::{Kind, RobotId};
 
 use super::{Machine, Simulation, Way};
-use crate::devices::BodyParts;
+use crate::devices::{BodyParts, Started};
 use crate::net::NoNetwork;
 use crate::net::lockstep::Cut;
 use crate::net::network::SimNetwork;
@@ -67,7 +68,7 @@ impl Simulation {
         let number = self.machines.len();
         let wiring = self.scenario.wiring(number);
         let (index, parts) = self.world.place(pose, wiring)?;
-        let config = self.config(number);
+        let config = self.config(number, parts.as_ref().map(|parts| &parts.started));
         let id = config.id.clone();
         let robot = parts.is_some().then(|| machine::context(config));
         let link = match &self.way {
@@ -116,6 +117,7 @@ impl Simulation {
         let _ = number;
         let (sched, detector) = (&mut self.sched, self.detector.as_ref());
         let network = match &self.way {
+            _ if parts.started.has(DefectKind::NeverLink) => SimNetwork::None(NoNetwork),
             Way::None => SimNetwork::None(NoNetwork),
             Way::Lockstep(network) => SimNetwork::Lockstep(network.rejoin(link)),
             #[cfg(feature = "live")]
@@ -153,7 +155,9 @@ impl Simulation {
         }
     }
 
-    pub(super) fn config(&self, number: usize) -> Config {
+    /// What a robot is told of itself, when `started` is the program that it runs.
+    pub(super) fn config(&mut self, number: usize, started: Option<&Started>) -> Config {
+        let bundle = started.and_then(|started| started.bundle.as_deref());
         let name = format!("sim-{:04}", number + 1);
         Config {
             // Letters, digits and a hyphen: always a valid id.
@@ -163,7 +167,9 @@ impl Simulation {
             broker_port: self.broker.port,
             kind: Kind::Simulated,
             board: "sim",
-            firmware: env!("CARGO_PKG_VERSION"),
+            firmware: bundle.map_or(env!("CARGO_PKG_VERSION"), |bundle| {
+                self.words.keep(&bundle.version)
+            }),
             geometry: machine::geometry(&self.scenario.parameters.chassis),
             credentials: self.broker.credentials.clone(),
             camera: self.scenario.has_camera(number),

@@ -218,7 +218,6 @@ impl Simulation {
             let (BodyEvent::PowerLost(index) | BodyEvent::Reset(index, _)) = *event;
             // Robots are added to both in the same order.
             let number = index.get() as usize;
-            let config = self.config(number);
             let Some(machine) = self.machines.get_mut(number) else {
                 continue;
             };
@@ -231,8 +230,8 @@ impl Simulation {
             let Some(parts) = self.world.boot(index, cause) else {
                 continue;
             };
-            let robot = machine::context(config);
             let link = machine.link;
+            let robot = machine::context(self.config(number, Some(&parts.started)));
             let program = self.start_program(&robot, parts, number, link);
             let machine = &mut self.machines[number];
             machine.boots += 1;

@@ -1,0 +1,191 @@
+//! What is wrong with a program from the slots, and what it insists on.
+
+#[cfg(test)]
+mod tests;
+
+use std::cell::{Cell, RefCell};
+use std::pin::Pin;
+use std::rc::Rc;
+use std::task::{Context, Poll, Waker};
+
+use crawler_bundle::{Bundle, Defect, DefectKind};
+use crawler_hal::{Clock as _, Duration};
+use crawler_protocol::{ParameterValue, ParameterValues};
+
+use super::SimRobot;
+use crate::devices::{Resetter, Started};
+use crate::sched::{Scheduler, SimClock, TaskId};
+
+/// How long control stands still that misses its periods: three of them, and within what the watchdog allows.
+const MISSED: Duration = Duration::from_millis(60);
+/// How often it is looked whether the stored parameters have been read.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// What keeps activities from going on.
+#[derive(Debug, Default)]
+struct Stall {
+    holds: Cell<bool>,
+    waiting: RefCell<Vec<Waker>>,
+}
+
+impl Stall {
+    fn release(&self) {
+        self.holds.set(false);
+        for waker in self.waiting.take() {
+            waker.wake();
+        }
+    }
+}
+
+/// An activity that can be kept from going on, as by a processor that is busy with something else.
+struct Stalled<F> {
+    activity: Pin<Box<F>>,
+    stall: Rc<Stall>,
+}
+
+impl<F: Future> Future for Stalled<F> {
+    type Output = F::Output;
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
+        if self.stall.holds.get() {
+            self.stall.waiting.borrow_mut().push(cx.waker().clone());
+            return Poll::Pending;
+        }
+        self.activity.as_mut().poll(cx)
+    }
+}
+
+/// A program that has defects, or insists on parameters.
+#[derive(Debug)]
+pub(crate) struct Faulty {
+    bundle: Rc<Bundle>,
+    defects: Vec<Defect>,
+    resetter: Resetter,
+    /// What holds control up, and what all others.
+    control: Rc<Stall>,
+    others: Rc<Stall>,
+}
+
+impl Faulty {
+    /// What is wrong with the program that was started; `None` when nothing is.
+    pub(super) fn of(started: &Started, resetter: Resetter) -> Option<Self> {
+        let bundle = started.bundle.as_ref()?;
+        if started.defects.is_empty() && bundle.parameters.is_empty() {
+            return None;
+        }
+        Some(Self {
+            bundle: Rc::clone(bundle),
+            defects: started.defects.clone(),
+            resetter,
+            control: Rc::default(),
+            others: Rc::default(),
+        })
+    }
+
+    /// Runs what makes the defects show.
+    pub(super) fn spawn(
+        &self,
+        sched: &mut Scheduler,
+        robot: &Rc<SimRobot>,
+        clock: &SimClock,
+    ) -> Vec<TaskId> {
+        let mut tasks = Vec::new();
+        for &defect in &self.defects {
+            let after = Duration::from_millis(u64::from(defect.value));
+            let (clock, resetter) = (clock.clone(), self.resetter.clone());
+            let (control, others) = (Rc::clone(&self.control), Rc::clone(&self.others));
+            tasks.push(match defect.kind {
+                DefectKind::Panic => sched.spawn(async move {
+                    clock.sleep(after).await;
+                    resetter.panic(&format!("the defect {defect} of the bundle"));
+                    std::future::pending::<()>().await;
+                }),
+                DefectKind::Restart => sched.spawn(async move {
+                    clock.sleep(after).await;
+                    resetter.restart();
+                    std::future::pending::<()>().await;
+                }),
+                DefectKind::Hang => sched.spawn(async move {
+                    clock.sleep(after).await;
+                    control.holds.set(true);
+                    others.holds.set(true);
+                    std::future::pending::<()>().await;
+                }),
+                DefectKind::MissControl => sched.spawn(async move {
+                    loop {
+                        clock.sleep(after).await;
+                        control.holds.set(true);
+                        clock.sleep(MISSED).await;
+                        control.release();
+                    }
+                }),
+                // These are not of the program's own doing.
+                DefectKind::NeverLink | DefectKind::RangerDead | DefectKind::RangerNoisy => {
+                    continue;
+                }
+            });
+        }
+        if !self.bundle.parameters.is_empty() {
+            let (bundle, robot) = (Rc::clone(&self.bundle), Rc::clone(robot));
+            let (clock, resetter) = (clock.clone(), self.resetter.clone());
+            tasks.push(sched.spawn(async move {
+                while !robot.is_loaded() {
+                    clock.sleep(LOOK).await;
+                }
+                if let Err(text) = insist(&robot, &bundle) {
+                    resetter.panic(&text);
+                }
+                std::future::pending::<()>().await;
+            }));
+        }
+        tasks
+    }
+}
+
+/// Puts the parameters of the bundle over what is stored. A program that insists on what it does not know
+/// cannot work.
+fn insist(robot: &SimRobot, bundle: &Bundle) -> Result<(), String> {
+    let mut values = ParameterValues::new();
+    for (name, value) in &bundle.parameters {
+        let unknown = || format!("the bundle insists on {name}, which is no parameter");
+        let name = name.as_str().try_into().map_err(|_| unknown())?;
+        let pair = (name, ParameterValue::Number(*value));
+        values.push(pair).map_err(|_| unknown())?;
+    }
+    let refused = |reason| format!("the bundle insists on parameters that are refused: {reason:?}");
+    robot.adjust(&values).map_err(refused)
+}
+
+/// Runs the activities of a program, under what is wrong with it.
+pub(super) struct Launcher<'a> {
+    pub(super) sched: &'a mut Scheduler,
+    pub(super) faulty: Option<&'a Faulty>,
+}
+
+impl Launcher<'_> {
+    /// Runs control.
+    pub(super) fn control<F: Future + 'static>(&mut self, activity: F) -> TaskId {
+        let stall = self.faulty.map(|faulty| &faulty.control);
+        spawn(self.sched, stall, activity)
+    }
+
+    /// Runs another activity.
+    pub(super) fn other<F: Future + 'static>(&mut self, activity: F) -> TaskId {
+        let stall = self.faulty.map(|faulty| &faulty.others);
+        spawn(self.sched, stall, activity)
+    }
+}
+
+fn spawn<F: Future + 'static>(
+    sched: &mut Scheduler,
+    stall: Option<&Rc<Stall>>,
+    activity: F,
+) -> TaskId {
+    match stall {
+        None => sched.spawn(activity),
+        Some(stall) => sched.spawn(Stalled {
+            activity: Box::pin(activity),
+            stall: Rc::clone(stall),
+        }),
+    }
+}
