@@ -9,13 +9,14 @@ use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 use std::process::ExitCode;
 
+use crawler_bundle::Bundle;
 use crawler_release::{MAX_IMAGE, PublicKey, Requires};
 use crawler_system::clock::unix_ms;
 use crawler_updates::release::{
     Expected, FILE_MAX, SecretKey, SignFault, SignOptions, inspect, join, public_from_pem,
 };
 
-pub use args::{ReleaseArgs, ReleaseTask, SignArgs, VerifyArgs};
+pub use args::{BundleArgs, ReleaseArgs, ReleaseTask, SignArgs, VerifyArgs};
 
 /// The files that `keygen` makes.
 const PRIVATE: &str = "release-key.pem";
@@ -29,6 +30,7 @@ const KEY_MAX: usize = 16 * 1_024;
 pub fn run(args: &ReleaseArgs) -> ExitCode {
     let done = match &args.task {
         ReleaseTask::Keygen { out } => keygen(out),
+        ReleaseTask::Bundle(args) => bundle(args),
         ReleaseTask::Sign(args) => sign(args),
         ReleaseTask::Verify(args) => verify(args),
     };
@@ -61,6 +63,23 @@ fn keygen(folder: &Path) -> Result<ExitCode, String> {
         "Whoever has the private key can sign programs for every robot that knows the public one. Keep it \
          off the server, and a copy of it elsewhere: it cannot be made again."
     );
+    Ok(ExitCode::SUCCESS)
+}
+
+fn bundle(args: &BundleArgs) -> Result<ExitCode, String> {
+    let mut bundle = Bundle::new(&args.version, &args.build);
+    bundle.parameters.clone_from(&args.set);
+    bundle.parameters.sort_by(|one, other| one.0.cmp(&other.0));
+    bundle.defects.clone_from(&args.defect);
+    bundle.defects.sort_by_key(|defect| defect.kind);
+    let image = bundle.image(args.size, args.seed);
+    let image = image.map_err(|fault| fault.to_string())?;
+    write_new(&args.out, 0o644, &[&image])?;
+    println!("image    {}", args.out.display());
+    println!("bytes    {}", image.len());
+    for defect in &bundle.defects {
+        println!("defect   {defect}");
+    }
     Ok(ExitCode::SUCCESS)
 }
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, Subcommand};
+use crawler_bundle::{Defect, SIZE_DEFAULT, SIZE_MAX};
 use crawler_release::{Chip, Kind};
 
 use crate::console::{date, moment};
@@ -30,10 +31,40 @@ pub enum ReleaseTask {
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
+    /// Makes an image for simulated robots: a program that behaves as it is told to, well or badly
+    Bundle(BundleArgs),
     /// Signs an image, and puts both into one file
     Sign(Box<SignArgs>),
     /// Says what a release is, and whether it is genuine
     Verify(VerifyArgs),
+}
+
+/// What `release bundle` takes.
+#[derive(Debug, Clone, Args)]
+pub struct BundleArgs {
+    /// Version that the robots tell
+    #[arg(long, value_name = "VERSION")]
+    pub version: String,
+    /// Build id that the robots tell
+    #[arg(long, value_name = "ID")]
+    pub build: String,
+    /// What is wrong with it: panic=MS, hang=MS or restart=MS after each start, never-link, ranger-dead,
+    /// ranger-noisy=MM, miss-control=MS (every so often); for a share of the robots with @PERCENT behind, as
+    /// panic=5000@10%. May be given several times
+    #[arg(long, value_name = "DEFECT")]
+    pub defect: Vec<Defect>,
+    /// Parameter with the value that it insists on, whatever a robot has stored. May be given several times
+    #[arg(long, value_name = "NAME=NUMBER", value_parser = setting)]
+    pub set: Vec<(String, f32)>,
+    /// Bytes of the image
+    #[arg(long, value_name = "BYTES", default_value_t = SIZE_DEFAULT, value_parser = clap::value_parser!(u32).range(..=i64::from(SIZE_MAX)))]
+    pub size: u32,
+    /// What fills it is drawn from this number: images with the same one differ little
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// File for the image
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
 }
 
 /// What `release sign` takes.
@@ -178,6 +209,14 @@ fn kind(text: &str) -> Result<Kind, String> {
         .ok_or_else(|| "must be program or model".to_owned())
 }
 
+fn setting(text: &str) -> Result<(String, f32), String> {
+    let (name, value) = text.split_once('=').unwrap_or_default();
+    match value.parse::<f32>() {
+        Ok(value) if value.is_finite() && !name.is_empty() => Ok((name.to_owned(), value)),
+        _ => Err("must be a name and a number, as max_speed=40".to_owned()),
+    }
+}
+
 fn chip(text: &str) -> Result<Chip, String> {
     let known = Chip::ALL.into_iter().find(|chip| chip.name() == Some(text));
     known
@@ -214,6 +253,24 @@ mod tests {
         assert_eq!(Expiry::InDays(2).unix(5), 172_805);
         assert_eq!(shown(1_801_353_600), "2027-01-31 00:00:00Z");
         assert_eq!(shown(u64::MAX), "after the year 9999");
+    }
+
+    #[test]
+    fn settings_are_names_with_numbers() {
+        assert_eq!(setting("max_speed=40"), Ok(("max_speed".to_owned(), 40.0)));
+        for wrong in [
+            "",
+            "=",
+            "max_speed",
+            "max_speed=",
+            "=4",
+            "a=b",
+            "a=NaN",
+            "a=1=2",
+            "a=1e99",
+        ] {
+            assert!(setting(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

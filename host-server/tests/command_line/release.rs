@@ -327,3 +327,46 @@ fn der(signature: &[u8]) -> Vec<u8> {
     }
     [&[0x30, body.len() as u8], &body[..]].concat()
 }
+
+#[test]
+fn a_bundle_is_made_signed_and_refused_where_it_does_not_belong() {
+    let folder = Folder::new();
+    let made = folder.ok(
+        "bundle --version 0.4.0 --build abc123 --size 20000 --defect never-link@10% --defect panic=5000 \
+         --set safe_distance_mm=700 --out bundle",
+    );
+    assert_eq!(row(&made, "bytes"), "bytes    20000");
+    assert!(
+        made.contains("panic=5000\n") && made.contains("never-link@10%"),
+        "{made}"
+    );
+    assert_eq!(folder.read("bundle").len(), 20_000);
+    let sign = |board: &str, version: &str, build: &str, out: &str| {
+        format!(
+            "sign --key keys/release-key.pem --image bundle --board {board} --version {version} --sequence 12 \
+             --build {build} --out {out}"
+        )
+    };
+    folder.ok(&sign("sim", "0.4.0", "abc123", "good.release"));
+    assert_eq!(
+        folder.faults(&format!("good.release {PUBLIC} --board sim")),
+        [""; 0]
+    );
+    for (board, version, build, said) in [
+        ("sim", "0.4.1", "abc123", "another version"),
+        ("sim", "0.4.0", "abc124", "another build"),
+        ("virt", "0.4.0", "abc123", "for simulated robots"),
+        ("xiao-c3", "0.4.0", "abc123", "for simulated robots"),
+    ] {
+        let complaint = folder.refused(&sign(board, version, build, "bad.release"));
+        assert!(complaint.contains(said), "{complaint}");
+    }
+    folder.write("bundle", &esp(5, 1_000));
+    let complaint = folder.refused(&sign("sim", "0.4.0", "abc123", "bad.release"));
+    assert!(complaint.contains("release bundle"), "{complaint}");
+    let twice = "bundle --version 1 --build b --defect panic=1 --defect panic=2 --out twice";
+    assert!(folder.refused(twice).contains("at most once"));
+    let small = "bundle --version 1 --build b --size 10 --out small";
+    assert!(folder.refused(small).contains("at least as many"));
+    assert!(!folder.path("bad.release").exists() && !folder.path("twice").exists());
+}

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crawler_bundle::BundleFault;
 use crawler_release::{Chip, Kind, MAX_IMAGE};
 
 /// The boards of this repository, as their `status` names them, each with its chip.
@@ -10,8 +11,11 @@ pub const BOARDS: [(&str, Chip); 5] = [
     ("xiao-c6", Chip::ESP32_C6),
     ("xiao-s3-sense", Chip::ESP32_S3),
     ("virt", Chip::NONE),
-    ("sim", Chip::NONE),
+    (SIMULATED, Chip::NONE),
 ];
+
+/// The board of simulated robots.
+const SIMULATED: &str = "sim";
 
 /// The first byte of an image that a bootloader of Espressif starts (ESP-IDF, `esp_image_header_t`).
 const ESP_MAGIC: u8 = 0xE9;
@@ -37,6 +41,12 @@ pub enum ImageFault {
     Esp(Chip),
     /// It holds more than the program: bootloader, partition table, an ELF file.
     NotUpdate(&'static str),
+    /// The board is a simulated one, and this is no bundle.
+    NotBundle(BundleFault),
+    /// It is a bundle, and the board runs machine code.
+    Bundle,
+    /// It names another version or build than the release does.
+    OtherName(&'static str),
     /// The board is not known here, so that its chip has to be named.
     UnknownBoard,
 }
@@ -57,6 +67,14 @@ impl fmt::Display for ImageFault {
                 f,
                 "{what}; an update is the image of the program alone (`-update.bin`)"
             ),
+            Self::NotBundle(fault) => write!(
+                f,
+                "not an image for simulated robots (`release bundle` makes one): {fault}"
+            ),
+            Self::Bundle => f.write_str("the image is a bundle, for simulated robots (board sim)"),
+            Self::OtherName(what) => {
+                write!(f, "the image names another {what} than the release")
+            }
             Self::UnknownBoard => {
                 f.write_str("nobody here knows the board: name its chip (--chip)")
             }
@@ -112,7 +130,12 @@ pub fn chip_for(
     if kind == Kind::Model {
         return Ok(chip);
     }
+    if board == SIMULATED {
+        let bundle = crawler_bundle::decode(image);
+        return bundle.map(|_| chip).map_err(ImageFault::NotBundle);
+    }
     match own {
+        _ if image.starts_with(&crawler_bundle::MAGIC) => Err(ImageFault::Bundle),
         _ if image.starts_with(b"\x7FELF") => Err(ImageFault::NotUpdate("this is an ELF file")),
         Some(own) if own == chip => Ok(chip),
         Some(own) if chip == Chip::NONE => Err(ImageFault::Esp(own)),
@@ -122,8 +145,31 @@ pub fn chip_for(
     }
 }
 
+/// Whether a bundle names the version and the build that its release does, by which robots are told apart.
+///
+/// # Errors
+/// [`ImageFault::OtherName`] says what differs. An image that is no bundle names nothing.
+pub(super) fn check_names(
+    image: &[u8],
+    version: &str,
+    build: Option<&str>,
+) -> Result<(), ImageFault> {
+    let Ok(bundle) = crawler_bundle::decode(image) else {
+        return Ok(());
+    };
+    if bundle.version != version {
+        return Err(ImageFault::OtherName("version"));
+    }
+    if build.is_some_and(|build| build != bundle.build) {
+        return Err(ImageFault::OtherName("build"));
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
+    use crawler_bundle::{Bundle, BundleFault};
+
     use super::*;
 
     fn esp(chip: u16) -> Vec<u8> {
@@ -138,6 +184,7 @@ mod tests {
         let other = |image, board| Err(ImageFault::OtherChip(image, board));
         let large = vec![0; MAX_IMAGE as usize + 1];
         let (c3, c6) = (Chip::ESP32_C3, Chip::ESP32_C6);
+        let bundle = Bundle::new("1", "b").image(1_000, 0).expect("a bundle");
         for (board, named, image, expected) in [
             ("xiao-c3", None, &esp(5)[..], Ok(c3)),
             ("xiao-c3", Some(c3), &esp(5), Ok(c3)),
@@ -159,11 +206,37 @@ mod tests {
             ("mine", Some(Chip::NONE), b"text", Ok(Chip::NONE)),
             ("sim", None, b"", Err(ImageFault::Empty)),
             ("sim", None, &large, Err(ImageFault::TooLarge)),
+            ("sim", None, &bundle, Ok(Chip::NONE)),
+            (
+                "sim",
+                None,
+                &bundle[1..],
+                Err(ImageFault::NotBundle(BundleFault::NotBundle)),
+            ),
+            (
+                "sim",
+                None,
+                &bundle[..900],
+                Err(ImageFault::NotBundle(BundleFault::Short)),
+            ),
+            ("virt", None, &bundle, Err(ImageFault::Bundle)),
+            ("xiao-c3", None, &bundle, Err(ImageFault::Bundle)),
         ] {
             let came = chip_for(Kind::Program, board, named, image);
             assert_eq!(came, expected, "{board} {named:?}");
         }
         // A model is data to every chip.
         assert_eq!(chip_for(Kind::Model, "xiao-c3", None, b"weights"), Ok(c3));
+    }
+
+    #[test]
+    fn a_bundle_names_what_its_release_does() {
+        let bundle = Bundle::new("1.2", "b").image(1_000, 0).expect("a bundle");
+        let differs = |what| Err(ImageFault::OtherName(what));
+        assert_eq!(check_names(&bundle, "1.2", Some("b")), Ok(()));
+        assert_eq!(check_names(&bundle, "1.2", None), Ok(()));
+        assert_eq!(check_names(&bundle, "1.3", Some("b")), differs("version"));
+        assert_eq!(check_names(&bundle, "1.2", Some("c")), differs("build"));
+        assert_eq!(check_names(b"machine code", "1.3", Some("c")), Ok(()));
     }
 }

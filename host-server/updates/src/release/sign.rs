@@ -7,7 +7,7 @@ use crawler_release::{
     block_size, image_hash,
 };
 
-use super::image::{ImageFault, chip_for};
+use super::image::{ImageFault, check_names, chip_for};
 use super::keys::SecretKey;
 
 /// Why nothing was signed.
@@ -98,6 +98,9 @@ impl SignOptions<'_> {
     /// [`SignFault`] says why no robot could take it.
     pub fn sign(&self, image: &[u8], key: &SecretKey) -> Result<Vec<u8>, SignFault> {
         let chip = chip_for(self.kind, self.board, self.chip, image)?;
+        if self.kind == Kind::Program {
+            check_names(image, self.version, self.build)?;
+        }
         let size = u32::try_from(image.len()).map_err(|_| ImageFault::TooLarge)?;
         let block_size = block_size(size).ok_or(ImageFault::TooLarge)?;
         let blocks: Vec<u8> = image
