@@ -17,6 +17,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-boot", &["crawler-hal"]),
     ("crawler-bundle", &[]),
     ("crawler-delta", &[]),
+    ("crawler-image-format", &["crawler-boot"]),
     ("crawler-micromodel", &[]),
     ("crawler-convert", &["crawler-micromodel"]),
     ("crawler-detector", &[]),
@@ -51,7 +52,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "crawler-board",
         &[
+            "crawler-boot",
             "crawler-hal",
+            "crawler-image-format",
             "crawler-protocol",
             "crawler-tls",
             "crawler-app",
@@ -201,7 +204,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-updates",
         &["crawler-bundle", "crawler-protocol", "crawler-release"],
     ),
-    ("crawler-hil", &["crawler-protocol"]),
+    ("crawler-hil", &["crawler-image-format", "crawler-protocol"]),
     (
         "crawler-world-history",
         &["crawler-hal", "crawler-protocol", "crawler-sim"],
