@@ -1,18 +1,29 @@
-//! Flash chips with the common flash interface and the basic command set, as a region for
-//! parameters.
+//! Flash chips with the common flash interface and the basic command set, as regions for parameters and
+//! for programs.
+//!
+//! [`Chips`] knows the commands. Regions share them behind a lock, which is held for one command alone: a
+//! block that is erased, or a buffer that is written. While a command runs nothing else can be read from
+//! the chips.
 //!
 //! Two chips of 16 bits side by side make one word of 32; commands and status go to both at once.
 //! Commands and status bits: Intel 28F128J3 data sheet, tables "Command Bus-Cycle
 //! Definitions" and "Status Register Definitions"; query: JEDEC JESD68.01.
 //!
-//! Words are written once after each erasure and not again, though the chips would clear further
-//! bits: a program that relied on that would fail on flash with error correction.
+//! In a [`CfiFlash`] words are written once after each erasure and not again, though the chips would clear
+//! further bits: a program that relied on that would fail on flash with error correction. [`SlotFlash`]
+//! clears further bits, as select entries and journals want it.
+
+mod slots;
 
 use crawler_hal::{Clock, Duration};
 use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
+
+pub use slots::SlotFlash;
 
 #[cfg(test)]
 mod tests;
@@ -22,7 +33,11 @@ pub const ERASE_BLOCK: u32 = 256 * 1024;
 /// Bytes that are written together.
 pub const WORD: u32 = 4;
 
-/// Longest time to write a word (data sheet: 630 µs at most), with a wide margin for an emulator
+/// Most bytes that are written with one command: what the buffers of both chips hold, where theirs are large. An
+/// emulator does that in less time than a word takes it twice.
+pub const BUFFER: u32 = 2 * 1024;
+
+/// Longest time to write a word (data sheet: 630 µs at most) or a buffer, with a wide margin for an emulator
 /// that is itself held up.
 pub const WRITTEN_WITHIN: Duration = Duration::from_millis(50);
 /// Longest time to erase a block (data sheet: 5 s at most; an emulator takes milliseconds). Less
@@ -38,6 +53,7 @@ const QUERY: u32 = both(0x98);
 const READ_STATUS: u32 = both(0x70);
 const CLEAR_STATUS: u32 = both(0x50);
 const PROGRAM: u32 = both(0x40);
+const WRITE_BUFFER: u32 = both(0xE8);
 const ERASE: u32 = both(0x20);
 const CONFIRM: u32 = both(0xD0);
 
@@ -50,6 +66,7 @@ const FAILED: u32 = both(0x3A);
 const QUERY_AT: u32 = 0x55 * WORD;
 const IDENTITY: u32 = 0x10;
 const SIZE: u32 = 0x27;
+const BUFFER_SIZE: u32 = 0x2A;
 const ERASE_REGIONS: u32 = 0x2C;
 const BLOCK_SIZE_LOW: u32 = 0x2F;
 const BLOCK_SIZE_HIGH: u32 = 0x30;
@@ -88,6 +105,8 @@ pub enum CfiError {
     Stuck,
     /// What was written does not read back: worn.
     Differs,
+    /// A sector that cannot be erased without others: a mistake of the caller.
+    Shared,
 }
 
 impl core::fmt::Display for CfiError {
@@ -101,6 +120,7 @@ impl core::fmt::Display for CfiError {
             Self::Refused(status) => write!(f, "the flash refused with status {status:#x}"),
             Self::Stuck => f.write_str("the flash does not get done"),
             Self::Differs => f.write_str("the flash keeps something else"),
+            Self::Shared => f.write_str("other sectors would be erased as well"),
         }
     }
 }
@@ -117,29 +137,45 @@ impl NorFlashError for CfiError {
     }
 }
 
-/// The first blocks of a pair of chips. Address 0 of the region is that of the chips.
+/// A pair of chips.
 #[derive(Debug)]
-pub struct CfiFlash<B, C> {
+pub struct Chips<B, C> {
     bus: B,
     clock: C,
-    len: u32,
+    /// Bytes that are written with one command: a word until [`Self::probe`] has asked.
+    buffer: u32,
+    /// Where a command was given whose end nobody has seen.
+    pending: Option<u32>,
 }
 
-impl<B: Bus, C: Clock> CfiFlash<B, C> {
-    /// The first `blocks` erase blocks. Does no I/O: [`Self::probe`] does.
-    pub const fn new(bus: B, clock: C, blocks: u16) -> Self {
+/// Chips that several regions share.
+pub type SharedChips<M, B, C> = Mutex<M, Chips<B, C>>;
+
+/// What may be written where something was written before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rule {
+    /// Nothing.
+    Once,
+    /// What clears bits.
+    ClearBits,
+}
+
+impl<B: Bus, C: Clock> Chips<B, C> {
+    /// The chips on this bus. Does no I/O: [`Self::probe`] does.
+    pub const fn new(bus: B, clock: C) -> Self {
         Self {
             bus,
             clock,
-            len: blocks as u32 * ERASE_BLOCK,
+            buffer: WORD,
+            pending: None,
         }
     }
 
-    /// Asks the chips what they are, and leaves them readable.
+    /// Asks the chips what they are, and leaves them readable. From then on whole buffers are written.
     ///
     /// # Errors
-    /// [`CfiError::Absent`] or [`CfiError::Geometry`].
-    pub fn probe(&mut self) -> Result<(), CfiError> {
+    /// [`CfiError::Absent`] or [`CfiError::Geometry`], which leave writing word by word.
+    pub fn probe(&mut self, bytes: u32) -> Result<(), CfiError> {
         self.bus.write(0, READ_ARRAY);
         self.bus.write(QUERY_AT, QUERY);
         let told = |index: u32| self.bus.read(index * WORD);
@@ -148,42 +184,43 @@ impl<B: Bus, C: Clock> CfiFlash<B, C> {
         let size = 1_u64.checked_shl(told(SIZE) & 0xFF).unwrap_or(0) * 2;
         let block = ((told(BLOCK_SIZE_HIGH) & 0xFF) << 16 | (told(BLOCK_SIZE_LOW) & 0xFF) << 8) * 2;
         let regions = told(ERASE_REGIONS) & 0xFF;
+        let buffer = 2_u32.checked_shl(told(BUFFER_SIZE) & 0xFF).unwrap_or(0);
         self.bus.write(0, READ_ARRAY);
         if !present {
             return Err(CfiError::Absent);
         }
-        if regions != 1 || block != ERASE_BLOCK || size < u64::from(self.len) {
+        if regions != 1 || block != ERASE_BLOCK || size < u64::from(bytes) {
             return Err(CfiError::Geometry);
         }
+        // Chips without a buffer say 1.
+        self.buffer = if buffer < 2 * WORD {
+            WORD
+        } else {
+            buffer.min(BUFFER)
+        };
         Ok(())
     }
 
-    fn check(&self, offset: u32, len: usize, unit: u32) -> Result<u32, CfiError> {
-        let len = u32::try_from(len).map_err(|_| CfiError::OutOfBounds)?;
-        let end = offset.checked_add(len).ok_or(CfiError::OutOfBounds)?;
-        if end > self.len {
-            return Err(CfiError::OutOfBounds);
-        }
-        if !offset.is_multiple_of(unit) || !len.is_multiple_of(unit) {
-            return Err(CfiError::Misaligned);
-        }
-        Ok(end)
+    /// Lets a command end that was given up by whoever gave it, before anything else is done.
+    async fn recover(&mut self) -> Result<(), CfiError> {
+        let Some(offset) = self.pending else {
+            return Ok(());
+        };
+        let _ = self.settle(offset, ERASED_WITHIN).await;
+        self.finish(offset);
+        Ok(())
     }
 
-    /// Runs one command and leaves the chips readable, whatever came of it.
-    async fn command(
-        &mut self,
-        offset: u32,
-        command: u32,
-        data: u32,
-        within: Duration,
-    ) -> Result<(), CfiError> {
-        self.bus.write(offset, CLEAR_STATUS);
-        self.bus.write(offset, command);
-        self.bus.write(offset, data);
-        let outcome = self.settle(offset, within).await;
+    fn finish(&mut self, offset: u32) {
         self.bus.write(offset, CLEAR_STATUS);
         self.bus.write(offset, READ_ARRAY);
+        self.pending = None;
+    }
+
+    /// Waits for the end of a command and leaves the chips readable, whatever came of it.
+    async fn conclude(&mut self, offset: u32, within: Duration) -> Result<(), CfiError> {
+        let outcome = self.settle(offset, within).await;
+        self.finish(offset);
         outcome
     }
 
@@ -208,17 +245,9 @@ impl<B: Bus, C: Clock> CfiFlash<B, C> {
             }
         }
     }
-}
-
-impl<B: Bus, C: Clock> ErrorType for CfiFlash<B, C> {
-    type Error = CfiError;
-}
-
-impl<B: Bus, C: Clock> ReadNorFlash for CfiFlash<B, C> {
-    const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), CfiError> {
-        self.check(offset, bytes.len(), 1)?;
+        self.recover().await?;
         for (at, byte) in (offset..).zip(bytes) {
             let word = self.bus.read(at / WORD * WORD);
             *byte = word.to_le_bytes()[(at % WORD) as usize];
@@ -226,12 +255,154 @@ impl<B: Bus, C: Clock> ReadNorFlash for CfiFlash<B, C> {
         Ok(())
     }
 
+    /// Whether `length` bytes from `offset` on are erased; both are whole words.
+    async fn is_blank(&mut self, offset: u32, length: u32) -> Result<bool, CfiError> {
+        self.recover().await?;
+        let mut words = (offset..offset + length).step_by(WORD as usize);
+        Ok(words.all(|at| self.bus.read(at) == ERASED))
+    }
+
+    /// Erases the block that begins at `block`.
+    async fn erase_block(&mut self, block: u32) -> Result<(), CfiError> {
+        self.recover().await?;
+        self.bus.write(block, CLEAR_STATUS);
+        self.pending = Some(block);
+        self.bus.write(block, ERASE);
+        self.bus.write(block, CONFIRM);
+        self.conclude(block, ERASED_WITHIN).await
+    }
+
+    /// How many of `length` bytes from `offset` on are written with one command.
+    const fn slice(&self, offset: u32, length: usize) -> usize {
+        let room = (self.buffer - offset % self.buffer) as usize;
+        if length < room { length } else { room }
+    }
+
+    /// Writes words that one command takes ([`Self::slice`]).
+    async fn program(&mut self, offset: u32, bytes: &[u8], rule: Rule) -> Result<(), CfiError> {
+        self.recover().await?;
+        let words = || {
+            let words = bytes.as_chunks::<4>().0.iter();
+            let values = words.map(|word| u32::from_le_bytes(*word));
+            (offset..).step_by(WORD as usize).zip(values)
+        };
+        if rule == Rule::Once && words().any(|(at, _)| self.bus.read(at) != ERASED) {
+            return Err(CfiError::NotErased);
+        }
+        if words().all(|(at, word)| self.bus.read(at) & word == self.bus.read(at)) {
+            return Ok(());
+        }
+        // A buffer is written as it is, so it must not say 1 where a bit was cleared before.
+        let plain = words().all(|(at, word)| self.bus.read(at) & word == word);
+        if plain && bytes.len() > WORD as usize {
+            self.fill_buffer(offset, words())?;
+            self.conclude(offset, WRITTEN_WITHIN).await?;
+            let kept = words().all(|(at, word)| self.bus.read(at) == word);
+            return if kept { Ok(()) } else { Err(CfiError::Differs) };
+        }
+        for (at, word) in words() {
+            let present = self.bus.read(at);
+            let word = present & word;
+            if word == present {
+                continue;
+            }
+            self.bus.write(at, CLEAR_STATUS);
+            self.pending = Some(at);
+            self.bus.write(at, PROGRAM);
+            self.bus.write(at, word);
+            self.conclude(at, WRITTEN_WITHIN).await?;
+            if self.bus.read(at) != word {
+                return Err(CfiError::Differs);
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives the command that writes a buffer. Nothing is awaited in between: chips that wait for words take a
+    /// question for one.
+    fn fill_buffer(
+        &mut self,
+        offset: u32,
+        words: impl Iterator<Item = (u32, u32)> + Clone,
+    ) -> Result<(), CfiError> {
+        self.bus.write(offset, CLEAR_STATUS);
+        let available = (0..QUICK_LOOKS).any(|_| {
+            self.bus.write(offset, WRITE_BUFFER);
+            self.bus.read(offset) & READY == READY
+        });
+        if !available {
+            self.finish(offset);
+            return Err(CfiError::Stuck);
+        }
+        self.pending = Some(offset);
+        self.bus
+            .write(offset, both(words.clone().count() as u32 - 1));
+        for (at, word) in words {
+            self.bus.write(at, word);
+        }
+        self.bus.write(offset, CONFIRM);
+        Ok(())
+    }
+}
+
+fn check(capacity: u32, offset: u32, len: usize, unit: u32) -> Result<u32, CfiError> {
+    let len = u32::try_from(len).map_err(|_| CfiError::OutOfBounds)?;
+    let end = offset.checked_add(len).ok_or(CfiError::OutOfBounds)?;
+    if end > capacity {
+        return Err(CfiError::OutOfBounds);
+    }
+    if !offset.is_multiple_of(unit) || !len.is_multiple_of(unit) {
+        return Err(CfiError::Misaligned);
+    }
+    Ok(end)
+}
+
+/// Some blocks of the chips. Address 0 of the region is the start of the first one.
+#[derive(Debug)]
+pub struct CfiFlash<'a, M: RawMutex, B, C> {
+    chips: &'a SharedChips<M, B, C>,
+    start: u32,
+    len: u32,
+}
+
+impl<'a, M: RawMutex, B: Bus, C: Clock> CfiFlash<'a, M, B, C> {
+    /// `blocks` erase blocks from the one with the number `first` on. Does no I/O: [`Self::probe`] does.
+    pub const fn new(chips: &'a SharedChips<M, B, C>, first: u16, blocks: u16) -> Self {
+        Self {
+            chips,
+            start: first as u32 * ERASE_BLOCK,
+            len: blocks as u32 * ERASE_BLOCK,
+        }
+    }
+
+    /// Asks the chips what they are, and leaves them readable.
+    ///
+    /// # Errors
+    /// [`CfiError::Absent`] or [`CfiError::Geometry`].
+    pub async fn probe(&mut self) -> Result<(), CfiError> {
+        self.chips.lock().await.probe(self.start + self.len)
+    }
+}
+
+impl<M: RawMutex, B: Bus, C: Clock> ErrorType for CfiFlash<'_, M, B, C> {
+    type Error = CfiError;
+}
+
+impl<M: RawMutex, B: Bus, C: Clock> ReadNorFlash for CfiFlash<'_, M, B, C> {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), CfiError> {
+        check(self.len, offset, bytes.len(), 1)?;
+        let mut chips = self.chips.lock().await;
+        chips.read(self.start + offset, bytes).await
+    }
+
     fn capacity(&self) -> usize {
         self.len as usize
     }
 }
 
-impl<B: Bus, C: Clock> NorFlash for CfiFlash<B, C> {
+impl<M: RawMutex, B: Bus, C: Clock> NorFlash for CfiFlash<'_, M, B, C> {
     const WRITE_SIZE: usize = WORD as usize;
     const ERASE_SIZE: usize = ERASE_BLOCK as usize;
 
@@ -239,9 +410,10 @@ impl<B: Bus, C: Clock> NorFlash for CfiFlash<B, C> {
     /// As safe as a power cut; the next command finds the chips as they are.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), CfiError> {
         let len = to.checked_sub(from).ok_or(CfiError::OutOfBounds)?;
-        self.check(from, len as usize, ERASE_BLOCK)?;
+        check(self.len, from, len as usize, ERASE_BLOCK)?;
         for block in (from..to).step_by(ERASE_BLOCK as usize) {
-            self.command(block, ERASE, CONFIRM, ERASED_WITHIN).await?;
+            let block = self.start + block;
+            self.chips.lock().await.erase_block(block).await?;
             yield_now().await;
         }
         Ok(())
@@ -250,23 +422,27 @@ impl<B: Bus, C: Clock> NorFlash for CfiFlash<B, C> {
     /// # Cancellation Safety
     /// As safe as a power cut; the next command finds the chips as they are.
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), CfiError> {
-        self.check(offset, bytes.len(), WORD)?;
-        let words = bytes.as_chunks::<4>().0.iter();
-        for (at, word) in (offset..).step_by(WORD as usize).zip(words) {
-            let word = u32::from_le_bytes(*word);
-            if self.bus.read(at) != ERASED {
-                return Err(CfiError::NotErased);
-            }
-            if word == ERASED {
-                continue;
-            }
-            self.command(at, PROGRAM, word, WRITTEN_WITHIN).await?;
-            if self.bus.read(at) != word {
-                return Err(CfiError::Differs);
-            }
-            // A word takes an emulator milliseconds of its host; others have waited for it.
-            yield_now().await;
-        }
-        Ok(())
+        check(self.len, offset, bytes.len(), WORD)?;
+        write_slices(self.chips, self.start + offset, bytes, Rule::Once).await
     }
+}
+
+/// Writes `bytes`, with one command after the other.
+async fn write_slices<M: RawMutex, B: Bus, C: Clock>(
+    chips: &SharedChips<M, B, C>,
+    mut offset: u32,
+    mut bytes: &[u8],
+    rule: Rule,
+) -> Result<(), CfiError> {
+    while !bytes.is_empty() {
+        let mut chips = chips.lock().await;
+        let (slice, rest) = bytes.split_at(chips.slice(offset, bytes.len()));
+        chips.program(offset, slice, rule).await?;
+        drop(chips);
+        offset += slice.len() as u32;
+        bytes = rest;
+        // A command takes an emulator up to milliseconds of its host; others have waited for it.
+        yield_now().await;
+    }
+    Ok(())
 }

@@ -1,21 +1,28 @@
-//! The parallel flash with the parameters: the second bank of the machine.
+//! The parallel flash: the second bank of the machine, with parameters, settings and programs.
 //!
-//! The program gets the first [`BLOCKS`] erase blocks of 256 KiB. Where the emulator was started
-//! without a file for that bank, it is RAM of zeros and forgets with the emulator.
+//! What lies where: [`crawler_image_format::layout`]. Where the emulator was started without a file for that bank,
+//! it is RAM of zeros and forgets with the emulator.
 
 use crawler_board::EmbassyClock;
-use crawler_board::cfi::{Bus, CfiError, CfiFlash, ERASE_BLOCK, WORD};
+use crawler_board::cfi::{
+    Bus, CfiError, CfiFlash, Chips, ERASE_BLOCK, SharedChips, SlotFlash, WORD,
+};
+use crawler_image_format::layout::{self, BANK_ADDRESS, PARAMETER_BLOCKS, SETTINGS_BLOCKS};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use rand_core::Rng;
 
-use crate::machine::FLASH;
-
-/// Erase blocks of the region.
-pub const BLOCKS: u16 = 4;
 /// Bytes of noise at the start and at the end of a block.
 const NOISE: u32 = 256;
 /// What a flash reports that refuses on request: writing and erasure failed, in both chips.
 const REFUSAL: u32 = 0x00B0_00B0;
+
+const _: () = assert!(layout::ERASE_BLOCK == ERASE_BLOCK);
+
+/// The one value that reaches the bank.
+static CHIPS: SharedChips<CriticalSectionRawMutex, Bank, EmbassyClock> =
+    Mutex::new(Chips::new(Bank(()), EmbassyClock));
 
 /// The bank, by its address.
 #[derive(Debug)]
@@ -23,33 +30,56 @@ pub struct Bank(());
 
 impl Bus for Bank {
     fn read(&self, offset: u32) -> u32 {
-        let place = (FLASH + offset as usize) as *const u32;
-        // SAFETY: within the bank, as the driver checks bounds; reading it has no side effect.
+        let place = (BANK_ADDRESS + offset) as *const u32;
+        // SAFETY: within the bank, as regions check bounds; reading it has no side effect.
         unsafe { place.read_volatile() }
     }
 
     fn write(&mut self, offset: u32, word: u32) {
-        let place = (FLASH + offset as usize) as *mut u32;
-        // SAFETY: within the bank; only this value writes there, as there is one.
+        let place = (BANK_ADDRESS + offset) as *mut u32;
+        // SAFETY: within the bank; only this value writes there, and there is one.
         unsafe { place.write_volatile(word) };
     }
+}
+
+/// A region of the bank.
+type Region = CfiFlash<'static, CriticalSectionRawMutex, Bank, EmbassyClock>;
+
+/// The region of settings.
+pub type SettingsFlash = Region;
+/// The flash of the programs.
+pub type Programs = SlotFlash<'static, CriticalSectionRawMutex, Bank, EmbassyClock>;
+
+/// The region of settings.
+pub const fn settings() -> SettingsFlash {
+    CfiFlash::new(&CHIPS, PARAMETER_BLOCKS, SETTINGS_BLOCKS)
+}
+
+/// Asks the chips what they are, before anything else is in them.
+///
+/// # Errors
+/// [`CfiError::Absent`] or [`CfiError::Geometry`].
+pub fn probe() -> Result<(), CfiError> {
+    embassy_futures::block_on(CHIPS.lock()).probe(layout::BANK)
+}
+
+/// The flash of the programs.
+pub const fn programs() -> Programs {
+    SlotFlash::new(&CHIPS)
 }
 
 /// The parameter region.
 #[derive(Debug)]
 pub struct ParameterFlash {
-    chips: CfiFlash<Bank, EmbassyClock>,
+    region: Region,
     refuses: bool,
 }
 
 impl ParameterFlash {
     /// The region; with `refuses` each write and erasure fails, as in a worn flash.
-    ///
-    /// # Safety
-    /// There may be one value of this.
-    pub unsafe fn new(refuses: bool) -> Self {
+    pub const fn new(refuses: bool) -> Self {
         Self {
-            chips: CfiFlash::new(Bank(()), EmbassyClock, BLOCKS),
+            region: CfiFlash::new(&CHIPS, 0, PARAMETER_BLOCKS),
             refuses,
         }
     }
@@ -58,8 +88,8 @@ impl ParameterFlash {
     ///
     /// # Errors
     /// [`CfiError::Absent`] or [`CfiError::Geometry`].
-    pub fn probe(&mut self) -> Result<(), CfiError> {
-        self.chips.probe()
+    pub async fn probe(&mut self) -> Result<(), CfiError> {
+        self.region.probe().await
     }
 
     /// Fills both ends of each block with noise, as flash that another program used.
@@ -67,12 +97,12 @@ impl ParameterFlash {
     /// # Errors
     /// Those of the chips.
     pub async fn scribble(&mut self, rng: &mut impl Rng) -> Result<(), CfiError> {
-        self.chips.erase(0, u32::from(BLOCKS) * ERASE_BLOCK).await?;
-        for block in 0..u32::from(BLOCKS) {
-            let start = block * ERASE_BLOCK;
+        let end = u32::from(PARAMETER_BLOCKS) * ERASE_BLOCK;
+        self.region.erase(0, end).await?;
+        for start in (0..end).step_by(ERASE_BLOCK as usize) {
             for part in [start, start + ERASE_BLOCK - NOISE] {
                 for at in (part..part + NOISE).step_by(WORD as usize) {
-                    self.chips.write(at, &rng.next_u32().to_le_bytes()).await?;
+                    self.region.write(at, &rng.next_u32().to_le_bytes()).await?;
                 }
             }
         }
@@ -88,11 +118,11 @@ impl ReadNorFlash for ParameterFlash {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), CfiError> {
-        self.chips.read(offset, bytes).await
+        self.region.read(offset, bytes).await
     }
 
     fn capacity(&self) -> usize {
-        self.chips.capacity()
+        self.region.capacity()
     }
 }
 
@@ -104,13 +134,13 @@ impl NorFlash for ParameterFlash {
         if self.refuses {
             return Err(CfiError::Refused(REFUSAL));
         }
-        self.chips.erase(from, to).await
+        self.region.erase(from, to).await
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), CfiError> {
         if self.refuses {
             return Err(CfiError::Refused(REFUSAL));
         }
-        self.chips.write(offset, bytes).await
+        self.region.write(offset, bytes).await
     }
 }

@@ -7,7 +7,6 @@
 
 use crawler_board::EmbassyClock;
 use crawler_board::arguments::Arguments;
-use crawler_board::cfi::{Bus, CfiFlash, ERASE_BLOCK};
 use crawler_board::provision::{Connection, Features, NoScanner, Portal, Server, Token, serve};
 use crawler_board::settings::{Broker, RangerMode, Settings, Vault};
 use crawler_hal::System;
@@ -19,8 +18,7 @@ use rand_pcg::Pcg32;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::ethernet::Ethernet;
-use crate::flash::BLOCKS;
-use crate::machine::FLASH;
+use crate::flash::{self, SettingsFlash};
 use crate::system::VirtSystem;
 
 /// Connections served at a time.
@@ -28,33 +26,9 @@ const CONNECTIONS: usize = 3;
 const PORT: u16 = 80;
 /// How long the word of success has to reach the browser before the machine restarts.
 const FAREWELL: Duration = Duration::from_millis(1_000);
-/// Where the settings begin in the bank.
-const START: usize = BLOCKS as usize * ERASE_BLOCK as usize;
-/// One for each of the two records.
-const SETTINGS_BLOCKS: u16 = 2;
-
-/// The part of the bank that holds settings.
-struct Bank;
-
-impl Bus for Bank {
-    fn read(&self, offset: u32) -> u32 {
-        let place = (FLASH + START + offset as usize) as *const u32;
-        // SAFETY: within the bank, as the driver checks bounds; reading it has no side effect.
-        unsafe { place.read_volatile() }
-    }
-
-    fn write(&mut self, offset: u32, word: u32) {
-        let place = (FLASH + START + offset as usize) as *mut u32;
-        // SAFETY: within the bank; nobody else uses the flash when settings are read or saved: the
-        // one is before the robot starts, the other instead of it.
-        unsafe { place.write_volatile(word) };
-    }
-}
-
-type SettingsFlash = CfiFlash<Bank, EmbassyClock>;
 
 const fn vault() -> Vault<SettingsFlash> {
-    Vault::new(CfiFlash::new(Bank, EmbassyClock, SETTINGS_BLOCKS))
+    Vault::new(flash::settings())
 }
 
 /// Puts the settings that a person has saved in place of those in `arguments`. Whether there are
