@@ -4,7 +4,8 @@ use crate::boards::Board;
 use crate::image;
 use crate::run::{self, Failure, Outcome};
 
-const USAGE: &str = "cargo xtask flash --board esp32s3|esp32c3|esp32c6 [--port PORT]";
+const USAGE: &str =
+    "cargo xtask flash --board esp32s3|esp32c3|esp32c6 [--port PORT] [--release-key FILE]";
 
 /// Builds, flashes with `espflash`, and shows the log until Ctrl-C.
 ///
@@ -13,7 +14,8 @@ const USAGE: &str = "cargo xtask flash --board esp32s3|esp32c3|esp32c6 [--port P
 /// # Errors
 /// When an argument is unknown, no compiler or no espflash is here, or flashing fails.
 pub(crate) fn command(arguments: &[String]) -> Outcome {
-    let (board, port) = parse(arguments)?;
+    let (arguments, keys) = image::split_keys(arguments);
+    let (board, port) = parse(&arguments)?;
     let Some(flash) = &board.flash else {
         return Err(Failure(format!(
             "{} has no flash to write: `cargo xtask emulate` runs it",
@@ -26,6 +28,7 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
         ));
     }
     let elf = image::build(board, board.binary)?;
+    let elf = image::with_keys(board, elf, &keys)?;
     let table = image::table(flash);
     let mut all = vec![
         "flash",

@@ -12,6 +12,13 @@ const HEADER: usize = 24;
 const SEGMENT_HEADER: usize = 8;
 const CHECKSUM_SEED: u8 = 0xef;
 const HASH: usize = 32;
+/// Where the application descriptor begins, behind the headers of image and segment, how it begins, and where in it
+/// the hash of the ELF file is (ESP-IDF, `esp_app_desc_t`).
+const DESCRIPTOR: usize = HEADER + SEGMENT_HEADER;
+const DESCRIPTOR_MAGIC: u32 = 0xABCD_5432;
+const ELF_HASH: usize = DESCRIPTOR + 144;
+/// Bytes of that hash that are the build id.
+const BUILD: usize = 8;
 /// The bootloader refuses more.
 const MOST_SEGMENTS: u8 = 16;
 
@@ -49,6 +56,8 @@ pub(crate) enum ImageError {
     Hash,
     /// So many bytes lie behind its end.
     TooLong(usize),
+    /// It does not begin with an application descriptor.
+    NoDescriptor,
 }
 
 impl fmt::Display for ImageError {
@@ -67,6 +76,7 @@ impl fmt::Display for ImageError {
             Self::InsideHash => f.write_str("ends inside its hash"),
             Self::Hash => f.write_str("wrong hash"),
             Self::TooLong(bytes) => write!(f, "{bytes} bytes too many"),
+            Self::NoDescriptor => f.write_str("no application descriptor at its start"),
         }
     }
 }
@@ -118,6 +128,20 @@ pub(crate) fn read(image: &[u8]) -> Result<AppImage, ImageError> {
         segments,
         payload,
     })
+}
+
+/// The build id of the program in `image`: the first bytes of the hash of its ELF file, which the program reads in
+/// its descriptor as well.
+///
+/// # Errors
+/// [`ImageError::NoDescriptor`].
+pub(crate) fn build(image: &[u8]) -> Result<String, ImageError> {
+    if word(image, DESCRIPTOR) != Some(DESCRIPTOR_MAGIC) {
+        return Err(ImageError::NoDescriptor);
+    }
+    let hash = image.get(ELF_HASH..).and_then(<[u8]>::first_chunk);
+    let hash: &[u8; BUILD] = hash.ok_or(ImageError::NoDescriptor)?;
+    Ok(format!("{:016x}", u64::from_be_bytes(*hash)))
 }
 
 fn word(bytes: &[u8], at: usize) -> Option<u32> {

@@ -15,10 +15,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use budgets::Row;
+use crawler_image_format::header::Header;
+use crawler_image_format::{elf, pem};
 use failure::{Context as _, Failure, Outcome, read, write};
 
 const USAGE: &str = "\
 crawler-image pack --chip CHIP --flash SIZE --partitions CSV --elf ELF --merged OUT --update OUT
+crawler-image keys --elf ELF --out OUT {--release-key PEM}...
+crawler-image slot --elf ELF --update OUT
 crawler-image size --budgets TOML {--image NAME ELF [--chip CHIP] [--stack BYTES]
                    [--slot UPDATE CSV SIZE]}...
 crawler-image crates ELF";
@@ -27,6 +31,8 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let outcome = match arguments.split_first() {
         Some((command, rest)) if command == "pack" => pack(rest),
+        Some((command, rest)) if command == "keys" => keys(rest),
+        Some((command, rest)) if command == "slot" => slot(rest),
         Some((command, rest)) if command == "size" => size(rest),
         Some((command, [elf])) if command == "crates" => crates(Path::new(elf)),
         _ => {
@@ -65,9 +71,49 @@ fn pack(arguments: &[String]) -> Outcome {
         images.merged.len()
     );
     println!(
-        "{}: {} bytes, one update slot",
+        "{}: {} bytes, one update slot, build {}",
         update.display(),
-        images.update.len()
+        images.update.len(),
+        app_image::build(&images.update).when(update.display())?
+    );
+    Ok(())
+}
+
+/// Writes release keys into a program.
+fn keys(arguments: &[String]) -> Outcome {
+    let elf = PathBuf::from(option(arguments, "--elf")?);
+    let out = PathBuf::from(option(arguments, "--out")?);
+    let mut keys = Vec::new();
+    for pair in arguments.windows(2) {
+        if pair[0] == "--release-key" {
+            let path = Path::new(&pair[1]);
+            let text = String::from_utf8(read(path)?).when(path.display())?;
+            let found = pem::public_keys(&text).ok_or_else(|| {
+                Failure(format!("{}: no public key of P-256 in PEM", path.display()))
+            })?;
+            keys.extend(found);
+        }
+    }
+    let mut program = read(&elf)?;
+    crawler_image_format::keys::set(&mut program, &keys).when(elf.display())?;
+    write(&out, &program)?;
+    println!("{}: {} release keys", out.display(), keys.len());
+    Ok(())
+}
+
+/// Packs the program of the emulated board.
+fn slot(arguments: &[String]) -> Outcome {
+    let elf = PathBuf::from(option(arguments, "--elf")?);
+    let update = PathBuf::from(option(arguments, "--update")?);
+    let image = elf::image(&read(&elf)?).when(elf.display())?;
+    write(&update, &image)?;
+    let header = image.first_chunk().and_then(Header::parse);
+    let build = header.map(|header| header.build()).unwrap_or_default();
+    println!(
+        "{}: {} bytes, one update slot, build {}",
+        update.display(),
+        image.len(),
+        build.escape_ascii()
     );
     Ok(())
 }

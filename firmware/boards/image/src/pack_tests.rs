@@ -2,6 +2,7 @@ use std::path::Path;
 
 use espflash::flasher::FlashSize;
 use espflash::target::Chip;
+use sha2::{Digest as _, Sha256};
 
 use super::{Target, chip, pack};
 use crate::app_image;
@@ -124,6 +125,18 @@ fn noise_is_refused() {
         &[bytes(".flash.appdesc", 0x3c00_0020, 0, vec![1; 16])],
     );
     refused(&short, &target(Chip::Esp32c3), "espflash gave up");
+}
+
+#[test]
+fn a_build_id_is_that_of_the_elf_file() {
+    let elf = elf(RISCV, &program(300));
+    let images = pack(&elf, &target(Chip::Esp32c3)).expect("image");
+    let hash = Sha256::digest(&elf);
+    let first: &[u8; 8] = hash.first_chunk().expect("longer");
+    let expected = format!("{:016x}", u64::from_be_bytes(*first));
+    assert_eq!(app_image::build(&images.update), Ok(expected));
+    assert!(app_image::build(&images.update[..170]).is_err());
+    assert!(app_image::build(&[0; 300]).is_err());
 }
 
 #[test]
