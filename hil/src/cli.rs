@@ -64,6 +64,9 @@ pub(crate) struct EmulateArguments {
     /// The program, an ELF file [default: that of the environment variable `CRAWLER_VIRT_ELF`, or what `cargo xtask image --board virt` built]
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
+    /// Public key, in PEM, of releases that they take; may be given twice. Without any they take none
+    #[arg(long = "release-key", value_name = "FILE")]
+    pub(crate) release_keys: Vec<PathBuf>,
     /// Another boot argument for each of them, like `fault=ranger-dead`; may be given several times
     #[arg(long = "boot", value_name = "KEY=VALUE")]
     pub(crate) boot: Vec<String>,

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use crawler_hil::emulator::{self, Emulator, EmulatorError, Options};
+use crawler_image_format::pem;
 use crawler_protocol::RobotId;
 use tokio::time::Instant;
 
@@ -51,6 +52,14 @@ fn start(arguments: &EmulateArguments) -> Result<Vec<Emulator>, Box<dyn std::err
         std::fs::create_dir_all(folder)
             .map_err(|error| format!("{}: {error}", folder.display()))?;
     }
+    let mut release_keys = Vec::new();
+    for file in &arguments.release_keys {
+        let text = std::fs::read_to_string(file)
+            .map_err(|error| format!("{}: {error}", file.display()))?;
+        let keys = pem::public_keys(&text)
+            .ok_or_else(|| format!("{}: no public key of P-256 in PEM", file.display()))?;
+        release_keys.extend(keys);
+    }
     let mut emulators = Vec::new();
     for number in 1..=arguments.robots {
         let name = format!("virt-{number:02}");
@@ -62,6 +71,7 @@ fn start(arguments: &EmulateArguments) -> Result<Vec<Emulator>, Box<dyn std::err
             fleet: arguments.fleet.clone(),
             arguments: arguments.boot.clone(),
             flash,
+            release_keys: release_keys.clone(),
             ..Options::new(
                 image.clone(),
                 RobotId::new(&name)?,

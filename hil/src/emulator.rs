@@ -5,6 +5,7 @@
 //! [`Emulator::power_cycle`] is what cuts its power. Each emulator is a process of its own, ended by
 //! its own id when the value is dropped, also while a test panics.
 
+mod banks;
 mod error;
 mod qmp;
 mod serial;
@@ -16,6 +17,8 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crawler_image_format::elf::{self, ElfError};
+use crawler_image_format::keys::{self, KEY};
 use crawler_protocol::{Fleet, RobotId};
 use tempfile::TempDir;
 
@@ -28,13 +31,13 @@ pub use serial::Line;
 
 /// Where the image of the emulated board lies below a target directory.
 pub const IMAGE: &str = "boards/riscv32imac-unknown-none-elf/release/crawler-virt";
+/// Name of its boot stage, which lies beside it.
+const BOOT_STAGE: &str = "crawler-virt-boot";
 /// Names another image.
 pub const IMAGE_VARIABLE: &str = "CRAWLER_VIRT_ELF";
 /// The emulator.
 pub const QEMU: &str = "qemu-system-riscv32";
 
-/// Size of one bank of the machine's parallel flash.
-const FLASH_BYTES: u64 = 32 * 1024 * 1024;
 /// This machine, as an emulated one sees it.
 const HOST: &str = "10.0.2.2";
 /// For the emulator to offer its control socket.
@@ -43,7 +46,8 @@ const STARTS: Duration = Duration::from_mins(1);
 /// What to emulate.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The program, an ELF file.
+    /// The program, an ELF file, beside which the boot stage lies. The board is flashed with it unless it
+    /// was flashed with the same one before: updates of it survive.
     pub image: PathBuf,
     /// Id of the robot.
     pub robot: RobotId,
@@ -56,6 +60,8 @@ pub struct Options {
     /// The file that is its flash, made when it is not there; none is one that ends with the
     /// emulator.
     pub flash: Option<PathBuf>,
+    /// Public keys of the releases that it takes: uncompressed points of P-256. Without any it takes none.
+    pub release_keys: Vec<[u8; KEY]>,
     /// Ports of this machine's loopback that lead to ports of the robot: ours, its.
     pub forwards: Vec<(u16, u16)>,
 }
@@ -70,8 +76,24 @@ impl Options {
             broker,
             arguments: Vec::new(),
             flash: None,
+            release_keys: Vec::new(),
             forwards: Vec::new(),
         }
+    }
+
+    /// The image that the board is flashed with: the program, with its release keys. A release of it is this image
+    /// as well.
+    ///
+    /// # Errors
+    /// [`EmulatorError`] when the program cannot be read, or is none.
+    pub fn program(&self) -> Result<Vec<u8>, EmulatorError> {
+        let mut elf = read(&self.image)?;
+        if !self.release_keys.is_empty() {
+            keys::set(&mut elf, &self.release_keys).map_err(|error| {
+                EmulatorError::NotAnImage(self.image.clone(), error.to_string())
+            })?;
+        }
+        image_of(&self.image, &elf, elf::image)
     }
 
     /// The network card's other end, as QEMU is told.
@@ -152,6 +174,29 @@ pub fn image() -> Result<PathBuf, EmulatorError> {
     built(IMAGE).ok_or_else(|| EmulatorError::NoImage(Path::new("target").join(IMAGE)))
 }
 
+/// The boot stage that lies beside `image`, or else where the build puts it.
+fn boot_stage(image: &Path) -> Result<PathBuf, EmulatorError> {
+    let beside = image.with_file_name(BOOT_STAGE);
+    if beside.is_file() {
+        return Ok(beside);
+    }
+    let usual = Path::new(IMAGE).with_file_name(BOOT_STAGE);
+    built(&usual.to_string_lossy()).ok_or(EmulatorError::NoImage(beside))
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, EmulatorError> {
+    std::fs::read(path).map_err(|error| EmulatorError::File(path.to_owned(), error))
+}
+
+/// What `convert` makes of the ELF file at `path`.
+fn image_of(
+    path: &Path,
+    elf: &[u8],
+    convert: impl Fn(&[u8]) -> Result<Vec<u8>, ElfError>,
+) -> Result<Vec<u8>, EmulatorError> {
+    convert(elf).map_err(|error| EmulatorError::NotAnImage(path.to_owned(), error.to_string()))
+}
+
 /// A file below the target directory that the running program was built in.
 fn built(file: &str) -> Option<PathBuf> {
     let program = std::env::current_exe().unwrap_or_default();
@@ -167,8 +212,9 @@ pub struct Emulator {
     /// The parts of one power-on.
     machine: Option<Machine>,
     log: Arc<Log>,
-    /// Control socket, and flash that nobody named.
+    /// Control socket, boot stage, and flash that nobody named.
     folder: TempDir,
+    boot: PathBuf,
     flash: PathBuf,
     starts: u32,
 }
@@ -195,11 +241,19 @@ impl Emulator {
             None => folder.path().join("flash"),
         };
         let log = Arc::new(Log::read_by(&options.image)?);
+        let program = options.program()?;
+        let stage = boot_stage(&options.image)?;
+        let stage = image_of(&stage, &read(&stage)?, elf::boot_stage)?;
+        let boot = folder.path().join("boot");
+        banks::boot(&boot, &stage).map_err(|error| EmulatorError::File(boot.clone(), error))?;
+        banks::flash(&flash, &program)
+            .map_err(|error| EmulatorError::File(flash.clone(), error))?;
         let mut emulator = Self {
             options,
             machine: None,
             log,
             folder,
+            boot,
             flash,
             starts: 0,
         };
@@ -208,21 +262,19 @@ impl Emulator {
     }
 
     fn power_on(&mut self) -> Result<(), EmulatorError> {
-        self.prepare_flash()?;
         self.starts += 1;
         let path = |name: &str| self.folder.path().join(format!("{name}-{}", self.starts));
         let (socket, said) = (path("control"), path("said"));
         let stderr =
             File::create(&said).map_err(|error| EmulatorError::File(said.clone(), error))?;
-        // The image is the machine's firmware: QEMU 7.2 loads no kernel when the second flash bank
-        // is there, but takes boot arguments only along with one, which nobody looks at.
+        // The machine starts in the first flash bank: QEMU 7.2 loads no kernel when the second one is there, but
+        // takes boot arguments only along with one, which nobody looks at.
         let kernel = path("kernel");
         std::fs::write(&kernel, "none\n")
             .map_err(|error| EmulatorError::File(kernel.clone(), error))?;
         let mut child = in_time()
             .args(["-M", "virt", "-smp", "1", "-m", "32M"])
-            .arg("-bios")
-            .arg(&self.options.image)
+            .args(["-bios", "none"])
             .arg("-kernel")
             .arg(&kernel)
             .arg("-append")
@@ -232,6 +284,12 @@ impl Emulator {
             .args(["-serial", "chardev:uart"])
             .args(["-netdev", &self.options.network()])
             .args(["-device", "virtio-net-device,netdev=n0"])
+            .arg("-drive")
+            .arg(option(
+                "if=pflash,unit=0,format=raw,readonly=on,file=",
+                &self.boot,
+                "",
+            ))
             .arg("-drive")
             .arg(option("if=pflash,unit=1,format=raw,file=", &self.flash, ""))
             .arg("-qmp")
@@ -266,23 +324,6 @@ impl Emulator {
             said,
         });
         Ok(())
-    }
-
-    fn prepare_flash(&self) -> Result<(), EmulatorError> {
-        let prepare = || {
-            let file = File::options()
-                .create(true)
-                .truncate(false)
-                .write(true)
-                .open(&self.flash)?;
-            // Sparse: what is never written takes no room.
-            if file.metadata()?.len() == FLASH_BYTES {
-                Ok(())
-            } else {
-                file.set_len(FLASH_BYTES)
-            }
-        };
-        prepare().map_err(|error| EmulatorError::File(self.flash.clone(), error))
     }
 
     /// Id of the robot.

@@ -44,6 +44,12 @@ pub(crate) const VIRT: Board = Board {
     std: "core",
     flash: None,
 };
+/// What starts the robot in QEMU from one of its slots.
+pub(crate) const BOOT_STAGE: Board = Board {
+    name: "virt-boot",
+    binary: "crawler-virt-boot",
+    ..VIRT
+};
 /// The robot program without any board, which is weighed and never run.
 pub(crate) const PROGRAM: Board = Board {
     name: "program",
@@ -127,6 +133,13 @@ impl Board {
         run::target_dir()
             .join("images")
             .join(format!("{}.bin", self.name))
+    }
+
+    /// The program with release keys in it.
+    pub(crate) fn keyed_elf(&self) -> PathBuf {
+        run::target_dir()
+            .join("images")
+            .join(format!("{}.elf", self.name))
     }
 
     /// The program alone, for one update slot.

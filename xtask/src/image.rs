@@ -2,21 +2,39 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::boards::{self, Board, Flash};
+use crate::boards::{self, BOOT_STAGE, Board, Flash, VIRT};
 use crate::cross;
 use crate::run::{self, Failure, Outcome};
 
-/// `cargo xtask image --board NAME`, or several.
+/// `cargo xtask image --board NAME [--release-key FILE]`, or several of either.
 ///
 /// # Errors
 /// When an argument is unknown, no compiler is here, or the build fails.
 pub(crate) fn command(arguments: &[String]) -> Outcome {
-    let boards = requested(arguments)?;
+    let (boards, keys) = split_keys(arguments);
+    let boards = requested(&boards)?;
     if boards.is_empty() {
         let names = boards::ALL.map(|board| board.name).join("|");
-        return Err(Failure(format!("cargo xtask image --board {names}")));
+        return Err(Failure(format!(
+            "cargo xtask image --board {names} [--release-key FILE]"
+        )));
     }
-    boards.into_iter().try_for_each(image)
+    boards
+        .into_iter()
+        .try_for_each(|board| image_with(board, &keys))
+}
+
+/// The arguments without the files named by `--release-key`, and these.
+pub(crate) fn split_keys(arguments: &[String]) -> (Vec<String>, Vec<String>) {
+    let mut keys = Vec::new();
+    let mut others = Vec::new();
+    for pair in arguments.chunks(2) {
+        match pair {
+            [option, file] if option == "--release-key" => keys.push(file.clone()),
+            other => others.extend_from_slice(other),
+        }
+    }
+    (others, keys)
 }
 
 /// The boards named by `--board`.
@@ -34,19 +52,52 @@ pub(crate) fn requested(arguments: &[String]) -> Outcome<Vec<&'static Board>> {
         .collect()
 }
 
-/// Builds `board` and packs what has to be packed.
+/// Builds `board` and packs what has to be packed. It takes no releases.
 ///
 /// # Errors
 /// When no compiler is here, the build fails, or the program does not fit its slot.
 pub(crate) fn image(board: &Board) -> Outcome {
-    let elf = build(board, board.binary)?;
+    image_with(board, &[])
+}
+
+/// Builds `board`, for releases signed with one of these keys, and packs what has to be packed.
+fn image_with(board: &Board, keys: &[String]) -> Outcome {
+    let elf = with_keys(board, build(board, board.binary)?, keys)?;
     match &board.flash {
         None => {
             println!("{}", elf.display());
+            if board.binary == VIRT.binary {
+                println!("{}", build(&BOOT_STAGE, BOOT_STAGE.binary)?.display());
+                crawler_image(&[
+                    "slot",
+                    "--elf",
+                    &elf.to_string_lossy(),
+                    "--update",
+                    &board.update_image().to_string_lossy(),
+                ])?;
+            }
             tool("log", "build", &[])
         }
         Some(flash) => pack(board, flash, &elf),
     }
+}
+
+/// The program with these release keys written into it: `elf` itself when there are none.
+///
+/// # Errors
+/// When a file holds no public key, or the program cannot take so many.
+pub(crate) fn with_keys(board: &Board, elf: PathBuf, keys: &[String]) -> Outcome<PathBuf> {
+    if keys.is_empty() {
+        return Ok(elf);
+    }
+    let keyed = board.keyed_elf();
+    let (from, to) = (elf.to_string_lossy(), keyed.to_string_lossy());
+    let mut words = vec!["keys", "--elf", &from, "--out", &to];
+    for key in keys {
+        words.extend(["--release-key", key]);
+    }
+    crawler_image(&words)?;
+    Ok(keyed)
 }
 
 /// Builds one program of the board's workspace; its path.
@@ -114,7 +165,24 @@ pub(crate) fn tool(workspace: &str, what: &str, arguments: &[&str]) -> Outcome {
 
 #[cfg(test)]
 mod tests {
-    use super::requested;
+    use super::{requested, split_keys};
+
+    #[test]
+    fn release_keys_are_files() {
+        let words = [
+            "--board",
+            "virt",
+            "--release-key",
+            "a.pem",
+            "--release-key",
+            "b.pem",
+        ];
+        let (others, keys) = split_keys(&words.map(str::to_owned));
+        assert_eq!(others, ["--board", "virt"]);
+        assert_eq!(keys, ["a.pem", "b.pem"]);
+        let (others, keys) = split_keys(&["--release-key".to_owned()]);
+        assert_eq!((others.len(), keys.len()), (1, 0));
+    }
 
     #[test]
     fn boards_are_asked_for_by_name() {

@@ -78,13 +78,13 @@ const TASKS: &[Task] = &[
     },
     Task {
         name: "image",
-        arguments: "--board NAME...",
+        arguments: "--board NAME... [--release-key FILE]...",
         about: "build a board's program and pack it for flash: virt, esp32s3, esp32c3, esp32c6",
         run: image::command,
     },
     Task {
         name: "flash",
-        arguments: "--board NAME [--port P]",
+        arguments: "--board NAME [--port P] [--release-key FILE]",
         about: "build, flash with espflash, and show the board's log",
         run: flash::command,
     },

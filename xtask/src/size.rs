@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::boards::{self, Board, C3, C6, PROGRAM, VIRT};
+use crate::boards::{self, BOOT_STAGE, Board, C3, C6, PROGRAM, VIRT};
 use crate::image;
 use crate::run::Outcome;
 
@@ -14,7 +14,7 @@ use crate::run::Outcome;
 pub(crate) fn command(arguments: &[String]) -> Outcome {
     let mut boards = image::requested(arguments)?;
     if boards.is_empty() {
-        boards = vec![&PROGRAM, &VIRT, &C3, &C6];
+        boards = vec![&PROGRAM, &VIRT, &BOOT_STAGE, &C3, &C6];
     }
     let mut words = vec![
         "size".to_owned(),

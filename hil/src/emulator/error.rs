@@ -54,6 +54,8 @@ impl fmt::Display for EmulatorError {
                 let meaning = match status.code() {
                     Some(2) => "the image does not understand its boot arguments",
                     Some(3) => "the image finds no network card",
+                    Some(5) => "no slot of its flash holds a whole program",
+                    Some(6) => "the boot stage failed",
                     _ => "",
                 };
                 for text in [meaning, said.trim()] {

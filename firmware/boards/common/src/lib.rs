@@ -10,7 +10,8 @@
 //! | [`boot_record`] | why the program started and how it last panicked, in memory that a reset keeps |
 //! | [`arguments`] | what a robot is told about itself in one line of text |
 //! | [`devicetree`] | that line, in the description of a machine |
-//! | [`cfi`] | flash chips with the common flash interface, as a region for parameters |
+//! | [`cfi`] | flash chips with the common flash interface, as regions for parameters and programs |
+//! | [`guard`](mod@guard) | the first lines of `main`: run, or go back to the program before |
 //! | [`settings`] | what a person tells a robot once, and the flash that keeps it |
 //! | [`provision`] | the page where a person enters it |
 //! | [`model`] | a body in software, for boards that have none |
@@ -27,6 +28,7 @@ pub mod boot_record;
 pub mod cfi;
 pub mod clock;
 pub mod devicetree;
+pub mod guard;
 pub mod model;
 pub mod network;
 pub mod provision;

@@ -22,8 +22,6 @@ pub(crate) const PLIC: usize = 0x0C00_0000;
 pub(crate) const VIRTIO: usize = 0x1000_1000;
 pub(crate) const VIRTIO_STRIDE: usize = 0x1000;
 pub(crate) const VIRTIO_SLOTS: usize = 8;
-/// Second bank of parallel flash.
-pub(crate) const FLASH: usize = 0x2200_0000;
 
 /// Why the emulator ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, defmt::Format)]
@@ -37,6 +35,10 @@ pub enum ExitCode {
     NoNetworkCard = 3,
     /// A measurement did not come to its end.
     Measurement = 4,
+    /// No slot holds a whole program: the boot stage says so.
+    NoProgram = 5,
+    /// The boot stage failed.
+    BootStage = 6,
 }
 
 /// Ends the emulator with `code`.

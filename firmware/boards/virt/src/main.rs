@@ -15,7 +15,7 @@ use crawler_virt::ethernet::Ethernet;
 use crawler_virt::flash::ParameterFlash;
 use crawler_virt::machine::{self, Description, ExitCode};
 use crawler_virt::system::VirtSystem;
-use crawler_virt::{executor, log, provision, stack, system, time};
+use crawler_virt::{executor, log, provision, stack, system, time, update};
 use embassy_executor::Spawner;
 use embassy_net::{DhcpConfig, Runner, StackResources};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -46,11 +46,12 @@ static TLS: ConstStaticCell<Buffers> = ConstStaticCell::new(Buffers::new());
 static TRANSMIT: ConstStaticCell<[u8; SOCKET_BUFFER]> = ConstStaticCell::new([0; SOCKET_BUFFER]);
 
 #[riscv_rt::entry]
-fn main(_hart: usize, tree: usize) -> ! {
+fn main(_hart: usize, tree: usize, started: usize) -> ! {
     stack::paint();
     log::init();
     time::init();
     system::init();
+    update::guard(started);
     // SAFETY: what the firmware handed over; the tree lies above all our memory.
     let description = unsafe { Description::at(tree) }.unwrap_or_else(|error| {
         defmt::error!("the command line cannot be told: {}", error);
@@ -119,8 +120,7 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     let secret = arguments
         .authority
         .map(|authority| (authority, secret_rng(description)));
-    // SAFETY: the only one.
-    let flash = unsafe { ParameterFlash::new(arguments.faults.flash_refuses) };
+    let flash = ParameterFlash::new(arguments.faults.flash_refuses);
     let noise = arguments.faults.flash_noise.then_some(noise_rng);
 
     spawner.spawn(model(body).expect(FIRST));
@@ -255,7 +255,7 @@ async fn lamp(robot: &'static Context, body: &'static Body) -> ! {
 
 #[embassy_executor::task]
 async fn store(robot: &'static Context, mut flash: ParameterFlash, noise: Option<Pcg32>) -> ! {
-    if let Err(error) = flash.probe() {
+    if let Err(error) = flash.probe().await {
         // The program finds out by itself, and goes on without.
         defmt::error!("flash: {}", defmt::Display2Format(&error));
     }

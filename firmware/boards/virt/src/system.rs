@@ -64,6 +64,14 @@ pub(crate) fn starve() -> ! {
     machine::reset()
 }
 
+/// Resets the machine, as asked for.
+pub(crate) fn restart() -> ! {
+    critical_section::with(|_| {
+        leave(BootRecord::ending(End::Reset, found().as_ref()));
+        machine::reset()
+    })
+}
+
 /// The microcontroller.
 #[derive(Debug)]
 pub struct VirtSystem {
@@ -98,10 +106,7 @@ impl System for VirtSystem {
 
     async fn reset(&mut self) -> Infallible {
         defmt::info!("reset, as asked for");
-        critical_section::with(|_| {
-            leave(BootRecord::ending(End::Reset, self.found.as_ref()));
-            machine::reset()
-        })
+        restart()
     }
 }
 

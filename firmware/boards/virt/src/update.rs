@@ -1,0 +1,91 @@
+//! The slots of the board, which of them runs, and the guard in the first lines of `main`.
+
+use core::cell::Cell;
+
+use crawler_board::guard::{self, Next};
+use crawler_hal::{SlotPort, SlotRegion, System as _};
+use crawler_image_format::header::{BUILD, Header};
+use crawler_image_format::keys::KeyTable;
+use crawler_image_format::layout::{OTADATA, SLOT_BYTES, SLOTS};
+use crawler_image_format::start;
+use critical_section::Mutex;
+use embassy_futures::block_on;
+use embedded_storage_async::nor_flash::ReadNorFlash as _;
+
+use crate::flash::{self, Programs};
+use crate::system::{self, VirtSystem};
+
+/// No chip of Espressif.
+const NO_CHIP: u16 = 0xFFFF;
+
+/// The keys that releases must be signed with. Whoever packs the program writes them in.
+#[used]
+static RELEASE_KEYS: KeyTable = KeyTable::empty();
+
+/// The slot that the boot stage started; `None` when the program was started without it.
+static RUNNING: Mutex<Cell<Option<u8>>> = Mutex::new(Cell::new(None));
+
+/// Takes over what the boot stage told in the third register, and decides whether this program runs. Does not
+/// come back when it does not: the program before is started then.
+pub fn guard(started: usize) {
+    let Some(running) = start::told(started) else {
+        return;
+    };
+    critical_section::with(|cs| RUNNING.borrow(cs).set(Some(running)));
+    if let Err(error) = flash::probe() {
+        defmt::error!("flash: {}", defmt::Display2Format(&error));
+        return;
+    }
+    let Some(mut port) = slots() else {
+        return;
+    };
+    if let Some(build) = build() {
+        let build = core::str::from_utf8(&build).unwrap_or_default();
+        let keys = RELEASE_KEYS.keys().count();
+        defmt::info!("build {=str}, {} release keys", build, keys);
+    }
+    let cause = VirtSystem::new().reset_cause();
+    match block_on(guard::guard(&mut port, cause)) {
+        Ok(Next::Run) => defmt::info!("slot {}, proven", running),
+        Ok(Next::Try) => defmt::info!("slot {}, on trial", running),
+        Ok(Next::RunAgain(reason)) => {
+            defmt::warn!(
+                "slot {}: the other one does not start: {=str}",
+                running,
+                reason.code()
+            );
+        }
+        Ok(Next::Restart(reason)) => {
+            defmt::warn!("slot {} is given up: {=str}", running, reason.code());
+            system::restart();
+        }
+        Err(error) => {
+            let error = error.as_ref().map(defmt::Display2Format);
+            defmt::error!("slot {}: the flash does not keep it: {}", running, error);
+        }
+    }
+}
+
+/// The slots, when the boot stage started the program from one of them. There may be one user.
+pub fn slots() -> Option<SlotPort<Programs>> {
+    let running = critical_section::with(|cs| RUNNING.borrow(cs).get())?;
+    Some(SlotPort {
+        flash: flash::programs(),
+        otadata: OTADATA,
+        slots: SLOTS.map(|start| SlotRegion {
+            start,
+            length: SLOT_BYTES,
+        }),
+        running,
+        chip: NO_CHIP,
+    })
+}
+
+/// The build id of the program that runs; `None` when it was started without the boot stage.
+pub fn build() -> Option<[u8; BUILD]> {
+    let mut port = slots()?;
+    let start = SLOTS.get(usize::from(port.running))?;
+    let mut head = [0; Header::BYTES];
+    block_on(port.flash.read(*start, &mut head)).ok()?;
+    Header::parse(&head).map(|header| header.build())
+}
