@@ -6,19 +6,35 @@
 
 use core::cell::RefCell;
 
+use crawler_hal::{SlotPort, SlotRegion};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embedded_storage_async::nor_flash::{
-    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+    ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
-use esp_bootloader_esp_idf::partitions::{PARTITION_TABLE_MAX_LEN, read_partition_table};
+use esp_bootloader_esp_idf::partitions::{
+    Error, PARTITION_TABLE_MAX_LEN, PartitionEntry, PartitionTable, read_partition_table,
+};
 use esp_hal::peripherals::FLASH;
 use esp_storage::{FlashStorage, FlashStorageError};
 use static_cell::StaticCell;
 
-/// Type of a partition that holds data (ESP-IDF programming guide, "Partition Tables").
+/// Types of partitions that hold a program, and data, and the subtypes of slots and select entries (ESP-IDF
+/// programming guide, "Partition Tables").
+const APP: u8 = 0;
 const DATA: u8 = 1;
+const OTA_0: u8 = 0x10;
+const OTA_1: u8 = 0x11;
+const OTADATA: u8 = 0;
 const SECTOR: u32 = FlashStorage::SECTOR_SIZE;
+/// The chip in the header of an image (ESP-IDF, `esp_chip_id_t`).
+const CHIP: u16 = if cfg!(feature = "esp32c3") {
+    5
+} else if cfg!(feature = "esp32c6") {
+    13
+} else {
+    9
+};
 
 /// The one flash, behind the one lock. The lock is that of interrupts: on a chip with two cores,
 /// the other one then holds no lock when it is parked for a write.
@@ -30,6 +46,8 @@ pub(crate) struct Regions {
     pub(crate) parameters: Region,
     /// What a person told the robot.
     pub(crate) settings: Region,
+    /// Two programs; `None` when the partition table has no two slots, or the program runs from neither.
+    pub(crate) slots: Option<SlotPort<Region>>,
 }
 
 /// Reads the partition table. What it lacks becomes a region without flash, whose every use is
@@ -44,7 +62,55 @@ pub(crate) fn regions(flash: FLASH<'static>) -> Regions {
     Regions {
         parameters: Region::find(shared, "params"),
         settings: Region::find(shared, "settings"),
+        slots: slots(shared),
     }
+}
+
+/// The slots, as the partition table has them.
+fn slots(shared: &'static Shared) -> Option<SlotPort<Region>> {
+    let found = shared.lock(|flash| find_slots(&mut flash.borrow_mut(), shared));
+    let slots = found.unwrap_or_default();
+    if slots.is_none() {
+        defmt::error!("flash: no two slots, so there are no updates");
+    }
+    slots
+}
+
+/// Finds where the select entries and the slots are, and which slot runs. `None` where there are none, or the
+/// program runs from neither.
+fn find_slots(
+    flash: &mut FlashStorage<'static>,
+    shared: &'static Shared,
+) -> Result<Option<SlotPort<Region>>, Error> {
+    let mut bytes = [0; PARTITION_TABLE_MAX_LEN];
+    let table = read_partition_table(flash, &mut bytes)?;
+    let capacity = flash.capacity() as u32;
+    let place = |kind, subtype| {
+        place_of(&table, capacity, |entry| {
+            entry.raw_type() == kind && entry.raw_subtype() == subtype
+        })
+    };
+    let (Some((otadata, length)), Some(first), Some(second)) =
+        (place(DATA, OTADATA), place(APP, OTA_0), place(APP, OTA_1))
+    else {
+        return Ok(None);
+    };
+    let slots = [first, second].map(|(start, length)| SlotRegion { start, length });
+    let booted = table.booted_partition()?.map(|entry| entry.offset());
+    let running = slots.iter().position(|slot| Some(slot.start) == booted);
+    Ok(running
+        .filter(|_| length >= 2 * SECTOR)
+        .map(|running| SlotPort {
+            flash: Region {
+                flash: Some(shared),
+                start: 0,
+                length: capacity,
+            },
+            otadata,
+            slots,
+            running: running as u8,
+            chip: CHIP,
+        }))
 }
 
 /// Why the flash did not serve. Each variant calls for a different next step.
@@ -139,30 +205,35 @@ impl Region {
 }
 
 /// Finds where the partition `label` lies. `None` when there is none, or none that makes sense.
-fn place(
-    flash: &mut FlashStorage<'static>,
-    label: &str,
-) -> Result<Option<(u32, u32)>, esp_bootloader_esp_idf::partitions::Error> {
+fn place(flash: &mut FlashStorage<'static>, label: &str) -> Result<Option<(u32, u32)>, Error> {
     let mut table = [0; PARTITION_TABLE_MAX_LEN];
     let table = read_partition_table(flash, &mut table)?;
-    let capacity = flash.capacity() as u64;
-    let place = table
+    let capacity = flash.capacity() as u32;
+    Ok(place_of(&table, capacity, |entry| {
+        let name = entry.label();
+        let end = name.iter().position(|byte| *byte == 0);
+        entry.raw_type() == DATA && &name[..end.unwrap_or(name.len())] == label.as_bytes()
+    }))
+}
+
+/// Start and length of the first partition that `wanted` asks for and that may be written; `None` when there is
+/// none, or none that makes sense.
+fn place_of(
+    table: &PartitionTable<'_>,
+    capacity: u32,
+    wanted: impl Fn(&PartitionEntry) -> bool,
+) -> Option<(u32, u32)> {
+    table
         .iter()
-        .filter(|entry| entry.raw_type() == DATA && !entry.is_read_only())
-        .find(|entry| {
-            let name = entry.label();
-            let end = name.iter().position(|byte| *byte == 0);
-            &name[..end.unwrap_or(name.len())] == label.as_bytes()
-        })
+        .find(|entry| !entry.is_read_only() && wanted(entry))
         .map(|entry| (entry.offset(), entry.len()))
         .filter(|(start, length)| {
-            let end = u64::from(*start) + u64::from(*length);
+            let end = start.checked_add(*length);
             start.is_multiple_of(SECTOR)
                 && length.is_multiple_of(SECTOR)
                 && *length > 0
-                && end <= capacity
-        });
-    Ok(place)
+                && end.is_some_and(|end| end <= capacity)
+        })
 }
 
 impl ErrorType for Region {
@@ -207,3 +278,5 @@ impl NorFlash for Region {
         self.with(offset, bytes.len(), |flash, at| flash.write_nor(at, bytes))
     }
 }
+
+impl MultiwriteNorFlash for Region {}

@@ -26,6 +26,7 @@ mod panic;
 mod randomness;
 mod ranger;
 mod system;
+mod update;
 mod wifi;
 
 use crawler_app::{Config, Robot};
@@ -50,7 +51,6 @@ async fn main(spawner: Spawner) {
     motors::stand(&mut board.robot);
     let start = system::Start::now();
     brownout::guard();
-    give_heap();
     let Board {
         robot: pins,
         mut chip,
@@ -59,6 +59,9 @@ async fn main(spawner: Spawner) {
         #[cfg(feature = "esp32c6")]
         antenna,
     } = board;
+    let mut regions = flash::regions(chip.flash);
+    update::guard(regions.slots.as_mut(), start).await;
+    give_heap();
     #[cfg(feature = "esp32c6")]
     antenna::choose(antenna);
     esp_rtos::start(TimerGroup::new(chip.timers).timer0, chip.switch);
@@ -70,7 +73,6 @@ async fn main(spawner: Spawner) {
     );
 
     let rng = randomness::control(chip.rng.reborrow(), chip.adc.reborrow());
-    let regions = flash::regions(chip.flash);
     let mut vault = Vault::new(regions.settings);
     let kept = vault.load().await.unwrap_or_else(|error| {
         defmt::error!("settings: {}", defmt::Display2Format(&error));

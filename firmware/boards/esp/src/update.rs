@@ -1,0 +1,51 @@
+//! The guard in the first lines of `main`, and who this program is.
+
+use core::hint::black_box;
+
+use crawler_board::boot_record::{BootRecord, End};
+use crawler_board::guard::{self, Next};
+use crawler_hal::SlotPort;
+use crawler_image_format::keys::KeyTable;
+
+use crate::flash::Region;
+use crate::system::Start;
+use crate::{ESP_APP_DESC, kept, system};
+
+/// The keys that releases must be signed with. Whoever packs the program writes them in.
+#[used]
+static RELEASE_KEYS: KeyTable = KeyTable::empty();
+
+/// Decides whether this program runs. Does not come back when it does not: the program before is started then.
+pub(crate) async fn guard(slots: Option<&mut SlotPort<Region>>, start: Start) {
+    let keys = RELEASE_KEYS.keys().count();
+    defmt::info!("build {=u64:016x}, {} release keys", build(), keys);
+    let Some(port) = slots else {
+        return;
+    };
+    match guard::guard(port, start.cause()).await {
+        Ok(Next::Run) => defmt::info!("slot {}, proven", port.running),
+        Ok(Next::Try) => defmt::info!("slot {}, on trial", port.running),
+        Ok(Next::RunAgain(reason)) => defmt::warn!(
+            "slot {}: the other one does not start: {=str}",
+            port.running,
+            reason.code()
+        ),
+        Ok(Next::Restart(reason)) => {
+            defmt::warn!("slot {} is given up: {=str}", port.running, reason.code());
+            kept::put(BootRecord::ending(End::Reset, None));
+            system::restart();
+        }
+        Err(error) => defmt::error!(
+            "slot {}: the flash does not keep it: {}",
+            port.running,
+            error
+        ),
+    }
+}
+
+/// The first bytes of the hash of the ELF file, which whoever packs the program writes into its descriptor.
+fn build() -> u64 {
+    // The compiler must not go by what it knows of the descriptor.
+    let hash = black_box(&ESP_APP_DESC).app_elf_sha256();
+    hash.first_chunk().copied().map_or(0, u64::from_be_bytes)
+}
