@@ -66,6 +66,8 @@ pub struct Faults {
     pub hang_s: Option<u16>,
     /// `panic@S`: S seconds after power-on the program panics.
     pub panic_s: Option<u16>,
+    /// `trial-panic@S`: S seconds after each start of a program on trial it panics.
+    pub trial_panic_s: Option<u16>,
 }
 
 /// Why a line is not understood.
@@ -218,6 +220,7 @@ fn faults(value: &str) -> Result<Faults, ArgumentError> {
             ("flash-refuses", None) => faults.flash_refuses = true,
             ("hang", Some(_)) => faults.hang_s = after_s,
             ("panic", Some(_)) => faults.panic_s = after_s,
+            ("trial-panic", Some(_)) => faults.trial_panic_s = after_s,
             _ => return Err(WRONG),
         }
     }
@@ -252,7 +255,7 @@ mod tests {
     #[test]
     fn every_word_is_understood() {
         let line = " id=r-7  fleet=lab broker=broker.lan:8883 user=u password=p=q \
-                    fault=ranger-dead,panic@5 provision=1 bench=1";
+                    fault=ranger-dead,panic@5,trial-panic@6 provision=1 bench=1";
         let line = format!("{line} authority={AUTHORITY}");
         let arguments = Arguments::parse(&line).expect("a good line");
         assert_eq!(arguments.id.as_str(), "r-7");
@@ -266,6 +269,7 @@ mod tests {
         assert_eq!(format!("{authority}"), AUTHORITY);
         assert!(arguments.faults.ranger_dead && !arguments.faults.line_stuck);
         assert_eq!(arguments.faults.panic_s, Some(5));
+        assert_eq!(arguments.faults.trial_panic_s, Some(6));
         assert!(arguments.provision && arguments.bench);
     }
 

@@ -137,10 +137,15 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
         REPORT_EVERY
     };
     spawner.spawn(report(robot, body, every).expect(FIRST));
-    // Faults of the first start alone: after the reset they lead to, the robot is to go on.
-    if cause == ResetCause::PowerOn {
-        spawner.spawn(strike(arguments.faults).expect(FIRST));
-    }
+    // Of the first start alone, or of trials alone: after the reset that they lead to, the robot is to go on.
+    let first = cause == ResetCause::PowerOn;
+    let faults = Faults {
+        panic_s: arguments.faults.panic_s.filter(|_| first),
+        hang_s: arguments.faults.hang_s.filter(|_| first),
+        trial_panic_s: arguments.faults.trial_panic_s.filter(|_| update::is_on_trial()),
+        ..arguments.faults
+    };
+    spawner.spawn(strike(faults).expect(FIRST));
     let above = executor::start_control();
     above.spawn(control(robot, body, system, rng).expect(FIRST));
 }
@@ -332,6 +337,13 @@ async fn strike(faults: Faults) {
         } => {
             Timer::after(Duration::from_secs(s.into())).await;
             panic!("as asked for by fault=panic@{s}");
+        }
+        Faults {
+            trial_panic_s: Some(s),
+            ..
+        } => {
+            Timer::after(Duration::from_secs(s.into())).await;
+            panic!("as asked for by fault=trial-panic@{s}");
         }
         Faults {
             hang_s: Some(s), ..

@@ -25,6 +25,14 @@ static RELEASE_KEYS: KeyTable = KeyTable::empty();
 /// The slot that the boot stage started; `None` when the program was started without it.
 static RUNNING: Mutex<Cell<Option<u8>>> = Mutex::new(Cell::new(None));
 
+/// Whether the program started on trial.
+static ON_TRIAL: Mutex<Cell<bool>> = Mutex::new(Cell::new(false));
+
+/// Whether the program started on trial.
+pub fn is_on_trial() -> bool {
+    critical_section::with(|cs| ON_TRIAL.borrow(cs).get())
+}
+
 /// Takes over what the boot stage told in the third register, and decides whether this program runs. Does not
 /// come back when it does not: the program before is started then.
 pub fn guard(started: usize) {
@@ -47,7 +55,10 @@ pub fn guard(started: usize) {
     let cause = VirtSystem::new().reset_cause();
     match block_on(guard::guard(&mut port, cause)) {
         Ok(Next::Run) => defmt::info!("slot {}, proven", running),
-        Ok(Next::Try) => defmt::info!("slot {}, on trial", running),
+        Ok(Next::Try) => {
+            defmt::info!("slot {}, on trial", running);
+            critical_section::with(|cs| ON_TRIAL.borrow(cs).set(true));
+        }
         Ok(Next::RunAgain(reason)) => {
             defmt::warn!(
                 "slot {}: the other one does not start: {=str}",
