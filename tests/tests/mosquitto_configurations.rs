@@ -66,6 +66,36 @@ fn with_passwords_rules_and_tls_a_robot_speaks_for_itself_alone() {
 }
 
 #[test]
+fn who_sees_everything_sees_no_updates() {
+    let (server, viewer) = (("server", "of-this-fleet"), ("eve", "looks on"));
+    let robot = ("rover-1", "one");
+    let broker = Folder::new()
+        .users(&[server, viewer, robot])
+        .rules(&printed(&["acl", "--viewer", "eve"]))
+        .with("log_type all")
+        .start();
+    let eve = broker.listen(viewer, "swarm/#");
+    let own = broker.listen(server, "swarm/ota/+");
+    for topic in ["swarm/ota/rover-1", "swarm/heartbeat/rover-1"] {
+        let sent = broker.publish(robot, topic, "{}");
+        assert!(sent.status.success(), "{sent:?}");
+    }
+    for (listener, first) in [(eve, "swarm/heartbeat/rover-1"), (own, "swarm/ota/rover-1")] {
+        let heard = listener.wait_with_output().expect("mosquitto_sub");
+        let heard = String::from_utf8_lossy(&heard.stdout).into_owned();
+        assert_eq!(heard.trim_end(), format!("{first} {{}}"));
+    }
+    // What a robot is told about its update no other robot reads.
+    let own = broker.listen(robot, "swarm/ota/#");
+    for topic in ["swarm/ota/rover-2", "swarm/ota/rover-1"] {
+        broker.publish(server, topic, "{}");
+    }
+    let heard = own.wait_with_output().expect("mosquitto_sub");
+    let heard = String::from_utf8_lossy(&heard.stdout).into_owned();
+    assert_eq!(heard.trim_end(), "swarm/ota/rover-1 {}");
+}
+
+#[test]
 fn a_bridge_carries_robots_of_a_site_up_and_commands_down() {
     let middle = Folder::new()
         .users(&[("server", "of-this-fleet"), ("north", "a-site")])

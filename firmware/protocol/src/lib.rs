@@ -76,8 +76,12 @@ pub use reason::{Reason, ResponseStatus};
 pub use schema::schemas;
 pub use topic::{Qos, Topic, TopicError, TopicFilter, TopicString};
 
-/// Most bytes of one message; images and firmware excepted.
+/// Most bytes of one message; images and chunks of releases excepted.
 pub const MAX_MESSAGE: usize = 1024;
+
+/// Most bytes of what goes over `ota/{id}`: a chunk of a release is larger than a message by its header. It
+/// stays below the largest packet that robots announce.
+pub const MAX_OTA: usize = 1_100;
 
 /// Most bytes of one image on `image/{id}`.
 pub const MAX_IMAGE: usize = 60 * 1024;

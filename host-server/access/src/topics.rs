@@ -1,7 +1,9 @@
 //! What each client of the broker may publish and subscribe.
 //!
 //! [`TABLE`] is the whole policy: [`may`] reads nothing else, and what no row allows is refused.
-//! A subscription is allowed only when one row covers every topic that its filter could match.
+//! A subscription is allowed only when one row covers every topic that its filter could match. A row may leave
+//! topics out: a filter that selects nothing else is refused, and of a wider one the broker delivers all but
+//! these ([`is_withheld`]).
 
 use core::fmt;
 
@@ -57,6 +59,8 @@ pub struct Row {
     /// Which topics: a filter in which `{fleet}` and `{own}` stand for the names of the fleet and
     /// of the robot.
     pub topics: &'static str,
+    /// Which of these it leaves out, in the same form. Only rows of people do.
+    pub but: Option<&'static str>,
     /// What for.
     pub what: &'static str,
 }
@@ -66,7 +70,15 @@ const fn row(who: Who, act: Act, topics: &'static str, what: &'static str) -> Ro
         who,
         act,
         topics,
+        but: None,
         what,
+    }
+}
+
+impl Row {
+    const fn without(mut self, topics: &'static str) -> Self {
+        self.but = Some(topics);
+        self
     }
 }
 
@@ -99,7 +111,7 @@ pub const TABLE: &[Row] = &[
     row(Who::Simulator, Publish, "{fleet}/simulator/response", "answers to its controls"),
     row(Who::Simulator, Subscribe, "{fleet}/simulator/#", "its controls"),
     row(Who::Simulator, Subscribe, "{fleet}/time", "the time of the server"),
-    row(Who::User(Role::Viewer), Subscribe, "{fleet}/#", "everything of the fleet"),
+    row(Who::User(Role::Viewer), Subscribe, "{fleet}/#", "everything of the fleet but updates").without("{fleet}/ota/#"),
     row(Who::User(Role::Operator), Publish, "{fleet}/command/swarm", "commands to all"),
     row(Who::User(Role::Operator), Publish, "{fleet}/command/robot/+", "commands to one robot"),
     row(Who::User(Role::Operator), Publish, "{fleet}/command/experiment", "commands to those who take part"),
@@ -127,7 +139,19 @@ pub fn may(who: &Principal, act: Act, fleet: &Fleet, topic_or_filter: &str) -> b
     TABLE
         .iter()
         .filter(|row| row.act == act && row.who.includes(who))
-        .any(|row| covers(row.topics, fleet.as_str(), own, text) && fills(row))
+        .any(|row| {
+            let covered = |topics| covers(topics, fleet.as_str(), own, text);
+            covered(row.topics) && !row.but.is_some_and(covered) && fills(row)
+        })
+}
+
+/// Whether people are not told of a topic, whatever they have subscribed to: a row allows more to them than
+/// that, and leaves it out.
+#[must_use]
+pub fn is_withheld(fleet: &Fleet, topic: &str) -> bool {
+    let left_out = TABLE.iter().filter_map(|row| row.but);
+    let mut left_out = left_out.map(|topics| covers(topics, fleet.as_str(), None, topic));
+    left_out.any(|within| within)
 }
 
 impl Who {

@@ -12,9 +12,11 @@ fn the_table_of_topics_is_the_policy() {
     let mut expected = String::from("| who | may | topics | what for |\n|---|---|---|---|\n");
     for row in TABLE {
         let (who, act) = (row.who.to_string(), row.act.to_string());
+        let but = row.but.map(|topics| format!(" without `{topics}`"));
+        let but = but.unwrap_or_default();
         writeln!(
             expected,
-            "| {who} | {act} | `{}` | {} |",
+            "| {who} | {act} | `{}`{but} | {} |",
             row.topics, row.what
         )
         .expect("a string takes everything");

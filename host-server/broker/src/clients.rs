@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crawler_access::limits::{Allowance, Flood, Verdict};
-use crawler_access::topics::{Act, may};
+use crawler_access::topics::{Act, is_withheld, may};
 use crawler_protocol::{Fleet, RobotId};
 
 use super::accounts::{Access, Kind, Refusal};
@@ -276,6 +276,13 @@ impl Clients {
             Access::Everything => true,
             Access::As(who) => may(who, act, &self.fleet, topic_or_filter),
         }
+    }
+
+    /// Who is not told of a topic, whatever it has subscribed to: people, of what their rows leave out. `None`
+    /// where everybody is.
+    pub(crate) fn kept_from(&self, topic: &str) -> Option<impl Fn(&str) -> bool + use<'_>> {
+        is_withheld(&self.fleet, topic)
+            .then_some(|client: &str| self.kind(client) == Some(Kind::Person))
     }
 
     /// Counts a publish.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use async_trait::async_trait;
 use crawler_access::topics::Act;
 use crawler_access::{Digest, Secret};
-use crawler_protocol::{Action, Command, Fleet, MAX_MESSAGE, Topic};
+use crawler_protocol::{Action, Command, Fleet, MAX_MESSAGE, MAX_OTA, Topic};
 use rmqtt::codec::v5::{PublishAckReason, SubscribeAckReason};
 use rmqtt::context::ServerContext;
 use rmqtt::hook::{Handler, HookResult, Parameter, ReturnType};
@@ -52,7 +52,7 @@ impl ServerLogin {
 
 /// The broker's hook.
 ///
-/// Everyone but the server's own session is let in by [`Accounts`] and held to the table of
+/// Everyone but the server's own sessions is let in by [`Accounts`] and held to the table of
 /// `crawler-access`; what the table does not have is refused.
 #[derive(Clone)]
 pub(crate) struct Guard {
@@ -114,7 +114,7 @@ impl Shared {
         }
     }
 
-    /// Decides about a connection. True for the server's own.
+    /// Decides about a connection. True for those of the server itself.
     async fn let_in(&self, info: &ConnectInfo) -> Result<bool, Refusal> {
         let begun = Instant::now();
         let id = info.id();
@@ -130,7 +130,8 @@ impl Shared {
             from,
         };
         if self.server.is(login) {
-            let own = key.client == self.server.user;
+            let rest = key.client.strip_prefix(&self.server.user);
+            let own = rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('-'));
             return own.then_some(true).ok_or(Refusal::ClientId);
         }
         if self.clients.is_locked(key.client, begun) {
@@ -297,14 +298,18 @@ impl Shared {
         })
     }
 
-    /// Nothing but images and firmware may be longer than a message of the contract, whatever
-    /// the topic: a robot that announced its largest packet would lose its session over one.
+    /// Nothing but images may be longer than a message of the contract, or than a chunk of a release where
+    /// those go: a robot that announced its largest packet would lose its session over one.
     fn check(&self, topic: &str, length: usize, retain: bool) -> Result<(), &'static str> {
         let topic = Topic::parse(&self.fleet, topic);
-        let bulk = matches!(topic, Ok(Topic::Image(_) | Topic::Ota(_)));
-        if !bulk && length > MAX_MESSAGE {
+        let (most, text) = match topic {
+            Ok(Topic::Image(_)) => (usize::MAX, ""),
+            Ok(Topic::Ota(_)) => (MAX_OTA, "larger than 1100 bytes"),
+            _ => (MAX_MESSAGE, "larger than 1024 bytes"),
+        };
+        if length > most {
             self.counters.oversize.fetch_add(1, Ordering::Relaxed);
-            return Err("larger than 1024 bytes");
+            return Err(text);
         }
         if retain && !topic.is_ok_and(|topic| topic.retained()) {
             self.counters.retain_refused.fetch_add(1, Ordering::Relaxed);

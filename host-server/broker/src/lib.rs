@@ -9,7 +9,8 @@
 //! - the edge: connections from outside come in there, have to say in time who they are, and make room for
 //!   others; what the library gets wrong of their bytes is put right;
 //! - [`Accounts`]: names and passwords;
-//! - the guard: a table of what each may publish and subscribe;
+//! - the guard: a table of what each may publish and subscribe, and the routes, which leave out what that
+//!   withholds from wide filters;
 //! - a budget of messages per client;
 //! - the sizes and counts below, retained messages only where the contract has them, and a send time-out that
 //!   ends a session whose reader has stalled.
@@ -239,7 +240,8 @@ impl EmbeddedBroker {
         self.address
     }
 
-    /// For the server's own session, which may do everything. Its client id is the user name.
+    /// For the server's own sessions, which may do everything. A client id is the user name, alone or followed by
+    /// a hyphen and more.
     pub const fn server(&self) -> &Credentials {
         &self.server
     }
@@ -348,7 +350,8 @@ async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
         .build()
         .await;
     let library = DefaultRouter::new(Some(context.clone()));
-    *context.extends.router_mut().await = Box::new(routes::Routes::new(library));
+    *context.extends.router_mut().await =
+        Box::new(routes::Routes::new(library, Arc::clone(&clients)));
     *context.extends.retain_mut().await = Box::new(retain::Retained::new(Arc::clone(&counters)));
     *context.extends.shared_subscription_mut().await = Box::new(sharing::RoundRobin::default());
     *context.extends.fitter_mgr_mut().await =

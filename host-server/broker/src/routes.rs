@@ -1,4 +1,6 @@
-//! Who has subscribed to what, one change after the other.
+//! Who has subscribed to what, one change after the other, and who is told.
+
+use std::sync::Arc;
 
 use async_trait::async_trait;
 use rmqtt::router::Router;
@@ -9,19 +11,25 @@ use rmqtt::types::{
 use rmqtt::utils::Counter;
 use tokio::sync::Mutex;
 
+use super::clients::Clients;
+
 /// The routes of the library, whose `add` and `remove` each change a tree of filters and then a map, or the
 /// map and then the tree. When the last subscriber of a filter leaves while another one comes, the filter is
 /// gone from the tree though somebody has subscribed to it, and is never told anything.
+///
+/// What a filter selects beyond what its subscriber may have is left out here, before anything waits for anybody.
 pub(crate) struct Routes<R> {
     library: R,
     changing: Mutex<()>,
+    clients: Arc<Clients>,
 }
 
 impl<R: Router> Routes<R> {
-    pub(crate) fn new(library: R) -> Self {
+    pub(crate) fn new(library: R, clients: Arc<Clients>) -> Self {
         Self {
             library,
             changing: Mutex::default(),
+            clients,
         }
     }
 }
@@ -44,7 +52,13 @@ impl<R: Router> Router for Routes<R> {
     }
 
     async fn matches(&self, id: Id, topic: &TopicName) -> rmqtt::Result<SubRelationsMap> {
-        self.library.matches(id, topic).await
+        let mut told = self.library.matches(id, topic).await?;
+        if let Some(is_kept) = self.clients.kept_from(topic) {
+            for subscribers in told.values_mut() {
+                subscribers.retain(|(_, client, ..)| !is_kept(client));
+            }
+        }
+        Ok(told)
     }
 
     async fn is_online(&self, node_id: NodeId, client_id: &str) -> IsOnline {
@@ -113,7 +127,8 @@ mod tests {
     async fn who_comes_while_the_last_one_leaves_is_told() {
         let library = DefaultRouter::new(None);
         let tree = library.topics.clone();
-        let routes = Routes::new(library);
+        let clients = Arc::new(Clients::new(crawler_protocol::Fleet::default()));
+        let routes = Routes::new(library, clients);
         let options = SubscriptionOptions::default;
         let first = id("first");
         let added = routes.add(FILTER, first.clone(), options()).await;

@@ -1,5 +1,7 @@
 //! What only the server does to its broker: ending sessions, asking how a link is.
 
+mod updates;
+
 use std::time::Duration;
 
 use crawler_access::{Role, UserName, password};

@@ -101,8 +101,8 @@ pub(super) fn run(task: &MosquittoTask, settings: &Settings) -> Result<(), Strin
 }
 
 /// A filter of the table for one fleet, with `own` in the place of the robot's id.
-fn filter(row: &Row, fleet: &Fleet, own: &str) -> String {
-    let text = row.topics.replace("{fleet}", fleet.as_str());
+fn filter(topics: &str, fleet: &Fleet, own: &str) -> String {
+    let text = topics.replace("{fleet}", fleet.as_str());
     text.replace("{own}", own)
 }
 
@@ -173,7 +173,7 @@ fn directions(fleet: &Fleet) -> BTreeMap<String, &'static str> {
             Act::Publish => "out",
             Act::Subscribe => "in",
         };
-        all.entry(filter(row, fleet, "+"))
+        all.entry(filter(row.topics, fleet, "+"))
             .and_modify(|known| {
                 if *known != direction {
                     *known = "both";
@@ -214,7 +214,7 @@ fn acl(fleet: &Fleet, users: &[(Vec<String>, As)]) -> Result<String, String> {
          # A robot, whose user name is %u.\n",
     );
     for row in TABLE.iter().filter(|row| row.who == Who::Robot) {
-        let topics = filter(row, fleet, "%u");
+        let topics = filter(row.topics, fleet, "%u");
         let _ = writeln!(out, "pattern {} {topics}", access(row.act));
     }
     for (names, kind) in users {
@@ -226,8 +226,12 @@ fn acl(fleet: &Fleet, users: &[(Vec<String>, As)]) -> Result<String, String> {
             }
             let _ = writeln!(out, "\nuser {name}");
             for row in TABLE.iter().filter(|row| kind.may(row)) {
-                let topics = filter(row, fleet, "+");
+                let topics = filter(row.topics, fleet, "+");
                 let _ = writeln!(out, "topic {} {topics}", access(row.act));
+                // Mosquitto looks at what is denied first, whatever the order.
+                if let Some(but) = row.but {
+                    let _ = writeln!(out, "topic deny {}", filter(but, fleet, "+"));
+                }
             }
         }
     }
@@ -293,6 +297,9 @@ mod tests {
         }
         let eve = text.split("user eve").nth(1).expect("her part");
         assert!(!eve.contains("write"), "{eve}");
+        let denied = eve.lines().any(|line| line == "topic deny swarm/ota/#");
+        assert!(denied, "{eve}");
+        assert_eq!(text.matches("deny").count(), 1, "{text}");
         let odd = [(vec!["+".to_owned()], As::Server)];
         assert!(acl(&fleet, &odd).is_err());
     }

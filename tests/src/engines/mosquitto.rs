@@ -1,7 +1,7 @@
 //! Mosquitto as a broker: for everybody, or as somebody runs it who has read its manual.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 
 use tempfile::TempDir;
 
@@ -265,17 +265,41 @@ impl Mosquitto {
     ///
     /// # Panics
     /// When the tool is missing.
-    pub fn publish(&self, (user, password): (&str, &str), topic: &str, text: &str) -> Output {
-        let mut command = Command::new(program("mosquitto_pub"));
+    pub fn publish(&self, user: (&str, &str), topic: &str, text: &str) -> Output {
+        let mut command = self.client("mosquitto_pub", user);
+        command.args(["-t", topic, "-m", text]);
+        command.output().expect("mosquitto_pub")
+    }
+
+    /// Has `user` wait for one message under `filter` with `mosquitto_sub`, which prints its topic and text and
+    /// ends. Returns when the broker has taken the subscription.
+    ///
+    /// # Panics
+    /// When the tool is missing, or the broker, which has to log everything, does not say that it has.
+    pub fn listen(&self, user: (&str, &str), filter: &str) -> Child {
+        let taken = format!("Sending SUBACK to {}", user.0);
+        let before = self.log().matches(&taken).count();
+        let mut command = self.client("mosquitto_sub", user);
+        command.args(["-v", "-C", "1", "-t", filter]);
+        let listener = command.stdout(Stdio::piped()).spawn();
+        let listener = listener.expect("mosquitto_sub");
+        wait_for("the broker takes a subscription", PATIENCE, || {
+            (self.log().matches(&taken).count() > before).then_some(())
+        });
+        listener
+    }
+
+    /// One of its tools, as a client of this name at QoS 1.
+    fn client(&self, tool: &str, (user, password): (&str, &str)) -> Command {
+        let mut command = Command::new(program(tool));
         command
             .args(["-V", "mqttv5", "-h", "127.0.0.1"])
             .args(["-p", &self.port.to_string(), "-i", user])
-            .args(["-u", user, "-P", password])
-            .args(["-q", "1", "-t", topic, "-m", text]);
+            .args(["-u", user, "-P", password, "-q", "1"]);
         if self.folder.tls {
             command.arg("--cafile").arg(self.certificate());
         }
-        command.output().expect("mosquitto_pub")
+        command
     }
 
     /// Everything that it said.
