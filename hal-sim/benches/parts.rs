@@ -7,7 +7,7 @@ use std::time::Duration as Wall;
 
 use crawler_app::Geometry;
 use crawler_app::controller::{Controller, Inputs, PERIOD, Tuning};
-use crawler_app::order::{Order, Sender, Task};
+use crawler_app::order::{Order, Sender, Task, UpdateWish};
 use crawler_app::parameters::Parameters;
 use crawler_app::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
 use crawler_hal::{Clock, Duration, Instant, Millimeters, Millivolts};
@@ -164,6 +164,7 @@ fn control_step(criterion: &mut Criterion) {
             motor_fault: false,
             halt: None,
             order,
+            update: UpdateWish::None,
         };
         controller.step(&inputs, &mut rng, now).duties
     };

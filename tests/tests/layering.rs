@@ -29,8 +29,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-app",
         &[
             "crawler-hal",
+            "crawler-boot",
             "crawler-drivers",
             "crawler-protocol",
+            "crawler-release",
             "crawler-micromodel",
         ],
     ),

@@ -23,7 +23,7 @@ use crate::injected::Injected;
 use crate::ledger::Answer;
 use crate::memory::CommandMemory;
 use crate::neighbours::Neighbours;
-use crate::order::{Captures, Halts, Order, Sender, SetRequest, Task};
+use crate::order::{Captures, Halts, Order, Sender, SetRequest, Task, UpdateWish};
 use crate::outbox::{Outbox, Outgoing};
 use crate::parameters::{Changes, Parameters};
 use crate::perception::{Battery, LinkHealth, Reading};
@@ -156,6 +156,10 @@ pub struct Robot<M: RawMutex> {
     loaded: Mutex<M, Cell<bool>>,
     /// Link → control, sense, link: what is broken on purpose.
     pub(crate) injected: Injected<M>,
+    /// Update → control.
+    update_wish: Mutex<M, Cell<UpdateWish>>,
+    /// Control → update: periods that were missed since the start.
+    missed: Mutex<M, Cell<u32>>,
     /// Control and link → lamp: the pattern may have changed.
     lamp_changed: Signal<M, ()>,
     /// Control → lamp: until when to blink for `identify`.
@@ -196,6 +200,8 @@ impl<M: RawMutex> Robot<M> {
             panic: Mutex::new(RefCell::new(String::new())),
             loaded: Mutex::new(Cell::new(false)),
             injected: Injected::new(),
+            update_wish: Mutex::new(Cell::new(UpdateWish::None)),
+            missed: Mutex::new(Cell::new(0)),
             lamp_changed: Signal::new(),
             identify_until: Mutex::new(Cell::new(Instant::BOOT)),
         }
@@ -272,6 +278,16 @@ impl<M: RawMutex> Robot<M> {
     /// How the session with the broker is.
     pub(crate) fn link_health(&self) -> LinkHealth {
         self.link_health.lock(Cell::get)
+    }
+
+    /// What an update wants of control.
+    pub(crate) fn update_wish(&self) -> UpdateWish {
+        self.update_wish.lock(Cell::get)
+    }
+
+    /// Periods of control that were missed since the start.
+    pub(crate) fn missed_periods(&self) -> u32 {
+        self.missed.lock(Cell::get)
     }
 
     /// Orders that wait for control.

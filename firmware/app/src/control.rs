@@ -81,6 +81,7 @@ where
             if now - last_step <= HEALTHY_WITHIN && !wheels.refused {
                 system.feed_watchdog();
             }
+            robot.count_missed(now - last_step);
             last_step = now;
             if control_loop.may_reboot(&robot, now) || robot.injected.restart_is_due(now) {
                 system.reset().await;
@@ -217,6 +218,7 @@ impl ControlLoop {
             motor_fault,
             halt: woken_by.or(taken.as_ref()),
             order: order.as_ref(),
+            update: robot.update_wish(),
         };
         self.controller.step_into(&inputs, rng, now, outputs);
         let state = self.controller.state();

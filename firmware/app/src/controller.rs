@@ -41,7 +41,7 @@ use crate::behaviour::{Detour, Progress, Scan, ScanResult};
 use crate::goal::Goal;
 use crate::motion::{Correction, Odometry, Ramp};
 use crate::neighbours::Neighbour;
-use crate::order::{HALT_ANSWERS, Halt, Order, Sender};
+use crate::order::{HALT_ANSWERS, Halt, Order, Sender, UpdateWish};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
 use crate::state::{Event, Fault, Side, State};
 use crate::tracking::{Fix, TOLD_EVERY};
@@ -98,6 +98,8 @@ pub struct Inputs<'a> {
     pub halt: Option<&'a Halt>,
     /// The next order, when one waits.
     pub order: Option<&'a Order>,
+    /// What an update wants.
+    pub update: UpdateWish,
 }
 
 /// An answer to a command.
@@ -186,6 +188,9 @@ pub struct Controller {
     detour: Option<Detour>,
     resumption: Resumption,
     rebooting: bool,
+    /// The update that wants the robot has had it: it does not get it back after a fault.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    update_begun: bool,
     /// When a jump of the estimate was noted last.
     told_jump: Option<Instant>,
     /// By the newest view of the camera.
@@ -209,6 +214,7 @@ impl Controller {
             detour: None,
             resumption: Resumption::default(),
             rebooting: false,
+            update_begun: false,
             told_jump: None,
             in_the_way: None,
         }
@@ -295,6 +301,7 @@ impl Controller {
             cut |= self.check_faults(inputs, out, now);
         }
         self.resume(inputs, out, now);
+        self.follow_update(inputs, out, now);
         cut |= self.look_ahead(inputs, rng, out, now);
         let twist = self.wanted(inputs, out, now);
         cut |= !self.permits_motion(inputs, now);
@@ -334,6 +341,29 @@ impl Controller {
         }
     }
 
+    /// Stands or restarts for an update, and goes back to work when it wants nothing any more.
+    fn follow_update(&mut self, inputs: &Inputs<'_>, out: &mut Outputs, now: Instant) {
+        if inputs.update == UpdateWish::None {
+            if self.state == State::Updating {
+                self.state = self.state.step(Event::EndUpdate, now);
+            }
+            self.update_begun = false;
+        } else if inputs.update == UpdateWish::Restart {
+            if !self.rebooting {
+                self.restart(out, now);
+            }
+        } else if !self.update_begun
+            && self.state == State::Idle
+            && self.duties() == [0.0; 2]
+            && inputs.charge == Charge::Good
+            && !self.rebooting
+            && !self.resumption.is_waiting()
+        {
+            self.update_begun = true;
+            self.state = self.state.step(Event::BeginUpdate, now);
+        }
+    }
+
     /// Closes the book of what is under way: answers whoever waits for it, and notes an end
     /// before its time. The caller moves the state on.
     fn finish(&mut self, result: Result<(), Reason>, out: &mut Outputs) {
@@ -359,7 +389,7 @@ impl Controller {
             State::Moving(_) | State::Caution(_) | State::Avoiding(..) | State::Scanning { .. } => {
                 true
             }
-            State::Initializing | State::Idle | State::Error(_) => false,
+            State::Initializing | State::Idle | State::Error(_) | State::Updating => false,
         }
     }
 
@@ -371,7 +401,7 @@ impl Controller {
                     goal.is_autonomous()
                 }
                 State::Scanning { .. } => true,
-                State::Initializing | State::Idle | State::Error(_) => false,
+                State::Initializing | State::Idle | State::Error(_) | State::Updating => false,
             }
     }
 }

@@ -15,6 +15,7 @@
 //! | [`lamp()`] | status lamp | edges of its pattern |
 //! | [`store()`] | flash | on demand |
 //! | [`link()`] | network | events |
+//! | [`update()`] | both slots, where the program can be replaced | on demand |
 //! | [`camera()`] | camera, where there is one | on demand; `vision_period_ms` while it looks |
 //!
 //! # Reading order
@@ -25,7 +26,7 @@
 //! 4. What the robot knows: `sense`, `perception`, `power`, `tracking`, `neighbours`, `observe`, `camera`,
 //!    `vision`.
 //! 5. What it tells: `outbox`, `trouble`, `lamp`.
-//! 6. What it keeps: `config`, `parameters`, `store`; and on the side `hold`, memory of rare steps, and
+//! 6. What it keeps: `config`, `parameters`, `store`; what replaces it: `update`; and on the side `hold`, memory of rare steps, and
 //!    `injected`, faults that are put in on purpose.
 #![no_std]
 // Activities are polled by the executor that owns their peripherals; no `Send` bound is wanted.
@@ -70,6 +71,7 @@ pub mod tracking;
 pub mod trouble;
 #[cfg(test)]
 mod trouble_tests;
+mod update;
 pub mod vision;
 
 pub use camera::{ImageSlot, camera, camera_with_eyes};
@@ -78,7 +80,13 @@ pub use context::{BootRecord, Echo, Robot, Routed, Snapshot};
 pub use control::control;
 pub use hold::{Always, Blank, Hold, Inline, Room};
 pub use lamp::lamp;
-pub use link::{link, link_held, link_with_images, link_with_images_held};
+pub use link::{
+    link, link_held, link_with_images, link_with_images_and_updates_held, link_with_images_held,
+    link_with_updates_held,
+};
 pub use power::power;
 pub use sense::sense;
 pub use store::{store, store_held};
+pub use update::{
+    ASK_AFTER, ASK_AFTER_MOST, SILENT_AFTER, UpdateIdentity, Updates, update, update_held,
+};

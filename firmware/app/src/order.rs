@@ -13,6 +13,18 @@ use heapless::Vec;
 use crate::goal::Swarm;
 use crate::parameters::Changes;
 
+/// What an update wants of control.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum UpdateWish {
+    /// Nothing.
+    #[default]
+    None,
+    /// That the robot stands, and takes no orders to move.
+    Stand,
+    /// That it restarts, once its answers are out.
+    Restart,
+}
+
 /// Most halts of one control period that can be answered one by one.
 pub const HALT_ANSWERS: usize = 4;
 

@@ -140,6 +140,10 @@ pub enum Event {
     Recovered,
     /// `reset`.
     Reset,
+    /// An update begins.
+    BeginUpdate,
+    /// The update is over, or goes on another time.
+    EndUpdate,
 }
 
 /// State of a robot.
@@ -163,6 +167,8 @@ pub enum State {
     },
     /// Standing; someone has to come, or a fault has to go.
     Error(Fault),
+    /// Standing, while another program is received and written; takes no order to move.
+    Updating,
 }
 
 impl State {
@@ -185,12 +191,15 @@ impl State {
                 | Self::Caution(_)
                 | Self::Avoiding(..)
                 | Self::Scanning { .. }
+                | Self::Updating
                 | Self::Error(Fault::Motor | Fault::Battery | Fault::Ranger),
                 Event::Fault(fault),
             ) => Self::Error(fault),
             (Self::Error(Fault::EmergencyStop), Event::Reset)
             | (Self::Error(Fault::Motor | Fault::Battery | Fault::Ranger), Event::Recovered)
-            | (Self::Initializing, Event::Ready) => Self::Idle,
+            | (Self::Initializing, Event::Ready)
+            | (Self::Updating, Event::EndUpdate) => Self::Idle,
+            (Self::Idle, Event::BeginUpdate) => Self::Updating,
 
             // Orders. The latest one counts.
             (
@@ -248,7 +257,11 @@ impl State {
             (Self::Avoiding(..), Event::Free | Event::Near | Event::Blind | Event::Blocked(_))
             | (
                 Self::Moving(_) | Self::Caution(_) | Self::Avoiding(..),
-                Event::Ready | Event::Recovered | Event::Reset,
+                Event::Ready
+                | Event::Recovered
+                | Event::Reset
+                | Event::BeginUpdate
+                | Event::EndUpdate,
             )
             | (
                 Self::Scanning { .. },
@@ -259,7 +272,9 @@ impl State {
                 | Event::Near
                 | Event::Blind
                 | Event::Blocked(_)
-                | Event::Stuck(_),
+                | Event::Stuck(_)
+                | Event::BeginUpdate
+                | Event::EndUpdate,
             )
             | (
                 Self::Idle,
@@ -271,7 +286,8 @@ impl State {
                 | Event::Near
                 | Event::Blind
                 | Event::Blocked(_)
-                | Event::Stuck(_),
+                | Event::Stuck(_)
+                | Event::EndUpdate,
             )
             | (
                 Self::Initializing,
@@ -284,7 +300,9 @@ impl State {
                 | Event::Near
                 | Event::Blind
                 | Event::Blocked(_)
-                | Event::Stuck(_),
+                | Event::Stuck(_)
+                | Event::BeginUpdate
+                | Event::EndUpdate,
             )
             | (
                 Self::Error(Fault::EmergencyStop),
@@ -297,7 +315,9 @@ impl State {
                 | Event::Near
                 | Event::Blind
                 | Event::Blocked(_)
-                | Event::Stuck(_),
+                | Event::Stuck(_)
+                | Event::BeginUpdate
+                | Event::EndUpdate,
             )
             | (
                 Self::Error(Fault::Motor | Fault::Battery | Fault::Ranger),
@@ -310,7 +330,24 @@ impl State {
                 | Event::Near
                 | Event::Blind
                 | Event::Blocked(_)
-                | Event::Stuck(_),
+                | Event::Stuck(_)
+                | Event::BeginUpdate
+                | Event::EndUpdate,
+            )
+            | (
+                Self::Updating,
+                Event::Ready
+                | Event::Begin(_)
+                | Event::BeginScan { .. }
+                | Event::End
+                | Event::Recovered
+                | Event::Reset
+                | Event::Free
+                | Event::Near
+                | Event::Blind
+                | Event::Blocked(_)
+                | Event::Stuck(_)
+                | Event::BeginUpdate,
             ) => self,
         }
     }
@@ -325,6 +362,7 @@ impl State {
             Self::Avoiding(..) => RobotState::Avoiding,
             Self::Scanning { .. } => RobotState::Scanning,
             Self::Error(_) => RobotState::Error,
+            Self::Updating => RobotState::Updating,
         }
     }
 
@@ -332,7 +370,11 @@ impl State {
     pub const fn goal(&self) -> Option<Goal> {
         match self {
             Self::Moving(goal) | Self::Caution(goal) | Self::Avoiding(goal, _) => Some(*goal),
-            Self::Initializing | Self::Idle | Self::Scanning { .. } | Self::Error(_) => None,
+            Self::Initializing
+            | Self::Idle
+            | Self::Scanning { .. }
+            | Self::Error(_)
+            | Self::Updating => None,
         }
     }
 
@@ -345,7 +387,8 @@ impl State {
             | Self::Moving(_)
             | Self::Caution(_)
             | Self::Avoiding(..)
-            | Self::Scanning { .. } => None,
+            | Self::Scanning { .. }
+            | Self::Updating => None,
         }
     }
 }

@@ -126,6 +126,59 @@ impl BlockHasher {
     }
 }
 
+/// The hash of a whole image as its bytes are read, without those of its blocks and without the manifest: for whoever
+/// has no room for both.
+#[derive(Debug, Clone)]
+pub struct WholeHasher {
+    left: u32,
+    expected: [u8; HASH],
+    hash: Sha256,
+}
+
+impl WholeHasher {
+    /// A hasher at the beginning of an image.
+    #[must_use]
+    pub fn new(manifest: &Manifest<'_>) -> Self {
+        Self {
+            left: manifest.size,
+            expected: *manifest.sha256,
+            hash: Sha256::new(),
+        }
+    }
+
+    /// Bytes of the image that are still to come.
+    #[must_use]
+    pub const fn left(&self) -> u32 {
+        self.left
+    }
+
+    /// Takes the next bytes of the image.
+    ///
+    /// # Errors
+    /// [`ImageError::TooLong`] when those are more than are left of it, which are then not taken.
+    pub fn update(&mut self, bytes: &[u8]) -> Result<(), ImageError> {
+        let length = u32::try_from(bytes.len()).map_err(|_| ImageError::TooLong)?;
+        self.left = self.left.checked_sub(length).ok_or(ImageError::TooLong)?;
+        self.hash.update(bytes);
+        Ok(())
+    }
+
+    /// Whether the image is the one that was signed.
+    ///
+    /// # Errors
+    /// [`ImageError::TooShort`] when bytes are missing, [`ImageError::BadHash`] when the image is another.
+    pub fn finish(self) -> Result<(), ImageError> {
+        if self.left > 0 {
+            return Err(ImageError::TooShort);
+        }
+        if finish(self.hash) == self.expected {
+            Ok(())
+        } else {
+            Err(ImageError::BadHash)
+        }
+    }
+}
+
 /// The hash of an image as its bytes are read: of each block as it is complete, of the whole at the end.
 ///
 /// A call takes as long as the slice it is given is: twice what [`BlockHasher`] takes.

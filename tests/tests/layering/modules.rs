@@ -55,6 +55,7 @@ const CRATES: &[Crate] = &[
             &["context"],
             &[
                 "camera", "control", "intake", "lamp", "observe", "power", "sense", "store",
+                "update",
             ],
             &[
                 "link::backoff",

@@ -6,14 +6,15 @@
 use core::cell::Cell as Value;
 use core::ops::Deref;
 
-use crawler_hal::{Instant, PANIC_TEXT, ResetCause};
+use crawler_hal::{Duration, Instant, PANIC_TEXT, ResetCause};
 use crawler_protocol::Level;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 
 use super::{BootRecord, Robot, Snapshot, cut};
+use crate::controller::PERIOD;
 use crate::goal::Goal;
 use crate::neighbours::{Cell, Near};
-use crate::order::{Halt, Order, Sender, SetRequest};
+use crate::order::{Halt, Order, Sender, SetRequest, UpdateWish};
 use crate::parameters::Parameters;
 use crate::perception::{Battery, LinkHealth, Reading};
 use crate::tracking::{Fix, Refusal};
@@ -85,6 +86,19 @@ handle!(
     LinkHandle,
     link_handle
 );
+
+handle!(
+    /// What [`update()`](crate::update()) may write.
+    UpdateHandle,
+    update_handle
+);
+
+impl<M: RawMutex> UpdateHandle<'_, M> {
+    /// Tells control what the update wants.
+    pub(crate) fn wish(self, wish: UpdateWish) {
+        self.0.update_wish.lock(|cell| cell.set(wish));
+    }
+}
 
 impl<M: RawMutex> SenseHandle<'_, M> {
     /// Publishes what the ranger says.
@@ -175,6 +189,17 @@ impl<'a, M: RawMutex> ControlHandle<'a, M> {
     /// Has the behaviour kept that a restart is about to interrupt.
     pub(crate) fn keep_goal(self, goal: Goal) {
         self.0.behaviour_to_keep.signal(goal);
+    }
+
+    /// Counts the periods that were missed when a step comes `elapsed` after the one before it.
+    pub(crate) fn count_missed(self, elapsed: Duration) {
+        // In 32 bits, in which boards divide by themselves.
+        let periods = elapsed.as_micros() as u32 / PERIOD.as_micros() as u32;
+        if periods > 1 {
+            self.0
+                .missed
+                .lock(|cell| cell.set(cell.get().wrapping_add(periods - 1)));
+        }
     }
 
     /// Publishes what telemetry and the lamp need to know.

@@ -8,7 +8,7 @@ use std::{format, vec};
 
 /// Who may ask for which handle: files below `src`, by the beginning of their paths. `observe` is
 /// what the link has heard.
-const ASKED_FOR_BY: [(&str, &[&str]); 7] = [
+const ASKED_FOR_BY: [(&str, &[&str]); 8] = [
     ("sense_handle", &["sense"]),
     ("power_handle", &["power"]),
     ("control_handle", &["control."]),
@@ -16,6 +16,7 @@ const ASKED_FOR_BY: [(&str, &[&str]); 7] = [
     ("camera_handle", &["camera"]),
     ("lamp_handle", &["lamp"]),
     ("link_handle", &["link", "observe"]),
+    ("update_handle", &["update"]),
 ];
 
 /// Source files below `folder` that are no tests, as paths from there.

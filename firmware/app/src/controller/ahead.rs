@@ -78,7 +78,8 @@ impl Controller {
                 | State::Caution(_)
                 | State::Avoiding(..)
                 | State::Scanning { .. }
-                | State::Error(_),
+                | State::Error(_)
+                | State::Updating,
                 _,
             ) => {}
         }
@@ -94,7 +95,7 @@ impl Controller {
                 matches!(goal, Goal::Wander { .. })
             }
             State::Scanning { .. } => true,
-            State::Initializing | State::Idle | State::Error(_) => false,
+            State::Initializing | State::Idle | State::Error(_) | State::Updating => false,
         };
         behaves || self.tuning.vision_always
     }
@@ -174,7 +175,8 @@ impl Controller {
             | State::Moving(_)
             | State::Avoiding(..)
             | State::Scanning { .. }
-            | State::Error(_) => 0,
+            | State::Error(_)
+            | State::Updating => 0,
         };
         if distance < safe.saturating_add(hysteresis) || inputs.charge == Charge::Low {
             Event::Near
@@ -200,7 +202,9 @@ impl Controller {
     /// Wanted motion. Ends what has arrived or is complete.
     pub(super) fn wanted(&mut self, inputs: &Inputs<'_>, out: &mut Outputs, now: Instant) -> Twist {
         let twist = match self.state {
-            State::Initializing | State::Idle | State::Error(_) => return Twist::ZERO,
+            State::Initializing | State::Idle | State::Error(_) | State::Updating => {
+                return Twist::ZERO;
+            }
             State::Moving(goal) | State::Caution(goal) => {
                 let twist = self.goal_twist(&goal, inputs, now);
                 let Some(twist) = twist else {

@@ -96,7 +96,11 @@ impl Controller {
                 }
             },
             State::Scanning { deadline } if now >= deadline => Some(Err(Reason::Timeout)),
-            State::Scanning { .. } | State::Initializing | State::Idle | State::Error(_) => None,
+            State::Scanning { .. }
+            | State::Initializing
+            | State::Idle
+            | State::Error(_)
+            | State::Updating => None,
         };
         let Some(result) = ended else {
             return false;

@@ -60,7 +60,7 @@ impl Controller {
         if let Some(fault) = self.state.fault() {
             return Err(reason_of(fault));
         }
-        if self.rebooting || self.state == State::Initializing {
+        if self.rebooting || matches!(self.state, State::Initializing | State::Updating) {
             return Err(Reason::Busy);
         }
         if inputs.link == LinkHealth::Lost {
@@ -165,14 +165,19 @@ impl Controller {
                 Answering::Now
             }
             Task::Reboot => {
-                out.unfinished = self.state.goal().filter(Goal::is_behaviour);
-                self.take_over(out);
-                self.state = self.state.step(Event::End, now);
-                self.rebooting = true;
-                out.reboot = true;
+                self.restart(out, now);
                 Answering::Now
             }
         }
+    }
+
+    /// Comes to rest, and restarts once that and the answers are out.
+    pub(super) fn restart(&mut self, out: &mut Outputs, now: Instant) {
+        out.unfinished = self.state.goal().filter(Goal::is_behaviour);
+        self.take_over(out);
+        self.state = self.state.step(Event::End, now);
+        self.rebooting = true;
+        out.reboot = true;
     }
 
     /// How long a `goto` to `target` may take: four times the straight way at its speed, for

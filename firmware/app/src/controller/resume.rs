@@ -69,6 +69,11 @@ impl Resumption {
         self.decided = true;
     }
 
+    /// Whether a behaviour waits.
+    pub(super) const fn is_waiting(&self) -> bool {
+        self.waiting.is_some()
+    }
+
     /// The behaviour to take up now; `clear` tells whether anything is in its way. What is in the way
     /// for longer than `within` ends the wait.
     fn due(&mut self, clear: bool, within: Duration, now: Instant) -> Option<Goal> {

@@ -29,6 +29,7 @@ use super::loss::Loss;
 use super::packet::{BufferLender, PacketBuffer};
 use crate::context::{BootRecord, Robot};
 use crate::hold::Hold;
+use crate::update::UpdatePort;
 
 /// User properties of an image.
 const USER_PROPERTIES: usize = 2;
@@ -66,6 +67,7 @@ pub(super) struct Connection<'a, 'c, H: Hold, M: RawMutex, C, L, S: Read + Write
     pub(super) flow: &'a mut Flow,
     pub(super) counters: &'a mut Counters,
     pub(super) images: &'a mut dyn Images,
+    pub(super) updates: &'a dyn UpdatePort,
     pub(super) batch: &'a mut Batch<H>,
     pub(super) state: State,
 }

@@ -7,9 +7,10 @@ use rust_mqtt::types::PacketIdentifier;
 
 use super::cells::Cells;
 use crate::outbox::Ticket;
+use crate::update::ReportKind;
 
 /// SUBSCRIBE packets that may wait for their acknowledgement at a time.
-pub(super) const SUBSCRIPTIONS: usize = if cfg!(feature = "faults") { 6 } else { 5 };
+pub(super) const SUBSCRIPTIONS: usize = if cfg!(feature = "faults") { 7 } else { 6 };
 /// QoS 1 messages the broker may send before we have acknowledged the first of them.
 pub(super) const RECEIVE_WINDOW: usize = 4;
 /// QoS 1 messages we send before the broker has acknowledged the first of them.
@@ -29,6 +30,8 @@ pub(super) enum MessageKind {
     Answer(Ticket),
     /// The image that the link holds: one at a time.
     Image,
+    /// What the robot says about updates.
+    Update(ReportKind),
 }
 
 impl MessageKind {
@@ -36,7 +39,7 @@ impl MessageKind {
     pub(super) const fn retained(self) -> bool {
         match self {
             Self::Status | Self::Parameters => true,
-            Self::Answer(_) | Self::Image => false,
+            Self::Answer(_) | Self::Image | Self::Update(_) => false,
         }
     }
 }

@@ -69,6 +69,7 @@ use crate::context::Robot;
 use crate::hold::{Hold, Inline};
 use crate::perception::LinkHealth;
 use crate::trouble::LINK_LOST;
+use crate::update::{NoUpdates, UpdatePort, Updates};
 
 use backoff::Backoff;
 pub use backoff::{
@@ -119,7 +120,22 @@ pub fn link_held<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
     rng: R,
     clock: C,
 ) -> impl Future<Output = Infallible> {
-    run::<H, M, N, R, C>(robot, NoImages, network, rng, clock)
+    run::<H, M, N, R, C>(robot, NoImages, &NoUpdates, network, rng, clock)
+}
+
+/// The same for a robot whose program can be replaced: carries what [`update()`](crate::update()) and the server say
+/// to each other.
+///
+/// # Cancellation Safety
+/// As [`link()`].
+pub fn link_with_updates_held<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
+    updates: impl Deref<Target = Updates<M>>,
+    network: N,
+    rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    run::<H, M, N, R, C>(robot, NoImages, updates, network, rng, clock)
 }
 
 /// The same for a body with a camera: delivers the images that [`camera()`](crate::camera())
@@ -148,7 +164,36 @@ pub fn link_with_images_held<H: Hold, M: RawMutex, B: AsRef<[u8]>, N: Network, R
     rng: R,
     clock: C,
 ) -> impl Future<Output = Infallible> {
-    run::<H, M, N, R, C>(robot, FromSlot::new(images), network, rng, clock)
+    run::<H, M, N, R, C>(
+        robot,
+        FromSlot::new(images),
+        &NoUpdates,
+        network,
+        rng,
+        clock,
+    )
+}
+
+/// [`link_with_images_held()`] and [`link_with_updates_held()`] in one.
+///
+/// # Cancellation Safety
+/// As [`link_with_images()`].
+pub fn link_with_images_and_updates_held<
+    H: Hold,
+    M: RawMutex,
+    B: AsRef<[u8]>,
+    N: Network,
+    R: Rng,
+    C: Clock,
+>(
+    robot: impl Deref<Target = Robot<M>>,
+    images: &ImageSlot<M, B>,
+    updates: impl Deref<Target = Updates<M>>,
+    network: N,
+    rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    run::<H, M, N, R, C>(robot, FromSlot::new(images), updates, network, rng, clock)
 }
 
 // Not an `async fn`, which would keep its arguments twice: as they came and as they are used.
@@ -156,12 +201,14 @@ pub fn link_with_images_held<H: Hold, M: RawMutex, B: AsRef<[u8]>, N: Network, R
 fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
     robot: impl Deref<Target = Robot<M>>,
     mut images: impl Images,
+    updates: impl Deref<Target: UpdatePort + Sized>,
     mut network: N,
     mut rng: R,
     clock: C,
 ) -> impl Future<Output = Infallible> {
     async move {
         let robot = &*robot;
+        let updates: &dyn UpdatePort = &*updates;
         let packet = RefCell::new(PacketBuffer::<H>::new());
         let mut flow = Flow::new();
         let mut counters = Counters::default();
@@ -175,7 +222,8 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
                 counters: &mut counters,
                 batch: &mut batch,
             };
-            let ended = attempt::<H, M, N, C>(robot, &mut network, &clock, kept, &mut images).await;
+            let besides = (&mut images as &mut dyn Images, updates);
+            let ended = attempt::<H, M, N, C>(robot, &mut network, &clock, kept, besides).await;
             let (loss, up_since) = ended;
             let now = clock.now();
             let lasted = up_since.map_or(Duration::ZERO, |since| now - since);
@@ -220,7 +268,7 @@ async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
     network: &mut N,
     clock: &C,
     kept: Kept<'_, H>,
-    images: &mut dyn Images,
+    (images, updates): (&mut dyn Images, &dyn UpdatePort),
 ) -> (Loss, Option<crawler_hal::Instant>) {
     let monitor = network.monitor();
     let stream = match H::hold(open(robot, network, clock)).await {
@@ -251,6 +299,7 @@ async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
         flow,
         counters,
         images,
+        updates,
         batch,
         state: State::new(clock.now()),
     };

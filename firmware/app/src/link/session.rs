@@ -19,6 +19,7 @@ use super::loss::Loss;
 use crate::camera::Outcome;
 use crate::hold::Hold;
 use crate::perception::LinkHealth;
+use crate::update::room;
 
 impl<H, M, C, L, S> Connection<'_, '_, H, M, C, L, S>
 where
@@ -36,9 +37,10 @@ where
             self.flow.in_flight.clear();
             self.flow.cells.forget();
             self.robot.outbox.rewind();
+            self.updates.rewind();
         }
         H::hold(self.subscribe()).await?;
-        let robot = self.robot;
+        let (robot, updates) = (self.robot, self.updates);
         loop {
             let more = H::hold(self.send_due()).await?;
             let wake = if more {
@@ -49,7 +51,11 @@ where
             self.packet.borrow_mut().discard();
             // Only `poll_header` may be dropped half-way; what follows it runs to its end.
             let event = select4(
-                self.client.poll_header(),
+                async {
+                    // What comes waits until there is a place for it, and time goes on meanwhile.
+                    room(updates).await;
+                    self.client.poll_header().await
+                },
                 robot.outbox.changed(),
                 robot.link_handle().parameters_changed(),
                 self.clock.sleep_until(wake),
@@ -92,6 +98,7 @@ where
                     let own = self.robot.link_handle();
                     own.set_health(LinkHealth::Up);
                     own.set_trouble(None);
+                    self.updates.session_began();
                 }
             }
             Event::Unsuback(ack) => self.cell_answered(ack.packet_identifier, false, now),
@@ -100,6 +107,7 @@ where
                 self.robot.outbox.logs_proven();
             }
             Event::PublishAcknowledged(ack) => {
+                self.updates.reached();
                 self.settle(ack.packet_identifier, Outcome::Delivered);
             }
             Event::PublishRejected(ack) => {
@@ -119,6 +127,7 @@ where
         match self.flow.settle(id) {
             Some(MessageKind::Answer(ticket)) => self.robot.outbox.delivered(ticket),
             Some(MessageKind::Image) => self.images.settle(outcome),
+            Some(MessageKind::Update(kind)) => self.updates.settled(kind),
             Some(MessageKind::Status | MessageKind::Parameters) | None => {}
         }
     }
@@ -130,6 +139,17 @@ where
         let topic = core::str::from_utf8(packet.topic())
             .ok()
             .and_then(|topic| Topic::parse(&config.fleet, topic).ok());
+        if matches!(
+            topic,
+            Some(
+                Topic::CommandRobot(_)
+                    | Topic::CommandSwarm
+                    | Topic::CommandExperiment
+                    | Topic::Time
+            )
+        ) {
+            self.updates.heard();
+        }
         match topic {
             Some(Topic::CommandRobot(id)) if id == config.id => robot.submit(packet.payload(), now),
             Some(Topic::CommandSwarm | Topic::CommandExperiment) => {
@@ -146,6 +166,11 @@ where
             }
             Some(Topic::Cell { x, y }) => {
                 robot.observe_cell((x, y), packet.payload(), now);
+            }
+            Some(Topic::Ota(id)) if id == config.id => {
+                if let Err(why) = self.updates.arrived(packet.payload()) {
+                    robot.log(Level::Warn, "update", format_args!("{why}"), now);
+                }
             }
             #[cfg(feature = "faults")]
             Some(Topic::SimulatorCommand) => robot.obey_simulator(packet.payload(), now),

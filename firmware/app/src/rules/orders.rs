@@ -13,7 +13,7 @@ use proptest::prelude::*;
 use crate::config::Geometry;
 use crate::controller::{Controller, Inputs, Outputs, Tuning};
 use crate::goal::Swarm;
-use crate::order::{Halt, Order, Sender, Task};
+use crate::order::{Halt, Order, Sender, Task, UpdateWish};
 use crate::parameters::Parameters;
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
 use crate::testing::{TestRng, source};
@@ -98,6 +98,7 @@ proptest! {
                     motor_fault: false,
                     halt: halt.as_ref(),
                     order: order.as_ref(),
+                    update: UpdateWish::None,
                 };
                 let out: Outputs = controller.step(&inputs, &mut rng, now);
                 for answer in &out.answers {

@@ -48,6 +48,7 @@ fn states() -> Vec<State> {
     let mut states = std::vec![
         State::Initializing,
         State::Idle,
+        State::Updating,
         State::Scanning { deadline: LATER },
     ];
     for goal in goals() {
@@ -76,6 +77,8 @@ fn events() -> Vec<Event> {
         Event::Stuck(Side::Right),
         Event::Recovered,
         Event::Reset,
+        Event::BeginUpdate,
+        Event::EndUpdate,
     ];
     events.extend(goals().map(Event::Begin));
     events.extend(FAULTS.map(Event::Fault));
@@ -91,6 +94,7 @@ fn node(state: &State) -> &'static str {
         State::Caution(_) => "CAUTION",
         State::Avoiding(..) => "AVOIDING",
         State::Scanning { .. } => "SCANNING",
+        State::Updating => "UPDATING",
         State::Error(Fault::EmergencyStop) => "ERROR_ESTOP",
         State::Error(Fault::Motor | Fault::Battery | Fault::Ranger) => "ERROR_FAULT",
     }
@@ -112,6 +116,8 @@ fn label(event: &Event) -> &'static str {
         Event::Fault(Fault::Motor | Fault::Battery | Fault::Ranger) => "fault",
         Event::Recovered => "recovered",
         Event::Reset => "reset",
+        Event::BeginUpdate => "update",
+        Event::EndUpdate => "update over",
     }
 }
 

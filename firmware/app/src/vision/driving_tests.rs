@@ -4,7 +4,7 @@ use crawler_hal::{Duration, Instant, Millimeters};
 
 use super::{Class, Lens, Spot, View};
 use crate::controller::{Controller, Inputs, Outputs, PERIOD};
-use crate::order::{Order, Sender, Task};
+use crate::order::{Order, Sender, Task, UpdateWish};
 use crate::parameters::Parameters;
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
 use crate::state::{Side, State};
@@ -59,6 +59,7 @@ impl Bench {
             motor_fault: false,
             halt: None,
             order: order.as_ref(),
+            update: UpdateWish::None,
         };
         self.controller.step(&inputs, &mut self.rng, self.now)
     }

@@ -2,7 +2,7 @@
 
 use crawler_app::controller::{Controller, Inputs, Outputs, Tuning};
 use crawler_app::motion::{Odometry, Ramp, Twist};
-use crawler_app::order::{Halt, Order};
+use crawler_app::order::{Halt, Order, UpdateWish};
 use crawler_app::perception::{Battery, LinkHealth, Reading};
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Pose, ResponseStatus};
@@ -171,6 +171,7 @@ impl SteeringState {
             motor_fault: false,
             halt,
             order: order.as_ref(),
+            update: UpdateWish::None,
         };
         let Outputs {
             duties, answers, ..

@@ -47,6 +47,10 @@ where
                 let len = self.write(|page| messages::response(robot, answer, page))?;
                 (Topic::Response(id), len)
             }
+            MessageKind::Update(kind) => {
+                let len = self.write(|page| self.updates.compose(kind, &id, page))?;
+                (Topic::Ota(id), len)
+            }
             MessageKind::Image => return None,
         })
     }

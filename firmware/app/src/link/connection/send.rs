@@ -17,6 +17,7 @@ use crate::link::flow::MessageKind;
 use crate::link::limits::{HEARTBEAT_PERIOD, PING_AFTER};
 use crate::link::loss::Loss;
 use crate::link::messages;
+use crate::update::ReportKind;
 
 /// Log records sent before looking at the stream again.
 const LOGS_AT_ONCE: usize = 2;
@@ -79,7 +80,9 @@ where
             Topic::Pose(config.id.clone()),
         ];
         let more = config.takes_faults().then_some(Topic::SimulatorCommand);
-        for topic in topics.iter().chain(&more) {
+        let updates = self.updates.exists();
+        let updates = updates.then(|| Topic::Ota(config.id.clone()));
+        for topic in topics.iter().chain(&more).chain(&updates) {
             let filter = topic.render(&config.fleet);
             let filter = MqttString::from_str(&filter)
                 .ok()
@@ -90,6 +93,10 @@ where
             let mut options = SubscriptionOptions::new().retain_handling(RetainHandling::NeverSend);
             if topic.qos() == Qos::AtLeastOnce {
                 options = options.at_least_once();
+            }
+            if let Topic::Ota(_) = topic {
+                // The robot's own reports go there too.
+                options = options.no_local();
             }
             let deadline = self.write_deadline();
             let id = {
@@ -127,6 +134,11 @@ where
                 self.state.parameters_due = false;
                 self.send(MessageKind::Parameters).await?;
             }
+            while self.has_window()
+                && let Some(kind) = self.next_report()
+            {
+                self.send(MessageKind::Update(kind)).await?;
+            }
             if self.is_free_for(MessageKind::Image) && self.images.waits() {
                 self.send_image(None).await?;
             }
@@ -152,6 +164,11 @@ where
             }
         }
         Ok(true)
+    }
+
+    fn next_report(&self) -> Option<ReportKind> {
+        let free = |kind| !self.flow.is_in_flight(MessageKind::Update(kind));
+        self.updates.next_report(&free)
     }
 
     /// Asks the broker for an answer, which proves that what was sent before has arrived.
@@ -201,6 +218,9 @@ where
             if let MessageKind::Answer(ticket) = kind {
                 self.robot.outbox.delivered(ticket);
                 self.robot.outbox.withheld();
+            }
+            if let MessageKind::Update(kind) = kind {
+                self.updates.settled(kind);
             }
             let text = format_args!("{kind:?} does not fit a message");
             let now = self.clock.now();

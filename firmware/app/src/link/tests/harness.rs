@@ -1,6 +1,7 @@
 //! A clock, a network and a broker that exist only in a test, and only as far as the link sees.
 
 use core::cell::{Cell, RefCell};
+use core::convert::Infallible;
 use core::future::poll_fn;
 use core::net::{IpAddr, Ipv4Addr};
 use core::pin::pin;
@@ -20,7 +21,9 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use super::peer::Peer;
 use crate::camera::ImageSlot;
+use crate::hold::Inline;
 use crate::perception::LinkHealth;
+use crate::update::Updates;
 use crate::{Config, Geometry, Robot};
 
 /// Unix time at which the test's server believes the robot booted.
@@ -303,7 +306,7 @@ impl Broker {
 pub(super) struct TestRng(pub(super) u64);
 
 impl rand_core::TryRng for TestRng {
-    type Error = core::convert::Infallible;
+    type Error = Infallible;
 
     fn try_next_u32(&mut self) -> Result<u32, Self::Error> {
         self.try_next_u64().map(|value| (value >> 32) as u32)
@@ -370,10 +373,36 @@ pub(super) fn run_with<F: Future>(slot: &Slot, script: impl FnOnce(Broker) -> F)
     run_robot(robot(), slot, script)
 }
 
+/// The same, for a robot that takes updates.
+pub(super) fn run_updated<F: Future>(
+    updates: &Updates<NoopRawMutex>,
+    script: impl FnOnce(Broker) -> F,
+) -> F::Output {
+    run_link(robot(), script, |robot, network, clock| {
+        super::super::link_with_updates_held::<Inline, _, _, _, _>(
+            robot,
+            updates,
+            network,
+            TestRng(1),
+            clock,
+        )
+    })
+}
+
 fn run_robot<F: Future>(
     robot: Robot<NoopRawMutex>,
     slot: &Slot,
     script: impl FnOnce(Broker) -> F,
+) -> F::Output {
+    run_link(robot, script, |robot, network, clock| {
+        super::super::link_with_images(robot, slot, network, TestRng(1), clock)
+    })
+}
+
+fn run_link<F: Future, L: Future<Output = Infallible>>(
+    robot: Robot<NoopRawMutex>,
+    script: impl FnOnce(Broker) -> F,
+    link: impl FnOnce(Rc<Robot<NoopRawMutex>>, TestNetwork, TestClock) -> L,
 ) -> F::Output {
     let clock = TestClock::default();
     let network = TestNetwork {
@@ -385,8 +414,7 @@ fn run_robot<F: Future>(
         clock: clock.clone(),
         robot: Rc::new(robot),
     };
-    let robot = Rc::clone(&broker.robot);
-    let link = super::super::link_with_images(&*robot, slot, network, TestRng(1), clock.clone());
+    let link = link(Rc::clone(&broker.robot), network, clock.clone());
     let limit = clock.sleep(Duration::from_secs(3_600));
     match block_on(&clock, select3(link, script(broker), limit)) {
         Either3::First(never) => match never {},

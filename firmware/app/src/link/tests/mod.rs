@@ -8,4 +8,5 @@ mod peer;
 mod telemetry;
 mod traffic;
 mod trouble;
+mod updates;
 mod wire;

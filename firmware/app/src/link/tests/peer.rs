@@ -113,10 +113,19 @@ impl Peer {
 
     /// Answers CONNECT and the five SUBSCRIBEs. The robot is connected then.
     pub(super) async fn accept(&mut self, session_present: bool) -> (Connect, Vec<String>) {
+        self.accept_with(session_present, 5).await
+    }
+
+    /// The same with so many SUBSCRIBEs.
+    pub(super) async fn accept_with(
+        &mut self,
+        session_present: bool,
+        subscriptions: usize,
+    ) -> (Connect, Vec<String>) {
         let connect = self.connect().await;
         self.send(&[0x20, 3, u8::from(session_present), 0, 0]);
         let mut filters = Vec::new();
-        while filters.len() < 5 {
+        while filters.len() < subscriptions {
             let packet = self.packet().await.expect("SUBSCRIBE");
             if packet.kind() == 8 {
                 filters.push(self.grant(&packet));
@@ -196,6 +205,16 @@ impl Peer {
                 Either::First(None) | Either::Second(()) => return all,
             }
         }
+    }
+
+    /// Sends a message at QoS 0.
+    pub(super) fn throw(&self, topic: &str, payload: &[u8]) {
+        let mut body = Vec::new();
+        body.extend((topic.len() as u16).to_be_bytes());
+        body.extend(topic.as_bytes());
+        body.push(0);
+        body.extend(payload);
+        self.send(&packet(0x30, &body));
     }
 
     /// Sends a message at QoS 1.

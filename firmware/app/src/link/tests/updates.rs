@@ -1,0 +1,197 @@
+//! What server and robot say to each other about updates, on its way through the link.
+
+use std::format;
+use std::vec::Vec;
+
+use crawler_hal::Duration;
+use crawler_protocol::{BuildId, ReleaseId, UpdateStage};
+use crawler_release::chunk::{CHUNK_MAX, Chunk, PAYLOAD, Part};
+use crawler_release::{PublicKey, PublicKeys, Want};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+
+use super::harness::{Broker, run_updated};
+use super::peer::Peer;
+use crate::update::{Have, Progress, UpdateIdentity, Updates, Word};
+
+const TOPIC: &str = "swarm/ota/sim-0001";
+const RELEASE: ReleaseId = ReleaseId::new([0x9f, 0x2c, 0x1a, 0xb0, 0x34, 0xd5, 0xe6, 0xf7]);
+
+/// The base point of P-256 (SEC 2, section 2.4.2), compressed: a key like any other.
+const POINT: [u8; 33] = [
+    0x03, 0x6b, 0x17, 0xd1, 0xf2, 0xe1, 0x2c, 0x42, 0x47, 0xf8, 0xbc, 0xe6, 0xe5, 0x63, 0xa4, 0x40,
+    0xf2, 0x77, 0x03, 0x7d, 0x81, 0x2d, 0xeb, 0x33, 0xa0, 0xf4, 0xa1, 0x39, 0x45, 0xd8, 0x98, 0xc2,
+    0x96,
+];
+
+fn updates() -> Updates<NoopRawMutex> {
+    Updates::new(UpdateIdentity {
+        build: BuildId::new("1.0.0").expect("a build"),
+        sequence: 0,
+        built_at: 0,
+        keys: PublicKeys {
+            current: PublicKey::from_sec1(&POINT).expect("a point"),
+            next: None,
+        },
+    })
+}
+
+async fn connected(broker: &Broker) -> Peer {
+    let mut peer = broker.peer().await;
+    let (_, filters) = peer.accept_with(false, 6).await;
+    // QoS 1, No Local, nothing retained.
+    assert_eq!(filters[5], format!("{TOPIC} 0x25"));
+    peer.deliver_time();
+    peer
+}
+
+fn chunk(index: u32) -> Vec<u8> {
+    let chunk = Chunk {
+        part: Part::Image,
+        tag: RELEASE.tag(),
+        index,
+        payload: &[index as u8; PAYLOAD],
+    };
+    let mut bytes = [0; CHUNK_MAX];
+    let length = chunk.encode(&mut bytes).expect("fits");
+    bytes[..length].to_vec()
+}
+
+#[test]
+fn reports_are_delivered_and_words_taken() {
+    let updates = updates();
+    run_updated(&updates, async |broker| {
+        let mut peer = connected(&broker).await;
+        broker.sleep(Duration::from_millis(200)).await;
+        assert!(updates.take_session() && !updates.take_session());
+        updates.tell_have(Have {
+            sequence: 7,
+            floor: 3,
+            unfinished: Some((RELEASE, 65_536)),
+        });
+        updates.ask(Want::window(RELEASE.tag(), Part::Image, 32, 100));
+        broker.robot.outbox.nudge();
+        let have = peer.publish(TOPIC).await;
+        assert_eq!((have.qos, have.retained), (1, false));
+        let expected = serde_json::json!({
+            "update": "have", "robot": "sim-0001", "build": "1.0.0", "sequence": 7, "floor": 3,
+            "release": "9f2c1ab034d5e6f7", "bytes": 65_536,
+        });
+        assert_eq!(have.json(), expected);
+        let want = peer.publish(TOPIC).await.json();
+        let expected = serde_json::json!({
+            "update": "want", "robot": "sim-0001", "tag": RELEASE.tag(), "part": "image",
+            "first": 32, "missing": 0xFFFF,
+        });
+        assert_eq!(want, expected);
+
+        for word in ["offer", "confirm", "cancel", "cancel", "have"] {
+            let text = format!(r#"{{"update":"{word}","release":"{RELEASE}"}}"#);
+            peer.deliver(TOPIC, text.as_bytes());
+        }
+        broker.sleep(Duration::from_millis(200)).await;
+        assert_eq!(updates.take_word(), Some(Word::Offer(RELEASE)));
+        assert_eq!(updates.take_word(), Some(Word::Confirm(RELEASE)));
+        assert_eq!(updates.take_word(), Some(Word::Cancel(RELEASE)));
+        assert_eq!(updates.take_word(), None, "said twice, or by a robot");
+        assert_eq!(updates.linked(), (true, true));
+        assert!(updates.is_told());
+
+        peer.deliver(
+            TOPIC,
+            br#"{"update":"offer","release":"9f2c1ab034d5e6f7","more":1}"#,
+        );
+        let log = peer.publish("swarm/logs/").await.json();
+        assert_eq!(
+            (log["level"].as_str(), log["event"].as_str()),
+            (Some("warn"), Some("update"))
+        );
+        assert_eq!(updates.take_word(), None);
+    });
+}
+
+#[test]
+fn a_chunk_waits_for_its_place_and_nothing_is_lost() {
+    let updates = updates();
+    run_updated(&updates, async |broker| {
+        let mut peer = connected(&broker).await;
+        // What was not asked for does not get a place.
+        peer.throw(TOPIC, &chunk(0));
+        broker.sleep(Duration::from_millis(200)).await;
+        assert_eq!(updates.chunk(), None);
+
+        updates.ask(Want::window(RELEASE.tag(), Part::Image, 0, 4));
+        for index in [2, 2, 9, 0] {
+            peer.throw(TOPIC, &chunk(index));
+        }
+        peer.throw(TOPIC, &chunk(1)[..500]);
+        peer.command(1, "identify", "");
+        broker.sleep(Duration::from_secs(5)).await;
+        assert_eq!(updates.chunk(), Some((2, PAYLOAD)));
+        // The robot goes on telling of itself meanwhile, and takes nothing.
+        let told = peer.publishes_for(Duration::from_secs(2)).await;
+        assert!(
+            told.iter()
+                .any(|said| said.topic == "swarm/heartbeat/sim-0001")
+        );
+        assert!(
+            told.iter()
+                .all(|said| said.topic != "swarm/response/robot/sim-0001")
+        );
+
+        let mut bytes = [0; PAYLOAD];
+        updates.copy_out(0, &mut bytes);
+        assert_eq!(bytes, [2; PAYLOAD]);
+        updates.make_room();
+        broker.sleep(Duration::from_millis(200)).await;
+        assert_eq!(
+            updates.chunk(),
+            Some((0, PAYLOAD)),
+            "neither the second 2, nor 9"
+        );
+        updates.make_room();
+        broker.sleep(Duration::from_millis(200)).await;
+        assert_eq!(updates.chunk(), None, "cut off");
+        assert_eq!(broker.robot.orders_waiting(), 1, "the command was next");
+        updates.close();
+        peer.throw(TOPIC, &chunk(1));
+        broker.sleep(Duration::from_millis(200)).await;
+        assert_eq!(updates.chunk(), None);
+    });
+}
+
+#[test]
+fn what_the_broker_has_not_confirmed_is_sent_again_as_it_is_then() {
+    for resumed in [true, false] {
+        let updates = updates();
+        run_updated(&updates, async |broker| {
+            let mut peer = connected(&broker).await;
+            peer.acknowledging = false;
+            let progress = |bytes| Progress {
+                release: RELEASE,
+                stage: UpdateStage::Receiving,
+                reason: None,
+                bytes,
+            };
+            updates.tell_progress(progress(1));
+            broker.robot.outbox.nudge();
+            assert_eq!(peer.publish(TOPIC).await.json()["bytes"], 1);
+            updates.tell_progress(progress(2));
+            broker.robot.outbox.nudge();
+            broker.sleep(Duration::from_millis(200)).await;
+            assert!(!updates.is_told(), "one at a time");
+            peer.close();
+
+            let mut peer = broker.peer().await;
+            if resumed {
+                // Sent again before the subscriptions, which takes it.
+                peer.accept_with(true, 6).await;
+            } else {
+                peer.accept_with(false, 6).await;
+                assert_eq!(peer.publish(TOPIC).await.json()["bytes"], 2);
+            }
+            let more = peer.publishes_for(Duration::from_secs(2)).await;
+            assert!(more.iter().all(|said| said.topic != TOPIC), "{more:?}");
+            assert!(updates.is_told());
+        });
+    }
+}

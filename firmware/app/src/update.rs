@@ -1,0 +1,341 @@
+//! The update activity: a release into the spare slot, its trial, and the way back.
+//!
+//! | step | how |
+//! |---|---|
+//! | offered | the robot says what it has; it takes a release only while it stands in `IDLE`, with a good battery and not on trial itself, and is `UPDATING` from then on |
+//! | judged | the envelope is asked for, or read from the spare slot where it lies already; everything that is asked of a release is asked before the first byte is erased |
+//! | preparing | otadata names the running program as proven; the trailer of the spare slot begins anew; what is not there yet is erased, sector by sector |
+//! | receiving | windows of at most 16 chunks are asked for, and asked for again; each block is held against its hash as it is in flash, and noted in the trailer |
+//! | verifying | the whole image as it is in flash |
+//! | staged | noted, with the sensors that work; otadata is told, and the robot restarts in its own time |
+//! | trial | the new program observes itself twice a second: [`crawler_boot::trial`] |
+//! | confirmed, rolled back | noted in otadata and trailer; the reason for going back is told by the program that is back |
+//!
+//! Between any two of these steps, and between any two bytes of flash, the power may go: what is noted is what counts.
+//! An update that was interrupted is offered again by the server, which knows from `have` how far it has come.
+//!
+//! # What ends an update before its time
+//! `stop` is obeyed as ever, and changes nothing: the robot stands already. `estop` and faults are obeyed as ever too,
+//! and put the update off, as do a low battery and a server that sends nothing for two minutes: the robot leaves
+//! `UPDATING`, says `deferred` with the reason, and goes on where it was with the next offer. `reboot` is a restart like
+//! any other. `cancel` gives the release up as long as it was not activated. On trial all commands are obeyed.
+//!
+//! # Where sequence and floor are
+//! In the trailer of the slot that runs: it holds the signed manifest. That suffices. A release has to be above the
+//! sequence that is installed, which is at least the floor of every release confirmed before it, since each had to be
+//! above those in turn; so a floor of its own could only tell more where the sequence falls: back from a trial, whose
+//! floor does not count, or when a board is flashed by cable, which leaves the trailers alone. So the floor is the
+//! larger one of those in both trailers whose images were confirmed, and it rises when a release is confirmed and not
+//! before: a way back is never closed by what was not proven. Whoever can write a trailer can write a program.
+//!
+//! # Time
+//! Nothing here takes longer than one operation of the flash or a slice of 256 bytes before others have their turn, but
+//! for the check of the signature, 13 million instructions. Control runs above all of it.
+//!
+//! Memory: chunks, commands and reports are in [`Updates`]; the future of [`update`] keeps no page of its own.
+
+mod mailbox;
+mod proving;
+mod slots;
+mod steps;
+#[cfg(test)]
+mod tests;
+mod transfer;
+mod words;
+
+use core::convert::Infallible;
+use core::ops::Deref;
+
+use crawler_boot::Trial;
+use crawler_hal::{Clock, Duration, Instant, SlotPort};
+use crawler_protocol::{Level, ReleaseId, RobotState, UpdateOutcome, UpdateStage};
+use embassy_futures::select::select;
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use rand_core::Rng;
+
+use crate::context::Robot;
+use crate::context::handles::UpdateHandle;
+use crate::hold::{Hold, Inline};
+use crate::order::UpdateWish;
+use crate::perception::Charge;
+use crate::state::Fault;
+
+use mailbox::Outcome;
+#[cfg(test)]
+pub(crate) use mailbox::Word;
+pub(crate) use mailbox::{Have, Progress};
+pub(crate) use mailbox::{NoUpdates, ReportKind, UpdatePort, room};
+pub use mailbox::{UpdateIdentity, Updates};
+use slots::Slots;
+pub use transfer::{ASK_AFTER, ASK_AFTER_MOST, SILENT_AFTER};
+use transfer::{Blocks, Failed, Refused, Shape, Transfer};
+
+/// How often a program on trial observes itself, and how long a step waits at most before the state of the robot is
+/// looked at.
+const LOOK: Duration = Duration::from_millis(500);
+/// The same while a release is received: control takes it out of `UPDATING` when there is a fault.
+const LOOK_UPDATING: Duration = Duration::from_millis(100);
+/// How long control may take to let the robot stand for an update.
+const STANDS_WITHIN: Duration = Duration::from_secs(1);
+/// How long a restart waits for what was said last to reach the broker.
+const TOLD_WITHIN: Duration = Duration::from_secs(3);
+
+/// Event of log records about updates.
+const EVENT: &str = "update";
+
+/// Takes updates, for ever.
+///
+/// # Cancellation Safety
+/// As safe as a power cut, which costs the block that was being received and nothing else.
+pub fn update<M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
+    updates: impl Deref<Target = Updates<M>>,
+    port: SlotPort<F>,
+    rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    update_held::<Inline, M, F, R, C>(robot, updates, port, rng, clock)
+}
+
+/// As [`update()`], with its rare steps kept as `H` keeps them.
+///
+/// # Cancellation Safety
+/// As [`update()`].
+// Not an `async fn`, which would keep its arguments twice: as they came and as they are used.
+#[allow(clippy::manual_async_fn)]
+pub fn update_held<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock>(
+    robot: impl Deref<Target = Robot<M>>,
+    updates: impl Deref<Target = Updates<M>>,
+    port: SlotPort<F>,
+    mut rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    async move {
+        let robot = robot.update_handle();
+        let Some(slots) = Slots::new(port) else {
+            let text = format_args!("the slots cannot be as the body says");
+            robot.log(Level::Error, EVENT, text, clock.now());
+            return core::future::pending().await;
+        };
+        let mut activity = Activity {
+            robot,
+            updates: &*updates,
+            slots,
+            clock: &clock,
+            random: rng.next_u32(),
+            installed: None,
+            trial: None,
+            given_up: None,
+            unfinished: None,
+            asked: None,
+            transfer: None,
+            envelope: None,
+            told: None,
+            leaving: false,
+        };
+        H::hold(activity.start()).await;
+        loop {
+            let next = H::hold(activity.turn()).await;
+            match next {
+                Next::Soon => yield_now().await,
+                Next::Word => activity.updates.changed().await,
+                Next::At(at) => {
+                    select(activity.updates.changed(), clock.sleep_until(at)).await;
+                }
+            }
+        }
+    }
+}
+
+/// When the next turn is due.
+enum Next {
+    /// As soon as others have had theirs.
+    Soon,
+    /// When something has arrived.
+    Word,
+    /// Then, or when something has arrived.
+    At(Instant),
+}
+
+/// What is installed in the slot that runs.
+#[derive(Debug, Clone, Copy)]
+struct Installed {
+    /// The release, if it came as one.
+    release: Option<ReleaseId>,
+    sequence: u32,
+    floor: u32,
+    /// The floor once the release is confirmed.
+    next_floor: u32,
+}
+
+/// A release that control was asked to stand for.
+#[derive(Debug, Clone, Copy)]
+struct Asked {
+    release: ReleaseId,
+    until: Instant,
+}
+
+struct Activity<'a, M: RawMutex, F, C> {
+    robot: UpdateHandle<'a, M>,
+    updates: &'a Updates<M>,
+    slots: Slots<F>,
+    clock: &'a C,
+    random: u32,
+    /// `None` when the flash could not be read: then nothing is taken.
+    installed: Option<Installed>,
+    trial: Option<Trial>,
+    /// What lies in the spare slot was tried and given up.
+    given_up: Option<Outcome>,
+    /// What lies in the spare slot, not tried, and how much of it.
+    unfinished: Option<(ReleaseId, u32)>,
+    asked: Option<Asked>,
+    transfer: Option<Transfer>,
+    /// Length of the envelope that lies where chunks arrive.
+    envelope: Option<usize>,
+    /// Stage and bytes that were reported last.
+    told: Option<(UpdateStage, u32)>,
+    /// A restart was asked for.
+    leaving: bool,
+}
+
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
+    /// Does one thing that is to be done.
+    async fn turn(&mut self) -> Next {
+        if self.leaving {
+            return Next::Word;
+        }
+        if self.updates.take_session() {
+            self.greet();
+        }
+        while let Some(word) = self.updates.take_word() {
+            self.obey(word);
+        }
+        if self.trial.is_some() {
+            return self.prove().await;
+        }
+        if self.asked.is_some() {
+            return self.await_standing().await;
+        }
+        if self.transfer.is_some() {
+            return self.advance().await;
+        }
+        Next::Word
+    }
+
+    /// Why the robot cannot take an update now.
+    fn hindrance(&self) -> Option<&'static str> {
+        let battery = self.robot.battery();
+        let snapshot = self.robot.snapshot();
+        let by_state = match snapshot.state {
+            RobotState::Idle | RobotState::Updating => None,
+            RobotState::Initializing => Some("initializing"),
+            RobotState::Moving
+            | RobotState::Scanning
+            | RobotState::Caution
+            | RobotState::Avoiding => Some("driving"),
+            RobotState::Error if snapshot.fault == Some(Fault::EmergencyStop) => Some("estopped"),
+            RobotState::Error => Some("fault"),
+        };
+        let by_battery = match battery.charge {
+            Charge::Good if !battery.brown_out => None,
+            Charge::Unknown => Some("battery_unknown"),
+            Charge::Good | Charge::Low | Charge::Critical => Some("low_battery"),
+        };
+        by_state.or(by_battery)
+    }
+
+    /// Waits for control to let the robot stand.
+    async fn await_standing(&mut self) -> Next {
+        let Some(asked) = self.asked else {
+            return Next::Soon;
+        };
+        let now = self.clock.now();
+        if self.robot.snapshot().state == RobotState::Updating {
+            self.asked = None;
+            self.random = self
+                .random
+                .wrapping_mul(1_664_525)
+                .wrapping_add(1_013_904_223);
+            let lying = self.lying(asked.release).await;
+            self.transfer = Some(Transfer::new(asked.release, lying, self.random, now));
+            self.told = None;
+            return Next::Soon;
+        }
+        let hindrance = self.hindrance();
+        if hindrance.is_some() || now >= asked.until {
+            self.asked = None;
+            self.robot.wish(UpdateWish::None);
+            self.defer(asked.release, hindrance.unwrap_or("driving"));
+            return Next::Soon;
+        }
+        Next::At((now + LOOK_UPDATING).min(asked.until))
+    }
+
+    /// Ends the update without a release.
+    fn leave(&mut self) {
+        self.updates.close();
+        self.transfer = None;
+        self.asked = None;
+        self.envelope = None;
+        self.robot.wish(UpdateWish::None);
+    }
+
+    fn defer(&self, release: ReleaseId, why: &'static str) {
+        self.tell(Progress {
+            release,
+            stage: UpdateStage::Deferred,
+            reason: Some(why),
+            bytes: self.bytes_of(release),
+        });
+        self.log(Level::Info, release, format_args!("put off: {why}"));
+    }
+
+    /// Bytes of a release that lie in the spare slot.
+    fn bytes_of(&self, release: ReleaseId) -> u32 {
+        match self.unfinished {
+            Some((lying, bytes)) if lying == release => bytes,
+            Some(_) | None => 0,
+        }
+    }
+
+    fn refuse(&mut self, release: ReleaseId, why: Refused) {
+        self.leave();
+        self.tell_outcome(Outcome {
+            release,
+            came_to: UpdateOutcome::Refused,
+            reason: Some(why.code),
+            lasting: Some(why.lasting),
+        });
+        self.log(Level::Warn, release, format_args!("refused: {}", why.code));
+    }
+
+    fn tell(&self, progress: Progress) {
+        self.updates.tell_progress(progress);
+        self.robot.outbox.nudge();
+    }
+
+    fn tell_outcome(&self, outcome: Outcome) {
+        self.updates.tell_outcome(outcome);
+        self.robot.outbox.nudge();
+    }
+
+    fn tell_have(&self) {
+        let (sequence, floor) = self
+            .installed
+            .map_or((0, 0), |installed| (installed.sequence, installed.floor));
+        self.updates.tell_have(Have {
+            sequence,
+            floor,
+            unfinished: self.unfinished,
+        });
+        self.robot.outbox.nudge();
+    }
+
+    fn log(&self, level: Level, release: ReleaseId, text: core::fmt::Arguments<'_>) {
+        let now = self.clock.now();
+        self.robot
+            .log(level, EVENT, format_args!("{release} {text}"), now);
+    }
+}

@@ -1,0 +1,505 @@
+//! What link and update share: chunks and commands one way, reports the other.
+//!
+//! One chunk has a place, and the link takes nothing from the stream while it is occupied: the broker then
+//! waits, as TCP does it, and nothing gets lost. Of reports the newest of each kind is kept, since each says all
+//! that an older one of its kind did.
+
+use core::cell::RefCell;
+use core::future::poll_fn;
+use core::task::{Context, Poll};
+
+use crawler_protocol::{
+    BuildId, ReasonCode, ReleaseId, RobotId, UpdateCommand, UpdateOutcome, UpdatePart,
+    UpdateReport, UpdateStage,
+};
+use crawler_release::chunk::{Chunk, PAYLOAD, Part};
+use crawler_release::{PublicKeys, Want};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::signal::Signal;
+use embassy_sync::waitqueue::WakerRegistration;
+use heapless::Deque;
+
+/// Commands that may wait. A server sends one, and sends it again when nothing comes of it.
+const COMMANDS: usize = 3;
+
+/// What the running program is, for updates: fixed when it is built, and handed over by the body.
+#[derive(Debug, Clone)]
+pub struct UpdateIdentity {
+    /// What names the build. A release proves by it that it runs.
+    pub build: BuildId,
+    /// Its sequence, where that is known without a release: no update is taken that is not above it. 0 otherwise.
+    pub sequence: u32,
+    /// When it was built, in seconds of Unix time: it cannot be earlier, whatever the clock says.
+    pub built_at: u64,
+    /// The keys by which releases are believed.
+    pub keys: PublicKeys,
+}
+
+/// What the server says about a release.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Word {
+    Offer(ReleaseId),
+    Confirm(ReleaseId),
+    Cancel(ReleaseId),
+}
+
+/// What the robot runs and holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Have {
+    pub(crate) sequence: u32,
+    pub(crate) floor: u32,
+    /// What lies unfinished in the spare slot, and how much of it.
+    pub(crate) unfinished: Option<(ReleaseId, u32)>,
+}
+
+/// Where the robot stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Progress {
+    pub(crate) release: ReleaseId,
+    pub(crate) stage: UpdateStage,
+    pub(crate) reason: Option<&'static str>,
+    pub(crate) bytes: u32,
+}
+
+/// What a release came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Outcome {
+    pub(crate) release: ReleaseId,
+    pub(crate) came_to: UpdateOutcome,
+    pub(crate) reason: Option<&'static str>,
+    /// Of a refusal: whether it would be the same tomorrow.
+    pub(crate) lasting: Option<bool>,
+}
+
+/// A kind of report. Of each the newest counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ReportKind {
+    Have,
+    Outcome,
+    Progress,
+    Want,
+}
+
+impl ReportKind {
+    /// In the order in which they are sent: what the robot is comes first, and it asks last.
+    const ALL: [Self; 4] = [Self::Have, Self::Outcome, Self::Progress, Self::Want];
+
+    const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+}
+
+/// What the link does for updates. A trait object, so that a body without any links none of the code.
+pub(crate) trait UpdatePort {
+    /// Whether there are any: whether to listen to the robot's topic of updates.
+    fn exists(&self) -> bool;
+    /// A message on that topic. What is wrong with it, if that is to be logged.
+    fn arrived(&self, payload: &[u8]) -> Result<(), &'static str>;
+    /// Ready when a chunk can be taken.
+    fn poll_room(&self, context: &mut Context<'_>) -> Poll<()>;
+    /// A session has begun.
+    fn session_began(&self);
+    /// The server was heard, by whatever it said.
+    fn heard(&self);
+    /// The broker has confirmed something.
+    fn reached(&self);
+    /// The first report that is to be sent and that `free` permits.
+    fn next_report(&self, free: &dyn Fn(ReportKind) -> bool) -> Option<ReportKind>;
+    /// Writes a report as it is now, and notes that it is on its way. `None` when it fits no message.
+    fn compose(&self, kind: ReportKind, robot: &RobotId, page: &mut [u8]) -> Option<usize>;
+    /// The broker has a report, or refuses it for good.
+    fn settled(&self, kind: ReportKind);
+    /// Nothing that was sent is on its way any more.
+    fn rewind(&self);
+}
+
+/// The updates of a body without any.
+pub(crate) struct NoUpdates;
+
+impl UpdatePort for NoUpdates {
+    fn exists(&self) -> bool {
+        false
+    }
+
+    fn arrived(&self, _: &[u8]) -> Result<(), &'static str> {
+        Ok(())
+    }
+
+    fn poll_room(&self, _: &mut Context<'_>) -> Poll<()> {
+        Poll::Ready(())
+    }
+
+    fn session_began(&self) {}
+
+    fn heard(&self) {}
+
+    fn reached(&self) {}
+
+    fn next_report(&self, _: &dyn Fn(ReportKind) -> bool) -> Option<ReportKind> {
+        None
+    }
+
+    fn compose(&self, _: ReportKind, _: &RobotId, _: &mut [u8]) -> Option<usize> {
+        None
+    }
+
+    fn settled(&self, _: ReportKind) {}
+
+    fn rewind(&self) {}
+}
+
+struct Inner {
+    words: Deque<Word, COMMANDS>,
+    /// A session has begun that was not told of what there is.
+    session: bool,
+    heard: bool,
+    reached: bool,
+    /// What is waited for; `None` takes no chunk.
+    want: Option<Want>,
+    /// Index and length of the chunk that waits.
+    waiting: Option<(u32, u16)>,
+    payload: [u8; PAYLOAD],
+    room: WakerRegistration,
+    /// Bits of [`ReportKind`]: to be sent, and sent without being confirmed.
+    due: u8,
+    under_way: u8,
+    have: Have,
+    asked: Option<Want>,
+    progress: Option<Progress>,
+    outcome: Option<Outcome>,
+}
+
+/// See the [module](self). A board keeps it in a static beside its [`Robot`](crate::Robot): 1.6 KB.
+pub struct Updates<M: RawMutex> {
+    identity: UpdateIdentity,
+    inner: Mutex<M, RefCell<Inner>>,
+    /// Link → update: something has arrived.
+    arrived: Signal<M, ()>,
+}
+
+impl<M: RawMutex> Updates<M> {
+    /// Nothing has been said.
+    #[must_use]
+    pub const fn new(identity: UpdateIdentity) -> Self {
+        Self {
+            identity,
+            inner: Mutex::new(RefCell::new(Inner {
+                words: Deque::new(),
+                session: false,
+                heard: false,
+                reached: false,
+                want: None,
+                waiting: None,
+                payload: [0; PAYLOAD],
+                room: WakerRegistration::new(),
+                due: 0,
+                under_way: 0,
+                have: Have {
+                    sequence: 0,
+                    floor: 0,
+                    unfinished: None,
+                },
+                asked: None,
+                progress: None,
+                outcome: None,
+            })),
+            arrived: Signal::new(),
+        }
+    }
+
+    /// What the running program is.
+    pub const fn identity(&self) -> &UpdateIdentity {
+        &self.identity
+    }
+
+    fn with<T>(&self, f: impl FnOnce(&mut Inner) -> T) -> T {
+        self.inner.lock(|inner| f(&mut inner.borrow_mut()))
+    }
+
+    /// Returns when something may have arrived since the last return.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) async fn changed(&self) {
+        self.arrived.wait().await;
+    }
+
+    /// Takes the next word of the server.
+    pub(crate) fn take_word(&self) -> Option<Word> {
+        self.with(|inner| inner.words.pop_front())
+    }
+
+    /// Whether the server has said something that was not taken yet.
+    pub(crate) fn has_word(&self) -> bool {
+        self.with(|inner| !inner.words.is_empty())
+    }
+
+    /// Whether a session has begun since the last call.
+    pub(crate) fn take_session(&self) -> bool {
+        self.with(|inner| core::mem::take(&mut inner.session))
+    }
+
+    /// Whether the server was heard and the broker reached since the start.
+    pub(crate) fn linked(&self) -> (bool, bool) {
+        self.with(|inner| (inner.heard, inner.reached))
+    }
+
+    /// Says which chunks are waited for from now on, and asks for them.
+    pub(crate) fn ask(&self, want: Want) {
+        self.with(|inner| {
+            inner.want = Some(want);
+            inner.asked = Some(want);
+            inner.due |= ReportKind::Want.bit();
+        });
+    }
+
+    /// Takes no chunk from now on, and forgets the one that waits.
+    pub(crate) fn close(&self) {
+        self.with(|inner| {
+            inner.want = None;
+            inner.due &= !ReportKind::Want.bit();
+            inner.make_room();
+        });
+    }
+
+    /// Index and length of the chunk that waits.
+    pub(crate) fn chunk(&self) -> Option<(u32, usize)> {
+        self.with(|inner| {
+            let (index, length) = inner.waiting?;
+            Some((index, usize::from(length)))
+        })
+    }
+
+    /// Makes room for the next chunk. What is in the place stays there until one comes.
+    pub(crate) fn make_room(&self) {
+        self.with(Inner::make_room);
+    }
+
+    /// Copies bytes out of the place of chunks, from `at` on.
+    pub(crate) fn copy_out(&self, at: usize, to: &mut [u8]) {
+        self.with(|inner| {
+            let from = inner.payload.get(at..).unwrap_or(&[]);
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = *from;
+            }
+        });
+    }
+
+    /// Copies bytes into the place of chunks, which takes none meanwhile, from `at` on.
+    pub(crate) fn copy_in(&self, at: usize, from: &[u8]) {
+        self.with(|inner| {
+            let to = inner.payload.get_mut(at..).unwrap_or(&mut []);
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = *from;
+            }
+        });
+    }
+
+    /// Reports what the robot runs and holds.
+    pub(crate) fn tell_have(&self, have: Have) {
+        self.with(|inner| {
+            inner.have = have;
+            inner.due |= ReportKind::Have.bit();
+        });
+    }
+
+    /// Reports where the robot stands.
+    pub(crate) fn tell_progress(&self, progress: Progress) {
+        self.with(|inner| {
+            inner.progress = Some(progress);
+            inner.due |= ReportKind::Progress.bit();
+        });
+    }
+
+    /// Reports what a release came to.
+    pub(crate) fn tell_outcome(&self, outcome: Outcome) {
+        self.with(|inner| {
+            inner.outcome = Some(outcome);
+            inner.due |= ReportKind::Outcome.bit();
+        });
+    }
+
+    /// Whether the broker has every report.
+    pub(crate) fn is_told(&self) -> bool {
+        self.with(|inner| inner.due | inner.under_way == 0)
+    }
+}
+
+impl Inner {
+    fn make_room(&mut self) {
+        self.waiting = None;
+        self.room.wake();
+    }
+
+    /// Whether the chunk is one that is waited for.
+    fn put(&mut self, chunk: &Chunk<'_>) -> bool {
+        if self.waiting.is_some() {
+            return false;
+        }
+        let Some(want) = &mut self.want else {
+            return false;
+        };
+        if !want.take(chunk.tag, chunk.part, chunk.index) {
+            return false;
+        }
+        let Some(place) = self.payload.get_mut(..chunk.payload.len()) else {
+            return false;
+        };
+        place.copy_from_slice(chunk.payload);
+        self.waiting = Some((chunk.index, chunk.payload.len() as u16));
+        true
+    }
+}
+
+impl<M: RawMutex> UpdatePort for Updates<M> {
+    fn exists(&self) -> bool {
+        true
+    }
+
+    fn arrived(&self, payload: &[u8]) -> Result<(), &'static str> {
+        if payload.first() != Some(&b'{') {
+            // What is no chunk, or none that is waited for, may be an old one: it is asked for again if not.
+            if let Ok(chunk) = Chunk::decode(payload)
+                && self.with(|inner| inner.put(&chunk))
+            {
+                self.arrived.signal(());
+            }
+            return Ok(());
+        }
+        let word = match UpdateCommand::from_json(payload) {
+            Ok(Some(UpdateCommand::Offer { release, .. })) => Word::Offer(release),
+            Ok(Some(UpdateCommand::Confirm { release })) => Word::Confirm(release),
+            Ok(Some(UpdateCommand::Cancel { release })) => Word::Cancel(release),
+            Ok(None) => return Ok(()),
+            Err(_) => return Err("a word about updates makes no sense"),
+        };
+        self.with(|inner| {
+            if inner.words.iter().all(|waiting| *waiting != word) {
+                // The newest word counts most.
+                if inner.words.is_full() {
+                    inner.words.pop_front();
+                }
+                let _ = inner.words.push_back(word);
+            }
+        });
+        self.heard();
+        self.arrived.signal(());
+        Ok(())
+    }
+
+    fn poll_room(&self, context: &mut Context<'_>) -> Poll<()> {
+        self.with(|inner| {
+            if inner.waiting.is_none() {
+                return Poll::Ready(());
+            }
+            inner.room.register(context.waker());
+            Poll::Pending
+        })
+    }
+
+    fn session_began(&self) {
+        self.with(|inner| inner.session = true);
+        self.arrived.signal(());
+    }
+
+    fn heard(&self) {
+        self.with(|inner| inner.heard = true);
+    }
+
+    fn reached(&self) {
+        self.with(|inner| inner.reached = true);
+    }
+
+    fn next_report(&self, free: &dyn Fn(ReportKind) -> bool) -> Option<ReportKind> {
+        let due = self.with(|inner| inner.due);
+        ReportKind::ALL
+            .into_iter()
+            .find(|kind| due & kind.bit() != 0 && free(*kind))
+    }
+
+    fn compose(&self, kind: ReportKind, robot: &RobotId, page: &mut [u8]) -> Option<usize> {
+        let robot = robot.clone();
+        let build = || Some(self.identity.build.clone());
+        let report: UpdateReport = match kind {
+            ReportKind::Have => {
+                let have = self.take(kind, |inner| inner.have);
+                UpdateReport::Have {
+                    robot,
+                    build: self.identity.build.clone(),
+                    sequence: have.sequence,
+                    floor: have.floor,
+                    release: have.unfinished.map(|(release, _)| release),
+                    bytes: have.unfinished.map(|(_, bytes)| bytes),
+                }
+            }
+            ReportKind::Want => {
+                let want = self.take(kind, |inner| inner.asked)?;
+                UpdateReport::Want {
+                    robot,
+                    tag: want.tag,
+                    part: match want.part {
+                        Part::Manifest => UpdatePart::Manifest,
+                        Part::Image => UpdatePart::Image,
+                        Part::Delta => UpdatePart::Delta,
+                    },
+                    first: want.first,
+                    missing: want.missing,
+                }
+            }
+            ReportKind::Progress => {
+                let progress = self.take(kind, |inner| inner.progress)?;
+                UpdateReport::Progress {
+                    robot,
+                    release: progress.release,
+                    state: progress.stage,
+                    reason: progress.reason.and_then(|code| ReasonCode::new(code).ok()),
+                    bytes: progress.bytes,
+                    build: build(),
+                }
+            }
+            ReportKind::Outcome => {
+                let outcome = self.take(kind, |inner| inner.outcome)?;
+                UpdateReport::Outcome {
+                    robot,
+                    release: outcome.release,
+                    outcome: outcome.came_to,
+                    reason: outcome.reason.and_then(|code| ReasonCode::new(code).ok()),
+                    build: build(),
+                    lasting: outcome.lasting,
+                }
+            }
+        };
+        report.to_json(page).ok()
+    }
+
+    fn settled(&self, kind: ReportKind) {
+        self.with(|inner| inner.under_way &= !kind.bit());
+        self.arrived.signal(());
+    }
+
+    fn rewind(&self) {
+        self.with(|inner| {
+            inner.due |= core::mem::take(&mut inner.under_way);
+        });
+    }
+}
+
+impl<M: RawMutex> Updates<M> {
+    /// What is to be reported, which is on its way from now on.
+    fn take<T>(&self, kind: ReportKind, of: impl FnOnce(&Inner) -> T) -> T {
+        self.with(|inner| {
+            inner.due &= !kind.bit();
+            inner.under_way |= kind.bit();
+            of(inner)
+        })
+    }
+}
+
+/// Waits until a chunk can be taken.
+///
+/// # Cancellation Safety
+/// A dropped call misses nothing.
+pub(crate) async fn room(port: &dyn UpdatePort) {
+    poll_fn(|context| port.poll_room(context)).await;
+}
