@@ -32,8 +32,8 @@ pub struct UpdateIdentity {
     pub sequence: u32,
     /// When it was built, in seconds of Unix time: it cannot be earlier, whatever the clock says.
     pub built_at: u64,
-    /// The keys by which releases are believed.
-    pub keys: PublicKeys,
+    /// The keys by which releases are believed; without any all of them are refused.
+    pub keys: Option<PublicKeys>,
 }
 
 /// What the server says about a release.

@@ -166,10 +166,13 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
         let Some(installed) = self.installed else {
             return refuse("flash_failed", true);
         };
+        let identity = self.updates.identity();
+        let Some(keys) = &identity.keys else {
+            return refuse("unknown_key", true);
+        };
         let mut envelope = [0; ENVELOPE_MAX];
         self.updates.copy_out(0, &mut envelope);
         let envelope = envelope.get(..self.envelope.unwrap_or(0)).unwrap_or(&[]);
-        let identity = self.updates.identity();
         let target = Target {
             kind: Kind::Program,
             name: None,
@@ -183,7 +186,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             now: self.robot.unix_ms(self.clock.now()).map(|ms| ms / 1_000),
             built_at: identity.built_at,
         };
-        match verify(envelope, &identity.keys, &target) {
+        match verify(envelope, keys, &target) {
             Ok(manifest) => {
                 let signed = Signed::parse(envelope);
                 if signed.is_ok_and(|signed| signed.id() == release.bytes()) {

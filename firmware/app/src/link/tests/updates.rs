@@ -28,10 +28,10 @@ fn updates() -> Updates<NoopRawMutex> {
         build: BuildId::new("1.0.0").expect("a build"),
         sequence: 0,
         built_at: 0,
-        keys: PublicKeys {
+        keys: Some(PublicKeys {
             current: PublicKey::from_sec1(&POINT).expect("a point"),
             next: None,
-        },
+        }),
     })
 }
 

@@ -18,7 +18,7 @@ use crawler_hal::{
 };
 use crawler_protocol::{Action, BuildId, Command, Reason, ReleaseId, ResponseStatus, RobotState};
 use crawler_release::chunk::{CHUNK_MAX, Chunk, PAYLOAD, Part};
-use crawler_release::{Chip as ChipId, WINDOW};
+use crawler_release::{Chip as ChipId, PublicKeys, WINDOW};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_storage::nor_flash as blocking;
 use embedded_storage_async::nor_flash::{
@@ -207,6 +207,8 @@ pub(super) struct World {
     /// Programs that start.
     images: Vec<(String, Vec<u8>)>,
     pub(super) server: Rc<RefCell<Server>>,
+    /// What its programs believe.
+    pub(super) keys: Option<PublicKeys>,
 }
 
 impl World {
@@ -232,6 +234,7 @@ impl World {
                 (release.build.clone(), release.image.clone()),
             ]),
             server: Rc::new(RefCell::new(Server::new(release.clone()))),
+            keys: Some(keys()),
         }
     }
 
@@ -360,7 +363,7 @@ impl Life {
             build: BuildId::new(build).expect("a build"),
             sequence: 0,
             built_at: 1_600_000_000,
-            keys: keys(),
+            keys: world.keys,
         }));
         let mut executor = Executor::default();
         let clock = executor.clock.clone();

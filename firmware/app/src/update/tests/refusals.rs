@@ -8,7 +8,10 @@ use super::releases::{Draft, Release};
 
 /// What becomes of a release that is offered: the reason, whether it lasts, and how often the flash was changed.
 fn refused(release: &Release) -> (std::string::String, bool, usize) {
-    let world = World::new(release);
+    refused_in(&World::new(release))
+}
+
+fn refused_in(world: &World) -> (std::string::String, bool, usize) {
     let mut life = world.start(ResetCause::PowerOn);
     life.run_until_told("outcome", "refused");
     let server = life.server.borrow();
@@ -20,6 +23,13 @@ fn refused(release: &Release) -> (std::string::String, bool, usize) {
     let changes = world.cells.borrow().changes;
     let reason = said["reason"].as_str().expect("a reason").into();
     (reason, said["lasting"].as_bool().expect("told"), changes)
+}
+
+#[test]
+fn a_program_without_keys_believes_nobody() {
+    let mut world = World::new(&Draft::new("new", 12).release());
+    world.keys = None;
+    assert_eq!(refused_in(&world), ("unknown_key".into(), true, 0));
 }
 
 #[test]
