@@ -58,6 +58,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-hal",
             "crawler-image-format",
             "crawler-protocol",
+            "crawler-release",
             "crawler-tls",
             "crawler-app",
         ],

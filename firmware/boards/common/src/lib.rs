@@ -12,6 +12,7 @@
 //! | [`devicetree`] | that line, in the description of a machine |
 //! | [`cfi`] | flash chips with the common flash interface, as regions for parameters and programs |
 //! | [`guard`](mod@guard) | the first lines of `main`: run, or go back to the program before |
+//! | [`update_identity`] | who the program is to those that update it |
 //! | [`settings`] | what a person tells a robot once, and the flash that keeps it |
 //! | [`provision`] | the page where a person enters it |
 //! | [`model`] | a body in software, for boards that have none |
@@ -34,6 +35,7 @@ pub mod network;
 pub mod provision;
 pub mod settings;
 pub mod sight;
+pub mod update_identity;
 
 pub use clock::EmbassyClock;
 pub use network::StackNetwork;

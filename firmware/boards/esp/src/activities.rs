@@ -3,12 +3,14 @@
 //! Control runs in an interrupt of its own, above everything else; the rest shares the main
 //! thread. On the chip with two cores the camera has the second one (see `vision`).
 
-use crawler_app::Robot;
+use crawler_app::{Robot, Updates};
 use crawler_board::EmbassyClock;
+use crawler_hal::SlotPort;
 use embassy_executor::{SendSpawner, SpawnError, Spawner};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use esp_hal::interrupt::Priority;
 use esp_hal::peripherals::FROM_CPU_INTR2;
+use esp_hal::rng::Rng;
 use esp_rtos::embassy::InterruptExecutor;
 use rand_pcg::Pcg32;
 use static_cell::StaticCell;
@@ -45,6 +47,12 @@ pub(crate) struct Parts {
     pub(crate) lamp: Lamp,
     /// Where parameters are kept.
     pub(crate) parameters: Region,
+    /// The slots for programs, where the partition table has them.
+    pub(crate) slots: Option<SlotPort<Region>>,
+    /// What the update activity and the link share.
+    pub(crate) updates: &'static Updates<CriticalSectionRawMutex>,
+    /// Randomness of the update activity.
+    pub(crate) rng: Rng,
 }
 
 /// Spawns control.
@@ -75,6 +83,9 @@ pub(crate) fn spawn(
     spawner.spawn(power(robot, parts.battery)?);
     spawner.spawn(lamp(robot, parts.lamp)?);
     spawner.spawn(store(robot, parts.parameters)?);
+    if let Some(slots) = parts.slots {
+        spawner.spawn(update(robot, parts.updates, slots, parts.rng)?);
+    }
     Ok(())
 }
 
@@ -102,4 +113,14 @@ async fn lamp(robot: &'static Context, lamp: Lamp) {
 #[embassy_executor::task]
 async fn store(robot: &'static Context, flash: Region) {
     match crawler_app::store(robot, flash, EmbassyClock).await {}
+}
+
+#[embassy_executor::task]
+async fn update(
+    robot: &'static Context,
+    updates: &'static Updates<CriticalSectionRawMutex>,
+    slots: SlotPort<Region>,
+    rng: Rng,
+) {
+    match crawler_app::update(robot, updates, slots, rng, EmbassyClock).await {}
 }

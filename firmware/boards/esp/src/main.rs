@@ -100,6 +100,7 @@ async fn main(spawner: Spawner) {
         activities::spawn_control(control, robot, motors, watched, rng),
         "control",
     );
+    let updates = update::updates();
     let mode = settings.map_or(RangerMode::default(), |settings| settings.ranger);
     let (trigger, echo) = (pins.ranger_tx.into(), pins.ranger_rx.into());
     let parts = activities::Parts {
@@ -107,6 +108,9 @@ async fn main(spawner: Spawner) {
         battery: Battery::new(chip.adc, pins.battery),
         lamp: Lamp::new(pins.lamp),
         parameters: regions.parameters,
+        slots: regions.slots,
+        updates,
+        rng: esp_hal::rng::Rng::new(),
     };
     expect(activities::spawn(spawner, robot, parts), "activities");
     #[cfg(feature = "esp32s3")]
@@ -115,6 +119,7 @@ async fn main(spawner: Spawner) {
     let radio = wifi::Start {
         wifi: chip.wifi,
         robot,
+        updates,
         vault,
         kept,
         asked,

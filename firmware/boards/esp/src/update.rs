@@ -1,11 +1,17 @@
 //! The guard in the first lines of `main`, and who this program is.
 
+use core::fmt::Write as _;
 use core::hint::black_box;
 
+use crawler_app::Updates;
 use crawler_board::boot_record::{BootRecord, End};
 use crawler_board::guard::{self, Next};
+use crawler_board::update_identity;
 use crawler_hal::SlotPort;
 use crawler_image_format::keys::KeyTable;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use heapless::String;
+use static_cell::StaticCell;
 
 use crate::flash::Region;
 use crate::system::Start;
@@ -41,6 +47,18 @@ pub(crate) async fn guard(slots: Option<&mut SlotPort<Region>>, start: Start) {
             error
         ),
     }
+}
+
+/// What the link and the update activity share. There may be one call.
+pub(crate) fn updates() -> &'static Updates<CriticalSectionRawMutex> {
+    static UPDATES: StaticCell<Updates<CriticalSectionRawMutex>> = StaticCell::new();
+    let mut name = String::<16>::new();
+    // Sixteen digits, which fit; if they ever did not, the name would be refused.
+    let _ = write!(name, "{:016x}", build());
+    UPDATES.init_with(|| match update_identity::identity(&name, &RELEASE_KEYS) {
+        Some(identity) => Updates::new(identity),
+        None => unreachable!("hexadecimal digits are allowed in a name"),
+    })
 }
 
 /// The first bytes of the hash of the ELF file, which whoever packs the program writes into its descriptor.

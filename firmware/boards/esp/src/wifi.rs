@@ -9,6 +9,7 @@ mod access_point;
 mod medium;
 mod station;
 
+use crawler_app::{Inline, Updates};
 use crawler_board::provision::fallback::Role;
 use crawler_board::settings::{AccessPointPassword, Kept, Settings, Vault};
 use crawler_board::{EmbassyClock, StackNetwork};
@@ -16,6 +17,7 @@ use crawler_hal::Clock;
 use crawler_tls::{Authority, Buffers, Secured, Security};
 use embassy_executor::Spawner;
 use embassy_net::{Config, DhcpConfig, Runner, Stack, StackResources};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use esp_hal::peripherals::WIFI;
 use esp_hal::rng::{Rng, Trng};
 use esp_radio::wifi::{ControllerConfig, Interface, WifiController};
@@ -40,6 +42,8 @@ pub(crate) struct Start {
     pub(crate) wifi: WIFI<'static>,
     /// What all activities share.
     pub(crate) robot: &'static Context,
+    /// What the link and the update activity share.
+    pub(crate) updates: &'static Updates<CriticalSectionRawMutex>,
     /// Where settings are kept.
     pub(crate) vault: Vault<Region>,
     /// What it held at the start.
@@ -72,6 +76,7 @@ pub(crate) async fn run(spawner: Spawner, start: Start) {
     let Start {
         wifi,
         robot,
+        updates,
         mut vault,
         kept,
         asked,
@@ -121,7 +126,7 @@ pub(crate) async fn run(spawner: Spawner, start: Start) {
     let spawned = [net(station_runner), net(access_point_runner)]
         .into_iter()
         .try_for_each(|task| task.map(|task| spawner.spawn(task)))
-        .and_then(|()| link(robot, network, authority).map(|task| spawner.spawn(task)));
+        .and_then(|()| link(robot, updates, network, authority).map(|task| spawner.spawn(task)));
     crate::expect(spawned, "network tasks");
 
     let role = Role::at_boot(settings.is_some(), asked, EmbassyClock.now());
@@ -185,6 +190,7 @@ async fn net(mut runner: Runner<'static, Interface>) -> ! {
 #[embassy_executor::task]
 async fn link(
     robot: &'static Context,
+    updates: &'static Updates<CriticalSectionRawMutex>,
     network: StackNetwork<'static, Antenna>,
     authority: Option<Authority>,
 ) {
@@ -200,9 +206,22 @@ async fn link(
     #[cfg(feature = "esp32s3")]
     let link = {
         let images = crate::camera::images();
-        crawler_app::link_with_images(robot, images, network, Rng::new(), EmbassyClock)
+        crawler_app::link_with_images_and_updates_held::<Inline, _, _, _, _, _>(
+            robot,
+            images,
+            updates,
+            network,
+            Rng::new(),
+            EmbassyClock,
+        )
     };
     #[cfg(not(feature = "esp32s3"))]
-    let link = crawler_app::link(robot, network, Rng::new(), EmbassyClock);
+    let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _>(
+        robot,
+        updates,
+        network,
+        Rng::new(),
+        EmbassyClock,
+    );
     match link.await {}
 }

@@ -33,7 +33,7 @@ pub const SETTINGS_BLOCKS: u16 = 2;
 /// Where the program is linked to run, and its region's bytes.
 pub const PROGRAM: u32 = 0x8000_0000;
 /// Most bytes of a program.
-pub const PROGRAM_MAX: u32 = 640 * 1024;
+pub const PROGRAM_MAX: u32 = 704 * 1024;
 
 /// Where the slots begin, in their own address space.
 pub const SLOTS: [u32; 2] = [0x10_0000, 0x20_0000];

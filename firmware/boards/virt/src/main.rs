@@ -3,16 +3,16 @@
 #![no_main]
 
 use chacha20::ChaCha20Rng;
-use crawler_app::{Config, Robot};
+use crawler_app::{Config, Inline, Robot, Updates};
 use crawler_board::arguments::{Arguments, Faults};
 use crawler_board::model::{Bench, GEOMETRY, Line, LineFault, ModelEcho, Side, seed};
 use crawler_board::network::Cable;
 use crawler_board::{EmbassyClock, StackNetwork};
-use crawler_hal::{Clock, MotorPort, RangerPort, ResetCause, System};
+use crawler_hal::{Clock, MotorPort, RangerPort, ResetCause, SlotPort, System};
 use crawler_protocol::Kind;
 use crawler_tls::{Authority, Buffers, Secured, Security};
 use crawler_virt::ethernet::Ethernet;
-use crawler_virt::flash::ParameterFlash;
+use crawler_virt::flash::{ParameterFlash, Programs};
 use crawler_virt::machine::{self, Description, ExitCode};
 use crawler_virt::system::VirtSystem;
 use crawler_virt::{executor, log, provision, stack, system, time, update};
@@ -116,6 +116,8 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     // Two activities want randomness; neither may depend on how much the other draws.
     let link_rng = Pcg32::new(rng.next_u64(), 0x6C69_6E6B);
     let noise_rng = Pcg32::new(rng.next_u64(), 1);
+    let update_rng = Pcg32::new(rng.next_u64(), 0x7570_6474);
+    let updates = update::updates();
     let (network, runner) = make_network(rng.next_u64());
     let secret = arguments
         .authority
@@ -129,7 +131,10 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     spawner.spawn(lamp(robot, body).expect(FIRST));
     spawner.spawn(store(robot, flash, noise).expect(FIRST));
     spawner.spawn(net(runner).expect(FIRST));
-    spawner.spawn(link(robot, network, link_rng, secret).expect(FIRST));
+    spawner.spawn(link(robot, updates, network, link_rng, secret).expect(FIRST));
+    if let Some(slots) = update::slots() {
+        spawner.spawn(take_updates(robot, updates, slots, update_rng).expect(FIRST));
+    }
     // On a bench somebody waits for it.
     let every = if arguments.bench {
         Duration::from_secs(10)
@@ -142,7 +147,10 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     let faults = Faults {
         panic_s: arguments.faults.panic_s.filter(|_| first),
         hang_s: arguments.faults.hang_s.filter(|_| first),
-        trial_panic_s: arguments.faults.trial_panic_s.filter(|_| update::is_on_trial()),
+        trial_panic_s: arguments
+            .faults
+            .trial_panic_s
+            .filter(|_| update::is_on_trial()),
         ..arguments.faults
     };
     spawner.spawn(strike(faults).expect(FIRST));
@@ -279,8 +287,19 @@ async fn net(mut runner: Runner<'static, Ethernet>) -> ! {
 }
 
 #[embassy_executor::task]
+async fn take_updates(
+    robot: &'static Context,
+    updates: &'static Updates<CriticalSectionRawMutex>,
+    slots: SlotPort<Programs>,
+    rng: Pcg32,
+) -> ! {
+    match crawler_app::update(robot, updates, slots, rng, EmbassyClock).await {}
+}
+
+#[embassy_executor::task]
 async fn link(
     robot: &'static Context,
+    updates: &'static Updates<CriticalSectionRawMutex>,
     network: Network,
     rng: Pcg32,
     secret: Option<(Authority, ChaCha20Rng)>,
@@ -292,7 +311,14 @@ async fn link(
         clock: || robot.unix_ms(EmbassyClock.now()).map(|ms| ms / 1_000),
     });
     let network = Secured::new(network, security);
-    match crawler_app::link(robot, network, rng, EmbassyClock).await {}
+    let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _>(
+        robot,
+        updates,
+        network,
+        rng,
+        EmbassyClock,
+    );
+    match link.await {}
 }
 
 /// Lets time pass for the body.

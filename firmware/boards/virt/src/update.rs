@@ -2,7 +2,9 @@
 
 use core::cell::Cell;
 
+use crawler_app::{UpdateIdentity, Updates};
 use crawler_board::guard::{self, Next};
+use crawler_board::update_identity;
 use crawler_hal::{SlotPort, SlotRegion, System as _};
 use crawler_image_format::header::{BUILD, Header};
 use crawler_image_format::keys::KeyTable;
@@ -10,13 +12,17 @@ use crawler_image_format::layout::{OTADATA, SLOT_BYTES, SLOTS};
 use crawler_image_format::start;
 use critical_section::Mutex;
 use embassy_futures::block_on;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embedded_storage_async::nor_flash::ReadNorFlash as _;
+use static_cell::StaticCell;
 
 use crate::flash::{self, Programs};
 use crate::system::{self, VirtSystem};
 
 /// No chip of Espressif.
 const NO_CHIP: u16 = 0xFFFF;
+/// Build of a program that was started without the boot stage.
+const NO_BUILD: &str = "none";
 
 /// The keys that releases must be signed with. Whoever packs the program writes them in.
 #[used]
@@ -92,8 +98,25 @@ pub fn slots() -> Option<SlotPort<Programs>> {
     })
 }
 
+/// What the link and the update activity share. There may be one call.
+pub fn updates() -> &'static Updates<CriticalSectionRawMutex> {
+    static UPDATES: StaticCell<Updates<CriticalSectionRawMutex>> = StaticCell::new();
+    UPDATES.init_with(|| Updates::new(identity()))
+}
+
+fn identity() -> UpdateIdentity {
+    let build = build();
+    let build = build
+        .as_ref()
+        .and_then(|build| core::str::from_utf8(build).ok());
+    match update_identity::identity(build.unwrap_or(NO_BUILD), &RELEASE_KEYS) {
+        Some(identity) => identity,
+        None => unreachable!("hexadecimal digits are allowed in a name"),
+    }
+}
+
 /// The build id of the program that runs; `None` when it was started without the boot stage.
-pub fn build() -> Option<[u8; BUILD]> {
+fn build() -> Option<[u8; BUILD]> {
     let mut port = slots()?;
     let start = SLOTS.get(usize::from(port.running))?;
     let mut head = [0; Header::BYTES];
