@@ -6,6 +6,8 @@
 mod board;
 mod driving;
 mod tls;
+mod update_server;
+mod updates;
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -14,6 +14,9 @@ use crate::run::{self, Failure, Outcome};
 /// The hidden command that keeps one core busy.
 pub(crate) const BUSY: &str = "keep-a-core-busy";
 
+/// How often the power is cut during an update of the emulated board, where properties are looked at deeply.
+const DEEP_POWER_CUTS: &str = "300";
+
 /// The suite that is every test of [`TIMED`].
 const ALL_TIMED: &str = "timed";
 
@@ -153,6 +156,7 @@ impl Selection {
         if let Some((seed, cases)) = self.properties {
             command.env("PROPTEST_RNG_SEED", seed.to_string());
             command.env("PROPTEST_CASES", cases.to_string());
+            command.env("CRAWLER_POWER_CUTS", DEEP_POWER_CUTS);
         }
         command
     }

@@ -18,14 +18,16 @@ impl Board {
 
     pub(crate) fn start_at(id: &str, broker: BrokerUrl, arguments: &[&str]) -> Self {
         let robot = RobotId::new(id).expect("an id");
-        let started = emulator::image().and_then(|image| {
-            Emulator::start(Options {
-                arguments: arguments.iter().map(|word| (*word).to_owned()).collect(),
-                ..Options::new(image, robot, broker)
-            })
-        });
         // In one line, with its remedy.
-        Self(started.unwrap_or_else(|error| panic!("{error}")))
+        let image = emulator::image().unwrap_or_else(|error| panic!("{error}"));
+        Self::start_with(Options {
+            arguments: arguments.iter().map(|word| (*word).to_owned()).collect(),
+            ..Options::new(image, robot, broker)
+        })
+    }
+
+    pub(crate) fn start_with(options: Options) -> Self {
+        Self(Emulator::start(options).unwrap_or_else(|error| panic!("{error}")))
     }
 }
 
