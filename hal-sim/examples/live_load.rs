@@ -26,6 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         credentials: None,
         scenario: scenario.with_robots(robots.parse()?),
         seed: 1,
+        release_keys: None,
         radio_proxy: None,
         authority: None,
     })?;

@@ -36,6 +36,8 @@ pub use boot::Started;
 #[cfg(test)]
 pub(crate) use boot::install;
 pub use camera::{CAMERA_SIDE, LensError, STILL_SIZE, SimCamera};
+#[cfg(test)]
+pub(crate) use flash::Operation;
 pub use flash::{
     Chip, ERASE_BYTES, FlashError, OTADATA_AT, SLOTS, SimFlash, SimSlots, WRITE_BYTES,
 };

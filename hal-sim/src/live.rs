@@ -24,6 +24,7 @@ use std::time::Duration as StdDuration;
 use crawler_app::Credentials;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::Fleet;
+use crawler_release::PublicKeys;
 use crawler_sim_protocol::SimulatorCommand;
 use tokio::sync::{Notify, mpsc, oneshot, watch};
 
@@ -77,6 +78,9 @@ pub struct LiveConfig {
     pub authority: Option<Authority>,
     /// What the broker asks for; see [`credentials`](crate::run::credentials).
     pub credentials: Option<Credentials>,
+    /// By which keys robots believe releases; without one they take no updates. Robots of a world that is
+    /// recorded take none in any case.
+    pub release_keys: Option<PublicKeys>,
     /// Scenario; its number of robots counts.
     pub scenario: Scenario,
     /// Seed of everything that is left to chance.
@@ -207,6 +211,7 @@ fn start_with(config: LiveConfig, record: Option<PathBuf>) -> Result<LiveHandle,
                     host,
                     port: config.broker_port,
                     credentials: config.credentials.clone(),
+                    release_keys: config.release_keys,
                     #[cfg(feature = "recording")]
                     event_logs: None,
                 };

@@ -170,6 +170,7 @@ fn config(port: u16, robots: u32) -> LiveConfig {
         credentials: None,
         scenario: Scenario::built_in("arena").unwrap().with_robots(robots),
         seed: 1,
+        release_keys: None,
         radio_proxy: None,
         authority: None,
     }

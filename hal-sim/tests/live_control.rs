@@ -40,6 +40,7 @@ fn world() -> World {
         credentials: None,
         scenario,
         seed: 4,
+        release_keys: None,
         radio_proxy: None,
         authority: None,
     })

@@ -4,6 +4,7 @@
 //! `TERRACRAWLER_LOG_FORMAT` and the key `log_format` of the file given by `--config`. A name
 //! nobody knows is an error in each of them, so a typing mistake cannot pass for a default.
 
+mod keys;
 mod layer;
 mod options;
 mod tls;
@@ -22,6 +23,7 @@ pub use crawler_system::address::{
 
 use crawler_server_tls::CertificateOptions;
 
+pub use keys::{KeyFiles, NoKeyFiles};
 pub(crate) use layer::KEYS;
 pub use layer::{Layer, LogFormat};
 pub use options::{Common, EngineOptions, RobotOptions, ServerOptions, TlsOptions};
@@ -90,6 +92,8 @@ pub struct Settings {
     pub radio_proxy: Option<SocketAddr>,
     /// MCAP file that the simulated world is recorded to.
     pub record: Option<PathBuf>,
+    /// Public keys by which simulated robots believe releases; `None` when they take no updates.
+    pub release_key: Option<KeyFiles>,
     /// Log filter in the syntax of `tracing_subscriber::EnvFilter`.
     pub log: String,
     /// How log lines are written.
@@ -211,6 +215,11 @@ impl Settings {
                  reach: name it with `broker`",
             ));
         }
+        if merged.record.is_some() && merged.release_key.is_some() {
+            return Err(ConfigError::Conflict(
+                "robots that are recorded (`record`) take no updates (`release_key`)",
+            ));
+        }
         let tls = TlsSettings::resolve(role, &merged, &broker)?;
         // A scenario that somebody chose knows how many robots it is for.
         let robots = merged
@@ -243,6 +252,7 @@ impl Settings {
             seed: merged.seed.unwrap_or(1),
             radio_proxy: merged.radio_proxy.filter(|_| role != Role::Serve),
             record: merged.record,
+            release_key: merged.release_key,
             log: merged
                 .log
                 .unwrap_or_else(|| "info,rmqtt=error,rmqtt_net=error".into()),

@@ -47,6 +47,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-boot",
             "crawler-bundle",
             "crawler-cells",
+            "crawler-release",
             "crawler-sim-protocol",
         ],
     ),

@@ -26,6 +26,7 @@ fn world(port: u16, authority: Authority) -> LiveHandle {
             .expect("it is there")
             .with_robots(ROBOTS),
         seed: 7,
+        release_keys: None,
         radio_proxy: None,
     };
     live::start(config).expect("a world")

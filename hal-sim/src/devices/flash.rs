@@ -121,15 +121,17 @@ struct Running {
     until: Instant,
 }
 
-#[derive(Debug)]
-enum Operation {
+#[derive(Debug, Clone)]
+pub(crate) enum Operation {
+    /// Programs these bytes from an address on.
     Program { at: u32, bytes: Vec<u8> },
+    /// Erases from one address to another.
     Erase { from: u32, to: u32 },
 }
 
 impl Operation {
     /// How many bytes it changes.
-    fn length(&self) -> u64 {
+    pub(crate) fn length(&self) -> u64 {
         match self {
             Self::Program { bytes, .. } => bytes.len() as u64,
             Self::Erase { from, to } => u64::from(to.saturating_sub(*from)),
@@ -155,6 +157,9 @@ pub struct Chip {
     running: Option<Running>,
     violations: u32,
     bytes_written: u64,
+    /// What programs did in the slots.
+    #[cfg(test)]
+    operations: Vec<Operation>,
 }
 
 impl Chip {
@@ -170,6 +175,8 @@ impl Chip {
             running: None,
             violations: 0,
             bytes_written: 0,
+            #[cfg(test)]
+            operations: Vec::new(),
         }
     }
 
@@ -302,6 +309,12 @@ impl Chip {
     /// Bytes written so far.
     pub const fn bytes_written(&self) -> u64 {
         self.bytes_written
+    }
+
+    /// What programs did in the slots, in order; what boots did is not in it.
+    #[cfg(test)]
+    pub(crate) fn operations(&self) -> &[Operation] {
+        &self.operations
     }
 
     /// Whether nothing was ever written into the slots or their select entries.
@@ -510,6 +523,8 @@ impl Chip {
     /// Begins an operation in the slots that is over at `until`.
     fn begin(&mut self, what: Operation, until: Instant) {
         debug_assert!(self.running.is_none(), "the chip does one thing at a time");
+        #[cfg(test)]
+        self.operations.push(what.clone());
         self.running = Some(Running { what, until });
     }
 

@@ -7,7 +7,7 @@ mod either;
 use std::pin::Pin;
 use std::rc::Rc;
 
-use crawler_app::{Blank, Config, Geometry, Hold, ImageSlot, Robot, Room};
+use crawler_app::{Blank, Config, Geometry, Hold, ImageSlot, Robot, Room, Updates};
 use crawler_hal::{Body, Clock as _, Duration, Parts};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use rand_core::Rng;
@@ -26,10 +26,14 @@ use crate::world::Chassis;
 #[cfg(feature = "recording")]
 pub(crate) use either::{Either, EitherBody};
 
+pub(crate) use defects::Extras;
 use defects::{Faulty, Launcher};
 
 /// The shared context of a simulated robot: everything runs on one thread.
 pub type SimRobot = Robot<NoopRawMutex>;
+
+/// What its link and its updates share.
+pub(crate) type SimUpdates = Updates<NoopRawMutex>;
 
 /// Control steps a robot takes in a second.
 pub(crate) const CONTROL_HZ: u64 = 50;
@@ -104,20 +108,25 @@ pub(crate) fn start(
     parts: BodyParts,
     network: SimNetwork,
     detector: Option<&Rc<DetectorInstance>>,
+    updates: Option<Rc<SimUpdates>>,
     #[cfg(feature = "recording")] event_log: Option<Rc<EventLog>>,
 ) -> Program {
     let ranger_after = parts.ranger_after;
     let faulty = Faulty::of(&parts.started, parts.system.resetter());
     let parts = parts.with_network(network);
+    let extras = Extras {
+        faulty: faulty.as_ref(),
+        updates,
+    };
     #[cfg(feature = "recording")]
     {
         let parts = tap::tap(parts, event_log.as_ref());
-        let mut program = launch(sched, robot, parts, ranger_after, detector, faulty.as_ref());
+        let mut program = launch(sched, robot, parts, ranger_after, detector, extras);
         program.event_log = event_log;
         program
     }
     #[cfg(not(feature = "recording"))]
-    launch(sched, robot, parts, ranger_after, detector, faulty.as_ref())
+    launch(sched, robot, parts, ranger_after, detector, extras)
 }
 
 /// What a program runs on. There is one type of it, whatever the devices and the network are: the
@@ -128,14 +137,14 @@ type ProgramBody = EitherBody;
 type ProgramBody = crate::devices::SimBody<SimNetwork>;
 
 /// Runs the activities of `robot` on a body in virtual time, the one of the ranger `ranger_after`
-/// the others. What is wrong with it is `faulty`.
+/// the others.
 pub(crate) fn launch(
     sched: &mut Scheduler,
     robot: &Rc<SimRobot>,
     parts: Parts<ProgramBody>,
     ranger_after: Duration,
     detector: Option<&Rc<DetectorInstance>>,
-    faulty: Option<&Faulty>,
+    extras: Extras<'_>,
 ) -> Program {
     let Parts {
         clock,
@@ -146,8 +155,7 @@ pub(crate) fn launch(
         battery,
         camera,
         flash,
-        // No activity takes updates yet.
-        slots: _,
+        slots,
         network,
         system,
         mut rng,
@@ -157,7 +165,17 @@ pub(crate) fn launch(
     // Each is given what it needs and nothing around it: a task that awaited it would keep it all a
     // second time.
     let (own, now) = (|| Rc::clone(robot), || clock.clone());
-    let mut launcher = Launcher { sched, faulty };
+    let Extras { faulty, updates } = extras;
+    // Without updates nothing is drawn for them.
+    let updates = updates.zip(slots).map(|(updates, slots)| {
+        let rng = Pcg32::new(rng.next_u64(), 0x7570_6461);
+        (updates, slots, rng)
+    });
+    let mut launcher = Launcher {
+        sched,
+        faulty,
+        updates: updates.as_ref().map(|(updates, ..)| Rc::clone(updates)),
+    };
     let mut tasks = vec![
         launcher.control(crawler_app::control(own(), left, right, system, rng, now())),
         launcher.other({
@@ -175,7 +193,7 @@ pub(crate) fn launch(
             now(),
         )),
     ];
-    tasks.reserve_exact(1);
+    tasks.reserve_exact(1 + usize::from(updates.is_some()));
     if robot.config().camera {
         let pair = {
             let eyes = detector.map(|detector| SimEyes::new(detector, &clock));
@@ -191,8 +209,21 @@ pub(crate) fn launch(
         };
         tasks.extend(pair);
     } else {
-        let link = crawler_app::link_held::<Heap, _, _, _, _>(own(), network, link_rng, now());
-        tasks.push(launcher.other(link));
+        let clock = now();
+        tasks.push(match launcher.updates.clone() {
+            None => {
+                let link = crawler_app::link_held::<Heap, _, _, _, _>;
+                launcher.other(link(own(), network, link_rng, clock))
+            }
+            Some(updates) => {
+                let link = crawler_app::link_with_updates_held::<Heap, _, _, _, _>;
+                launcher.other(link(own(), updates, network, link_rng, clock))
+            }
+        });
+    }
+    if let Some((updates, slots, rng)) = updates {
+        let update = crawler_app::update_held::<Heap, _, _, _, _>;
+        tasks.push(launcher.other(update(own(), updates, slots, rng, now())));
     }
     if let Some(faulty) = faulty {
         tasks.extend(faulty.spawn(sched, robot, &clock));
@@ -217,15 +248,21 @@ fn start_camera(
 ) -> [TaskId; 2] {
     let buffer = vec![0; IMAGE_BUFFER].into_boxed_slice();
     let images: Rc<ImageSlot<NoopRawMutex, Box<[u8]>>> = Rc::new(ImageSlot::new(buffer));
-    let link = launcher.other({
-        let (robot, images, clock) = (Rc::clone(robot), Rc::clone(&images), clock.clone());
-        async move {
+    let (own, pictures, time) = (Rc::clone(robot), Rc::clone(&images), clock.clone());
+    let link = match launcher.updates.clone() {
+        None => launcher.other(async move {
             let link = crawler_app::link_with_images_held::<Heap, _, _, _, _, _>(
-                &*robot, &images, network, rng, clock,
+                &*own, &pictures, network, rng, time,
             );
             match link.await {}
-        }
-    });
+        }),
+        Some(updates) => launcher.other(async move {
+            let link = crawler_app::link_with_images_and_updates_held::<Heap, _, _, _, _, _>(
+                &*own, &pictures, updates, network, rng, time,
+            );
+            match link.await {}
+        }),
+    };
     let camera = launcher.other({
         let (robot, clock) = (Rc::clone(robot), clock.clone());
         async move {

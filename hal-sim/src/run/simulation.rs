@@ -3,7 +3,7 @@
 //! Reading order: this file makes one; `step` lets time pass; `robots` adds, boots and removes;
 //! `initial`, `direct` and `command` tell robots what to do; `faults` and `hostile` trouble them;
 //! `outside` is what else can be done to it, `observe` and `history` what can be asked;
-//! `words` keeps what programs are called;
+//! `updates` is by what they take new programs, `words` keeps what those are called;
 //! `checkpoint` keeps a live one to go on from.
 
 #[cfg(feature = "live")]
@@ -18,6 +18,7 @@ mod observe;
 mod outside;
 mod robots;
 mod step;
+mod updates;
 mod words;
 
 use std::fmt;
@@ -26,6 +27,7 @@ use std::rc::Rc;
 use crawler_app::Credentials;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Fleet, RobotId, Topic};
+use crawler_release::PublicKeys;
 
 use super::director::Director;
 use super::error::SimulationError;
@@ -153,12 +155,15 @@ pub fn credentials(name: &str, password: &str) -> Result<Credentials, Simulation
     })
 }
 
-/// Where a broker is, and what it wants to know of its clients.
+/// What robots are told of the world outside: where their broker is and what it wants to know of its clients, and
+/// whose releases they believe.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct BrokerAddress {
     pub(crate) host: heapless::String<64>,
     pub(crate) port: u16,
     pub(crate) credentials: Option<Credentials>,
+    /// By which keys robots believe releases; without one they take no updates.
+    pub(crate) release_keys: Option<PublicKeys>,
     /// Where their devices are recorded.
     #[cfg(feature = "recording")]
     pub(crate) event_logs: Option<super::event_log::EventLogs>,

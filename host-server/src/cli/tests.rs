@@ -79,6 +79,15 @@ fn several_servers_need_a_broker_that_all_of_them_reach() {
 }
 
 #[test]
+fn robots_that_are_recorded_take_no_updates() {
+    let both = ["sim", "--record", "a.mcap", "--release-key", "key.pem"];
+    let both = resolve(&both, &[]);
+    assert!(matches!(both, Err(ConfigError::Conflict(_))), "{both:?}");
+    let keys = resolve(&["sim", "--release-key", "key.pem"], &[]);
+    assert!(keys.expect("settings").release_key.is_some());
+}
+
+#[test]
 fn every_key_is_known_in_every_source() {
     let values = [
         ("fleet", "bench", "\"bench\""),
@@ -96,6 +105,7 @@ fn every_key_is_known_in_every_source() {
         ("seed", "9", "9"),
         ("radio_proxy", "127.0.0.1:3", "\"127.0.0.1:3\""),
         ("record", "r.mcap", "\"r.mcap\""),
+        ("release_key", "k.pem,n.pem", "\"k.pem, n.pem\""),
         ("log", "debug", "\"debug\""),
         ("log_format", "json", "\"json\""),
         ("tls", "on", "\"on\""),

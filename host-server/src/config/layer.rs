@@ -11,8 +11,8 @@ use crawler_protocol::Fleet;
 use serde::Deserialize;
 
 use super::{
-    BrokerUrl, ConfigError, ENV_PREFIX, EngineUrl, Influx, Networks, Postgres, Redis, TlsMode,
-    TlsNames,
+    BrokerUrl, ConfigError, ENV_PREFIX, EngineUrl, Influx, KeyFiles, Networks, Postgres, Redis,
+    TlsMode, TlsNames,
 };
 
 /// How log lines are written.
@@ -39,7 +39,7 @@ impl FromStr for LogFormat {
 }
 
 /// Every key, as the file spells it.
-pub(crate) const KEYS: [&str; 25] = [
+pub(crate) const KEYS: [&str; 26] = [
     "fleet",
     "broker",
     "mqtt",
@@ -55,6 +55,7 @@ pub(crate) const KEYS: [&str; 25] = [
     "seed",
     "radio_proxy",
     "record",
+    "release_key",
     "log",
     "log_format",
     "tls",
@@ -101,6 +102,8 @@ pub struct Layer {
     pub radio_proxy: Option<SocketAddr>,
     /// MCAP file that the simulated world is recorded to.
     pub record: Option<PathBuf>,
+    /// Public keys by which simulated robots believe releases.
+    pub release_key: Option<KeyFiles>,
     /// Log filter.
     pub log: Option<String>,
     /// How log lines are written.
@@ -197,6 +200,7 @@ impl Layer {
             "seed" => self.seed = parse(value)?,
             "radio_proxy" => self.radio_proxy = parse(value)?,
             "record" => self.record = Some(PathBuf::from(value)),
+            "release_key" => self.release_key = parse(value)?,
             "log" => self.log = Some(value.to_owned()),
             "log_format" => self.log_format = parse(value)?,
             "tls" => self.tls = parse(value)?,
@@ -234,6 +238,7 @@ impl Layer {
         fill(&mut self.seed, weaker.seed.as_ref());
         fill(&mut self.radio_proxy, weaker.radio_proxy.as_ref());
         fill(&mut self.record, weaker.record.as_ref());
+        fill(&mut self.release_key, weaker.release_key.as_ref());
         fill(&mut self.log, weaker.log.as_ref());
         fill(&mut self.log_format, weaker.log_format.as_ref());
         fill(&mut self.tls, weaker.tls.as_ref());

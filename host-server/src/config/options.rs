@@ -9,7 +9,8 @@ use crawler_protocol::Fleet;
 
 use super::layer::parse_fleet;
 use super::{
-    BrokerUrl, EngineUrl, Influx, Layer, LogFormat, Networks, Postgres, Redis, TlsMode, TlsNames,
+    BrokerUrl, EngineUrl, Influx, KeyFiles, Layer, LogFormat, Networks, Postgres, Redis, TlsMode,
+    TlsNames,
 };
 
 /// Options of every command.
@@ -155,6 +156,10 @@ pub struct RobotOptions {
     /// MCAP file to record the world to
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// PEM file with a public key by which they believe releases, or two of them separated by a comma: the one
+    /// that signs now, and the next [default: they take no updates]
+    #[arg(long, value_name = "FILES")]
+    pub release_key: Option<KeyFiles>,
 }
 
 impl RobotOptions {
@@ -165,5 +170,6 @@ impl RobotOptions {
         layer.seed = self.seed;
         layer.radio_proxy = self.radio_proxy;
         layer.record = self.record;
+        layer.release_key = self.release_key;
     }
 }

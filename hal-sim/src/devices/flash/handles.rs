@@ -1,5 +1,6 @@
 //! What programs hold of a chip.
 
+use core::future::pending;
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -113,7 +114,7 @@ impl MultiwriteNorFlash for SimFlash {}
 /// Programming and erasing take time, page by page and block by block, and change the memory when that is
 /// over. Everything else of the robot goes on meanwhile, as on a chip that is written while code runs from
 /// elsewhere. Reading takes none. An operation whose future is dropped comes to its end by itself, and the
-/// next one waits for that; a power cut tears it.
+/// next one waits for that; a power cut tears it, and its future never ends.
 #[derive(Debug)]
 pub struct SimSlots {
     connection: Connection,
@@ -136,21 +137,34 @@ impl SimSlots {
         }
     }
 
+    /// In a world a program hears nothing of the power going: it has none either.
+    async fn run<R>(
+        &self,
+        operation: impl FnOnce(&mut Chip) -> Result<R, FlashError>,
+    ) -> Result<R, FlashError> {
+        let result = self.connection.run(operation);
+        if matches!(result, Err(FlashError::PowerLost)) && self.connection.wire.is_some() {
+            pending::<()>().await;
+        }
+        result
+    }
+
     /// Waits until the chip has done what it was told before.
     async fn ready(&self) -> Result<(), FlashError> {
-        while let Some(until) = self.connection.run(|chip| Ok(chip.busy_until()))? {
+        while let Some(until) = self.run(|chip| Ok(chip.busy_until())).await? {
             self.clock.sleep_until(until).await;
-            self.connection.run(Chip::settle)?;
+            self.run(Chip::settle).await?;
         }
         Ok(())
     }
 
     async fn operate(&self, what: Operation, time: Duration) -> Result<(), FlashError> {
         let until = self.clock.now() + time;
-        self.connection.run(|chip| {
+        self.run(|chip| {
             chip.begin(what, until);
             Ok(())
-        })?;
+        })
+        .await?;
         self.ready().await
     }
 }
@@ -164,8 +178,8 @@ impl ReadNorFlash for SimSlots {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
         self.ready().await?;
-        self.connection
-            .run(|chip| chip.read(Region::Slots, offset, bytes))
+        self.run(|chip| chip.read(Region::Slots, offset, bytes))
+            .await
     }
 
     fn capacity(&self) -> usize {
@@ -179,8 +193,8 @@ impl NorFlash for SimSlots {
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         self.ready().await?;
-        self.connection
-            .run(|chip| chip.check_erase(Region::Slots, from, to))?;
+        self.run(|chip| chip.check_erase(Region::Slots, from, to))
+            .await?;
         let mut from = from;
         while from < to {
             let (bytes, time) = timing::erase(from, to);
@@ -196,8 +210,8 @@ impl NorFlash for SimSlots {
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         self.ready().await?;
-        self.connection
-            .run(|chip| chip.check_write(Region::Slots, offset, bytes))?;
+        self.run(|chip| chip.check_write(Region::Slots, offset, bytes))
+            .await?;
         let (mut at, mut rest) = (offset, bytes);
         while !rest.is_empty() {
             let room = PAGE_BYTES - at as usize % PAGE_BYTES;

@@ -12,7 +12,7 @@ use crawler_bundle::{Bundle, Defect, DefectKind};
 use crawler_hal::{Clock as _, Duration};
 use crawler_protocol::{ParameterValue, ParameterValues};
 
-use super::SimRobot;
+use super::{SimRobot, SimUpdates};
 use crate::devices::{Resetter, Started};
 use crate::sched::{Scheduler, SimClock, TaskId};
 
@@ -156,10 +156,20 @@ fn insist(robot: &SimRobot, bundle: &Bundle) -> Result<(), String> {
     robot.adjust(&values).map_err(refused)
 }
 
+/// What not every program has.
+#[derive(Default)]
+pub(crate) struct Extras<'a> {
+    /// What is wrong with it.
+    pub(super) faulty: Option<&'a Faulty>,
+    /// By what it takes updates.
+    pub(super) updates: Option<Rc<SimUpdates>>,
+}
+
 /// Runs the activities of a program, under what is wrong with it.
 pub(super) struct Launcher<'a> {
     pub(super) sched: &'a mut Scheduler,
     pub(super) faulty: Option<&'a Faulty>,
+    pub(super) updates: Option<Rc<SimUpdates>>,
 }
 
 impl Launcher<'_> {

@@ -115,6 +115,7 @@ impl Simulation {
         });
         #[cfg(not(feature = "recording"))]
         let _ = number;
+        let updates = self.updates(&parts.started);
         let (sched, detector) = (&mut self.sched, self.detector.as_ref());
         let network = match &self.way {
             _ if parts.started.has(DefectKind::NeverLink) => SimNetwork::None(NoNetwork),
@@ -134,6 +135,7 @@ impl Simulation {
             parts,
             network,
             detector,
+            updates,
             #[cfg(feature = "recording")]
             event_log,
         )

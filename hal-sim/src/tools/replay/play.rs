@@ -163,7 +163,14 @@ fn play(
     playback.event_log.watch(&robot);
     let parts = played::parts(&boot.life, &playback, &clock);
     let ranger_after = Duration::from_micros(boot.life.ranger_after_us);
-    let program = machine::launch(&mut sched, &robot, parts, ranger_after, instance, None);
+    let program = machine::launch(
+        &mut sched,
+        &robot,
+        parts,
+        ranger_after,
+        instance,
+        machine::Extras::default(),
+    );
     let end = Instant::from_micros(end);
     let mut version = None;
     let mut events = Vec::new();
