@@ -8,6 +8,7 @@
 
 mod command;
 mod names;
+mod read;
 mod report;
 
 pub use command::{UpdateCommand, UpdateDelta};

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use serde::de::{Deserialize, Deserializer, Error};
 
-use super::{BuildId, ReleaseId, UpdateName};
+use super::{BuildId, ReleaseId, UpdateName, read};
 use crate::{DecodeError, EncodeError, json};
 
 /// A patch that makes the image of a release out of another.
@@ -43,12 +43,6 @@ pub enum UpdateCommand {
     },
 }
 
-/// What the message is, whatever stands beside it.
-#[derive(serde::Deserialize)]
-struct Named {
-    update: UpdateName,
-}
-
 /// Every field that one of the three can have.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -83,14 +77,7 @@ impl UpdateCommand {
     /// # Errors
     /// [`DecodeError`] names what is wrong with `payload`.
     pub fn from_json(payload: &[u8]) -> Result<Option<Self>, DecodeError> {
-        match json::from_slice::<Named>(payload)?.update {
-            UpdateName::Offer | UpdateName::Confirm | UpdateName::Cancel => {
-                json::from_slice(payload).map(Some)
-            }
-            UpdateName::Have | UpdateName::Want | UpdateName::Progress | UpdateName::Outcome => {
-                Ok(None)
-            }
-        }
+        read::command(payload)
     }
 }
 
