@@ -133,6 +133,7 @@ pub fn update_held<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock
             transfer: None,
             envelope: None,
             told: None,
+            told_by: None,
             leaving: false,
         };
         H::hold(activity.start()).await;
@@ -196,6 +197,8 @@ struct Activity<'a, M: RawMutex, F, C> {
     envelope: Option<usize>,
     /// Stage and bytes that were reported last.
     told: Option<(UpdateStage, u32)>,
+    /// Until when a restart waits for what was said last to arrive.
+    told_by: Option<Instant>,
     /// A restart was asked for.
     leaving: bool,
 }
@@ -261,6 +264,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             let lying = self.lying(asked.release).await;
             self.transfer = Some(Transfer::new(asked.release, lying, self.random, now));
             self.told = None;
+            self.told_by = None;
             return Next::Soon;
         }
         let hindrance = self.hindrance();

@@ -70,14 +70,17 @@ impl fmt::Display for ImageError {
 
 impl core::error::Error for ImageError {}
 
-/// The hash of one block as its bytes arrive, so that a transfer can go on at any block.
+/// The hash of one block as its bytes arrive, so that a transfer can go on at any block; or of the whole image, as if
+/// it were one.
 ///
 /// A call takes as long as the slice it is given is: 66 instructions a byte on RISC-V.
 #[derive(Debug, Clone)]
 pub struct BlockHasher {
-    index: u16,
+    /// `None` of the whole image.
+    index: Option<u16>,
     left: u32,
-    expected: [u8; BLOCK_HASH],
+    /// Of a block the first half counts.
+    expected: [u8; HASH],
     hash: Sha256,
 }
 
@@ -85,15 +88,28 @@ impl BlockHasher {
     /// A hasher for the block of this index; `None` past the last.
     #[must_use]
     pub fn new(manifest: &Manifest<'_>, index: usize) -> Option<Self> {
+        let mut expected = [0; HASH];
+        expected[..BLOCK_HASH].copy_from_slice(manifest.block(index)?);
         Some(Self {
-            index: u16::try_from(index).ok()?,
+            index: Some(u16::try_from(index).ok()?),
             left: manifest.block_length(index)?,
-            expected: *manifest.block(index)?,
+            expected,
             hash: Sha256::new(),
         })
     }
 
-    /// Bytes of the block that are still to come.
+    /// A hasher for the whole image.
+    #[must_use]
+    pub fn whole(manifest: &Manifest<'_>) -> Self {
+        Self {
+            index: None,
+            left: manifest.size,
+            expected: *manifest.sha256,
+            hash: Sha256::new(),
+        }
+    }
+
+    /// Bytes that are still to come.
     #[must_use]
     pub const fn left(&self) -> u32 {
         self.left
@@ -110,71 +126,24 @@ impl BlockHasher {
         Ok(())
     }
 
-    /// Whether the block is the one that was signed.
+    /// Whether the block, or the whole, is the one that was signed.
     ///
     /// # Errors
-    /// [`ImageError::TooShort`] when bytes are missing, [`ImageError::BadBlock`] when they are others.
+    /// [`ImageError::TooShort`] when bytes are missing; [`ImageError::BadBlock`] when they are others, of the whole
+    /// [`ImageError::BadHash`].
     pub fn finish(self) -> Result<(), ImageError> {
         if self.left > 0 {
             return Err(ImageError::TooShort);
         }
-        if half(finish(self.hash)) == self.expected {
+        let counts = if self.index.is_some() {
+            BLOCK_HASH
+        } else {
+            HASH
+        };
+        if finish(self.hash)[..counts] == self.expected[..counts] {
             Ok(())
         } else {
-            Err(ImageError::BadBlock(self.index))
-        }
-    }
-}
-
-/// The hash of a whole image as its bytes are read, without those of its blocks and without the manifest: for whoever
-/// has no room for both.
-#[derive(Debug, Clone)]
-pub struct WholeHasher {
-    left: u32,
-    expected: [u8; HASH],
-    hash: Sha256,
-}
-
-impl WholeHasher {
-    /// A hasher at the beginning of an image.
-    #[must_use]
-    pub fn new(manifest: &Manifest<'_>) -> Self {
-        Self {
-            left: manifest.size,
-            expected: *manifest.sha256,
-            hash: Sha256::new(),
-        }
-    }
-
-    /// Bytes of the image that are still to come.
-    #[must_use]
-    pub const fn left(&self) -> u32 {
-        self.left
-    }
-
-    /// Takes the next bytes of the image.
-    ///
-    /// # Errors
-    /// [`ImageError::TooLong`] when those are more than are left of it, which are then not taken.
-    pub fn update(&mut self, bytes: &[u8]) -> Result<(), ImageError> {
-        let length = u32::try_from(bytes.len()).map_err(|_| ImageError::TooLong)?;
-        self.left = self.left.checked_sub(length).ok_or(ImageError::TooLong)?;
-        self.hash.update(bytes);
-        Ok(())
-    }
-
-    /// Whether the image is the one that was signed.
-    ///
-    /// # Errors
-    /// [`ImageError::TooShort`] when bytes are missing, [`ImageError::BadHash`] when the image is another.
-    pub fn finish(self) -> Result<(), ImageError> {
-        if self.left > 0 {
-            return Err(ImageError::TooShort);
-        }
-        if finish(self.hash) == self.expected {
-            Ok(())
-        } else {
-            Err(ImageError::BadHash)
+            Err(self.index.map_or(ImageError::BadHash, ImageError::BadBlock))
         }
     }
 }

@@ -12,7 +12,7 @@
 //! | it is for this robot, new, and not expired | [`Manifest::admit`] |
 //! | the three in one | [`verify`] |
 //! | pieces of the image arrive | [`chunk`], [`Want`] |
-//! | each block, and then the whole, is what was signed | [`BlockHasher`], [`WholeHasher`], or [`ImageHasher`] for both |
+//! | each block, and then the whole, is what was signed | [`BlockHasher`], or [`ImageHasher`] for both at once |
 //!
 //! No field of a manifest is looked at before its signature has been verified. Nothing here reads a clock, a
 //! key or an image by itself, and nothing allocates: a manifest borrows from the bytes that were signed.
@@ -38,7 +38,7 @@ mod want;
 
 pub use encoding::Malformed;
 pub use envelope::{ENVELOPE_MAX, Signed};
-pub use image::{BlockHasher, ImageError, ImageHasher, WholeHasher, block_hash, image_hash};
+pub use image::{BlockHasher, ImageError, ImageHasher, block_hash, image_hash};
 pub use keys::{KeyError, KeyId, POINT, PublicKey, PublicKeys, SIGNATURE};
 pub use manifest::{
     BLOCK_HASH, BLOCK_SIZES, Chip, Delta, FORMAT, HASH, Kind, MANIFEST_MAX, MAX_BLOCKS, MAX_BUILD,

@@ -43,6 +43,32 @@ proptest! {
         prop_assert_eq!(check(&draft.manifest(), &image, 4_096), Err(ImageError::BadBlock(block)));
     }
 
+    /// Each block by itself, and the whole without its blocks.
+    #[test]
+    fn blocks_and_whole_are_found_apart(length in 1..200_000_usize, at: proptest::sample::Index, seed: u8) {
+        let mut image = image(length, seed);
+        let draft = Draft::of(&image);
+        let place = at.index(length);
+        let spoiled = place / BLOCK_SIZES[0] as usize;
+        for changed in [false, true] {
+            image[place] ^= u8::from(changed);
+            let manifest = draft.manifest();
+            for (index, block) in image.chunks(BLOCK_SIZES[0] as usize).enumerate() {
+                let mut hasher = BlockHasher::new(&manifest, index).expect("a block");
+                prop_assert_eq!(hasher.update(block), Ok(()));
+                let bad = Err(ImageError::BadBlock(u16::try_from(index).expect("few")));
+                prop_assert_eq!(hasher.finish(), if changed && index == spoiled { bad } else { Ok(()) });
+            }
+            let mut whole = BlockHasher::whole(&manifest);
+            for piece in image.chunks(999) {
+                prop_assert_eq!(whole.update(piece), Ok(()));
+            }
+            prop_assert_eq!(whole.update(&[0]), Err(ImageError::TooLong));
+            prop_assert_eq!(whole.finish(), if changed { Err(ImageError::BadHash) } else { Ok(()) });
+            prop_assert_eq!(BlockHasher::whole(&manifest).finish(), Err(ImageError::TooShort));
+        }
+    }
+
     #[test]
     fn another_length_is_found(length in 1..200_000_usize, cut: proptest::sample::Index, more in 1..70_000_usize) {
         let whole = image(length, 2);

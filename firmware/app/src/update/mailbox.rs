@@ -230,11 +230,6 @@ impl<M: RawMutex> Updates<M> {
         self.with(|inner| inner.words.pop_front())
     }
 
-    /// Whether the server has said something that was not taken yet.
-    pub(crate) fn has_word(&self) -> bool {
-        self.with(|inner| !inner.words.is_empty())
-    }
-
     /// Whether a session has begun since the last call.
     pub(crate) fn take_session(&self) -> bool {
         self.with(|inner| core::mem::take(&mut inner.session))

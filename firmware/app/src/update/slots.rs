@@ -1,21 +1,24 @@
 //! The flash with both slots, as an update uses it.
+//!
+//! One function does everything there is to do to it: each place that waits for a flash takes code, and there are
+//! few of them.
 
-use crawler_boot::RollbackReason;
-use crawler_boot::flash::{FlashError, SECTOR, WORD};
-use crawler_boot::otadata::{Goal, Otadata, PlanError, Slots as Count, Standing};
+use crawler_boot::flash::{FlashError, Operation, SECTOR, WORD};
+use crawler_boot::otadata::{Goal, Otadata, Slots as Count, Standing};
 use crawler_boot::trailer::{Begin, ENVELOPE_AT, Record, Trailer};
 use crawler_hal::{SlotPort, SlotRegion};
-use crawler_release::ENVELOPE_MAX;
+use crawler_protocol::ReleaseId;
+use crawler_release::{BlockHasher, ENVELOPE_MAX, Kind, Manifest, Signed};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::Updates;
-use super::transfer::Failed;
+use super::transfer::{Failed, Shape};
 
 /// Bytes that are read, hashed or written between two looks at whatever else there is to do: 16,896
 /// instructions of SHA-256, a tenth of a millisecond.
-pub(super) const SLICE: usize = 256;
+const SLICE: usize = 256;
 
 /// Which of the two slots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,6 +27,46 @@ pub(super) enum Slot {
     Running,
     /// The other one.
     Spare,
+}
+
+/// One thing to do.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Work {
+    /// Nothing.
+    Rest,
+    /// See what otadata says of the running program, and what is in the trailer of a slot; its envelope is copied to
+    /// where chunks arrive.
+    Look(Slot),
+    /// Append to a trailer. Without a trailer, or with a worn one, the reason for giving up is lost and nothing else.
+    Record(Slot, Record),
+    /// Bring otadata there.
+    Reach(Aim),
+    /// Begin the spare trailer anew with the envelope of this length that lies where chunks arrive.
+    Begin(usize),
+    /// Erase a sector of the spare slot.
+    Erase(u32),
+    /// Write the chunk that waits, of this length, to there in the spare slot.
+    Write(u32, usize),
+    /// Hold a block of the spare slot against its hash, or all of it.
+    Check(Option<u8>),
+}
+
+/// A goal for otadata.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Aim {
+    Keep,
+    Activate,
+    Confirm,
+    GiveUp,
+}
+
+/// What was looked at last.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    pub(super) standing: Standing,
+    pub(super) trailer: Trailer,
+    /// Length of the envelope that lies where chunks arrive.
+    pub(super) envelope: Option<usize>,
 }
 
 /// See the [module](self).
@@ -52,175 +95,140 @@ impl<F: MultiwriteNorFlash> Slots<F> {
         self.port.chip
     }
 
-    fn region(&self, slot: Slot) -> SlotRegion {
-        let running = usize::from(self.port.running);
-        match slot {
-            Slot::Running => self.port.slots[running],
-            Slot::Spare => self.port.slots[1 - running],
+    const fn region(&self, slot: Slot) -> SlotRegion {
+        let [first, second] = self.port.slots;
+        match (slot, self.port.running) {
+            (Slot::Running, 0) | (Slot::Spare, 1..) => first,
+            (Slot::Running, 1..) | (Slot::Spare, 0) => second,
         }
     }
 
     /// Bytes that the spare slot has for an image.
-    pub(super) fn capacity(&self) -> u32 {
+    pub(super) const fn capacity(&self) -> u32 {
         self.region(Slot::Spare).length - SECTOR
     }
 
-    fn trailer_at(&self, slot: Slot) -> u32 {
+    const fn trailer_at(&self, slot: Slot) -> u32 {
         let region = self.region(slot);
         region.start + region.length - SECTOR
     }
 
-    /// What otadata says of the running program.
-    pub(super) async fn standing(&mut self) -> Result<Standing, Failed> {
-        let read = Otadata::read_async(&mut self.port.flash, self.port.otadata, Count::TWO).await;
-        let otadata = read.map_err(|_| Failed::Flash)?;
-        Ok(otadata.standing(self.port.running))
-    }
-
-    async fn reach(&mut self, goal: Goal) -> Result<(), FlashError<F::Error, PlanError>> {
-        let (flash, at) = (&mut self.port.flash, self.port.otadata);
-        Otadata::reach_async(flash, at, Count::TWO, goal).await?;
-        Ok(())
-    }
-
-    /// Has otadata name the running program as the one that is proven.
-    pub(super) async fn keep(&mut self) -> Result<(), Failed> {
+    const fn goal(&self, aim: Aim) -> Goal {
         let running = self.port.running;
-        let kept = self.reach(Goal::Keep { running }).await;
-        kept.map_err(|_| Failed::Flash)
-    }
-
-    /// Has the spare slot started next, on trial.
-    pub(super) async fn activate(&mut self) -> Result<(), Failed> {
-        self.record(Slot::Spare, Record::Activated).await?;
-        let running = self.port.running;
-        let slot = 1 - running;
-        let activated = self.reach(Goal::Activate { slot, running }).await;
-        activated.map_err(|_| Failed::Flash)
-    }
-
-    /// Notes that the running program is proven: first where it decides what is started.
-    pub(super) async fn confirm(&mut self, with_trailer: bool) -> Result<(), Failed> {
-        let running = self.port.running;
-        let confirmed = self.reach(Goal::Confirm { running }).await;
-        confirmed.map_err(|_| Failed::Flash)?;
-        if with_trailer {
-            self.record(Slot::Running, Record::Confirmed).await?;
+        match aim {
+            Aim::Keep => Goal::Keep { running },
+            Aim::Activate => Goal::Activate {
+                slot: 1 - running,
+                running,
+            },
+            Aim::Confirm => Goal::Confirm { running },
+            Aim::GiveUp => Goal::GiveUp { running },
         }
-        Ok(())
     }
 
-    /// Gives the running program up. Whether there is another one to start.
-    pub(super) async fn give_up(&mut self, why: RollbackReason) -> bool {
-        // Without a trailer, or with a worn one, the reason is lost; the way back is not.
-        let _ = self.record(Slot::Running, Record::RolledBack(why)).await;
-        let running = self.port.running;
-        let given_up = self.reach(Goal::GiveUp { running }).await;
-        !matches!(given_up, Err(FlashError::Refused(_)))
+    /// Does one thing after the other, up to the first one that fails.
+    pub(super) async fn run<M: RawMutex>(
+        &mut self,
+        works: [Work; 2],
+        place: &Updates<M>,
+    ) -> Result<Seen, Failed> {
+        let mut seen = Seen {
+            standing: Standing::Proven,
+            trailer: Trailer::EMPTY,
+            envelope: None,
+        };
+        let spare = self.region(Slot::Spare).start;
+        for work in works {
+            match work {
+                Work::Rest => {}
+                Work::Look(slot) => self.look(slot, place, &mut seen).await?,
+                Work::Record(slot, record) => {
+                    let at = self.trailer_at(slot);
+                    let done = Trailer::record_async(&mut self.port.flash, at, record).await;
+                    if done.is_err() && !matches!(record, Record::RolledBack(_)) {
+                        return Err(Failed::Flash);
+                    }
+                }
+                Work::Reach(aim) => {
+                    let (goal, at) = (self.goal(aim), self.port.otadata);
+                    let flash = &mut self.port.flash;
+                    match Otadata::reach_async(flash, at, Count::TWO, goal).await {
+                        Ok(_) => {}
+                        Err(FlashError::Refused(_)) => return Err(Failed::NoWayBack),
+                        Err(FlashError::Flash(_) | FlashError::Worn) => return Err(Failed::Flash),
+                    }
+                }
+                Work::Begin(length) => {
+                    let at = self.trailer_at(Slot::Spare);
+                    let mut index = 0;
+                    while let Some(operation) = operation(place, length, index) {
+                        let done = operation.execute_async(&mut self.port.flash, at).await;
+                        done.map_err(|_| Failed::Flash)?;
+                        index += 1;
+                    }
+                    self.look(Slot::Spare, place, &mut seen).await?;
+                    if seen.envelope != Some(length) || seen.trailer.blocks() > 0 {
+                        return Err(Failed::Flash);
+                    }
+                }
+                Work::Erase(sector) => {
+                    let at = spare + sector * SECTOR;
+                    let erased = self.port.flash.erase(at, at + SECTOR).await;
+                    erased.map_err(|_| Failed::Flash)?;
+                }
+                Work::Write(at, length) => {
+                    for done in (0..length).step_by(SLICE) {
+                        // Whole words; what is left of the last one programs nothing.
+                        let mut piece = [0xFF; SLICE];
+                        let count = (length - done).min(SLICE);
+                        let (bytes, _) = piece.split_at_mut(count);
+                        place.copy_out(done, bytes);
+                        let words = &piece[..count.next_multiple_of(WORD)];
+                        let written = self.port.flash.write(spare + at + done as u32, words).await;
+                        written.map_err(|_| Failed::Flash)?;
+                    }
+                }
+                Work::Check(block) => {
+                    self.look(Slot::Spare, place, &mut seen).await?;
+                    let hasher = hasher(place, seen.envelope, block);
+                    let (mut hasher, mut at) = hasher.ok_or(Failed::Flash)?;
+                    while hasher.left() > 0 {
+                        let mut piece = [0; SLICE];
+                        let read = self.port.flash.read(spare + at, &mut piece).await;
+                        read.map_err(|_| Failed::Flash)?;
+                        let count = (hasher.left() as usize).min(SLICE);
+                        // No more than are left of it.
+                        let _ = hasher.update(&piece[..count]);
+                        at += SLICE as u32;
+                        yield_now().await;
+                    }
+                    hasher.finish().map_err(|_| Failed::Content)?;
+                }
+            }
+        }
+        Ok(seen)
     }
 
-    pub(super) async fn trailer(&mut self, slot: Slot) -> Result<Trailer, Failed> {
-        let at = self.trailer_at(slot);
-        let read = Trailer::read_async(&mut self.port.flash, at).await;
-        read.map_err(|_| Failed::Flash)
-    }
-
-    pub(super) async fn record(&mut self, slot: Slot, record: Record) -> Result<(), Failed> {
-        let at = self.trailer_at(slot);
-        let written = Trailer::record_async(&mut self.port.flash, at, record).await;
-        written.map(|_| ()).map_err(|_| Failed::Flash)
-    }
-
-    /// Copies the envelope of a trailer to where chunks arrive; its length.
-    pub(super) async fn load<M: RawMutex>(
+    async fn look<M: RawMutex>(
         &mut self,
         slot: Slot,
-        trailer: &Trailer,
-        to: &Updates<M>,
-    ) -> Result<Option<usize>, Failed> {
-        let Some(length) = trailer.envelope().map(usize::from) else {
-            return Ok(None);
-        };
-        let from = self.trailer_at(slot) + ENVELOPE_AT;
-        let mut piece = [0; SLICE];
-        for at in (0..ENVELOPE_MAX).step_by(SLICE) {
-            let read = self.port.flash.read(from + at as u32, &mut piece).await;
-            read.map_err(|_| Failed::Flash)?;
-            to.copy_in(at, &piece);
-        }
-        Ok(Some(length))
-    }
-
-    /// Begins the spare trailer anew with the envelope of this length that lies where chunks arrive.
-    pub(super) async fn begin<M: RawMutex>(
-        &mut self,
-        length: usize,
-        from: &Updates<M>,
+        place: &Updates<M>,
+        seen: &mut Seen,
     ) -> Result<(), Failed> {
-        let at = self.trailer_at(Slot::Spare);
-        for index in 0.. {
-            let operation = operation(from, length, index);
-            let Some(operation) = operation else {
-                break;
-            };
-            let done = operation.execute_async(&mut self.port.flash, at).await;
-            done.map_err(|_| Failed::Flash)?;
-        }
-        let written = self.trailer(Slot::Spare).await?;
-        if written.envelope().map(usize::from) == Some(length) && written.blocks() == 0 {
-            Ok(())
-        } else {
-            Err(Failed::Flash)
-        }
-    }
-
-    /// Erases a sector of the spare slot.
-    pub(super) async fn erase(&mut self, sector: u32) -> Result<(), Failed> {
-        let at = self.region(Slot::Spare).start + sector * SECTOR;
-        if sector * SECTOR >= self.capacity() {
-            return Err(Failed::Flash);
-        }
-        let erased = self.port.flash.erase(at, at + SECTOR).await;
-        erased.map_err(|_| Failed::Flash)
-    }
-
-    /// Writes the chunk that waits to `at` of the spare slot.
-    pub(super) async fn write<M: RawMutex>(
-        &mut self,
-        at: u32,
-        length: usize,
-        from: &Updates<M>,
-    ) -> Result<(), Failed> {
-        let start = self.region(Slot::Spare).start + at;
-        for done in (0..length).step_by(SLICE) {
-            // Whole words; what is left of the last one programs nothing.
-            let mut piece = [0xFF; SLICE];
-            let count = (length - done).min(SLICE);
-            let (bytes, _) = piece.split_at_mut(count);
-            from.copy_out(done, bytes);
-            let words = &piece[..count.next_multiple_of(WORD)];
-            let written = self.port.flash.write(start + done as u32, words).await;
-            written.map_err(|_| Failed::Flash)?;
-        }
-        Ok(())
-    }
-
-    /// Reads `length` bytes of the spare slot from `at` on, a slice at a time, and leaves time for others between
-    /// them.
-    pub(super) async fn read(
-        &mut self,
-        at: u32,
-        length: u32,
-        mut take: impl FnMut(&[u8]),
-    ) -> Result<(), Failed> {
-        let start = self.region(Slot::Spare).start + at;
-        for done in (0..length).step_by(SLICE) {
+        let (at, flash) = (self.trailer_at(slot), &mut self.port.flash);
+        let otadata = Otadata::read_async(flash, self.port.otadata, Count::TWO).await;
+        let otadata = otadata.map_err(|_| Failed::Flash)?;
+        seen.standing = otadata.standing(self.port.running);
+        let trailer = Trailer::read_async(flash, at).await;
+        seen.trailer = trailer.map_err(|_| Failed::Flash)?;
+        seen.envelope = seen.trailer.envelope().map(usize::from);
+        for offset in (0..ENVELOPE_MAX).step_by(SLICE) {
             let mut piece = [0; SLICE];
-            let read = self.port.flash.read(start + done, &mut piece).await;
+            let read = flash
+                .read(at + ENVELOPE_AT + offset as u32, &mut piece)
+                .await;
             read.map_err(|_| Failed::Flash)?;
-            let count = ((length - done) as usize).min(SLICE);
-            take(&piece[..count]);
-            yield_now().await;
+            place.copy_in(offset, &piece);
         }
         Ok(())
     }
@@ -229,12 +237,68 @@ impl<F: MultiwriteNorFlash> Slots<F> {
 /// One operation on the way to a trailer with the envelope that lies where chunks arrive. The envelope is on the stack
 /// meanwhile, and not in the future of whoever waits for the flash.
 #[inline(never)]
-fn operation<M: RawMutex>(
-    from: &Updates<M>,
-    length: usize,
-    index: usize,
-) -> Option<crawler_boot::flash::Operation> {
+fn operation<M: RawMutex>(place: &Updates<M>, length: usize, index: usize) -> Option<Operation> {
     let mut envelope = [0; ENVELOPE_MAX];
-    from.copy_out(0, &mut envelope);
+    place.copy_out(0, &mut envelope);
     Begin::new(envelope.get(..length)?).ok()?.nth(index)
 }
+
+/// What the envelope says that lies where chunks arrive, without asking who signed it: for one that was believed before
+/// it was written into a trailer.
+fn unverified(
+    envelope: &[u8; ENVELOPE_MAX],
+    length: Option<usize>,
+) -> Option<(Manifest<'_>, ReleaseId)> {
+    let signed = Signed::parse(envelope.get(..length?)?).ok()?;
+    Some((signed.unverified().ok()?, ReleaseId::new(signed.id())))
+}
+
+/// The hasher of a block, or of all, and where that begins.
+#[inline(never)]
+fn hasher<M: RawMutex>(
+    place: &Updates<M>,
+    length: Option<usize>,
+    block: Option<u8>,
+) -> Option<(BlockHasher, u32)> {
+    let mut envelope = [0; ENVELOPE_MAX];
+    place.copy_out(0, &mut envelope);
+    let (manifest, _) = unverified(&envelope, length)?;
+    Some(match block {
+        Some(block) => {
+            let at = u32::from(block) * manifest.block_size;
+            (BlockHasher::new(&manifest, block.into())?, at)
+        }
+        None => (BlockHasher::whole(&manifest), 0),
+    })
+}
+
+/// What a manifest says.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Known {
+    pub(super) release: ReleaseId,
+    pub(super) sequence: u32,
+    pub(super) floor: u32,
+    pub(super) shape: Shape,
+    /// It is of a program of this build.
+    pub(super) is_ours: bool,
+}
+
+/// What the envelope says that was looked at.
+#[inline(never)]
+pub(super) fn known<M: RawMutex>(place: &Updates<M>, length: Option<usize>) -> Option<Known> {
+    let mut envelope = [0; ENVELOPE_MAX];
+    place.copy_out(0, &mut envelope);
+    let (manifest, release) = unverified(&envelope, length)?;
+    let build = place.identity().build.as_str();
+    Some(Known {
+        release,
+        sequence: manifest.sequence,
+        floor: manifest.floor,
+        shape: Shape::of(&manifest),
+        is_ours: manifest.kind == Kind::Program && manifest.build == build,
+    })
+}
+
+// Blocks begin where sectors do, and slices end where they do.
+const _: () = assert!(crawler_release::BLOCK_SIZES[0].is_multiple_of(SECTOR));
+const _: () = assert!((SECTOR as usize).is_multiple_of(SLICE));

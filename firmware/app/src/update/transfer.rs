@@ -56,6 +56,8 @@ pub(crate) enum Failed {
     Flash,
     /// What is in flash is not what was signed.
     Content,
+    /// There is no other program to go back to.
+    NoWayBack,
 }
 
 /// Why a release is not taken.
@@ -115,12 +117,11 @@ impl Blocks {
         self.0 >> (block & 63) & 1 == 1
     }
 
-    /// Bytes of an image of this size that are in flash, where its blocks are of that size.
-    pub(crate) fn bytes(self, size: u32, block: u32) -> u32 {
-        let shape = Shape { size, block };
+    /// Bytes of an image of this shape that are in flash.
+    pub(crate) fn bytes(self, shape: Shape) -> u32 {
         (0..shape.blocks())
             .filter(|block| self.has(*block))
-            .map(|index| shape.end(index) - u32::from(index) * block)
+            .map(|index| shape.end(index) - u32::from(index) * shape.block)
             .sum()
     }
 }
@@ -212,7 +213,7 @@ impl Transfer {
 
     /// Bytes of the image that are in flash, in whole blocks.
     pub(crate) fn bytes(&self) -> u32 {
-        self.blocks.bytes(self.shape.size, self.shape.block)
+        self.blocks.bytes(self.shape)
     }
 
     /// Whether the server has not answered for too long.
@@ -294,7 +295,16 @@ impl Transfer {
         let refuse = |code, lasting| Err(Refused { code, lasting });
         match (why, self.phase) {
             (Failed::Refused(refused), _) => Err(refused),
-            (Failed::Flash, _) => {
+            (Failed::Flash, Phase::Activate) => {
+                // Whatever came of it: the program that runs is the one that is proven, to begin with.
+                self.spoiled += 1;
+                if self.spoiled >= FAILURES {
+                    return refuse("flash_failed", true);
+                }
+                self.phase = Phase::Keep { resumed: true };
+                Ok(())
+            }
+            (Failed::Flash | Failed::NoWayBack, _) => {
                 self.failures += 1;
                 if self.failures < FAILURES {
                     Ok(())

@@ -13,30 +13,34 @@ use core::mem::MaybeUninit;
 use core::pin::Pin;
 use core::task::{Context, Waker};
 
-use crawler_app::{Config, Robot};
-use crawler_hal::{MotorPort, RangerPort};
-use crawler_protocol::{Fleet, Kind, RobotId};
-use embassy_futures::join::{join, join5};
+use crawler_app::{Config, Inline, Robot, UpdateIdentity, Updates};
+use crawler_hal::{MotorPort, RangerPort, SlotPort, SlotRegion};
+use crawler_protocol::{BuildId, Fleet, Kind, RobotId};
+use crawler_release::{PublicKey, PublicKeys};
+use embassy_futures::join::{join3, join5};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use seam::Port;
 
 /// The context as boards keep it: shared with interrupts.
 type Shared = Robot<CriticalSectionRawMutex>;
+/// What link and update share.
+type SharedUpdates = Updates<CriticalSectionRawMutex>;
 
 /// Room for one value, at rest in RAM as on a board.
 #[repr(align(16))]
 struct Room<const SIZE: usize>(MaybeUninit<[u8; SIZE]>);
 
 static mut ROBOT: MaybeUninit<Shared> = MaybeUninit::uninit();
+static mut UPDATES: MaybeUninit<SharedUpdates> = MaybeUninit::uninit();
 static mut PROGRAM: Room<{ size_of_result(program) }> = Room(MaybeUninit::uninit());
 
 /// Bytes of what `_make` returns, which has no name.
-const fn size_of_result<F>(_make: fn(&'static Shared) -> F) -> usize {
+const fn size_of_result<F>(_make: fn(&'static Shared, &'static SharedUpdates) -> F) -> usize {
     size_of::<F>()
 }
 
 /// All activities, with every port and both wirings of the ranger.
-async fn program(robot: &'static Shared) {
+async fn program(robot: &'static Shared, updates: &'static SharedUpdates) {
     let motor = |first| MotorPort {
         enable: Port(first),
         in1: Port(first + 1),
@@ -57,7 +61,26 @@ async fn program(robot: &'static Shared) {
         crawler_app::lamp(robot, Port(14), Port(8)),
         crawler_app::store(robot, Port(15), Port(8)),
     );
-    join(body, crawler_app::link(robot, Port(16), Port(7), Port(8))).await;
+    let slot = |start| SlotRegion {
+        start,
+        length: 0x10_0000,
+    };
+    let slots = SlotPort {
+        flash: Port(18),
+        otadata: 0xd000,
+        slots: [slot(0x1_0000), slot(0x11_0000)],
+        running: u8::from(seam::footprint_level(19)),
+        chip: 5,
+    };
+    let update = crawler_app::update(robot, updates, slots, Port(7), Port(8));
+    let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _>(
+        robot,
+        updates,
+        Port(16),
+        Port(7),
+        Port(8),
+    );
+    join3(body, link, update).await;
 }
 
 /// Where the link begins to look for what is used.
@@ -85,7 +108,26 @@ extern "C" fn start() -> ! {
         place.write(Robot::new(config));
         &*place
     };
-    run(program(robot))
+    let key = |number| {
+        let point = seam::footprint_text(number).as_bytes();
+        PublicKey::from_sec1(point).unwrap_or_else(|_| seam::footprint_end())
+    };
+    let identity = UpdateIdentity {
+        build: BuildId::new(seam::footprint_text(3)).unwrap_or_else(|_| seam::footprint_end()),
+        sequence: 0,
+        built_at: 0,
+        keys: PublicKeys {
+            current: key(4),
+            next: Some(key(5)),
+        },
+    };
+    let place = (&raw mut UPDATES).cast::<SharedUpdates>();
+    // SAFETY: written once, here, before anything refers to it, and never again.
+    let updates: &'static SharedUpdates = unsafe {
+        place.write(Updates::new(identity));
+        &*place
+    };
+    run(program(robot, updates))
 }
 
 /// Polls for ever, as an executor would.

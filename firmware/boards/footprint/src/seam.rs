@@ -12,7 +12,9 @@ use crawler_hal::{
 use embedded_hal::{digital, pwm};
 use embedded_hal_async::digital::Wait;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
-use embedded_storage_async::nor_flash::{self, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use embedded_storage_async::nor_flash::{
+    self, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash,
+};
 
 // SAFETY: nothing defines them, and nothing ever calls them: this program is weighed, not run.
 unsafe extern "Rust" {
@@ -237,6 +239,8 @@ impl NorFlash for Port {
         }
     }
 }
+
+impl MultiwriteNorFlash for Port {}
 
 impl LinkMonitor for Port {
     fn state(&self) -> LinkState {
