@@ -116,10 +116,10 @@ extern "C" fn start() -> ! {
         build: BuildId::new(seam::footprint_text(3)).unwrap_or_else(|_| seam::footprint_end()),
         sequence: 0,
         built_at: 0,
-        keys: PublicKeys {
+        keys: Some(PublicKeys {
             current: key(4),
             next: Some(key(5)),
-        },
+        }),
     };
     let place = (&raw mut UPDATES).cast::<SharedUpdates>();
     // SAFETY: written once, here, before anything refers to it, and never again.
