@@ -120,9 +120,15 @@ macro_rules! message {
 message! {
     response: Response, same = PartialEq::eq;
     swarm_response: SwarmResponse, same = PartialEq::eq;
-    // Control characters in the text of a panic leave as spaces.
+    // Control characters in texts leave as spaces.
     status: StatusMessage, same = |read, again| {
         let mut read = read.clone();
+        if read.firmware.chars().count() == again.firmware.chars().count() {
+            read.firmware.clone_from(&again.firmware);
+        }
+        if read.board.chars().count() == again.board.chars().count() {
+            read.board.clone_from(&again.board);
+        }
         if let (Some(one), Some(two)) = (&mut read.boot.panic, &again.boot.panic)
             && one.chars().count() == two.chars().count()
         {

@@ -3,7 +3,7 @@
 use core::fmt;
 
 use crawler_hal::Millivolts;
-use crawler_protocol::{Fleet, Kind, RobotId};
+use crawler_protocol::{BuildId, Fleet, Kind, RobotId};
 use heapless::String;
 
 use crate::vision::lens::Lens;
@@ -25,6 +25,9 @@ pub struct Config {
     pub board: &'static str,
     /// Version of the program, at most 32 bytes.
     pub firmware: &'static str,
+    /// What names the program: no two programs have the same. `None` where nobody asks, as in worlds whose
+    /// history must not depend on it; the status then does not say it.
+    pub build: Option<BuildId>,
     /// Shape of the drive.
     pub geometry: Geometry,
     /// What the broker asks for; `None` connects without a name.

@@ -27,6 +27,7 @@ fn unsynchronised() -> TestRobot {
         kind: Kind::Simulated,
         board: "sim",
         firmware: "0.1.0",
+        build: None,
         geometry: Geometry::default(),
         credentials: None,
         camera: false,

@@ -64,12 +64,12 @@ pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, Source};
 pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
     Battery, BehaviourName, Boot, BootCause, BuildId, Capability, CellDigest, Detection,
-    Detections, Heartbeat, Kind, Level, LogRecord, MAX_BATCH, MAX_BUILD, MAX_DETECTIONS,
-    MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, MAX_REASON_CODE, Neighbour, Outcomes,
-    ParameterReport, ParametersMessage, Pose, PoseFix, ReasonCode, ReleaseId, ReleaseIdError,
-    Reports, Response, RobotState, Samples, StatusMessage, SwarmResponse, Telemetry,
-    TelemetryEncoding, TimeMessage, UpdateCommand, UpdateDelta, UpdateName, UpdateOutcome,
-    UpdatePart, UpdateReport, UpdateStage, Wheels,
+    Detections, Heartbeat, Kind, Level, LogRecord, MAX_BATCH, MAX_BUILD, MAX_DETECTIONS, MAX_MODEL,
+    MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, MAX_REASON_CODE, ModelName, Models,
+    Neighbour, Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, ReasonCode, ReleaseId,
+    ReleaseIdError, Reports, Response, RobotState, Samples, StatusMessage, SwarmResponse,
+    Telemetry, TelemetryEncoding, TimeMessage, UpdateCommand, UpdateDelta, UpdateName,
+    UpdateOutcome, UpdatePart, UpdateReport, UpdateStage, Wheels,
 };
 pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]

@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 
 use crawler_protocol::{
-    Action, Battery, BehaviourName, Boot, BootCause, Capability, Command, DecodeError, Direction,
-    EncodeError, Kind, Level, MAX_MESSAGE, MAX_PANIC, Outcomes, PROTOCOL_VERSION, Pose, PoseFix,
-    Reason, Response, ResponseStatus, RobotId, RobotState, Source, StatusMessage, Telemetry,
-    TimeMessage, Wheels,
+    Action, Battery, BehaviourName, Boot, BootCause, BuildId, Capability, Command, DecodeError,
+    Direction, EncodeError, Kind, Level, MAX_MESSAGE, MAX_PANIC, ModelName, Models, Outcomes,
+    PROTOCOL_VERSION, Pose, PoseFix, Reason, Response, ResponseStatus, RobotId, RobotState, Source,
+    StatusMessage, Telemetry, TimeMessage, Wheels,
 };
 use proptest::prelude::*;
 
@@ -105,6 +105,8 @@ fn the_examples_of_the_contract_are_read_and_written() {
             panic: None,
         },
         protocol: PROTOCOL_VERSION,
+        build: None,
+        models: Models::new(),
     };
     assert_eq!(
         StatusMessage::from_json(STATUS.as_bytes()),
@@ -112,6 +114,21 @@ fn the_examples_of_the_contract_are_read_and_written() {
     );
     let length = status.to_json(&mut buf).unwrap();
     same(&buf[..length], STATUS);
+
+    // What robots have told since there are updates.
+    let mut newer = status.clone();
+    newer.build = Some(BuildId::new("9f2c1ab034d5e6f7").unwrap());
+    let detector = ModelName::new("detector").unwrap();
+    let model = BuildId::new("00112233445566778899aabbccddeeff").unwrap();
+    newer.models.insert(detector, model).unwrap();
+    let length = newer.to_json(&mut buf).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&buf[..length]).unwrap();
+    assert_eq!(json["build"], "9f2c1ab034d5e6f7");
+    assert_eq!(
+        json["models"],
+        serde_json::json!({ "detector": "00112233445566778899aabbccddeeff" })
+    );
+    assert_eq!(StatusMessage::from_json(&buf[..length]), Ok(newer));
 
     let mut panicked = status;
     panicked.boot.cause = BootCause::Panic;

@@ -1,11 +1,12 @@
 //! The longest message of every kind fits, and what is left out where it would not.
 
 use crawler_protocol::{
-    Battery, BehaviourName, Boot, BootCause, Capability, CellDigest, Detection, Detections,
-    EncodeError, Heartbeat, Kind, Level, LogRecord, MAX_DETECTIONS, MAX_MESSAGE, MAX_NEIGHBOURS,
-    MAX_PANIC, MAX_PARAMETERS, Neighbour, Outcomes, ParameterReport, ParameterValue,
-    ParametersMessage, Pose, PoseFix, Reason, Response, ResponseStatus, RobotId, RobotState,
-    Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
+    Battery, BehaviourName, Boot, BootCause, BuildId, Capability, CellDigest, Detection,
+    Detections, EncodeError, Heartbeat, Kind, Level, LogRecord, MAX_BUILD, MAX_DETECTIONS,
+    MAX_MESSAGE, MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, ModelName, Neighbour,
+    Outcomes, ParameterReport, ParameterValue, ParametersMessage, Pose, PoseFix, Reason, Response,
+    ResponseStatus, RobotId, RobotState, Source, StatusMessage, SwarmResponse, Telemetry,
+    TimeMessage, Wheels,
 };
 
 fn robot() -> RobotId {
@@ -67,16 +68,23 @@ fn the_longest_message_of_every_kind_fits() {
         robot: robot.clone(),
         online: false,
         kind: Kind::Simulated,
-        firmware: nulls(),
-        board: nulls(),
+        // A quotation mark takes twice its length; what would take six times leaves as a space.
+        firmware: quotes(),
+        board: quotes(),
         capabilities: [Capability::Camera; 8].into_iter().collect(),
         boot: Boot {
             count: u32::MAX,
             cause: BootCause::BrownOut,
-            // Takes twice its length; what would take six times leaves as a space.
             panic: Some("\"".repeat(MAX_PANIC).as_str().try_into().unwrap()),
         },
         protocol: u8::MAX,
+        build: Some(BuildId::new(&"b".repeat(MAX_BUILD)).unwrap()),
+        models: (0..MAX_MODELS)
+            .map(|at| {
+                let name = ModelName::new(&format!("{at:m>16}")).unwrap();
+                (name, BuildId::new(&"b".repeat(MAX_BUILD)).unwrap())
+            })
+            .collect(),
     };
     status.to_json(&mut buf).unwrap();
 

@@ -72,7 +72,7 @@ macro_rules! passes_over {
 
 passes_over! {
     response: open::Response, None;
-    status: open::StatusMessage, None;
+    status: open::StatusMessage, Some("models");
     heartbeat: open::Heartbeat, None;
     log_record: open::LogRecord, None;
     detections: Detections, None;

@@ -71,6 +71,17 @@ fn builds_and_reasons_are_bounded() {
 }
 
 #[test]
+fn a_program_that_is_no_image_goes_by_its_version() {
+    let build = |version| BuildId::development(version).as_str().to_owned();
+    assert_eq!(build("0.3.0"), "0.3.0+dev");
+    assert_eq!(build("0.3.0 (ä)\n"), "0.3.0+dev");
+    assert_eq!(build(""), "+dev");
+    let long = build(&"9".repeat(MAX_BUILD));
+    assert!(long.len() == MAX_BUILD && long.ends_with("9+dev"), "{long}");
+    assert_eq!(BuildId::new(&long).map(|name| name.to_string()), Ok(long));
+}
+
+#[test]
 fn commands_are_what_the_contract_says() {
     let delta = UpdateDelta {
         base: build("0.3.0+1f"),

@@ -1,5 +1,6 @@
 //! The fleet as last known.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use axum::Json;
@@ -45,6 +46,10 @@ pub(super) struct RobotView {
     kind: Option<Open<Kind>>,
     /// Version of its program.
     firmware: Option<String>,
+    /// What names the program that it runs; `null` for robots before updates.
+    build: Option<String>,
+    /// The models that it has loaded, each with what names its contents.
+    models: BTreeMap<String, String>,
     /// Its hardware.
     board: Option<String>,
     /// What it has: `drive`, `range`, `camera`, `vision`.
@@ -151,6 +156,14 @@ impl RobotView {
             last_seen: robot.last_seen_ms,
             kind: status.map(|status| status.kind),
             firmware: status.map(|status| status.firmware.as_str().to_owned()),
+            build: status.and_then(|status| Some(status.build.as_ref()?.as_str().to_owned())),
+            models: status.map_or_else(BTreeMap::new, |status| {
+                let text = |name: &str| name.to_owned();
+                let models = status.models.iter();
+                models
+                    .map(|(model, build)| (text(model.as_str()), text(build.as_str())))
+                    .collect()
+            }),
             board: status.map(|status| status.board.as_str().to_owned()),
             capabilities: status.map_or_else(Vec::new, |status| status.capabilities.to_vec()),
             boot: status.map(|status| status.boot.clone()),

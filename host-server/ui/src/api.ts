@@ -50,6 +50,10 @@ export interface RobotDetails {
   lastSeen: number | null
   boot: { count: number; cause: string } | null
   protocol: number | null
+  /** What names the program that it runs; `null` for robots before updates. */
+  build: string | null
+  /** The models that it has loaded, and what names their contents. */
+  models: readonly (readonly [string, string])[]
   capabilities: readonly string[]
   /** What the broker thinks of how much it sends; `null` when all is well. */
   link: string | null
@@ -187,6 +191,10 @@ function details(value: unknown): RobotDetails {
     lastSeen: numeric(body.last_seen),
     boot: count === null ? null : { count, cause: text(boot['cause']) ?? '' },
     protocol: numeric(body.protocol),
+    build: text(body.build),
+    models: Object.entries(fields(body.models)).flatMap(([name, build]) =>
+      typeof build === 'string' ? [[name, build] as const] : [],
+    ),
     capabilities: Array.isArray(body.capabilities)
       ? body.capabilities.filter((name): name is string => typeof name === 'string')
       : [],

@@ -22,6 +22,8 @@ export const robot = {
   seen: 'Last heard',
   runs: 'What it runs',
   protocol: 'Protocol',
+  build: 'Build',
+  models: 'Models',
   boots: 'Starts',
   cause: (count: number, cause: string) => `${number(count)}, last by ${cause}`,
   uptime: 'Up for',

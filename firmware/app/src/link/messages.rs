@@ -6,8 +6,8 @@
 use crawler_hal::{Instant, ResetCause};
 use crawler_protocol::{
     Battery, Boot, BootCause, Capability, Detection, Detections, EncodeError, Heartbeat, LogRecord,
-    PROTOCOL_VERSION, ParameterReport, ParameterValue, ParametersMessage, Response, RobotState,
-    StatusMessage, Telemetry, TelemetryEncoding, Wheels,
+    Models, PROTOCOL_VERSION, ParameterReport, ParameterValue, ParametersMessage, Response,
+    RobotState, StatusMessage, Telemetry, TelemetryEncoding, Wheels,
 };
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
@@ -63,6 +63,8 @@ pub(super) fn status<M: RawMutex>(
             panic: robot.last_panic(),
         },
         protocol: PROTOCOL_VERSION,
+        build: config.build.clone(),
+        models: Models::new(),
     }
     .to_json(buf)
     .ok()

@@ -39,6 +39,7 @@ pub(crate) fn robot_with(id: &str, change: impl FnOnce(&mut Config)) -> TestRobo
         kind: Kind::Simulated,
         board: "test",
         firmware: "0.0.0",
+        build: None,
         geometry: Geometry::default(),
         credentials: None,
         camera: false,

@@ -61,8 +61,9 @@ pub(crate) fn updates() -> &'static Updates<CriticalSectionRawMutex> {
     })
 }
 
-/// The first bytes of the hash of the ELF file, which whoever packs the program writes into its descriptor.
-fn build() -> u64 {
+/// The first bytes of the hash of the ELF file, which whoever packs the program writes into its descriptor; 0 when
+/// nobody did.
+pub(crate) fn build() -> u64 {
     // The compiler must not go by what it knows of the descriptor.
     let hash = black_box(&ESP_APP_DESC).app_elf_sha256();
     hash.first_chunk().copied().map_or(0, u64::from_be_bytes)

@@ -96,6 +96,7 @@ extern "C" fn start() -> ! {
         kind: Kind::Physical,
         board: "footprint",
         firmware: env!("CARGO_PKG_VERSION"),
+        build: None,
         geometry: seam::geometry(),
         credentials: None,
         camera: false,

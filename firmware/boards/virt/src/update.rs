@@ -116,7 +116,7 @@ fn identity() -> UpdateIdentity {
 }
 
 /// The build id of the program that runs; `None` when it was started without the boot stage.
-fn build() -> Option<[u8; BUILD]> {
+pub fn build() -> Option<[u8; BUILD]> {
     let mut port = slots()?;
     let start = SLOTS.get(usize::from(port.running))?;
     let mut head = [0; Header::BYTES];

@@ -19,13 +19,14 @@ pub use parameters::{MAX_PARAMETERS, ParameterReport, ParametersMessage, Reports
 pub use pose::{Pose, PoseFix};
 pub use response::{Outcomes, Response, SwarmResponse};
 pub use state::{BehaviourName, BootCause, Capability, Kind, RobotState};
-pub use status::{Boot, MAX_PANIC, StatusMessage};
+pub use status::{Boot, MAX_MODELS, MAX_PANIC, Models, StatusMessage};
 pub use telemetry::{Battery, Heartbeat, MAX_BATCH, Samples, Telemetry, TelemetryEncoding, Wheels};
 pub(crate) use telemetry::{Sample, cbor};
 pub use time::TimeMessage;
 pub use update::{
-    BuildId, MAX_BUILD, MAX_REASON_CODE, ReasonCode, ReleaseId, ReleaseIdError, UpdateCommand,
-    UpdateDelta, UpdateName, UpdateOutcome, UpdatePart, UpdateReport, UpdateStage,
+    BuildId, MAX_BUILD, MAX_MODEL, MAX_REASON_CODE, ModelName, ReasonCode, ReleaseId,
+    ReleaseIdError, UpdateCommand, UpdateDelta, UpdateName, UpdateOutcome, UpdatePart,
+    UpdateReport, UpdateStage,
 };
 
 /// Gives a message its way in and out of JSON, as inherent functions, so that nobody needs a trait

@@ -1,10 +1,10 @@
 //! Who a robot is, and whether it is there.
 
-use heapless::{String, Vec};
+use heapless::{LinearMap, String, Vec};
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::{BootCause, Capability, Kind, wire};
-use crate::RobotId;
+use crate::{BuildId, ModelName, RobotId};
 
 /// Which start of the program this is, and why it started.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -32,6 +32,11 @@ pub struct Boot<B = BootCause> {
 
 /// Longest text of a panic, in bytes.
 pub const MAX_PANIC: usize = 96;
+/// Most models that a robot tells of.
+pub const MAX_MODELS: usize = 3;
+
+/// The models that a robot has loaded, each with what names its contents.
+pub type Models = LinearMap<ModelName, BuildId, MAX_MODELS>;
 
 // The form that serde asks for.
 #[allow(clippy::ref_option)]
@@ -57,13 +62,15 @@ pub struct StatusMessage<K = Kind, C = Capability, B = BootCause> {
     pub online: bool,
     /// What kind of body it has.
     pub kind: K,
-    /// Version of its firmware.
+    /// Version of its firmware. Control characters leave as spaces, here and in the board.
+    #[serde(serialize_with = "super::log::one_line")]
     #[cfg_attr(
         feature = "schema",
         schemars(with = "std::string::String", length(max = 32))
     )]
     pub firmware: String<32>,
     /// Its board.
+    #[serde(serialize_with = "super::log::one_line")]
     #[cfg_attr(
         feature = "schema",
         schemars(with = "std::string::String", length(max = 16))
@@ -79,5 +86,18 @@ pub struct StatusMessage<K = Kind, C = Capability, B = BootCause> {
     pub boot: Boot<B>,
     /// Version of this contract that it speaks.
     pub protocol: u8,
+    /// The program that it runs: no two programs have the same. Robots before updates do not say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build: Option<BuildId>,
+    /// The models that it has loaded.
+    #[serde(default, skip_serializing_if = "Models::is_empty")]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(
+            with = "std::collections::BTreeMap<ModelName, BuildId>",
+            extend("maxProperties" = MAX_MODELS)
+        )
+    )]
+    pub models: Models,
 }
 wire!(StatusMessage);

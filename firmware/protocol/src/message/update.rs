@@ -13,7 +13,7 @@ mod report;
 
 pub use command::{UpdateCommand, UpdateDelta};
 pub use names::{
-    BuildId, MAX_BUILD, MAX_REASON_CODE, ReasonCode, ReleaseId, ReleaseIdError, UpdateName,
-    UpdateOutcome, UpdatePart, UpdateStage,
+    BuildId, MAX_BUILD, MAX_MODEL, MAX_REASON_CODE, ModelName, ReasonCode, ReleaseId,
+    ReleaseIdError, UpdateName, UpdateOutcome, UpdatePart, UpdateStage,
 };
 pub use report::UpdateReport;

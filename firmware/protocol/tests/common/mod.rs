@@ -192,10 +192,11 @@ pub(crate) fn status() -> impl Strategy<Value = StatusMessage> {
         (robot(), any::<bool>(), select(Kind::ALL), text(), text()),
         vec(select(Capability::ALL), 0..=8),
         (any::<u32>(), select(BootCause::ALL), option::of(text())),
-        any::<u8>(),
+        (any::<u8>(), option::of(updates::build()), updates::models()),
     )
         .prop_map(
-            |((robot, online, kind, firmware, board), capabilities, boot, protocol)| {
+            |((robot, online, kind, firmware, board), capabilities, boot, programs)| {
+                let (protocol, build, models) = programs;
                 let (count, cause, panic) = boot;
                 StatusMessage {
                     robot,
@@ -210,6 +211,8 @@ pub(crate) fn status() -> impl Strategy<Value = StatusMessage> {
                         panic,
                     },
                     protocol,
+                    build,
+                    models,
                 }
             },
         )

@@ -1,9 +1,10 @@
 //! Any message about updates there can be.
 
 use crawler_protocol::{
-    BuildId, ReasonCode, ReleaseId, UpdateCommand, UpdateDelta, UpdateOutcome, UpdatePart,
-    UpdateReport, UpdateStage,
+    BuildId, MAX_MODELS, ModelName, Models, ReasonCode, ReleaseId, UpdateCommand, UpdateDelta,
+    UpdateOutcome, UpdatePart, UpdateReport, UpdateStage,
 };
+use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -14,8 +15,14 @@ pub(crate) fn release() -> impl Strategy<Value = ReleaseId> {
     any::<[u8; 8]>().prop_map(ReleaseId::new)
 }
 
-fn build() -> impl Strategy<Value = BuildId> {
+pub(crate) fn build() -> impl Strategy<Value = BuildId> {
     "[A-Za-z0-9_.+-]{1,64}".prop_map(|text| BuildId::new(&text).unwrap())
+}
+
+pub(crate) fn models() -> impl Strategy<Value = Models> {
+    let model = ("[a-z0-9-]{1,16}", build())
+        .prop_map(|(name, build)| (ModelName::new(&name).unwrap(), build));
+    vec(model, 0..=MAX_MODELS).prop_map(|models| models.into_iter().collect())
 }
 
 fn reason() -> impl Strategy<Value = ReasonCode> {

@@ -3,7 +3,7 @@
 use crawler_app::vision::Lens;
 use crawler_app::{Config, Credentials, Geometry};
 use crawler_hal::ResetCause;
-use crawler_protocol::{Fleet, Kind, RobotId};
+use crawler_protocol::{BuildId, Fleet, Kind, RobotId};
 use rand_pcg::Pcg32;
 use serde::{Deserialize, Serialize};
 
@@ -40,6 +40,8 @@ pub(crate) struct Identity {
     pub(crate) broker_host: String,
     pub(crate) broker_port: u16,
     pub(crate) firmware: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) build: Option<BuildId>,
     /// Base, top speed, time constant, friction, nominal voltage, voltage of the bridge.
     pub(crate) geometry: [f32; 6],
     /// Lengths of name and password: they shape the greeting.
@@ -60,6 +62,7 @@ impl Identity {
             broker_host: config.broker_host.as_str().to_owned(),
             broker_port: config.broker_port,
             firmware: config.firmware.to_owned(),
+            build: config.build.clone(),
             geometry: [
                 shape.wheel_base_m,
                 shape.top_speed_mps,
@@ -106,6 +109,7 @@ impl Identity {
             kind: Kind::Simulated,
             board: "sim",
             firmware: env!("CARGO_PKG_VERSION"),
+            build: self.build.clone(),
             geometry: Geometry {
                 wheel_base_m,
                 top_speed_mps,

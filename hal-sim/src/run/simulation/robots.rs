@@ -6,7 +6,7 @@ use crawler_app::Config;
 use crawler_bundle::DefectKind;
 #[cfg(feature = "live")]
 use crawler_hal::Clock as _;
-use crawler_protocol::{Kind, RobotId};
+use crawler_protocol::{BuildId, Kind, RobotId};
 
 use super::{Machine, Simulation, Way};
 use crate::devices::{BodyParts, Started};
@@ -172,6 +172,7 @@ impl Simulation {
             firmware: bundle.map_or(env!("CARGO_PKG_VERSION"), |bundle| {
                 self.words.keep(&bundle.version)
             }),
+            build: bundle.map_or_else(|| self.build(), |bundle| BuildId::new(&bundle.build).ok()),
             geometry: machine::geometry(&self.scenario.parameters.chassis),
             credentials: self.broker.credentials.clone(),
             camera: self.scenario.has_camera(number),
@@ -179,6 +180,16 @@ impl Simulation {
                 .then(|| eyes::lens(&self.scenario.parameters.camera)),
             // The body is broken by the simulation, not by the program.
             faults: false,
+        }
+    }
+
+    /// What a program goes by that no update has brought, where somebody outside listens. A world in lockstep has the same
+    /// history whatever it was built from.
+    fn build(&self) -> Option<BuildId> {
+        match self.way {
+            Way::None | Way::Lockstep(_) => None,
+            #[cfg(feature = "live")]
+            Way::Live(_) => BuildId::new(super::updates::FACTORY_BUILD).ok(),
         }
     }
 

@@ -16,7 +16,7 @@ use crate::scenario::Scenario;
 mod tests;
 
 /// What the program of the simulator is called.
-const FACTORY_BUILD: &str = concat!("factory-", env!("CARGO_PKG_VERSION"));
+pub(super) const FACTORY_BUILD: &str = concat!("factory-", env!("CARGO_PKG_VERSION"));
 
 impl Simulation {
     /// A simulation like [`Simulation::lockstep`] whose robots take releases that are signed with one of these

@@ -166,6 +166,8 @@ export function createFleet({ world, commands, clock, greet, answering }) {
       capabilities: ['drive', 'range', ...(eyes ? ['camera', 'vision'] : [])],
       boot: { count: 3, cause: 'power-on' },
       protocol: 1,
+      build: '9f2c1ab034d5e6f7',
+      models: { detector: '00112233445566778899aabbccddeeff' },
       firmware: robot.firmware,
       board: robot.board,
       link: null,

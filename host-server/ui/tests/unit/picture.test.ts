@@ -22,6 +22,8 @@ const details = (image: number | null): RobotDetails => ({
   lastSeen: null,
   boot: null,
   protocol: null,
+  build: null,
+  models: [],
   capabilities: [],
   link: null,
   duplicate: false,

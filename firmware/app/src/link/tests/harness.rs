@@ -347,6 +347,7 @@ pub(super) fn config() -> Config {
         kind: Kind::Simulated,
         board: "sim",
         firmware: "0.1.0",
+        build: None,
         geometry: Geometry::default(),
         credentials: None,
         camera: false,

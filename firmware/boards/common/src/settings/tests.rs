@@ -107,6 +107,7 @@ fn settings_reach_the_configuration_of_the_program() {
         kind: crawler_protocol::Kind::Physical,
         board: "test",
         firmware: "0",
+        build: None,
         geometry: crawler_app::Geometry::default(),
         credentials: None,
         camera: false,

@@ -322,6 +322,7 @@ fn config() -> Config {
         kind: Kind::Emulated,
         board: "virt",
         firmware: env!("CARGO_PKG_VERSION"),
+        build: None,
         geometry: GEOMETRY,
         credentials: None,
         camera: false,

@@ -8,10 +8,13 @@ use serde::de::{self, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::identifier;
+use crate::ids::is_id_byte;
 use crate::words::words;
 
 /// Longest name of a build, in bytes.
 pub const MAX_BUILD: usize = 64;
+/// Longest name of a model, in bytes.
+pub const MAX_MODEL: usize = 16;
 /// Longest code of a reason, in bytes.
 pub const MAX_REASON_CODE: usize = 32;
 
@@ -31,6 +34,29 @@ identifier!(
     ReasonCode, MAX_REASON_CODE, is_name_byte, "a code: 1 to 32 letters, digits, -, _, . and +",
     r"^[A-Za-z0-9_.+-]+$"
 );
+
+identifier!(
+    /// Which model of a robot: 1 to 16 characters of `a-z`, `0-9` and `-`, such as `detector`.
+    ModelName, MAX_MODEL, is_id_byte, "a model: 1 to 16 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
+);
+
+impl BuildId {
+    /// What a program goes by that was not packed as an image, and so has no build of its own: its version, of
+    /// which what fits and belongs into a name is kept, and `+dev`.
+    #[must_use]
+    pub fn development(version: &str) -> Self {
+        const SUFFIX: &str = "+dev";
+        let mut text = String::new();
+        let kept = version
+            .chars()
+            .filter(|&c| u8::try_from(c).is_ok_and(is_name_byte));
+        // Each is one byte.
+        for character in kept.take(MAX_BUILD - SUFFIX.len()).chain(SUFFIX.chars()) {
+            let _ = text.push(character);
+        }
+        Self(text)
+    }
+}
 
 words! {
     /// What a message about updates is.
