@@ -25,8 +25,9 @@ pub struct Config {
     pub board: &'static str,
     /// Version of the program, at most 32 bytes.
     pub firmware: &'static str,
-    /// What names the program: no two programs have the same. `None` where nobody asks, as in worlds whose
-    /// history must not depend on it; the status then does not say it.
+    /// What names the program: no two programs have the same. `None` in worlds whose history is compared with
+    /// that of earlier programs: the status then does not say it, and answers do not name the source of their
+    /// command.
     pub build: Option<BuildId>,
     /// Shape of the drive.
     pub geometry: Geometry,

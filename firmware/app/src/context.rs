@@ -20,7 +20,7 @@ use heapless::String;
 use crate::config::Config;
 use crate::goal::Goal;
 use crate::injected::Injected;
-use crate::ledger::Answer;
+use crate::ledger::{Answer, SourceNumber};
 use crate::memory::CommandMemory;
 use crate::neighbours::Neighbours;
 use crate::order::{Captures, Halts, Order, Sender, SetRequest, Task, UpdateWish};
@@ -327,9 +327,12 @@ impl<M: RawMutex> Robot<M> {
         now: Instant,
     ) {
         let answer = Answer { status, reason };
-        self.commands
-            .with(|memory| memory.ledger.answer(source, seq, answer));
-        self.outbox.answer(source, self.outgoing(seq, answer, now));
+        let number = self.commands.with(|memory| {
+            memory.ledger.answer(source, seq, answer);
+            memory.ledger.number(source)
+        });
+        self.outbox
+            .answer(source, self.outgoing(number, seq, answer, now));
     }
 
     /// Moves the robot's clock by so many milliseconds: a fault, which the server's time messages
@@ -358,8 +361,21 @@ impl<M: RawMutex> Robot<M> {
         self.outbox.log(level, event, text, timestamp);
     }
 
-    pub(crate) fn outgoing(&self, seq: u64, answer: Answer, now: Instant) -> Outgoing {
+    /// The source of this number, while it is remembered.
+    pub(crate) fn source(&self, number: SourceNumber) -> Option<Source> {
+        self.commands
+            .with(|memory| memory.ledger.source(number).cloned())
+    }
+
+    pub(crate) fn outgoing(
+        &self,
+        source: SourceNumber,
+        seq: u64,
+        answer: Answer,
+        now: Instant,
+    ) -> Outgoing {
         Outgoing {
+            source,
             seq,
             status: answer.status,
             reason: answer.reason,

@@ -21,12 +21,12 @@
 //! times, so a flood does not become one; what was withheld is counted and reported.
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Action, Command, Level, Reason, ResponseStatus};
+use crawler_protocol::{Action, Command, CommandError, Level, Reason, ResponseStatus, Source};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
 
 use crate::context::{Robot, Routed};
-use crate::ledger::{Answer, Verdict};
+use crate::ledger::{Answer, SourceNumber, Verdict};
 use crate::memory::Memory;
 pub use crate::memory::{ANSWER_RATE, LOG_RATE, Tally};
 use crate::order::Sender;
@@ -46,7 +46,7 @@ impl<M: RawMutex> Robot<M> {
         // Not moved out of where it was parsed: with its values a command takes a kilobyte.
         match &Command::parse(payload) {
             Ok(command) => self.take(command, now),
-            Err(error) => self.refuse_unreadable(error.reason, error.seq, now),
+            Err(error) => self.refuse_unreadable(error, now),
         }
     }
 
@@ -72,13 +72,15 @@ impl<M: RawMutex> Robot<M> {
         match verdict {
             Verdict::Fresh => {}
             Verdict::Repeated(None) => return,
-            Verdict::Repeated(Some(answer)) => return self.tell(command.seq, answer, now),
+            Verdict::Repeated(Some(answer)) => {
+                return self.tell(Some(source), command.seq, answer, now);
+            }
             Verdict::Stale => {
                 let answer = Answer {
                     status: ResponseStatus::Stale,
                     reason: None,
                 };
-                return self.tell(command.seq, answer, now);
+                return self.tell(Some(source), command.seq, answer, now);
             }
         }
         match check_clock(command, unix) {
@@ -141,7 +143,7 @@ impl<M: RawMutex> Robot<M> {
         let (source, seq) = (&command.source, command.seq);
         self.commands
             .with(|memory| memory.ledger.answer(source, seq, answer));
-        self.tell(seq, answer, now);
+        self.tell(Some(source), seq, answer, now);
         self.log_refusal(
             format_args!(
                 "{} {seq} of {source}: {}",
@@ -153,20 +155,25 @@ impl<M: RawMutex> Robot<M> {
     }
 
     /// Refuses what could not be read.
-    fn refuse_unreadable(&self, reason: Reason, seq: Option<u64>, now: Instant) {
-        match seq {
+    fn refuse_unreadable(&self, error: &CommandError, now: Instant) {
+        let reason = error.reason;
+        match error.seq {
             Some(seq) => {
-                self.tell(seq, rejected(reason), now);
+                self.tell(error.source.as_ref(), seq, rejected(reason), now);
                 self.log_refusal(format_args!("command {seq}: {}", reason.name()), now);
             }
             None => self.log_refusal(format_args!("unreadable command: {}", reason.name()), now),
         }
     }
 
-    fn tell(&self, seq: u64, answer: Answer, now: Instant) {
-        if self.commands.with(|memory| memory.answers.take(now)) {
+    fn tell(&self, source: Option<&Source>, seq: u64, answer: Answer, now: Instant) {
+        let number = self.commands.with(|memory| {
+            let given = memory.answers.take(now);
+            given.then(|| source.map_or(SourceNumber::NONE, |source| memory.ledger.number(source)))
+        });
+        if let Some(number) = number {
             self.outbox
-                .send_best_effort(self.outgoing(seq, answer, now));
+                .send_best_effort(self.outgoing(number, seq, answer, now));
         } else {
             self.outbox.withheld();
         }

@@ -45,9 +45,19 @@ pub enum Verdict {
     Stale,
 }
 
+/// Stands for a source for as long as that is remembered: two bytes beside an answer in place of a name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SourceNumber(u16);
+
+impl SourceNumber {
+    /// Of no source.
+    pub const NONE: Self = Self(0);
+}
+
 #[derive(Debug)]
 struct Entry {
     source: Source,
+    number: SourceNumber,
     seq: u64,
     answer: Option<Answer>,
     /// Latest vouched-for timestamp of the source, Unix ms.
@@ -63,6 +73,8 @@ pub struct Ledger {
     entries: Vec<Entry, SOURCES>,
     /// Latest timestamp among the forgotten; `None` while none was forgotten.
     floor: Option<u64>,
+    /// Number of the source that was met last.
+    last: u16,
 }
 
 impl Ledger {
@@ -71,6 +83,7 @@ impl Ledger {
         Self {
             entries: Vec::new(),
             floor: None,
+            last: 0,
         }
     }
 
@@ -105,10 +118,13 @@ impl Ledger {
         if self.entries.is_full() {
             self.forget_quietest();
         }
+        // One comes again after 65,535 others; an answer is delivered, or has given way, long before.
+        self.last = self.last.checked_add(1).unwrap_or(1);
         // There is room: the line above made it. An error would mean the command is not
         // remembered, and a repetition would be judged by its timestamp.
         let _ = self.entries.push(Entry {
             source: source.clone(),
+            number: SourceNumber(self.last),
             seq,
             answer: None,
             timestamp: vouched,
@@ -125,6 +141,19 @@ impl Ledger {
         {
             entry.answer = Some(answer);
         }
+    }
+
+    /// The number of a source, or [`SourceNumber::NONE`] where it is not known.
+    pub fn number(&self, source: &Source) -> SourceNumber {
+        self.find(source)
+            .map_or(SourceNumber::NONE, |entry| entry.number)
+    }
+
+    /// The source of this number, while it is remembered.
+    pub fn source(&self, number: SourceNumber) -> Option<&Source> {
+        let mut entries = self.entries.iter();
+        let entry = entries.find(|entry| entry.number == number)?;
+        Some(&entry.source)
     }
 
     fn find(&self, source: &Source) -> Option<&Entry> {

@@ -40,6 +40,35 @@ fn repeated_commands_are_answered_from_memory_and_older_ones_are_stale() {
 }
 
 #[test]
+fn a_source_goes_by_a_number_as_long_as_it_is_remembered() {
+    let mut ledger = Ledger::new();
+    assert_eq!(ledger.number(&source(0)), SourceNumber::NONE);
+    assert_eq!(ledger.source(SourceNumber::NONE), None);
+    ledger.record(&source(0), 1, Some(1), at(0));
+    let number = ledger.number(&source(0));
+    ledger.record(&source(0), 2, Some(2), at(1));
+    assert_eq!(ledger.number(&source(0)), number);
+    assert_eq!(ledger.source(number), Some(&source(0)));
+    // So many others that its number would come again if it were one byte.
+    for index in 1..=300 {
+        ledger.record(&source(index), 1, Some(10), at(index as u64 + 1));
+        assert_ne!(ledger.number(&source(index)), number);
+        let told = ledger.number(&source(index));
+        assert_eq!(ledger.source(told), Some(&source(index)));
+        let first = ledger.source(number);
+        assert_eq!(first, (index < SOURCES).then(|| source(0)).as_ref());
+    }
+    // Met again, it is another one.
+    ledger.record(&source(0), 3, Some(20), at(400));
+    assert_ne!(ledger.number(&source(0)), number);
+    // All numbers were used, and none is that of nobody.
+    ledger.last = u16::MAX;
+    ledger.record(&source(999), 1, Some(30), at(401));
+    let told = ledger.number(&source(999));
+    assert!(told != SourceNumber::NONE && ledger.source(told) == Some(&source(999)));
+}
+
+#[test]
 fn the_forgotten_cannot_be_replayed_not_even_after_their_old_stop() {
     let mut ledger = Ledger::new();
     let ada = source(0);

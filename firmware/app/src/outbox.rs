@@ -45,6 +45,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::signal::Signal;
 use heapless::Vec;
 
+use crate::ledger::SourceNumber;
 use logs::Logs;
 pub use logs::{LOG_TEXT, LOG_TEXTS, LOGS, LOSS_PERIOD, LogEntry};
 
@@ -74,8 +75,10 @@ pub struct Outgoing {
     pub status: ResponseStatus,
     /// Why, where there is a why.
     pub reason: Option<Reason>,
-    /// Unix ms when it was given, 0 when unknown.
+    /// Unix ms when it was given, 0 when unknown. 48 bits of it are kept: it fits until the year 10889.
     pub timestamp: u64,
+    /// Who sent the command.
+    pub source: SourceNumber,
 }
 
 /// No place is free for the answers of one more command.
@@ -93,7 +96,11 @@ enum Kind {
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     seq: u64,
-    timestamp: u64,
+    /// The lowest four bytes of the time.
+    timestamp: u32,
+    /// The two above them. Not a pair, which would be padded.
+    timestamp_high: u16,
+    source: SourceNumber,
     ticket: Ticket,
     status: ResponseStatus,
     reason: Option<Reason>,
@@ -109,7 +116,8 @@ impl Entry {
             seq: self.seq,
             status: self.status,
             reason: self.reason,
-            timestamp: self.timestamp,
+            timestamp: (self.timestamp_high as u64) << u32::BITS | self.timestamp as u64,
+            source: self.source,
         }
     }
 }
@@ -378,8 +386,8 @@ impl Inner {
     fn send_best_effort(&mut self, answer: Outgoing) {
         let same = |entry: &Entry| {
             !entry.in_flight
-                && (entry.seq, entry.status, entry.reason)
-                    == (answer.seq, answer.status, answer.reason)
+                && (entry.seq, entry.status, entry.reason, entry.source)
+                    == (answer.seq, answer.status, answer.reason, answer.source)
         };
         if self.answers.iter().any(same) {
             return;
@@ -394,7 +402,9 @@ impl Inner {
     fn push(&mut self, kind: Kind, answer: Outgoing) {
         let entry = Entry {
             seq: answer.seq,
-            timestamp: answer.timestamp,
+            timestamp: answer.timestamp as u32,
+            timestamp_high: (answer.timestamp >> u32::BITS) as u16,
+            source: answer.source,
             ticket: Ticket(self.next_ticket),
             status: answer.status,
             reason: answer.reason,

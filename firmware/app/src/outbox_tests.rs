@@ -19,10 +19,26 @@ const NOW: Instant = Instant::from_millis(1_000);
 
 const fn outgoing(seq: u64, status: ResponseStatus) -> Outgoing {
     Outgoing {
+        source: SourceNumber::NONE,
         seq,
         status,
         reason: None,
         timestamp: 0,
+    }
+}
+
+#[test]
+fn a_time_is_kept_for_the_next_thousand_years() {
+    let outbox = Box::new();
+    for timestamp in [0, 1_800_000_000_123, (1 << 48) - 1] {
+        let answer = Outgoing {
+            timestamp,
+            ..outgoing(1, ResponseStatus::Completed)
+        };
+        outbox.answer(&ada(), answer);
+        let (ticket, told) = outbox.next_answer().expect("an answer");
+        assert_eq!(told, answer);
+        outbox.delivered(ticket);
     }
 }
 

@@ -51,6 +51,7 @@ fn the_examples_of_the_contract_are_read_and_written() {
         status: ResponseStatus::Completed,
         reason: None,
         timestamp: 1_648_372_966_004,
+        source: None,
     };
     assert_eq!(
         Response::from_json(RESPONSE.as_bytes()),
@@ -58,6 +59,12 @@ fn the_examples_of_the_contract_are_read_and_written() {
     );
     let length = response.to_json(&mut buf).unwrap();
     same(&buf[..length], RESPONSE);
+    let mut newer = response;
+    newer.source = Some(Source::new("operator:ada").unwrap());
+    let length = newer.to_json(&mut buf).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&buf[..length]).unwrap();
+    assert_eq!(json["source"], "operator:ada");
+    assert_eq!(Response::from_json(&buf[..length]), Ok(newer));
 
     let telemetry = Telemetry {
         robot: robot(),

@@ -94,6 +94,7 @@ fn the_longest_message_of_every_kind_fits() {
         status: ResponseStatus::Completed,
         reason: Some(Reason::UnknownBehaviour),
         timestamp: u64::MAX,
+        source: Some(Source::new(&"~".repeat(48)).unwrap()),
     };
     response.to_json(&mut buf).unwrap();
 

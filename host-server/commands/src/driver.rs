@@ -3,8 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
-use crawler_delivery::{Class, Delivery, DeliverySink, End, SETTINGS, Sending};
-use crawler_protocol::{Command, EncodeError, MAX_MESSAGE, RobotId, Source, Topic};
+use crawler_delivery::{Class, Delivery, DeliverySink, End, Sending};
+use crawler_protocol::open::Response;
+use crawler_protocol::{Command, EncodeError, MAX_MESSAGE, RobotId, Topic};
 
 use super::journal::JournalQueue;
 use super::pending::Store;
@@ -42,6 +43,17 @@ impl CommandTable {
             .iter_mut()
             .map(|shared| shared as &mut dyn Store);
         journal.chain(shared)
+    }
+
+    /// Whether an answer is to a command that somebody else gave under a number of ours.
+    pub(super) fn is_of_another(&self, response: &Response) -> bool {
+        let seq = response.seq;
+        let id = self.numbers.get(&seq).copied().unwrap_or(seq);
+        let record = self.records.get(&id);
+        let (Some(record), Some(source)) = (record, &response.source) else {
+            return false;
+        };
+        record.source() != *source
     }
 
     pub(super) fn done(&mut self, id: u64, robot: &RobotId) {
@@ -144,12 +156,8 @@ impl DeliverySink for DeliveryDriver<'_> {
         };
         let mut command = record.command.clone();
         command.seq = sending.seq;
-        if Class::of(&command.action) == Class::Setting
-            && let Ok(source) = Source::new(SETTINGS)
-        {
-            // Who gave it is in the record and in the audit log.
-            command.source = record.settings.clone().unwrap_or(source);
-        }
+        // Who gave it is in the record and in the audit log.
+        command.source = record.source();
         // What waited is as new as its delivery; only motion must never be taken for newer than
         // it is.
         if Class::of(&command.action) != Class::Motion && record.waited(sending.robot) {

@@ -196,7 +196,8 @@ impl CommandCenter {
         self.book.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes in an answer. `known` says whether the fleet knows the robot: of a swarm command,
+    /// Takes in an answer. One that names another source than that of the command of its number is somebody else's;
+    /// robots before that name none, and are taken at the number. `known` says whether the fleet knows the robot: of a swarm command,
     /// answers of robots that were not expected count as well, but not of just anybody.
     ///
     /// Returns the command when this answer was the last one it waited for.
@@ -204,6 +205,9 @@ impl CommandCenter {
         let mut book = self.book();
         let book = &mut *book;
         let robot = &response.robot;
+        if book.table.is_of_another(response) {
+            return None;
+        }
         let id = if let Some(id) = book.delivery.answered(robot, response.seq) {
             book.table.done(id, robot);
             id

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use crawler_delivery::End;
+use crawler_delivery::{Class, End, SETTINGS};
 use crawler_protocol::open::{Open, Response};
 use crawler_protocol::{Action, Command, Outcomes, Reason, ResponseStatus, RobotId, Source};
 use serde::{Deserialize, Serialize};
@@ -150,6 +150,16 @@ impl Record {
             self.open -= usize::from(!outcome.status.is_open());
             *known = outcome;
         }
+    }
+
+    /// The source that it goes under.
+    pub(super) fn source(&self) -> Source {
+        let given = &self.command.source;
+        if Class::of(&self.command.action) != Class::Setting {
+            return given.clone();
+        }
+        let settings = self.settings.clone();
+        settings.unwrap_or_else(|| Source::new(SETTINGS).unwrap_or_else(|_| given.clone()))
     }
 
     /// Notes a number under which it went.

@@ -48,6 +48,7 @@ pub(super) fn answer(robot: &str, seq: u64, status: ResponseStatus) -> Response 
         status: status.into(),
         reason: None,
         timestamp: 7,
+        source: None,
     }
 }
 
@@ -101,6 +102,35 @@ fn numbers_rise_and_what_goes_out_is_a_command() {
         assert_eq!(command.action, MOVE);
         assert_eq!(command.source.as_str(), "server");
     }
+}
+
+/// Two controllers may use one number. Robots that name the source of a command tell them apart; what others say is
+/// taken at its number.
+#[test]
+fn an_answer_to_another_source_is_not_ours() {
+    let (_, center) = center();
+    let now = Instant::now();
+    let of = |seq, status, source: &str| Response {
+        source: Some(Source::new(source).expect("a source")),
+        ..answer("a", seq, status)
+    };
+    let seq = give(&center, MOVE, now);
+    let status = |seq| center.view(seq).expect("known").status;
+    for stranger in ["operator:ada", "settings", "Server", "server "] {
+        center.answer(&of(seq, ResponseStatus::Completed, stranger), true, now);
+        assert_eq!(status(seq), OutcomeStatus::Pending, "{stranger}");
+    }
+    center.answer(&of(seq, ResponseStatus::Accepted, "server"), true, now);
+    assert_eq!(status(seq), OutcomeStatus::Accepted);
+    center.answer(&answer("a", seq, ResponseStatus::Completed), true, now);
+    assert_eq!(status(seq), OutcomeStatus::Completed);
+
+    // A setting goes under another name.
+    let seq = give(&center, set(420.0), now);
+    center.answer(&of(seq, ResponseStatus::Rejected, "server"), true, now);
+    assert_eq!(status(seq), OutcomeStatus::Pending);
+    center.answer(&of(seq, ResponseStatus::Completed, "settings"), true, now);
+    assert_eq!(status(seq), OutcomeStatus::Completed);
 }
 
 #[test]

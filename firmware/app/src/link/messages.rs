@@ -178,6 +178,9 @@ pub(super) fn response<M: RawMutex>(
         status: answer.status,
         reason: answer.reason,
         timestamp: answer.timestamp,
+        source: (robot.config().build.is_some())
+            .then(|| robot.source(answer.source))
+            .flatten(),
     }
     .to_json(buf)
     .ok()

@@ -21,6 +21,9 @@ pub struct Response<S = ResponseStatus, R = Reason> {
     pub reason: Option<R>,
     /// When, in Unix milliseconds; 0 while the robot's clock is not synchronised.
     pub timestamp: u64,
+    /// Who sent the command. Missing where the robot does not know any more, and in what older ones say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source: Option<Source>,
 }
 wire!(Response);
 

@@ -139,13 +139,15 @@ pub(crate) fn response() -> impl Strategy<Value = Response> {
         select(ResponseStatus::ALL.as_slice()),
         option::of(select(Reason::ALL.as_slice())),
         any::<u64>(),
+        option::of(source()),
     )
-        .prop_map(|(robot, seq, status, reason, timestamp)| Response {
+        .prop_map(|(robot, seq, status, reason, timestamp, source)| Response {
             robot,
             seq,
             status,
             reason,
             timestamp,
+            source,
         })
 }
 

@@ -381,6 +381,7 @@ impl FakeRobot {
             status,
             reason,
             timestamp: 7,
+            source: None,
         };
         let mut buffer = [0; 1024];
         let length = response.to_json(&mut buffer).expect("response");

@@ -14,7 +14,7 @@ use std::task::Wake;
 use std::vec::Vec;
 
 use crawler_hal::{Clock, Duration, Instant, LinkMonitor, LinkState, NetError, Network};
-use crawler_protocol::{Fleet, Kind, RobotId};
+use crawler_protocol::{BuildId, Fleet, Kind, RobotId};
 use embassy_futures::select::{Either3, select3};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
@@ -347,7 +347,7 @@ pub(super) fn config() -> Config {
         kind: Kind::Simulated,
         board: "sim",
         firmware: "0.1.0",
-        build: None,
+        build: Some(BuildId::development("0.1.0")),
         geometry: Geometry::default(),
         credentials: None,
         camera: false,

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use crawler_hal::{Clock, Duration};
 use crawler_protocol::{
-    Detections, Heartbeat, LogRecord, MAX_PARAMETERS, ParametersMessage, ResponseStatus,
+    BuildId, Detections, Heartbeat, LogRecord, MAX_PARAMETERS, ParametersMessage, ResponseStatus,
     StatusMessage, Telemetry,
 };
 
@@ -55,6 +55,7 @@ fn status_and_parameters_are_retained_once_commands_can_arrive() {
         assert_eq!((status.qos, status.retained), (1, true));
         let status = StatusMessage::from_json(&status.payload).expect("a status");
         assert!(status.online);
+        assert_eq!(status.build, Some(BuildId::development("0.1.0")));
         let parameters = peer.publish("swarm/parameters/").await;
         assert_eq!((parameters.qos, parameters.retained), (1, true));
         let message = ParametersMessage::from_json(&parameters.payload).expect("parameters");
@@ -221,6 +222,7 @@ fn a_command_reaches_control_and_its_answers_come_back_in_order() {
             assert_eq!((response.qos, response.retained), (1, false));
             assert_eq!(response.json()["seq"], 17);
             assert_eq!(field(&response.json(), "status"), expected);
+            assert_eq!(field(&response.json(), "source"), "operator:ada");
         }
         broker.sleep(Duration::from_millis(10)).await;
         assert_eq!(broker.robot.outbox.pending(), 0);
@@ -293,6 +295,8 @@ fn what_cannot_be_read_is_rejected_and_the_session_goes_on() {
         assert_eq!(response["seq"], 9);
         assert_eq!(field(&response, "status"), "rejected");
         assert_eq!(field(&response, "reason"), "unknown_command");
+        // The robot has not met who sent it, and remembers nobody for what it cannot read.
+        assert!(response.get("source").is_none());
         let record = first("swarm/logs/").expect("a log record");
         let record = LogRecord::from_json(&record.payload).expect("a log record");
         assert_eq!(record.event.as_str(), "command-refused");
