@@ -92,7 +92,7 @@ pub struct Settings {
     pub radio_proxy: Option<SocketAddr>,
     /// MCAP file that the simulated world is recorded to.
     pub record: Option<PathBuf>,
-    /// Public keys by which simulated robots believe releases; `None` when they take no updates.
+    /// Public keys by which the server and simulated robots believe releases; `None` when they take none.
     pub release_key: Option<KeyFiles>,
     /// Log filter in the syntax of `tracing_subscriber::EnvFilter`.
     pub log: String,

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use axum::body::Bytes;
 use axum::extract::{FromRequest, Request, State};
 use axum::http::uri::Authority;
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use futures_util::FutureExt as _;
@@ -28,7 +28,7 @@ use crawler_system::text::Shown;
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 /// No call waits for anything but a lock, the records or the client's own bytes.
 const TIME_OUT: Duration = Duration::from_secs(10);
-/// But for reading the audit log from its beginning.
+/// But for reading the audit log from its beginning, and for megabytes on their way here.
 const LONG_TIME_OUT: Duration = Duration::from_mins(2);
 
 /// Which hosts are ours.
@@ -119,7 +119,9 @@ pub(super) async fn check(State(rules): State<Rules>, request: Request, next: Ne
 }
 
 pub(super) async fn time_out(request: Request, next: Next) -> Response {
-    let limit = if request.uri().path() == super::audit::VERIFY {
+    let path = request.uri().path();
+    let uploads = path == super::releases::ALL && request.method() == Method::POST;
+    let limit = if path == super::audit::VERIFY || uploads {
         LONG_TIME_OUT
     } else {
         TIME_OUT

@@ -6,7 +6,7 @@
 //! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
 //! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
 //! each subject: `robots`, `images`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
-//! `mqtt`; `simulator`, `world`, `experiments`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
+//! `mqtt`; `simulator`, `world`, `experiments`; `releases`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
 //! `assets`.
 
 mod access;
@@ -31,6 +31,7 @@ mod peer;
 mod problem;
 mod query;
 mod rates;
+mod releases;
 mod robots;
 mod schema;
 mod serve;
@@ -77,6 +78,7 @@ const MAX_BODY: usize = 4 * 1024;
         (name = "fences", description = "Where robots are to stay in or out of"),
         (name = "simulator", description = "The simulated world of this process"),
         (name = "experiments", description = "Scenarios on many seeds, and what comes of it"),
+        (name = "updates", description = "What robots may be updated to"),
         (name = "feed", description = "Everything as it happens"),
         (name = "history", description = "What was, as far back as it is recorded"),
         (name = "session", description = "Logging in and out"),
@@ -119,6 +121,9 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 .routes(routes!(experiments::resume))
                 .routes(routes!(experiments::stop))
                 .routes(routes!(experiments::metrics))
+                .routes(routes!(releases::list, releases::add))
+                .routes(routes!(releases::one))
+                .routes(routes!(releases::withdraw))
                 .routes(routes!(schema::one))
                 .routes(routes!(live::connect))
                 .routes(routes!(telemetry::history))

@@ -14,6 +14,7 @@ use utoipa::ToSchema;
 
 pub(crate) use code::Code;
 use crawler_experiments::FieldError;
+use crawler_updates::release::Fault;
 
 const CONTENT_TYPE: HeaderValue = HeaderValue::from_static("application/problem+json");
 
@@ -42,7 +43,25 @@ pub(crate) struct Problem {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<FieldError>>)]
     errors: Option<Box<Fields>>,
+    /// Every reason against a release, with the codes of `terracrawler release verify`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<ReleaseFault>>)]
+    faults: Option<Box<Faults>>,
 }
+
+/// A reason against a release.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub(crate) struct ReleaseFault {
+    /// A stable name.
+    code: &'static str,
+    /// The same for people.
+    text: String,
+}
+
+/// Reasons against a release, in a place of their own, as fields are.
+#[derive(Debug, Clone, Serialize)]
+#[serde(transparent)]
+struct Faults(Vec<ReleaseFault>);
 
 /// Fields that are wrong, in a place of their own: few problems have some, and all are passed on.
 #[derive(Debug, Clone, Serialize)]
@@ -64,7 +83,29 @@ impl Problem {
             request: None,
             retry_after: None,
             errors: None,
+            faults: None,
         }
+    }
+
+    /// A file that is no release, or not a genuine one.
+    pub(crate) fn of_release(faults: Vec<Fault>) -> Self {
+        let told: Vec<_> = faults
+            .iter()
+            .map(|fault| format!("{}: {}", fault.code, fault.text))
+            .collect();
+        let faults = faults.into_iter().map(|fault| ReleaseFault {
+            code: fault.code,
+            text: fault.text,
+        });
+        Self {
+            faults: Some(Box::new(Faults(faults.collect()))),
+            ..Self::new(Code::InvalidRelease, told.join("; "))
+        }
+    }
+
+    /// What is wrong, for people.
+    pub(crate) fn detail(&self) -> &str {
+        &self.detail
     }
 
     /// A body with fields that are wrong.

@@ -21,6 +21,7 @@ use crawler_fleet::feed::Feed;
 use crawler_history::HistoryStore;
 use crawler_metrics::Metrics;
 use crawler_records::audit_log::AuditLog;
+use crawler_release::PublicKey;
 use crawler_simulations::Simulation;
 use crawler_system::address::BrokerUrl;
 
@@ -54,6 +55,8 @@ pub struct Parts {
     pub mqtt: BrokerUrl,
     /// The other servers of the fleet, where there may be any.
     pub membership: Option<Arc<ClusterMembership>>,
+    /// The keys by which releases are believed.
+    pub release_keys: Arc<[PublicKey]>,
     /// Readers that the live feed has room for.
     pub readers: usize,
     /// What requests have begun and goes on without them.
@@ -81,8 +84,10 @@ struct Shared {
     audit: Audit,
     mqtt: BrokerUrl,
     membership: Option<Arc<ClusterMembership>>,
+    release_keys: Arc<[PublicKey]>,
     readers: Readers,
     drawing: Drawing,
+    uploads: Uploads,
     tasks: TaskTracker,
     stop: CancellationToken,
 }
@@ -105,8 +110,10 @@ impl ApiState {
             audit,
             mqtt: parts.mqtt,
             membership: parts.membership,
+            release_keys: parts.release_keys,
             readers: Readers(Arc::new(Semaphore::new(parts.readers))),
             drawing: Drawing(Arc::new(Semaphore::new(1))),
+            uploads: Uploads(Arc::new(Semaphore::new(UPLOADS))),
             tasks: parts.tasks,
             stop: parts.stop,
         }))
@@ -138,8 +145,10 @@ parts! {
     audit: Audit,
     mqtt: BrokerUrl,
     membership: Option<Arc<ClusterMembership>>,
+    release_keys: Arc<[PublicKey]>,
     readers: Readers,
     drawing: Drawing,
+    uploads: Uploads,
     tasks: TaskTracker,
     stop: CancellationToken,
 }
@@ -177,6 +186,13 @@ impl World {
 /// Readers the live feed still has room for.
 #[derive(Clone)]
 pub(super) struct Readers(pub(super) Arc<Semaphore>);
+
+/// Releases that may arrive at the same time: each is in memory until it is kept.
+const UPLOADS: usize = 2;
+
+/// Room for releases that arrive.
+#[derive(Clone)]
+pub(super) struct Uploads(pub(super) Arc<Semaphore>);
 
 /// One world is drawn at a time for those who want to see what it would be.
 #[derive(Clone)]

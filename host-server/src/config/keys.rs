@@ -4,6 +4,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use crawler_release::{PublicKey, PublicKeys};
+use crawler_updates::release::public_from_pem;
 use serde::Deserialize;
 
 /// One file or two with the public keys of releases.
@@ -25,6 +27,32 @@ impl KeyFiles {
     #[must_use]
     pub fn next(&self) -> Option<&Path> {
         self.next.as_deref()
+    }
+
+    /// Reads the keys.
+    ///
+    /// # Errors
+    /// Which file holds none, and what is wrong with it.
+    pub fn read(&self) -> Result<PublicKeys, String> {
+        let read = |path: &Path| {
+            let text = crawler_system::text::read_text(path)
+                .map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+            public_from_pem(&text).map_err(|fault| format!("{}: {fault}", path.display()))
+        };
+        Ok(PublicKeys {
+            current: read(self.current())?,
+            next: self.next().map(read).transpose()?,
+        })
+    }
+
+    /// Reads the keys of these files, where there are any, as a list.
+    ///
+    /// # Errors
+    /// As of [`KeyFiles::read`].
+    pub fn list(files: Option<&Self>) -> Result<Vec<PublicKey>, String> {
+        let keys = files.map(Self::read).transpose()?;
+        let both = keys.map(|keys| [Some(keys.current), keys.next]);
+        Ok(both.into_iter().flatten().flatten().collect())
     }
 }
 
@@ -73,6 +101,14 @@ impl TryFrom<String> for KeyFiles {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_that_holds_no_key_is_named() {
+        let files: KeyFiles = "/nowhere/key.pem".parse().expect("a file");
+        let text = files.read().expect_err("no file");
+        assert!(text.contains("/nowhere/key.pem"), "{text}");
+        assert_eq!(KeyFiles::list(None), Ok(Vec::new()));
+    }
 
     #[test]
     fn one_file_or_two() {

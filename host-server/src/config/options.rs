@@ -34,6 +34,10 @@ pub struct Common {
     /// How log lines are written [default: text]
     #[arg(long, value_enum, value_name = "FORMAT", hide_possible_values = false)]
     pub log_format: Option<LogFormat>,
+    /// PEM file with a public key by which the server and simulated robots believe releases, or two of them
+    /// separated by a comma: the one that signs now, and the next [default: they take none]
+    #[arg(long, value_name = "FILES")]
+    pub release_key: Option<KeyFiles>,
 }
 
 impl Common {
@@ -45,6 +49,7 @@ impl Common {
             broker_ca: self.broker_ca,
             log: self.log,
             log_format: self.log_format,
+            release_key: self.release_key,
             ..Layer::default()
         };
         (layer, self.config)
@@ -156,10 +161,6 @@ pub struct RobotOptions {
     /// MCAP file to record the world to
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
-    /// PEM file with a public key by which they believe releases, or two of them separated by a comma: the one
-    /// that signs now, and the next [default: they take no updates]
-    #[arg(long, value_name = "FILES")]
-    pub release_key: Option<KeyFiles>,
 }
 
 impl RobotOptions {
@@ -170,6 +171,5 @@ impl RobotOptions {
         layer.seed = self.seed;
         layer.radio_proxy = self.radio_proxy;
         layer.record = self.record;
-        layer.release_key = self.release_key;
     }
 }

@@ -22,7 +22,7 @@ use super::parts::{PATIENCE, Parts, finish};
 use super::storage::{OwnFiles, Storage};
 use super::{StartError, endpoints, world};
 use crate::addresses::Addresses;
-use crate::config::{BrokerUrl, Role, Settings};
+use crate::config::{BrokerUrl, KeyFiles, Role, Settings};
 use crawler_broker::BrokerHandle;
 use crawler_experiments::{self as experiments, Experiments, Tell};
 use crawler_fleet::bus::{self, Connection, Target};
@@ -55,6 +55,7 @@ pub(super) async fn start(
     disk: Disk,
     parts: &mut Parts,
 ) -> Result<Started, StartError> {
+    let keys = KeyFiles::list(settings.release_key.as_ref()).map_err(StartError::ReleaseKey)?;
     let own = OwnFiles::open(settings, disk)?;
     let storage = Storage::open(settings, parts).await?;
     let invitation = storage.accounts.invite_first().await?;
@@ -87,6 +88,7 @@ pub(super) async fn start(
         broker: link.broker,
         simulation: Arc::clone(&hub.simulation),
         membership: hub.membership,
+        release_keys: keys.into(),
         readers: entrance.descriptors.readers,
         tasks: tasks.clone(),
         stop: stop.clone(),

@@ -56,6 +56,8 @@ pub enum StartError {
     Simulation(String),
     /// There are no threads for experiments.
     Experiments(io::Error),
+    /// A public key by which releases would be believed cannot be used.
+    ReleaseKey(String),
     /// Something that cannot happen did.
     Internal(&'static str),
 }
@@ -147,6 +149,7 @@ impl fmt::Display for StartError {
             Self::Experiments(cause) => {
                 write!(f, "there are no threads for experiments: {cause}")
             }
+            Self::ReleaseKey(reason) => write!(f, "{reason} (--release-key)"),
             Self::Internal(what) => write!(f, "internal error: {what}"),
         }
     }

@@ -1,12 +1,8 @@
 //! The simulated world that the settings ask for.
 
-use std::path::Path;
-
 use crawler_experiments::scenarios::scenario;
-use crawler_release::PublicKeys;
 use crawler_sim::live::LiveConfig;
 use crawler_simulations::Simulation;
-use crawler_updates::release::public_from_pem;
 
 use super::StartError;
 use crate::config::{BrokerUrl, KeyFiles, Settings};
@@ -36,7 +32,11 @@ fn config(settings: &Settings, broker: &BrokerUrl) -> Result<LiveConfig, String>
     if let Some(robots) = settings.robots {
         scenario = scenario.with_robots(robots);
     }
-    let release_keys = settings.release_key.as_ref().map(keys).transpose()?;
+    let release_keys = settings
+        .release_key
+        .as_ref()
+        .map(KeyFiles::read)
+        .transpose()?;
     Ok(LiveConfig {
         fleet: settings.fleet.clone(),
         broker_host: broker.host.clone(),
@@ -48,18 +48,5 @@ fn config(settings: &Settings, broker: &BrokerUrl) -> Result<LiveConfig, String>
         radio_proxy: settings.radio_proxy,
         // Connections are carried over TLS on their way, all robots' together.
         authority: None,
-    })
-}
-
-/// The keys in these files.
-fn keys(files: &KeyFiles) -> Result<PublicKeys, String> {
-    let read = |path: &Path| {
-        let text = crawler_system::text::read_text(path)
-            .map_err(|error| format!("cannot read {}: {error}", path.display()))?;
-        public_from_pem(&text).map_err(|fault| format!("{}: {fault}", path.display()))
-    };
-    Ok(PublicKeys {
-        current: read(files.current())?,
-        next: files.next().map(read).transpose()?,
     })
 }

@@ -26,6 +26,7 @@ mod mqtt_websocket;
 mod names;
 mod outside;
 mod recorded;
+mod releases;
 mod roles;
 mod sessions;
 mod sight;

@@ -71,6 +71,7 @@ codes! {
     TooManyAttempts TOO_MANY_REQUESTS "too_many_attempts",
 
     // What it is about.
+    UnknownRelease NOT_FOUND "unknown_release",
     UnknownRobot NOT_FOUND "unknown_robot",
     UnknownCommandId NOT_FOUND "unknown_command_id",
     UnknownCredential NOT_FOUND "unknown_credential",
@@ -90,10 +91,12 @@ codes! {
     InvalidCommand UNPROCESSABLE_ENTITY "invalid_command",
     InvalidExperiment UNPROCESSABLE_ENTITY "invalid_experiment",
     InvalidFence UNPROCESSABLE_ENTITY "invalid_fence",
+    InvalidRelease UNPROCESSABLE_ENTITY "invalid_release",
     Exists CONFLICT "exists",
     UserExists CONFLICT "user_exists",
     LastAdmin CONFLICT "last_admin",
     TooMany CONFLICT "too_many",
+    NoReleaseKeys CONFLICT "no_release_keys",
     NoRobots CONFLICT "no_robots",
     RobotOffline CONFLICT "robot_offline",
     TakesNoFaults CONFLICT "takes_no_faults",

@@ -133,7 +133,7 @@ impl Fixture {
         method: Method,
         path: &str,
         headers: &[(&str, &str)],
-        body: &str,
+        body: impl AsRef<[u8]>,
     ) -> Answer {
         let address = self.server.http();
         let stream = tokio::net::TcpStream::connect(address)
@@ -151,7 +151,7 @@ impl Fixture {
             request = request.header(*name, *value);
         }
         let request = request
-            .body(Full::new(Bytes::copy_from_slice(body.as_bytes())))
+            .body(Full::new(Bytes::copy_from_slice(body.as_ref())))
             .expect("request");
         let response = sender.send_request(request).await.expect("an answer");
         let (parts, body) = response.into_parts();

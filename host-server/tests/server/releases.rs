@@ -1,0 +1,328 @@
+//! Releases over the API: only genuine ones get in, everybody sees them, and one that was withdrawn stays away.
+
+use crate::support::closed::{ADMIN, OPERATOR, VIEWER};
+use crate::support::{Answer, Fixture, Scratch, eventually};
+use crawler_release::{Kind, Requires};
+use crawler_server::config::{KeyFiles, Role};
+use crawler_updates::release::{FILE_MAX, SecretKey, SignOptions, join};
+use hyper::Method;
+use serde_json::{Value, json};
+
+const RELEASES: &str = "/api/v1/releases";
+const FILE: (&str, &str) = ("content-type", "application/octet-stream");
+
+/// A pair of keys, the public one in a file.
+struct Signer {
+    key: SecretKey,
+    folder: Scratch,
+}
+
+impl Signer {
+    fn new() -> Self {
+        let key = SecretKey::generate().expect("random numbers");
+        let folder = Scratch::new();
+        std::fs::create_dir_all(&folder.0).expect("a folder");
+        std::fs::write(folder.0.join("public.pem"), key.public_pem()).expect("written");
+        Self { key, folder }
+    }
+
+    fn keys(&self) -> Option<KeyFiles> {
+        let file = self.folder.0.join("public.pem");
+        file.display().to_string().parse().ok()
+    }
+
+    /// The file of a release for the board `virt`.
+    fn release(
+        &self,
+        sequence: u32,
+        image: &[u8],
+        change: impl FnOnce(&mut SignOptions<'_>),
+    ) -> Vec<u8> {
+        let mut options = SignOptions {
+            kind: Kind::Program,
+            name: None,
+            board: "virt",
+            chip: None,
+            version: "0.4.0",
+            build: Some("abc123"),
+            sequence,
+            floor: 3,
+            expires: Some(4_073_500_800),
+            requires: Requires::default(),
+        };
+        change(&mut options);
+        let envelope = options.sign(image, &self.key).expect("signed");
+        join(&envelope, image).expect("a release")
+    }
+}
+
+async fn add(fixture: &Fixture, file: &[u8]) -> Answer {
+    fixture.call(Method::POST, RELEASES, &[FILE], file).await
+}
+
+async fn list(fixture: &Fixture, query: &str) -> Value {
+    let answer = fixture.get(&format!("{RELEASES}{query}")).await;
+    assert_eq!(answer.status, 200, "{}", answer.text());
+    answer.json()
+}
+
+fn codes(answer: &Answer) -> Vec<String> {
+    let faults = answer.json()["faults"].as_array().expect("reasons").clone();
+    let code = |fault: &Value| fault["code"].as_str().expect("a code").to_owned();
+    faults.iter().map(code).collect()
+}
+
+async fn told(fixture: &Fixture, level: &str, text: &str) {
+    eventually(text, async || {
+        let events = fixture.get("/api/v1/events").await.json();
+        let events = events["events"].as_array().expect("events").clone();
+        let is_it = |event: &Value| event["level"] == level && event["text"] == text;
+        events.iter().any(is_it)
+    })
+    .await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_genuine_release_is_kept_and_told_of() {
+    let signer = Signer::new();
+    let fixture = Fixture::start_with(|layer| layer.release_key = signer.keys()).await;
+    let empty = json!({ "releases": [], "next": null, "can_add": true });
+    assert_eq!(list(&fixture, "").await, empty);
+    let image: Vec<u8> = (0..150_000).map(|at| at as u8).collect();
+    let added = add(&fixture, &signer.release(12, &image, |_| {})).await;
+    assert_eq!(added.status, 201, "{}", added.text());
+    let release = added.json();
+    for (field, value) in [
+        ("kind", json!("program")),
+        ("name", Value::Null),
+        ("board", json!("virt")),
+        ("chip", json!("none")),
+        ("version", json!("0.4.0")),
+        ("build", json!("abc123")),
+        ("sequence", json!(12)),
+        ("floor", json!(3)),
+        ("expires_at", json!(4_073_500_800_000_u64)),
+        ("size", json!(150_000)),
+        ("by", json!("anonymous")),
+        ("key", json!(signer.key.public().id().to_string())),
+        ("block_size", json!(65_536)),
+        ("blocks", json!(3)),
+        ("delta", Value::Null),
+        ("requires", json!({ "sequence": 0, "protocol": 0 })),
+        ("withdrawn", Value::Null),
+    ] {
+        assert_eq!(release[field], value, "{field}");
+    }
+    let id = release["id"].as_str().expect("an id").to_owned();
+    let one = fixture.get(&format!("{RELEASES}/{id}")).await;
+    assert_eq!(one.json(), release);
+    let text = format!("release {id} (program 0.4.0 for virt) was added by anonymous");
+    told(&fixture, "info", &text).await;
+    let again = add(&fixture, &signer.release(12, &image, |_| {})).await;
+    again.is_problem(409, "exists");
+
+    // A lower sequence may be kept as well; whoever was added last comes first.
+    let model = signer.release(2, b"weights", |options| {
+        (options.kind, options.name, options.build) = (Kind::Model, Some("eyes"), None);
+        (options.floor, options.expires) = (0, None);
+    });
+    let model = add(&fixture, &model).await.json();
+    assert_eq!(
+        (&model["name"], &model["expires_at"]),
+        (&json!("eyes"), &Value::Null)
+    );
+    let page = list(&fixture, "?limit=1").await;
+    assert_eq!(page["releases"][0]["id"], model["id"]);
+    assert_eq!(page["next"], model["id"]);
+    let rest = list(
+        &fixture,
+        &format!("?before={}", model["id"].as_str().expect("an id")),
+    )
+    .await;
+    assert_eq!(rest["releases"][0]["id"], release["id"]);
+    assert_eq!(
+        (rest["releases"].as_array().map(Vec::len), &rest["next"]),
+        (Some(1), &Value::Null)
+    );
+
+    for query in ["?limit=0", "?limit=201", "?before=1", "?after=1"] {
+        let answer = fixture.get(&format!("{RELEASES}{query}")).await;
+        answer.is_problem(400, "bad_query");
+    }
+    for id in ["0", "0000000000000000", "ABCDEFABCDEFABCD"] {
+        let answer = fixture.get(&format!("{RELEASES}/{id}")).await;
+        answer.is_problem(404, "unknown_release");
+    }
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_not_genuine_is_refused_with_every_reason() {
+    let (signer, stranger) = (Signer::new(), Signer::new());
+    let fixture = Fixture::start_with(|layer| layer.release_key = signer.keys()).await;
+    let image = vec![7; 70_000];
+    let good = signer.release(12, &image, |_| {});
+    let head = good.len() - image.len();
+    let flipped = |at: usize| {
+        let mut file = good.clone();
+        file[at] ^= 1;
+        file
+    };
+    let mixed = |other: &[u8]| [&good[..head], other].concat();
+    let old = signer.release(12, &image, |options| options.expires = Some(1_000_000_000));
+    for (file, reasons) in [
+        (Vec::new(), &["no_release"][..]),
+        (b"{\"command\":\"stop\"}".to_vec(), &["no_release"]),
+        (good[..head - 1].to_vec(), &["no_release"]),
+        (good[..head].to_vec(), &["image_too_short"]),
+        (good[..good.len() - 1].to_vec(), &["image_too_short"]),
+        (mixed(&vec![7; 70_001]), &["image_too_long"]),
+        (mixed(&vec![8; 70_000]), &["bad_block"]),
+        (flipped(good.len() - 1), &["bad_block"]),
+        (flipped(head - 1), &["bad_signature"]),
+        (stranger.release(12, &image, |_| {}), &["unknown_key"]),
+        (old, &["expired"]),
+    ] {
+        let answer = add(&fixture, &file).await;
+        answer.is_problem(422, "invalid_release");
+        let found = codes(&answer);
+        assert!(
+            reasons
+                .iter()
+                .all(|code| found.contains(&(*code).to_owned())),
+            "{found:?} {reasons:?}"
+        );
+    }
+    let large = add(&fixture, &vec![0; FILE_MAX + 1]).await;
+    large.is_problem(413, "too_large");
+    let answer = fixture.post(RELEASES, "{}").await;
+    answer.is_problem(415, "unsupported_media_type");
+    assert_eq!(list(&fixture, "").await["releases"], json!([]));
+    // The largest that there can be is taken.
+    let largest = signer.release(12, &vec![1; 4_718_592], |_| {});
+    let added = add(&fixture, &largest).await;
+    assert_eq!(added.status, 201, "{}", added.text());
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_release_is_withdrawn_for_good() {
+    let signer = Signer::new();
+    let fixture = Fixture::start_with(|layer| layer.release_key = signer.keys()).await;
+    let file = signer.release(12, b"image", |_| {});
+    let id = add(&fixture, &file).await.json()["id"]
+        .as_str()
+        .expect("an id")
+        .to_owned();
+    let path = format!("{RELEASES}/{id}/withdraw");
+    for wrong in [r#"{"reason":" "}"#, "{}", r#"{"reason":"x","force":true}"#] {
+        fixture
+            .post(&path, wrong)
+            .await
+            .is_problem(422, "invalid_body");
+    }
+    let long = json!({ "reason": "x".repeat(513) }).to_string();
+    fixture
+        .post(&path, &long)
+        .await
+        .is_problem(422, "invalid_body");
+    let nobody = format!("{RELEASES}/0000000000000000/withdraw");
+    let reason = r#"{"reason":" drives into walls "}"#;
+    fixture
+        .post(&nobody, reason)
+        .await
+        .is_problem(404, "unknown_release");
+    let done = fixture.post(&path, reason).await;
+    assert_eq!(done.status, 200, "{}", done.text());
+    let withdrawn = done.json()["withdrawn"].clone();
+    assert_eq!(withdrawn["by"], "anonymous");
+    assert_eq!(withdrawn["reason"], "drives into walls");
+    assert!(withdrawn["at"].as_i64() > Some(1_600_000_000_000));
+    fixture
+        .post(&path, reason)
+        .await
+        .is_problem(409, "wrong_state");
+    assert_eq!(
+        list(&fixture, "").await["releases"][0]["withdrawn"],
+        withdrawn
+    );
+    add(&fixture, &file).await.is_problem(409, "exists");
+    let text = format!(
+        "release {id} (program 0.4.0 for virt) was withdrawn by anonymous: drives into walls"
+    );
+    told(&fixture, "warn", &text).await;
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn administrators_add_and_everybody_reads_and_it_is_written_down() {
+    let signer = Signer::new();
+    let fixture =
+        Fixture::closed_with(Role::Serve, |layer| layer.release_key = signer.keys()).await;
+    let admin = fixture.login(ADMIN).await.token;
+    let viewer = fixture.login(VIEWER).await.token;
+    let operator = fixture.login(OPERATOR).await.token;
+    let file = signer.release(12, b"image", |_| {});
+    let send = async |token: &str, file: &[u8]| {
+        let bearer = format!("Bearer {token}");
+        let headers = [FILE, ("authorization", bearer.as_str())];
+        fixture.call(Method::POST, RELEASES, &headers, file).await
+    };
+    for low in [&viewer, &operator] {
+        send(low, &file).await.is_problem(403, "forbidden");
+    }
+    let written = async |action: &str| {
+        let entries = fixture.audit(&admin).await;
+        let found = entries.iter().find(|entry| entry["action"] == action);
+        found.cloned().expect(action)
+    };
+    send(&admin, b"forged")
+        .await
+        .is_problem(422, "invalid_release");
+    let entry = written("release.add").await;
+    assert_eq!(entry["outcome"], "invalid_release");
+    assert!(
+        entry["detail"]["why"]
+            .as_str()
+            .is_some_and(|why| why.contains("no_release"))
+    );
+    let added = send(&admin, &file).await;
+    assert_eq!(added.status, 201, "{}", added.text());
+    let release = added.json();
+    let entry = written("release.add").await;
+    assert_eq!(
+        (&entry["who"], &entry["target"], &entry["outcome"]),
+        (&json!(ADMIN), &release["id"], &json!("ok"))
+    );
+    assert_eq!(entry["detail"]["sequence"], 12);
+    let path = format!("{RELEASES}/{}", release["id"].as_str().expect("an id"));
+    for reader in [&viewer, &operator, &admin] {
+        assert_eq!(fixture.get_as(reader, &path).await.json(), release);
+    }
+    let path = format!("{path}/withdraw");
+    let reason = r#"{"reason":"too early"}"#;
+    let refused = fixture
+        .call_as(&operator, Method::POST, &path, reason)
+        .await;
+    refused.is_problem(403, "forbidden");
+    let done = fixture.call_as(&admin, Method::POST, &path, reason).await;
+    assert_eq!(done.status, 200, "{}", done.text());
+    let entry = written("release.withdraw").await;
+    assert_eq!(
+        (&entry["who"], &entry["target"]),
+        (&json!(ADMIN), &release["id"])
+    );
+    assert_eq!(entry["detail"]["reason"], "too early");
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_without_a_key_believes_nobody() {
+    let signer = Signer::new();
+    let fixture = Fixture::start().await;
+    assert_eq!(list(&fixture, "").await["can_add"], false);
+    let answer = add(&fixture, &signer.release(12, b"image", |_| {})).await;
+    answer.is_problem(409, "no_release_keys");
+    assert!(answer.text().contains("--release-key"), "{}", answer.text());
+    fixture.stop().await;
+}
