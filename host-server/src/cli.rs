@@ -13,7 +13,7 @@ use crate::config::{Common, ConfigError, Layer, RobotOptions, Role, ServerOption
 use crate::console::{
     AuditArgs, BackupArgs, MosquittoArgs, RestoreArgs, RobotArgs, Task, UserArgs,
 };
-use crate::release::ReleaseArgs;
+use crate::release::{ReleaseArgs, ReleaseTask};
 use crate::replay::ReplayArgs;
 
 /// A swarm of robots, simulated or real: broker, API, control room.
@@ -66,7 +66,7 @@ pub enum Command {
     Evaluate(Box<EvaluateArgs>),
     /// Runs a recording, or a seed, through the program once more
     Replay(Box<ReplayArgs>),
-    /// Signs programs and models for updates, and verifies them, without a server
+    /// Signs programs and models for updates, verifies them, and adds them to those of a server
     Release(ReleaseArgs),
     /// Accounts of people
     User(UserArgs),
@@ -133,6 +133,9 @@ impl Cli {
             Command::Replay(_) => {
                 return Err(ConfigError::Conflict("`replay` has options of its own"));
             }
+            Command::Release(ReleaseArgs {
+                task: ReleaseTask::Add(args),
+            }) => return Ok((Role::Serve, args.layer(), args.place.config)),
             Command::Release(_) => {
                 return Err(ConfigError::Conflict("`release` has options of its own"));
             }
@@ -159,6 +162,9 @@ impl Command {
             Self::Backup(args) => Some(Task::Backup(args.clone())),
             Self::Restore(args) => Some(Task::Restore(args.clone())),
             Self::Mosquitto(args) => Some(Task::Mosquitto(args.clone())),
+            Self::Release(ReleaseArgs {
+                task: ReleaseTask::Add(args),
+            }) => Some(Task::AddRelease(args.clone())),
             Self::Doctor { .. } => Some(Task::Doctor),
             Self::Up { .. }
             | Self::Serve { .. }

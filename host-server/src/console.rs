@@ -1,4 +1,4 @@
-//! The console: accounts, credentials, audit log and backups, from the shell of the server's machine.
+//! The console: accounts, credentials, releases, audit log and backups, from the shell of the server's machine.
 //!
 //! Every command works on the data directory, or on the database that `--database` names, beside a
 //! running server or without one: the records take several processes. A running server looks for what the console changed every few seconds.
@@ -10,6 +10,7 @@ mod audit;
 mod backup;
 mod doctor;
 mod mosquitto;
+mod releases;
 mod robots;
 mod terminal;
 mod users;
@@ -23,6 +24,7 @@ use crawler_records::{Entry, Records, RecordsError};
 use serde_json::Value;
 
 use crate::config::Settings;
+use crate::release::AddArgs;
 use crawler_system::clock::now_ms;
 
 pub use args::{
@@ -66,6 +68,8 @@ pub enum Task {
     User(UserArgs),
     /// Credentials of robots and simulators.
     Robot(RobotArgs),
+    /// A release, to be added.
+    AddRelease(AddArgs),
     /// Who did what.
     Audit(AuditArgs),
     /// Copies everything to one file.
@@ -83,6 +87,7 @@ impl Task {
         match self {
             Self::User(args) => users::run(args.task, settings).await?,
             Self::Robot(args) => robots::run(args.task, settings).await?,
+            Self::AddRelease(args) => return releases::add(&args, settings).await,
             Self::Audit(args) => return audit::run(args.task, settings).await,
             Self::Backup(args) => backup::backup(&args.file, settings).await?,
             Self::Restore(args) => backup::restore(&args.file, args.replace, settings).await?,

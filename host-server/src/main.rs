@@ -12,7 +12,11 @@ fn main() -> ExitCode {
     match &cli.command {
         Command::Evaluate(args) => return evaluate::run(args),
         Command::Replay(args) => return replay::run(args),
-        Command::Release(args) => return release::run(args),
+        Command::Release(args) => {
+            if let Some(code) = release::run(args) {
+                return code;
+            }
+        }
         _ => {}
     }
     let task = cli.command.console();

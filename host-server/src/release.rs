@@ -1,7 +1,8 @@
-//! `terracrawler release`: keys, and releases as files. Needs neither a server nor a network.
+//! `terracrawler release`: keys, and releases as files. Needs neither a server nor a network, but for `add`, which is
+//! the console's.
 
 mod args;
-mod table;
+pub(crate) mod table;
 
 use std::fs::File;
 use std::io::{self, Read as _, Write as _};
@@ -16,7 +17,7 @@ use crawler_updates::release::{
     Expected, FILE_MAX, SecretKey, SignFault, SignOptions, inspect, join, public_from_pem,
 };
 
-pub use args::{BundleArgs, ReleaseArgs, ReleaseTask, SignArgs, VerifyArgs};
+pub use args::{AddArgs, BundleArgs, ReleaseArgs, ReleaseTask, SignArgs, VerifyArgs};
 
 /// The files that `keygen` makes.
 const PRIVATE: &str = "release-key.pem";
@@ -25,22 +26,21 @@ const PUBLIC: &str = "release-public.pem";
 /// Most bytes of a file with a key.
 const KEY_MAX: usize = 16 * 1_024;
 
-/// Does what the command line asks for. 1 when it cannot be done, or a release is not what it should be.
+/// Does what the command line asks for, where that takes no server: `None` where it does. 1 when it cannot be done, or
+/// a release is not what it should be.
 #[must_use]
-pub fn run(args: &ReleaseArgs) -> ExitCode {
+pub fn run(args: &ReleaseArgs) -> Option<ExitCode> {
     let done = match &args.task {
         ReleaseTask::Keygen { out } => keygen(out),
         ReleaseTask::Bundle(args) => bundle(args),
         ReleaseTask::Sign(args) => sign(args),
         ReleaseTask::Verify(args) => verify(args),
+        ReleaseTask::Add(_) => return None,
     };
-    match done {
-        Ok(code) => code,
-        Err(text) => {
-            eprintln!("terracrawler: {text}");
-            ExitCode::FAILURE
-        }
-    }
+    Some(done.unwrap_or_else(|text| {
+        eprintln!("terracrawler: {text}");
+        ExitCode::FAILURE
+    }))
 }
 
 fn keygen(folder: &Path) -> Result<ExitCode, String> {
@@ -152,7 +152,7 @@ fn verify(args: &VerifyArgs) -> Result<ExitCode, String> {
     })
 }
 
-fn told(path: &Path, what: &dyn std::fmt::Display) -> String {
+pub(crate) fn told(path: &Path, what: &dyn std::fmt::Display) -> String {
     format!("{}: {what}", path.display())
 }
 
@@ -160,7 +160,8 @@ fn exists(path: &Path) -> String {
     format!("{} exists already, and is not written over", path.display())
 }
 
-fn read(path: &Path, most: usize) -> Result<Vec<u8>, String> {
+/// Reads a file of at most so many bytes.
+pub(crate) fn read(path: &Path, most: usize) -> Result<Vec<u8>, String> {
     let refused = |error: io::Error| format!("cannot read {}: {error}", path.display());
     let file = File::open(path).map_err(refused)?;
     let mut bytes = Vec::new();

@@ -7,7 +7,8 @@ use clap::{Args, Subcommand};
 use crawler_bundle::{Defect, SIZE_DEFAULT, SIZE_MAX};
 use crawler_release::{Chip, Kind};
 
-use crate::console::{date, moment};
+use crate::config::{KeyFiles, Layer};
+use crate::console::{Place, date, moment};
 
 /// Seconds of a day.
 const DAY: u64 = 86_400;
@@ -22,7 +23,7 @@ pub struct ReleaseArgs {
     pub task: ReleaseTask,
 }
 
-/// What can be done with releases, without a server.
+/// What can be done with releases.
 #[derive(Debug, Clone, Subcommand)]
 pub enum ReleaseTask {
     /// Makes a pair of keys: one signs releases, by the other they are believed
@@ -37,6 +38,8 @@ pub enum ReleaseTask {
     Sign(Box<SignArgs>),
     /// Says what a release is, and whether it is genuine
     Verify(VerifyArgs),
+    /// Verifies a release and adds it to those of a server, on its machine; the server may run
+    Add(AddArgs),
 }
 
 /// What `release bundle` takes.
@@ -141,6 +144,31 @@ pub struct VerifyArgs {
     /// One JSON object instead of a table
     #[arg(long)]
     pub json: bool,
+}
+
+/// What `release add` takes.
+#[derive(Debug, Clone, Args)]
+pub struct AddArgs {
+    /// File with the release
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// PEM file with a public key by which releases are believed, or two of them separated by a comma [default:
+    /// those of the server's options]
+    #[arg(long, value_name = "FILES")]
+    pub release_key: Option<KeyFiles>,
+    #[command(flatten)]
+    #[allow(missing_docs)] // a doc comment here would become the command's description
+    pub place: Place,
+}
+
+impl AddArgs {
+    /// The options that it sets.
+    pub(crate) fn layer(&self) -> Layer {
+        Layer {
+            release_key: self.release_key.clone(),
+            ..self.place.layer()
+        }
+    }
 }
 
 /// When a release expires.

@@ -10,12 +10,13 @@ use serde_json::{Value, json};
 use super::args::shown;
 
 /// The table.
-pub(super) fn text(path: &Path, found: &Inspection<'_>) -> String {
+pub(crate) fn text(path: &Path, found: &Inspection<'_>) -> String {
     let mut out = String::new();
     let mut row = |name: &str, value: &str| {
         let _ = writeln!(out, "{name:<12}{value}");
     };
     row("release", &path.display().to_string());
+    row("id", &found.id.to_string());
     let signature = if found.authentic {
         format!("by key {}", found.key)
     } else {
@@ -91,6 +92,7 @@ pub(super) fn json(path: &Path, found: &Inspection<'_>) -> Value {
     let faults = faults.map(|fault| json!({ "code": fault.code, "text": fault.text }));
     json!({
         "file": path.to_string_lossy(),
+        "id": found.id.to_string(),
         "genuine": found.faults.is_empty(),
         "authentic": found.authentic,
         "key": found.key.to_string(),

@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-use crate::console::{complaint, done, program, row};
+use crate::console::{Place, complaint, done, program, row};
 use crate::scratch::Scratch;
 
 /// A folder with a pair of keys and an image for an ESP32-C3.
@@ -68,6 +68,11 @@ impl Folder {
     }
 }
 
+/// The id in a table.
+fn id(table: &str) -> &str {
+    row(table, "id").split_whitespace().last().expect("an id")
+}
+
 /// An image for an ESP32 with this chip, as far as its header goes.
 fn esp(chip: u8, length: usize) -> Vec<u8> {
     let mut image: Vec<u8> = (0..length).map(|at| (at / 7) as u8).collect();
@@ -104,6 +109,7 @@ fn a_release_is_made_and_verified() {
     let json = folder.ok(&format!("verify release {PUBLIC} --json"));
     let found: Value = serde_json::from_str(&json).expect("JSON");
     assert_eq!(found["authentic"], true);
+    assert_eq!(found["id"], id(&table), "{table}");
     assert_eq!(found["manifest"]["sequence"], 12);
     assert_eq!(found["manifest"]["expires"], 4_073_500_800_u64);
     // The same order gives the same bytes, in a file that holds the image as it is.
@@ -369,4 +375,56 @@ fn a_bundle_is_made_signed_and_refused_where_it_does_not_belong() {
     let small = "bundle --version 1 --build b --size 10 --out small";
     assert!(folder.refused(small).contains("at least as many"));
     assert!(!folder.path("bad.release").exists() && !folder.path("twice").exists());
+}
+
+#[test]
+fn a_genuine_release_is_added_once_and_the_log_says_by_whom() {
+    let folder = Folder::new();
+    folder.ok(&format!("{SIGN} --out release"));
+    let place = Place::with_admin();
+    let add = |file: &str, key: Option<&str>| {
+        let [file, key] = [Some(file), key].map(|name| name.map(|name| folder.path(name)));
+        let key = key.map(|key| key.display().to_string());
+        let file = file.expect("a file").display().to_string();
+        let mut arguments = vec!["release", "add", &file];
+        arguments.extend(key.iter().flat_map(|key| ["--release-key", key]));
+        place.run(&arguments)
+    };
+    let public = Some("keys/release-public.pem");
+    // Without a key, with the other half, and with another one.
+    let told = complaint(&add("release", None), 1);
+    assert!(told.contains("--release-key"), "{told}");
+    let told = complaint(&add("release", Some("keys/release-key.pem")), 1);
+    assert!(told.contains("a private key"), "{told}");
+    let told = complaint(&add("nothing", public), 1);
+    assert!(told.contains("No such file"), "{told}");
+    folder.ok("keygen --out other");
+    let refused = add("release", Some("other/release-public.pem"));
+    let said = String::from_utf8(refused.stdout).expect("UTF-8");
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(row(&said, "REFUSED").contains("unknown_key"), "{said}");
+
+    let table = done(&add("release", public));
+    assert!(row(&table, "verdict").ends_with("genuine"), "{table}");
+    let told = complaint(&add("release", public), 1);
+    assert!(told.contains("already"), "{told}");
+    let log = place.ok(&["audit", "list"]);
+    let added = id(&table);
+    let added = log
+        .lines()
+        .filter(|line| line.contains("release.add") && line.contains(added));
+    let added: Vec<_> = added.collect();
+    assert_eq!(added.len(), 2, "{log}");
+    assert!(
+        added[1].contains("console:tester") && added[1].contains("ok"),
+        "{log}"
+    );
+
+    // A directory that holds no records gets none by a typing mistake.
+    let file = folder.path("release").display().to_string();
+    let key = folder.path("keys/release-public.pem").display().to_string();
+    let other = Place::new();
+    std::fs::create_dir_all(other.path()).expect("a folder");
+    let told = other.refused(&["release", "add", &file, "--release-key", &key]);
+    assert!(told.contains("holds no records"), "{told}");
 }
