@@ -89,6 +89,48 @@ fn experiments_are_seen_in_every_state_and_size() {
         .env_remove("BASE_URL"));
 }
 
+/// A genuine release is added, a forged one refused, and one is withdrawn.
+#[test]
+fn releases_are_added_and_withdrawn() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let release = |arguments: &[&str]| {
+        let mut command = Command::new(crawler_tests::binary());
+        let output = command.arg("release").args(arguments).output();
+        let output = output.expect("runs");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{arguments:?}: {said}");
+    };
+    release(&["keygen", "--out", &path("keys")]);
+    let (image, file, forged) = (path("image"), path("virt.release"), path("forged.release"));
+    std::fs::write(&image, vec![7; 100_000]).expect("an image");
+    let options = "--board virt --version 0.4.0 --build abc123 --sequence 12 --expires 2099-01-31";
+    let key = path("keys/release-key.pem");
+    let mut arguments = vec!["sign", "--key", &key, "--image", &image, "--out", &file];
+    arguments.extend(options.split(' '));
+    release(&arguments);
+    let mut bytes = std::fs::read(&file).expect("a release");
+    *bytes.last_mut().expect("an image") ^= 1;
+    std::fs::write(&forged, bytes).expect("written");
+
+    let public = path("keys/release-public.pem");
+    let server = Terracrawler::start(&["up", "--robots", "2", "--release-key", &public]);
+    server.wait_online(2, LIMIT);
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:updates"])
+        .env("BASE_URL", server.url())
+        .env("RELEASE", file)
+        .env("FORGED", forged));
+}
+
+/// Against a server of the page's own: releases in every state and size.
+#[test]
+fn releases_are_seen_in_every_state_and_size() {
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:updates"])
+        .env_remove("BASE_URL"));
+}
+
 /// A past of its own, with gaps and troubles: the mock's.
 #[test]
 fn the_past_is_looked_at_by_mouse_and_keys() {

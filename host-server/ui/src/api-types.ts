@@ -36,6 +36,9 @@ export type ExperimentMetrics = Schemas['ExperimentMetrics']
 export type ExperimentMetric = ExperimentMetrics['metrics'][number]
 /** `command`: what to type to see it again, where the server says it. */
 export type ExperimentTrial = ExperimentMetrics['trials'][number] & { command?: string | null }
+export type Release = Schemas['Release']
+export type ReleaseDetail = Schemas['ReleaseDetail']
+export type ReleaseFault = Schemas['ReleaseFault']
 export type HistorySpan = Schemas['HistorySpan']
 export type HistoryFrames = Schemas['HistoryFrames']
 export type EventsBody = Schemas['Events']

@@ -27,6 +27,9 @@ export const SLOW_MS = 15_000
 
 export type Send = typeof fetch
 
+/** A file goes as it is, anything else as JSON. */
+const isFile = (body: unknown): body is Blob => body instanceof Blob
+
 /** Sends a request and gives the answer, whatever its status; throws only when there is none. */
 export async function request(
   send: Send,
@@ -38,11 +41,15 @@ export async function request(
   try {
     return await send(BASE + path, {
       method,
-      headers: body === undefined ? {} : { 'content-type': 'application/json' },
-      ...(body === undefined ? {} : { body: JSON.stringify(body) }),
+      headers:
+        body === undefined
+          ? {}
+          : { 'content-type': isFile(body) ? 'application/octet-stream' : 'application/json' },
+      ...(body === undefined ? {} : { body: isFile(body) ? body : JSON.stringify(body) }),
       // A stop sent while the page goes away must still leave the machine, and
-      // the answer to a refresh must still reach the browser's cookies.
-      keepalive: method === 'POST',
+      // the answer to a refresh must still reach the browser's cookies. Browsers
+      // let no more than 64 KiB go so.
+      keepalive: method === 'POST' && !isFile(body),
       cache: 'no-store',
       signal: AbortSignal.timeout(milliseconds),
     })

@@ -11,6 +11,7 @@ export const places: Record<Place, string> = {
   simulation: 'Simulation',
   history: 'History',
   experiments: 'Experiments',
+  updates: 'Updates',
 }
 
 export const nav = { label: 'Pages', skip: 'Skip to the content' }

@@ -16,6 +16,7 @@ export const PLACES = [
   'simulation',
   'history',
   'experiments',
+  'updates',
 ] as const
 /** Accounts and administration. */
 const PAGES = ['account', 'people', 'keys', 'audit'] as const
@@ -34,6 +35,8 @@ interface Route {
   robot: string | null
   /** The experiment whose page it is; only of the view `experiments`. */
   experiment: string | null
+  /** The release whose page it is; only of the view `updates`. */
+  release: string | null
   query: Query
 }
 
@@ -47,15 +50,16 @@ export function parseRoute(hash: string): Route {
     view,
     robot: of('robots'),
     experiment: of('experiments'),
+    release: of('updates'),
     query: Object.fromEntries(new URLSearchParams(search)),
   }
 }
 
-export function formatRoute({ view, robot, experiment, query }: Route): string {
-  return linkTo(view, query, robot ?? experiment)
+export function formatRoute({ view, robot, experiment, release, query }: Route): string {
+  return linkTo(view, query, robot ?? experiment ?? release)
 }
 
-/** A link to a page, or to that of one robot or experiment. */
+/** A link to a page, or to that of one robot, experiment or release. */
 export function linkTo(view: View, query: Query = {}, id: string | null = null): string {
   const path = view === 'room' ? '' : view
   const of = id === null ? '' : `/${encodeURIComponent(id)}`

@@ -12,6 +12,7 @@ import { createExperiments } from './experiments.mjs'
 import { createFences } from './fences.mjs'
 import { createFleet } from './fleet.mjs'
 import { createRecord } from './record.mjs'
+import { createReleases } from './releases.mjs'
 import { createWorld } from './world.mjs'
 
 const DIST = fileURLToPath(new URL('../../dist/', import.meta.url))
@@ -53,6 +54,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   })
   const experiments = createExperiments({ clock })
   const fences = createFences({ world, clock, crossed })
+  const releases = createReleases({ clock })
   const record = createRecord({ world, clock, robots, seed })
   const ready = { ready: true, broker: true, simulation: true }
   let refuse = false
@@ -159,6 +161,8 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     if (tried !== null) return json(response, tried.status, tried.body)
     const fenced = fences.answer(request.method, parts, body, name)
     if (fenced !== null) return json(response, fenced.status, fenced.body)
+    const released = releases.answer(request.method, parts, body, name)
+    if (released !== null) return json(response, released.status, released.body)
     if (request.method === 'GET' && parts[2] === 'image') {
       response.writeHead(200, { 'content-type': 'image/svg+xml' })
       return response.end(fleet.picture)
@@ -264,6 +268,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     fences: fences.fences,
     accounts,
     experiments,
+    releases: releases.releases,
     /** What `/readyz` says. */
     ready,
     /** Answers no call and keeps no feed, as a server that is being restarted. */
@@ -302,6 +307,10 @@ async function page(path, response) {
 }
 
 async function read(request) {
+  if (request.headers['content-type'] === 'application/octet-stream') {
+    request.resume()
+    return {}
+  }
   let body = ''
   for await (const chunk of request) {
     body += chunk

@@ -11,6 +11,7 @@ describe('the address', () => {
       view: 'robots',
       robot: 'sim-0001',
       experiment: null,
+      release: null,
       query: { range: '1h', tab: 'log' },
     })
     expect(parseRoute('#/robots?q=a%26b').query).toEqual({ q: 'a&b' })
@@ -19,14 +20,27 @@ describe('the address', () => {
       view: 'room',
       robot: null,
       experiment: null,
+      release: null,
       query: { robot: 'rover-1' },
     })
     expect(parseRoute('#/experiments/7?curves=success')).toEqual({
       view: 'experiments',
       robot: null,
       experiment: '7',
+      release: null,
       query: { curves: 'success' },
     })
+  })
+
+  it('names a release', () => {
+    expect(parseRoute('#/updates/9f2c1ab034d5e6f7')).toEqual({
+      view: 'updates',
+      robot: null,
+      experiment: null,
+      release: '9f2c1ab034d5e6f7',
+      query: {},
+    })
+    expect(parseRoute('#/updates').release).toBeNull()
   })
 
   it('is the home page whatever else stands there', () => {
@@ -43,6 +57,7 @@ describe('the address', () => {
       '#/robots/a%20b?range=1h',
       '#/robots?q=a%3Db&show=stale',
       '#/experiments/a%20b?curves=success',
+      '#/updates/9f2c1ab034d5e6f7',
     ]) {
       expect(formatRoute(parseRoute(hash))).toBe(hash)
     }
