@@ -88,6 +88,8 @@ pub(super) struct State {
     pub(super) parameters_due: bool,
     /// A cell that the broker was asked about.
     pub(super) asked: Option<Asked>,
+    /// Since when there is no place for a chunk of a release.
+    pub(super) occupied_since: Option<Instant>,
     /// The broker refused to send one.
     pub(super) no_cells: bool,
     pub(super) next_heartbeat: Instant,
@@ -106,6 +108,7 @@ impl State {
             told: None,
             parameters_due: true,
             asked: None,
+            occupied_since: None,
             no_cells: false,
             next_heartbeat: now,
             next_telemetry: now,

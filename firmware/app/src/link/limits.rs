@@ -16,6 +16,9 @@ pub const OPENED_WITHIN: Duration = Duration::from_secs(5);
 pub const SUBSCRIBED_WITHIN: Duration = Duration::from_secs(5);
 /// Longest time to write one packet.
 pub const WRITTEN_WITHIN: Duration = Duration::from_secs(5);
+/// Longest time that a chunk of a release which waits for its place keeps others from being received: many times what
+/// a flash takes to write one.
+pub const ROOM_WITHIN: Duration = Duration::from_secs(1);
 /// Longest time until a QoS 1 message is acknowledged.
 pub const ACKNOWLEDGED_WITHIN: Duration = Duration::from_secs(10);
 /// How long the broker keeps the session of a robot that is away.

@@ -9,6 +9,7 @@
 //! | subscriptions confirmed | [`SUBSCRIBED_WITHIN`] | back-off |
 //! | writing one packet, reading the rest of one | [`WRITTEN_WITHIN`] | link lost |
 //! | silence of the broker | ping after [`PING_AFTER`], lost after [`LOST_AFTER`] | link lost |
+//! | a place for a chunk of a release | [`ROOM_WITHIN`] | the chunks that come are dropped |
 //! | PUBACK | [`ACKNOWLEDGED_WITHIN`] | link lost: MQTT allows to send again only on a new connection |
 //!
 //! Whatever keeps the robot from its broker has a name ([`LinkTrouble`](crate::trouble::LinkTrouble)), a log record that waits
@@ -83,7 +84,7 @@ use flow::Flow;
 use images::{FromSlot, Images, NoImages};
 pub use limits::{
     ACKNOWLEDGED_WITHIN, HEARTBEAT_PERIOD, JOINED_WITHIN, KEEP_ALIVE, LOST_AFTER, OPENED_WITHIN,
-    PING_AFTER, SESSION_EXPIRY, SUBSCRIBED_WITHIN, WRITTEN_WITHIN,
+    PING_AFTER, ROOM_WITHIN, SESSION_EXPIRY, SUBSCRIBED_WITHIN, WRITTEN_WITHIN,
 };
 use loss::Loss;
 use packet::{BufferLender, MAX_PACKET, PacketBuffer};

@@ -3,7 +3,7 @@
 use core::convert::Infallible;
 use core::pin::pin;
 
-use crawler_hal::{Clock, Instant, LinkMonitor, with_deadline};
+use crawler_hal::{Clock, Elapsed, Instant, LinkMonitor, with_deadline};
 use crawler_protocol::{Level, TimeMessage, Topic};
 use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -14,7 +14,7 @@ use rust_mqtt::types::PacketIdentifier;
 
 use super::connection::Connection;
 use super::flow::MessageKind;
-use super::limits::{ACKNOWLEDGED_WITHIN, LOST_AFTER, PING_AFTER, SUBSCRIBED_WITHIN};
+use super::limits::{ACKNOWLEDGED_WITHIN, LOST_AFTER, PING_AFTER, ROOM_WITHIN, SUBSCRIBED_WITHIN};
 use super::loss::Loss;
 use crate::camera::Outcome;
 use crate::hold::Hold;
@@ -49,11 +49,12 @@ where
                 self.next_deadline()
             };
             self.packet.borrow_mut().discard();
+            let (clock, room_by) = (self.clock, self.room_by());
             // Only `poll_header` may be dropped half-way; what follows it runs to its end.
             let event = select4(
                 async {
                     // What comes waits until there is a place for it, and time goes on meanwhile.
-                    room(updates).await;
+                    let _: Result<(), Elapsed> = with_deadline(clock, room_by, room(updates)).await;
                     self.client.poll_header().await
                 },
                 robot.outbox.changed(),
@@ -70,6 +71,16 @@ where
                 Either4::Second(()) | Either4::Fourth(()) => {}
             }
         }
+    }
+
+    /// Until when what comes may wait for a place.
+    fn room_by(&mut self) -> Instant {
+        let now = self.clock.now();
+        if self.updates.has_room() {
+            self.state.occupied_since = None;
+            return now;
+        }
+        *self.state.occupied_since.get_or_insert(now) + ROOM_WITHIN
     }
 
     async fn receive(&mut self, header: FixedHeader) -> Result<(), Loss> {

@@ -1,7 +1,7 @@
 //! What link and update share: chunks and commands one way, reports the other.
 //!
-//! One chunk has a place, and the link takes nothing from the stream while it is occupied: the broker then
-//! waits, as TCP does it, and nothing gets lost. Of reports the newest of each kind is kept, since each says all
+//! One chunk has a place, and the link takes nothing from the stream while it is occupied, for a second at most: the
+//! broker then waits, as TCP does it, and nothing gets lost. Of reports the newest of each kind is kept, since each says all
 //! that an older one of its kind did.
 
 use core::cell::RefCell;
@@ -96,6 +96,8 @@ pub(crate) trait UpdatePort {
     fn exists(&self) -> bool;
     /// A message on that topic. What is wrong with it, if that is to be logged.
     fn arrived(&self, payload: &[u8]) -> Result<(), &'static str>;
+    /// Whether a chunk can be taken.
+    fn has_room(&self) -> bool;
     /// Ready when a chunk can be taken.
     fn poll_room(&self, context: &mut Context<'_>) -> Poll<()>;
     /// A session has begun.
@@ -124,6 +126,10 @@ impl UpdatePort for NoUpdates {
 
     fn arrived(&self, _: &[u8]) -> Result<(), &'static str> {
         Ok(())
+    }
+
+    fn has_room(&self) -> bool {
+        true
     }
 
     fn poll_room(&self, _: &mut Context<'_>) -> Poll<()> {
@@ -170,7 +176,8 @@ struct Inner {
     outcome: Option<Outcome>,
 }
 
-/// See the [module](self). A board keeps it in a static beside its [`Robot`](crate::Robot): 1.6 KB.
+/// What [`update()`](crate::update()) and the link share: chunks and words of the server one way, reports the other. A board
+/// keeps it in a static beside its [`Robot`](crate::Robot): 1.6 KB.
 pub struct Updates<M: RawMutex> {
     identity: UpdateIdentity,
     inner: Mutex<M, RefCell<Inner>>,
@@ -381,6 +388,10 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
         self.heard();
         self.arrived.signal(());
         Ok(())
+    }
+
+    fn has_room(&self) -> bool {
+        self.with(|inner| inner.waiting.is_none())
     }
 
     fn poll_room(&self, context: &mut Context<'_>) -> Poll<()> {
