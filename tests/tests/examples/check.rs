@@ -1,6 +1,6 @@
 //! A page, held against the program.
 
-use crawler_protocol::{Action, Command, Response, StatusMessage, Telemetry};
+use crawler_protocol::{Action, Command, Response, StatusMessage, Telemetry, UpdateCommand, open};
 use crawler_sim::scenario::Scenario;
 use crawler_sim_protocol::SimulatorCommand;
 use tempfile::TempDir;
@@ -117,7 +117,14 @@ fn check_json(text: &str) -> Result<(), String> {
             || SimulatorCommand::from_json(bytes).is_ok()
             || Response::from_json(bytes).is_ok()
             || Telemetry::from_json(bytes).is_ok()
-            || StatusMessage::from_json(bytes).is_ok();
+            || StatusMessage::from_json(bytes).is_ok()
+            || matches!(UpdateCommand::from_json(bytes), Ok(Some(_)))
+            || open::update(bytes).is_ok_and(|update| {
+                matches!(
+                    update,
+                    open::Update::Report(read) if read.unknown.is_none()
+                )
+            });
         if !known {
             return Err(format!("no message of the protocol: {value}"));
         }
