@@ -208,7 +208,12 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
     (
         "crawler-updates",
-        &["crawler-bundle", "crawler-protocol", "crawler-release"],
+        &[
+            "crawler-bundle",
+            "crawler-delta",
+            "crawler-protocol",
+            "crawler-release",
+        ],
     ),
     ("crawler-hil", &["crawler-image-format", "crawler-protocol"]),
     (
