@@ -2,6 +2,7 @@
 //! the console's.
 
 mod args;
+mod delta;
 pub(crate) mod table;
 
 use std::fs::File;
@@ -17,7 +18,7 @@ use crawler_updates::release::{
     Expected, FILE_MAX, SecretKey, SignFault, SignOptions, inspect, join, public_from_pem,
 };
 
-pub use args::{AddArgs, BundleArgs, ReleaseArgs, ReleaseTask, SignArgs, VerifyArgs};
+pub use args::{AddArgs, BundleArgs, DeltaArgs, ReleaseArgs, ReleaseTask, SignArgs, VerifyArgs};
 
 /// The files that `keygen` makes.
 const PRIVATE: &str = "release-key.pem";
@@ -35,6 +36,7 @@ pub fn run(args: &ReleaseArgs) -> Option<ExitCode> {
         ReleaseTask::Bundle(args) => bundle(args),
         ReleaseTask::Sign(args) => sign(args),
         ReleaseTask::Verify(args) => verify(args),
+        ReleaseTask::Delta(args) => delta::run(args),
         ReleaseTask::Add(_) => return None,
     };
     Some(done.unwrap_or_else(|text| {

@@ -109,6 +109,8 @@ fn releases_are_made_as_the_page_says() {
             let path = image_at.map(|at| folder.path().join(&words[at + 1]));
             if let Some(path) = path.filter(|path| !path.exists()) {
                 std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+                // Another name is another image, so that there is a delta between them.
+                image[1_000] = path.as_os_str().len() as u8;
                 std::fs::write(path, &image).expect("an image");
             }
             let output = programs::output(program(folder.path(), words));
@@ -116,7 +118,7 @@ fn releases_are_made_as_the_page_says() {
             done.push(words[1].clone());
         }
     }
-    let all = "keygen sign sign bundle sign verify verify add";
+    let all = "keygen sign sign bundle sign verify verify add sign delta";
     assert_eq!(done.join(" "), all);
 }
 

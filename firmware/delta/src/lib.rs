@@ -26,7 +26,7 @@
 //!
 //! [`Decoder`] neither reads the old image nor writes the new one. It is handed the patch in pieces of any
 //! length and says, [`Step`] by step, which bytes come next and which part of the old image is to be added to
-//! them ([`add`]), so that whoever owns the flash reads and writes it when it suits him.
+//! them ([`add`]), so that whoever owns the flash decides when it is read and written.
 //!
 //! ```
 //! use crawler_delta::{Decoder, Step, add};

@@ -1,11 +1,12 @@
 //! What `terracrawler release` takes.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Args, Subcommand};
 use crawler_bundle::{Defect, SIZE_DEFAULT, SIZE_MAX};
 use crawler_release::{Chip, Kind};
+use crawler_updates::delta::Side;
 
 use crate::config::{KeyFiles, Layer};
 use crate::console::{Place, date, moment};
@@ -40,6 +41,8 @@ pub enum ReleaseTask {
     Verify(VerifyArgs),
     /// Verifies a release and adds it to those of a server, on its machine; the server may run
     Add(AddArgs),
+    /// Makes a patch from the image of one release to that of another
+    Delta(DeltaArgs),
 }
 
 /// What `release bundle` takes.
@@ -167,6 +170,30 @@ impl AddArgs {
         Layer {
             release_key: self.release_key.clone(),
             ..self.place.layer()
+        }
+    }
+}
+
+/// What `release delta` takes.
+#[derive(Debug, Clone, Args)]
+pub struct DeltaArgs {
+    /// File with the release that a robot runs
+    #[arg(long, value_name = "FILE")]
+    pub from: PathBuf,
+    /// File with the release that it is to get
+    #[arg(long, value_name = "FILE")]
+    pub to: PathBuf,
+    /// File for the patch
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+impl DeltaArgs {
+    /// The file of one of both releases.
+    pub(super) fn file(&self, side: Side) -> &Path {
+        match side {
+            Side::From => &self.from,
+            Side::To => &self.to,
         }
     }
 }

@@ -249,6 +249,52 @@ fn what_no_robot_could_take_is_not_signed() {
 }
 
 #[test]
+fn a_delta_is_made_between_two_releases() {
+    let folder = Folder::new();
+    let sign = |image: &str, change: (&str, &str), out: &str| {
+        let sign = SIGN.replace("--image image", &format!("--image {image}"));
+        folder.ok(&format!("{} --out {out}", sign.replace(change.0, change.1)));
+    };
+    let mut image = folder.read("image");
+    sign("image", ("abc123", "old"), "old.release");
+    image[100_000] ^= 0x55;
+    image.splice(50_000..50_000, *b"something that was put in");
+    folder.write("next", &image);
+    sign("next", ("abc123", "new"), "new.release");
+    let delta = "delta --from old.release --to new.release --out patch";
+    let said = folder.ok(delta);
+    assert!(row(&said, "from").ends_with("old.release: build old, 150000 bytes"));
+    assert!(row(&said, "to").ends_with("new.release: build new, 150025 bytes"));
+    let patch = folder.read("patch");
+    assert!(patch.len() < 1_500, "{said}");
+    let expected = format!("patch: {} bytes, 0.", patch.len());
+    assert!(row(&said, "delta").contains(&expected), "{said}");
+    let old = folder.read("image");
+    let made = crawler_updates::delta::apply(&old, image.len() as u32, &patch);
+    assert!(made.as_ref() == Ok(&image));
+
+    // Nothing is written over, and nothing of no use is written.
+    assert!(folder.refused(delta).contains("patch exists already"));
+    folder.write("text", b"text");
+    sign(
+        "image",
+        ("--board xiao-c3", "--board mine"),
+        "other.release",
+    );
+    for (from, to, said) in [
+        ("old.release", "old.release", "the same build"),
+        ("old.release", "other.release", "the same board"),
+        ("text", "new.release", "text: not a release"),
+        ("old.release", "text", "text: not a release"),
+        ("missing", "new.release", "cannot read missing"),
+    ] {
+        let refused = folder.refused(&format!("delta --from {from} --to {to} --out none"));
+        assert!(refused.contains(said), "{refused}");
+    }
+    assert!(!folder.path("none").exists());
+}
+
+#[test]
 fn keys_are_not_lost_and_not_shown() {
     let folder = Folder::new();
     let mode = |name: &str| {

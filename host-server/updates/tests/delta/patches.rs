@@ -42,7 +42,7 @@ fn a_patch_is_no_larger_than_that_of_detools() {
 
 #[test]
 fn what_is_alike_takes_next_to_nothing() {
-    let image: Vec<u8> = (0..60_000_u32).map(|at| (at * at >> 7) as u8).collect();
+    let image: Vec<u8> = (0..60_000_u32).map(|at| ((at * at) >> 7) as u8).collect();
     assert!(check(&image, &image).len() < 320);
     assert_eq!(check(&image, &[]), [0x04, 0x00]);
     check(&[], &image);
