@@ -29,6 +29,7 @@ describe('what of the past is looked at', () => {
       view: 'history',
       robot: null,
       experiment: null,
+      release: null,
       query: queryOfWish(wish),
     })
     expect(hash).toBe(
