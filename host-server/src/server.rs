@@ -13,6 +13,7 @@ mod ingest;
 mod outcome_log;
 mod parts;
 mod robots;
+mod rollouts;
 #[cfg(test)]
 mod slow_disk_tests;
 mod start;

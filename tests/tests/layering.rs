@@ -92,6 +92,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-protocol",
             "crawler-records",
             "crawler-release",
+            "crawler-rollouts",
             "crawler-server-tls",
             "crawler-sim",
             "crawler-simulations",
@@ -165,6 +166,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-protocol",
             "crawler-records",
             "crawler-release",
+            "crawler-rollouts",
             "crawler-server-tls",
             "crawler-sim",
             "crawler-sim-protocol",
@@ -216,6 +218,17 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     ("crawler-hil", &["crawler-image-format", "crawler-protocol"]),
+    (
+        "crawler-rollouts",
+        &[
+            "crawler-metrics",
+            "crawler-protocol",
+            "crawler-records",
+            "crawler-release",
+            "crawler-system",
+            "crawler-updates",
+        ],
+    ),
     (
         "crawler-world-history",
         &["crawler-hal", "crawler-protocol", "crawler-sim"],

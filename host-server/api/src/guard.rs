@@ -279,7 +279,7 @@ impl<S: Send + Sync> FromRequest<S> for JsonBody {
             Ok(bytes) => Ok(Self(bytes)),
             Err(error) if error.status() == StatusCode::PAYLOAD_TOO_LARGE => Err(Problem::new(
                 Code::TooLarge,
-                "the body is larger than 4096 bytes",
+                "the body is larger than this call takes",
             )),
             Err(_) => Err(Problem::new(Code::BadRequest, "the body did not arrive")),
         }

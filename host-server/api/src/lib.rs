@@ -6,7 +6,7 @@
 //! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
 //! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
 //! each subject: `robots`, `images`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
-//! `mqtt`; `simulator`, `world`, `experiments`; `releases`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
+//! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
 //! `assets`.
 
 mod access;
@@ -33,6 +33,7 @@ mod query;
 mod rates;
 mod releases;
 mod robots;
+mod rollouts;
 mod schema;
 mod serve;
 mod session;
@@ -51,6 +52,7 @@ use axum::extract::DefaultBodyLimit;
 use axum::middleware;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::router::UtoipaMethodRouterExt as _;
 use utoipa_axum::routes;
 
 use access::Gate;
@@ -124,6 +126,17 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 .routes(routes!(releases::list, releases::add))
                 .routes(routes!(releases::one))
                 .routes(routes!(releases::withdraw))
+                .routes(
+                    routes!(rollouts::list, rollouts::start)
+                        .layer(DefaultBodyLimit::max(rollouts::MAX_PLAN)),
+                )
+                .routes(routes!(rollouts::one))
+                .routes(routes!(rollouts::robots))
+                .routes(routes!(rollouts::pause))
+                .routes(routes!(rollouts::resume))
+                .routes(routes!(rollouts::abort))
+                .routes(routes!(rollouts::retry))
+                .routes(routes!(rollouts::skip))
                 .routes(routes!(schema::one))
                 .routes(routes!(live::connect))
                 .routes(routes!(telemetry::history))

@@ -152,7 +152,9 @@ impl Problem {
                 Code::NotAcceptable,
                 "the answer would be in gzip or as it is, and `Accept-Encoding` takes neither",
             ),
-            StatusCode::PAYLOAD_TOO_LARGE => (Code::TooLarge, "the body is larger than 4096 bytes"),
+            StatusCode::PAYLOAD_TOO_LARGE => {
+                (Code::TooLarge, "the body is larger than this call takes")
+            }
             StatusCode::UNSUPPORTED_MEDIA_TYPE => (
                 Code::UnsupportedMediaType,
                 "the body must be application/json",

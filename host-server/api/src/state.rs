@@ -22,6 +22,7 @@ use crawler_history::HistoryStore;
 use crawler_metrics::Metrics;
 use crawler_records::audit_log::AuditLog;
 use crawler_release::PublicKey;
+use crawler_rollouts::Rollouts;
 use crawler_simulations::Simulation;
 use crawler_system::address::BrokerUrl;
 
@@ -47,6 +48,8 @@ pub struct Parts {
     pub history: HistoryStore,
     /// Scenarios on many seeds.
     pub experiments: Arc<Experiments>,
+    /// Updates on their way to robots.
+    pub rollouts: Arc<Rollouts>,
     /// Who is who.
     pub accounts: Arc<Accounts>,
     /// Who did what.
@@ -80,6 +83,7 @@ struct Shared {
     records: Records,
     history: HistoryStore,
     experiments: Arc<Experiments>,
+    rollouts: Arc<Rollouts>,
     accounts: Arc<Accounts>,
     audit: Audit,
     mqtt: BrokerUrl,
@@ -106,6 +110,7 @@ impl ApiState {
             records: parts.records,
             history: parts.history,
             experiments: parts.experiments,
+            rollouts: parts.rollouts,
             accounts: parts.accounts,
             audit,
             mqtt: parts.mqtt,
@@ -141,6 +146,7 @@ parts! {
     records: Records,
     history: HistoryStore,
     experiments: Arc<Experiments>,
+    rollouts: Arc<Rollouts>,
     accounts: Arc<Accounts>,
     audit: Audit,
     mqtt: BrokerUrl,

@@ -97,6 +97,13 @@ impl Target {
         self
     }
 
+    /// The same broker for a session of ours beside this one, which waits for nothing that this one sends.
+    #[must_use]
+    pub fn beside(mut self, what: &str) -> Self {
+        self.client_id = format!("{}-{what}", self.client_id);
+        self
+    }
+
     /// The options of a session that remembers nothing and takes packets of at most `max_packet` bytes.
     pub fn options(&self, max_packet: u32) -> MqttOptions {
         let mut options = MqttOptions::new(&self.client_id, &self.host, self.port);

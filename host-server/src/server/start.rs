@@ -19,6 +19,7 @@ use super::hub::Hub;
 use super::ingest::Ingest;
 use super::outcome_log::OutcomeLog;
 use super::parts::{PATIENCE, Parts, finish};
+use super::rollouts::FleetRobots;
 use super::storage::{OwnFiles, Storage};
 use super::{StartError, endpoints, world};
 use crate::addresses::Addresses;
@@ -28,9 +29,13 @@ use crawler_experiments::{self as experiments, Experiments, Tell};
 use crawler_fleet::bus::{self, Connection, Target};
 use crawler_fleet::enforcement::{self, Enforcer, Stops};
 use crawler_fleet::{Level, SharedFleet};
+use crawler_rollouts::Rollouts;
 use crawler_server_tls::Certificates;
 use crawler_simulations::{MAX_PACKET, Simulation};
 use crawler_system::data::Disk;
+
+/// Packets with what robots say about updates are shorter.
+const MAX_REPORT: u32 = 4_096;
 
 /// What is known of a server when all its parts run.
 pub(super) struct Started {
@@ -65,7 +70,9 @@ pub(super) async fn start(
     let owner = own.owner.clone();
     let (hub, lease) = Hub::open(settings, &storage, own, parts).await?;
     let told = serve_fleet(settings, &storage, &hub, link.broker.as_ref(), lease, parts).await?;
+    let session = link.session.0.clone();
     connect(&hub, told, link.session, parts)?;
+    let rollouts = roll_out(settings, &storage, &hub, &owner, &session, parts)?;
     simulate(settings, &storage, &hub, &link.inside, parts).await?;
     let tasks = TaskTracker::new();
     let experiments = experiment(settings, &storage, &hub, owner, &tasks, parts)?;
@@ -77,6 +84,7 @@ pub(super) async fn start(
         records: storage.records.clone(),
         history: storage.history,
         experiments,
+        rollouts,
         accounts: storage.accounts,
         audit: storage.audit,
         mqtt: link.mqtt.clone(),
@@ -187,6 +195,31 @@ fn connect(
     })
 }
 
+/// Carries rollouts out, over a session with the broker that is not the one of commands.
+fn roll_out(
+    settings: &Settings,
+    storage: &Storage,
+    hub: &Hub,
+    owner: &str,
+    session: &Target,
+    parts: &mut Parts,
+) -> Result<Arc<Rollouts>, StartError> {
+    let tell = tell_in(Arc::clone(&hub.fleet));
+    let (rollouts, runner) = Rollouts::new(crawler_rollouts::Parts {
+        records: storage.records.clone(),
+        server: owner.to_owned(),
+        fleet: settings.fleet.clone(),
+        robots: Arc::new(FleetRobots(Arc::clone(&hub.fleet))),
+        session: session.clone().beside("updates").options(MAX_REPORT),
+        tell,
+    })
+    .map_err(|_| StartError::Internal("a name of the server"))?;
+    let numbers = Arc::clone(&rollouts);
+    storage.metrics.read(move |out| numbers.write_metrics(out));
+    parts.task("the rollouts", |stop| runner.run(stop))?;
+    Ok(rollouts)
+}
+
 /// Sets up the simulated robots of this process, where it is to have some. They reach their broker at
 /// `inside`. The connection is served already, so their first words find a listener.
 async fn simulate(
@@ -237,7 +270,7 @@ fn experiment(
         owner,
         settings.experiment_threads,
         tasks.clone(),
-        tell_in(Arc::clone(&hub.fleet)),
+        tell_of_server(tell_in(Arc::clone(&hub.fleet))),
     ));
     let own = Arc::clone(&experiments);
     parts.task("the experiments", |stop| experiments::keep(own, stop))?;
@@ -275,15 +308,20 @@ fn leave_addresses(
     }
 }
 
-/// Tells those who watch `fleet` what becomes of experiments.
-fn tell_in(fleet: Arc<SharedFleet>) -> Tell {
-    Box::new(move |level, text| {
+/// As `tell` tells what is about no robot.
+fn tell_of_server(tell: crawler_rollouts::Tell) -> Tell {
+    Box::new(move |level, text| tell(level, None, text))
+}
+
+/// Tells those who watch `fleet` what becomes of experiments and rollouts.
+fn tell_in(fleet: Arc<SharedFleet>) -> crawler_rollouts::Tell {
+    Box::new(move |level, robot, text| {
         let level = match level {
             EventLevel::Info => Level::Info,
             EventLevel::Warn => Level::Warn,
             EventLevel::Error => Level::Error,
         };
-        fleet.lock().events.push(level, None, text);
+        fleet.lock().events.push(level, robot, text);
     })
 }
 

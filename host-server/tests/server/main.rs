@@ -28,6 +28,7 @@ mod outside;
 mod recorded;
 mod releases;
 mod roles;
+mod rollouts;
 mod sessions;
 mod sight;
 mod simulator;

@@ -1,0 +1,376 @@
+//! Rollouts: releases on their way to robots, in phases.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use crawler_protocol::RobotId;
+use crawler_records::RecordsError;
+use crawler_rollouts::{Action, NewPlan, Robot, RolloutError, RolloutView, Rollouts};
+use crawler_updates::rollout::{CommandError, UpdateState};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::{IntoParams, ToSchema};
+
+use super::access::Caller;
+use super::audit::Audit;
+use super::guard::JsonBody;
+use super::problem::{Code, Problem};
+use super::query::{self, ApiQuery, bad_query};
+
+/// Longest plan, in bytes: one whose groups name each robot of a large fleet.
+pub(super) const MAX_PLAN: usize = 512 * 1024;
+/// Rollouts of a page, and most of them.
+const PAGE: u32 = 20;
+const LARGEST_PAGE: u32 = 50;
+/// Robots of a page, and most of them.
+const ROBOTS: u32 = 200;
+const MOST_ROBOTS: u32 = 1_000;
+
+/// Which page of rollouts.
+#[derive(Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct ListQuery {
+    /// Only rollouts before this one
+    #[param(pattern = "^[0-9]{1,18}$")]
+    before: Option<String>,
+    /// How many at most, 1 to 50; 20 where it is left out
+    #[param(minimum = 1, maximum = 50)]
+    limit: Option<u32>,
+}
+
+/// Which page of robots.
+#[derive(Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct RobotsQuery {
+    /// Only robots behind this one, by name
+    after: Option<String>,
+    /// Only robots in this state
+    state: Option<String>,
+    /// How many at most, 1 to 1000; 200 where it is left out
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+}
+
+/// Rollouts.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Rollouts)]
+pub(super) struct RolloutList {
+    /// Newest first.
+    rollouts: Vec<RolloutView>,
+    /// What `before` has to be for the next page; null on the last one.
+    next: Option<String>,
+}
+
+/// Robots of a rollout.
+#[derive(Serialize, ToSchema)]
+#[schema(as = RolloutRobots)]
+pub(super) struct RobotList {
+    /// By name.
+    robots: Vec<Robot>,
+    /// What `after` has to be for the next page; null on the last one.
+    next: Option<String>,
+}
+
+/// What a rollout is to do. `docs/updates.md` has every field.
+#[derive(ToSchema)]
+#[schema(as = NewRollout)]
+#[allow(
+    dead_code,
+    reason = "it is read as a plan; this says what one looks like"
+)]
+pub(super) struct PlanSchema {
+    /// The releases, each an object with `release`, its id, and perhaps `kind`: at most one for each robot.
+    #[schema(value_type = Vec<Object>)]
+    releases: (),
+    /// The phases, first to last: who belongs to each, how long it is watched, when it has failed.
+    #[schema(value_type = Vec<Object>)]
+    phases: (),
+    /// How much at once.
+    #[schema(value_type = Option<Object>)]
+    limits: (),
+    /// When robots may be offered a release.
+    #[schema(value_type = Option<Object>)]
+    window: (),
+    /// What becomes of attempts that fail.
+    #[schema(value_type = Option<Object>)]
+    retries: (),
+    /// How long a robot may take.
+    #[schema(value_type = Option<Object>)]
+    timeouts: (),
+}
+
+fn unknown() -> Problem {
+    Problem::new(Code::UnknownRollout, "there is no rollout of that id")
+}
+
+/// The number that an id stands for.
+fn number(id: &str) -> Result<i64, Problem> {
+    let digits = !id.is_empty() && id.bytes().all(|byte| byte.is_ascii_digit());
+    id.parse().ok().filter(|_| digits).ok_or_else(unknown)
+}
+
+fn robot_id(text: &str) -> Result<RobotId, Problem> {
+    RobotId::new(text).map_err(|_| Problem::unknown_robot(text))
+}
+
+impl From<RolloutError> for Problem {
+    fn from(error: RolloutError) -> Self {
+        let text = error.to_string();
+        match error {
+            RolloutError::Unknown => unknown(),
+            RolloutError::Release(..)
+            | RolloutError::UnknownRelease(_)
+            | RolloutError::Plan(_)
+            | RolloutError::Start(_) => Self::new(Code::InvalidRollout, text),
+            RolloutError::Command(CommandError::UnknownRobot) => {
+                Self::new(Code::UnknownRobot, text)
+            }
+            RolloutError::Command(_) => Self::new(Code::WrongState, text),
+            RolloutError::Records(RecordsError::TooMany(_)) => Self::new(
+                Code::TooMany,
+                "there are as many rollouts at work as may be: abort one first",
+            ),
+            RolloutError::Records(error) => Self::records(&error),
+            RolloutError::Contended => Self::new(Code::Busy, text),
+            RolloutError::Stopping => Self::new(Code::Stopping, text),
+            _ => Self::internal("a rollout in the records cannot be read"),
+        }
+    }
+}
+
+/// Rollouts, newest first
+#[utoipa::path(get, path = "/rollouts", tag = "updates",
+    params(ListQuery),
+    responses(
+        (status = 200, description = "A page of them", body = RolloutList),
+        (status = 400, description = "The query is not valid")))]
+pub(super) async fn list(
+    State(rollouts): State<Arc<Rollouts>>,
+    ApiQuery(asked): ApiQuery<ListQuery>,
+) -> Result<Json<RolloutList>, Problem> {
+    let limit = query::page(asked.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
+    let before = match &asked.before {
+        Some(id) => Some(number(id).map_err(|_| bad_query("`before` must be an id"))?),
+        None => None,
+    };
+    let views = rollouts.list(before, limit).await?;
+    let full = views.len() == limit as usize;
+    let next = views.last().filter(|view| full && view.id != "1");
+    let next = next.map(|view| view.id.clone());
+    Ok(Json(RolloutList {
+        rollouts: views,
+        next,
+    }))
+}
+
+/// Begins a rollout
+///
+/// Releases are named by their ids; what is known of them is filled in. Robots that an earlier rollout has, and that
+/// this one is for, go over to it, but for those on trial.
+#[utoipa::path(post, path = "/rollouts", tag = "updates",
+    request_body = PlanSchema,
+    responses(
+        (status = 201, description = "It has begun", body = RolloutView),
+        (status = 400, description = "Not JSON"),
+        (status = 409, description = "There are as many at work as may be"),
+        (status = 422, description = "The plan cannot be carried out: `detail` says why"),
+        (status = 503, description = "The records are away")))]
+pub(super) async fn start(
+    State(rollouts): State<Arc<Rollouts>>,
+    State(audit): State<Audit>,
+    caller: Caller,
+    body: JsonBody,
+) -> Result<Response, Problem> {
+    let asked: Value = body.read()?;
+    let plan = NewPlan::deserialize(&asked);
+    // What is wrong names the field, and quotes nothing but names and numbers of a plan.
+    let plan = plan.map_err(|error| Problem::new(Code::InvalidRollout, error.to_string()))?;
+    let begun = rollouts.start(&caller.name(), plan).await;
+    let begun = begun.map_err(Problem::from);
+    let id = begun
+        .as_ref()
+        .map_or_else(|_| String::new(), i64::to_string);
+    audit
+        .write(&caller, "rollout.create", &id, asked, &begun)
+        .await;
+    let view = rollouts.one(begun?).await?;
+    Ok((StatusCode::CREATED, Json(view)).into_response())
+}
+
+/// One rollout: how far it is, in numbers and with its log
+#[utoipa::path(get, path = "/rollouts/{id}", tag = "updates",
+    params(("id" = String, Path, description = "Id of the rollout")),
+    responses(
+        (status = 200, description = "How far it is", body = RolloutView),
+        (status = 404, description = "There is none of that id")))]
+pub(super) async fn one(
+    State(rollouts): State<Arc<Rollouts>>,
+    Path(id): Path<String>,
+) -> Result<Json<RolloutView>, Problem> {
+    Ok(Json(rollouts.one(number(&id)?).await?))
+}
+
+/// Where the robots of a rollout stand, by name
+#[utoipa::path(get, path = "/rollouts/{id}/robots", tag = "updates",
+    params(("id" = String, Path, description = "Id of the rollout"), RobotsQuery),
+    responses(
+        (status = 200, description = "A page of them", body = RobotList),
+        (status = 400, description = "The query is not valid"),
+        (status = 404, description = "There is none of that id")))]
+pub(super) async fn robots(
+    State(rollouts): State<Arc<Rollouts>>,
+    Path(id): Path<String>,
+    ApiQuery(asked): ApiQuery<RobotsQuery>,
+) -> Result<Json<RobotList>, Problem> {
+    let limit = query::page(asked.limit.unwrap_or(ROBOTS), MOST_ROBOTS)?;
+    let after = asked.after.as_deref().map(RobotId::new).transpose();
+    let after = after.map_err(|_| bad_query("`after` must be the id of a robot"))?;
+    let named = |name: &str| {
+        let mut all = UpdateState::ALL.into_iter();
+        let found = all.find(|state| state.name() == name);
+        found.ok_or_else(|| bad_query("`state` must be the name of a state of a robot"))
+    };
+    let state = asked.state.as_deref().map(named).transpose()?;
+    let robots = rollouts.robots(number(&id)?, after.as_ref(), state, limit);
+    let robots = robots.await?;
+    let full = robots.len() == limit as usize;
+    let next = robots.last().filter(|_| full);
+    let next = next.map(|robot| robot.robot.to_string());
+    Ok(Json(RobotList { robots, next }))
+}
+
+async fn act(
+    rollouts: &Rollouts,
+    audit: &Audit,
+    caller: &Caller,
+    id: &str,
+    word: &'static str,
+    action: Action,
+) -> Result<Json<RolloutView>, Problem> {
+    let number = number(id)?;
+    let detail = match &action {
+        Action::Retry(robot) | Action::Skip(robot) => json!({ "robot": robot }),
+        Action::Pause | Action::Resume | Action::Abort => json!({}),
+    };
+    let done = rollouts.act(number, action).await.map_err(Problem::from);
+    audit.write(caller, word, id, detail, &done).await;
+    done?;
+    Ok(Json(rollouts.one(number).await?))
+}
+
+/// Pauses a rollout
+///
+/// Nothing more is offered. Robots that have not started the new program give it up, and go on later where they
+/// were; trials come to their end.
+#[utoipa::path(post, path = "/rollouts/{id}/pause", tag = "updates",
+    params(("id" = String, Path, description = "Id of the rollout")),
+    responses(
+        (status = 200, description = "It stands", body = RolloutView),
+        (status = 404, description = "There is none of that id"),
+        (status = 409, description = "It does not run")))]
+pub(super) async fn pause(
+    State(rollouts): State<Arc<Rollouts>>,
+    State(audit): State<Audit>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<RolloutView>, Problem> {
+    act(
+        &rollouts,
+        &audit,
+        &caller,
+        &id,
+        "rollout.pause",
+        Action::Pause,
+    )
+    .await
+}
+
+/// Has a rollout go on that was paused, or has stopped by itself
+#[utoipa::path(post, path = "/rollouts/{id}/resume", tag = "updates",
+    params(("id" = String, Path, description = "Id of the rollout")),
+    responses(
+        (status = 200, description = "It runs; failures that stopped it do not count any more",
+            body = RolloutView),
+        (status = 404, description = "There is none of that id"),
+        (status = 409, description = "It is not paused")))]
+pub(super) async fn resume(
+    State(rollouts): State<Arc<Rollouts>>,
+    State(audit): State<Audit>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<RolloutView>, Problem> {
+    act(
+        &rollouts,
+        &audit,
+        &caller,
+        &id,
+        "rollout.resume",
+        Action::Resume,
+    )
+    .await
+}
+
+/// Ends a rollout before its end; robots on trial come to the end of that
+#[utoipa::path(post, path = "/rollouts/{id}/abort", tag = "updates",
+    params(("id" = String, Path, description = "Id of the rollout")),
+    responses(
+        (status = 200, description = "It ends, or has ended", body = RolloutView),
+        (status = 404, description = "There is none of that id"),
+        (status = 409, description = "It is over")))]
+pub(super) async fn abort(
+    State(rollouts): State<Arc<Rollouts>>,
+    State(audit): State<Audit>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<RolloutView>, Problem> {
+    act(
+        &rollouts,
+        &audit,
+        &caller,
+        &id,
+        "rollout.abort",
+        Action::Abort,
+    )
+    .await
+}
+
+/// Offers the release to a robot again that has failed, was rolled back, or left out
+#[utoipa::path(post, path = "/rollouts/{id}/robots/{robot}/retry", tag = "updates",
+    params(("id" = String, Path, description = "Id of the rollout"),
+        ("robot" = String, Path, description = "Id of the robot")),
+    responses(
+        (status = 200, description = "It waits for its turn", body = RolloutView),
+        (status = 404, description = "There is no such rollout, or no such robot in it"),
+        (status = 409, description = "There is nothing to try again")))]
+pub(super) async fn retry(
+    State(rollouts): State<Arc<Rollouts>>,
+    State(audit): State<Audit>,
+    caller: Caller,
+    Path((id, robot)): Path<(String, String)>,
+) -> Result<Json<RolloutView>, Problem> {
+    let action = Action::Retry(robot_id(&robot)?);
+    act(&rollouts, &audit, &caller, &id, "rollout.retry", action).await
+}
+
+/// Leaves a robot out of a rollout
+#[utoipa::path(post, path = "/rollouts/{id}/robots/{robot}/skip", tag = "updates",
+    params(("id" = String, Path, description = "Id of the rollout"),
+        ("robot" = String, Path, description = "Id of the robot")),
+    responses(
+        (status = 200, description = "It is left out", body = RolloutView),
+        (status = 404, description = "There is no such rollout, or no such robot in it"),
+        (status = 409, description = "It has come to its end, or runs the new program on trial")))]
+pub(super) async fn skip(
+    State(rollouts): State<Arc<Rollouts>>,
+    State(audit): State<Audit>,
+    caller: Caller,
+    Path((id, robot)): Path<(String, String)>,
+) -> Result<Json<RolloutView>, Problem> {
+    let action = Action::Skip(robot_id(&robot)?);
+    act(&rollouts, &audit, &caller, &id, "rollout.skip", action).await
+}

@@ -1,0 +1,175 @@
+//! The rollouts of this server.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use crawler_protocol::{ReleaseId, RobotId};
+use crawler_release::chunk::{CHUNK_MAX, Chunk};
+use crawler_updates::rollout::{Effect, Grant, Message, Now, Rollout, UpdateState};
+
+use crate::image::Blob;
+use crate::pulls::Pull;
+
+/// A rollout that belongs to this server.
+pub(crate) struct Active {
+    pub(crate) rollout: Rollout,
+    /// Under which it is written.
+    pub(crate) epoch: u64,
+    /// Of each release of its plan; `None` where it is not to be had any more.
+    pub(crate) blobs: Vec<Option<Arc<Blob>>>,
+    /// Since when it is over.
+    pub(crate) over_since: Option<Instant>,
+}
+
+impl Active {
+    /// What robots are owed, whatever was sent to them before.
+    pub(crate) fn owed(&self) -> Vec<Effect> {
+        let owed = self.rollout.rows().filter_map(|row| {
+            let message = match row.state {
+                _ if row.recalled => Message::Cancel,
+                UpdateState::Offered => Message::Offer,
+                UpdateState::Trial => Message::Confirm,
+                _ => return None,
+            };
+            let release = usize::from(row.release?);
+            let release = self.rollout.document().plan.releases.get(release)?;
+            Some(Effect {
+                epoch: self.epoch,
+                robot: row.robot.clone(),
+                release: release.release.clone(),
+                message,
+            })
+        });
+        owed.collect()
+    }
+
+    /// Whether a robot has still to hear that it is to give up.
+    pub(crate) fn has_recalled(&self) -> bool {
+        self.rollout.rows().any(|row| row.recalled)
+    }
+
+    /// The release of this rollout that is for a robot, if it has that tag.
+    fn pull(&self, robot: &RobotId, tag: u32) -> Option<u8> {
+        let row = self.rollout.row(robot)?;
+        let release = row.release?;
+        let blob = self.blobs.get(usize::from(release))?.as_ref()?;
+        (row.state.may_receive() && blob.id.tag() == tag).then_some(release)
+    }
+}
+
+/// What comes of asking for a chunk.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Asked {
+    /// It may go out.
+    Chunk(Vec<u8>),
+    /// In so many milliseconds.
+    Later(u64),
+    /// There is no such chunk; others there may be.
+    NoSuch,
+    /// The robot gets none.
+    Never,
+}
+
+/// The rollouts of this server, by number.
+#[derive(Default)]
+pub(crate) struct Board(BTreeMap<i64, Active>);
+
+impl Board {
+    pub(crate) fn get(&self, id: i64) -> Option<&Active> {
+        self.0.get(&id)
+    }
+
+    pub(crate) fn get_mut(&mut self, id: i64) -> Option<&mut Active> {
+        self.0.get_mut(&id)
+    }
+
+    pub(crate) fn insert(&mut self, id: i64, active: Active) {
+        self.0.insert(id, active);
+    }
+
+    pub(crate) fn remove(&mut self, id: i64) {
+        self.0.remove(&id);
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Its numbers, the newest first.
+    pub(crate) fn ids(&self) -> Vec<i64> {
+        self.0.keys().rev().copied().collect()
+    }
+
+    /// All of them.
+    pub(crate) fn all(&self) -> impl Iterator<Item = (i64, &Active)> {
+        self.0.iter().map(|(id, active)| (*id, active))
+    }
+
+    /// Whether a newer rollout than `id` serves a robot.
+    pub(crate) fn newer_has(&self, id: i64, robot: &RobotId) -> bool {
+        let mut newer = self.0.range(id + 1..);
+        newer.any(|(_, one)| {
+            let row = one.rollout.row(robot);
+            !one.rollout.document().state.is_over() && row.is_some_and(|row| row.phase.is_some())
+        })
+    }
+
+    /// Which rollout, and which of its releases, a robot may ask chunks of that carry this tag.
+    pub(crate) fn source(&self, robot: &RobotId, tag: u32) -> Option<(i64, u8)> {
+        let mut newest_first = self.0.iter().rev();
+        newest_first.find_map(|(id, one)| Some((*id, one.pull(robot, tag)?)))
+    }
+
+    /// The rollouts in which a robot was told of this release.
+    pub(crate) fn with_release(&self, robot: &RobotId, release: ReleaseId) -> Vec<i64> {
+        let text = release.text();
+        let found = self.0.iter().filter(|(_, one)| {
+            let own = one.rollout.row(robot).and_then(|row| row.release);
+            let own = own.and_then(|at| {
+                let releases = &one.rollout.document().plan.releases;
+                releases.get(usize::from(at))
+            });
+            own.is_some_and(|own| own.release.as_str() == text.as_str())
+        });
+        found.map(|(id, _)| *id).collect()
+    }
+
+    /// Takes leave to send a chunk.
+    pub(crate) fn chunk(&mut self, robot: &RobotId, pull: Pull, index: u32, now: Now) -> Asked {
+        let Some(one) = self.0.get_mut(&pull.rollout) else {
+            return Asked::Never;
+        };
+        if one.pull(robot, pull.tag) != Some(pull.release) {
+            return Asked::Never;
+        }
+        let at = usize::from(pull.release);
+        let (Some(Some(blob)), Some(planned)) = (
+            one.blobs.get(at),
+            one.rollout.document().plan.releases.get(at),
+        ) else {
+            return Asked::Never;
+        };
+        let Some(payload) = blob.payload(pull.part, index) else {
+            return Asked::NoSuch;
+        };
+        let chunk = Chunk {
+            part: pull.part,
+            tag: pull.tag,
+            index,
+            payload,
+        };
+        let mut bytes = vec![0; CHUNK_MAX];
+        let Ok(length) = chunk.encode(&mut bytes) else {
+            return Asked::NoSuch;
+        };
+        bytes.truncate(length);
+        let size = payload.len() as u32;
+        let release = planned.release.clone();
+        match one.rollout.take(robot, &release, size, now) {
+            Grant::Now => Asked::Chunk(bytes),
+            Grant::In(wait) => Asked::Later(wait),
+            Grant::No => Asked::Never,
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! What people want of rollouts.
+
+use std::fmt;
+
+use crawler_protocol::RobotId;
+use crawler_records::RecordsError;
+use crawler_updates::rollout::{Command, CommandError, PlanError, ReleaseId, StartError};
+use tokio::sync::oneshot;
+
+use crate::Rollouts;
+use crate::plan::NewPlan;
+
+/// What can be done with a rollout.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[allow(clippy::exhaustive_enums)] // the API has a call for each
+pub enum Action {
+    /// Offer nothing more for now.
+    Pause,
+    /// Go on.
+    Resume,
+    /// End it.
+    Abort,
+    /// Offer it to a robot again.
+    Retry(RobotId),
+    /// Leave a robot out.
+    Skip(RobotId),
+}
+
+impl Action {
+    pub(crate) fn command(&self) -> Command {
+        match self {
+            Self::Pause => Command::Pause,
+            Self::Resume => Command::Resume,
+            Self::Abort => Command::Abort,
+            Self::Retry(robot) => Command::Retry(robot.clone()),
+            Self::Skip(robot) => Command::Skip(robot.clone()),
+        }
+    }
+}
+
+/// Why something cannot be done with a rollout.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum RolloutError {
+    /// There is none of that number.
+    Unknown,
+    /// There is no release of that id.
+    UnknownRelease(ReleaseId),
+    /// A release cannot be rolled out, and why.
+    Release(ReleaseId, &'static str),
+    /// The plan cannot be carried out.
+    Plan(PlanError),
+    /// The plan is for nobody, or for too many.
+    Start(StartError),
+    /// It makes no sense as things are.
+    Command(CommandError),
+    /// The records refuse.
+    Records(RecordsError),
+    /// What is kept of it cannot be read.
+    Damaged(String),
+    /// Other servers are asked to do something with it all the time.
+    Contended,
+    /// The server is about to stop.
+    Stopping,
+}
+
+impl fmt::Display for RolloutError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unknown => f.write_str("there is no rollout of that id"),
+            Self::UnknownRelease(id) => write!(f, "there is no release {id}"),
+            Self::Release(id, why) => write!(f, "release {id} cannot be rolled out: {why}"),
+            Self::Plan(error) => error.fmt(f),
+            Self::Start(error) => error.fmt(f),
+            Self::Command(error) => error.fmt(f),
+            Self::Records(error) => error.fmt(f),
+            Self::Damaged(why) => write!(f, "the rollout cannot be read: {why}"),
+            Self::Contended => f.write_str("other servers take the rollout all the time"),
+            Self::Stopping => f.write_str("the server is about to stop"),
+        }
+    }
+}
+
+impl std::error::Error for RolloutError {}
+
+impl From<RecordsError> for RolloutError {
+    fn from(error: RecordsError) -> Self {
+        Self::Records(error)
+    }
+}
+
+/// Something that a person waits for.
+pub(crate) enum Request {
+    Start {
+        by: String,
+        plan: NewPlan,
+        answer: oneshot::Sender<Result<i64, RolloutError>>,
+    },
+    Act {
+        id: i64,
+        action: Action,
+        answer: oneshot::Sender<Result<(), RolloutError>>,
+    },
+}
+
+impl Rollouts {
+    /// Begins a rollout on this server, and returns its number once it is on disk.
+    ///
+    /// # Errors
+    /// [`RolloutError`].
+    ///
+    /// # Cancellation safety
+    /// It may begin all the same.
+    pub async fn start(&self, by: &str, plan: NewPlan) -> Result<i64, RolloutError> {
+        let (answer, answered) = oneshot::channel();
+        let by = by.to_owned();
+        self.ask(Request::Start { by, plan, answer }, answered)
+            .await
+    }
+
+    /// Does something with a rollout, and returns once that is on disk. Another server that has it loses it to this
+    /// one.
+    ///
+    /// # Errors
+    /// [`RolloutError`].
+    ///
+    /// # Cancellation safety
+    /// It may be done all the same.
+    pub async fn act(&self, id: i64, action: Action) -> Result<(), RolloutError> {
+        let (answer, answered) = oneshot::channel();
+        self.ask(Request::Act { id, action, answer }, answered)
+            .await
+    }
+
+    async fn ask<T>(
+        &self,
+        request: Request,
+        answered: oneshot::Receiver<Result<T, RolloutError>>,
+    ) -> Result<T, RolloutError> {
+        let stopping = || RolloutError::Stopping;
+        let asked = self.requests.send(request).await;
+        asked.map_err(|_| stopping())?;
+        answered.await.map_err(|_| stopping())?
+    }
+}

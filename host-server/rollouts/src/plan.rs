@@ -1,0 +1,125 @@
+//! What people ask for: a plan that names releases by their ids alone.
+
+use std::collections::BTreeMap;
+
+use crawler_protocol::Kind;
+use crawler_records::{KeptRelease, MAX_ROLLOUTS, Records, RecordsError};
+use crawler_updates::rollout::{
+    BoardName, BuildId, Document, Limits, Phase, Plan, PlannedRelease, ReleaseId, Retries,
+    Timeouts, Version, Window,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::control::RolloutError;
+
+/// A release that is asked for.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Asked {
+    /// Its id.
+    pub release: ReleaseId,
+    /// The kind of robot that gets it; all on its board without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<Kind>,
+}
+
+/// A [`Plan`], with releases that the server has. What is known of those is filled in.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NewPlan {
+    /// The releases.
+    pub releases: Vec<Asked>,
+    /// As [`Plan::phases`].
+    pub phases: Vec<Phase>,
+    /// As [`Plan::limits`].
+    #[serde(default)]
+    pub limits: Limits,
+    /// As [`Plan::window`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub window: Option<Window>,
+    /// As [`Plan::retries`].
+    #[serde(default)]
+    pub retries: Retries,
+    /// As [`Plan::timeouts`].
+    #[serde(default)]
+    pub timeouts: Timeouts,
+}
+
+impl NewPlan {
+    /// The plan, checked.
+    pub(crate) async fn resolve(
+        self,
+        records: &Records,
+        now_ms: u64,
+    ) -> Result<Plan, RolloutError> {
+        let mut releases = Vec::with_capacity(self.releases.len());
+        for asked in self.releases {
+            let kept = records.release(asked.release.as_str()).await?;
+            releases.push(planned(asked, kept, now_ms)?);
+        }
+        let plan = Plan {
+            releases,
+            phases: self.phases,
+            limits: self.limits,
+            window: self.window,
+            retries: self.retries,
+            timeouts: self.timeouts,
+        };
+        plan.check().map_err(RolloutError::Plan)?;
+        let newest = newest(records, &plan).await?;
+        plan.check_sequences(&newest).map_err(RolloutError::Plan)?;
+        Ok(plan)
+    }
+}
+
+fn planned(
+    asked: Asked,
+    kept: Option<KeptRelease>,
+    now_ms: u64,
+) -> Result<PlannedRelease, RolloutError> {
+    let Some(kept) = kept else {
+        return Err(RolloutError::UnknownRelease(asked.release));
+    };
+    let refused = |why| RolloutError::Release(asked.release.clone(), why);
+    if kept.withdrawn.is_some() {
+        return Err(refused("it was withdrawn"));
+    }
+    if kept.kind != "program" {
+        return Err(refused("it is no program"));
+    }
+    let now_s = i64::try_from(now_ms / 1_000).unwrap_or(i64::MAX);
+    if kept.expires.is_some_and(|expires| expires <= now_s) {
+        return Err(refused("it has expired: robots refuse it"));
+    }
+    let unnamed =
+        |_| RolloutError::Release(asked.release.clone(), "it has a name that none can be");
+    Ok(PlannedRelease {
+        board: BoardName::new(&kept.board).map_err(unnamed)?,
+        build: BuildId::new(&kept.build).map_err(unnamed)?,
+        version: Version::new(&kept.version).map_err(unnamed)?,
+        release: asked.release,
+        kind: asked.kind,
+        sequence: kept.sequence.into(),
+        bytes: kept.size,
+    })
+}
+
+/// The highest sequence for each board of the releases that were rolled out before, but for those of the plan: the
+/// same release may go to more robots.
+async fn newest(records: &Records, plan: &Plan) -> Result<BTreeMap<BoardName, u64>, RecordsError> {
+    let mut newest = BTreeMap::new();
+    for kept in records.rollouts(None, MAX_ROLLOUTS as u32).await? {
+        // One that cannot be read says nothing.
+        let Ok(document) = serde_json::from_str::<Document>(&kept.document) else {
+            continue;
+        };
+        for one in document.plan.releases {
+            if plan.releases.iter().any(|own| own.release == one.release) {
+                continue;
+            }
+            let sequence = newest.entry(one.board).or_insert(0);
+            *sequence = one.sequence.max(*sequence);
+        }
+    }
+    Ok(newest)
+}

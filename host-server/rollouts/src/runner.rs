@@ -1,0 +1,562 @@
+//! Carries rollouts out: the one task that changes them, and stores what comes of it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use crawler_protocol::{ReleaseId, RobotId, Topic, UpdateCommand};
+use crawler_records::{NewRollout, RecordsError, RolloutStep, Written};
+use crawler_updates::rollout::{
+    Command, CommandError, Effect, Event, Message, Owner, Rollout, RolloutId, Step,
+};
+use rumqttc::v5::MqttOptions;
+use rumqttc::v5::mqttbytes::QoS;
+use rumqttc::v5::mqttbytes::v5::PublishProperties;
+use tokio::sync::{mpsc, watch};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::AbortOnDropHandle;
+
+use crate::board::Active;
+use crate::control::{Action, Request, RolloutError};
+use crate::image::Blob;
+use crate::lease::{BEAT_MS, Watched};
+use crate::link::{self, Heard};
+use crate::plan::NewPlan;
+use crate::robots::Known;
+use crate::{Rollouts, sender, step};
+
+/// How often to look at robots and at what is due.
+const LOOK: Duration = Duration::from_millis(250);
+/// Before something is stored that the records did not take.
+const AGAIN: Duration = Duration::from_secs(1);
+/// Messages of robots that wait, and of those that become one step.
+const HEARD: usize = 8_192;
+const AT_ONCE: usize = 512;
+/// For a message to be handed to the connection.
+const SEND: Duration = Duration::from_secs(1);
+/// What a broker could not hand on for so long is sent again, in seconds.
+const EXPIRY: u32 = 15;
+/// How often something is tried that another server came before with.
+const TRIES: usize = 3;
+/// How long robots that are to give up are waited for when a rollout is over.
+const FAREWELL: Duration = Duration::from_mins(10);
+
+/// What carries rollouts out.
+pub struct Runner {
+    rollouts: Arc<Rollouts>,
+    session: MqttOptions,
+    requests: mpsc::Receiver<Request>,
+    known: Known,
+    watched: Watched,
+    beat_ms: Option<u64>,
+    /// Rollouts that cannot be read, which was said.
+    damaged: BTreeSet<i64>,
+    stop: CancellationToken,
+}
+
+/// The records did not take a step.
+enum NotStored {
+    /// The rollout is another server's.
+    Lost,
+    Records(RecordsError),
+}
+
+impl Runner {
+    pub(crate) fn new(
+        rollouts: Arc<Rollouts>,
+        session: MqttOptions,
+        requests: mpsc::Receiver<Request>,
+    ) -> Self {
+        Self {
+            rollouts,
+            session,
+            requests,
+            known: Known::default(),
+            watched: Watched::default(),
+            beat_ms: None,
+            damaged: BTreeSet::new(),
+            stop: CancellationToken::new(),
+        }
+    }
+
+    /// Carries rollouts out until `stop`: those that begin here, those that were this server's when it was killed,
+    /// and those of servers that are gone.
+    pub async fn run(mut self, stop: CancellationToken) {
+        self.stop = stop.clone();
+        let (wanted, watch) = watch::channel(false);
+        let (tell, mut heard) = mpsc::channel(HEARD);
+        let link = link::keep(
+            Arc::clone(&self.rollouts),
+            self.session.clone(),
+            watch,
+            tell,
+            stop.clone(),
+        );
+        let link = AbortOnDropHandle::new(tokio::spawn(link));
+        let sender = sender::run(Arc::clone(&self.rollouts), stop.clone());
+        let _sender = AbortOnDropHandle::new(tokio::spawn(sender));
+        let mut look = tokio::time::interval(LOOK);
+        look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                biased;
+                () = stop.cancelled() => break,
+                Some(request) = self.requests.recv() => self.serve(request).await,
+                _ = look.tick() => self.look().await,
+                Some(first) = heard.recv() => {
+                    let mut all = vec![first];
+                    while all.len() < AT_ONCE && let Ok(more) = heard.try_recv() {
+                        all.push(more);
+                    }
+                    self.hear(all).await;
+                }
+            }
+            let any = !self.rollouts.board().is_empty();
+            wanted.send_if_modified(|wanted| std::mem::replace(wanted, any) != any);
+        }
+        self.requests.close();
+        if let Err(error) = link.await {
+            tracing::warn!(%error, "the session over which robots are updated did not end in order");
+        }
+    }
+
+    /// What is due by the clock.
+    async fn look(&mut self) {
+        let now = self.rollouts.now();
+        let beat = self
+            .beat_ms
+            .is_none_or(|at| now.monotonic_ms >= at + BEAT_MS);
+        if beat {
+            self.beat_ms = Some(now.monotonic_ms);
+            self.renew().await;
+            self.take_over_what_is_left().await;
+        }
+        if self.rollouts.board().is_empty() {
+            return;
+        }
+        self.see().await;
+        for id in self.ids() {
+            self.apply(id, vec![Event::Tick]).await;
+            let ended = |one: &Active| {
+                let since = one.over_since;
+                since.is_some_and(|at| !one.has_recalled() || at.elapsed() >= FAREWELL)
+            };
+            let mut board = self.rollouts.board();
+            if board.get(id).is_some_and(ended) {
+                board.remove(id);
+            }
+        }
+    }
+
+    fn ids(&self) -> Vec<i64> {
+        self.rollouts.board().ids()
+    }
+
+    /// Says that this server lives, and forgets what is another's by now.
+    async fn renew(&self) {
+        let own: Vec<(i64, u64)> = {
+            let board = self.rollouts.board();
+            board.all().map(|(id, one)| (id, one.epoch)).collect()
+        };
+        if own.is_empty() {
+            return;
+        }
+        match self.rollouts.records.renew_rollouts(own).await {
+            Ok(lost) => lost.into_iter().for_each(|id| self.lose(id)),
+            Err(error) => {
+                tracing::warn!(%error, "that this server carries out rollouts is not told");
+            }
+        }
+    }
+
+    /// Takes over rollouts that were this server's, or whose server is gone.
+    async fn take_over_what_is_left(&mut self) {
+        let leases = match self.rollouts.records.rollout_leases().await {
+            Ok(leases) => leases,
+            Err(error) => {
+                tracing::debug!(%error, "whose rollouts are whose cannot be read");
+                return;
+            }
+        };
+        let own = self.rollouts.server.clone();
+        let now = self.rollouts.now();
+        let here = self.ids();
+        let has = |id| here.contains(&id);
+        let left = self
+            .watched
+            .look(leases, has, own.as_str(), now.monotonic_ms);
+        for lease in left {
+            if self.damaged.contains(&lease.id) {
+                continue;
+            }
+            match self.take_over(lease.id, lease.epoch).await {
+                Ok(true) => tracing::info!(rollout = lease.id, "goes on here"),
+                Ok(false) => {}
+                Err(error) => tracing::error!(rollout = lease.id, %error, "cannot be carried out"),
+            }
+        }
+    }
+
+    /// Makes a rollout this server's. False when somebody was faster, or it is over.
+    async fn take_over(&mut self, id: i64, epoch: u64) -> Result<bool, RolloutError> {
+        let server = &self.rollouts.server;
+        let records = &self.rollouts.records;
+        let Some(taken) = records.take_rollout(id, epoch, server.as_str()).await? else {
+            return Ok(false);
+        };
+        let epoch = taken.rollout.epoch;
+        let read = self.rollouts.read(&taken.rollout.document, &taken.robots);
+        let (mut rollout, mut step) = match read {
+            Ok(read) => read,
+            Err(error) => {
+                self.damaged.insert(id);
+                return Err(error);
+            }
+        };
+        let owner = Owner {
+            server: server.clone(),
+            epoch,
+        };
+        // What it sends again comes once more with the step that follows.
+        step.effects.clear();
+        match rollout.take_over(owner, self.rollouts.now()) {
+            Ok(taken) => step::merge(&mut step, taken),
+            Err(error) => return Err(RolloutError::Damaged(error.to_string())),
+        }
+        let mut blobs = Vec::new();
+        for release in &rollout.document().plan.releases {
+            let blob = Blob::load(records, release).await?;
+            if blob.is_none() {
+                tracing::error!(rollout = id, release = %release.release, "its image is gone");
+            }
+            blobs.push(blob);
+        }
+        let active = Active {
+            rollout,
+            epoch,
+            blobs,
+            over_since: None,
+        };
+        self.rollouts.board().insert(id, active);
+        self.commit(id, step).await;
+        let seen = self.known.all().into_iter().map(Event::Seen).collect();
+        self.apply(id, seen).await;
+        Ok(true)
+    }
+
+    /// A rollout is another server's now.
+    fn lose(&self, id: i64) {
+        tracing::info!(rollout = id, "is carried out by another server now");
+        self.rollouts.board().remove(id);
+    }
+
+    /// Looks at the robots, and tells the rollouts what has changed.
+    async fn see(&mut self) {
+        let changes = self.known.changes(self.rollouts.robots.as_ref());
+        if changes.is_empty() {
+            return;
+        }
+        for id in self.ids() {
+            let events: Vec<Event> = {
+                let board = self.rollouts.board();
+                let Some(one) = board.get(id) else { continue };
+                // A robot that is new to the fleet belongs to the newest rollout that takes it.
+                let concerned = changes.iter().filter(|seen| {
+                    one.rollout.row(&seen.robot).is_some() || !board.newer_has(id, &seen.robot)
+                });
+                concerned.cloned().map(Event::Seen).collect()
+            };
+            self.apply(id, events).await;
+        }
+    }
+
+    /// What robots have said, and that the session stands.
+    async fn hear(&mut self, all: Vec<Heard>) {
+        let mut events: BTreeMap<i64, Vec<Event>> = BTreeMap::new();
+        let mut connected = false;
+        for heard in all {
+            let (robot, release, told) = match heard {
+                Heard::Connected => {
+                    connected = true;
+                    continue;
+                }
+                Heard::Report(robot, release, told) => (robot, release, told),
+            };
+            let concerned = self.rollouts.board().with_release(&robot, release);
+            let report = told.with(|| self.known.build(&robot));
+            let name = crawler_updates::rollout::ReleaseId::new(&release.text());
+            let (Some(report), Ok(release), false) = (report, name, concerned.is_empty()) else {
+                self.rollouts.numbers.ignored();
+                continue;
+            };
+            for id in concerned {
+                events.entry(id).or_default().push(Event::Told {
+                    robot: robot.clone(),
+                    release: release.clone(),
+                    report: report.clone(),
+                });
+            }
+        }
+        for (id, events) in events {
+            self.apply(id, events).await;
+        }
+        if connected {
+            let owed: Vec<Effect> = {
+                let board = self.rollouts.board();
+                board.all().flat_map(|(_, one)| one.owed()).collect()
+            };
+            self.send(owed).await;
+        }
+    }
+
+    /// Has a rollout take in what has happened, and stores what comes of it.
+    async fn apply(&mut self, id: i64, events: Vec<Event>) {
+        let mut step = Step::default();
+        {
+            let mut board = self.rollouts.board();
+            let Some(one) = board.get_mut(id) else { return };
+            let now = self.rollouts.now();
+            for event in events {
+                step::merge(&mut step, one.rollout.handle(event, now));
+            }
+        }
+        self.commit(id, step).await;
+    }
+
+    /// Stores a step, for as long as that takes, and then sends what it sends.
+    async fn commit(&mut self, id: i64, step: Step) {
+        let mut said = false;
+        loop {
+            match self.store(id, &step).await {
+                Ok(()) => return self.follow(id, step).await,
+                Err(NotStored::Lost) => return self.lose(id),
+                Err(NotStored::Records(error)) => {
+                    self.rollouts.numbers.store_failed();
+                    if !std::mem::replace(&mut said, true) {
+                        tracing::error!(rollout = id, %error, "waits: what it does cannot be stored");
+                    }
+                }
+            }
+            tokio::select! {
+                () = self.stop.cancelled() => return,
+                () = tokio::time::sleep(AGAIN) => {}
+            }
+        }
+    }
+
+    /// Stores a step.
+    async fn store(&self, id: i64, step: &Step) -> Result<(), NotStored> {
+        if step::is_empty(step) {
+            return Ok(());
+        }
+        let epoch = self.rollouts.board().get(id).map(|one| one.epoch);
+        let epoch = epoch.ok_or(NotStored::Lost)?;
+        let stored = self.to_records(id, step).map_err(NotStored::Records)?;
+        let written = self.rollouts.records.write_rollout(id, epoch, stored).await;
+        match written.map_err(NotStored::Records)? {
+            Written::Stored => Ok(()),
+            Written::Lost => Err(NotStored::Lost),
+        }
+    }
+
+    fn to_records(&self, id: i64, step: &Step) -> Result<RolloutStep, RecordsError> {
+        let at = i64::try_from(self.rollouts.now().unix_ms).unwrap_or(i64::MAX);
+        step::to_records(id, step, at)
+            .map_err(|_| RecordsError::Invalid("a rollout cannot be written as JSON"))
+    }
+
+    /// What follows when a step is stored.
+    async fn follow(&mut self, id: i64, step: Step) {
+        for (level, robot, text) in step::events(id, &step.notes) {
+            (self.rollouts.tell)(level, robot, text);
+        }
+        let effects = {
+            let mut board = self.rollouts.board();
+            let Some(one) = board.get_mut(id) else { return };
+            if one.rollout.document().state.is_over() {
+                one.over_since.get_or_insert_with(Instant::now);
+            }
+            let accepted = step.effects.into_iter();
+            accepted
+                .filter(|effect| one.rollout.accepts(effect.epoch))
+                .collect()
+        };
+        self.send(effects).await;
+    }
+
+    /// Sends messages. What the connection does not take is sent again when it stands, or is due.
+    async fn send(&self, effects: Vec<Effect>) {
+        let Some(client) = self.rollouts.client() else {
+            return;
+        };
+        for effect in effects {
+            let Ok(release) = effect.release.as_str().parse::<ReleaseId>() else {
+                continue;
+            };
+            let command = match effect.message {
+                Message::Offer => UpdateCommand::Offer {
+                    release,
+                    delta: None,
+                },
+                Message::Confirm => UpdateCommand::Confirm { release },
+                Message::Cancel => UpdateCommand::Cancel { release },
+            };
+            let mut bytes = vec![0; crawler_protocol::MAX_MESSAGE];
+            let Ok(length) = command.to_json(&mut bytes) else {
+                continue;
+            };
+            bytes.truncate(length);
+            let topic = Topic::Ota(effect.robot).render(&self.rollouts.fleet);
+            let properties = PublishProperties {
+                message_expiry_interval: Some(EXPIRY),
+                ..PublishProperties::default()
+            };
+            let sent = client.publish_with_properties(
+                topic.as_str(),
+                QoS::AtLeastOnce,
+                false,
+                bytes,
+                properties,
+            );
+            if !matches!(tokio::time::timeout(SEND, sent).await, Ok(Ok(()))) {
+                return;
+            }
+        }
+    }
+
+    async fn serve(&mut self, request: Request) {
+        match request {
+            // Whoever has stopped waiting does not want it any more.
+            Request::Start { answer, .. } if answer.is_closed() => {}
+            Request::Act { answer, .. } if answer.is_closed() => {}
+            Request::Start { by, plan, answer } => {
+                let _ = answer.send(self.start(by, plan).await);
+            }
+            Request::Act { id, action, answer } => {
+                let _ = answer.send(self.act(id, &action).await);
+            }
+        }
+    }
+
+    async fn start(&mut self, by: String, plan: NewPlan) -> Result<i64, RolloutError> {
+        let rollouts = Arc::clone(&self.rollouts);
+        let records = &rollouts.records;
+        let plan = plan.resolve(records, rollouts.now().unix_ms).await?;
+        let mut blobs = Vec::new();
+        for release in &plan.releases {
+            let blob = Blob::load(records, release).await?;
+            let gone = || RolloutError::Release(release.release.clone(), "its image is gone");
+            blobs.push(Some(blob.ok_or_else(gone)?));
+        }
+        self.see().await;
+        let id = records.next_rollout().await?;
+        let name = RolloutId::new(&id.to_string())
+            .map_err(|error| RolloutError::Damaged(error.to_string()))?;
+        let owner = Owner {
+            server: rollouts.server.clone(),
+            epoch: 1,
+        };
+        let started = Rollout::start(name, plan, owner, &self.known.all(), rollouts.now());
+        let (rollout, step) = started.map_err(RolloutError::Start)?;
+        let new = NewRollout {
+            id,
+            by,
+            owner: rollouts.server.as_str().to_owned(),
+            step: self.to_records(id, &step)?,
+        };
+        records.add_rollout(new).await?;
+        let active = Active {
+            rollout,
+            epoch: 1,
+            blobs,
+            over_since: None,
+        };
+        rollouts.board().insert(id, active);
+        self.supersede(id).await;
+        self.follow(id, step).await;
+        Ok(id)
+    }
+
+    /// Takes the robots of a rollout that begins from earlier ones, whoever carries those out.
+    async fn supersede(&mut self, newest: i64) {
+        match self.rollouts.records.rollout_leases().await {
+            Ok(leases) => {
+                let here = self.ids();
+                for lease in leases.into_iter().filter(|lease| !here.contains(&lease.id)) {
+                    if let Err(error) = self.take_over(lease.id, lease.epoch).await {
+                        tracing::error!(rollout = lease.id, %error, "cannot be taken over");
+                    }
+                }
+            }
+            Err(error) => tracing::error!(%error, "earlier rollouts keep their robots"),
+        }
+        for id in self.ids().into_iter().filter(|id| *id != newest) {
+            let mut step = Step::default();
+            {
+                let mut board = self.rollouts.board();
+                let robots: Vec<RobotId> = board.get(newest).map_or_else(Vec::new, |one| {
+                    let rows = one.rollout.rows().filter(|row| row.phase.is_some());
+                    rows.map(|row| row.robot.clone()).collect()
+                });
+                let Some(one) = board.get_mut(id) else {
+                    continue;
+                };
+                let now = self.rollouts.now();
+                for robot in robots {
+                    let command = Command::Supersede(robot);
+                    // One on trial comes to its end; what has ended stays as it is.
+                    if let Ok(more) = one.rollout.command(&command, now) {
+                        step::merge(&mut step, more);
+                    }
+                }
+            }
+            self.commit(id, step).await;
+        }
+    }
+
+    async fn act(&mut self, id: i64, action: &Action) -> Result<(), RolloutError> {
+        for _ in 0..TRIES {
+            self.make_own(id).await?;
+            let (before, step) = {
+                let mut board = self.rollouts.board();
+                let one = board.get_mut(id).ok_or(RolloutError::Unknown)?;
+                let before = one.rollout.clone();
+                let step = one.rollout.command(&action.command(), self.rollouts.now());
+                (before, step.map_err(RolloutError::Command)?)
+            };
+            match self.store(id, &step).await {
+                Ok(()) => {
+                    self.follow(id, step).await;
+                    return Ok(());
+                }
+                // Somebody took it just now.
+                Err(NotStored::Lost) => self.lose(id),
+                Err(NotStored::Records(error)) => {
+                    // Nobody was told: it has not happened.
+                    if let Some(one) = self.rollouts.board().get_mut(id) {
+                        one.rollout = before;
+                    }
+                    return Err(error.into());
+                }
+            }
+        }
+        Err(RolloutError::Contended)
+    }
+
+    /// Makes sure that a rollout is this server's, which may have lost it without knowing.
+    async fn make_own(&mut self, id: i64) -> Result<(), RolloutError> {
+        let kept = self.rollouts.records.rollout(id).await?;
+        let kept = kept.ok_or(RolloutError::Unknown)?;
+        let own = self.rollouts.board().get(id).map(|one| one.epoch);
+        if own == Some(kept.epoch) {
+            return Ok(());
+        }
+        if own.is_some() {
+            self.lose(id);
+        }
+        if kept.ended.is_some() || !self.take_over(id, kept.epoch).await? {
+            return Err(RolloutError::Command(CommandError::Over));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,253 @@
+//! Rollouts as the API shows them.
+
+use crawler_protocol::RobotId;
+use crawler_records::{KeptRollout, MAX_ROLLOUT_PAGE};
+use crawler_updates::rollout::{
+    Counts, Document, Happening, PauseReason, Plan, Reason, ReleaseId, RobotRow, Rollout,
+    RolloutState, UpdateState,
+};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::control::RolloutError;
+use crate::{Rollouts, step};
+
+/// Lines of the log of a rollout that are shown.
+const LOG: u32 = 100;
+
+/// A rollout.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = Rollout)]
+pub struct RolloutView {
+    /// Its id.
+    pub id: String,
+    /// Who asked for it.
+    pub by: String,
+    /// When, in Unix milliseconds.
+    pub made: i64,
+    /// When it ended, in Unix milliseconds.
+    pub ended: Option<i64>,
+    /// The server that carries it out.
+    pub server: String,
+    /// `running`, `paused`, `aborting`, `aborted` or `done`.
+    pub state: &'static str,
+    /// Why it is paused: `person`, `failures` or `threshold`.
+    #[schema(value_type = Option<String>)]
+    pub reason: Option<PauseReason>,
+    /// The phase that is served, from 1.
+    pub phase: u32,
+    /// What it is to do.
+    #[schema(value_type = Object)]
+    pub plan: Plan,
+    /// How far it is, in numbers: for each phase and for all robots by state. Of one rollout alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Object>)]
+    pub counts: Option<Counts>,
+    /// What has happened, oldest first: the last 100 lines. Of one rollout alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log: Option<Vec<LogLine>>,
+}
+
+/// Something that has happened in a rollout.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = RolloutLogLine)]
+pub struct LogLine {
+    /// Unix milliseconds.
+    pub at: i64,
+    /// What: `started`, `phase_began`, `paused` and so on.
+    pub what: &'static str,
+    /// The phase, from 1, where it is about one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub phase: Option<u32>,
+    /// Why, where it was paused.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
+    pub reason: Option<PauseReason>,
+}
+
+/// Where a robot of a rollout stands.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = RolloutRobot)]
+pub struct Robot {
+    /// The robot.
+    #[schema(value_type = String)]
+    pub robot: RobotId,
+    /// Where it stands.
+    #[schema(value_type = String)]
+    pub state: UpdateState,
+    /// Why: a word, or an object with one field.
+    #[schema(value_type = Option<Object>)]
+    pub reason: Option<Reason>,
+    /// The release that is for it.
+    #[schema(value_type = Option<String>)]
+    pub release: Option<ReleaseId>,
+    /// The phase that it belongs to, from 1.
+    pub phase: Option<u32>,
+    /// Attempts that have failed since somebody last asked for one.
+    pub attempts: u32,
+    /// How often it was offered the release.
+    pub offers: u32,
+    /// Bytes of the image that it has.
+    pub received: u32,
+    /// Bytes of the image.
+    pub bytes: Option<u32>,
+    /// Since when it stands there, in Unix milliseconds.
+    pub since: i64,
+}
+
+/// The name of a state, and why it is so.
+const fn state(state: RolloutState) -> (&'static str, Option<PauseReason>) {
+    match state {
+        RolloutState::Running => ("running", None),
+        RolloutState::Paused(reason) => ("paused", Some(reason)),
+        RolloutState::Aborting => ("aborting", None),
+        RolloutState::Aborted => ("aborted", None),
+        RolloutState::Done => ("done", None),
+    }
+}
+
+fn damaged(error: impl std::fmt::Display) -> RolloutError {
+    RolloutError::Damaged(error.to_string())
+}
+
+fn view(kept: KeptRollout, document: Document) -> RolloutView {
+    let (state, reason) = state(document.state);
+    RolloutView {
+        id: kept.id.to_string(),
+        by: kept.by,
+        made: kept.made,
+        ended: kept.ended,
+        server: kept.owner,
+        state,
+        reason,
+        phase: u32::from(document.phase) + 1,
+        plan: document.plan,
+        counts: None,
+        log: None,
+    }
+}
+
+fn robot(document: &Document, row: RobotRow) -> Robot {
+    let release = row.release.map(usize::from);
+    let release = release.and_then(|at| document.plan.releases.get(at));
+    // By its own clock, which began when the anchor's reading was none.
+    let anchor = document.anchor;
+    let began = anchor.unix_ms.saturating_sub(anchor.elapsed_ms);
+    let since = began.saturating_add(row.since_ms);
+    Robot {
+        robot: row.robot,
+        state: row.state,
+        reason: row.reason,
+        release: release.map(|release| release.release.clone()),
+        phase: row.phase.map(|phase| u32::from(phase) + 1),
+        attempts: row.attempts.into(),
+        offers: row.offers,
+        received: row.received,
+        bytes: release.map(|release| release.bytes),
+        since: i64::try_from(since).unwrap_or(i64::MAX),
+    }
+}
+
+fn line(at: i64, text: &str) -> Result<LogLine, RolloutError> {
+    let what: Happening = serde_json::from_str(text).map_err(damaged)?;
+    let (phase, reason) = match what {
+        Happening::PhaseBegan(phase)
+        | Happening::PhaseSoaks(phase)
+        | Happening::PhasePassed(phase) => (Some(u32::from(phase) + 1), None),
+        Happening::Paused(reason) => (None, Some(reason)),
+        _ => (None, None),
+    };
+    Ok(LogLine {
+        at,
+        what: step::action(&what),
+        phase,
+        reason,
+    })
+}
+
+impl Rollouts {
+    /// Up to `limit` rollouts before number `before`, or the last ones, newest first.
+    ///
+    /// # Errors
+    /// [`RolloutError::Records`], [`RolloutError::Damaged`].
+    pub async fn list(
+        &self,
+        before: Option<i64>,
+        limit: u32,
+    ) -> Result<Vec<RolloutView>, RolloutError> {
+        let kept = self.records.rollouts(before, limit).await?;
+        let views = kept.into_iter().map(|kept| {
+            let document = serde_json::from_str(&kept.document).map_err(damaged)?;
+            Ok(view(kept, document))
+        });
+        views.collect()
+    }
+
+    /// A rollout, in numbers and with its log.
+    ///
+    /// # Errors
+    /// [`RolloutError::Unknown`], [`RolloutError::Records`], [`RolloutError::Damaged`].
+    pub async fn one(&self, id: i64) -> Result<RolloutView, RolloutError> {
+        let own = {
+            let board = self.board();
+            board.get(id).map(|one| one.rollout.counts(self.now()))
+        };
+        let (kept, counts) = if let Some(counts) = own {
+            let kept = self.records.rollout(id).await?;
+            (kept.ok_or(RolloutError::Unknown)?, counts)
+        } else {
+            let whole = self.records.rollout_whole(id).await?;
+            let (kept, rows) = whole.ok_or(RolloutError::Unknown)?;
+            let (rollout, _) = self.read(&kept.document, &rows)?;
+            (kept, rollout.counts(self.now()))
+        };
+        let log = self.records.rollout_notes(id, None, LOG).await?;
+        let log = log.iter().map(|(at, text)| line(*at, text));
+        let document = serde_json::from_str(&kept.document).map_err(damaged)?;
+        Ok(RolloutView {
+            counts: Some(counts),
+            log: Some(log.collect::<Result<_, _>>()?),
+            ..view(kept, document)
+        })
+    }
+
+    /// Up to `limit` robots of a rollout behind the robot `after`, by name, only of those in `state` where one is
+    /// named.
+    ///
+    /// # Errors
+    /// [`RolloutError::Unknown`], [`RolloutError::Records`], [`RolloutError::Damaged`].
+    pub async fn robots(
+        &self,
+        id: i64,
+        after: Option<&RobotId>,
+        state: Option<UpdateState>,
+        limit: u32,
+    ) -> Result<Vec<Robot>, RolloutError> {
+        let kept = self.records.rollout(id).await?;
+        let kept = kept.ok_or(RolloutError::Unknown)?;
+        let document: Document = serde_json::from_str(&kept.document).map_err(damaged)?;
+        let rows = self.records.rollout_robots(
+            id,
+            after.map(RobotId::as_str),
+            state.map(UpdateState::name),
+            limit.min(MAX_ROLLOUT_PAGE),
+        );
+        let rows = rows.await?.into_iter().map(|row| {
+            let row = serde_json::from_str(&row).map_err(damaged)?;
+            Ok(robot(&document, row))
+        });
+        rows.collect()
+    }
+
+    /// What was kept of a rollout, as a rollout.
+    pub(crate) fn read(
+        &self,
+        document: &str,
+        rows: &[String],
+    ) -> Result<(Rollout, crawler_updates::rollout::Step), RolloutError> {
+        let document = serde_json::from_str(document).map_err(damaged)?;
+        let rows: Result<Vec<RobotRow>, _> =
+            rows.iter().map(|row| serde_json::from_str(row)).collect();
+        Rollout::load(document, rows.map_err(damaged)?, self.now()).map_err(damaged)
+    }
+}
