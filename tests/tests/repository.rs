@@ -37,7 +37,7 @@ const SCATTERED: [(&str, &str, usize); 6] = [
     ("hal-sim", "Simulation", 12),
     ("hal-sim", "Space", 9),
     ("hil", "Bench", 7),
-    ("host-server/records", "Records", 16),
+    ("host-server/records", "Records", 12),
 ];
 
 /// Modules from which on a crate says in which order to read them.

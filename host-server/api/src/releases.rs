@@ -114,7 +114,7 @@ impl FromRef<ApiState> for ReleaseKeeper {
 
 impl ReleaseKeeper {
     async fn find(&self, id: &str) -> Result<KeptRelease, Problem> {
-        let found = self.records.release(id).await;
+        let found = self.records.releases().get(id).await;
         found.map_err(|error| failed(&error))?.ok_or_else(unknown)
     }
 
@@ -169,7 +169,11 @@ pub(super) async fn list(
     let limit = query::page(asked.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
     let before = asked.before.as_deref().map(read_id).transpose();
     let before = before.map_err(|_| bad_query("`before` must be the id of a release"))?;
-    let rows = keeper.records.releases(before.as_deref(), limit + 1).await;
+    let rows = keeper
+        .records
+        .releases()
+        .page(before.as_deref(), limit + 1)
+        .await;
     let mut rows = rows.map_err(|error| failed(&error))?;
     let more = rows.len() > limit as usize;
     rows.truncate(limit as usize);
@@ -229,7 +233,7 @@ pub(super) async fn add(
 /// Puts a release into the records, and returns what is kept of it.
 async fn keep(keeper: &ReleaseKeeper, new: NewRelease) -> Result<KeptRelease, Problem> {
     let id = new.id.clone();
-    let added = keeper.records.add_release(new).await;
+    let added = keeper.records.releases().add(new).await;
     added.map_err(|error| failed(&error))?;
     keeper.find(&id).await
 }
@@ -283,7 +287,7 @@ pub(super) async fn withdraw(
         at: now_ms(),
         why: why.to_owned(),
     };
-    let done = keeper.records.withdraw_release(&id, withdrawal).await;
+    let done = keeper.records.releases().withdraw(&id, withdrawal).await;
     let done = done.map_err(|error| match error {
         RecordsError::Exists => Problem::new(Code::WrongState, "the release was withdrawn before"),
         error => failed(&error),

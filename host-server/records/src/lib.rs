@@ -65,11 +65,12 @@ pub use fences::{KeptFence, MAX_FENCE_NAME, MAX_FENCES};
 pub use postgres::DatabaseStats;
 pub use releases::{
     KeptRelease, MAX_RELEASE_BYTES, MAX_RELEASE_GATE, MAX_RELEASE_IMAGE, MAX_RELEASE_REASON,
-    MAX_RELEASES, NewRelease, RELEASE_PIECE, Withdrawal,
+    MAX_RELEASES, NewRelease, RELEASE_PIECE, Releases, Withdrawal,
 };
 pub use rollouts::{
     KeptRollout, Lease, MAX_ROLLOUT_DOCUMENT, MAX_ROLLOUT_ENTRY, MAX_ROLLOUT_PAGE, MAX_ROLLOUTS,
-    MAX_ROLLOUTS_AT_WORK, NewRollout, RolloutRobot, RolloutStep, StepNote, Taken, Written,
+    MAX_ROLLOUTS_AT_WORK, NewRollout, RolloutRobot, RolloutStep, Rollouts, StepNote, Taken,
+    Written,
 };
 pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session};
 pub use settings::{MAX_SETTING, MAX_SETTING_KEY};
@@ -242,6 +243,18 @@ impl Records {
     /// What the robots measured.
     pub fn history(&self) -> &History {
         &self.0.history
+    }
+
+    /// The releases.
+    #[must_use]
+    pub const fn releases(&self) -> Releases<'_> {
+        Releases(self)
+    }
+
+    /// The rollouts.
+    #[must_use]
+    pub const fn rollouts(&self) -> Rollouts<'_> {
+        Rollouts(self)
     }
 
     /// Finishes what waits to be written and closes the files. Calls fail from then on.

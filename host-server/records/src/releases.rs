@@ -335,15 +335,20 @@ async fn withdraw(
     find(connection, id).await?.ok_or(RecordsError::NotFound)
 }
 
-impl Records {
+/// The releases among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Releases<'r>(pub(crate) &'r Records);
+
+impl Releases<'_> {
     /// Keeps a release.
     ///
     /// # Errors
     /// [`RecordsError::Exists`] when there is, or was, one of its id; [`RecordsError::TooMany`] when there are too
     /// many, or their images have too many bytes; [`RecordsError::Invalid`] for what no release can be.
-    pub async fn add_release(&self, new: NewRelease) -> Result<(), RecordsError> {
+    pub async fn add(&self, new: NewRelease) -> Result<(), RecordsError> {
         check(&new)?;
-        self.db()
+        self.0
+            .db()
             .write(move |connection| Box::pin(add(connection, new)))
             .await
     }
@@ -352,9 +357,10 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn release(&self, id: &str) -> Result<Option<KeptRelease>, RecordsError> {
+    pub async fn get(&self, id: &str) -> Result<Option<KeptRelease>, RecordsError> {
         let id = id.to_owned();
-        self.db()
+        self.0
+            .db()
             .read(move |connection| Box::pin(async move { find(connection, &id).await }))
             .await
     }
@@ -364,7 +370,7 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn releases(
+    pub async fn page(
         &self,
         before: Option<&str>,
         limit: u32,
@@ -376,7 +382,8 @@ impl Records {
         let sql =
             format!("SELECT {COLUMNS} FROM release {behind} ORDER BY added DESC, id DESC LIMIT $1");
         let before = before.map(str::to_owned);
-        self.db()
+        self.0
+            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let mut rows = query(AssertSqlSafe(sql)).bind(i64::from(limit));
@@ -395,7 +402,7 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read, [`RecordsError::Invalid`] where a piece is missing.
-    pub async fn release_image(
+    pub async fn image(
         &self,
         id: &str,
         from: u32,
@@ -403,7 +410,7 @@ impl Records {
     ) -> Result<Option<Vec<u8>>, RecordsError> {
         let id = id.to_owned();
         let from = from as usize;
-        self.db()
+        self.0.db()
             .read(move |connection| {
                 Box::pin(async move {
                     let found = find(connection, &id).await?;
@@ -439,13 +446,14 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`], [`RecordsError::Exists`] when it was withdrawn before.
-    pub async fn withdraw_release(
+    pub async fn withdraw(
         &self,
         id: &str,
         withdrawal: Withdrawal,
     ) -> Result<KeptRelease, RecordsError> {
         let id = id.to_owned();
-        self.db()
+        self.0
+            .db()
             .write(move |connection| {
                 Box::pin(async move { withdraw(connection, &id, withdrawal).await })
             })
@@ -456,7 +464,7 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`], [`RecordsError::Invalid`] for one that is too long.
-    pub async fn set_release_gate(
+    pub async fn set_gate(
         &self,
         id: &str,
         gate: Vec<u8>,
@@ -466,7 +474,8 @@ impl Records {
             return Err(RecordsError::Invalid("a report has at most 256 KiB"));
         }
         let id = id.to_owned();
-        self.db()
+        self.0
+            .db()
             .write(move |connection| {
                 Box::pin(async move {
                     let done = query("UPDATE release SET gate = $1, passed = $2 WHERE id = $3")
@@ -485,9 +494,10 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn release_gate(&self, id: &str) -> Result<Option<Vec<u8>>, RecordsError> {
+    pub async fn gate(&self, id: &str) -> Result<Option<Vec<u8>>, RecordsError> {
         let id = id.to_owned();
-        self.db()
+        self.0
+            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let row: Option<(Vec<u8>,)> =

@@ -92,13 +92,18 @@ async fn robots(connection: &mut Connection<'_>, id: i64) -> Result<Vec<String>,
     Ok(rows.into_iter().map(|(entry,)| entry).collect())
 }
 
-impl Records {
+/// The rollouts among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Rollouts<'r>(pub(crate) &'r Records);
+
+impl Rollouts<'_> {
     /// A rollout.
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn rollout(&self, id: i64) -> Result<Option<KeptRollout>, RecordsError> {
-        self.db()
+    pub async fn get(&self, id: i64) -> Result<Option<KeptRollout>, RecordsError> {
+        self.0
+            .db()
             .read(move |connection| Box::pin(find(connection, id)))
             .await
     }
@@ -107,13 +112,14 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn rollouts(
+    pub async fn page(
         &self,
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<KeptRollout>, RecordsError> {
         let sql = format!("SELECT {COLUMNS} FROM rollout WHERE id < $1 ORDER BY id DESC LIMIT $2");
-        self.db()
+        self.0
+            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let rows: Vec<Row> = query(AssertSqlSafe(sql))
@@ -132,11 +138,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn rollout_whole(
-        &self,
-        id: i64,
-    ) -> Result<Option<(KeptRollout, Vec<String>)>, RecordsError> {
-        self.db()
+    pub async fn whole(&self, id: i64) -> Result<Option<(KeptRollout, Vec<String>)>, RecordsError> {
+        self.0
+            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let Some(rollout) = find(connection, id).await? else {
@@ -153,7 +157,7 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn rollout_robots(
+    pub async fn robots(
         &self,
         id: i64,
         after: Option<&str>,
@@ -164,7 +168,8 @@ impl Records {
         let from = format!("{first}{}", after.unwrap_or_default());
         let state = state.map(str::to_owned);
         let limit = i64::from(limit.min(MAX_ROLLOUT_PAGE));
-        self.db()
+        self.0
+            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let select = match state {
@@ -193,7 +198,7 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn rollout_notes(
+    pub async fn notes(
         &self,
         id: i64,
         robot: Option<&str>,
@@ -202,7 +207,8 @@ impl Records {
         let robot = robot.unwrap_or_default();
         let (from, to) = (format!("{id}/{robot}/"), format!("{id}/{robot}0"));
         let limit = i64::from(limit.min(MAX_ROLLOUT_PAGE));
-        self.db()
+        self.0
+            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let mut rows: Vec<(i64, String)> = query(

@@ -23,10 +23,13 @@ impl Blob {
         release: &PlannedRelease,
     ) -> Result<Option<Arc<Self>>, RecordsError> {
         let id = release.release.as_str();
-        let (Some(kept), Ok(parsed)) = (records.release(id).await?, id.parse()) else {
+        let (Some(kept), Ok(parsed)) = (records.releases().get(id).await?, id.parse()) else {
             return Ok(None);
         };
-        let image = records.release_image(id, 0, release.bytes as usize).await?;
+        let image = records
+            .releases()
+            .image(id, 0, release.bytes as usize)
+            .await?;
         let whole = image.filter(|image| image.len() == release.bytes as usize);
         Ok(whole.map(|image| {
             Arc::new(Self {

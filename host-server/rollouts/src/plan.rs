@@ -54,7 +54,7 @@ impl NewPlan {
     ) -> Result<Plan, RolloutError> {
         let mut releases = Vec::with_capacity(self.releases.len());
         for asked in self.releases {
-            let kept = records.release(asked.release.as_str()).await?;
+            let kept = records.releases().get(asked.release.as_str()).await?;
             releases.push(planned(asked, kept, now_ms)?);
         }
         let plan = Plan {
@@ -108,7 +108,7 @@ fn planned(
 /// same release may go to more robots.
 async fn newest(records: &Records, plan: &Plan) -> Result<BTreeMap<BoardName, u64>, RecordsError> {
     let mut newest = BTreeMap::new();
-    for kept in records.rollouts(None, MAX_ROLLOUTS as u32).await? {
+    for kept in records.rollouts().page(None, MAX_ROLLOUTS as u32).await? {
         // One that cannot be read says nothing.
         let Ok(document) = serde_json::from_str::<Document>(&kept.document) else {
             continue;

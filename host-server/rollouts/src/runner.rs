@@ -161,7 +161,7 @@ impl Runner {
         if own.is_empty() {
             return;
         }
-        match self.rollouts.records.renew_rollouts(own).await {
+        match self.rollouts.records.rollouts().renew(own).await {
             Ok(lost) => lost.into_iter().for_each(|id| self.lose(id)),
             Err(error) => {
                 tracing::warn!(%error, "that this server carries out rollouts is not told");
@@ -171,7 +171,7 @@ impl Runner {
 
     /// Takes over rollouts that were this server's, or whose server is gone.
     async fn take_over_what_is_left(&mut self) {
-        let leases = match self.rollouts.records.rollout_leases().await {
+        let leases = match self.rollouts.records.rollouts().leases().await {
             Ok(leases) => leases,
             Err(error) => {
                 tracing::debug!(%error, "whose rollouts are whose cannot be read");
@@ -201,7 +201,7 @@ impl Runner {
     async fn take_over(&mut self, id: i64, epoch: u64) -> Result<bool, RolloutError> {
         let server = &self.rollouts.server;
         let records = &self.rollouts.records;
-        let Some(taken) = records.take_rollout(id, epoch, server.as_str()).await? else {
+        let Some(taken) = records.rollouts().take(id, epoch, server.as_str()).await? else {
             return Ok(false);
         };
         let epoch = taken.rollout.epoch;
@@ -352,7 +352,12 @@ impl Runner {
         let epoch = self.rollouts.board().get(id).map(|one| one.epoch);
         let epoch = epoch.ok_or(NotStored::Lost)?;
         let stored = self.to_records(id, step).map_err(NotStored::Records)?;
-        let written = self.rollouts.records.write_rollout(id, epoch, stored).await;
+        let written = self
+            .rollouts
+            .records
+            .rollouts()
+            .write(id, epoch, stored)
+            .await;
         match written.map_err(NotStored::Records)? {
             Written::Stored => Ok(()),
             Written::Lost => Err(NotStored::Lost),
@@ -449,7 +454,7 @@ impl Runner {
             blobs.push(Some(blob.ok_or_else(gone)?));
         }
         self.see().await;
-        let id = records.next_rollout().await?;
+        let id = records.rollouts().next_id().await?;
         let name = RolloutId::new(&id.to_string())
             .map_err(|error| RolloutError::Damaged(error.to_string()))?;
         let owner = Owner {
@@ -464,7 +469,7 @@ impl Runner {
             owner: rollouts.server.as_str().to_owned(),
             step: self.to_records(id, &step)?,
         };
-        records.add_rollout(new).await?;
+        records.rollouts().add(new).await?;
         let active = Active {
             rollout,
             epoch: 1,
@@ -479,7 +484,7 @@ impl Runner {
 
     /// Takes the robots of a rollout that begins from earlier ones, whoever carries those out.
     async fn supersede(&mut self, newest: i64) {
-        match self.rollouts.records.rollout_leases().await {
+        match self.rollouts.records.rollouts().leases().await {
             Ok(leases) => {
                 let here = self.ids();
                 for lease in leases.into_iter().filter(|lease| !here.contains(&lease.id)) {
@@ -545,7 +550,7 @@ impl Runner {
 
     /// Makes sure that a rollout is this server's, which may have lost it without knowing.
     async fn make_own(&mut self, id: i64) -> Result<(), RolloutError> {
-        let kept = self.rollouts.records.rollout(id).await?;
+        let kept = self.rollouts.records.rollouts().get(id).await?;
         let kept = kept.ok_or(RolloutError::Unknown)?;
         let own = self.rollouts.board().get(id).map(|one| one.epoch);
         if own == Some(kept.epoch) {

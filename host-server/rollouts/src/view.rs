@@ -175,7 +175,7 @@ impl Rollouts {
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<RolloutView>, RolloutError> {
-        let kept = self.records.rollouts(before, limit).await?;
+        let kept = self.records.rollouts().page(before, limit).await?;
         let views = kept.into_iter().map(|kept| {
             let document = serde_json::from_str(&kept.document).map_err(damaged)?;
             Ok(view(kept, document))
@@ -193,15 +193,15 @@ impl Rollouts {
             board.get(id).map(|one| one.rollout.counts(self.now()))
         };
         let (kept, counts) = if let Some(counts) = own {
-            let kept = self.records.rollout(id).await?;
+            let kept = self.records.rollouts().get(id).await?;
             (kept.ok_or(RolloutError::Unknown)?, counts)
         } else {
-            let whole = self.records.rollout_whole(id).await?;
+            let whole = self.records.rollouts().whole(id).await?;
             let (kept, rows) = whole.ok_or(RolloutError::Unknown)?;
             let (rollout, _) = self.read(&kept.document, &rows)?;
             (kept, rollout.counts(self.now()))
         };
-        let log = self.records.rollout_notes(id, None, LOG).await?;
+        let log = self.records.rollouts().notes(id, None, LOG).await?;
         let log = log.iter().map(|(at, text)| line(*at, text));
         let document = serde_json::from_str(&kept.document).map_err(damaged)?;
         Ok(RolloutView {
@@ -223,10 +223,11 @@ impl Rollouts {
         state: Option<UpdateState>,
         limit: u32,
     ) -> Result<Vec<Robot>, RolloutError> {
-        let kept = self.records.rollout(id).await?;
+        let kept = self.records.rollouts().get(id).await?;
         let kept = kept.ok_or(RolloutError::Unknown)?;
         let document: Document = serde_json::from_str(&kept.document).map_err(damaged)?;
-        let rows = self.records.rollout_robots(
+        let kept = self.records.rollouts();
+        let rows = kept.robots(
             id,
             after.map(RobotId::as_str),
             state.map(UpdateState::name),

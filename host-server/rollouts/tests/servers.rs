@@ -95,7 +95,7 @@ async fn with_release() -> Records {
         by: "ada".into(),
         added: 1,
     };
-    records.add_release(new).await.expect("kept");
+    records.releases().add(new).await.expect("kept");
     records
 }
 
@@ -233,7 +233,8 @@ async fn a_release_that_cannot_go_out_is_refused() {
         why: "it is bad".into(),
     };
     records
-        .withdraw_release(RELEASE, withdrawal)
+        .releases()
+        .withdraw(RELEASE, withdrawal)
         .await
         .expect("withdrawn");
     let withdrawn = server.rollouts.start("ada", plan()).await;

@@ -37,7 +37,7 @@ pub(super) async fn add(args: &AddArgs, settings: &Settings) -> Result<ExitCode,
     let new = new.map_err(|fault| wrong(&fault))?;
     let detail = json!({ "board": new.board, "version": new.version, "sequence": new.sequence });
     let id = new.id.clone();
-    let result = console.records.add_release(new).await;
+    let result = console.records.releases().add(new).await;
     let added = console.noted("release.add", &id, detail, result).await;
     console.close().await;
     added.map_err(|text| wrong(&text))?;

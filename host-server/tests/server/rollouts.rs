@@ -97,7 +97,7 @@ impl Home {
             by: "ada".into(),
             added: 1,
         };
-        records.add_release(new).await.expect("kept");
+        records.releases().add(new).await.expect("kept");
         records.close().await;
         Release {
             id,

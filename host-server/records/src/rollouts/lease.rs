@@ -1,9 +1,9 @@
 //! Which server a rollout belongs to.
 
-use super::{KeptRollout, find, robots};
+use super::{KeptRollout, Rollouts, find, robots};
+use crate::RecordsError;
 use crate::query::{Connection, query};
 use crate::text::cut;
-use crate::{Records, RecordsError};
 
 /// Longest name of a server, in bytes; the rest is cut off.
 pub(super) const MAX_OWNER: usize = 64;
@@ -53,13 +53,14 @@ async fn take(
     Ok(Some(Taken { rollout, robots }))
 }
 
-impl Records {
+impl Rollouts<'_> {
     /// Whose the rollouts are that are not over, the oldest first.
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn rollout_leases(&self) -> Result<Vec<Lease>, RecordsError> {
+    pub async fn leases(&self) -> Result<Vec<Lease>, RecordsError> {
         let rows: Vec<(i64, String, i64, i64)> = self
+            .0
             .db()
             .read(|connection| {
                 Box::pin(async move {
@@ -86,14 +87,15 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
-    pub async fn take_rollout(
+    pub async fn take(
         &self,
         id: i64,
         epoch: u64,
         owner: &str,
     ) -> Result<Option<Taken>, RecordsError> {
         let owner = cut(owner, MAX_OWNER);
-        self.db()
+        self.0
+            .db()
             .write(move |connection| Box::pin(take(connection, id, epoch, owner)))
             .await
     }
@@ -103,8 +105,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
-    pub async fn renew_rollouts(&self, own: Vec<(i64, u64)>) -> Result<Vec<i64>, RecordsError> {
-        self.db()
+    pub async fn renew(&self, own: Vec<(i64, u64)>) -> Result<Vec<i64>, RecordsError> {
+        self.0
+            .db()
             .write(move |connection| {
                 Box::pin(async move {
                     let mut lost = Vec::new();

@@ -3,11 +3,13 @@
 use sqlx::AssertSqlSafe;
 
 use super::lease::MAX_OWNER;
-use super::{MAX_ROLLOUT_DOCUMENT, MAX_ROLLOUT_ENTRY, MAX_ROLLOUTS, MAX_ROLLOUTS_AT_WORK, places};
+use super::{
+    MAX_ROLLOUT_DOCUMENT, MAX_ROLLOUT_ENTRY, MAX_ROLLOUTS, MAX_ROLLOUTS_AT_WORK, Rollouts, places,
+};
+use crate::RecordsError;
 use crate::audit::{Entry, append_all};
 use crate::query::{Connection, query};
 use crate::text::cut;
-use crate::{Records, RecordsError};
 use crawler_protocol::RobotId;
 
 /// Longest name of who asked for a rollout, in bytes; the rest is cut off.
@@ -57,7 +59,7 @@ pub struct RolloutStep {
 /// A rollout that begins.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewRollout {
-    /// Its number, from [`Records::next_rollout`].
+    /// Its number, from [`Rollouts::next_id`].
     pub id: i64,
     /// Who asked for it.
     pub by: String,
@@ -67,7 +69,7 @@ pub struct NewRollout {
     pub step: RolloutStep,
 }
 
-/// What came of [`Records::write_rollout`].
+/// What came of [`Rollouts::write`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Written {
     /// It is on disk.
@@ -244,14 +246,15 @@ async fn forget_oldest(connection: &mut Connection<'_>) -> Result<(), RecordsErr
     Ok(())
 }
 
-impl Records {
+impl Rollouts<'_> {
     /// A number for a rollout that none had before.
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn next_rollout(&self) -> Result<i64, RecordsError> {
+    pub async fn next_id(&self) -> Result<i64, RecordsError> {
         // The newest one is never forgotten.
         let (newest,): (i64,) = self
+            .0
             .db()
             .read(|connection| {
                 Box::pin(async move {
@@ -269,14 +272,15 @@ impl Records {
     /// # Errors
     /// [`RecordsError::Exists`] when one has its number, [`RecordsError::TooMany`], or [`RecordsError::Invalid`] for
     /// what is too long.
-    pub async fn add_rollout(&self, new: NewRollout) -> Result<(), RecordsError> {
+    pub async fn add(&self, new: NewRollout) -> Result<(), RecordsError> {
         new.step.check()?;
         if new.step.document.is_none() || new.owner.is_empty() {
             return Err(RecordsError::Invalid(
                 "a rollout begins with a document, on a server",
             ));
         }
-        self.db()
+        self.0
+            .db()
             .write(move |connection| Box::pin(add(connection, new)))
             .await
     }
@@ -286,14 +290,15 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be written; nothing of it is then.
-    pub async fn write_rollout(
+    pub async fn write(
         &self,
         id: i64,
         epoch: u64,
         step: RolloutStep,
     ) -> Result<Written, RecordsError> {
         step.check()?;
-        self.db()
+        self.0
+            .db()
             .write(move |connection| Box::pin(write(connection, id, epoch, step)))
             .await
     }

@@ -101,7 +101,7 @@ async fn fill(records: &Records) -> u64 {
     for id in 1..=2 {
         let mut new = rollout(id);
         new.step.audit.clear();
-        records.add_rollout(new).await.unwrap();
+        records.rollouts().add(new).await.unwrap();
         let mut step = rollout_step(1, Some("[]"));
         step.audit.clear();
         step.over = id == 1;
@@ -110,24 +110,24 @@ async fn fill(records: &Records) -> u64 {
             step.robots.extend(more.robots);
             step.notes.extend(more.notes);
         }
-        let written = records.write_rollout(id, 1, step).await.unwrap();
+        let written = records.rollouts().write(id, 1, step).await.unwrap();
         assert_eq!(written, Written::Stored);
     }
     // More pieces than a page has.
     for n in 0..4 {
         let bytes = if n == 3 { 9 } else { 70 * 65_536 };
-        records.add_release(release(n, bytes)).await.unwrap();
+        records.releases().add(release(n, bytes)).await.unwrap();
     }
     let gate = b"tried".to_vec();
     let (first, last) = (release(0, 1).id, release(3, 1).id);
-    let passed = records.set_release_gate(&first, gate, true).await;
+    let passed = records.releases().set_gate(&first, gate, true).await;
     passed.unwrap();
     let withdrawal = Withdrawal {
         by: "ada".into(),
         at: 5,
         why: "too early".into(),
     };
-    let withdrawn = records.withdraw_release(&last, withdrawal).await;
+    let withdrawn = records.releases().withdraw(&last, withdrawal).await;
     withdrawn.unwrap();
     let ada = name("ada");
     let session = records
@@ -175,28 +175,28 @@ async fn assert_filled(records: &Records, like: &Records, session: u64) {
         assert_eq!(of(index).await.unwrap(), wanted);
     }
     assert_eq!(
-        records.rollouts(None, 9).await.unwrap(),
-        like.rollouts(None, 9).await.unwrap()
+        records.rollouts().page(None, 9).await.unwrap(),
+        like.rollouts().page(None, 9).await.unwrap()
     );
     for id in 1..=2 {
-        let whole = records.rollout_whole(id).await.unwrap();
-        assert_eq!(whole, like.rollout_whole(id).await.unwrap());
+        let whole = records.rollouts().whole(id).await.unwrap();
+        assert_eq!(whole, like.rollouts().whole(id).await.unwrap());
         assert_eq!(whole.map(|(_, robots)| robots.len()), Some(450));
-        let notes = records.rollout_notes(id, None, 1_000).await.unwrap();
-        assert_eq!(notes, like.rollout_notes(id, None, 1_000).await.unwrap());
+        let notes = records.rollouts().notes(id, None, 1_000).await.unwrap();
+        assert_eq!(notes, like.rollouts().notes(id, None, 1_000).await.unwrap());
         assert_eq!(notes.len(), 450);
     }
-    let leases = records.rollout_leases().await.unwrap();
-    assert_eq!(leases, like.rollout_leases().await.unwrap());
+    let leases = records.rollouts().leases().await.unwrap();
+    assert_eq!(leases, like.rollouts().leases().await.unwrap());
     assert_eq!(leases.len(), 1);
-    let releases = records.releases(None, 10).await.unwrap();
-    assert_eq!(releases, like.releases(None, 10).await.unwrap());
+    let releases = records.releases().page(None, 10).await.unwrap();
+    assert_eq!(releases, like.releases().page(None, 10).await.unwrap());
     assert_eq!(releases.len(), 4);
     for n in 0..4 {
         let wanted = release(n, 70 * 65_536);
-        let image = records.release_image(&wanted.id, 0, usize::MAX).await;
+        let image = records.releases().image(&wanted.id, 0, usize::MAX).await;
         assert!(image.unwrap() == (n != 3).then_some(wanted.image), "{n}");
-        let gate = records.release_gate(&wanted.id).await.unwrap();
+        let gate = records.releases().gate(&wanted.id).await.unwrap();
         assert_eq!(gate.as_deref(), (n == 0).then_some(&b"tried"[..]));
     }
     assert_eq!(records.audit_verify().await, Ok(431));

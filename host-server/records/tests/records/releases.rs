@@ -36,7 +36,7 @@ fn kept(new: NewRelease) -> KeptRelease {
 }
 
 async fn ids(records: &Records, before: Option<&str>, limit: u32) -> Vec<String> {
-    let page = records.releases(before, limit).await.unwrap();
+    let page = records.releases().page(before, limit).await.unwrap();
     page.into_iter().map(|release| release.id).collect()
 }
 
@@ -44,17 +44,17 @@ async fn ids(records: &Records, before: Option<&str>, limit: u32) -> Vec<String>
 async fn releases_outlive_the_process_newest_first() {
     let folder = Folder::new();
     let records = open(&folder).await;
-    assert_eq!(records.releases(None, 10).await.unwrap(), []);
+    assert_eq!(records.releases().page(None, 10).await.unwrap(), []);
     for n in [3, 1, 0, 2] {
-        records.add_release(release(n, 100)).await.unwrap();
+        records.releases().add(release(n, 100)).await.unwrap();
     }
     records.close().await;
     let records = open(&folder).await;
-    let all = records.releases(None, 10).await.unwrap();
+    let all = records.releases().page(None, 10).await.unwrap();
     assert_eq!(all, [3, 2, 1, 0].map(|n| kept(release(n, 100))));
     for n in 0..4 {
         let new = release(n, 100);
-        let found = records.release(&new.id).await.unwrap();
+        let found = records.releases().get(&new.id).await.unwrap();
         assert_eq!(found, Some(kept(new)));
     }
     // Page by page, also where two were added at the same time.
@@ -63,7 +63,7 @@ async fn releases_outlive_the_process_newest_first() {
     assert_eq!(ids(&records, Some(&two), 2).await, [&*one, &*zero]);
     assert_eq!(ids(&records, Some(&zero), 2).await, [""; 0]);
     assert_eq!(ids(&records, Some("nobody"), 2).await, [""; 0]);
-    assert_eq!(records.release("nobody").await.unwrap(), None);
+    assert_eq!(records.releases().get("nobody").await.unwrap(), None);
 }
 
 #[tokio::test]
@@ -71,9 +71,9 @@ async fn an_image_is_read_in_parts() {
     let records = memory().await;
     let piece = RELEASE_PIECE;
     let new = release(2, 2 * piece + 10);
-    records.add_release(release(1, piece)).await.unwrap();
-    records.add_release(new.clone()).await.unwrap();
-    records.add_release(release(3, piece)).await.unwrap();
+    records.releases().add(release(1, piece)).await.unwrap();
+    records.releases().add(new.clone()).await.unwrap();
+    records.releases().add(release(3, piece)).await.unwrap();
     let end = new.image.len();
     for (from, most) in [
         (0, 1),
@@ -90,15 +90,21 @@ async fn an_image_is_read_in_parts() {
         (0, usize::MAX),
         (u32::MAX as usize, usize::MAX),
     ] {
-        let part = records.release_image(&new.id, from as u32, most).await;
+        let part = records.releases().image(&new.id, from as u32, most).await;
         let wanted =
             &new.image[from.min(end)..from.saturating_add(most).min(end).max(from.min(end))];
         assert!(part.unwrap().as_deref() == Some(wanted), "{from} {most}");
     }
     // A piece that is full to the brim is the last one.
-    let whole = records.release_image(&release(1, 1).id, 0, piece + 1).await;
+    let whole = records
+        .releases()
+        .image(&release(1, 1).id, 0, piece + 1)
+        .await;
     assert_eq!(whole.unwrap(), Some(release(1, piece).image));
-    assert_eq!(records.release_image("nobody", 0, 1).await.unwrap(), None);
+    assert_eq!(
+        records.releases().image("nobody", 0, 1).await.unwrap(),
+        None
+    );
 }
 
 #[tokio::test]
@@ -106,24 +112,27 @@ async fn a_release_is_withdrawn_once_and_its_image_is_gone() {
     let folder = Folder::new();
     let records = open(&folder).await;
     let (new, other) = (release(1, 100_000), release(2, 100_000));
-    records.add_release(new.clone()).await.unwrap();
-    records.add_release(other.clone()).await.unwrap();
-    let done = records.withdraw_release(&new.id, withdrawal(9)).await;
+    records.releases().add(new.clone()).await.unwrap();
+    records.releases().add(other.clone()).await.unwrap();
+    let done = records.releases().withdraw(&new.id, withdrawal(9)).await;
     let expected = KeptRelease {
         withdrawn: Some(withdrawal(9)),
         ..kept(new.clone())
     };
     assert_eq!(done.unwrap(), expected);
-    let again = records.withdraw_release(&new.id, withdrawal(10)).await;
+    let again = records.releases().withdraw(&new.id, withdrawal(10)).await;
     assert!(matches!(again, Err(RecordsError::Exists)));
-    let nobody = records.withdraw_release("nobody", withdrawal(9)).await;
+    let nobody = records.releases().withdraw("nobody", withdrawal(9)).await;
     assert!(matches!(nobody, Err(RecordsError::NotFound)));
-    assert_eq!(records.release(&new.id).await.unwrap(), Some(expected));
-    assert_eq!(records.release_image(&new.id, 0, 1).await.unwrap(), None);
-    let left = records.release_image(&other.id, 0, usize::MAX).await;
+    assert_eq!(
+        records.releases().get(&new.id).await.unwrap(),
+        Some(expected)
+    );
+    assert_eq!(records.releases().image(&new.id, 0, 1).await.unwrap(), None);
+    let left = records.releases().image(&other.id, 0, usize::MAX).await;
     assert_eq!(left.unwrap(), Some(other.image));
     // It does not come back.
-    let again = records.add_release(new.clone()).await;
+    let again = records.releases().add(new.clone()).await;
     assert!(matches!(again, Err(RecordsError::Exists)));
     // No piece of it is left: another one finds its place free.
     for again in [
@@ -139,7 +148,7 @@ async fn a_release_is_withdrawn_once_and_its_image_is_gone() {
         at: 1,
         why: "a\nb\0".repeat(500),
     };
-    let cut = records.withdraw_release(&other.id, long).await.unwrap();
+    let cut = records.releases().withdraw(&other.id, long).await.unwrap();
     let cut = cut.withdrawn.unwrap();
     assert!(cut.by.len() <= 64 && cut.why.len() <= 512 && cut.why.starts_with("a b?"));
 }
@@ -151,19 +160,19 @@ async fn a_report_belongs_to_a_release() {
     let set = |id: &str, gate: &[u8], passed| {
         let (id, gate) = (id.to_owned(), gate.to_vec());
         let records = &records;
-        async move { records.set_release_gate(&id, gate, passed).await }
+        async move { records.releases().set_gate(&id, gate, passed).await }
     };
     assert!(matches!(
         set(&new.id, b"x", true).await,
         Err(RecordsError::NotFound)
     ));
-    records.add_release(new.clone()).await.unwrap();
-    assert_eq!(records.release_gate(&new.id).await.unwrap(), None);
+    records.releases().add(new.clone()).await.unwrap();
+    assert_eq!(records.releases().gate(&new.id).await.unwrap(), None);
     for (gate, passed) in [(&b"bad"[..], false), (b"good", true)] {
         set(&new.id, gate, passed).await.unwrap();
-        let found = records.release_gate(&new.id).await.unwrap();
+        let found = records.releases().gate(&new.id).await.unwrap();
         assert_eq!(found.as_deref(), Some(gate));
-        let kept = records.release(&new.id).await.unwrap().unwrap();
+        let kept = records.releases().get(&new.id).await.unwrap().unwrap();
         assert_eq!(kept.passed, Some(passed));
     }
     let long = vec![0; MAX_RELEASE_GATE + 1];
@@ -192,11 +201,11 @@ async fn what_cannot_be_a_release_is_refused() {
     for (index, change) in changes.into_iter().enumerate() {
         let mut wrong = good.clone();
         change(&mut wrong);
-        let refused = records.add_release(wrong).await;
+        let refused = records.releases().add(wrong).await;
         assert!(matches!(refused, Err(RecordsError::Invalid(_))), "{index}");
     }
-    records.add_release(good.clone()).await.unwrap();
-    let twice = records.add_release(good).await;
+    records.releases().add(good.clone()).await.unwrap();
+    let twice = records.releases().add(good).await;
     assert!(matches!(twice, Err(RecordsError::Exists)));
     // The largest numbers are kept as they are.
     let largest = NewRelease {
@@ -205,8 +214,8 @@ async fn what_cannot_be_a_release_is_refused() {
         expires: Some(i64::MAX),
         ..release(2, 1)
     };
-    records.add_release(largest.clone()).await.unwrap();
-    let found = records.release(&largest.id).await.unwrap();
+    records.releases().add(largest.clone()).await.unwrap();
+    let found = records.releases().get(&largest.id).await.unwrap();
     assert_eq!(found, Some(kept(largest)));
 }
 
@@ -221,46 +230,53 @@ async fn images_have_so_many_bytes_together() {
             image,
             ..release(n, 1)
         };
-        records.add_release(new).await.unwrap();
+        records.releases().add(new).await.unwrap();
     }
     let left = MAX_RELEASE_BYTES as usize - most * MAX_RELEASE_IMAGE;
-    let full = records.add_release(release(100, left + 1)).await;
+    let full = records.releases().add(release(100, left + 1)).await;
     assert!(matches!(
         full,
         Err(RecordsError::TooMany("bytes of releases"))
     ));
-    records.add_release(release(100, left)).await.unwrap();
-    let full = records.add_release(release(101, 1)).await;
+    records.releases().add(release(100, left)).await.unwrap();
+    let full = records.releases().add(release(101, 1)).await;
     assert!(matches!(
         full,
         Err(RecordsError::TooMany("bytes of releases"))
     ));
     // What was withdrawn takes no room.
-    let withdrawn = records.withdraw_release(&first.id, withdrawal(1)).await;
+    let withdrawn = records.releases().withdraw(&first.id, withdrawal(1)).await;
     withdrawn.unwrap();
-    records.add_release(release(101, 1)).await.unwrap();
+    records.releases().add(release(101, 1)).await.unwrap();
 }
 
 #[tokio::test]
 async fn the_oldest_that_was_withdrawn_makes_room() {
     let records = memory().await;
     for n in 0..MAX_RELEASES as u32 {
-        records.add_release(release(n, 1)).await.unwrap();
+        records.releases().add(release(n, 1)).await.unwrap();
     }
     let newest = release(MAX_RELEASES as u32, 1);
-    let full = records.add_release(newest.clone()).await;
+    let full = records.releases().add(newest.clone()).await;
     assert!(matches!(full, Err(RecordsError::TooMany("releases"))));
     for n in [7, 5] {
         let id = release(n, 1).id;
-        let done = records.withdraw_release(&id, withdrawal(1)).await;
+        let done = records.releases().withdraw(&id, withdrawal(1)).await;
         done.unwrap();
     }
-    records.add_release(newest.clone()).await.unwrap();
-    let forgotten = records.release(&release(5, 1).id).await.unwrap();
+    records.releases().add(newest.clone()).await.unwrap();
+    let forgotten = records.releases().get(&release(5, 1).id).await.unwrap();
     assert_eq!(forgotten, None);
     for n in [4, 6, 7] {
-        assert!(records.release(&release(n, 1).id).await.unwrap().is_some());
+        assert!(
+            records
+                .releases()
+                .get(&release(n, 1).id)
+                .await
+                .unwrap()
+                .is_some()
+        );
     }
-    let found = records.release(&newest.id).await.unwrap();
+    let found = records.releases().get(&newest.id).await.unwrap();
     assert_eq!(found, Some(kept(newest)));
 }
