@@ -183,7 +183,9 @@ fn set_up(arguments: &Arguments, description: Description, spawner: Spawner) {
 /// What names this program: no other has the same. Started without the boot stage it goes by its version.
 fn build() -> BuildId {
     let digits = update::build();
-    let digits = digits.as_ref().and_then(|digits| core::str::from_utf8(digits).ok());
+    let digits = digits
+        .as_ref()
+        .and_then(|digits| core::str::from_utf8(digits).ok());
     let build = digits.and_then(|digits| BuildId::new(digits).ok());
     build.unwrap_or_else(|| BuildId::development(env!("CARGO_PKG_VERSION")))
 }
