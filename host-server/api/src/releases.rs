@@ -14,6 +14,7 @@ use crawler_records::{
     RecordsError, Withdrawal,
 };
 use crawler_release::PublicKey;
+use crawler_rollouts::Rollouts;
 use serde::Deserialize;
 use serde_json::json;
 use utoipa::{IntoParams, ToSchema};
@@ -255,8 +256,9 @@ pub(super) async fn one(
 
 /// Withdraws a release, for good
 ///
-/// No rollout can be started with it any more, and those that run offer it to no further robot. Its image is
-/// deleted; what its manifest says stays. It cannot be added again: sign the image again under a higher sequence.
+/// No rollout can be started with it any more, and those that run with it are paused: robots that have not started
+/// it give it up. Its image is deleted; what its manifest says stays. It cannot be added again: sign the image again
+/// under a higher sequence.
 #[utoipa::path(post, path = "/releases/{id}/withdraw", tag = "updates",
     params(("id" = String, Path, description = "Id of the release")),
     request_body = WithdrawBody,
@@ -269,6 +271,7 @@ pub(super) async fn one(
         (status = 503, description = "The records cannot be written")))]
 pub(super) async fn withdraw(
     State(keeper): State<ReleaseKeeper>,
+    State(rollouts): State<Arc<Rollouts>>,
     caller: Caller,
     Path(id): Path<String>,
     body: JsonBody,
@@ -304,5 +307,13 @@ pub(super) async fn withdraw(
         caller.name()
     );
     keeper.tell(Level::Warn, text);
+    for paused in rollouts.pause_all_of(&id).await? {
+        let detail = json!({ "because": "release.withdraw", "release": id });
+        let done: Result<(), Problem> = Ok(());
+        let paused = paused.to_string();
+        audit
+            .write(&caller, "rollout.pause", &paused, detail, &done)
+            .await;
+    }
     Ok(Json(ReleaseDetail::new(release)?))
 }

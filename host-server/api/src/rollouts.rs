@@ -297,7 +297,8 @@ pub(super) async fn pause(
         (status = 200, description = "It runs; failures that stopped it do not count any more",
             body = RolloutView),
         (status = 404, description = "There is none of that id"),
-        (status = 409, description = "It is not paused")))]
+        (status = 409, description = "It is not paused"),
+        (status = 422, description = "A release of it was withdrawn")))]
 pub(super) async fn resume(
     State(rollouts): State<Arc<Rollouts>>,
     State(audit): State<Audit>,
@@ -346,7 +347,8 @@ pub(super) async fn abort(
     responses(
         (status = 200, description = "It waits for its turn", body = RolloutView),
         (status = 404, description = "There is no such rollout, or no such robot in it"),
-        (status = 409, description = "There is nothing to try again")))]
+        (status = 409, description = "There is nothing to try again"),
+        (status = 422, description = "A release of it was withdrawn")))]
 pub(super) async fn retry(
     State(rollouts): State<Arc<Rollouts>>,
     State(audit): State<Audit>,

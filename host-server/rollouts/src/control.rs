@@ -4,11 +4,12 @@ use std::fmt;
 
 use crawler_protocol::RobotId;
 use crawler_records::RecordsError;
-use crawler_updates::rollout::{Command, CommandError, PlanError, ReleaseId, StartError};
+use crawler_updates::rollout::{Command, CommandError, Document, PlanError, ReleaseId, StartError};
 use tokio::sync::oneshot;
 
 use crate::Rollouts;
 use crate::plan::NewPlan;
+use crate::view::damaged;
 
 /// What can be done with a rollout.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -127,9 +128,54 @@ impl Rollouts {
     /// # Cancellation safety
     /// It may be done all the same.
     pub async fn act(&self, id: i64, action: Action) -> Result<(), RolloutError> {
+        if matches!(action, Action::Resume | Action::Retry(_)) {
+            self.check_releases(id).await?;
+        }
         let (answer, answered) = oneshot::channel();
         self.ask(Request::Act { id, action, answer }, answered)
             .await
+    }
+
+    /// Refuses what would offer releases that were withdrawn.
+    async fn check_releases(&self, id: i64) -> Result<(), RolloutError> {
+        let kept = self.records.rollouts().get(id).await?;
+        let kept = kept.ok_or(RolloutError::Unknown)?;
+        let document: Document = serde_json::from_str(&kept.document).map_err(damaged)?;
+        for one in document.plan.releases {
+            let release = self.records.releases().get(one.release.as_str()).await?;
+            if release.is_none_or(|release| release.withdrawn.is_some()) {
+                return Err(RolloutError::Release(one.release, "it was withdrawn"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Pauses the rollouts that are at work with `release`, which was withdrawn, and returns their numbers. Those that
+    /// stand already stay as they are.
+    ///
+    /// # Errors
+    /// [`RolloutError`]; some may have been paused.
+    ///
+    /// # Cancellation safety
+    /// Some may be paused, and others not.
+    pub async fn pause_all_of(&self, release: &str) -> Result<Vec<i64>, RolloutError> {
+        let mut paused = Vec::new();
+        for lease in self.records.rollouts().leases().await? {
+            let Some(kept) = self.records.rollouts().get(lease.id).await? else {
+                continue;
+            };
+            let document: Document = serde_json::from_str(&kept.document).map_err(damaged)?;
+            let mut releases = document.plan.releases.iter();
+            if !releases.any(|one| one.release.as_str() == release) {
+                continue;
+            }
+            match self.act(lease.id, Action::Pause).await {
+                Ok(()) => paused.push(lease.id),
+                Err(RolloutError::Command(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(paused)
     }
 
     async fn ask<T>(

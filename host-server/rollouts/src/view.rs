@@ -106,7 +106,7 @@ const fn state(state: RolloutState) -> (&'static str, Option<PauseReason>) {
     }
 }
 
-fn damaged(error: impl std::fmt::Display) -> RolloutError {
+pub(crate) fn damaged(error: impl std::fmt::Display) -> RolloutError {
     RolloutError::Damaged(error.to_string())
 }
 

@@ -35,7 +35,11 @@ fn view(robot: &Robot) -> Option<RobotView<'_>> {
         robot: &robot.id,
         board: &status.board,
         kind: status.kind.known()?,
-        build: &status.firmware,
+        // Programs from before there were builds tell their version alone.
+        build: match &status.build {
+            Some(build) => build.as_str(),
+            None => &status.firmware,
+        },
         boot: status.boot.count,
         online: !gone,
         busy: busy(robot),

@@ -38,6 +38,8 @@ pub(super) struct Release {
 pub(super) struct Robot {
     /// Chunks that it has got.
     pub(super) chunks: Arc<AtomicU32>,
+    /// Chunks that it has asked for, counted each time.
+    pub(super) asked: Arc<AtomicU32>,
     _task: AbortOnDropHandle<()>,
 }
 
@@ -51,6 +53,7 @@ impl Robot {
         loss: u32,
     ) -> Self {
         let chunks = Arc::new(AtomicU32::new(0));
+        let asked = Arc::new(AtomicU32::new(0));
         let body = Body {
             id: id.to_owned(),
             port,
@@ -58,6 +61,7 @@ impl Robot {
             program,
             loss,
             chunks: Arc::clone(&chunks),
+            asked: Arc::clone(&asked),
             build: "old".to_owned(),
             boot: 1,
             transfer: None,
@@ -65,6 +69,7 @@ impl Robot {
         };
         Self {
             chunks,
+            asked,
             _task: AbortOnDropHandle::new(tokio::spawn(body.live())),
         }
     }
@@ -83,6 +88,7 @@ struct Body {
     program: Program,
     loss: u32,
     chunks: Arc<AtomicU32>,
+    asked: Arc<AtomicU32>,
     build: String,
     boot: u32,
     transfer: Option<Transfer>,
@@ -98,7 +104,7 @@ impl Body {
                 .set_keep_alive(Duration::from_secs(5))
                 .set_clean_start(true);
             let gone = json!({"robot": self.id, "online": false, "kind": "simulated",
-                "firmware": self.build, "board": "virt", "capabilities": ["drive"],
+                "firmware": "0.4.0", "build": self.build, "board": "virt", "capabilities": ["drive"],
                 "boot": {"count": self.boot, "cause": "power-on"}, "protocol": 1});
             let topic = format!("swarm/status/{}", self.id);
             options.set_last_will(LastWill::new(
@@ -159,7 +165,7 @@ impl Body {
 
     fn introduce(&self, client: &AsyncClient) {
         let status = json!({"robot": self.id, "online": true, "kind": "simulated",
-            "firmware": self.build, "board": "virt", "capabilities": ["drive"],
+            "firmware": "0.4.0", "build": self.build, "board": "virt", "capabilities": ["drive"],
             "boot": {"count": self.boot, "cause": "power-on"}, "protocol": 1});
         let topic = format!("swarm/status/{}", self.id);
         let _ = client.try_publish(topic, QoS::AtLeastOnce, true, status.to_string());
@@ -199,6 +205,7 @@ impl Body {
         let Some(Transfer { want, .. }) = &self.transfer else {
             return;
         };
+        self.asked.fetch_add(want.outstanding(), Ordering::Relaxed);
         self.say(
             client,
             &json!({"update": "want", "robot": self.id, "tag": want.tag,
