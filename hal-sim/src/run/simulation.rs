@@ -170,6 +170,26 @@ pub(crate) struct BrokerAddress {
 }
 
 impl Simulation {
+    /// A simulation like [`Simulation::lockstep`] whose robots take releases that are signed with one of these
+    /// keys.
+    ///
+    /// # Errors
+    /// See [`SimulationError`].
+    pub fn updating(
+        scenario: Scenario,
+        seed: u64,
+        keys: PublicKeys,
+    ) -> Result<Self, SimulationError> {
+        let given = BrokerAddress {
+            release_keys: Some(keys),
+            ..BrokerAddress::default()
+        };
+        let mut simulation = Self::lockstep_given(scenario, seed, given, None)?;
+        // The keys are no part of what it could be repeated from.
+        simulation.journal.withhold();
+        Ok(simulation)
+    }
+
     /// A simulation with a broker in the process and links in virtual time.
     ///
     /// # Errors

@@ -115,7 +115,7 @@ impl Simulation {
         });
         #[cfg(not(feature = "recording"))]
         let _ = number;
-        let updates = self.updates(&parts.started);
+        let updates = super::updates::updates(&self.broker, &parts.started);
         let (sched, detector) = (&mut self.sched, self.detector.as_ref());
         let network = match &self.way {
             _ if parts.started.has(DefectKind::NeverLink) => SimNetwork::None(NoNetwork),
