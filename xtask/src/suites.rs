@@ -26,8 +26,9 @@ const TIMED: &str = "package(crawler-tests) | package(crawler-hil) | package(cra
     | package(crawler-accounts) | package(crawler-api) | package(crawler-broker) \
     | package(crawler-cluster) | package(crawler-commands) | package(crawler-database) \
     | package(crawler-experiments) | package(crawler-fleet) | package(crawler-history) \
-    | package(crawler-passwords) | package(crawler-records) | package(crawler-server-tls) \
-    | package(crawler-simulations) | package(crawler-system) | package(crawler-timeseries) \
+    | package(crawler-passwords) | package(crawler-records) | package(crawler-rollouts) \
+    | package(crawler-server-tls) | package(crawler-simulations) | package(crawler-system) \
+    | package(crawler-timeseries) \
     | (package(crawler-sim) & kind(test))";
 
 /// Which tests, how often, and beside what.

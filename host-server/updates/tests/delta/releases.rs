@@ -1,6 +1,6 @@
 //! From one file with a release to another.
 
-use crawler_release::{ImageError, Kind, Requires};
+use crawler_release::{Chip, ImageError, Kind, Requires};
 use crawler_updates::delta::{BetweenFault, Side, apply, between};
 use crawler_updates::release::{FileFault, SecretKey, SignOptions, join};
 
@@ -57,7 +57,9 @@ fn what_does_not_belong_together_has_none() {
     let cut = BetweenFault::Image(Side::To, ImageError::TooShort);
     assert_eq!(fault(&from, &to[..to.len() - 1]), cut);
     for other in [
-        release(&b, |options| options.board = "sim"),
+        release(&b, |options| {
+            (options.board, options.chip) = ("rover", Some(Chip::NONE));
+        }),
         release(&b, |options| {
             (options.kind, options.name) = (Kind::Model, Some("eyes"));
         }),
