@@ -48,8 +48,12 @@ pub(super) struct ListQuery {
 #[into_params(parameter_in = Query)]
 pub(super) struct RobotsQuery {
     /// Only robots behind this one, by name
+    #[param(pattern = "^[a-z0-9-]{1,32}$")]
     after: Option<String>,
     /// Only robots in this state
+    #[param(
+        pattern = "^(not_applicable|waiting|offered|deferred|preparing|receiving|verifying|staged|trial|confirmed|rolled_back|failed|skipped|superseded)$"
+    )]
     state: Option<String>,
     /// How many at most, 1 to 1000; 200 where it is left out
     #[param(minimum = 1, maximum = 1000)]
@@ -85,10 +89,10 @@ pub(super) struct RobotList {
 )]
 pub(super) struct PlanSchema {
     /// The releases, each an object with `release`, its id, and perhaps `kind`: at most one for each robot.
-    #[schema(value_type = Vec<Object>)]
+    #[schema(value_type = Vec<Object>, min_items = 1, max_items = 32)]
     releases: (),
     /// The phases, first to last: who belongs to each, how long it is watched, when it has failed.
-    #[schema(value_type = Vec<Object>)]
+    #[schema(value_type = Vec<Object>, min_items = 1)]
     phases: (),
     /// How much at once.
     #[schema(value_type = Option<Object>)]
