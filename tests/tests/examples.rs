@@ -118,7 +118,7 @@ fn releases_are_made_as_the_page_says() {
             done.push(words[1].clone());
         }
     }
-    let all = "keygen sign sign bundle sign verify verify add sign delta";
+    let all = "keygen sign sign verify verify add sign bundle sign add bundle sign sign delta";
     assert_eq!(done.join(" "), all);
 }
 
