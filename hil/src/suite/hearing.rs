@@ -22,7 +22,7 @@ const OTHERS: usize = 1_000;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Word {
     /// `status/{id}` of the robot.
-    Status(StatusMessage),
+    Status(Box<StatusMessage>),
     /// `heartbeat/{id}`.
     Heartbeat(Heartbeat),
     /// `telemetry/{id}`.
@@ -155,7 +155,7 @@ impl Book {
                 if self.status.is_none() {
                     self.status_retained = retained;
                 }
-                self.status = Some(status.clone());
+                self.status = Some((**status).clone());
             }
             Word::Parameters(parameters) => {
                 if self.parameters.is_none() {
@@ -182,7 +182,7 @@ fn read(topic: &Topic, payload: &[u8], unknown: &mut Unknown) -> Result<Option<W
         return Err(format!("{} bytes", payload.len()));
     }
     let word = match topic {
-        Topic::Status(_) => told(payload, unknown).map(Word::Status),
+        Topic::Status(_) => told(payload, unknown).map(Box::new).map(Word::Status),
         Topic::Heartbeat(_) => told(payload, unknown).map(Word::Heartbeat),
         Topic::Telemetry(_) => told(payload, unknown).map(Word::Telemetry),
         Topic::Response(_) => told(payload, unknown).map(Word::Response),
