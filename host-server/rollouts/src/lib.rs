@@ -10,12 +10,12 @@
 //! their own, over the same MQTT session as offers, which is not the one of commands: a `stop` never waits behind
 //! a chunk.
 //!
-//! Reading order: `plan`, what people ask for; `image`, what robots get; `board`, the rollouts of this server;
+//! Reading order: `plan`, what people ask for; `image`, what robots get; `active`, the rollouts of this server;
 //! `step`, what is stored of a step; `report`, what robots say; `pulls`, who asks for which chunks, and `sender`,
 //! which sends them; `link`, the session; `runner`, which has all of it, with `lease` and `robots`; `control` and
 //! `view`, what the API asks for; `numbers`, the metrics.
 
-mod board;
+mod active;
 mod control;
 mod image;
 mod lease;
@@ -40,7 +40,7 @@ use crawler_updates::rollout::{NameError, Now, ServerId};
 use rumqttc::v5::{AsyncClient, MqttOptions};
 use tokio::sync::{Notify, mpsc};
 
-use board::Board;
+use crate::active::ActiveRollouts;
 use control::Request;
 use numbers::Numbers;
 use pulls::Pulls;
@@ -81,7 +81,7 @@ pub struct Rollouts {
     robots: Arc<dyn Robots>,
     tell: Tell,
     began: Instant,
-    board: Mutex<Board>,
+    active: Mutex<ActiveRollouts>,
     pulls: Mutex<Pulls>,
     /// There is something to send, or leave to.
     pulled: Notify,
@@ -104,7 +104,7 @@ impl Rollouts {
             robots: parts.robots,
             tell: parts.tell,
             began: Instant::now(),
-            board: Mutex::default(),
+            active: Mutex::default(),
             pulls: Mutex::default(),
             pulled: Notify::new(),
             client: Mutex::new(None),
@@ -116,11 +116,11 @@ impl Rollouts {
     }
 
     /// The rollouts of this server, for a moment: whoever holds it waits for nothing.
-    fn board(&self) -> MutexGuard<'_, Board> {
-        self.board.lock().unwrap_or_else(PoisonError::into_inner)
+    fn active(&self) -> MutexGuard<'_, ActiveRollouts> {
+        self.active.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What robots have asked for. Taken behind [`Rollouts::board`] where both are.
+    /// What robots have asked for. Taken behind [`Rollouts::active`] where both are.
     fn pulls(&self) -> MutexGuard<'_, Pulls> {
         self.pulls.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -173,7 +173,7 @@ impl Session<'_> {
             None => false,
             Some(Said::Have) => true,
             Some(Said::Want(want)) => {
-                let pull = self.rollouts.board().source(&robot, want.tag);
+                let pull = self.rollouts.active().source(&robot, want.tag);
                 pull.is_some_and(|(rollout, release)| {
                     let pull = Pull {
                         rollout,

@@ -60,7 +60,7 @@ impl Rollouts {
         let now = self.now();
         let mut states: BTreeMap<&str, usize> = BTreeMap::new();
         let mut robots: BTreeMap<UpdateState, usize> = BTreeMap::new();
-        for (_, one) in self.board().all() {
+        for (_, one) in self.active().all() {
             let Some(state) = name(one.rollout.document().state) else {
                 continue;
             };

@@ -16,7 +16,7 @@ use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
-use crate::board::Active;
+use crate::active::Active;
 use crate::control::{Action, Request, RolloutError};
 use crate::image::Blob;
 use crate::lease::{BEAT_MS, Watched};
@@ -39,7 +39,7 @@ const EXPIRY: u32 = 15;
 /// How often something is tried that another server came before with.
 const TRIES: usize = 3;
 /// How long robots that are to give up are waited for when a rollout is over.
-const FAREWELL: Duration = Duration::from_mins(10);
+const CANCEL_TIMEOUT: Duration = Duration::from_mins(10);
 
 /// What carries rollouts out.
 pub struct Runner {
@@ -111,7 +111,7 @@ impl Runner {
                     self.hear(all).await;
                 }
             }
-            let any = !self.rollouts.board().is_empty();
+            let any = !self.rollouts.active().is_empty();
             wanted.send_if_modified(|wanted| std::mem::replace(wanted, any) != any);
         }
         self.requests.close();
@@ -131,7 +131,7 @@ impl Runner {
             self.renew().await;
             self.take_over_what_is_left().await;
         }
-        if self.rollouts.board().is_empty() {
+        if self.rollouts.active().is_empty() {
             return;
         }
         self.see().await;
@@ -139,24 +139,24 @@ impl Runner {
             self.apply(id, vec![Event::Tick]).await;
             let ended = |one: &Active| {
                 let since = one.over_since;
-                since.is_some_and(|at| !one.has_recalled() || at.elapsed() >= FAREWELL)
+                since.is_some_and(|at| !one.has_recalled() || at.elapsed() >= CANCEL_TIMEOUT)
             };
-            let mut board = self.rollouts.board();
-            if board.get(id).is_some_and(ended) {
-                board.remove(id);
+            let mut active = self.rollouts.active();
+            if active.get(id).is_some_and(ended) {
+                active.remove(id);
             }
         }
     }
 
     fn ids(&self) -> Vec<i64> {
-        self.rollouts.board().ids()
+        self.rollouts.active().ids()
     }
 
     /// Says that this server lives, and forgets what is another's by now.
     async fn renew(&self) {
         let own: Vec<(i64, u64)> = {
-            let board = self.rollouts.board();
-            board.all().map(|(id, one)| (id, one.epoch)).collect()
+            let active = self.rollouts.active();
+            active.all().map(|(id, one)| (id, one.epoch)).collect()
         };
         if own.is_empty() {
             return;
@@ -237,7 +237,7 @@ impl Runner {
             blobs,
             over_since: None,
         };
-        self.rollouts.board().insert(id, active);
+        self.rollouts.active().insert(id, active);
         self.commit(id, step).await;
         let seen = self.known.all().into_iter().map(Event::Seen).collect();
         self.apply(id, seen).await;
@@ -247,7 +247,7 @@ impl Runner {
     /// A rollout is another server's now.
     fn lose(&self, id: i64) {
         tracing::info!(rollout = id, "is carried out by another server now");
-        self.rollouts.board().remove(id);
+        self.rollouts.active().remove(id);
     }
 
     /// Looks at the robots, and tells the rollouts what has changed.
@@ -258,11 +258,11 @@ impl Runner {
         }
         for id in self.ids() {
             let events: Vec<Event> = {
-                let board = self.rollouts.board();
-                let Some(one) = board.get(id) else { continue };
+                let active = self.rollouts.active();
+                let Some(one) = active.get(id) else { continue };
                 // A robot that is new to the fleet belongs to the newest rollout that takes it.
                 let concerned = changes.iter().filter(|seen| {
-                    one.rollout.row(&seen.robot).is_some() || !board.newer_has(id, &seen.robot)
+                    one.rollout.row(&seen.robot).is_some() || !active.newer_has(id, &seen.robot)
                 });
                 concerned.cloned().map(Event::Seen).collect()
             };
@@ -282,7 +282,7 @@ impl Runner {
                 }
                 Heard::Report(robot, release, told) => (robot, release, told),
             };
-            let concerned = self.rollouts.board().with_release(&robot, release);
+            let concerned = self.rollouts.active().with_release(&robot, release);
             let report = told.with(|| self.known.build(&robot));
             let name = crawler_updates::rollout::ReleaseId::new(&release.text());
             let (Some(report), Ok(release), false) = (report, name, concerned.is_empty()) else {
@@ -302,8 +302,8 @@ impl Runner {
         }
         if connected {
             let owed: Vec<Effect> = {
-                let board = self.rollouts.board();
-                board.all().flat_map(|(_, one)| one.owed()).collect()
+                let active = self.rollouts.active();
+                active.all().flat_map(|(_, one)| one.owed()).collect()
             };
             self.send(owed).await;
         }
@@ -313,8 +313,10 @@ impl Runner {
     async fn apply(&mut self, id: i64, events: Vec<Event>) {
         let mut step = Step::default();
         {
-            let mut board = self.rollouts.board();
-            let Some(one) = board.get_mut(id) else { return };
+            let mut active = self.rollouts.active();
+            let Some(one) = active.get_mut(id) else {
+                return;
+            };
             let now = self.rollouts.now();
             for event in events {
                 step::merge(&mut step, one.rollout.handle(event, now));
@@ -349,7 +351,7 @@ impl Runner {
         if step::is_empty(step) {
             return Ok(());
         }
-        let epoch = self.rollouts.board().get(id).map(|one| one.epoch);
+        let epoch = self.rollouts.active().get(id).map(|one| one.epoch);
         let epoch = epoch.ok_or(NotStored::Lost)?;
         let stored = self.to_records(id, step).map_err(NotStored::Records)?;
         let written = self
@@ -376,8 +378,10 @@ impl Runner {
             (self.rollouts.tell)(level, robot, text);
         }
         let effects = {
-            let mut board = self.rollouts.board();
-            let Some(one) = board.get_mut(id) else { return };
+            let mut active = self.rollouts.active();
+            let Some(one) = active.get_mut(id) else {
+                return;
+            };
             if one.rollout.document().state.is_over() {
                 one.over_since.get_or_insert_with(Instant::now);
             }
@@ -476,7 +480,7 @@ impl Runner {
             blobs,
             over_since: None,
         };
-        rollouts.board().insert(id, active);
+        rollouts.active().insert(id, active);
         self.supersede(id).await;
         self.follow(id, step).await;
         Ok(id)
@@ -498,12 +502,12 @@ impl Runner {
         for id in self.ids().into_iter().filter(|id| *id != newest) {
             let mut step = Step::default();
             {
-                let mut board = self.rollouts.board();
-                let robots: Vec<RobotId> = board.get(newest).map_or_else(Vec::new, |one| {
+                let mut active = self.rollouts.active();
+                let robots: Vec<RobotId> = active.get(newest).map_or_else(Vec::new, |one| {
                     let rows = one.rollout.rows().filter(|row| row.phase.is_some());
                     rows.map(|row| row.robot.clone()).collect()
                 });
-                let Some(one) = board.get_mut(id) else {
+                let Some(one) = active.get_mut(id) else {
                     continue;
                 };
                 let now = self.rollouts.now();
@@ -523,8 +527,8 @@ impl Runner {
         for _ in 0..TRIES {
             self.make_own(id).await?;
             let (before, step) = {
-                let mut board = self.rollouts.board();
-                let one = board.get_mut(id).ok_or(RolloutError::Unknown)?;
+                let mut active = self.rollouts.active();
+                let one = active.get_mut(id).ok_or(RolloutError::Unknown)?;
                 let before = one.rollout.clone();
                 let step = one.rollout.command(&action.command(), self.rollouts.now());
                 (before, step.map_err(RolloutError::Command)?)
@@ -538,7 +542,7 @@ impl Runner {
                 Err(NotStored::Lost) => self.lose(id),
                 Err(NotStored::Records(error)) => {
                     // Nobody was told: it has not happened.
-                    if let Some(one) = self.rollouts.board().get_mut(id) {
+                    if let Some(one) = self.rollouts.active().get_mut(id) {
                         one.rollout = before;
                     }
                     return Err(error.into());
@@ -552,7 +556,7 @@ impl Runner {
     async fn make_own(&mut self, id: i64) -> Result<(), RolloutError> {
         let kept = self.rollouts.records.rollouts().get(id).await?;
         let kept = kept.ok_or(RolloutError::Unknown)?;
-        let own = self.rollouts.board().get(id).map(|one| one.epoch);
+        let own = self.rollouts.active().get(id).map(|one| one.epoch);
         if own == Some(kept.epoch) {
             return Ok(());
         }

@@ -9,7 +9,7 @@ use rumqttc::v5::mqttbytes::v5::PublishProperties;
 use tokio_util::sync::CancellationToken;
 
 use crate::Rollouts;
-use crate::board::Asked;
+use crate::active::Asked;
 
 /// What a broker could not hand on for so long is of no use: the robot asks again. In seconds.
 const EXPIRY: u32 = 5;
@@ -25,7 +25,7 @@ enum Next {
 impl Rollouts {
     fn next_chunk(&self) -> Next {
         let now = self.now();
-        let mut board = self.board();
+        let mut active = self.active();
         let mut pulls = self.pulls();
         let mut wait: Option<u64> = None;
         let mut turns = pulls.waiting();
@@ -33,7 +33,7 @@ impl Rollouts {
             let Some((robot, pull, index)) = pulls.front() else {
                 break;
             };
-            match board.chunk(robot, pull, index, now) {
+            match active.chunk(robot, pull, index, now) {
                 Asked::Chunk(bytes) => {
                     let robot = robot.clone();
                     pulls.sent();

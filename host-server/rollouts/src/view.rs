@@ -189,8 +189,8 @@ impl Rollouts {
     /// [`RolloutError::Unknown`], [`RolloutError::Records`], [`RolloutError::Damaged`].
     pub async fn one(&self, id: i64) -> Result<RolloutView, RolloutError> {
         let own = {
-            let board = self.board();
-            board.get(id).map(|one| one.rollout.counts(self.now()))
+            let active = self.active();
+            active.get(id).map(|one| one.rollout.counts(self.now()))
         };
         let (kept, counts) = if let Some(counts) = own {
             let kept = self.records.rollouts().get(id).await?;

@@ -73,9 +73,9 @@ pub(crate) enum Asked {
 
 /// The rollouts of this server, by number.
 #[derive(Default)]
-pub(crate) struct Board(BTreeMap<i64, Active>);
+pub(crate) struct ActiveRollouts(BTreeMap<i64, Active>);
 
-impl Board {
+impl ActiveRollouts {
     pub(crate) fn get(&self, id: i64) -> Option<&Active> {
         self.0.get(&id)
     }
