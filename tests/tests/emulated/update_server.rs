@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use crawler_image_format::header::Header;
 use crawler_image_format::keys::KEY;
 use crawler_image_format::pem;
+use crawler_protocol::ReleaseId;
 use crawler_release::chunk::{CHUNK_MAX, Chunk, PAYLOAD, Part};
 use crawler_release::{Kind, Requires, Signed, Want};
 use crawler_updates::release::{SecretKey, SignOptions};
@@ -57,14 +58,13 @@ impl Release {
             requires: Requires::default(),
         };
         let envelope = options.sign(image, key).expect("a release");
-        let id = Signed::parse(&envelope).expect("an envelope").id();
-        let [a, b, c, d, ..] = id;
+        let id = ReleaseId::new(Signed::parse(&envelope).expect("an envelope").id());
         Self {
-            id: format!("{:016x}", u64::from_be_bytes(id)),
+            id: id.to_string(),
             build,
             image: image.into(),
             envelope: envelope.into(),
-            tag: u32::from_le_bytes([a, b, c, d]),
+            tag: id.tag(),
         }
     }
 
