@@ -185,6 +185,13 @@ impl Home {
     }
 }
 
+/// Robots ask for no more once they have got so many chunks.
+fn hold(robots: &[Robot], chunks: u32) {
+    for robot in robots {
+        robot.enough.store(chunks, Ordering::Relaxed);
+    }
+}
+
 /// Phases by share, none of which is watched for long.
 fn plan(release: &Release, shares: &[u8], limits: &Value) -> Value {
     let phases: Vec<_> = shares
@@ -310,19 +317,20 @@ async fn a_rollout_goes_on_when_server_and_broker_come_back() {
     let mut home = Home::new().await;
     let release = home.release(4, 100_000).await;
     let robots = home.robots(3, &release, Program::Good, 0).await;
-    // Slow enough to be met half-way.
-    let limits = json!({"bytes_per_second": 60_000});
+    hold(&robots, 1);
+    let limits = json!({"bytes_per_second": 100_000});
     let id = home.begin(&plan(&release, &[100], &limits)).await;
-    let got = || {
-        robots
-            .iter()
-            .map(|robot| robot.chunks.load(Ordering::Relaxed))
-            .sum::<u32>()
-    };
-    for chunks in [1, 60, 150, 220] {
-        eventually("more chunks", async || got() >= chunks).await;
+    let got = |robot: &Robot| robot.chunks.load(Ordering::Relaxed);
+    // They wait there, of the 99 chunks that each of them needs.
+    for chunks in [1, 30, 60, 80] {
+        hold(&robots, chunks);
+        eventually("more chunks", async || {
+            robots.iter().all(|robot| got(robot) >= chunks)
+        })
+        .await;
         home.restart().await;
     }
+    hold(&robots, u32::MAX);
     home.wait_state(&id, "done").await;
     let rows = home.rows(&id).await;
     assert!(
@@ -338,11 +346,14 @@ async fn a_rollout_goes_on_when_server_and_broker_come_back() {
         "{log:?}"
     );
     // What was asked for is sent once, and nothing else: 98 chunks and a manifest for each, at least.
-    let asked: u32 = robots
-        .iter()
-        .map(|robot| robot.asked.load(Ordering::Relaxed))
-        .sum();
-    assert!((3 * 99..=asked).contains(&got()), "{} of {asked}", got());
+    for robot in &robots {
+        let asked = robot.asked.load(Ordering::Relaxed);
+        assert!(
+            (99..=asked).contains(&got(robot)),
+            "{} of {asked}",
+            got(robot)
+        );
+    }
     let lines = home.http().get("/api/v1/audit/verify").await.json();
     assert_eq!(lines["intact"], true, "{lines}");
     home.stop().await;
@@ -352,8 +363,9 @@ async fn a_rollout_goes_on_when_server_and_broker_come_back() {
 async fn people_pause_leave_out_and_go_on() {
     let mut home = Home::new().await;
     let release = home.release(4, 60_000).await;
-    let _robots = home.robots(4, &release, Program::Good, 0).await;
-    let limits = json!({"parallel": 1, "bytes_per_second": 30_000});
+    let robots = home.robots(4, &release, Program::Good, 0).await;
+    hold(&robots, 1);
+    let limits = json!({"parallel": 1});
     let id = home.begin(&plan(&release, &[100], &limits)).await;
     home.wait_count(&id, "receiving", 1).await;
     let paused = home.act(&format!("{id}/pause")).await;
@@ -383,6 +395,7 @@ async fn people_pause_leave_out_and_go_on() {
     nothing.is_problem(409, "wrong_state");
     home.act(&format!("{id}/robots/r03/retry")).await;
     home.act(&format!("{id}/robots/r03/skip")).await;
+    hold(&robots, u32::MAX);
     home.act(&format!("{id}/resume")).await;
     home.wait_state(&id, "done").await;
     let rows = home.rows(&id).await;
@@ -407,9 +420,11 @@ async fn people_pause_leave_out_and_go_on() {
 async fn a_release_that_is_withdrawn_goes_no_further() {
     let mut home = Home::new().await;
     let release = home.release(4, 60_000).await;
-    let _robots = home.robots(2, &release, Program::Good, 0).await;
-    let limits = json!({"parallel": 1, "bytes_per_second": 30_000});
-    let id = home.begin(&plan(&release, &[100], &limits)).await;
+    let robots = home.robots(2, &release, Program::Good, 0).await;
+    hold(&robots, 1);
+    let id = home
+        .begin(&plan(&release, &[100], &json!({"parallel": 1})))
+        .await;
     home.wait_count(&id, "receiving", 1).await;
     let path = format!("/api/v1/releases/{}/withdraw", release.id);
     let withdrawn = home.http().post(&path, r#"{"reason": "it is bad"}"#).await;
@@ -442,9 +457,9 @@ async fn a_newer_rollout_takes_the_robots_of_an_older_one() {
         .post("/api/v1/rollouts", &slow.to_string())
         .await;
     none.is_problem(422, "invalid_rollout");
-    let _robots = home.robots(2, &old, Program::Good, 0).await;
-    let limits = json!({"bytes_per_second": 16_384});
-    let first = home.begin(&plan(&old, &[100], &limits)).await;
+    let robots = home.robots(2, &old, Program::Good, 0).await;
+    hold(&robots, 1);
+    let first = home.begin(&plan(&old, &[100], &json!({}))).await;
     home.wait_count(&first, "receiving", 2).await;
     home.act(&format!("{first}/pause")).await;
     let second = home

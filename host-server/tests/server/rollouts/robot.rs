@@ -40,6 +40,8 @@ pub(super) struct Robot {
     pub(super) chunks: Arc<AtomicU32>,
     /// Chunks that it has asked for, counted each time.
     pub(super) asked: Arc<AtomicU32>,
+    /// Once it has got so many it asks for no more, and waits.
+    pub(super) enough: Arc<AtomicU32>,
     _task: AbortOnDropHandle<()>,
 }
 
@@ -54,6 +56,7 @@ impl Robot {
     ) -> Self {
         let chunks = Arc::new(AtomicU32::new(0));
         let asked = Arc::new(AtomicU32::new(0));
+        let enough = Arc::new(AtomicU32::new(u32::MAX));
         let body = Body {
             id: id.to_owned(),
             port,
@@ -62,6 +65,7 @@ impl Robot {
             loss,
             chunks: Arc::clone(&chunks),
             asked: Arc::clone(&asked),
+            enough: Arc::clone(&enough),
             build: "old".to_owned(),
             boot: 1,
             transfer: None,
@@ -70,6 +74,7 @@ impl Robot {
         Self {
             chunks,
             asked,
+            enough,
             _task: AbortOnDropHandle::new(tokio::spawn(body.live())),
         }
     }
@@ -89,6 +94,7 @@ struct Body {
     loss: u32,
     chunks: Arc<AtomicU32>,
     asked: Arc<AtomicU32>,
+    enough: Arc<AtomicU32>,
     build: String,
     boot: u32,
     transfer: Option<Transfer>,
@@ -205,6 +211,9 @@ impl Body {
         let Some(Transfer { want, .. }) = &self.transfer else {
             return;
         };
+        if self.chunks.load(Ordering::Relaxed) >= self.enough.load(Ordering::Relaxed) {
+            return;
+        }
         self.asked.fetch_add(want.outstanding(), Ordering::Relaxed);
         self.say(
             client,
