@@ -53,8 +53,8 @@ pub(super) struct ListQuery {
 #[serde(deny_unknown_fields)]
 #[schema(as = WithdrawRequest)]
 pub(super) struct WithdrawBody {
-    /// For people, 1 to 500 characters.
-    #[schema(min_length = 1, max_length = 500)]
+    /// For people, 1 to 512 bytes of UTF-8: 128 characters always fit.
+    #[schema(min_length = 1, max_length = 128)]
     reason: String,
 }
 

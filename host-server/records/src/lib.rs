@@ -1,4 +1,5 @@
-//! What a server must not forget: accounts, credentials, audit log, experiments, fences, events, releases, history.
+//! What a server must not forget: accounts, credentials, audit log, experiments, fences, events, releases, rollouts,
+//! history.
 //!
 //! [`Records::open`] opens a directory with two files. `records.sqlite` holds settings, [`User`]s,
 //! [`Invitation`]s, [`Session`]s, [`Credential`]s, [`Experiment`]s, releases ([`KeptRelease`]), rollouts
