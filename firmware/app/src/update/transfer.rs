@@ -165,6 +165,8 @@ pub(crate) struct Transfer {
     /// Failures of the present step, and of what was received, in a row.
     failures: u8,
     spoiled: u8,
+    /// The whole image was not what was signed although its blocks were, and was begun anew.
+    begun_anew: bool,
     /// State of a generator: a thousand robots shall not ask in step.
     random: u32,
 }
@@ -192,6 +194,7 @@ impl Transfer {
             heard: now,
             failures: 0,
             spoiled: 0,
+            begun_anew: false,
             random: random | 1,
         }
     }
@@ -323,11 +326,11 @@ impl Transfer {
             // Each block is what was signed, or was when it was written. What the trailer says of them cannot be
             // taken back: begin anew, once.
             (Failed::Content, _) => {
-                if self.spoiled > 0 {
+                if self.begun_anew {
                     return refuse("bad_hash", true);
                 }
+                self.begun_anew = true;
                 self.blocks = Blocks::default();
-                self.spoiled = FAILURES - 1;
                 self.phase = Phase::Judge { resumed: false };
                 Ok(())
             }

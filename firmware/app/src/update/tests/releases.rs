@@ -31,6 +31,8 @@ pub(super) struct Draft {
     pub(super) expires: Option<u64>,
     pub(super) requires: Requires,
     pub(super) size: usize,
+    /// Whether the hash of the whole image is another one than that of the image whose blocks are named.
+    pub(super) wrong_whole: bool,
 }
 
 impl Draft {
@@ -46,6 +48,7 @@ impl Draft {
             expires: None,
             requires: Requires::default(),
             size: 150_001,
+            wrong_whole: false,
         }
     }
 
@@ -57,6 +60,8 @@ impl Draft {
             .chunks(block_size as usize)
             .flat_map(block_hash)
             .collect();
+        let mut whole = image_hash(&image);
+        whole[31] ^= u8::from(self.wrong_whole);
         let manifest = Manifest {
             kind: Kind::Program,
             name: None,
@@ -68,7 +73,7 @@ impl Draft {
             floor: self.floor,
             expires: self.expires,
             size,
-            sha256: &image_hash(&image),
+            sha256: &whole,
             block_size,
             blocks: &blocks,
             delta: None,

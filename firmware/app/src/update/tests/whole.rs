@@ -357,3 +357,28 @@ fn an_image_that_is_not_what_was_signed_is_never_started() {
     drop(life);
     assert_eq!(world.start(ResetCause::PowerOn).build, "old");
 }
+
+/// What was signed by mistake: right blocks that do not make the image. It may be what was in flash, once.
+#[test]
+fn an_image_that_is_wrong_as_a_whole_is_begun_anew_once() {
+    let mut draft = Draft::new("new", 12);
+    draft.wrong_whole = true;
+    let release = draft.release();
+    let world = World::new(&release);
+    let mut life = world.start(ResetCause::PowerOn);
+    life.run_until_told("outcome", "refused");
+    let server = life.server.borrow();
+    assert_eq!(server.reason("outcome", "refused"), Some("bad_hash"));
+    let refusal = server
+        .told
+        .iter()
+        .rfind(|report| report["outcome"] == "refused");
+    assert_eq!(refusal.expect("told")["lasting"], true);
+    // Twice the image and its trailer; and a sector of otadata, to name what runs.
+    let sectors = release.image.len().div_ceil(4_096);
+    let erased = world.cells.borrow().erased;
+    assert!(erased <= 2 * (sectors + 1) + 1, "{erased} of {sectors}");
+    let chunks = release.image.len().div_ceil(1_024) as u32;
+    assert_eq!(server.sent, 1 + 2 * chunks);
+    assert_eq!(world.trailer(1).staged(), None);
+}
