@@ -122,10 +122,11 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             return Next::Soon;
         };
         let release = transfer.release();
-        match (judged, planned) {
+        let went = match (judged, planned) {
             (Ok(_), Planned::Chunk(index)) => {
                 transfer.written(index, now);
                 self.updates.make_room();
+                Ok(())
             }
             (Ok(_), Planned::Step(Step::Activate)) => {
                 self.log(Level::Info, release, format_args!("restarts for its trial"));
@@ -136,15 +137,15 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             (Ok(Some(shape)), Planned::Step(_)) => {
                 transfer.believed(shape);
                 self.log(Level::Info, release, format_args!("is taken"));
+                Ok(())
             }
             (Ok(None), Planned::Step(_)) => transfer.done(now),
             // A chunk stays where it is, and is written again.
-            (Err(why), _) => {
-                if let Err(refused) = transfer.failed(why) {
-                    self.refuse(release, refused);
-                    return Next::Soon;
-                }
-            }
+            (Err(why), _) => transfer.failed(why),
+        };
+        if let Err(refused) = went {
+            self.refuse(release, refused);
+            return Next::Soon;
         }
         if let Some(transfer) = &self.transfer
             && transfer.stage().is_some()

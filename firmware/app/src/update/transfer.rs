@@ -20,6 +20,12 @@ pub const SILENT_AFTER: Duration = Duration::from_secs(120);
 /// How often a step of the flash, and how often a block, may fail before the release is refused.
 const FAILURES: u8 = 3;
 
+/// The refusal of a release that the flash does not take.
+const FLASH_FAILED: Result<(), Refused> = Err(Refused {
+    code: "flash_failed",
+    lasting: true,
+});
+
 /// What is to be done next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Step {
@@ -147,6 +153,8 @@ enum Phase {
     CheckAll,
     Stage,
     Activate,
+    /// It could not be activated: what was written of that is taken back, and then it is refused.
+    Withdraw,
 }
 
 /// See the [module](self).
@@ -165,6 +173,8 @@ pub(crate) struct Transfer {
     /// Failures of the present step, and of what was received, in a row.
     failures: u8,
     spoiled: u8,
+    /// How often it could not be activated.
+    unactivated: u8,
     /// The whole image was not what was signed although its blocks were, and was begun anew.
     begun_anew: bool,
     /// State of a generator: a thousand robots shall not ask in step.
@@ -194,6 +204,7 @@ impl Transfer {
             heard: now,
             failures: 0,
             spoiled: 0,
+            unactivated: 0,
             begun_anew: false,
             random: random | 1,
         }
@@ -210,7 +221,7 @@ impl Transfer {
             Phase::Keep { .. } | Phase::Begin | Phase::Erase(_) => Some(UpdateStage::Preparing),
             Phase::Receive(_) | Phase::Check(_) | Phase::Note(_) => Some(UpdateStage::Receiving),
             Phase::CheckAll | Phase::Stage => Some(UpdateStage::Verifying),
-            Phase::Activate => Some(UpdateStage::Staged),
+            Phase::Activate | Phase::Withdraw => Some(UpdateStage::Staged),
         }
     }
 
@@ -238,7 +249,7 @@ impl Transfer {
                     }
                 },
                 Phase::Judge { .. } => Step::Judge,
-                Phase::Keep { .. } => Step::Keep,
+                Phase::Keep { .. } | Phase::Withdraw => Step::Keep,
                 Phase::Begin => Step::Begin,
                 Phase::Erase(sector) => {
                     let at = sector * SECTOR;
@@ -263,7 +274,10 @@ impl Transfer {
     }
 
     /// The step that [`Self::next`] gave last was done, other than waiting and asking.
-    pub(crate) fn done(&mut self, now: Instant) {
+    ///
+    /// # Errors
+    /// Why the release is given up, which had to wait for that step.
+    pub(crate) fn done(&mut self, now: Instant) -> Result<(), Refused> {
         self.failures = 0;
         self.phase = match self.phase {
             Phase::Keep { resumed: false } => Phase::Begin,
@@ -273,13 +287,16 @@ impl Transfer {
             Phase::Note(block) => {
                 self.blocks = self.blocks.with(block);
                 self.spoiled = 0;
-                return self.receive(now);
+                self.receive(now);
+                return Ok(());
             }
             Phase::CheckAll => Phase::Stage,
             Phase::Stage => Phase::Activate,
+            Phase::Withdraw => return FLASH_FAILED,
             same
             @ (Phase::Envelope | Phase::Receive(_) | Phase::Judge { .. } | Phase::Activate) => same,
         };
+        Ok(())
     }
 
     /// The manifest is believed, and says this of the image.
@@ -298,13 +315,15 @@ impl Transfer {
         let refuse = |code, lasting| Err(Refused { code, lasting });
         match (why, self.phase) {
             (Failed::Refused(refused), _) => Err(refused),
-            (Failed::Flash, Phase::Activate) => {
-                // Whatever came of it: the program that runs is the one that is proven, to begin with.
-                self.spoiled += 1;
-                if self.spoiled >= FAILURES {
-                    return refuse("flash_failed", true);
-                }
-                self.phase = Phase::Keep { resumed: true };
+            (Failed::Flash | Failed::NoWayBack, Phase::Activate) => {
+                // Whatever came of it: the program that runs is the one that is proven, to begin with, and a
+                // restart starts nothing that is refused.
+                self.unactivated += 1;
+                self.phase = if self.unactivated < FAILURES {
+                    Phase::Keep { resumed: true }
+                } else {
+                    Phase::Withdraw
+                };
                 Ok(())
             }
             (Failed::Flash | Failed::NoWayBack, _) => {
@@ -312,7 +331,7 @@ impl Transfer {
                 if self.failures < FAILURES {
                     Ok(())
                 } else {
-                    refuse("flash_failed", true)
+                    FLASH_FAILED
                 }
             }
             (Failed::Content, Phase::Check(block)) => {
@@ -363,6 +382,7 @@ impl Transfer {
         if !self.want.take(self.want.tag, self.want.part, index) {
             return;
         }
+        self.failures = 0;
         self.heard = now;
         self.patience = ASK_AFTER;
         self.ask_at = Some(now + self.patience);

@@ -61,6 +61,8 @@ pub(super) struct Cells {
     pub(super) spent: usize,
     pub(super) erased: usize,
     pub(super) worn: bool,
+    /// What has the other slot started is written, and said to have failed.
+    pub(super) denying: bool,
 }
 
 impl Cells {
@@ -82,6 +84,12 @@ impl Cells {
         let done = self.spend(to - from);
         self.erased += 1;
         self.bytes[from..from + done].fill(0xFF);
+    }
+
+    /// The slot that otadata would have started.
+    fn selected(&mut self) -> Option<u8> {
+        let Ok(otadata) = Otadata::read(&mut Raw(self), OTADATA, Slots::TWO);
+        otadata.select(Bootloader::Plain).tries(Slots::TWO).next()
     }
 
     fn program(&mut self, at: usize, bytes: &[u8]) {
@@ -116,9 +124,11 @@ impl SlotFlash {
             if cells.worn {
                 return Err(Worn);
             }
+            let before = cells.selected();
             change(&mut cells);
             if !cells.dark {
-                return Ok(());
+                let denied = cells.denying && cells.selected() == Some(1) && before != Some(1);
+                return if denied { Err(Worn) } else { Ok(()) };
             }
         }
         pending().await
@@ -227,6 +237,7 @@ impl World {
                 spent: 0,
                 erased: 0,
                 worn: false,
+                denying: false,
             })),
             settings: TestFlash::new(2),
             images: Vec::from([

@@ -70,6 +70,8 @@ struct Model {
     checked: Vec<u8>,
     whole: bool,
     staged: bool,
+    /// Otadata may name the release.
+    activating: bool,
 }
 
 impl Model {
@@ -102,6 +104,7 @@ proptest! {
                 Happening::Reboot => {
                     transfer = Transfer::new(release, model.lying(), 11, now);
                     (model.believed, model.kept, asked) = (false, false, None);
+                    model.activating = false;
                     model.checked.clear();
                     model.whole = false;
                 }
@@ -156,10 +159,13 @@ proptest! {
                     if let Some(content) = fails {
                         let checks = matches!(step, Step::Check(_) | Step::CheckAll);
                         let why = if content && checks { Failed::Content } else { Failed::Flash };
+                        model.activating |= step == Step::Activate;
                         if transfer.failed(why).is_err() {
+                            prop_assert!(!model.activating || step == Step::Keep);
                             // Given up: offered again.
                             transfer = Transfer::new(release, model.lying(), 13, now);
                             (model.believed, model.kept, asked) = (false, false, None);
+                            model.activating = false;
                         }
                         continue;
                     }
@@ -169,7 +175,7 @@ proptest! {
                             transfer.believed(shape);
                             continue;
                         }
-                        Step::Keep => model.kept = true,
+                        Step::Keep => (model.kept, model.activating) = (true, false),
                         Step::Begin => {
                             prop_assert!(model.believed && model.kept);
                             model.begun = true;
@@ -207,7 +213,12 @@ proptest! {
                         }
                         Step::Wait(_) | Step::Ask(_) => {}
                     }
-                    transfer.done(now);
+                    if transfer.done(now).is_err() {
+                        prop_assert!(step == Step::Keep, "nothing else is waited for");
+                        transfer = Transfer::new(release, model.lying(), 15, now);
+                        (model.believed, model.kept, asked) = (false, false, None);
+                        model.activating = false;
+                    }
                 }
             }
         }
@@ -237,4 +248,63 @@ fn it_asks_less_often_while_nothing_comes_and_gives_up() {
         gaps[5..].iter().all(|gap| (16_000..=20_000).contains(gap)),
         "{gaps:?}"
     );
+}
+
+/// A transfer of which every block of `lying` is there, as far as `until`.
+fn going_on(lying: impl IntoIterator<Item = u8>, until: impl Fn(Step) -> bool) -> Transfer {
+    let lying = lying.into_iter().fold(Blocks::default(), Blocks::with);
+    let now = Instant::BOOT;
+    let mut transfer = Transfer::new(ReleaseId::new([9; 8]), Some(lying), 3, now);
+    for _ in 0..200 {
+        match transfer.next(now) {
+            step if until(step) => return transfer,
+            Step::Judge => transfer.believed(shape()),
+            Step::Wait(_) | Step::Ask(_) => panic!("nothing is missing"),
+            _ => assert_eq!(transfer.done(now), Ok(())),
+        }
+    }
+    panic!("it does not come to that");
+}
+
+#[test]
+fn writing_fails_twice_for_each_chunk_without_a_refusal() {
+    let asks = |step| matches!(step, Step::Ask(_));
+    let mut transfer = going_on([0, 2], asks);
+    let now = Instant::BOOT;
+    for index in 64..80 {
+        assert!(transfer.place(index, PAYLOAD).is_some());
+        for _ in 0..2 {
+            assert_eq!(transfer.failed(Failed::Flash), Ok(()), "chunk {index}");
+        }
+        transfer.written(index, now);
+    }
+    assert!(asks(transfer.next(now)), "the next window");
+    for _ in 0..2 {
+        assert_eq!(transfer.failed(Failed::Flash), Ok(()));
+    }
+    let refused = transfer.failed(Failed::Flash);
+    assert_eq!(refused.map_err(|why| why.code), Err("flash_failed"));
+}
+
+#[test]
+fn what_cannot_be_activated_is_refused_once_the_running_program_is_kept() {
+    let now = Instant::BOOT;
+    for why in [Failed::Flash, Failed::NoWayBack] {
+        let mut transfer = going_on(0..3, |step| step == Step::Activate);
+        for _ in 0..2 {
+            assert_eq!(transfer.failed(why), Ok(()));
+            for step in [Step::Keep, Step::CheckAll, Step::Stage] {
+                assert_eq!(transfer.next(now), step);
+                assert_eq!(transfer.done(now), Ok(()));
+            }
+            assert_eq!(transfer.next(now), Step::Activate);
+        }
+        assert_eq!(transfer.failed(why), Ok(()), "not yet");
+        assert_eq!(transfer.next(now), Step::Keep);
+        // The flash may be as bad as that.
+        assert_eq!(transfer.failed(Failed::Flash), Ok(()));
+        assert_eq!(transfer.next(now), Step::Keep);
+        let refused = transfer.done(now).map_err(|why| (why.code, why.lasting));
+        assert_eq!(refused, Err(("flash_failed", true)));
+    }
 }

@@ -341,6 +341,23 @@ fn a_flash_that_wears_out_ends_it() {
     assert_eq!(life.state(), RobotState::Idle);
 }
 
+/// What is refused is not started by the next restart either, whatever the flash says of what was written.
+#[test]
+fn what_could_not_be_activated_is_refused_and_not_started() {
+    let world = World::new(&new());
+    world.cells.borrow_mut().denying = true;
+    let mut life = world.start(ResetCause::PowerOn);
+    life.run_until_told("outcome", "refused");
+    assert_eq!(
+        life.server.borrow().reason("outcome", "refused"),
+        Some("flash_failed")
+    );
+    assert_eq!(world.trailer(1).outcome(), Some(Fate::Activated));
+    drop(life);
+    world.server.borrow_mut().offering = false;
+    assert_eq!(world.start(ResetCause::PowerOn).build, "old");
+}
+
 #[test]
 fn an_image_that_is_not_what_was_signed_is_never_started() {
     let mut release = new();
