@@ -161,7 +161,7 @@ struct Inner {
     session: bool,
     heard: bool,
     reached: bool,
-    /// What is waited for; `None` takes no chunk.
+    /// What was asked for last, and is missing of it: nothing else is taken, and this is what is asked for again.
     want: Option<Want>,
     /// Index and length of the chunk that waits.
     waiting: Option<(u32, u16)>,
@@ -171,7 +171,6 @@ struct Inner {
     due: u8,
     under_way: u8,
     have: Have,
-    asked: Option<Want>,
     progress: Option<Progress>,
     outcome: Option<Outcome>,
 }
@@ -207,7 +206,6 @@ impl<M: RawMutex> Updates<M> {
                     floor: 0,
                     unfinished: None,
                 },
-                asked: None,
                 progress: None,
                 outcome: None,
             })),
@@ -251,7 +249,6 @@ impl<M: RawMutex> Updates<M> {
     pub(crate) fn ask(&self, want: Want) {
         self.with(|inner| {
             inner.want = Some(want);
-            inner.asked = Some(want);
             inner.due |= ReportKind::Want.bit();
         });
     }
@@ -259,8 +256,12 @@ impl<M: RawMutex> Updates<M> {
     /// Takes no chunk from now on, and forgets the one that waits.
     pub(crate) fn close(&self) {
         self.with(|inner| {
-            inner.want = None;
+            // What is on its way may be sent once more under its number: then it asks for nothing.
+            if let Some(want) = &mut inner.want {
+                want.missing = 0;
+            }
             inner.due &= !ReportKind::Want.bit();
+            inner.under_way &= !ReportKind::Want.bit();
             inner.make_room();
         });
     }
@@ -440,7 +441,7 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
                 }
             }
             ReportKind::Want => {
-                let want = self.take(kind, |inner| inner.asked)?;
+                let want = self.take(kind, |inner| inner.want)?;
                 UpdateReport::Want {
                     robot,
                     tag: want.tag,

@@ -215,3 +215,60 @@ fn what_the_broker_has_not_confirmed_is_sent_again_as_it_is_then() {
         });
     }
 }
+
+/// Whether the session goes on or another begins.
+#[test]
+fn what_is_no_longer_waited_for_is_not_asked_for_after_a_lost_session() {
+    for resumed in [true, false] {
+        let updates = updates();
+        run_updated(&updates, async |broker| {
+            let mut peer = connected(&broker).await;
+            peer.acknowledging = false;
+            updates.ask(Want::window(RELEASE.tag(), Part::Image, 0, 16));
+            broker.robot.outbox.nudge();
+            assert_eq!(peer.publish(TOPIC).await.json()["missing"], 0xFFFF);
+            updates.close();
+            assert!(updates.is_told());
+            peer.close();
+
+            let mut peer = broker.peer().await;
+            if resumed {
+                // A number that is open has to be closed: sent once more, it asks for nothing.
+                peer.connect().await;
+                peer.send(&[0x20, 3, 1, 0, 0]);
+                assert_eq!(peer.publish(TOPIC).await.json()["missing"], 0);
+                for _ in 0..6 {
+                    peer.grant(&peer.packet().await.expect("SUBSCRIBE"));
+                }
+            } else {
+                peer.accept_with(false, 6).await;
+            }
+            let more = peer.publishes_for(Duration::from_secs(2)).await;
+            assert!(more.iter().all(|said| said.topic != TOPIC), "{more:?}");
+            assert!(updates.is_told());
+            assert_eq!(broker.health(), LinkHealth::Up);
+        });
+    }
+}
+
+/// What has come meanwhile is not asked for again.
+#[test]
+fn a_lost_session_asks_for_what_is_missing_then() {
+    let updates = updates();
+    run_updated(&updates, async |broker| {
+        let mut peer = connected(&broker).await;
+        peer.acknowledging = false;
+        updates.ask(Want::window(RELEASE.tag(), Part::Image, 0, 4));
+        broker.robot.outbox.nudge();
+        assert_eq!(peer.publish(TOPIC).await.json()["missing"], 0b1111);
+        peer.throw(TOPIC, &chunk(2));
+        broker.sleep(Duration::from_millis(200)).await;
+        assert_eq!(updates.chunk(), Some((2, PAYLOAD)));
+        updates.make_room();
+        peer.close();
+
+        let mut peer = broker.peer().await;
+        peer.accept_with(false, 6).await;
+        assert_eq!(peer.publish(TOPIC).await.json()["missing"], 0b1011);
+    });
+}
