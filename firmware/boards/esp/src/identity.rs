@@ -4,7 +4,7 @@ use core::fmt::Write;
 
 use crawler_app::{Config, Geometry};
 use crawler_board::settings::Settings;
-use crawler_protocol::{BuildId, Fleet, Kind, RobotId};
+use crawler_protocol::{Fleet, Kind, RobotId};
 use esp_hal::efuse::base_mac_address;
 use heapless::String;
 
@@ -25,18 +25,6 @@ pub(crate) fn default_id() -> RobotId {
     }
 }
 
-/// What names this program: no other has the same, and it has no other.
-fn build() -> BuildId {
-    let hash = crate::update::build();
-    let mut digits = String::<16>::new();
-    // They are sixteen.
-    let _ = write!(digits, "{hash:016x}");
-    match BuildId::new(&digits) {
-        Ok(build) if hash != 0 => build,
-        _ => BuildId::development(env!("CARGO_PKG_VERSION")),
-    }
-}
-
 /// What the program is told about itself.
 pub(crate) fn config(settings: Option<&Settings>) -> Config {
     let mut config = Config {
@@ -47,7 +35,7 @@ pub(crate) fn config(settings: Option<&Settings>) -> Config {
         kind: Kind::Physical,
         board: board::ID,
         firmware: env!("CARGO_PKG_VERSION"),
-        build: Some(build()),
+        build: Some(crate::update::build()),
         geometry: Geometry::default(),
         credentials: None,
         camera: cfg!(feature = "esp32s3"),

@@ -9,6 +9,7 @@ use crawler_board::guard::{self, Next};
 use crawler_board::update_identity;
 use crawler_hal::SlotPort;
 use crawler_image_format::keys::KeyTable;
+use crawler_protocol::BuildId;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use heapless::String;
 use static_cell::StaticCell;
@@ -24,7 +25,7 @@ static RELEASE_KEYS: KeyTable = KeyTable::empty();
 /// Decides whether this program runs. Does not come back when it does not: the program before is started then.
 pub(crate) async fn guard(slots: Option<&mut SlotPort<Region>>, start: Start) {
     let keys = RELEASE_KEYS.keys().count();
-    defmt::info!("build {=u64:016x}, {} release keys", build(), keys);
+    defmt::info!("build {=str}, {} release keys", build().as_str(), keys);
     let Some(port) = slots else {
         return;
     };
@@ -52,19 +53,19 @@ pub(crate) async fn guard(slots: Option<&mut SlotPort<Region>>, start: Start) {
 /// What the link and the update activity share. There may be one call.
 pub(crate) fn updates() -> &'static Updates<CriticalSectionRawMutex> {
     static UPDATES: StaticCell<Updates<CriticalSectionRawMutex>> = StaticCell::new();
-    let mut name = String::<16>::new();
-    // Sixteen digits, which fit; if they ever did not, the name would be refused.
-    let _ = write!(name, "{:016x}", build());
-    UPDATES.init_with(|| match update_identity::identity(&name, &RELEASE_KEYS) {
-        Some(identity) => Updates::new(identity),
-        None => unreachable!("hexadecimal digits are allowed in a name"),
-    })
+    UPDATES.init_with(|| Updates::new(update_identity::identity(build(), &RELEASE_KEYS)))
 }
 
-/// The first bytes of the hash of the ELF file, which whoever packs the program writes into its descriptor; 0 when
-/// nobody did.
-pub(crate) fn build() -> u64 {
+/// What names this program: no other has the same, and it has no other. The first bytes of the hash of the ELF file,
+/// which whoever packs the program writes into its descriptor.
+pub(crate) fn build() -> BuildId {
     // The compiler must not go by what it knows of the descriptor.
     let hash = black_box(&ESP_APP_DESC).app_elf_sha256();
-    hash.first_chunk().copied().map_or(0, u64::from_be_bytes)
+    let hash = hash.first_chunk().copied().map_or(0, u64::from_be_bytes);
+    let mut digits = String::<16>::new();
+    // They are sixteen.
+    let _ = write!(digits, "{hash:016x}");
+    // Zeros are what nobody wrote.
+    let digits = (hash != 0).then_some(digits.as_str());
+    update_identity::build(digits, env!("CARGO_PKG_VERSION"))
 }

@@ -9,7 +9,7 @@ use crawler_board::model::{Bench, GEOMETRY, Line, LineFault, ModelEcho, Side, se
 use crawler_board::network::Cable;
 use crawler_board::{EmbassyClock, StackNetwork};
 use crawler_hal::{Clock, MotorPort, RangerPort, ResetCause, SlotPort, System};
-use crawler_protocol::{BuildId, Kind};
+use crawler_protocol::Kind;
 use crawler_tls::{Authority, Buffers, Secured, Security};
 use crawler_virt::ethernet::Ethernet;
 use crawler_virt::flash::{ParameterFlash, Programs};
@@ -180,16 +180,6 @@ fn set_up(arguments: &Arguments, description: Description, spawner: Spawner) {
     provision::spawn(arguments, find_ethernet(), entropy, spawner).expect(FIRST);
 }
 
-/// What names this program: no other has the same. Started without the boot stage it goes by its version.
-fn build() -> BuildId {
-    let digits = update::build();
-    let digits = digits
-        .as_ref()
-        .and_then(|digits| core::str::from_utf8(digits).ok());
-    let build = digits.and_then(|digits| BuildId::new(digits).ok());
-    build.unwrap_or_else(|| BuildId::development(env!("CARGO_PKG_VERSION")))
-}
-
 #[inline(never)]
 fn make_context(arguments: &Arguments) -> &'static Context {
     ROBOT.init_with(|| {
@@ -201,7 +191,7 @@ fn make_context(arguments: &Arguments) -> &'static Context {
             kind: Kind::Emulated,
             board: "virt",
             firmware: env!("CARGO_PKG_VERSION"),
-            build: Some(build()),
+            build: Some(update::build()),
             geometry: GEOMETRY,
             credentials: arguments.credentials.clone(),
             camera: false,

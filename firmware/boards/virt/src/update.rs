@@ -2,7 +2,7 @@
 
 use core::cell::Cell;
 
-use crawler_app::{UpdateIdentity, Updates};
+use crawler_app::Updates;
 use crawler_board::guard::{self, Next};
 use crawler_board::update_identity;
 use crawler_hal::{SlotPort, SlotRegion, System as _};
@@ -10,6 +10,7 @@ use crawler_image_format::header::{BUILD, Header};
 use crawler_image_format::keys::KeyTable;
 use crawler_image_format::layout::{OTADATA, SLOT_BYTES, SLOTS};
 use crawler_image_format::start;
+use crawler_protocol::BuildId;
 use critical_section::Mutex;
 use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -21,8 +22,6 @@ use crate::system::{self, VirtSystem};
 
 /// No chip of Espressif.
 const NO_CHIP: u16 = 0xFFFF;
-/// Build of a program that was started without the boot stage.
-const NO_BUILD: &str = "none";
 
 /// The keys that releases must be signed with. Whoever packs the program writes them in.
 #[used]
@@ -53,11 +52,8 @@ pub fn guard(started: usize) {
     let Some(mut port) = slots() else {
         return;
     };
-    if let Some(build) = build() {
-        let build = core::str::from_utf8(&build).unwrap_or_default();
-        let keys = RELEASE_KEYS.keys().count();
-        defmt::info!("build {=str}, {} release keys", build, keys);
-    }
+    let keys = RELEASE_KEYS.keys().count();
+    defmt::info!("build {=str}, {} release keys", build().as_str(), keys);
     let cause = VirtSystem::new().reset_cause();
     match block_on(guard::guard(&mut port, cause)) {
         Ok(Next::Run) => defmt::info!("slot {}, proven", running),
@@ -101,22 +97,20 @@ pub fn slots() -> Option<SlotPort<Programs>> {
 /// What the link and the update activity share. There may be one call.
 pub fn updates() -> &'static Updates<CriticalSectionRawMutex> {
     static UPDATES: StaticCell<Updates<CriticalSectionRawMutex>> = StaticCell::new();
-    UPDATES.init_with(|| Updates::new(identity()))
+    UPDATES.init_with(|| Updates::new(update_identity::identity(build(), &RELEASE_KEYS)))
 }
 
-fn identity() -> UpdateIdentity {
-    let build = build();
-    let build = build
+/// What names this program: no other has the same. Started without the boot stage it goes by its version.
+pub fn build() -> BuildId {
+    let digits = packed();
+    let digits = digits
         .as_ref()
-        .and_then(|build| core::str::from_utf8(build).ok());
-    match update_identity::identity(build.unwrap_or(NO_BUILD), &RELEASE_KEYS) {
-        Some(identity) => identity,
-        None => unreachable!("hexadecimal digits are allowed in a name"),
-    }
+        .and_then(|digits| core::str::from_utf8(digits).ok());
+    update_identity::build(digits, env!("CARGO_PKG_VERSION"))
 }
 
-/// The build id of the program that runs; `None` when it was started without the boot stage.
-pub fn build() -> Option<[u8; BUILD]> {
+/// The build in the header of the slot that runs; `None` when the program was started without the boot stage.
+fn packed() -> Option<[u8; BUILD]> {
     let mut port = slots()?;
     let start = SLOTS.get(usize::from(port.running))?;
     let mut head = [0; Header::BYTES];
