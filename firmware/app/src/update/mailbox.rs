@@ -28,10 +28,6 @@ const COMMANDS: usize = 3;
 pub struct UpdateIdentity {
     /// What names the build. A release proves by it that it runs.
     pub build: BuildId,
-    /// Its sequence, where that is known without a release: no update is taken that is not above it. 0 otherwise.
-    pub sequence: u32,
-    /// When it was built, in seconds of Unix time: it cannot be earlier, whatever the clock says.
-    pub built_at: u64,
     /// The keys by which releases are believed; without any all of them are refused.
     pub keys: Option<PublicKeys>,
 }

@@ -46,16 +46,13 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
     /// What runs; and what is to be done about it.
     fn see_running(&mut self, seen: &Seen) -> Work {
         let known = known(self.updates, seen.envelope);
-        let identity = self.updates.identity();
         let ours = known.filter(|known| known.is_ours);
         let outcome = seen.trailer.outcome();
         let confirmed = known.filter(|_| outcome == Some(Fate::Confirmed));
         let floor = confirmed.map_or(0, |known| known.floor);
         let mut installed = Installed {
             release: ours.map(|known| known.release),
-            sequence: ours
-                .map_or(0, |known| known.sequence)
-                .max(identity.sequence),
+            sequence: ours.map_or(0, |known| known.sequence),
             floor,
             next_floor: ours.map_or(0, |known| known.floor).max(floor),
         };

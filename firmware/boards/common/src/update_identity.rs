@@ -21,8 +21,6 @@ pub fn identity(build: BuildId, table: &'static KeyTable) -> UpdateIdentity {
         .filter_map(|key| PublicKey::from_sec1(key).ok());
     UpdateIdentity {
         build,
-        sequence: 0,
-        built_at: 0,
         keys: keys.next().map(|current| PublicKeys {
             current,
             next: keys.next(),

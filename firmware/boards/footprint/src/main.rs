@@ -115,8 +115,6 @@ extern "C" fn start() -> ! {
     };
     let identity = UpdateIdentity {
         build: BuildId::new(seam::footprint_text(3)).unwrap_or_else(|_| seam::footprint_end()),
-        sequence: 0,
-        built_at: 0,
         keys: Some(PublicKeys {
             current: key(4),
             next: Some(key(5)),

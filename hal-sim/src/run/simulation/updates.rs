@@ -28,8 +28,6 @@ pub(super) fn updates(broker: &BrokerAddress, started: &Started) -> Option<Rc<Si
     Some(Rc::new(Updates::new(UpdateIdentity {
         // A bundle allows no others.
         build: BuildId::new(build).ok()?,
-        sequence: 0,
-        built_at: 0,
         keys: Some(keys),
     })))
 }

@@ -27,8 +27,6 @@ const POINT: [u8; 33] = [
 fn updates() -> Updates<NoopRawMutex> {
     Updates::new(UpdateIdentity {
         build: BuildId::new("1.0.0").expect("a build"),
-        sequence: 0,
-        built_at: 0,
         keys: Some(PublicKeys {
             current: PublicKey::from_sec1(&POINT).expect("a point"),
             next: None,

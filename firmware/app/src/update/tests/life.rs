@@ -372,8 +372,6 @@ impl Life {
         let robot = Rc::new(robot("updated"));
         let updates = Rc::new(Updates::new(UpdateIdentity {
             build: BuildId::new(build).expect("a build"),
-            sequence: 0,
-            built_at: 1_600_000_000,
             keys: world.keys,
         }));
         let mut executor = Executor::default();
