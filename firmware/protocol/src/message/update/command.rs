@@ -1,13 +1,12 @@
 //! What a server says about updates.
 
 use serde::Serialize;
-use serde::de::{Deserialize, Deserializer, Error};
 
-use super::{BuildId, ReleaseId, UpdateName, read};
+use super::{BuildId, ReleaseId, read};
 use crate::{DecodeError, EncodeError, json};
 
 /// A patch that makes the image of a release out of another.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct UpdateDelta {
@@ -43,15 +42,6 @@ pub enum UpdateCommand {
     },
 }
 
-/// Every field that one of the three can have.
-#[derive(serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Fields {
-    update: UpdateName,
-    release: ReleaseId,
-    delta: Option<UpdateDelta>,
-}
-
 impl UpdateCommand {
     /// The release that it is about.
     #[must_use]
@@ -78,27 +68,5 @@ impl UpdateCommand {
     /// [`DecodeError`] names what is wrong with `payload`.
     pub fn from_json(payload: &[u8]) -> Result<Option<Self>, DecodeError> {
         read::command(payload)
-    }
-}
-
-impl<'de> Deserialize<'de> for UpdateCommand {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let Fields {
-            update,
-            release,
-            delta,
-        } = Fields::deserialize(deserializer)?;
-        match update {
-            UpdateName::Offer => Ok(Self::Offer { release, delta }),
-            _ if delta.is_some() => Err(D::Error::unknown_field("delta", &["update", "release"])),
-            UpdateName::Confirm => Ok(Self::Confirm { release }),
-            UpdateName::Cancel => Ok(Self::Cancel { release }),
-            UpdateName::Have | UpdateName::Want | UpdateName::Progress | UpdateName::Outcome => {
-                Err(D::Error::unknown_variant(
-                    "",
-                    &["offer", "confirm", "cancel"],
-                ))
-            }
-        }
     }
 }

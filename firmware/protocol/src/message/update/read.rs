@@ -1,5 +1,5 @@
-//! Reading what a server says, by hand: a robot has no room for what reads any structure there may be. Takes what
-//! [`UpdateCommand`]'s `Deserialize` takes, and finds the same wrong with the rest; a test holds the two together.
+//! Reading what a server says, by hand: a robot has no room for what reads any structure there may be. A test holds it
+//! against what a derived reader takes, and finds wrong.
 
 use super::{BuildId, ReleaseId, UpdateCommand, UpdateDelta, UpdateName};
 use crate::MAX_MESSAGE;
@@ -151,15 +151,39 @@ mod tests {
         update: UpdateName,
     }
 
+    /// Every field that one of the three can have.
+    #[derive(serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Fields {
+        #[serde(rename = "update")]
+        _update: UpdateName,
+        release: ReleaseId,
+        delta: Option<Delta>,
+    }
+
+    #[derive(serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Delta {
+        base: BuildId,
+        bytes: u32,
+    }
+
     /// What is made of a message by what reads any structure.
     fn derived(payload: &[u8]) -> Result<Option<UpdateCommand>, DecodeError> {
-        match from_slice::<Named>(payload)?.update {
-            UpdateName::Offer | UpdateName::Confirm | UpdateName::Cancel => {
-                from_slice(payload).map(Some)
-            }
-            UpdateName::Have | UpdateName::Want | UpdateName::Progress | UpdateName::Outcome => {
-                Ok(None)
-            }
+        let update = from_slice::<Named>(payload)?.update;
+        if !matches!(
+            update,
+            UpdateName::Offer | UpdateName::Confirm | UpdateName::Cancel
+        ) {
+            return Ok(None);
+        }
+        let Fields { release, delta, .. } = from_slice(payload)?;
+        let delta = delta.map(|Delta { base, bytes }| UpdateDelta { base, bytes });
+        match update {
+            UpdateName::Offer => Ok(Some(UpdateCommand::Offer { release, delta })),
+            _ if delta.is_some() => Err(DecodeError::UnknownField),
+            UpdateName::Confirm => Ok(Some(UpdateCommand::Confirm { release })),
+            _ => Ok(Some(UpdateCommand::Cancel { release })),
         }
     }
 
