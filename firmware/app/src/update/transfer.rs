@@ -8,7 +8,7 @@
 use crawler_boot::flash::SECTOR;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{ReleaseId, UpdateStage};
-use crawler_release::chunk::{PAYLOAD, Part};
+use crawler_release::chunk::{self, PAYLOAD, Part};
 use crawler_release::{MAX_BLOCKS, Manifest, WINDOW, Want};
 
 /// How long chunks are waited for before they are asked for again, at first.
@@ -99,12 +99,6 @@ impl Shape {
     const fn end(self, block: u8) -> u32 {
         let end = (block as u32 + 1) * self.block;
         if end < self.size { end } else { self.size }
-    }
-
-    /// Bytes of a chunk of the image.
-    fn chunk(self, index: u32) -> Option<u32> {
-        let begin = index.checked_mul(PAYLOAD as u32)?;
-        Some(self.size.checked_sub(begin)?.min(PAYLOAD as u32)).filter(|bytes| *bytes > 0)
     }
 }
 
@@ -370,8 +364,8 @@ impl Transfer {
     pub(crate) fn place(&self, index: u32, length: usize) -> Option<u32> {
         let wanted = matches!(self.phase, Phase::Receive(_))
             && self.want.indices().any(|wanted| wanted == index);
-        let fits = self.shape.chunk(index).map(|bytes| bytes as usize) == Some(length);
-        (wanted && fits).then_some(index * PAYLOAD as u32)
+        let fits = chunk::length(self.shape.size, index) == Some(length);
+        (wanted && fits).then(|| index * PAYLOAD as u32)
     }
 
     /// The chunk is in flash.
@@ -412,7 +406,7 @@ impl Transfer {
 
     /// Opens the window of a block that begins with this chunk; past its end the block is complete.
     fn open(&mut self, block: u8, first: u32) {
-        let count = self.shape.end(block).div_ceil(PAYLOAD as u32);
+        let count = chunk::count(self.shape.end(block));
         self.want = Want::window(self.release.tag(), Part::Image, first, count);
         self.ask_at = None;
         self.patience = ASK_AFTER;

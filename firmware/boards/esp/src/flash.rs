@@ -7,6 +7,7 @@
 use core::cell::RefCell;
 
 use crawler_hal::{SlotPort, SlotRegion};
+use crawler_release::Chip;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embedded_storage_async::nor_flash::{
@@ -27,13 +28,13 @@ const OTA_0: u8 = 0x10;
 const OTA_1: u8 = 0x11;
 const OTADATA: u8 = 0;
 const SECTOR: u32 = FlashStorage::SECTOR_SIZE;
-/// The chip in the header of an image (ESP-IDF, `esp_chip_id_t`).
-const CHIP: u16 = if cfg!(feature = "esp32c3") {
-    5
+/// The chip in the header of an image.
+const CHIP: Chip = if cfg!(feature = "esp32c3") {
+    Chip::ESP32_C3
 } else if cfg!(feature = "esp32c6") {
-    13
+    Chip::ESP32_C6
 } else {
-    9
+    Chip::ESP32_S3
 };
 
 /// The one flash, behind the one lock. The lock is that of interrupts: on a chip with two cores,
@@ -109,7 +110,7 @@ fn find_slots(
             otadata,
             slots,
             running: running as u8,
-            chip: CHIP,
+            chip: CHIP.0,
         }))
 }
 

@@ -124,8 +124,7 @@ impl Group {
     /// which bytes of the range. `None` when part of the range is nowhere.
     pub fn pieces(address: u32, length: usize) -> Option<impl Iterator<Item = Piece>> {
         let end = address.checked_add(u32::try_from(length).ok()?)?;
-        let whole = (SLOTS[0]..=SLOTS[0] + 2 * SLOT_BYTES + OTADATA_BYTES).contains(&address);
-        if !whole || end > END {
+        if address < SLOTS[0] || end > END {
             return None;
         }
         let mut at = address;

@@ -11,6 +11,7 @@ use crawler_image_format::keys::KeyTable;
 use crawler_image_format::layout::{OTADATA, SLOT_BYTES, SLOTS};
 use crawler_image_format::start;
 use crawler_protocol::BuildId;
+use crawler_release::Chip;
 use critical_section::Mutex;
 use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -19,9 +20,6 @@ use static_cell::StaticCell;
 
 use crate::flash::{self, Programs};
 use crate::system::{self, VirtSystem};
-
-/// No chip of Espressif.
-const NO_CHIP: u16 = 0xFFFF;
 
 /// The keys that releases must be signed with. Whoever packs the program writes them in.
 #[used]
@@ -90,7 +88,7 @@ pub fn slots() -> Option<SlotPort<Programs>> {
             length: SLOT_BYTES,
         }),
         running,
-        chip: NO_CHIP,
+        chip: Chip::NONE.0,
     })
 }
 
