@@ -164,7 +164,8 @@ impl Parameters {
     /// stored in `before`, the item that this one replaces. Returns the part that was written.
     ///
     /// Whoever goes back to an older program, and then on to the newer one again, finds there what the newer
-    /// one had been told. Beyond 64 bytes of that what comes last is lost.
+    /// one had been told. There is room for at least 64 bytes of that; an entry that does not fit is lost, with
+    /// those behind it.
     pub fn encode<'b>(&self, before: &[u8], buffer: &'b mut [u8; ENCODED_MAX]) -> &'b [u8] {
         let mut at = 0;
         for definition in TABLE.iter().filter(|definition| definition.persistent) {

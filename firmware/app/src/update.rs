@@ -72,10 +72,10 @@ use slots::Slots;
 pub use transfer::{ASK_AFTER, ASK_AFTER_MOST, SILENT_AFTER};
 use transfer::{Blocks, Failed, Refused, Shape, Transfer};
 
-/// How often a program on trial observes itself, and how long a step waits at most before the state of the robot is
-/// looked at.
+/// How often a program on trial observes itself.
 const LOOK: Duration = Duration::from_millis(500);
-/// The same while a release is received: control takes it out of `UPDATING` when there is a fault.
+/// How often the state of the robot is looked at before and while a release is received: control takes it out of
+/// `UPDATING` when there is a fault.
 const LOOK_UPDATING: Duration = Duration::from_millis(100);
 /// How long control may take to let the robot stand for an update.
 const STANDS_WITHIN: Duration = Duration::from_secs(1);

@@ -35,7 +35,8 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
                 Err(_) => {
                     self.installed = None;
                     self.trial = None;
-                    let text = format_args!("the slots cannot be read: no release is taken");
+                    let text =
+                        format_args!("the slots cannot be read or written: no release is taken");
                     self.robot.log(Level::Error, EVENT, text, self.clock.now());
                     return;
                 }

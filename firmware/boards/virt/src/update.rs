@@ -77,7 +77,8 @@ pub fn guard(started: usize) {
     }
 }
 
-/// The slots, when the boot stage started the program from one of them. There may be one user.
+/// The slots, when the boot stage started the program from one of them. Whatever this gives shares one lock for each
+/// operation of the flash. The guard is done with it before the update activity has it, and nobody else writes.
 pub fn slots() -> Option<SlotPort<Programs>> {
     let running = critical_section::with(|cs| RUNNING.borrow(cs).get())?;
     Some(SlotPort {
