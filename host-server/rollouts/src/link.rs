@@ -61,17 +61,16 @@ pub(crate) async fn keep(
                 pause = FIRST_PAUSE;
                 rollouts.set_client(Some(client.clone()));
                 rollouts.numbers.connected(true);
-                // The runner takes what comes in whatever else it waits for, but while it stores something.
-                let told = heard.send(Heard::Connected).await;
                 let mut session = Session {
                     rollouts: &rollouts,
                     events,
                     heard: &heard,
                 };
                 let reason = tokio::select! {
+                    biased;
                     () = stop.cancelled() => None,
                     _ = wanted.wait_for(|wanted| !*wanted) => None,
-                    reason = session.serve(), if told.is_ok() => Some(reason),
+                    reason = session.serve() => Some(reason),
                 };
                 rollouts.set_client(None);
                 rollouts.numbers.connected(false);
@@ -131,8 +130,12 @@ struct Session<'a> {
 }
 
 impl Session<'_> {
-    /// Serves the connection to its end and says why it ended.
+    /// Tells that the session stands, serves it to its end, and says why it ended.
     async fn serve(&mut self) -> String {
+        // The runner takes what comes in whatever else it waits for, but while it stores something.
+        if self.heard.send(Heard::Connected).await.is_err() {
+            return "nobody carries rollouts out any more".to_owned();
+        }
         loop {
             match tokio::time::timeout(STUCK, self.events.poll()).await {
                 Ok(Ok(Event::Incoming(Packet::Publish(publish)))) => self.message(&publish),
@@ -197,5 +200,84 @@ impl Session<'_> {
         if !taken {
             self.rollouts.numbers.ignored();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::net::TcpListener;
+
+    use crawler_records::Records;
+    use tokio::time::timeout;
+
+    use super::*;
+    use crate::robots::{RobotView, Robots};
+    use crate::{Parts, Rollouts};
+
+    /// A wait that is in vain ends then.
+    const LIMIT: Duration = Duration::from_mins(1);
+
+    struct Nobody;
+
+    impl Robots for Nobody {
+        fn each(&self, _: &mut dyn FnMut(RobotView<'_>)) {}
+    }
+
+    /// A broker that takes one session with one subscription (MQTT 5, 3.2 and 3.9), and says nothing more. It ends
+    /// with the session.
+    fn broker(listener: &TcpListener) -> std::io::Result<()> {
+        let (mut stream, _) = listener.accept()?;
+        // First byte, remaining length, and the rest; none here has 128 bytes or more.
+        let mut packet = || {
+            let mut head = [0; 2];
+            stream.read_exact(&mut head)?;
+            let mut rest = vec![0; head[1].into()];
+            stream.read_exact(&mut rest)?;
+            let answer = match head[0] >> 4 {
+                1 => vec![0x20, 3, 0, 0, 0],
+                8 => vec![0x90, 4, rest[0], rest[1], 0, 1],
+                _ => Vec::new(),
+            };
+            stream.write_all(&answer)
+        };
+        while packet().is_ok() {}
+        Ok(())
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_session_ends_on_stop_whatever_the_runner_does() {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let port = listener.local_addr().expect("an address").port();
+        let broker = std::thread::spawn(move || broker(&listener));
+        let options = MqttOptions::new("updates", "127.0.0.1", port);
+        let parts = Parts {
+            records: Records::in_memory().await.expect("records"),
+            server: "one".to_owned(),
+            fleet: "swarm".parse().expect("a fleet"),
+            robots: Arc::new(Nobody),
+            session: options.clone(),
+            tell: Box::new(|_, _, _| {}),
+        };
+        let (rollouts, _runner) = Rollouts::new(parts).expect("a name");
+        let (_wanted, watch) = watch::channel(true);
+        // The runner is not there to take anything: it waits for the session to end.
+        let (tell, mut heard) = mpsc::channel(1);
+        tell.try_send(Heard::Connected).expect("there is room");
+        let stop = CancellationToken::new();
+        let session = keep(Arc::clone(&rollouts), options, watch, tell, stop.clone());
+        let session = tokio::spawn(session);
+        let connected = async {
+            while rollouts.client().is_none() {
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+        };
+        timeout(LIMIT, connected).await.expect("a session");
+        stop.cancel();
+        let ended = timeout(LIMIT, session).await;
+        ended.expect("it ends").expect("in order");
+        assert!(heard.try_recv().is_ok());
+        assert!(rollouts.client().is_none());
+        broker.join().expect("a broker").expect("a session");
     }
 }

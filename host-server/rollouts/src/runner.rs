@@ -115,6 +115,8 @@ impl Runner {
             wanted.send_if_modified(|wanted| std::mem::replace(wanted, any) != any);
         }
         self.requests.close();
+        // Nobody takes what is heard any more, so nobody waits for that.
+        drop(heard);
         if let Err(error) = link.await {
             tracing::warn!(%error, "the session over which robots are updated did not end in order");
         }
