@@ -1,0 +1,4 @@
+//! Several servers with one set of records.
+
+mod servers;
+mod support;
