@@ -23,13 +23,15 @@ impl Blob {
         release: &PlannedRelease,
     ) -> Result<Option<Arc<Self>>, RecordsError> {
         let id = release.release.as_str();
-        let (Some(kept), Ok(parsed)) = (records.releases().get(id).await?, id.parse()) else {
+        let releases = records.releases();
+        let (Some(kept), Ok(parsed)) = (releases.get(id).await?, id.parse()) else {
             return Ok(None);
         };
-        let image = records
-            .releases()
-            .image(id, 0, release.bytes as usize)
-            .await?;
+        let image = match releases.image(id, 0, release.bytes as usize).await {
+            // A piece is missing, and does not come back.
+            Err(RecordsError::Invalid(_)) => None,
+            image => image?,
+        };
         let whole = image.filter(|image| image.len() == release.bytes as usize);
         Ok(whole.map(|image| {
             Arc::new(Self {

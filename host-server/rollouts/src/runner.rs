@@ -23,6 +23,7 @@ use crate::lease::{BEAT_MS, Watched};
 use crate::link::{self, Heard};
 use crate::plan::NewPlan;
 use crate::robots::Known;
+use crate::view::damaged;
 use crate::{Rollouts, sender, step};
 
 /// How often to look at robots and at what is due.
@@ -49,7 +50,8 @@ pub struct Runner {
     known: Known,
     watched: Watched,
     beat_ms: Option<u64>,
-    /// Rollouts that cannot be read, which was said.
+    /// Rollouts that cannot be read or written, which was said. They are carried out here again once somebody asks for
+    /// something to be done with them.
     damaged: BTreeSet<i64>,
     stop: CancellationToken,
 }
@@ -194,9 +196,18 @@ impl Runner {
             match self.take_over(lease.id, lease.epoch).await {
                 Ok(true) => tracing::info!(rollout = lease.id, "goes on here"),
                 Ok(false) => {}
-                Err(error) => tracing::error!(rollout = lease.id, %error, "cannot be carried out"),
+                Err(error) => self.give_up(lease.id, &error),
             }
         }
+    }
+
+    /// A rollout cannot be carried out here; unless that may pass, it is not tried again.
+    fn give_up(&mut self, id: i64, error: &RolloutError) {
+        tracing::error!(rollout = id, %error, "cannot be carried out");
+        if !matches!(error, RolloutError::Records(error) if error.is_passing()) {
+            self.damaged.insert(id);
+        }
+        self.rollouts.active().remove(id);
     }
 
     /// Makes a rollout this server's. False when somebody was faster, or it is over.
@@ -208,13 +219,7 @@ impl Runner {
         };
         let epoch = taken.rollout.epoch;
         let read = self.rollouts.read(&taken.rollout.document, &taken.robots);
-        let (mut rollout, mut step) = match read {
-            Ok(read) => read,
-            Err(error) => {
-                self.damaged.insert(id);
-                return Err(error);
-            }
-        };
+        let (mut rollout, mut step) = read?;
         let owner = Owner {
             server: server.clone(),
             epoch,
@@ -239,6 +244,7 @@ impl Runner {
             blobs,
             over_since: None,
         };
+        self.damaged.remove(&id);
         self.rollouts.active().insert(id, active);
         self.commit(id, step).await;
         let seen = self.known.all().into_iter().map(Event::Seen).collect();
@@ -327,7 +333,8 @@ impl Runner {
         self.commit(id, step).await;
     }
 
-    /// Stores a step, for as long as that takes, and then sends what it sends.
+    /// Stores a step, for as long as that takes, and then sends what it sends. A rollout whose step cannot be stored
+    /// for good is not carried out any more.
     async fn commit(&mut self, id: i64, step: Step) {
         let mut said = false;
         loop {
@@ -336,6 +343,9 @@ impl Runner {
                 Err(NotStored::Lost) => return self.lose(id),
                 Err(NotStored::Records(error)) => {
                     self.rollouts.numbers.store_failed();
+                    if !error.is_passing() {
+                        return self.give_up(id, &error.into());
+                    }
                     if !std::mem::replace(&mut said, true) {
                         tracing::error!(rollout = id, %error, "waits: what it does cannot be stored");
                     }
@@ -493,9 +503,12 @@ impl Runner {
         match self.rollouts.records.rollouts().leases().await {
             Ok(leases) => {
                 let here = self.ids();
-                for lease in leases.into_iter().filter(|lease| !here.contains(&lease.id)) {
+                for lease in leases {
+                    if here.contains(&lease.id) || self.damaged.contains(&lease.id) {
+                        continue;
+                    }
                     if let Err(error) = self.take_over(lease.id, lease.epoch).await {
-                        tracing::error!(rollout = lease.id, %error, "cannot be taken over");
+                        self.give_up(lease.id, &error);
                     }
                 }
             }
@@ -530,7 +543,13 @@ impl Runner {
             self.make_own(id).await?;
             let (before, step) = {
                 let mut active = self.rollouts.active();
-                let one = active.get_mut(id).ok_or(RolloutError::Unknown)?;
+                let Some(one) = active.get_mut(id) else {
+                    if self.damaged.contains(&id) {
+                        return Err(damaged("it cannot be written"));
+                    }
+                    // Somebody took it just now.
+                    continue;
+                };
                 let before = one.rollout.clone();
                 let step = one.rollout.command(&action.command(), self.rollouts.now());
                 (before, step.map_err(RolloutError::Command)?)

@@ -1,13 +1,16 @@
 //! What several tests need.
 
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use crawler_metrics::Exposition;
 use crawler_protocol::{Fleet, Kind, RobotId};
 use crawler_records::{NewRelease, Records};
 use crawler_rollouts::{NewPlan, Parts, RobotView, Robots, Rollouts};
 use rumqttc::v5::MqttOptions;
 use serde_json::json;
+use sqlx::Connection as _;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
@@ -15,18 +18,19 @@ pub(crate) const RELEASE: &str = "9f2c1ab034d5e6f7";
 /// A wait that is in vain ends then.
 const LIMIT: Duration = Duration::from_mins(1);
 
-/// Three robots that are there.
-struct Three;
+/// Three robots that are there, and the build that they run.
+pub(crate) struct Three(pub(crate) Mutex<&'static str>);
 
 impl Robots for Three {
     fn each(&self, show: &mut dyn FnMut(RobotView<'_>)) {
+        let build = *self.0.lock().expect("a build");
         for name in ["a", "b", "c"] {
             let robot: RobotId = name.parse().expect("a robot");
             show(RobotView {
                 robot: &robot,
                 board: "sim",
                 kind: Kind::Simulated,
-                build: "old",
+                build,
                 boot: 1,
                 online: true,
                 busy: None,
@@ -38,6 +42,7 @@ impl Robots for Three {
 /// One of several.
 pub(crate) struct Server {
     pub(crate) rollouts: Arc<Rollouts>,
+    pub(crate) robots: Arc<Three>,
     stop: CancellationToken,
     running: JoinHandle<()>,
     pub(crate) told: Arc<Mutex<Vec<String>>>,
@@ -48,11 +53,12 @@ impl Server {
     pub(crate) fn start(name: &str, records: &Records) -> Self {
         let told = Arc::new(Mutex::new(Vec::new()));
         let heard = Arc::clone(&told);
+        let robots = Arc::new(Three(Mutex::new("old")));
         let parts = Parts {
             records: records.clone(),
             server: name.to_owned(),
             fleet: "swarm".parse::<Fleet>().expect("a fleet"),
-            robots: Arc::new(Three),
+            robots: robots.clone(),
             session: MqttOptions::new("updates", "127.0.0.1", 1),
             tell: Box::new(move |_, _, text| heard.lock().expect("a list").push(text)),
         };
@@ -61,6 +67,7 @@ impl Server {
         let running = tokio::spawn(runner.run(stop.clone()));
         Self {
             rollouts,
+            robots,
             stop,
             running,
             told,
@@ -72,6 +79,28 @@ impl Server {
         self.running.await.expect("it ends in order");
     }
 
+    /// A metric: the line that begins so.
+    pub(crate) fn metric(&self, name: &str) -> f64 {
+        let mut out = Exposition::default();
+        self.rollouts.write_metrics(&mut out);
+        let text = out.finish();
+        let value = text.lines().find_map(|line| line.strip_prefix(name));
+        let value = value.unwrap_or_else(|| panic!("no {name} in {text}"));
+        value.trim().parse().expect("a number")
+    }
+
+    /// How many rollouts this server has at work that run.
+    pub(crate) fn running(&self) -> f64 {
+        self.metric(r#"terracrawler_rollouts{state="running"}"#)
+    }
+
+    /// How often something is said of a rollout in its log.
+    pub(crate) async fn said(&self, id: i64, what: &str) -> usize {
+        let view = self.rollouts.one(id).await.expect("a rollout");
+        let log = view.log.expect("a log");
+        log.iter().filter(|line| line.what == what).count()
+    }
+
     pub(crate) async fn owner(&self, id: i64) -> (String, &'static str) {
         let view = self.rollouts.one(id).await.expect("a rollout");
         (view.server, view.state)
@@ -80,6 +109,11 @@ impl Server {
 
 pub(crate) async fn with_release() -> Records {
     let records = Records::in_memory().await.expect("records");
+    add_release(&records).await;
+    records
+}
+
+pub(crate) async fn add_release(records: &Records) {
     let new = NewRelease {
         id: RELEASE.into(),
         kind: "program".into(),
@@ -96,7 +130,42 @@ pub(crate) async fn with_release() -> Records {
         added: 1,
     };
     records.releases().add(new).await.expect("kept");
-    records
+}
+
+/// Records in a directory of their own, which is gone with the value.
+pub(crate) struct OnDisk {
+    path: PathBuf,
+    pub(crate) records: Records,
+}
+
+impl OnDisk {
+    pub(crate) async fn with_release(name: &str) -> Self {
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR"));
+        let path = path.join(format!("rollouts-{name}-{}", std::process::id()));
+        // A run before may have had the same process id.
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).expect("a directory");
+        let records = Records::open(&path).await.expect("records");
+        add_release(&records).await;
+        Self { path, records }
+    }
+
+    /// What somebody does who goes past the program.
+    pub(crate) async fn tamper(&self, sql: &'static str) {
+        let file = self.path.join(crawler_records::RECORDS_FILE);
+        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(file);
+        let connection = sqlx::SqliteConnection::connect_with(&options).await;
+        let mut connection = connection.expect("a connection");
+        let done = sqlx::raw_sql(sql).execute(&mut connection).await;
+        done.expect("it is done");
+        connection.close().await.expect("closed");
+    }
+}
+
+impl Drop for OnDisk {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.path);
+    }
 }
 
 pub(crate) fn plan() -> NewPlan {

@@ -1,0 +1,77 @@
+//! What cannot be read or written for good is told, and left alone.
+
+use crawler_records::{NewRollout, RolloutStep};
+use crawler_rollouts::{Action, RolloutError};
+
+use crate::support::{OnDisk, Server, eventually, plan, with_release};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_can_never_be_stored_is_not_tried_for_ever() {
+    let records = with_release().await;
+    let server = Server::start("one", &records);
+    server
+        .rollouts
+        .start("ada", plan())
+        .await
+        .expect("it begins");
+    records.close().await;
+    assert!(server.running() > 0.0, "nothing was to be stored so far");
+    *server.robots.0.lock().expect("a build") = "new";
+    eventually("it is given up", async || server.running() == 0.0).await;
+    let failures = server.metric("terracrawler_updates_store_failures_total");
+    assert!(failures >= 1.0, "{failures}");
+    // The server does whatever else it is asked.
+    let paused = server.rollouts.act(1, Action::Pause).await;
+    assert!(
+        matches!(paused, Err(RolloutError::Records(_))),
+        "{paused:?}"
+    );
+    server.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_rollout_whose_image_is_damaged_is_carried_out_without_it() {
+    let disk = OnDisk::with_release("image").await;
+    let server = Server::start("one", &disk.records);
+    let id = server.rollouts.start("ada", plan()).await;
+    let id = id.expect("it begins");
+    server.stop().await;
+    disk.tamper("DELETE FROM release_piece").await;
+    let server = Server::start("one", &disk.records);
+    eventually("it is carried out", async || server.running() > 0.0).await;
+    assert_eq!(server.said(id, "taken_over").await, 1);
+    // It can be ended.
+    let ended = server.rollouts.act(id, Action::Abort).await;
+    ended.expect("it ends");
+    server.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_rollout_that_cannot_be_read_is_left_alone() {
+    let records = with_release().await;
+    let damaged = NewRollout {
+        id: 1,
+        by: "ada".into(),
+        owner: "one".into(),
+        step: RolloutStep {
+            document: Some("{}".into()),
+            ..RolloutStep::default()
+        },
+    };
+    records.rollouts().add(damaged).await.expect("kept");
+    let epoch = async || {
+        let kept = records.rollouts().get(1).await.expect("records");
+        kept.expect("a rollout").epoch
+    };
+    let server = Server::start("one", &records);
+    eventually("it is looked at", async || epoch().await == 2).await;
+    let id = server.rollouts.start("ada", plan()).await;
+    assert_eq!(id.expect("it begins"), 2);
+    assert_eq!(epoch().await, 2, "it was taken again, to no end");
+    let paused = server.rollouts.act(1, Action::Pause).await;
+    assert!(
+        matches!(paused, Err(RolloutError::Damaged(_))),
+        "{paused:?}"
+    );
+    server.stop().await;
+}
