@@ -541,7 +541,7 @@ impl Runner {
     async fn act(&mut self, id: i64, action: &Action) -> Result<(), RolloutError> {
         for _ in 0..TRIES {
             self.make_own(id).await?;
-            let (before, step) = {
+            let step = {
                 let mut active = self.rollouts.active();
                 let Some(one) = active.get_mut(id) else {
                     if self.damaged.contains(&id) {
@@ -550,9 +550,8 @@ impl Runner {
                     // Somebody took it just now.
                     continue;
                 };
-                let before = one.rollout.clone();
                 let step = one.rollout.command(&action.command(), self.rollouts.now());
-                (before, step.map_err(RolloutError::Command)?)
+                step.map_err(RolloutError::Command)?
             };
             match self.store(id, &step).await {
                 Ok(()) => {
@@ -562,10 +561,8 @@ impl Runner {
                 // Somebody took it just now.
                 Err(NotStored::Lost) => self.lose(id),
                 Err(NotStored::Records(error)) => {
-                    // Nobody was told: it has not happened.
-                    if let Some(one) = self.rollouts.active().get_mut(id) {
-                        one.rollout = before;
-                    }
+                    // It may have been written all the same: what is true stands in the records.
+                    self.rollouts.active().remove(id);
                     return Err(error.into());
                 }
             }

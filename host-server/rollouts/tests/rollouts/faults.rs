@@ -1,7 +1,8 @@
 //! What cannot be read or written for good is told, and left alone.
 
-use crawler_records::{NewRollout, RolloutStep};
+use crawler_records::{NewRollout, RolloutStep, Written};
 use crawler_rollouts::{Action, RolloutError};
+use crawler_updates::rollout::{Document, PauseReason, RolloutState};
 
 use crate::support::{OnDisk, Server, eventually, plan, with_release};
 
@@ -73,5 +74,41 @@ async fn a_rollout_that_cannot_be_read_is_left_alone() {
         matches!(paused, Err(RolloutError::Damaged(_))),
         "{paused:?}"
     );
+    server.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn after_a_write_that_may_have_failed_the_records_are_right() {
+    let disk = OnDisk::with_release("write").await;
+    let server = Server::start("one", &disk.records);
+    let id = server.rollouts.start("ada", plan()).await;
+    let id = id.expect("it begins");
+    disk.tamper(
+        "CREATE TRIGGER no BEFORE UPDATE OF document ON rollout BEGIN SELECT RAISE(ABORT, 'no'); END",
+    )
+    .await;
+    let paused = server.rollouts.act(id, Action::Pause).await;
+    assert!(
+        matches!(paused, Err(RolloutError::Records(_))),
+        "{paused:?}"
+    );
+    disk.tamper("DROP TRIGGER no").await;
+    // As after an answer that was lost: it was written.
+    let kept = disk.records.rollouts().get(id).await.expect("records");
+    let kept = kept.expect("a rollout");
+    let mut document: Document = serde_json::from_str(&kept.document).expect("a document");
+    document.state = RolloutState::Paused(PauseReason::Person);
+    let step = RolloutStep {
+        document: Some(serde_json::to_string(&document).expect("JSON")),
+        ..RolloutStep::default()
+    };
+    let written = disk.records.rollouts().write(id, kept.epoch, step).await;
+    assert_eq!(written.expect("records"), Written::Stored);
+    server
+        .rollouts
+        .act(id, Action::Resume)
+        .await
+        .expect("it goes on");
+    assert_eq!(server.owner(id).await, ("one".into(), "running"));
     server.stop().await;
 }
