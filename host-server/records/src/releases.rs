@@ -2,6 +2,8 @@
 //!
 //! An image is kept in pieces, so that nobody who wants a part of it reads all of it.
 
+use std::collections::BTreeSet;
+
 use crawler_protocol::ReleaseId;
 use crawler_release::{Malformed, Signed};
 use sqlx::AssertSqlSafe;
@@ -362,6 +364,25 @@ impl Releases<'_> {
         self.0
             .db()
             .read(move |connection| Box::pin(async move { find(connection, &id).await }))
+            .await
+    }
+
+    /// The ids of all releases that were not withdrawn.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when they cannot be read.
+    pub async fn in_force(&self) -> Result<BTreeSet<String>, RecordsError> {
+        self.0
+            .db()
+            .read(|connection| {
+                Box::pin(async move {
+                    let rows: Vec<(String,)> =
+                        query("SELECT id FROM release WHERE withdrawn IS NULL")
+                            .fetch_all(connection)
+                            .await?;
+                    Ok(rows.into_iter().map(|(id,)| id).collect())
+                })
+            })
             .await
     }
 

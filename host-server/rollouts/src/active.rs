@@ -1,12 +1,14 @@
 //! The rollouts of this server.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
 use crawler_protocol::{ReleaseId, RobotId};
 use crawler_release::chunk::{CHUNK_MAX, Chunk};
-use crawler_updates::rollout::{Effect, Grant, Message, Now, Rollout, UpdateState};
+use crawler_updates::rollout::{
+    Effect, Grant, Message, Now, ReleaseId as PlannedId, Rollout, UpdateState,
+};
 
 use crate::image::Blob;
 use crate::pulls::Pull;
@@ -42,6 +44,13 @@ impl Active {
             })
         });
         owed.collect()
+    }
+
+    /// The first release of its plan that is not `in_force` any more.
+    pub(crate) fn withdrawn(&self, in_force: &BTreeSet<String>) -> Option<&PlannedId> {
+        let mut releases = self.rollout.document().plan.releases.iter();
+        let found = releases.find(|one| !in_force.contains(one.release.as_str()));
+        found.map(|one| &one.release)
     }
 
     /// Whether a robot has still to hear that it is to give up.

@@ -1,15 +1,17 @@
 //! What people want of rollouts.
 
+use std::collections::BTreeSet;
 use std::fmt;
 
 use crawler_protocol::RobotId;
 use crawler_records::RecordsError;
-use crawler_updates::rollout::{Command, CommandError, Document, PlanError, ReleaseId, StartError};
+use crawler_updates::rollout::{
+    Command, CommandError, Document, PlanError, ReleaseId, RolloutState, StartError,
+};
 use tokio::sync::oneshot;
 
 use crate::Rollouts;
 use crate::plan::NewPlan;
-use crate::view::damaged;
 
 /// What can be done with a rollout.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -128,54 +130,63 @@ impl Rollouts {
     /// # Cancellation safety
     /// It may be done all the same.
     pub async fn act(&self, id: i64, action: Action) -> Result<(), RolloutError> {
-        if matches!(action, Action::Resume | Action::Retry(_)) {
-            self.check_releases(id).await?;
-        }
         let (answer, answered) = oneshot::channel();
         self.ask(Request::Act { id, action, answer }, answered)
             .await
     }
 
-    /// Refuses what would offer releases that were withdrawn.
-    async fn check_releases(&self, id: i64) -> Result<(), RolloutError> {
-        let kept = self.records.rollouts().get(id).await?;
-        let kept = kept.ok_or(RolloutError::Unknown)?;
-        let document: Document = serde_json::from_str(&kept.document).map_err(damaged)?;
-        for one in document.plan.releases {
-            let release = self.records.releases().get(one.release.as_str()).await?;
-            if release.is_none_or(|release| release.withdrawn.is_some()) {
-                return Err(RolloutError::Release(one.release, "it was withdrawn"));
-            }
-        }
-        Ok(())
-    }
-
-    /// Pauses the rollouts that are at work with `release`, which was withdrawn, and returns their numbers. Those that
-    /// stand already stay as they are.
+    /// The rollouts that run with `release`, whoever carries them out. One that cannot be read is none.
     ///
     /// # Errors
-    /// [`RolloutError`]; some may have been paused.
-    ///
-    /// # Cancellation safety
-    /// Some may be paused, and others not.
-    pub async fn pause_all_of(&self, release: &str) -> Result<Vec<i64>, RolloutError> {
-        let mut paused = Vec::new();
+    /// [`RolloutError::Records`].
+    pub async fn running_with(&self, release: &str) -> Result<Vec<i64>, RolloutError> {
+        let mut running = Vec::new();
         for lease in self.records.rollouts().leases().await? {
             let Some(kept) = self.records.rollouts().get(lease.id).await? else {
                 continue;
             };
-            let document: Document = serde_json::from_str(&kept.document).map_err(damaged)?;
-            let mut releases = document.plan.releases.iter();
-            if !releases.any(|one| one.release.as_str() == release) {
+            let Ok(document) = serde_json::from_str::<Document>(&kept.document) else {
                 continue;
-            }
-            match self.act(lease.id, Action::Pause).await {
-                Ok(()) => paused.push(lease.id),
-                Err(RolloutError::Command(_)) => {}
-                Err(error) => return Err(error),
+            };
+            let mut releases = document.plan.releases.iter();
+            if document.state == RolloutState::Running
+                && releases.any(|one| one.release.as_str() == release)
+            {
+                running.push(lease.id);
             }
         }
-        Ok(paused)
+        Ok(running)
+    }
+
+    /// Pauses the rollouts that run with `release`, which was withdrawn: those that did so `before` that, and those
+    /// that do so now. Returns the numbers of all that were paused, by this call or meanwhile by the server that
+    /// carries them out, and the first error. What is not paused here is paused by that server when it next looks.
+    ///
+    /// # Cancellation safety
+    /// Some may be paused, and others not.
+    pub async fn pause_all_of(
+        &self,
+        release: &str,
+        before: Vec<i64>,
+    ) -> (Vec<i64>, Result<(), RolloutError>) {
+        let mut running: BTreeSet<i64> = before.into_iter().collect();
+        let mut first = match self.running_with(release).await {
+            Ok(now) => {
+                running.extend(now);
+                Ok(())
+            }
+            Err(error) => Err(error),
+        };
+        let mut paused = Vec::new();
+        for id in running {
+            match self.act(id, Action::Pause).await {
+                Ok(()) | Err(RolloutError::Command(CommandError::Paused)) => paused.push(id),
+                // It is over, or about to be.
+                Err(RolloutError::Command(_)) => {}
+                Err(error) => first = first.and(Err(error)),
+            }
+        }
+        (paused, first)
     }
 
     async fn ask<T>(

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crawler_protocol::{ReleaseId, RobotId, Topic, UpdateCommand};
 use crawler_records::{NewRollout, RecordsError, RolloutStep, Written};
 use crawler_updates::rollout::{
-    Command, CommandError, Effect, Event, Message, Owner, Rollout, RolloutId, Step,
+    Command, CommandError, Effect, Event, Message, Owner, Rollout, RolloutId, RolloutState, Step,
 };
 use rumqttc::v5::MqttOptions;
 use rumqttc::v5::mqttbytes::QoS;
@@ -134,6 +134,7 @@ impl Runner {
             self.beat_ms = Some(now.monotonic_ms);
             self.renew().await;
             self.take_over_what_is_left().await;
+            self.pause_withdrawn().await;
         }
         if self.rollouts.active().is_empty() {
             return;
@@ -250,6 +251,45 @@ impl Runner {
         let seen = self.known.all().into_iter().map(Event::Seen).collect();
         self.apply(id, seen).await;
         Ok(true)
+    }
+
+    /// Pauses what runs with a release that was withdrawn, whoever has withdrawn it: another server, or somebody who
+    /// could not tell every rollout.
+    async fn pause_withdrawn(&mut self) {
+        let running: Vec<i64> = {
+            let active = self.rollouts.active();
+            let running = active
+                .all()
+                .filter(|(_, one)| one.rollout.document().state == RolloutState::Running);
+            running.map(|(id, _)| id).collect()
+        };
+        if running.is_empty() {
+            return;
+        }
+        let in_force = match self.rollouts.records.releases().in_force().await {
+            Ok(in_force) => in_force,
+            Err(error) => {
+                tracing::warn!(%error, "whether releases were withdrawn cannot be read");
+                return;
+            }
+        };
+        for id in running {
+            let step = {
+                let mut active = self.rollouts.active();
+                let Some(one) = active.get_mut(id) else {
+                    continue;
+                };
+                let Some(release) = one.withdrawn(&in_force) else {
+                    continue;
+                };
+                tracing::warn!(rollout = id, %release, "a release of it was withdrawn");
+                one.rollout.command(&Command::Pause, self.rollouts.now())
+            };
+            // What does not run by now needs no pause.
+            if let Ok(step) = step {
+                self.commit(id, step).await;
+            }
+        }
     }
 
     /// A rollout is another server's now.
@@ -541,6 +581,9 @@ impl Runner {
     async fn act(&mut self, id: i64, action: &Action) -> Result<(), RolloutError> {
         for _ in 0..TRIES {
             self.make_own(id).await?;
+            if matches!(action, Action::Resume | Action::Retry(_)) {
+                self.check_releases(id).await?;
+            }
             let step = {
                 let mut active = self.rollouts.active();
                 let Some(one) = active.get_mut(id) else {
@@ -568,6 +611,17 @@ impl Runner {
             }
         }
         Err(RolloutError::Contended)
+    }
+
+    /// Refuses what would offer releases that were withdrawn.
+    async fn check_releases(&self, id: i64) -> Result<(), RolloutError> {
+        let in_force = self.rollouts.records.releases().in_force().await?;
+        let active = self.rollouts.active();
+        let withdrawn = active.get(id).and_then(|one| one.withdrawn(&in_force));
+        match withdrawn {
+            Some(release) => Err(RolloutError::Release(release.clone(), "it was withdrawn")),
+            None => Ok(()),
+        }
     }
 
     /// Makes sure that a rollout is this server's, which may have lost it without knowing.

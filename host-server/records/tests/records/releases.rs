@@ -120,6 +120,8 @@ async fn a_release_is_withdrawn_once_and_its_image_is_gone() {
         ..kept(new.clone())
     };
     assert_eq!(done.unwrap(), expected);
+    let in_force = records.releases().in_force().await.unwrap();
+    assert_eq!(Vec::from_iter(in_force), std::slice::from_ref(&other.id));
     let again = records.releases().withdraw(&new.id, withdrawal(10)).await;
     assert!(matches!(again, Err(RecordsError::Exists)));
     let nobody = records.releases().withdraw("nobody", withdrawal(9)).await;

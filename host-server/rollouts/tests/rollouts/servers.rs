@@ -1,9 +1,10 @@
 //! A rollout is carried out by one server at a time.
 
+use crawler_records::{RolloutRobot, RolloutStep, Written};
 use crawler_rollouts::{Action, RolloutError};
 use crawler_updates::rollout::{CommandError, UpdateState};
 
-use crate::support::{RELEASE, Server, eventually, plan, with_release};
+use crate::support::{RELEASE, Server, eventually, plan, with_release, withdraw};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn whoever_is_asked_carries_it_out() {
@@ -120,16 +121,7 @@ async fn a_release_that_cannot_go_out_is_refused() {
         matches!(unknown, Err(RolloutError::UnknownRelease(_))),
         "{unknown:?}"
     );
-    let withdrawal = crawler_records::Withdrawal {
-        by: "ada".into(),
-        at: 1,
-        why: "it is bad".into(),
-    };
-    records
-        .releases()
-        .withdraw(RELEASE, withdrawal)
-        .await
-        .expect("withdrawn");
+    withdraw(&records).await;
     let withdrawn = server.rollouts.start("ada", plan()).await;
     assert!(
         matches!(withdrawn, Err(RolloutError::Release(..))),
@@ -144,4 +136,57 @@ async fn a_release_that_cannot_go_out_is_refused() {
             .is_empty()
     );
     server.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_withdrawn_goes_no_further_whoever_withdrew_it() {
+    let records = with_release().await;
+    let server = Server::start("one", &records);
+    let id = server.rollouts.start("ada", plan()).await;
+    let id = id.expect("it begins");
+    // Nobody tells this server.
+    withdraw(&records).await;
+    eventually("it stands", async || server.owner(id).await.1 == "paused").await;
+    let robot = "a".parse().expect("a robot");
+    for action in [Action::Resume, Action::Retry(robot)] {
+        let refused = server.rollouts.act(id, action).await;
+        assert!(
+            matches!(refused, Err(RolloutError::Release(..))),
+            "{refused:?}"
+        );
+    }
+    assert_eq!(server.owner(id).await.1, "paused");
+    server.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn one_that_cannot_be_paused_is_told_and_the_others_are() {
+    let records = with_release().await;
+    let one = Server::start("one", &records);
+    let damaged = one.rollouts.start("ada", plan()).await;
+    let damaged = damaged.expect("it begins");
+    one.stop().await;
+    let kept = records.rollouts().get(damaged).await.expect("records");
+    let step = RolloutStep {
+        robots: vec![RolloutRobot {
+            robot: "a".parse().expect("a robot"),
+            state: "offered".into(),
+            entry: "{}".into(),
+        }],
+        ..RolloutStep::default()
+    };
+    let epoch = kept.expect("a rollout").epoch;
+    let written = records.rollouts().write(damaged, epoch, step).await;
+    assert_eq!(written.expect("records"), Written::Stored);
+    let two = Server::start("two", &records);
+    let good = two.rollouts.start("ada", plan()).await;
+    let good = good.expect("it begins");
+    let before = two.rollouts.running_with(RELEASE).await.expect("rollouts");
+    assert_eq!(before, [damaged, good]);
+    withdraw(&records).await;
+    let (paused, all) = two.rollouts.pause_all_of(RELEASE, before).await;
+    assert_eq!(paused, [good]);
+    assert!(matches!(all, Err(RolloutError::Damaged(_))), "{all:?}");
+    assert_eq!(two.owner(good).await, ("two".into(), "paused"));
+    two.stop().await;
 }

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use crawler_metrics::Exposition;
+use crawler_metrics::Metrics;
 use crawler_protocol::{Fleet, Kind, RobotId};
-use crawler_records::{NewRelease, Records};
+use crawler_records::{NewRelease, Records, Withdrawal};
 use crawler_rollouts::{NewPlan, Parts, RobotView, Robots, Rollouts};
 use rumqttc::v5::MqttOptions;
 use serde_json::json;
@@ -81,7 +81,7 @@ impl Server {
 
     /// A metric: the line that begins so.
     pub(crate) fn metric(&self, name: &str) -> f64 {
-        let mut out = Exposition::default();
+        let mut out = Metrics::new().exposition();
         self.rollouts.write_metrics(&mut out);
         let text = out.finish();
         let value = text.lines().find_map(|line| line.strip_prefix(name));
@@ -130,6 +130,17 @@ pub(crate) async fn add_release(records: &Records) {
         added: 1,
     };
     records.releases().add(new).await.expect("kept");
+}
+
+/// Withdraws the release, and tells nobody.
+pub(crate) async fn withdraw(records: &Records) {
+    let withdrawal = Withdrawal {
+        by: "ada".into(),
+        at: 1,
+        why: "it is bad".into(),
+    };
+    let done = records.releases().withdraw(RELEASE, withdrawal).await;
+    done.expect("withdrawn");
 }
 
 /// Records in a directory of their own, which is gone with the value.
