@@ -17,6 +17,11 @@ pub(crate) struct Watched {
 }
 
 impl Watched {
+    /// Forgets how long nobody was heard of: while the records are away, no server is.
+    pub(crate) fn forget(&mut self) {
+        self.seen.clear();
+    }
+
     /// Takes in the leases of all rollouts but those that `has` says are carried out here, and returns what the
     /// server `own` is to take over. Of a rollout that is its own by name, and that it has just found after its
     /// start, nobody else is to be waited for.
@@ -77,5 +82,19 @@ mod tests {
         assert!(look(&[mine.clone(), other.clone()], LEASE_MS).is_empty());
         assert_eq!(look(&[mine, other.clone()], 1_000 + LEASE_MS), [1]);
         assert_eq!(look(&[other], 2 * LEASE_MS), [2]);
+    }
+
+    #[test]
+    fn an_outage_of_the_records_is_nobodys_silence() {
+        let mut watched = Watched::default();
+        let look = |watched: &mut Watched, now_ms| {
+            let gone = watched.look(vec![lease(1, "you", 4)], |_| false, "me", now_ms);
+            gone.len()
+        };
+        assert_eq!(look(&mut watched, 0), 0);
+        watched.forget();
+        assert_eq!(look(&mut watched, LEASE_MS), 0, "it could not say anything");
+        assert_eq!(look(&mut watched, 2 * LEASE_MS - 1), 0);
+        assert_eq!(look(&mut watched, 2 * LEASE_MS), 1);
     }
 }

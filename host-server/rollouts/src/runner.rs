@@ -180,6 +180,7 @@ impl Runner {
             Ok(leases) => leases,
             Err(error) => {
                 tracing::debug!(%error, "whose rollouts are whose cannot be read");
+                self.watched.forget();
                 return;
             }
         };
