@@ -61,7 +61,7 @@ pub enum RolloutError {
     Records(RecordsError),
     /// What is kept of it cannot be read.
     Damaged(String),
-    /// Other servers are asked to do something with it all the time.
+    /// Other servers begin rollouts, or are asked to do something with this one, all the time.
     Contended,
     /// The server is about to stop.
     Stopping,
@@ -78,7 +78,7 @@ impl fmt::Display for RolloutError {
             Self::Command(error) => error.fmt(f),
             Self::Records(error) => error.fmt(f),
             Self::Damaged(why) => write!(f, "the rollout cannot be read: {why}"),
-            Self::Contended => f.write_str("other servers take the rollout all the time"),
+            Self::Contended => f.write_str("other servers are faster all the time"),
             Self::Stopping => f.write_str("the server is about to stop"),
         }
     }

@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use crawler_protocol::{ReleaseId, RobotId, Topic, UpdateCommand};
 use crawler_records::{NewRollout, RecordsError, RolloutStep, Written};
 use crawler_updates::rollout::{
-    Command, CommandError, Effect, Event, Message, Owner, Rollout, RolloutId, RolloutState, Step,
+    Command, CommandError, Effect, Event, Message, Owner, Plan, Rollout, RolloutId, RolloutState,
+    Step,
 };
 use rumqttc::v5::MqttOptions;
 use rumqttc::v5::mqttbytes::QoS;
@@ -511,22 +512,7 @@ impl Runner {
             blobs.push(Some(blob.ok_or_else(gone)?));
         }
         self.see().await;
-        let id = records.rollouts().next_id().await?;
-        let name = RolloutId::new(&id.to_string())
-            .map_err(|error| RolloutError::Damaged(error.to_string()))?;
-        let owner = Owner {
-            server: rollouts.server.clone(),
-            epoch: 1,
-        };
-        let started = Rollout::start(name, plan, owner, &self.known.all(), rollouts.now());
-        let (rollout, step) = started.map_err(RolloutError::Start)?;
-        let new = NewRollout {
-            id,
-            by,
-            owner: rollouts.server.as_str().to_owned(),
-            step: self.to_records(id, &step)?,
-        };
-        records.rollouts().add(new).await?;
+        let (id, rollout, step) = self.begin(&by, &plan).await?;
         let active = Active {
             rollout,
             epoch: 1,
@@ -537,6 +523,36 @@ impl Runner {
         self.supersede(id).await;
         self.follow(id, step).await;
         Ok(id)
+    }
+
+    /// Keeps a rollout that begins under a number of its own.
+    async fn begin(&self, by: &str, plan: &Plan) -> Result<(i64, Rollout, Step), RolloutError> {
+        let rollouts = &self.rollouts;
+        let records = rollouts.records.rollouts();
+        for _ in 0..TRIES {
+            let id = records.next_id().await?;
+            let name = RolloutId::new(&id.to_string()).map_err(damaged)?;
+            let owner = Owner {
+                server: rollouts.server.clone(),
+                epoch: 1,
+            };
+            let robots = self.known.all();
+            let started = Rollout::start(name, plan.clone(), owner, &robots, rollouts.now());
+            let (rollout, step) = started.map_err(RolloutError::Start)?;
+            let new = NewRollout {
+                id,
+                by: by.to_owned(),
+                owner: rollouts.server.as_str().to_owned(),
+                step: self.to_records(id, &step)?,
+            };
+            match records.add(new).await {
+                Ok(()) => return Ok((id, rollout, step)),
+                // Another server began one just now.
+                Err(RecordsError::Exists) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Err(RolloutError::Contended)
     }
 
     /// Takes the robots of a rollout that begins from earlier ones, whoever carries those out.

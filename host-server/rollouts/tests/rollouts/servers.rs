@@ -66,6 +66,37 @@ async fn whoever_is_asked_carries_it_out() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn rollouts_that_begin_at_once_have_numbers_of_their_own() {
+    let records = with_release().await;
+    let (one, two) = (
+        Server::start("one", &records),
+        Server::start("two", &records),
+    );
+    for round in 0..4 {
+        let (first, second) = tokio::join!(
+            one.rollouts.start("ada", plan()),
+            two.rollouts.start("eve", plan())
+        );
+        let mut ids = [first.expect("it begins"), second.expect("it begins")];
+        ids.sort_unstable();
+        assert_eq!(ids, [2 * round + 1, 2 * round + 2]);
+        for id in ids {
+            let ended = one.rollouts.act(id, Action::Abort).await;
+            // The other one may have taken all robots of the first.
+            assert!(
+                matches!(
+                    ended,
+                    Ok(()) | Err(RolloutError::Command(CommandError::Over))
+                ),
+                "{ended:?}"
+            );
+        }
+    }
+    one.stop().await;
+    two.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn another_server_takes_over_from_one_that_is_gone() {
     let records = with_release().await;
     let (one, two) = (
