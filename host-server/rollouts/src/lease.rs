@@ -1,22 +1,33 @@
 //! When a rollout of another server is to be taken over. Pure: time is handed in.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use crawler_records::Lease;
 
 /// How often a server says that it lives, and looks whether others do, in milliseconds.
 pub(crate) const BEAT_MS: u64 = 1_000;
-/// After how long without a word a server counts as gone, in milliseconds, by the clock of whoever waits for it.
-pub(crate) const LEASE_MS: u64 = 5_000;
+/// After how long without a word a server counts as gone, by the clock of whoever waits for it: some beats.
+pub const LEASE: Duration = Duration::from_secs(5);
 
 /// What was seen of leases of others.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Watched {
+    lease_ms: u64,
     seen: BTreeMap<i64, (Lease, u64)>,
     looked: bool,
 }
 
 impl Watched {
+    /// Who is silent for as long as `lease` is gone.
+    pub(crate) fn new(lease: Duration) -> Self {
+        Self {
+            lease_ms: u64::try_from(lease.as_millis()).unwrap_or(u64::MAX),
+            seen: BTreeMap::new(),
+            looked: false,
+        }
+    }
+
     /// Forgets how long nobody was heard of: while the records are away, no server is.
     pub(crate) fn forget(&mut self) {
         self.seen.clear();
@@ -41,7 +52,7 @@ impl Watched {
                 Some((before, since)) if before == lease => since,
                 _ => now_ms,
             };
-            if first && lease.owner == own || now_ms.saturating_sub(since) >= LEASE_MS {
+            if first && lease.owner == own || now_ms.saturating_sub(since) >= self.lease_ms {
                 gone.push(lease.clone());
             }
             seen.insert(lease.id, (lease, since));
@@ -55,6 +66,12 @@ impl Watched {
 mod tests {
     use super::*;
 
+    const LEASE_MS: u64 = 4_000;
+
+    fn watched() -> Watched {
+        Watched::new(Duration::from_millis(LEASE_MS))
+    }
+
     fn lease(id: i64, owner: &str, beat: u64) -> Lease {
         Lease {
             id,
@@ -66,7 +83,7 @@ mod tests {
 
     #[test]
     fn a_server_that_is_silent_loses_its_rollouts() {
-        let mut watched = Watched::default();
+        let mut watched = watched();
         let mut look = |leases: &[Lease], now_ms| {
             let gone = watched.look(leases.to_vec(), |id| id == 9, "me", now_ms);
             gone.into_iter().map(|lease| lease.id).collect::<Vec<_>>()
@@ -86,7 +103,7 @@ mod tests {
 
     #[test]
     fn an_outage_of_the_records_is_nobodys_silence() {
-        let mut watched = Watched::default();
+        let mut watched = watched();
         let look = |watched: &mut Watched, now_ms| {
             let gone = watched.look(vec![lease(1, "you", 4)], |_| false, "me", now_ms);
             gone.len()

@@ -31,7 +31,7 @@ mod step;
 mod view;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crawler_protocol::{Fleet, RobotId};
 use crawler_records::{EventLevel, Records};
@@ -46,6 +46,7 @@ use numbers::Numbers;
 use pulls::Pulls;
 
 pub use control::{Action, RolloutError};
+pub use lease::LEASE;
 pub use plan::{Asked, NewPlan};
 pub use robots::{RobotView, Robots};
 pub use runner::Runner;
@@ -69,6 +70,8 @@ pub struct Parts {
     pub robots: Arc<dyn Robots>,
     /// The session with the broker, of rollouts alone.
     pub session: MqttOptions,
+    /// After how long without a word another server counts as gone: [`LEASE`].
+    pub lease: Duration,
     /// Tells what happens.
     pub tell: Tell,
 }
@@ -111,7 +114,7 @@ impl Rollouts {
             requests,
             numbers: Numbers::default(),
         });
-        let runner = Runner::new(Arc::clone(&rollouts), parts.session, waiting);
+        let runner = Runner::new(Arc::clone(&rollouts), parts.session, parts.lease, waiting);
         Ok((rollouts, runner))
     }
 

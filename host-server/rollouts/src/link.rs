@@ -257,6 +257,7 @@ mod tests {
             fleet: "swarm".parse().expect("a fleet"),
             robots: Arc::new(Nobody),
             session: options.clone(),
+            lease: crate::LEASE,
             tell: Box::new(|_, _, _| {}),
         };
         let (rollouts, _runner) = Rollouts::new(parts).expect("a name");

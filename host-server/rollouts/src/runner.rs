@@ -68,6 +68,7 @@ impl Runner {
     pub(crate) fn new(
         rollouts: Arc<Rollouts>,
         session: MqttOptions,
+        lease: Duration,
         requests: mpsc::Receiver<Request>,
     ) -> Self {
         Self {
@@ -75,7 +76,7 @@ impl Runner {
             session,
             requests,
             known: Known::default(),
-            watched: Watched::default(),
+            watched: Watched::new(lease),
             beat_ms: None,
             damaged: BTreeSet::new(),
             stop: CancellationToken::new(),

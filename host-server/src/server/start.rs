@@ -211,6 +211,7 @@ fn roll_out(
         fleet: settings.fleet.clone(),
         robots: Arc::new(FleetRobots(Arc::clone(&hub.fleet))),
         session: session.clone().beside("updates").options(MAX_REPORT),
+        lease: crawler_rollouts::LEASE,
         tell,
     })
     .map_err(|_| StartError::Internal("a name of the server"))?;

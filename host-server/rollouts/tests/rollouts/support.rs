@@ -49,8 +49,13 @@ pub(crate) struct Server {
 }
 
 impl Server {
-    /// A server without a broker: what it sends is lost.
+    /// A server without a broker: what it sends is lost. It takes nothing over from others by itself.
     pub(crate) fn start(name: &str, records: &Records) -> Self {
+        Self::with_lease(name, records, Duration::from_hours(1))
+    }
+
+    /// One for which others are gone that are silent for as long as `lease`.
+    pub(crate) fn with_lease(name: &str, records: &Records, lease: Duration) -> Self {
         let told = Arc::new(Mutex::new(Vec::new()));
         let heard = Arc::clone(&told);
         let robots = Arc::new(Three(Mutex::new("old")));
@@ -60,6 +65,7 @@ impl Server {
             fleet: "swarm".parse::<Fleet>().expect("a fleet"),
             robots: robots.clone(),
             session: MqttOptions::new("updates", "127.0.0.1", 1),
+            lease,
             tell: Box::new(move |_, _, text| heard.lock().expect("a list").push(text)),
         };
         let (rollouts, runner) = Rollouts::new(parts).expect("a name");
