@@ -162,6 +162,13 @@ impl ActiveRollouts {
         let Some(payload) = blob.payload(pull.part, index) else {
             return Asked::NoSuch;
         };
+        let release = planned.release.clone();
+        let size = payload.len() as u32;
+        match one.rollout.take(robot, &release, size, now) {
+            Grant::Now => {}
+            Grant::In(wait) => return Asked::Later(wait),
+            Grant::No => return Asked::Never,
+        }
         let chunk = Chunk {
             part: pull.part,
             tag: pull.tag,
@@ -173,12 +180,6 @@ impl ActiveRollouts {
             return Asked::NoSuch;
         };
         bytes.truncate(length);
-        let size = payload.len() as u32;
-        let release = planned.release.clone();
-        match one.rollout.take(robot, &release, size, now) {
-            Grant::Now => Asked::Chunk(bytes),
-            Grant::In(wait) => Asked::Later(wait),
-            Grant::No => Asked::Never,
-        }
+        Asked::Chunk(bytes)
     }
 }

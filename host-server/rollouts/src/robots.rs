@@ -26,7 +26,7 @@ pub struct RobotView<'a> {
 
 /// The robots of the fleet.
 pub trait Robots: Send + Sync + 'static {
-    /// Shows every robot whose status is known. Called twice a second while there are rollouts: `show` returns at
+    /// Shows every robot whose status is known. Called four times a second while there are rollouts: `show` returns at
     /// once.
     fn each(&self, show: &mut dyn FnMut(RobotView<'_>));
 }
@@ -56,51 +56,53 @@ impl RobotView<'_> {
     }
 }
 
-/// What was known when it was last looked at.
+/// What was known when it was last looked at: each robot that was there, and at which look.
 #[derive(Debug, Default)]
-pub(crate) struct Known(BTreeMap<RobotId, Sighting>);
+pub(crate) struct Known {
+    robots: BTreeMap<RobotId, (Sighting, u64)>,
+    looks: u64,
+}
 
 impl Known {
-    /// What has changed since. A robot that nobody knows any more is offline.
+    /// What has changed since. A robot that nobody knows any more is offline, and forgotten.
     pub(crate) fn changes(&mut self, robots: &dyn Robots) -> Vec<Sighting> {
+        self.looks += 1;
         let mut changes = Vec::new();
-        let mut shown = 0;
         robots.each(&mut |view| {
-            shown += 1;
-            if self.0.get(view.robot).is_some_and(|seen| view.is(seen)) {
-                return;
-            }
-            match view.sighting() {
-                Some(seen) => changes.push(seen),
-                None => shown -= 1,
+            if let Some((seen, look)) = self.robots.get_mut(view.robot)
+                && view.is(seen)
+            {
+                *look = self.looks;
+            } else if let Some(seen) = view.sighting() {
+                self.robots
+                    .insert(seen.robot.clone(), (seen.clone(), self.looks));
+                changes.push(seen);
             }
         });
-        for seen in &changes {
-            self.0.insert(seen.robot.clone(), seen.clone());
-        }
-        if self.0.len() > shown {
-            let mut there = std::collections::BTreeSet::new();
-            robots.each(&mut |view| {
-                there.insert(view.robot.clone());
-            });
-            for seen in self.0.values_mut() {
-                if seen.online && !there.contains(&seen.robot) {
-                    seen.online = false;
-                    changes.push(seen.clone());
-                }
+        let looks = self.looks;
+        self.robots.retain(|_, (seen, look)| {
+            let there = *look == looks;
+            if !there && seen.online {
+                let online = false;
+                changes.push(Sighting {
+                    online,
+                    ..seen.clone()
+                });
             }
-        }
+            there
+        });
         changes
     }
 
     /// All that is known.
     pub(crate) fn all(&self) -> Vec<Sighting> {
-        self.0.values().cloned().collect()
+        self.robots.values().map(|(seen, _)| seen.clone()).collect()
     }
 
     /// What a robot runs.
     pub(crate) fn build(&self, robot: &RobotId) -> Option<BuildId> {
-        self.0.get(robot).map(|seen| seen.build.clone())
+        let seen = self.robots.get(robot);
+        seen.map(|(seen, _)| seen.build.clone())
     }
 }
 
@@ -148,6 +150,16 @@ mod tests {
         assert!(changes(&mut known, &fleet).is_empty());
         let of_a = known.build(&"a".parse().unwrap());
         assert_eq!(of_a.map(String::from).as_deref(), Some("2"));
-        assert_eq!(known.all().len(), 2);
+        let all = known.all().into_iter().map(|seen| seen.robot.to_string());
+        assert_eq!(all.collect::<Vec<_>>(), ["a"], "who is gone is forgotten");
+        // Who comes back is new.
+        *fleet.0.lock().unwrap() = vec![("a", "2", true), ("b", "1", true)];
+        assert_eq!(changes(&mut known, &fleet), ["b 1 true"]);
+        // Nobody can be told of a name that is none.
+        *fleet.0.lock().unwrap() = vec![("a", "not a name", true), ("b", "1", false)];
+        assert_eq!(changes(&mut known, &fleet), ["b 1 false", "a 2 false"]);
+        *fleet.0.lock().unwrap() = Vec::new();
+        assert!(changes(&mut known, &fleet).is_empty());
+        assert!(known.all().is_empty());
     }
 }

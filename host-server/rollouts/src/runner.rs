@@ -216,6 +216,8 @@ impl Runner {
 
     /// Makes a rollout this server's. False when somebody was faster, or it is over.
     async fn take_over(&mut self, id: i64, epoch: u64) -> Result<bool, RolloutError> {
+        // Nobody looks at robots while there are no rollouts.
+        self.see().await;
         let server = &self.rollouts.server;
         let records = &self.rollouts.records;
         let Some(taken) = records.rollouts().take(id, epoch, server.as_str()).await? else {
