@@ -162,13 +162,10 @@ pub(super) async fn list(
         Some(id) => Some(number(id).map_err(|_| bad_query("`before` must be an id"))?),
         None => None,
     };
-    let views = rollouts.list(before, limit).await?;
-    let full = views.len() == limit as usize;
-    let next = views.last().filter(|view| full && view.id != "1");
-    let next = next.map(|view| view.id.clone());
+    let page = rollouts.list(before, limit).await?;
     Ok(Json(RolloutList {
-        rollouts: views,
-        next,
+        rollouts: page.rollouts,
+        next: page.next.map(|next| next.to_string()),
     }))
 }
 
@@ -240,10 +237,11 @@ pub(super) async fn robots(
         found.ok_or_else(|| bad_query("`state` must be the name of a state of a robot"))
     };
     let state = asked.state.as_deref().map(named).transpose()?;
-    let robots = rollouts.robots(number(&id)?, after.as_ref(), state, limit);
-    let robots = robots.await?;
-    let full = robots.len() == limit as usize;
-    let next = robots.last().filter(|_| full);
+    let robots = rollouts.robots(number(&id)?, after.as_ref(), state, limit + 1);
+    let mut robots = robots.await?;
+    let more = robots.len() > limit as usize;
+    robots.truncate(limit as usize);
+    let next = robots.last().filter(|_| more);
     let next = next.map(|robot| robot.robot.to_string());
     Ok(Json(RobotList { robots, next }))
 }

@@ -24,8 +24,8 @@ pub const MAX_ROLLOUTS_AT_WORK: i64 = 16;
 pub const MAX_ROLLOUT_DOCUMENT: usize = 2 << 20;
 /// Longest entry of a robot, or of a note, in bytes.
 pub const MAX_ROLLOUT_ENTRY: usize = 4_096;
-/// Most robots in one answer.
-pub const MAX_ROLLOUT_PAGE: u32 = 1_000;
+/// Most robots in one answer: a thousand, and one that shows that there are more.
+pub const MAX_ROLLOUT_PAGE: u32 = 1_001;
 
 /// A rollout, without its robots.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -48,6 +48,16 @@ pub struct RolloutView {
     pub log: Option<Vec<LogLine>>,
 }
 
+/// Some rollouts.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct RolloutPage {
+    /// Newest first.
+    pub rollouts: Vec<RolloutView>,
+    /// Behind which number there are more.
+    pub next: Option<i64>,
+}
+
 /// Something that has happened in a rollout.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = RolloutLogLine)]
@@ -166,21 +176,31 @@ fn line(at: i64, text: &str) -> Result<LogLine, RolloutError> {
 }
 
 impl Rollouts {
-    /// Up to `limit` rollouts before number `before`, or the last ones, newest first.
+    /// Up to `limit` rollouts before number `before`, or the last ones, newest first. One that cannot be read is
+    /// left out.
     ///
     /// # Errors
-    /// [`RolloutError::Records`], [`RolloutError::Damaged`].
-    pub async fn list(
-        &self,
-        before: Option<i64>,
-        limit: u32,
-    ) -> Result<Vec<RolloutView>, RolloutError> {
-        let kept = self.records.rollouts().page(before, limit).await?;
-        let views = kept.into_iter().map(|kept| {
-            let document = serde_json::from_str(&kept.document).map_err(damaged)?;
-            Ok(view(kept, document))
-        });
-        views.collect()
+    /// [`RolloutError::Records`].
+    pub async fn list(&self, before: Option<i64>, limit: u32) -> Result<RolloutPage, RolloutError> {
+        let mut kept = self
+            .records
+            .rollouts()
+            .page(before, limit.saturating_add(1))
+            .await?;
+        let more = kept.len() > limit as usize;
+        kept.truncate(limit as usize);
+        let next = kept.last().filter(|_| more).map(|last| last.id);
+        let views =
+            kept.into_iter()
+                .filter_map(|kept| match serde_json::from_str(&kept.document) {
+                    Ok(document) => Some(view(kept, document)),
+                    Err(error) => {
+                        tracing::error!(rollout = kept.id, %error, "cannot be shown");
+                        None
+                    }
+                });
+        let rollouts = views.collect();
+        Ok(RolloutPage { rollouts, next })
     }
 
     /// A rollout, in numbers and with its log.

@@ -74,6 +74,16 @@ async fn a_rollout_that_cannot_be_read_is_left_alone() {
         matches!(paused, Err(RolloutError::Damaged(_))),
         "{paused:?}"
     );
+    // The others are shown, and what is behind it is found.
+    let list = async |before, limit| {
+        let page = server.rollouts.list(before, limit).await;
+        let page = page.expect("a list");
+        let ids: Vec<_> = page.rollouts.into_iter().map(|one| one.id).collect();
+        (ids, page.next)
+    };
+    assert_eq!(list(None, 1).await, (vec!["2".to_owned()], Some(2)));
+    assert_eq!(list(Some(2), 1).await, (Vec::new(), None));
+    assert_eq!(list(None, 2).await, (vec!["2".to_owned()], None));
     server.stop().await;
 }
 

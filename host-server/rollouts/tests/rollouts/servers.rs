@@ -161,6 +161,7 @@ async fn a_release_that_cannot_go_out_is_refused() {
             .list(None, 9)
             .await
             .expect("a list")
+            .rollouts
             .is_empty()
     );
     server.stop().await;
