@@ -94,6 +94,19 @@ fn topic(data: &[u8]) {
     }
 }
 
+/// How a text leaves: each control character as a space.
+fn one_line(text: &str) -> String {
+    text.chars()
+        .map(|character| {
+            if character.is_control() {
+                ' '
+            } else {
+                character
+            }
+        })
+        .collect()
+}
+
 macro_rules! message {
     ($($name:ident: $message:ty, same = $same:expr;)+) => {
         $(fn $name(data: &[u8]) {
@@ -122,28 +135,29 @@ message! {
     swarm_response: SwarmResponse, same = PartialEq::eq;
     // Control characters in texts leave as spaces.
     status: StatusMessage, same = |read, again| {
-        let mut read = read.clone();
-        if read.firmware.chars().count() == again.firmware.chars().count() {
-            read.firmware.clone_from(&again.firmware);
-        }
-        if read.board.chars().count() == again.board.chars().count() {
-            read.board.clone_from(&again.board);
-        }
-        if let (Some(one), Some(two)) = (&mut read.boot.panic, &again.boot.panic)
-            && one.chars().count() == two.chars().count()
-        {
-            one.clone_from(two);
-        }
-        read == *again
+        let mut rest = read.clone();
+        rest.firmware.clone_from(&again.firmware);
+        rest.board.clone_from(&again.board);
+        rest.boot.panic.clone_from(&again.boot.panic);
+        let panic = read.boot.panic.as_deref().map(one_line);
+        rest == *again
+            && again.firmware.as_str() == one_line(&read.firmware)
+            && again.board.as_str() == one_line(&read.board)
+            && again.boot.panic.as_deref() == panic.as_deref()
     };
     heartbeat: Heartbeat, same = PartialEq::eq;
     telemetry: Telemetry, same = PartialEq::eq;
     detections: Detections, same = PartialEq::eq;
     pose_fix: PoseFix, same = PartialEq::eq;
     time: TimeMessage, same = PartialEq::eq;
-    // Control characters leave as spaces.
+    // Control characters in texts leave as spaces.
     log_record: LogRecord, same = |read, again| {
-        read.seq == again.seq && read.text.chars().count() == again.text.chars().count()
+        let mut rest = read.clone();
+        rest.event.clone_from(&again.event);
+        rest.text.clone_from(&again.text);
+        rest == *again
+            && again.event.as_str() == one_line(&read.event)
+            && again.text.as_str() == one_line(&read.text)
     };
     // Details may be left out, values not.
     parameters: ParametersMessage, same = |read, again| {
