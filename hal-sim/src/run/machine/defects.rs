@@ -116,7 +116,10 @@ impl Faulty {
                         clock.sleep(after).await;
                         control.holds.set(true);
                         clock.sleep(MISSED).await;
-                        control.release();
+                        // What hangs does not go on.
+                        if !others.holds.get() {
+                            control.release();
+                        }
                     }
                 }),
                 // These are not of the program's own doing.

@@ -63,14 +63,21 @@ fn a_program_without_defects_runs_as_what_it_says_it_is() {
 
 #[test]
 fn one_that_panics_or_hangs_is_tried_once_more() {
-    for (kind, reset) in [
-        (DefectKind::Panic, ResetCause::Panic),
-        (DefectKind::Hang, ResetCause::Watchdog),
-    ] {
-        let mut simulation = updated(&bundle(kind, 2_000));
+    let [panic, hang, miss] = [
+        (DefectKind::Panic, 2_000),
+        (DefectKind::Hang, 2_000),
+        (DefectKind::MissControl, 200),
+    ]
+    .map(|(kind, value)| Defect::everywhere(kind, value));
+    for defects in [vec![panic], vec![hang], vec![hang, miss]] {
+        let panics = defects.contains(&panic);
+        let mut simulation = updated(&Bundle {
+            defects: defects.clone(),
+            ..Bundle::new("9.0.0", "new")
+        });
         let (_, starts) = left_behind(&mut simulation, 30);
         // Its first start, one more, and the program before.
-        assert_eq!(starts, 3, "{reset:?}");
+        assert_eq!(starts, 3, "{defects:?}");
         simulation.run_for(Duration::from_secs(60));
         assert_eq!(simulation.boots(0), 4);
         // The program before hears of a restart, and of the panic.
@@ -78,7 +85,7 @@ fn one_that_panics_or_hangs_is_tried_once_more() {
         let robot = simulation.robot(0).expect("there");
         let text = robot.last_panic().map(|text| text.as_str().to_owned());
         let expected = "the defect panic=2000 of the bundle".to_owned();
-        assert_eq!(text, (kind == DefectKind::Panic).then_some(expected));
+        assert_eq!(text, panics.then_some(expected));
     }
 }
 
