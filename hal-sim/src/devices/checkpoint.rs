@@ -71,7 +71,8 @@ impl World {
     }
 
     /// Puts a robot where one was, with what was in its slots: the place is not looked at, since it touches
-    /// what it touched. There are no parts when those hold no program that starts.
+    /// what it touched. One that was on starts as after a power cut, and there are parts when its slots hold a
+    /// program that starts; one that was off, or had been taken out, starts nothing and has none.
     pub(crate) fn put_back(
         &mut self,
         kept: &WorldCheckpoint,
@@ -81,11 +82,12 @@ impl World {
         let pose = kept.pose(robot);
         let index = self.shared.space.borrow_mut().admit(pose, self.shared.seed);
         let slots = kept.flash.get(robot);
-        let parts = self.furnish(index, wiring, |chip| {
-            if let Some(contents) = slots {
-                chip.fill_slots(contents);
-            }
-        });
+        let ports = self.furnish(index, wiring);
+        if let (Some(ports), Some(contents)) = (&ports, slots) {
+            ports.chip.borrow_mut().fill_slots(contents);
+        }
+        let ports = ports.filter(|_| kept.is_on(robot));
+        let parts = ports.as_ref().and_then(Self::switch_on);
         (index, parts)
     }
 

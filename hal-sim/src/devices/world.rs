@@ -339,28 +339,24 @@ impl World {
     ) -> Result<(RobotIndex, Option<BodyParts>), PlacementError> {
         let seed = self.shared.seed;
         let index = self.shared.space.borrow_mut().place(pose, seed)?;
-        Ok((index, self.furnish(index, wiring, |_| ())))
+        let ports = self.furnish(index, wiring);
+        Ok((index, ports.as_ref().and_then(Self::switch_on)))
     }
 
-    /// Gives the newest robot its devices, when it is a member, and switches it on. `prepare` makes its flash
-    /// what it is before that. `None` also when the flash holds no program that starts.
-    pub(super) fn furnish(
-        &mut self,
-        index: RobotIndex,
-        wiring: Wiring,
-        prepare: impl FnOnce(&mut Chip),
-    ) -> Option<BodyParts> {
+    /// Gives the newest robot its devices, when it is a member. Its flash is blank, and it is not switched on.
+    pub(super) fn furnish(&mut self, index: RobotIndex, wiring: Wiring) -> Option<Rc<Ports>> {
         let ports = self
             .members
             .contains(index.get() as usize)
             .then(|| Rc::new(Ports::new(Rc::clone(&self.shared), index, wiring)));
-        let parts = ports.as_ref().and_then(|ports| {
-            prepare(&mut ports.chip.borrow_mut());
-            let started = ports.start(ports.cause.get())?;
-            Some(BodyParts::new(ports, started))
-        });
-        self.robots.push(ports);
-        parts
+        self.robots.push(ports.clone());
+        ports
+    }
+
+    /// Switches a new robot on. `None` when its flash holds no program that starts.
+    pub(super) fn switch_on(ports: &Rc<Ports>) -> Option<BodyParts> {
+        let started = ports.start(ports.cause.get())?;
+        Some(BodyParts::new(ports, started))
     }
 
     /// Memory of the host that the flash of the robots here takes, in bytes: what was written, and what they

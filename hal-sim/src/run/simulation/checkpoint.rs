@@ -108,8 +108,8 @@ impl Simulation {
             let id = config.id.clone();
             let is_removed = kept.world.is_removed(number);
             let robot = (!is_removed).then(|| machine::context(config));
-            let runs = robot.as_ref().filter(|_| kept.world.is_on(number));
-            let program = runs
+            let program = robot
+                .as_ref()
                 .zip(parts)
                 .map(|(robot, parts)| simulation.start_program(robot, parts, number, number));
             simulation.machines.push(Machine {

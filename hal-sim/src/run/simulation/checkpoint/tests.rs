@@ -200,6 +200,38 @@ fn a_robot_without_power_has_none_afterwards_either_and_starts_when_it_is_back()
     assert_eq!(again.boots(1), 2);
 }
 
+/// Each start without a confirmation counts, and a program is given up after a few.
+#[test]
+fn a_robot_without_power_uses_up_no_start_of_its_new_program() {
+    let mut simulation = without_network("empty", 1);
+    simulation.run_for(seconds(2));
+    let index = simulation.index(0).expect("there");
+    let chip = simulation.world().chip(index).expect("there");
+    let bundle = crawler_bundle::Bundle::new("9.0.0", "new");
+    crate::devices::install(&mut chip.borrow_mut(), &bundle, 3_000, 0);
+    simulation.submit(0, Action::Reboot);
+    simulation.run_for(seconds(3));
+    let firmware = |world: &Simulation| world.robot(0).expect("there").config().firmware;
+    assert_eq!(firmware(&simulation), "9.0.0");
+    simulation
+        .inject(0, Fault::BrownOut, Some(seconds(20)))
+        .expect("sound");
+    simulation.run_for(seconds(1));
+    let boots = simulation.boots(0);
+    for _ in 0..6 {
+        simulation = resume(&simulation.keep());
+        simulation.run_for(seconds(1));
+        assert!(!simulation.observe(0).expect("there").powered);
+    }
+    assert_eq!(simulation.boots(0), boots);
+    simulation.run_for(seconds(15));
+    assert!(simulation.observe(0).expect("there").powered);
+    assert_eq!(
+        (firmware(&simulation), simulation.boots(0)),
+        ("9.0.0", boots + 1)
+    );
+}
+
 #[test]
 fn what_has_been_destroyed_and_used_since_is_not_destroyed_again() {
     let mut simulation = without_network("empty", 1);
