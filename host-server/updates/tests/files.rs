@@ -1,8 +1,9 @@
 //! Releases as files: what is made is what is verified, and nothing else is.
 
+use crawler_bundle::Bundle;
 use crawler_release::{
-    Chip, ENVELOPE_MAX, Kind, MANIFEST_MAX, MAX_IMAGE, Malformed, PublicKey, Requires, Signed,
-    image_hash,
+    Chip, ENVELOPE_MAX, Kind, MANIFEST_MAX, MAX_IMAGE, Malformed, Manifest, PublicKey, Requires,
+    Signed, image_hash,
 };
 use crawler_updates::release::{
     Expected, FileFault, ImageFault, Inspection, KeyFault, SecretKey, SignFault, SignOptions,
@@ -134,6 +135,21 @@ fn envelope_and_image_of_two_releases_do_not_mix() {
     assert_eq!(found(&file, &[key.public()]), ["bad_block"]);
 }
 
+/// An envelope whose manifest says something else, signed all the same.
+fn altered(envelope: &[u8], key: &SecretKey, change: impl FnOnce(&mut Manifest<'_>)) -> Vec<u8> {
+    let signed = Signed::parse(envelope).expect("an envelope");
+    let mut manifest = signed.unverified().expect("a manifest");
+    change(&mut manifest);
+    let mut encoded = [0; MANIFEST_MAX];
+    let length = manifest.encode(&mut encoded).expect("valid");
+    let signature = key.sign(&image_hash(&encoded[..length]));
+    let signed = Signed::new(key.public().id(), &signature, &encoded[..length]);
+    let mut envelope = vec![0; ENVELOPE_MAX];
+    let length = signed.expect("short").write(&mut envelope).expect("room");
+    envelope.truncate(length);
+    envelope
+}
+
 /// What `sign` does not sign: somebody else has, with the key.
 #[test]
 fn an_image_for_another_chip_is_found_out() {
@@ -145,23 +161,42 @@ fn an_image_for_another_chip_is_found_out() {
         ..options()
     };
     let good = options.sign(&image, &key).expect("signed");
-    let signed = Signed::parse(&good).expect("an envelope");
     for (board, chip, code) in [
         ("xiao-c6", Chip::ESP32_C6, "wrong_chip"),
         ("xiao-c3", Chip::ESP32_C6, "wrong_chip"),
         ("virt", Chip::NONE, "wrong_chip"),
         ("mine", Chip::ESP32_C3, ""),
     ] {
-        let mut manifest = signed.unverified().expect("a manifest");
-        (manifest.board, manifest.chip) = (board, chip);
-        let mut encoded = [0; MANIFEST_MAX];
-        let length = manifest.encode(&mut encoded).expect("valid");
-        let signature = key.sign(&image_hash(&encoded[..length]));
-        let signed = Signed::new(key.public().id(), &signature, &encoded[..length]);
-        let mut envelope = [0; ENVELOPE_MAX];
-        let length = signed.expect("short").write(&mut envelope).expect("room");
-        let file = join(&envelope[..length], &image).expect("an envelope");
+        let envelope = altered(&good, &key, |manifest| {
+            (manifest.board, manifest.chip) = (board, chip);
+        });
+        let file = join(&envelope, &image).expect("an envelope");
         assert_eq!(found(&file, &[key.public()]).concat(), code, "{board}");
+    }
+}
+
+/// The same of names.
+#[test]
+fn a_bundle_that_names_another_program_is_found_out() {
+    let key = key();
+    let bundle = Bundle::new("0.4.0", "abc123").image(2_000, 0);
+    let image = bundle.expect("a bundle");
+    let options = SignOptions {
+        board: "sim",
+        ..options()
+    };
+    let good = options.sign(&image, &key).expect("signed");
+    for (version, build, code) in [
+        ("0.4.0", "abc123", ""),
+        ("0.4.1", "abc123", "wrong_image"),
+        ("0.4.0", "abc124", "wrong_image"),
+    ] {
+        let envelope = altered(&good, &key, |manifest| {
+            (manifest.version, manifest.build) = (version, build);
+        });
+        let file = join(&envelope, &image).expect("an envelope");
+        let came = found(&file, &[key.public()]).concat();
+        assert_eq!(came, code, "{version} {build}");
     }
 }
 

@@ -1,8 +1,9 @@
 //! What a release is worth, with every reason against it.
 
 use crawler_protocol::ReleaseId;
-use crawler_release::{ImageHasher, KeyId, Manifest, PublicKey, Refusal, Signed};
+use crawler_release::{ImageHasher, KeyId, Kind, Manifest, PublicKey, Refusal, Signed};
 
+use super::image::check_names;
 use super::{FileFault, ImageFault, chip_for, split};
 
 /// A reason against a release.
@@ -102,11 +103,20 @@ fn is_malformed(fault: &Fault) -> bool {
     ["malformed", "unknown_format"].contains(&fault.code)
 }
 
+/// Whether an image can be the one of its release.
+fn check_image(manifest: &Manifest<'_>, image: &[u8]) -> Result<(), ImageFault> {
+    chip_for(manifest.kind, manifest.board, Some(manifest.chip), image)?;
+    match manifest.kind {
+        Kind::Program => check_names(image, manifest.version, Some(manifest.build)),
+        Kind::Model => Ok(()),
+    }
+}
+
 fn check(manifest: &Manifest<'_>, image: &[u8], expected: &Expected<'_>, faults: &mut Vec<Fault>) {
     let mut hasher = ImageHasher::new(manifest);
     if let Err(error) = hasher.update(image).and_then(|()| hasher.finish()) {
         faults.push(Fault::new(error.code(), error.to_string()));
-    } else if let Err(error) = chip_for(manifest.kind, manifest.board, Some(manifest.chip), image) {
+    } else if let Err(error) = check_image(manifest, image) {
         // What an image says of itself counts once it is the one that was signed.
         let code = match error {
             ImageFault::OtherChip(..) | ImageFault::Esp(_) => Refusal::WrongChip.code(),
