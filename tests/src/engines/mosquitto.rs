@@ -1,5 +1,6 @@
 //! Mosquitto as a broker: for everybody, or as somebody runs it who has read its manual.
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 
@@ -19,6 +20,31 @@ pub struct Mosquitto {
     folder: Folder,
     /// Its port, where nobody else has it.
     _reserved: Option<ReservedPort>,
+}
+
+/// A subscriber that waits for one message. It ends with this value.
+#[derive(Debug)]
+pub struct Listener(Child);
+
+impl Listener {
+    /// Waits for the message: its topic and text, or nothing when none comes within a minute.
+    ///
+    /// # Panics
+    /// When the text is not UTF-8.
+    pub fn heard(mut self) -> String {
+        let mut heard = String::new();
+        let mut stdout = self.0.stdout.take().expect("it was piped");
+        stdout.read_to_string(&mut heard).expect("a text");
+        heard.truncate(heard.trim_end().len());
+        heard
+    }
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 /// What its configuration is made of.
@@ -271,18 +297,19 @@ impl Mosquitto {
         command.output().expect("mosquitto_pub")
     }
 
-    /// Has `user` wait for one message under `filter` with `mosquitto_sub`, which prints its topic and text and
-    /// ends. Returns when the broker has taken the subscription.
+    /// Has `user` wait for one message under `filter` with `mosquitto_sub`. Returns when the broker has taken
+    /// the subscription.
     ///
     /// # Panics
     /// When the tool is missing, or the broker, which has to log everything, does not say that it has.
-    pub fn listen(&self, user: (&str, &str), filter: &str) -> Child {
+    pub fn listen(&self, user: (&str, &str), filter: &str) -> Listener {
         let taken = format!("Sending SUBACK to {}", user.0);
         let before = self.log().matches(&taken).count();
         let mut command = self.client("mosquitto_sub", user);
         command.args(["-v", "-C", "1", "-t", filter]);
-        let listener = command.stdout(Stdio::piped()).spawn();
-        let listener = listener.expect("mosquitto_sub");
+        command.args(["-W", "60"]);
+        let child = command.stdout(Stdio::piped()).spawn();
+        let listener = Listener(child.expect("mosquitto_sub"));
         wait_for("the broker takes a subscription", PATIENCE, || {
             (self.log().matches(&taken).count() > before).then_some(())
         });
