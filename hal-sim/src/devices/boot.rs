@@ -10,14 +10,12 @@ use crawler_boot::flash::{FlashError as Failure, SECTOR};
 use crawler_boot::guard::{Decision, decide};
 use crawler_boot::otadata::{Bootloader, Goal, Otadata, Slots};
 use crawler_boot::trailer::{Record, Trailer};
-use crawler_bundle::{
-    Bundle, DIGEST_BYTES, Defect, DefectKind, Digest, HEADER_MAX, Header, SIZE_MAX,
-};
+use crawler_bundle::{Bundle, Defect, DefectKind, Digest, HEADER_MAX, Header, SIZE_MAX, decode};
 use crawler_hal::{ResetCause, SlotRegion};
 use embedded_storage::nor_flash::ReadNorFlash as _;
 
 use super::flash::BootFlash;
-use super::{Chip, ERASE_BYTES, FlashError, OTADATA_AT, SLOTS, WRITE_BYTES};
+use super::{Chip, FlashError, OTADATA_AT, SLOTS, WRITE_BYTES};
 use crate::faults::RangerFault;
 use crate::world::{Purpose, RobotIndex, stream, uniform};
 
@@ -198,25 +196,14 @@ fn image(flash: &mut BootFlash<'_>, slot: u8) -> Result<Option<Image>, FlashErro
     }
     let mut front = [0; HEADER_MAX];
     flash.read(region.start, &mut front)?;
-    let Ok(Header { bundle, size }) = Header::decode(&front) else {
+    let Ok(Header { size, .. }) = Header::decode(&front) else {
         return Ok(None);
     };
-    let (mut digest, mut kept) = (Digest::new(), [0; DIGEST_BYTES]);
-    let (size, mut piece) = (size as usize, [0; ERASE_BYTES]);
-    let end = size - DIGEST_BYTES;
-    for at in (0..size).step_by(ERASE_BYTES) {
-        // Whole words are read, of which the last may be in part behind the image.
-        let length = (size - at).min(ERASE_BYTES);
-        let words = &mut piece[..length.next_multiple_of(WRITE_BYTES)];
-        flash.read(region.start + at as u32, words)?;
-        let before = length.min(end.saturating_sub(at));
-        digest.update(&piece[..before]);
-        let from = (at + before).saturating_sub(end);
-        for (kept, byte) in kept.iter_mut().skip(from).zip(&piece[before..length]) {
-            *kept = *byte;
-        }
-    }
-    Ok((digest.finish() == kept).then_some(Image::Bundle(bundle)))
+    let size = size as usize;
+    // Whole words are read, of which the last may be in part behind the image.
+    let mut image = vec![0; size.next_multiple_of(WRITE_BYTES)];
+    flash.read(region.start, &mut image)?;
+    Ok(decode(&image[..size]).ok().map(Image::Bundle))
 }
 
 /// Puts a bundle of so many bytes into slot 1 of a robot from the factory, as an update does, and has it

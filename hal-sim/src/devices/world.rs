@@ -12,7 +12,7 @@ use std::rc::Rc;
 use crawler_hal::{Clock, ResetCause};
 
 use super::ports::{BodyEvent, Ports, Shared};
-use super::{BodyParts, Chip, broken};
+use super::{BodyParts, broken};
 use crate::faults::{Fault, FaultError, Part};
 use crate::render::{self, Frame, Motion};
 use crate::sched::SimClock;
@@ -376,7 +376,7 @@ impl World {
 
     /// The flash of a robot.
     #[cfg(test)]
-    pub(crate) fn chip(&self, robot: RobotIndex) -> Option<Rc<RefCell<Chip>>> {
+    pub(crate) fn chip(&self, robot: RobotIndex) -> Option<Rc<RefCell<super::Chip>>> {
         Some(Rc::clone(&self.ports(robot)?.chip))
     }
 

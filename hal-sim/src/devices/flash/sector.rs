@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crawler_bundle::Digest;
+
 use super::{BLANK, ERASE_BYTES};
 
 /// The contents of a sector that was written to its end: sectors with equal ones share them.
@@ -27,7 +29,9 @@ const FIRST_SWEEP: usize = 64;
 impl Pages {
     /// The page with these contents.
     fn share(&mut self, bytes: &[u8]) -> Arc<Page> {
-        let hash = hash(bytes);
+        let mut digest = Digest::new();
+        digest.update(bytes);
+        let hash = u64::from_le_bytes(digest.finish());
         let alike = self.by_hash.get(&hash).into_iter().flatten();
         if let Some(page) = alike.into_iter().find(|page| *page.bytes == *bytes) {
             return Arc::clone(page);
@@ -62,15 +66,6 @@ impl Pages {
     pub(crate) fn footprint(&self) -> usize {
         self.held * (ERASE_BYTES + size_of::<Page>())
     }
-}
-
-/// FNV-1a over words of eight bytes.
-fn hash(bytes: &[u8]) -> u64 {
-    bytes.chunks(8).fold(0xCBF2_9CE4_8422_2325, |hash, chunk| {
-        let mut word = [BLANK; 8];
-        word[..chunk.len()].copy_from_slice(chunk);
-        (hash ^ u64::from_le_bytes(word)).wrapping_mul(0x0000_0100_0000_01B3)
-    })
 }
 
 /// What is in a sector.

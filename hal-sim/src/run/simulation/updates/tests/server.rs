@@ -2,6 +2,7 @@
 
 use crawler_bundle::Bundle;
 use crawler_hal::{Duration, Instant};
+use crawler_protocol::ReleaseId;
 use crawler_release::chunk::{CHUNK_MAX, Chunk, PAYLOAD, Part};
 use crawler_release::{PublicKeys, Requires, Signed, Want};
 use crawler_updates::release::{SecretKey, SignOptions};
@@ -67,18 +68,9 @@ impl Signer {
 }
 
 impl Release {
-    fn id(&self) -> [u8; 8] {
-        Signed::parse(&self.envelope).expect("signed").id()
-    }
-
     /// As messages name it.
-    pub(crate) fn name(&self) -> String {
-        format!("{:016x}", u64::from_be_bytes(self.id()))
-    }
-
-    fn tag(&self) -> u32 {
-        let [a, b, c, d, ..] = self.id();
-        u32::from_le_bytes([a, b, c, d])
+    pub(crate) fn id(&self) -> ReleaseId {
+        ReleaseId::new(Signed::parse(&self.envelope).expect("signed").id())
     }
 
     fn part(&self, part: Part) -> &[u8] {
@@ -131,7 +123,7 @@ impl Server {
 
     /// Offers the release.
     pub(crate) fn offer(&mut self, simulation: &mut Simulation) {
-        let offer = json!({"update": "offer", "release": self.release.name()});
+        let offer = json!({"update": "offer", "release": self.release.id()});
         self.heard_at = simulation.now();
         self.offered_at = Some(simulation.now());
         self.count([offer.to_string().len()]);
@@ -178,7 +170,7 @@ impl Server {
             first: number("first"),
             missing: u16::try_from(number("missing")).expect("a window"),
         };
-        assert_eq!(want.tag, self.release.tag());
+        assert_eq!(want.tag, self.release.id().tag());
         let mut lengths = Vec::new();
         for index in want.indices() {
             let from = index as usize * PAYLOAD;
@@ -208,7 +200,7 @@ impl Server {
     pub(crate) fn outcome(&self) -> Option<(String, Option<String>)> {
         let mut outcomes = self.heard.iter().rev();
         let last = outcomes.find(|said| said["update"] == "outcome")?;
-        assert_eq!(last["release"], self.release.name().as_str());
+        assert_eq!(last["release"], self.release.id().text().as_str());
         let text = |key: &str| last[key].as_str().map(str::to_owned);
         Some((text("outcome")?, text("reason")))
     }
