@@ -18,7 +18,7 @@ pub struct Bundle {
     pub version: String,
     /// Build id, as `status` tells it.
     pub build: String,
-    /// Parameters with the values that it insists on, whatever is stored; sorted by name.
+    /// Parameters with the values that override what is stored; sorted by name.
     pub parameters: Vec<(String, f32)>,
     /// What is wrong with it; sorted by kind, each kind at most once.
     pub defects: Vec<Defect>,

@@ -1,7 +1,7 @@
 //! Bundles: the images of the board `sim`.
 //!
 //! A simulated robot runs the program that it is compiled with. What goes into its slots says what that
-//! program pretends to be: its version and build, parameters that it insists on, and *defects*, so that the
+//! program pretends to be: its version and build, parameters that it overrides, and *defects*, so that the
 //! rollout of a bad release can be rehearsed. A bundle is as large as one likes, as a program is.
 //!
 //! | offset | bytes | what |

@@ -39,7 +39,7 @@ pub struct Started {
 
 /// Whose robot it is, which decides what defects show.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Owner {
+pub(super) struct DefectDraw {
     pub(super) seed: u64,
     pub(super) robot: RobotIndex,
 }
@@ -61,15 +61,15 @@ enum Attempt {
 /// Starts a program; `None` when there is none left to start, which is what no update may bring about.
 ///
 /// It takes no time. A cut of the power on the way is one more start.
-pub(super) fn start(chip: &mut Chip, cause: ResetCause, owner: Owner) -> Option<Started> {
+pub(super) fn start(chip: &mut Chip, cause: ResetCause, draw: DefectDraw) -> Option<Started> {
     let mut cause = cause;
     if chip.has_unused_slots() {
-        return Some(Started::new(0, Image::Factory, cause, owner));
+        return Some(Started::new(0, Image::Factory, cause, draw));
     }
     for _ in 0..STARTS {
         match attempt(&mut BootFlash(chip), cause) {
             Ok(Attempt::Started(running, image)) => {
-                return Some(Started::new(running, image, cause, owner));
+                return Some(Started::new(running, image, cause, draw));
             }
             Ok(Attempt::GivenUp) => cause = ResetCause::Software,
             Ok(Attempt::Nothing) => return None,
@@ -83,7 +83,7 @@ pub(super) fn start(chip: &mut Chip, cause: ResetCause, owner: Owner) -> Option<
 }
 
 impl Started {
-    fn new(running: u8, image: Image, cause: ResetCause, owner: Owner) -> Self {
+    fn new(running: u8, image: Image, cause: ResetCause, draw: DefectDraw) -> Self {
         let bundle = match image {
             Image::Factory => None,
             Image::Bundle(bundle) => Some(Rc::new(bundle)),
@@ -92,7 +92,7 @@ impl Started {
             running,
             defects: bundle
                 .as_ref()
-                .map_or_else(Vec::new, |bundle| shown(bundle, owner)),
+                .map_or_else(Vec::new, |bundle| shown(bundle, draw)),
             bundle,
             cause,
         }
@@ -101,7 +101,7 @@ impl Started {
 
 impl Started {
     /// What the program makes of the ranger, worse than it is.
-    pub(super) fn worse_ranger(&self) -> Option<RangerFault> {
+    pub(super) fn ranger_defect(&self) -> Option<RangerFault> {
         self.defects.iter().find_map(|defect| match defect.kind {
             DefectKind::RangerDead => Some(RangerFault::Dead),
             DefectKind::RangerNoisy => {
@@ -123,11 +123,11 @@ impl Started {
 }
 
 /// The defects of a program that show at this robot.
-pub(super) fn shown(bundle: &Bundle, owner: Owner) -> Vec<Defect> {
+pub(super) fn shown(bundle: &Bundle, draw: DefectDraw) -> Vec<Defect> {
     let mut build = Digest::new();
     build.update(bundle.build.as_bytes());
-    let seed = owner.seed ^ u64::from_le_bytes(build.finish());
-    let mut rng = stream(seed, owner.robot.get(), Purpose::Defects);
+    let seed = draw.seed ^ u64::from_le_bytes(build.finish());
+    let mut rng = stream(seed, draw.robot.get(), Purpose::Defects);
     let defects = bundle.defects.iter().copied();
     defects
         .filter(|defect| uniform(&mut rng) * 100.0 < f32::from(defect.percent))

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use crawler_hal::{Clock as _, Instant, ResetCause};
 use rand_pcg::Pcg32;
 
-use super::boot::{self, Owner, Started};
+use super::boot::{self, DefectDraw, Started};
 use super::{Chip, Meter, Pages, RangeSensor, Sonar};
 use crate::faults::{Faults, RangerFault};
 use crate::render::Frame;
@@ -62,7 +62,7 @@ pub(crate) struct Ports {
     pub(crate) watchdog: Cell<Watchdog>,
     pub(crate) faults: Cell<Faults>,
     /// What the program that runs makes of the ranger, worse than it is.
-    pub(crate) worse_ranger: Cell<Option<RangerFault>>,
+    pub(crate) ranger_defect: Cell<Option<RangerFault>>,
     /// What the program said when it panicked last, until the next boot has taken it.
     pub(crate) panic: RefCell<Option<String>>,
     pub(crate) sonar: RefCell<Sonar>,
@@ -104,7 +104,7 @@ impl Ports {
                 longest_us: 0,
             }),
             faults: Cell::new(Faults::NONE),
-            worse_ranger: Cell::new(None),
+            ranger_defect: Cell::new(None),
             panic: RefCell::new(None),
             sonar: RefCell::new(Sonar::new(sensor, rng(Purpose::Serial))),
             meter: RefCell::new(meter),
@@ -135,18 +135,18 @@ impl Ports {
 
     /// How the ranger is broken, or how the program breaks it.
     pub(crate) fn ranger_fault(&self) -> Option<RangerFault> {
-        self.faults.get().ranger.or(self.worse_ranger.get())
+        self.faults.get().ranger.or(self.ranger_defect.get())
     }
 
     /// Starts a program from the slots. `None` when there is none left to start.
     pub(crate) fn start(&self, cause: ResetCause) -> Option<Started> {
-        let owner = Owner {
+        let draw = DefectDraw {
             seed: self.shared.seed,
             robot: self.robot,
         };
-        let started = boot::start(&mut self.chip.borrow_mut(), cause, owner)?;
+        let started = boot::start(&mut self.chip.borrow_mut(), cause, draw)?;
         self.cause.set(started.cause);
-        self.worse_ranger.set(started.worse_ranger());
+        self.ranger_defect.set(started.ranger_defect());
         if started.bundle.is_some() {
             // A boot stage arms it for a program that may hang before it feeds it.
             let mut watchdog = self.watchdog.get();
@@ -160,9 +160,9 @@ impl Ports {
     pub(crate) fn check_watchdog(&self, now: Instant, limit_us: u64) {
         let mut watchdog = self.watchdog.get();
         let Some(fed) = watchdog.fed else { return };
-        let hungry = now.saturating_since(fed).as_micros();
-        watchdog.longest_us = watchdog.longest_us.max(hungry);
-        if limit_us > 0 && hungry > limit_us {
+        let gap = now.saturating_since(fed).as_micros();
+        watchdog.longest_us = watchdog.longest_us.max(gap);
+        if limit_us > 0 && gap > limit_us {
             watchdog.bites = watchdog.bites.saturating_add(1);
             watchdog.fed = None;
             self.watchdog.set(watchdog);

@@ -370,7 +370,7 @@ impl World {
 
     /// The longest time between two feedings of a robot's watchdog, microseconds.
     #[cfg(test)]
-    pub(crate) fn longest_hunger_us(&self, robot: RobotIndex) -> Option<u64> {
+    pub(crate) fn longest_feed_gap_us(&self, robot: RobotIndex) -> Option<u64> {
         Some(self.ports(robot)?.watchdog.get().longest_us)
     }
 

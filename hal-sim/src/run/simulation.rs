@@ -3,7 +3,7 @@
 //! Reading order: this file makes one; `step` lets time pass; `robots` adds, boots and removes;
 //! `initial`, `direct` and `command` tell robots what to do; `faults` and `hostile` trouble them;
 //! `outside` is what else can be done to it, `observe` and `history` what can be asked;
-//! `updates` is by what they take new programs, `words` keeps what those are called;
+//! `updates` is by what they take new programs, `versions` keeps their versions;
 //! `checkpoint` keeps a live one to go on from.
 
 #[cfg(feature = "live")]
@@ -19,7 +19,7 @@ mod outside;
 mod robots;
 mod step;
 mod updates;
-mod words;
+mod versions;
 
 use std::fmt;
 use std::rc::Rc;
@@ -46,7 +46,7 @@ use crate::sched::{Scheduler, SimClock};
 use crate::world::Fingerprint;
 use crate::world::{Members, PHYSICS_STEP, RobotIndex};
 use initial::Initial;
-use words::Words;
+use versions::Versions;
 
 #[cfg(feature = "live")]
 pub(crate) use checkpoint::Checkpoint;
@@ -137,8 +137,8 @@ pub struct Simulation {
     broker: BrokerAddress,
     /// What their cameras are seen through with.
     detector: Option<Rc<DetectorInstance>>,
-    /// Versions and builds of programs.
-    words: Words,
+    /// Versions of programs from bundles.
+    versions: Versions,
 }
 
 /// Name and password for a broker, as robots hold them.
@@ -364,7 +364,7 @@ impl Simulation {
             troubles: faults::Troubles::default(),
             broker,
             detector,
-            words: Words::default(),
+            versions: Versions::default(),
         })
     }
 

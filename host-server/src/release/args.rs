@@ -59,7 +59,7 @@ pub struct BundleArgs {
     /// panic=5000@10%. May be given several times
     #[arg(long, value_name = "DEFECT")]
     pub defect: Vec<Defect>,
-    /// Parameter with the value that it insists on, whatever a robot has stored. May be given several times
+    /// Parameter that it overrides with this value, whatever a robot has stored. May be given several times
     #[arg(long, value_name = "NAME=NUMBER", value_parser = setting)]
     pub set: Vec<(String, f32)>,
     /// Bytes of the image

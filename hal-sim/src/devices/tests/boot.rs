@@ -12,10 +12,10 @@ use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use proptest::prelude::*;
 
 use super::*;
-use crate::devices::boot::{Owner, install, journal, start};
+use crate::devices::boot::{DefectDraw, install, journal, start};
 use crate::devices::flash::BootFlash;
 
-const OWNER: Owner = Owner {
+const DRAW: DefectDraw = DefectDraw {
     seed: 7,
     robot: RobotIndex::new(3),
 };
@@ -34,7 +34,7 @@ fn updated() -> Rc<RefCell<Chip>> {
 
 /// Starts a program; the slot, and the cause that it is told.
 fn started(chip: &Rc<RefCell<Chip>>, cause: ResetCause) -> (u8, ResetCause) {
-    let started = start(&mut chip.borrow_mut(), cause, OWNER).expect("a program");
+    let started = start(&mut chip.borrow_mut(), cause, DRAW).expect("a program");
     let build = started.bundle.as_ref().map(|bundle| bundle.build.as_str());
     assert_eq!(build, (started.running == 1).then_some("new"));
     (started.running, started.cause)
@@ -139,7 +139,7 @@ fn with_nothing_left_to_start_nothing_starts() {
             erased.expect("powered");
         }
     }
-    assert!(start(&mut chip.borrow_mut(), ResetCause::PowerOn, OWNER).is_none());
+    assert!(start(&mut chip.borrow_mut(), ResetCause::PowerOn, DRAW).is_none());
 }
 
 #[test]
@@ -178,11 +178,11 @@ fn defects_show_at_their_share_of_robots_and_at_others_with_another_build() {
         let bundle = bundle(build);
         let robots = 0..2_000;
         let robots = robots.filter(|&robot| {
-            let owner = Owner {
+            let draw = DefectDraw {
                 robot: RobotIndex::new(robot),
-                ..OWNER
+                ..DRAW
             };
-            let defects = crate::devices::boot::shown(&bundle, owner);
+            let defects = crate::devices::boot::shown(&bundle, draw);
             assert!(
                 defects
                     .iter()
@@ -228,7 +228,7 @@ proptest! {
         }
         for cause in [ResetCause::Software, ResetCause::Panic, ResetCause::PowerOn] {
             // The program from the factory is never touched, so one always starts.
-            let started = start(&mut chip.borrow_mut(), cause, OWNER);
+            let started = start(&mut chip.borrow_mut(), cause, DRAW);
             prop_assert!(started.is_some());
         }
     }

@@ -1,4 +1,4 @@
-//! What is wrong with a program from the slots, and what it insists on.
+//! What is wrong with a program from the slots, and what it overrides.
 
 #[cfg(test)]
 mod tests;
@@ -55,7 +55,7 @@ impl<F: Future> Future for Stalled<F> {
     }
 }
 
-/// A program that has defects, or insists on parameters.
+/// A program that has defects, or overrides parameters.
 #[derive(Debug)]
 pub(crate) struct Faulty {
     bundle: Rc<Bundle>,
@@ -135,7 +135,7 @@ impl Faulty {
                 while !robot.is_loaded() {
                     clock.sleep(LOOK).await;
                 }
-                if let Err(text) = insist(&robot, &bundle) {
+                if let Err(text) = override_parameters(&robot, &bundle) {
                     resetter.panic(&text);
                 }
                 std::future::pending::<()>().await;
@@ -145,17 +145,18 @@ impl Faulty {
     }
 }
 
-/// Puts the parameters of the bundle over what is stored. A program that insists on what it does not know
+/// Puts the parameters of the bundle over what is stored. A program that overrides what it does not know
 /// cannot work.
-fn insist(robot: &SimRobot, bundle: &Bundle) -> Result<(), String> {
+fn override_parameters(robot: &SimRobot, bundle: &Bundle) -> Result<(), String> {
     let mut values = ParameterValues::new();
     for (name, value) in &bundle.parameters {
-        let unknown = || format!("the bundle insists on {name}, which is no parameter");
+        let unknown = || format!("the bundle overrides {name}, which is no parameter");
         let name = name.as_str().try_into().map_err(|_| unknown())?;
         let pair = (name, ParameterValue::Number(*value));
         values.push(pair).map_err(|_| unknown())?;
     }
-    let refused = |reason| format!("the bundle insists on parameters that are refused: {reason:?}");
+    let refused =
+        |reason| format!("the bundle overrides parameters with what is refused: {reason:?}");
     robot.adjust(&values).map_err(refused)
 }
 

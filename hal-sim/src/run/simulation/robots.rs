@@ -170,7 +170,7 @@ impl Simulation {
             kind: Kind::Simulated,
             board: "sim",
             firmware: bundle.map_or(env!("CARGO_PKG_VERSION"), |bundle| {
-                self.words.keep(&bundle.version)
+                self.versions.keep(&bundle.version)
             }),
             build: bundle.map_or_else(|| self.build(), |bundle| BuildId::new(&bundle.build).ok()),
             geometry: machine::geometry(&self.scenario.parameters.chassis),

@@ -111,7 +111,7 @@ fn one_that_misses_control_periods_goes_on() {
     let seen = simulation.observe(0).expect("there");
     assert_eq!(seen.starvations, 0);
     let index = simulation.index(0).expect("there");
-    let longest_us = simulation.world().longest_hunger_us(index);
+    let longest_us = simulation.world().longest_feed_gap_us(index);
     assert!(longest_us >= Some(60_000), "{longest_us:?}");
 }
 
@@ -162,11 +162,11 @@ fn parameters_of_a_bundle_are_above_those_that_are_stored() {
             values.number(crawler_app::parameters::Parameter::SafeDistance)
         })
     };
-    let insists = |name: &str, value| Bundle {
+    let overrides = |name: &str, value| Bundle {
         parameters: vec![(name.to_owned(), value)],
         ..Bundle::new("9.0.0", "new")
     };
-    let mut simulation = updated(&insists("safe_distance_mm", 725.0));
+    let mut simulation = updated(&overrides("safe_distance_mm", 725.0));
     let before = value(&simulation);
     simulation.run_for(Duration::from_secs(10));
     assert_ne!(before, 725.0);
@@ -174,10 +174,10 @@ fn parameters_of_a_bundle_are_above_those_that_are_stored() {
         (firmware(&simulation), value(&simulation)),
         ("9.0.0", 725.0)
     );
-    // What nobody knows cannot be insisted on.
+    // What nobody knows cannot be overridden.
     for wrong in [
-        insists("warp_factor", 9.0),
-        insists("safe_distance_mm", -1.0),
+        overrides("warp_factor", 9.0),
+        overrides("safe_distance_mm", -1.0),
     ] {
         let mut simulation = updated(&wrong);
         let (_, starts) = left_behind(&mut simulation, 30);
