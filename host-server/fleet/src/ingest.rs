@@ -274,7 +274,7 @@ impl FleetState {
     ) -> Result<(), Rejection> {
         let robot = self.entry(id, now).ok_or(Rejection::Full)?;
         let online = message.online;
-        robot.status = Some(message);
+        robot.introduce(message);
         let index = robot.index;
         if !online {
             robot.gone();

@@ -10,7 +10,7 @@ use super::Presence;
 
 /// Two robots under one id show as an uptime that keeps jumping back. A restart is one jump, a
 /// robot in a boot loop one every few seconds at most; so many within [`DOUBLE_WINDOW`] are doubles
-/// or as bad.
+/// or as bad. A restart into another program, which an update brings about, is not among them.
 const DOUBLE_JUMPS: usize = 3;
 const DOUBLE_WINDOW: Duration = Duration::from_mins(1);
 
@@ -62,6 +62,10 @@ pub struct Robot {
     pub(super) beyond: u64,
     goodbye: bool,
     jumps: VecDeque<Instant>,
+    /// The highest count of boots that it told.
+    boots: u32,
+    /// Whether it told of a restart into another program, and no heartbeat of that has come yet.
+    replaced: bool,
 }
 
 impl Robot {
@@ -83,7 +87,25 @@ impl Robot {
             beyond: 0,
             goodbye: false,
             jumps: VecDeque::new(),
+            boots: 0,
+            replaced: false,
         }
+    }
+
+    /// Takes what a robot says of itself.
+    ///
+    /// A program that was not started before, and is not the one before it, was put there. Of two robots that
+    /// run different ones that is so at most once, since the count of neither rises.
+    pub(super) fn introduce(&mut self, status: StatusMessage) {
+        let count = status.boot.count;
+        if let Some(last) = &self.status
+            && count > self.boots
+            && status.build != last.build
+        {
+            self.replaced = true;
+        }
+        self.boots = self.boots.max(count);
+        self.status = Some(status);
     }
 
     pub(super) fn presence_at(&self, now: Instant) -> Presence {
@@ -116,7 +138,7 @@ impl Robot {
             .is_some_and(|last| heartbeat.uptime_ms < last.uptime_ms);
         self.heartbeat = Some(heartbeat);
         self.forget_jumps(now);
-        if !jumped {
+        if !jumped || std::mem::take(&mut self.replaced) {
             return false;
         }
         self.jumps.push_back(now);

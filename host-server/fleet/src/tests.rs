@@ -195,6 +195,39 @@ fn two_robots_with_one_id_are_noticed_and_a_restart_is_not() {
     assert!(fleet.get(&id("a")).expect("known").has_double());
 }
 
+/// A bad release: the new program starts, panics, is tried once more, and the robot goes back, twice.
+#[test]
+fn restarts_into_other_programs_are_none_of_two_robots() {
+    let start = Instant::now();
+    let mut fleet = fleet();
+    let mut boot = |count: u32, build: &str| {
+        let told = format!(
+            r#"{{"robot":"a","online":true,"kind":"simulated","firmware":"0.1.0","board":"sim","capabilities":["drive"],"boot":{{"count":{count},"cause":"software"}},"protocol":1,"build":"{build}"}}"#
+        );
+        for at in 0..5 {
+            let now = start + Duration::from_secs(u64::from(count) * 5 + at);
+            if at == 0 {
+                fleet.hear("swarm/status/a", &told, now).expect("status");
+            }
+            let beat = heartbeat("a", at * 1_000);
+            fleet
+                .hear("swarm/heartbeat/a", &beat, now)
+                .expect("heartbeat");
+        }
+        fleet.get(&id("a")).expect("known").has_double()
+    };
+    for (count, build) in (1..).zip(["old", "new", "new", "old", "new", "new", "old"]) {
+        assert!(!boot(count, build), "start {count}");
+    }
+    // One that keeps restarting in one program is told of.
+    assert!(boot(8, "old"));
+    // Two robots with one id that run different programs are as well: neither starts anew.
+    for build in ["new", "old", "new", "old"] {
+        boot(9, build);
+    }
+    assert!(boot(9, "new"));
+}
+
 #[test]
 fn the_fleet_is_bounded_and_makes_room_only_for_the_absent() {
     let start = Instant::now();
