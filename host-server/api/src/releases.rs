@@ -208,15 +208,16 @@ pub(super) async fn add(
     request: Request,
 ) -> Result<(StatusCode, Json<ReleaseDetail>), Problem> {
     let taken = keeper.take(&caller, request).await;
-    let id = taken
-        .as_ref()
-        .map_or_else(|_| String::new(), |new| new.id.clone());
+    let (id, told) = taken.as_ref().map_or_else(
+        |_| Default::default(),
+        |new| (new.id.clone(), new.for_audit()),
+    );
     let result = match taken {
         Ok(new) => keep(&keeper, new).await,
         Err(problem) => Err(problem),
     };
     let detail = match &result {
-        Ok(release) => view::for_audit(release),
+        Ok(_) => told,
         Err(problem) => json!({ "why": problem.detail() }),
     };
     let audit = &keeper.audit;

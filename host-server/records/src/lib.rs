@@ -65,8 +65,8 @@ pub use experiments::{
 pub use fences::{KeptFence, MAX_FENCE_NAME, MAX_FENCES};
 pub use postgres::DatabaseStats;
 pub use releases::{
-    KeptRelease, MAX_RELEASE_BYTES, MAX_RELEASE_GATE, MAX_RELEASE_IMAGE, MAX_RELEASE_REASON,
-    MAX_RELEASES, NewRelease, RELEASE_PIECE, Releases, Withdrawal,
+    KeptRelease, MAX_RELEASE_BYTES, MAX_RELEASE_GATE, MAX_RELEASE_REASON, MAX_RELEASES, NewRelease,
+    RELEASE_PIECE, Releases, Withdrawal,
 };
 pub use rollouts::{
     KeptRollout, Lease, MAX_ROLLOUT_DOCUMENT, MAX_ROLLOUT_ENTRY, MAX_ROLLOUT_PAGE, MAX_ROLLOUTS,

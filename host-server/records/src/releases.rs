@@ -5,7 +5,10 @@
 use std::collections::BTreeSet;
 
 use crawler_protocol::ReleaseId;
-use crawler_release::{Malformed, Signed};
+use crawler_release::{
+    ENVELOPE_MAX, Kind, MAX_BUILD, MAX_IMAGE, MAX_NAME, MAX_VERSION, Malformed, Signed,
+};
+use serde_json::{Value, json};
 use sqlx::AssertSqlSafe;
 
 use crate::query::{Connection, query};
@@ -17,10 +20,6 @@ use crate::{Records, RecordsError};
 pub const MAX_RELEASES: i64 = 1_000;
 /// Most bytes that all images together may have.
 pub const MAX_RELEASE_BYTES: i64 = 256 * 1024 * 1024;
-/// Most bytes of one image.
-pub const MAX_RELEASE_IMAGE: usize = 4_718_592;
-/// Most bytes of a manifest with its signature.
-const MAX_RELEASE_ENVELOPE: usize = 1_024;
 /// Most bytes of a report on what a release was tried on.
 pub const MAX_RELEASE_GATE: usize = 256 * 1024;
 /// Longest reason for which a release is withdrawn, in bytes; the rest is cut off.
@@ -91,6 +90,20 @@ impl NewRelease {
             added,
         })
     }
+
+    /// What the audit log says of it.
+    #[must_use]
+    pub fn for_audit(&self) -> Value {
+        json!({
+            "kind": self.kind,
+            "name": self.name,
+            "board": self.board,
+            "version": self.version,
+            "build": self.build,
+            "sequence": self.sequence,
+            "size": self.image.len(),
+        })
+    }
 }
 
 /// Who has withdrawn a release, and why.
@@ -139,7 +152,7 @@ pub struct KeptRelease {
     pub withdrawn: Option<Withdrawal>,
 }
 
-/// Its columns, in two parts: rows have at most sixteen.
+/// Its columns. A row has at most sixteen, so the last of them holds two.
 type Row = (
     String,
     String,
@@ -159,7 +172,7 @@ type Row = (
     String,
 );
 
-/// The last one holds who has withdrawn it, a line feed, and why: neither has one.
+/// The last one holds who has withdrawn it, a line feed, and why: no name has one.
 const COLUMNS: &str = "id, kind, name, board, version, build, sequence, floor, expires, size, envelope, passed, \
                        added_by, added, withdrawn, \
                        coalesce(withdrawn_by, '') || '\n' || coalesce(why, '')";
@@ -214,22 +227,22 @@ fn release(row: Row) -> Result<KeptRelease, RecordsError> {
 fn check(new: &NewRelease) -> Result<(), RecordsError> {
     let within = |text: &str, most: usize| (1..=most).contains(&text.len()) && text.is_ascii();
     let texts = [
-        (&new.board, 16),
-        (&new.version, 32),
-        (&new.build, 40),
-        (new.name.as_ref().unwrap_or(&new.board), 16),
+        (&new.board, MAX_NAME),
+        (&new.version, MAX_VERSION),
+        (&new.build, MAX_BUILD),
+        (new.name.as_ref().unwrap_or(&new.board), MAX_NAME),
     ];
-    let kind = ["program", "model"].contains(&&*new.kind);
+    let kind = Kind::ALL.map(Kind::name).contains(&&*new.kind);
     if !kind || texts.iter().any(|(text, most)| !within(text, *most)) || !is_id(&new.id) {
         return Err(RecordsError::Invalid("no release has such a name"));
     }
     if new.sequence == 0 || new.floor > new.sequence {
         return Err(RecordsError::Invalid("no release has such a sequence"));
     }
-    if new.image.is_empty() || new.image.len() > MAX_RELEASE_IMAGE {
+    if new.image.is_empty() || new.image.len() > MAX_IMAGE as usize {
         return Err(RecordsError::Invalid("an image has 1 to 4718592 bytes"));
     }
-    if new.envelope.len() > MAX_RELEASE_ENVELOPE {
+    if new.envelope.len() > ENVELOPE_MAX {
         return Err(RecordsError::Invalid("an envelope has at most 1024 bytes"));
     }
     Ok(())

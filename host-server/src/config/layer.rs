@@ -102,7 +102,7 @@ pub struct Layer {
     pub radio_proxy: Option<SocketAddr>,
     /// MCAP file that the simulated world is recorded to.
     pub record: Option<PathBuf>,
-    /// Public keys by which simulated robots believe releases.
+    /// Public keys by which the server, and its simulated robots, believe releases.
     pub release_key: Option<KeyFiles>,
     /// Log filter.
     pub log: Option<String>,

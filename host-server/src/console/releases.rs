@@ -4,7 +4,6 @@ use std::process::ExitCode;
 
 use crawler_records::NewRelease;
 use crawler_updates::release::{Expected, FILE_MAX, inspect, split};
-use serde_json::json;
 
 use super::Console;
 use crate::config::{KeyFiles, Settings};
@@ -35,7 +34,7 @@ pub(super) async fn add(args: &AddArgs, settings: &Settings) -> Result<ExitCode,
     let console = Console::open(settings, false).await?;
     let new = NewRelease::of(envelope, image, &console.who, now_ms());
     let new = new.map_err(|fault| wrong(&fault))?;
-    let detail = json!({ "board": new.board, "version": new.version, "sequence": new.sequence });
+    let detail = new.for_audit();
     let id = new.id.clone();
     let result = console.records.releases().add(new).await;
     let added = console.noted("release.add", &id, detail, result).await;

@@ -4,7 +4,6 @@ use crawler_records::KeptRelease;
 use crawler_release::Signed;
 use crawler_system::text::hex;
 use serde::Serialize;
-use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use crate::problem::Problem;
@@ -163,17 +162,4 @@ impl ReleaseDetail {
             },
         })
     }
-}
-
-/// What the audit log says of a release that was added.
-pub(super) fn for_audit(release: &KeptRelease) -> Value {
-    json!({
-        "kind": release.kind,
-        "name": release.name,
-        "board": release.board,
-        "version": release.version,
-        "build": release.build,
-        "sequence": release.sequence,
-        "size": release.size,
-    })
 }

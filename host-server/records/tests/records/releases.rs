@@ -2,9 +2,13 @@
 
 use crate::support::{Folder, memory, open, release};
 use crawler_records::{
-    KeptRelease, MAX_RELEASE_BYTES, MAX_RELEASE_GATE, MAX_RELEASE_IMAGE, MAX_RELEASES, NewRelease,
-    RELEASE_PIECE, Records, RecordsError, Withdrawal,
+    KeptRelease, MAX_RELEASE_BYTES, MAX_RELEASE_GATE, MAX_RELEASES, NewRelease, RELEASE_PIECE,
+    Records, RecordsError, Withdrawal,
 };
+use crawler_release::{ENVELOPE_MAX, MAX_IMAGE};
+
+/// Most bytes of an image.
+const IMAGE_MAX: usize = MAX_IMAGE as usize;
 
 fn withdrawal(at: i64) -> Withdrawal {
     Withdrawal {
@@ -197,8 +201,8 @@ async fn what_cannot_be_a_release_is_refused() {
         |new| new.sequence = 0,
         |new| new.floor = new.sequence + 1,
         |new| new.image = Vec::new(),
-        |new| new.image = vec![0; MAX_RELEASE_IMAGE + 1],
-        |new| new.envelope = vec![0; 1_025],
+        |new| new.image = vec![0; IMAGE_MAX + 1],
+        |new| new.envelope = vec![0; ENVELOPE_MAX + 1],
     ];
     for (index, change) in changes.into_iter().enumerate() {
         let mut wrong = good.clone();
@@ -224,8 +228,8 @@ async fn what_cannot_be_a_release_is_refused() {
 #[tokio::test]
 async fn images_have_so_many_bytes_together() {
     let records = memory().await;
-    let most = MAX_RELEASE_BYTES as usize / MAX_RELEASE_IMAGE;
-    let first = release(0, MAX_RELEASE_IMAGE);
+    let most = MAX_RELEASE_BYTES as usize / IMAGE_MAX;
+    let first = release(0, IMAGE_MAX);
     for n in 0..most as u32 {
         let image = first.image.clone();
         let new = NewRelease {
@@ -234,7 +238,7 @@ async fn images_have_so_many_bytes_together() {
         };
         records.releases().add(new).await.unwrap();
     }
-    let left = MAX_RELEASE_BYTES as usize - most * MAX_RELEASE_IMAGE;
+    let left = MAX_RELEASE_BYTES as usize - most * IMAGE_MAX;
     let full = records.releases().add(release(100, left + 1)).await;
     assert!(matches!(
         full,
