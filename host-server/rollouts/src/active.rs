@@ -149,7 +149,7 @@ impl ActiveRollouts {
         let Some(one) = self.0.get_mut(&pull.rollout) else {
             return Asked::Never;
         };
-        if one.pull(robot, pull.tag) != Some(pull.release) {
+        if one.pull(robot, pull.want.tag) != Some(pull.release) {
             return Asked::Never;
         }
         let at = usize::from(pull.release);
@@ -159,7 +159,7 @@ impl ActiveRollouts {
         ) else {
             return Asked::Never;
         };
-        let Some(payload) = blob.payload(pull.part, index) else {
+        let Some(payload) = blob.payload(pull.want.part, index) else {
             return Asked::NoSuch;
         };
         let release = planned.release.clone();
@@ -170,8 +170,8 @@ impl ActiveRollouts {
             Grant::No => return Asked::Never,
         }
         let chunk = Chunk {
-            part: pull.part,
-            tag: pull.tag,
+            part: pull.want.part,
+            tag: pull.want.tag,
             index,
             payload,
         };

@@ -181,10 +181,7 @@ impl Session<'_> {
                     let pull = Pull {
                         rollout,
                         release,
-                        tag: want.tag,
-                        part: want.part,
-                        first: want.first,
-                        missing: want.missing,
+                        want,
                     };
                     let now_ms = self.rollouts.now().monotonic_ms;
                     let taken = self.rollouts.pulls().want(&robot, pull, now_ms);

@@ -7,7 +7,6 @@ use std::collections::{BTreeMap, VecDeque};
 
 use crawler_protocol::RobotId;
 use crawler_release::Want;
-use crawler_release::chunk::Part;
 
 /// For so long the same window is not sent again, in milliseconds: the chunks are under way.
 pub(crate) const SAME_AGAIN_MS: u64 = 500;
@@ -19,33 +18,24 @@ pub(crate) struct Pull {
     pub(crate) rollout: i64,
     /// Which release of its plan.
     pub(crate) release: u8,
-    /// The tag that they carry.
-    pub(crate) tag: u32,
-    /// The part.
-    pub(crate) part: Part,
-    /// Index of the first chunk of the window.
-    pub(crate) first: u32,
-    /// Bit *i* stands for chunk `first` + *i*, until that was sent.
-    pub(crate) missing: u16,
+    /// The chunks of its window; a bit stands until that chunk was sent.
+    pub(crate) want: Want,
 }
 
 impl Pull {
     /// The next chunk to send.
     fn next(&self) -> Option<u32> {
-        let want = Want {
-            tag: self.tag,
-            part: self.part,
-            first: self.first,
-            missing: self.missing,
-        };
-        want.indices().next()
+        self.want.indices().next()
     }
 
-    const fn is_same_window(&self, other: &Self) -> bool {
+    fn is_same_window(&self, other: &Self) -> bool {
+        let missing = self.want.missing;
         self.rollout == other.rollout
-            && self.tag == other.tag
-            && self.part as u8 == other.part as u8
-            && self.first == other.first
+            && self.want
+                == Want {
+                    missing,
+                    ..other.want
+                }
     }
 }
 
@@ -103,7 +93,8 @@ impl Pulls {
             return;
         };
         if let Some(entry) = self.robots.get_mut(&robot) {
-            entry.pull.missing &= entry.pull.missing.wrapping_sub(1);
+            let missing = &mut entry.pull.want.missing;
+            *missing &= missing.wrapping_sub(1);
             if entry.pull.next().is_some() {
                 self.turns.push_back(robot);
             }
@@ -135,6 +126,7 @@ impl Pulls {
 mod tests {
     use std::collections::BTreeSet;
 
+    use crawler_release::chunk::Part;
     use proptest::prelude::*;
 
     use super::*;
@@ -147,10 +139,12 @@ mod tests {
         Pull {
             rollout: 1,
             release: 0,
-            tag: 7,
-            part: Part::Image,
-            first,
-            missing,
+            want: Want {
+                tag: 7,
+                part: Part::Image,
+                first,
+                missing,
+            },
         }
     }
 
