@@ -2,6 +2,7 @@
 //!
 //! - [`Certificates`]: what the listeners show, always current; [`CertificateOptions`] say what it is to be.
 //! - [`TlsHandshake`]: the way in, a handshake that takes a bounded time.
+//! - [`TlsClient`]: a connection to somebody else's listener.
 //! - [`Tunnel`]: the way to an outside broker, for clients of this process that encrypt nothing.
 //!
 //! The server either has a private authority of its own or uses files that the user
@@ -9,10 +10,11 @@
 //! anew, and files that change are read again. Every connection from then on gets the new one.
 //!
 //! Reading order: certificates in `files`, `names`, `authority`, `validity` and `shown`; connections in `handshake`,
-//! `carry` and `tunnel`; `error`.
+//! `carry`, `client` and `tunnel`; `error`.
 
 mod authority;
 mod carry;
+mod client;
 mod error;
 mod files;
 mod handshake;
@@ -39,6 +41,7 @@ use tokio_util::sync::CancellationToken;
 use authority::Authority;
 use validity::{Validity, day_of};
 
+pub use client::TlsClient;
 pub use error::TlsError;
 pub use handshake::{Refusal, TlsHandshake};
 pub use shown::Shown;

@@ -5,28 +5,22 @@
 //! over a TLS connection of its own, once the broker has shown a certificate that is trusted under
 //! the name it was called by.
 
-use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
-use tokio_rustls::TlsConnector;
-use tokio_rustls::client::TlsStream;
-use tokio_rustls::rustls::pki_types::ServerName;
-use tokio_rustls::rustls::{CertificateError, ClientConfig, Error, RootCertStore};
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::TaskTracker;
 
 use crate::carry::carry;
-use crate::{files, provider, unix_now};
+use crate::client::TlsClient;
+use crate::unix_now;
 use crawler_system::address::BrokerUrl;
 
-/// For connecting and the handshake.
-const TIME_OUT: Duration = Duration::from_secs(10);
 /// Connections at a time: those of the largest simulated fleet, twice.
 const MOST: usize = 25_000;
 /// A broker that is away is worth one line in so many seconds, whoever asks for it.
@@ -48,7 +42,7 @@ impl Tunnel {
     pub async fn open(url: &BrokerUrl, ca: Option<&Path>) -> Result<Self, String> {
         let far = Arc::new(Far::new(url, ca)?);
         // Later failures only end connections, which tells those who wait for an answer nothing.
-        drop(far.connect().await?);
+        drop(far.client.connect().await?);
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))
             .await
             .map_err(|error| error.to_string())?;
@@ -86,47 +80,16 @@ impl Tunnel {
 
 /// The far end.
 struct Far {
-    host: String,
-    port: u16,
-    name: ServerName<'static>,
-    connector: TlsConnector,
+    client: TlsClient,
     complained: AtomicI64,
 }
 
 impl Far {
     fn new(url: &BrokerUrl, ca: Option<&Path>) -> Result<Self, String> {
-        let roots = match ca {
-            Some(path) => files::authorities(path).map_err(|error| error.to_string())?,
-            None => of_this_machine()?,
-        };
-        let config = ClientConfig::builder_with_provider(provider())
-            .with_safe_default_protocol_versions()
-            .map_err(|error| error.to_string())?
-            .with_root_certificates(roots)
-            .with_no_client_auth();
-        let name = ServerName::try_from(url.host.clone())
-            .map_err(|_| format!("no certificate can be for the host name {}", url.host))?;
         Ok(Self {
-            host: url.host.clone(),
-            port: url.port,
-            name,
-            connector: TlsConnector::from(Arc::new(config)),
+            client: TlsClient::new(&url.host, url.port, ca, "--broker-ca")?,
             complained: AtomicI64::new(0),
         })
-    }
-
-    async fn connect(&self) -> Result<TlsStream<TcpStream>, String> {
-        let connecting = async {
-            let tcp = TcpStream::connect((self.host.as_str(), self.port)).await?;
-            // Only costs latency when it fails.
-            let _ = tcp.set_nodelay(true);
-            self.connector.connect(self.name.clone(), tcp).await
-        };
-        match tokio::time::timeout(TIME_OUT, connecting).await {
-            Ok(Ok(stream)) => Ok(stream),
-            Ok(Err(error)) => Err(describe(&error)),
-            Err(_) => Err(format!("no answer within {} s", TIME_OUT.as_secs())),
-        }
     }
 
     fn complain(&self, reason: &str) {
@@ -136,43 +99,6 @@ impl Far {
             self.complained.store(now, Ordering::Relaxed);
             tracing::warn!(reason, "no TLS connection to the broker");
         }
-    }
-}
-
-fn of_this_machine() -> Result<RootCertStore, String> {
-    let mut roots = RootCertStore::empty();
-    let found = rustls_native_certs::load_native_certs();
-    roots.add_parsable_certificates(found.certs);
-    if roots.is_empty() {
-        return Err(
-            "this machine trusts no certificate authority: name one with --broker-ca".into(),
-        );
-    }
-    Ok(roots)
-}
-
-/// What is wrong, and what to do about it.
-fn describe(error: &io::Error) -> String {
-    let tls = error
-        .get_ref()
-        .and_then(|error| error.downcast_ref::<Error>());
-    match tls {
-        Some(Error::InvalidCertificate(CertificateError::UnknownIssuer)) => {
-            "its certificate is of an authority that is not trusted; name that with --broker-ca"
-                .into()
-        }
-        Some(Error::InvalidCertificate(
-            CertificateError::Expired | CertificateError::ExpiredContext { .. },
-        )) => "its certificate has expired".into(),
-        Some(Error::InvalidCertificate(
-            CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. },
-        )) => "its certificate is for another host name".into(),
-        Some(Error::InvalidMessage(_)) => "it does not speak TLS at this port".into(),
-        Some(error) => format!("TLS: {error}"),
-        None if error.kind() == io::ErrorKind::UnexpectedEof => {
-            "it ended the connection; it may not speak TLS at this port".into()
-        }
-        None => error.to_string(),
     }
 }
 
@@ -202,7 +128,7 @@ async fn serve(
         let far = Arc::clone(&far);
         let carrying = async move {
             let _ = near.set_nodelay(true);
-            match far.connect().await {
+            match far.client.connect().await {
                 Ok(broker) => carry(near, broker).await,
                 Err(reason) => {
                     far.complain(&reason);
