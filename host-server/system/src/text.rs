@@ -49,6 +49,15 @@ impl fmt::Display for Shown<'_> {
     }
 }
 
+/// A text from outside in one line, as [`Shown`] has it, of at most `most` characters.
+#[must_use]
+pub fn line(text: &str, most: usize) -> String {
+    let mut line = String::new();
+    // Writing to a String does not fail.
+    let _ = Escaped::new(&mut line, most).write_str(text);
+    line
+}
+
 /// How the fields of a line of the text log are written. Libraries log too, and an error may quote what
 /// somebody has sent, so all of them are escaped.
 pub fn log_fields() -> impl for<'w> FormatFields<'w> + 'static {
@@ -112,6 +121,7 @@ mod tests {
         }
         let long = Shown(&"x".repeat(60_000)).to_string();
         assert_eq!(long, format!("{}…", "x".repeat(LONGEST_SHOWN - 1)));
+        assert_eq!(line("a\nb\u{1b}cde", 5), "a\\nb\\u{1b}…");
         // Also where it comes in pieces.
         let mut text = String::new();
         let mut escaped = Escaped::new(&mut text, 4);
