@@ -15,6 +15,7 @@ use crate::console::{
 };
 use crate::release::{ReleaseArgs, ReleaseTask};
 use crate::replay::ReplayArgs;
+use crate::rollout::RolloutArgs;
 
 /// A swarm of robots, simulated or real: broker, API, control room.
 ///
@@ -68,6 +69,8 @@ pub enum Command {
     Replay(Box<ReplayArgs>),
     /// Signs programs and models for updates, verifies them, and adds them to those of a server
     Release(ReleaseArgs),
+    /// Brings releases to robots, over the API of a running server
+    Rollout(RolloutArgs),
     /// Accounts of people
     User(UserArgs),
     /// Credentials of robots and simulators
@@ -136,6 +139,9 @@ impl Cli {
             Command::Release(ReleaseArgs {
                 task: ReleaseTask::Add(args),
             }) => return Ok((Role::Serve, args.layer(), args.place.config)),
+            Command::Rollout(RolloutArgs { remote, .. }) => {
+                return Ok((Role::Serve, remote.layer(), remote.config));
+            }
             Command::Release(_) => {
                 return Err(ConfigError::Conflict("`release` has options of its own"));
             }
@@ -165,6 +171,7 @@ impl Command {
             Self::Release(ReleaseArgs {
                 task: ReleaseTask::Add(args),
             }) => Some(Task::AddRelease(args.clone())),
+            Self::Rollout(args) => Some(Task::Rollout(args.clone())),
             Self::Doctor { .. } => Some(Task::Doctor),
             Self::Up { .. }
             | Self::Serve { .. }

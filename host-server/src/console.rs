@@ -1,7 +1,7 @@
 //! The console: accounts, credentials, releases, audit log and backups, from the shell of the server's machine.
 //!
-//! Every command works on the data directory, or on the database that `--database` names, beside a
-//! running server or without one: the records take several processes. A running server looks for what the console changed every few seconds.
+//! Every command but those of rollouts works on the data directory, or on the database that `--database` names, beside
+//! a running server or without one: the records take several processes. A running server looks for what the console changed every few seconds.
 //! What a command does is written to the audit log under `console:NAME`, where NAME is the person's
 //! name on this machine.
 
@@ -12,7 +12,7 @@ mod doctor;
 mod mosquitto;
 mod releases;
 mod robots;
-mod terminal;
+pub(crate) mod terminal;
 mod users;
 
 use std::io;
@@ -25,6 +25,7 @@ use serde_json::Value;
 
 use crate::config::Settings;
 use crate::release::AddArgs;
+use crate::rollout::{self, RolloutArgs};
 use crawler_system::clock::now_ms;
 
 pub use args::{
@@ -70,6 +71,8 @@ pub enum Task {
     Robot(RobotArgs),
     /// A release, to be added.
     AddRelease(AddArgs),
+    /// Rollouts of a server that runs.
+    Rollout(RolloutArgs),
     /// Who did what.
     Audit(AuditArgs),
     /// Copies everything to one file.
@@ -88,6 +91,7 @@ impl Task {
             Self::User(args) => users::run(args.task, settings).await?,
             Self::Robot(args) => robots::run(args.task, settings).await?,
             Self::AddRelease(args) => return releases::add(&args, settings).await,
+            Self::Rollout(args) => return rollout::run(args, settings).await,
             Self::Audit(args) => return audit::run(args.task, settings).await,
             Self::Backup(args) => backup::backup(&args.file, settings).await?,
             Self::Restore(args) => backup::restore(&args.file, args.replace, settings).await?,

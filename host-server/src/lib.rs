@@ -6,17 +6,20 @@
 //! say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts; `addresses`, where a running server is.
-//! The command line: `cli`, `console`, `release`, `replay`.
+//! The command line: `cli`, `console`, `release`, `replay`, and `rollout`, which speaks to a running server through
+//! `client`.
 
 pub mod cli;
 pub mod config;
 pub mod console;
 pub mod release;
 pub mod replay;
+pub mod rollout;
 pub mod run;
 pub mod server;
 
 mod addresses;
+mod client;
 
 pub use crawler_server_tls::TlsError;
 pub use crawler_system::data::DataError;

@@ -26,6 +26,14 @@ pub(super) fn new_password(whom: &str) -> Result<String, String> {
     Ok(first)
 }
 
+/// The password of `whom`: typed at a terminal, or the first line of standard input.
+pub(crate) fn password_of(whom: &str) -> Result<String, String> {
+    if !io::stdin().is_terminal() {
+        return read_line(io::stdin().lock());
+    }
+    ask(&format!("Password of {whom}: "))
+}
+
 fn ask(question: &str) -> Result<String, String> {
     let failed = |error: io::Error| format!("cannot ask: {error}");
     // The question goes where it does not mix with what a script reads.

@@ -1,5 +1,6 @@
 //! Rollouts on a whole server, with its own broker, and robots that are MQTT clients.
 
+mod commands;
 mod robot;
 
 use std::sync::Arc;
@@ -8,8 +9,8 @@ use std::sync::atomic::Ordering;
 use crate::support::port::ReservedPort;
 use crate::support::{Fixture, Scratch, eventually, settings};
 use crawler_records::{NewRelease, Records};
-use crawler_release::{Kind, Requires, Signed};
-use crawler_server::config::Settings;
+use crawler_release::{Kind, Requires};
+use crawler_server::config::{Layer, Settings};
 use crawler_server::server::Server;
 use crawler_updates::release::{SecretKey, SignOptions};
 use robot::{Program, Release, Robot};
@@ -25,9 +26,17 @@ struct Home {
 
 impl Home {
     async fn new() -> Self {
+        Self::with(|_| {}).await
+    }
+
+    /// One with other options.
+    async fn with(change: impl FnOnce(&mut Layer)) -> Self {
         let scratch = Scratch::new();
         let port = ReservedPort::new();
-        let settings = settings(&scratch, |layer| layer.mqtt = Some(port.address()));
+        let settings = settings(&scratch, |layer| {
+            layer.mqtt = Some(port.address());
+            change(layer);
+        });
         let mut home = Self {
             fixture: None,
             settings,
@@ -77,26 +86,9 @@ impl Home {
         };
         let key = SecretKey::generate().expect("random numbers");
         let envelope = options.sign(&image, &key).expect("signed");
-        let signed = Signed::parse(&envelope).expect("an envelope");
-        let hash = signed.hash();
-        let (first, _) = hash.as_chunks::<8>();
-        let id = format!("{:016x}", u64::from_be_bytes(first[0]));
+        let new = NewRelease::of(&envelope, &image, "ada", 1).expect("an envelope");
+        let id = new.id.clone();
         let records = Records::open(&self.settings.data).await.expect("records");
-        let new = NewRelease {
-            id: id.clone(),
-            kind: "program".into(),
-            name: None,
-            board: "virt".into(),
-            version: "0.4.0".into(),
-            build: build.clone(),
-            sequence,
-            floor: 0,
-            expires: None,
-            envelope,
-            image: image.clone(),
-            by: "ada".into(),
-            added: 1,
-        };
         records.releases().add(new).await.expect("kept");
         records.close().await;
         Release {
@@ -454,13 +446,16 @@ async fn a_newer_rollout_takes_the_robots_of_an_older_one() {
     let mut home = Home::new().await;
     let old = home.release(4, 90_000).await;
     let new = home.release(5, 30_000).await;
-    // These take the new one alone, and answer nothing to the old one: it takes all of them first.
-    let slow = plan(&old, &[100], &json!({}));
+    // There is nobody yet.
     let none = home
         .http()
-        .post("/api/v1/rollouts", &slow.to_string())
+        .post(
+            "/api/v1/rollouts",
+            &plan(&old, &[100], &json!({})).to_string(),
+        )
         .await;
     none.is_problem(422, "invalid_rollout");
+    // They take the old one, and answer nothing to an offer of the new one.
     let robots = home.robots(2, &old, Program::Good, 0).await;
     hold(&robots, 1);
     let first = home.begin(&plan(&old, &[100], &json!({}))).await;

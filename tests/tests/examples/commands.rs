@@ -51,12 +51,13 @@ const INSTALLED: [&str; 6] = [
 ];
 
 /// Words that stand for others in a sentence, and something that they may stand for.
-const PLACEHOLDERS: [(&str, &str); 9] = [
+const PLACEHOLDERS: [(&str, &str); 10] = [
     ("ADDRESS", "127.0.0.1:1"),
     ("COMMAND", "up"),
     ("DIR", "folder"),
     ("FILE", "file"),
     ("FILE.mcap", "file.mcap"),
+    ("ID", "9f2c1ab034d5e6f7"),
     ("N", "7"),
     ("NAME", "ada"),
     ("ROLE", "viewer"),
