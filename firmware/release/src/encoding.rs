@@ -22,13 +22,12 @@
 //! There is one encoding of a manifest, the deterministic one of section 4.2.1: what was decoded is the
 //! bytes that encoding it gives, so that what was signed and what is believed are the same.
 
-use core::convert::Infallible;
 use core::fmt;
 
-use minicbor::decode::{self, Decoder};
 use minicbor::encode::write::{Cursor, Write};
 use minicbor::encode::{self, Encoder};
 
+use crate::cbor::{Reader, Type};
 use crate::manifest::{Chip, Delta, FORMAT, HASH, Kind, MANIFEST_MAX, Manifest, Requires};
 
 const KEY_FORMAT: u8 = 0;
@@ -125,42 +124,17 @@ impl<'a> Manifest<'a> {
         if bytes.len() > MANIFEST_MAX {
             return Err(Malformed::Oversize);
         }
-        let mut decoder = Decoder::new(bytes);
-        let manifest = read(&mut decoder)?;
-        if decoder.position() != bytes.len() {
+        let mut reader = Reader::new(bytes);
+        let (manifest, is_shortest) = read(&mut reader)?;
+        if !reader.is_empty() {
             return Err(Malformed::Trailing);
         }
         manifest.validate()?;
-        let mut again = Encoder::new(Compare {
-            rest: bytes,
-            same: true,
-        });
-        // `Compare` takes whatever is written.
-        let _ = write(&manifest, &mut again);
-        let Compare { rest, same } = again.into_writer();
-        if same && rest.is_empty() {
+        if is_shortest && reader.is_shortest() {
             Ok(manifest)
         } else {
             Err(Malformed::NotCanonical)
         }
-    }
-}
-
-/// Holds what is written against bytes that are known, without room for both.
-struct Compare<'a> {
-    rest: &'a [u8],
-    same: bool,
-}
-
-impl Write for Compare<'_> {
-    type Error = Infallible;
-
-    fn write_all(&mut self, written: &[u8]) -> Result<(), Infallible> {
-        match self.rest.strip_prefix(written) {
-            Some(rest) => self.rest = rest,
-            None => self.same = false,
-        }
-        Ok(())
     }
 }
 
@@ -226,37 +200,48 @@ fn write<W: Write>(
     Ok(())
 }
 
-fn read<'a>(decoder: &mut Decoder<'a>) -> Result<Manifest<'a>, Malformed> {
+/// What a manifest says, and whether it says nothing that could be left out.
+fn read<'a>(reader: &mut Reader<'a>) -> Result<(Manifest<'a>, bool), Malformed> {
     let mut fields = Fields {
-        left: decoder
-            .map()
-            .map_err(|error| describe(&error))?
-            .ok_or(Malformed::NotCanonical)?,
-        decoder,
+        left: reader.argument(Type::Map)?,
+        reader,
         next: None,
     };
-    let format: u8 = integer(fields.always(KEY_FORMAT)?)?;
+    let format: u8 = fields.always(KEY_FORMAT)?.integer()?;
     if format != FORMAT {
         return Err(Malformed::Format(format));
     }
-    let kind = usize::from(integer::<u8>(fields.always(KEY_KIND)?)?);
-    let kind = *Kind::ALL.get(kind).ok_or(Malformed::OutOfRange("kind"))?;
-    let name = fields.optional(KEY_NAME)?.map(string).transpose()?;
-    let board = string(fields.always(KEY_BOARD)?)?;
-    let chip = Chip(integer(fields.always(KEY_CHIP)?)?);
-    let version = string(fields.always(KEY_VERSION)?)?;
-    let build = string(fields.always(KEY_BUILD)?)?;
-    let sequence = integer(fields.always(KEY_SEQUENCE)?)?;
-    let floor = integer(fields.always(KEY_FLOOR)?)?;
-    let expires = fields.optional(KEY_EXPIRES)?.map(integer).transpose()?;
-    let size = integer(fields.always(KEY_SIZE)?)?;
+    let kind: u8 = fields.always(KEY_KIND)?.integer()?;
+    let kind = Kind::ALL.get(usize::from(kind));
+    let kind = *kind.ok_or(Malformed::OutOfRange("kind"))?;
+    let name = match fields.optional(KEY_NAME)? {
+        Some(reader) => Some(reader.text()?),
+        None => None,
+    };
+    let board = fields.always(KEY_BOARD)?.text()?;
+    let chip = Chip(fields.always(KEY_CHIP)?.integer()?);
+    let version = fields.always(KEY_VERSION)?.text()?;
+    let build = fields.always(KEY_BUILD)?.text()?;
+    let sequence = fields.always(KEY_SEQUENCE)?.integer()?;
+    let floor = fields.always(KEY_FLOOR)?.integer()?;
+    let expires = match fields.optional(KEY_EXPIRES)? {
+        Some(reader) => Some(reader.integer()?),
+        None => None,
+    };
+    let size = fields.always(KEY_SIZE)?.integer()?;
     let sha256 = hash(fields.always(KEY_SHA256)?)?;
-    let block_size = integer(fields.always(KEY_BLOCK_SIZE)?)?;
-    let blocks = is(fields.always(KEY_BLOCKS)?.bytes())?;
-    let delta = fields.optional(KEY_DELTA)?.map(delta).transpose()?;
-    let requires = fields.optional(KEY_REQUIRES)?.map(requires).transpose()?;
+    let block_size = fields.always(KEY_BLOCK_SIZE)?.integer()?;
+    let blocks = fields.always(KEY_BLOCKS)?.bytes(Type::Bytes)?;
+    let delta = match fields.optional(KEY_DELTA)? {
+        Some(reader) => Some(delta(reader)?),
+        None => None,
+    };
+    let requires = match fields.optional(KEY_REQUIRES)? {
+        Some(reader) => Some(requires(reader)?),
+        None => None,
+    };
     fields.end()?;
-    Ok(Manifest {
+    let manifest = Manifest {
         kind,
         name,
         board,
@@ -272,12 +257,13 @@ fn read<'a>(decoder: &mut Decoder<'a>) -> Result<Manifest<'a>, Malformed> {
         blocks,
         delta,
         requires: requires.unwrap_or_default(),
-    })
+    };
+    Ok((manifest, requires != Some(Requires::default())))
 }
 
 /// The fields of a map, in rising order of their keys.
-struct Fields<'d, 'a> {
-    decoder: &'d mut Decoder<'a>,
+struct Fields<'r, 'a> {
+    reader: &'r mut Reader<'a>,
     left: u64,
     /// The key that was read and whose value was not.
     next: Option<u8>,
@@ -285,15 +271,15 @@ struct Fields<'d, 'a> {
 
 impl<'a> Fields<'_, 'a> {
     /// The value of an optional field, if it comes next.
-    fn optional(&mut self, key: u8) -> Result<Option<&mut Decoder<'a>>, Malformed> {
+    fn optional(&mut self, key: u8) -> Result<Option<&mut Reader<'a>>, Malformed> {
         if self.next.is_none() && self.left > 0 {
             self.left -= 1;
-            self.next = Some(integer(self.decoder)?);
+            self.next = Some(self.reader.integer()?);
         }
         match self.next {
             Some(next) if next == key => {
                 self.next = None;
-                Ok(Some(self.decoder))
+                Ok(Some(self.reader))
             }
             Some(next) if next > KEY_REQUIRES => Err(Malformed::UnknownField),
             Some(next) if next < key => Err(Malformed::FieldOrder(next)),
@@ -301,7 +287,7 @@ impl<'a> Fields<'_, 'a> {
         }
     }
 
-    fn always(&mut self, key: u8) -> Result<&mut Decoder<'a>, Malformed> {
+    fn always(&mut self, key: u8) -> Result<&mut Reader<'a>, Malformed> {
         self.optional(key)?.ok_or(Malformed::MissingField(key))
     }
 
@@ -315,56 +301,26 @@ impl<'a> Fields<'_, 'a> {
     }
 }
 
-fn describe(error: &decode::Error) -> Malformed {
-    if error.is_type_mismatch() {
-        Malformed::WrongType
-    } else if error.is_end_of_input() {
-        Malformed::Cbor
-    } else {
-        // An integer too large for its field, or a text that is no UTF-8.
-        Malformed::OutOfRange("value")
-    }
-}
-
-fn is<T>(read: Result<T, decode::Error>) -> Result<T, Malformed> {
-    read.map_err(|error| describe(&error))
-}
-
-fn integer<T: TryFrom<u64>>(decoder: &mut Decoder<'_>) -> Result<T, Malformed> {
-    T::try_from(is(decoder.u64())?).map_err(|_| Malformed::OutOfRange("value"))
-}
-
-fn string<'a>(decoder: &mut Decoder<'a>) -> Result<&'a str, Malformed> {
-    is(decoder.str())
-}
-
-fn hash<'a>(decoder: &mut Decoder<'a>) -> Result<&'a [u8; HASH], Malformed> {
-    let bytes = is(decoder.bytes())?;
+fn hash<'a>(reader: &mut Reader<'a>) -> Result<&'a [u8; HASH], Malformed> {
+    let bytes = reader.bytes(Type::Bytes)?;
     bytes
         .try_into()
         .map_err(|_| Malformed::OutOfRange("sha256"))
 }
 
-fn array(decoder: &mut Decoder<'_>, length: u64) -> Result<(), Malformed> {
-    match is(decoder.array())? {
-        Some(told) if told == length => Ok(()),
-        _ => Err(Malformed::WrongType),
-    }
-}
-
-fn delta<'a>(decoder: &mut Decoder<'a>) -> Result<Delta<'a>, Malformed> {
-    array(decoder, 3)?;
+fn delta<'a>(reader: &mut Reader<'a>) -> Result<Delta<'a>, Malformed> {
+    reader.array(3)?;
     Ok(Delta {
-        base: hash(decoder)?,
-        build: string(decoder)?,
-        size: integer(decoder)?,
+        base: hash(reader)?,
+        build: reader.text()?,
+        size: reader.integer()?,
     })
 }
 
-fn requires(decoder: &mut Decoder<'_>) -> Result<Requires, Malformed> {
-    array(decoder, 2)?;
+fn requires(reader: &mut Reader<'_>) -> Result<Requires, Malformed> {
+    reader.array(2)?;
     Ok(Requires {
-        sequence: integer(decoder)?,
-        protocol: integer(decoder)?,
+        sequence: reader.integer()?,
+        protocol: reader.integer()?,
     })
 }

@@ -19,13 +19,14 @@
 //!
 //! # Reading order
 //!
-//! `manifest`, with its bytes in `encoding`; `keys` and `envelope`; what a robot refuses in `target` and
+//! `manifest`, with its bytes in `encoding`, read by `cbor`; `keys` and `envelope`; what a robot refuses in `target` and
 //! `refusal`; the image in `image`; its transfer in `chunk` and `want`.
 #![no_std]
 
 #[cfg(test)]
 extern crate std;
 
+mod cbor;
 pub mod chunk;
 mod encoding;
 mod envelope;
