@@ -20,7 +20,7 @@ pub(super) fn command(payload: &[u8]) -> Result<Option<UpdateCommand>, DecodeErr
 
     // What it is, whatever stands beside it.
     let mut update = None;
-    members(&mut Reader::new(text), |reader, name| {
+    members(&mut Reader::new(text), &mut |reader, name| {
         if name == "update" {
             once(&mut update, || update_name(reader))
         } else {
@@ -36,7 +36,7 @@ pub(super) fn command(payload: &[u8]) -> Result<Option<UpdateCommand>, DecodeErr
     }
 
     let (mut again, mut release, mut delta) = (None, None, None);
-    members(&mut Reader::new(text), |reader, name| match name {
+    members(&mut Reader::new(text), &mut |reader, name| match name {
         "update" => once(&mut again, || update_name(reader)),
         "release" => once(&mut release, || release_id(reader)),
         "delta" => once(&mut delta, || {
@@ -59,10 +59,10 @@ pub(super) fn command(payload: &[u8]) -> Result<Option<UpdateCommand>, DecodeErr
     }
 }
 
-/// Has `take` read the value of each member of an object.
+/// Has `take` read the value of each member of an object. Not generic: there is one of it.
 fn members<'a>(
     reader: &mut Reader<'a>,
-    mut take: impl FnMut(&mut Reader<'a>, &str) -> Result<(), DecodeError>,
+    take: &mut dyn FnMut(&mut Reader<'a>, &str) -> Result<(), DecodeError>,
 ) -> Result<(), DecodeError> {
     let Value::Object = reader.value()? else {
         return Err(DecodeError::WrongType);
@@ -112,7 +112,7 @@ fn release_id(reader: &mut Reader<'_>) -> Result<ReleaseId, DecodeError> {
 
 fn update_delta(reader: &mut Reader<'_>) -> Result<UpdateDelta, DecodeError> {
     let (mut base, mut bytes) = (None, None);
-    members(reader, |reader, name| match name {
+    members(reader, &mut |reader, name| match name {
         "base" => once(&mut base, || {
             let name = text(reader)?.decode::<{ super::MAX_BUILD }>();
             name.and_then(|name| BuildId::new(&name).ok())
@@ -120,7 +120,7 @@ fn update_delta(reader: &mut Reader<'_>) -> Result<UpdateDelta, DecodeError> {
         }),
         "bytes" => once(&mut bytes, || match reader.value()? {
             Value::Number(digits) if !digits.contains(['.', 'e', 'E']) => {
-                let number = digits.parse::<i128>().ok();
+                let number = digits.parse::<i64>().ok();
                 number
                     .and_then(|number| u32::try_from(number).ok())
                     .ok_or(DecodeError::OutOfRange)
