@@ -30,6 +30,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         &[
             "crawler-hal",
             "crawler-boot",
+            "crawler-delta",
             "crawler-drivers",
             "crawler-protocol",
             "crawler-release",

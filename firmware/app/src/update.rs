@@ -6,6 +6,7 @@
 //! | judged | the envelope is asked for, or read from the spare slot where it lies already; everything that is asked of a release is asked before the first byte is erased |
 //! | preparing | otadata names the running program as proven; the trailer of the spare slot begins anew; what is not there yet is erased, sector by sector |
 //! | receiving | windows of at most 16 chunks are asked for, and asked for again; each block is held against its hash as it is in flash, and noted in the trailer |
+//! | by a patch | where the server has one of the program that runs, its chunks are asked for in order, and the image is made of both; at the first thing that is wrong with it, and after a minute without it, the image comes as it is |
 //! | verifying | the whole image as it is in flash |
 //! | staged | noted, with the sensors that work; otadata is told, and the robot restarts in its own time |
 //! | trial | the new program observes itself twice a second: [`crawler_boot::trial`] |
@@ -32,9 +33,11 @@
 //! Nothing here takes longer than one operation of the flash or a slice of 256 bytes before others have their turn, but
 //! for the check of the signature, 13 million instructions. Control runs above all of it.
 //!
-//! Memory: chunks, commands and reports are in [`Updates`]; the future of [`update`] keeps no page of its own.
+//! Memory: chunks, commands and reports are in [`Updates`]; the future of [`update`] keeps no page of its own, but what
+//! reads a patch: 1.3 KB.
 
 mod mailbox;
+mod patch;
 mod proving;
 mod slots;
 mod steps;
@@ -175,6 +178,8 @@ struct Installed {
 #[derive(Debug, Clone, Copy)]
 struct Asked {
     release: ReleaseId,
+    /// Bytes of the patch that makes it out of the program that runs.
+    patch: Option<u32>,
     until: Instant,
 }
 
@@ -262,7 +267,13 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
                 .wrapping_mul(1_664_525)
                 .wrapping_add(1_013_904_223);
             let lying = self.lying(asked.release).await;
-            self.transfer = Some(Transfer::new(asked.release, lying, self.random, now));
+            self.transfer = Some(Transfer::new(
+                asked.release,
+                lying,
+                asked.patch,
+                self.random,
+                now,
+            ));
             self.told = None;
             self.told_by = None;
             return Next::Soon;

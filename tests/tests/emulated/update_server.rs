@@ -35,6 +35,8 @@ pub(crate) struct Release {
     pub(crate) image: Arc<[u8]>,
     envelope: Arc<[u8]>,
     tag: u32,
+    /// What makes it out of the program of a build.
+    patch: Option<(String, Arc<[u8]>)>,
 }
 
 impl Release {
@@ -65,7 +67,15 @@ impl Release {
             image: image.into(),
             envelope: envelope.into(),
             tag: id.tag(),
+            patch: None,
         }
+    }
+
+    /// The same with what makes it out of `base`.
+    pub(crate) fn after(mut self, base: &Self) -> Self {
+        let patch = crawler_updates::delta::make(&base.image, &self.image);
+        self.patch = Some((base.build.clone(), patch.into()));
+        self
     }
 
     /// The bytes of a part's chunk.
@@ -73,7 +83,7 @@ impl Release {
         let whole = match part {
             Part::Manifest => &self.envelope,
             Part::Image => &self.image,
-            Part::Delta => return None,
+            Part::Delta => &self.patch.as_ref()?.1,
         };
         let from = index as usize * PAYLOAD;
         let to = whole.len().min(from + PAYLOAD);
@@ -141,7 +151,11 @@ impl UpdateServer {
     }
 
     pub(crate) fn offer(&self, release: &Release) {
-        self.say(&json!({"update": "offer", "release": release.id}));
+        let mut offer = json!({"update": "offer", "release": release.id});
+        if let Some((base, patch)) = &release.patch {
+            offer["delta"] = json!({"base": base, "bytes": patch.len()});
+        }
+        self.say(&offer);
     }
 
     fn say(&self, words: &Value) {

@@ -53,9 +53,14 @@ impl Fleet {
         Board::start_with(self.options.clone())
     }
 
-    /// The build that it is flashed with.
+    /// The program that it is flashed with, as a release.
+    fn flashed(&self) -> Release {
+        Release::sign(&self.options.program().expect("a program"), 1, &self.key)
+    }
+
+    /// The build of that.
     fn build(&self) -> String {
-        Release::sign(&self.options.program().expect("a program"), 1, &self.key).build
+        self.flashed().build
     }
 
     /// Another build of the same program: it has a second key.
@@ -132,6 +137,27 @@ fn an_update_is_proven_by_the_program_that_runs_it() {
     assert!(board.wait_line("slot 1, proven", STARTS).is_some());
     let runs = fleet.server.pursue("what it has", &release, STARTS, build);
     assert_eq!(runs, release.build);
+}
+
+/// Not one chunk of the image is sent.
+#[test]
+fn an_update_comes_as_a_patch_of_the_program_that_runs() {
+    let _machine = machine();
+    let fleet = Fleet::new(&[]);
+    let release = fleet.update(2).after(&fleet.flashed());
+    let board = fleet.board();
+    fleet.server.hand_out(&release, Some(0));
+    let outcome = fleet
+        .server
+        .pursue("the outcome", &release, UPDATES, |news| {
+            outcome(news, &release)
+        });
+    assert_eq!(outcome["outcome"], "confirmed", "{outcome}");
+    assert!(
+        board
+            .wait_line(&format!("build {}", release.build), STARTS)
+            .is_some()
+    );
 }
 
 #[test]

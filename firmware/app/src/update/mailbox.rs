@@ -35,7 +35,8 @@ pub struct UpdateIdentity {
 /// What the server says about a release.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Word {
-    Offer(ReleaseId),
+    /// With the bytes of the patch that makes it out of the program that runs, if the server has one.
+    Offer(ReleaseId, Option<u32>),
     Confirm(ReleaseId),
     Cancel(ReleaseId),
 }
@@ -339,6 +340,10 @@ impl Inner {
         let Some(want) = &mut self.want else {
             return false;
         };
+        // A patch is read from its beginning to its end.
+        if chunk.part == Part::Delta && want.indices().next() != Some(chunk.index) {
+            return false;
+        }
         if !want.take(chunk.tag, chunk.part, chunk.index) {
             return false;
         }
@@ -367,7 +372,10 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
             return Ok(());
         }
         let word = match UpdateCommand::from_json(payload) {
-            Ok(Some(UpdateCommand::Offer { release, .. })) => Word::Offer(release),
+            Ok(Some(UpdateCommand::Offer { release, delta })) => {
+                let ours = delta.filter(|delta| delta.base == self.identity.build);
+                Word::Offer(release, ours.map(|delta| delta.bytes))
+            }
             Ok(Some(UpdateCommand::Confirm { release })) => Word::Confirm(release),
             Ok(Some(UpdateCommand::Cancel { release })) => Word::Cancel(release),
             Ok(None) => return Ok(()),

@@ -14,11 +14,15 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::Updates;
-use super::transfer::{Failed, Shape};
+use super::patch::{PIECE, Patch};
+use super::transfer::{Blocks, Failed, Shape};
 
 /// Bytes that are read, hashed or written between two looks at whatever else there is to do: 16,896
 /// instructions of SHA-256, a tenth of a millisecond.
 const SLICE: usize = 256;
+
+/// Pieces of a patch that are made before the robot is looked at again.
+const AT_ONCE: usize = 32;
 
 /// Which of the two slots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,6 +51,8 @@ pub(super) enum Work {
     Erase(u32),
     /// Write the chunk that waits, of this length, to there in the spare slot.
     Write(u32, usize),
+    /// Write what comes next of the patch of which a chunk waits, of this length.
+    Patch(usize),
     /// Hold a block of the spare slot against its hash, or all of it.
     Check(Option<u8>),
 }
@@ -72,6 +78,7 @@ pub(super) struct Seen {
 /// See the [module](self).
 pub(super) struct Slots<F> {
     port: SlotPort<F>,
+    patch: Patch,
 }
 
 impl<F: MultiwriteNorFlash> Slots<F> {
@@ -87,8 +94,11 @@ impl<F: MultiwriteNorFlash> Slots<F> {
             && port.otadata.is_multiple_of(SECTOR)
             && port.slots.iter().all(fits)
             && WORD.is_multiple_of(F::WRITE_SIZE)
-            && SLICE.is_multiple_of(F::READ_SIZE);
-        usable.then_some(Self { port })
+            && WORD.is_multiple_of(F::READ_SIZE);
+        usable.then_some(Self {
+            port,
+            patch: Patch::NONE,
+        })
     }
 
     pub(super) const fn chip(&self) -> u16 {
@@ -106,6 +116,21 @@ impl<F: MultiwriteNorFlash> Slots<F> {
     /// Bytes that the spare slot has for an image.
     pub(super) const fn capacity(&self) -> u32 {
         self.region(Slot::Spare).length - SECTOR
+    }
+
+    /// Begins to make an image of that shape out of the program that runs.
+    pub(super) fn begin_patch(&mut self, shape: Shape) {
+        self.patch.begin(self.capacity(), shape);
+    }
+
+    /// Says which blocks are there: of these nothing is written.
+    pub(super) const fn patch_around(&mut self, blocks: Blocks) {
+        self.patch.there = blocks;
+    }
+
+    /// How much of the image the patch has made, once the chunk is used up.
+    pub(super) fn patched(&self) -> Option<u32> {
+        self.patch.made()
     }
 
     const fn trailer_at(&self, slot: Slot) -> u32 {
@@ -186,6 +211,28 @@ impl<F: MultiwriteNorFlash> Slots<F> {
                         let words = &piece[..count.next_multiple_of(WORD)];
                         let written = self.port.flash.write(spare + at + done as u32, words).await;
                         written.map_err(|_| Failed::Flash)?;
+                    }
+                }
+                Work::Patch(length) => {
+                    let running = self.region(Slot::Running).start;
+                    for _ in 0..AT_ONCE {
+                        let Some(made) = self.patch.next(place, length)? else {
+                            break;
+                        };
+                        if let Some(from) = made.old {
+                            let mut old = [0; PIECE + 2 * WORD];
+                            let lead = from as usize % WORD;
+                            let words = (lead + made.length).next_multiple_of(WORD);
+                            let at = running + from - lead as u32;
+                            let read = self.port.flash.read(at, &mut old[..words]).await;
+                            read.map_err(|_| Failed::Flash)?;
+                            self.patch.add(&made, &old[lead..]);
+                        }
+                        if let Some((at, words)) = self.patch.full(&made) {
+                            let written = self.port.flash.write(spare + at, words).await;
+                            written.map_err(|_| Failed::Flash)?;
+                        }
+                        yield_now().await;
                     }
                 }
                 Work::Check(block) => {

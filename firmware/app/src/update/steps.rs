@@ -9,7 +9,7 @@ use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::Progress;
 use super::slots::{Aim, Slot, Work, known};
-use super::transfer::Step;
+use super::transfer::{Step, Transfer};
 use super::{Activity, Blocks, Failed, LOOK_UPDATING, Next, Refused, Shape, TOLD_WITHIN};
 use crate::order::UpdateWish;
 
@@ -41,13 +41,19 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             self.defer(release, hindrance);
             return Err(Next::Soon);
         }
-        if let Some((index, length)) = self.updates.chunk() {
+        if self.transfer.as_ref().is_some_and(Transfer::awaits_chunk)
+            && let Some((index, length)) = self.updates.chunk()
+        {
             return self.plan_chunk(index, length);
         }
         let Some(transfer) = &mut self.transfer else {
             return Err(Next::Word);
         };
+        let had_patch = transfer.without_patch().is_none();
         let step = transfer.next(now);
+        if had_patch {
+            self.tell_without_patch();
+        }
         self.tell_stage();
         let works = match step {
             Step::Wait(at) => return Err(Next::At(at.min(now + LOOK_UPDATING))),
@@ -72,7 +78,11 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
                 let note = Record::Block(block);
                 [Work::Record(Slot::Spare, note), Work::Rest]
             }
-            Step::CheckAll => [Work::Check(None), Work::Rest],
+            Step::CheckAll => {
+                // Nothing more of a patch is of any use.
+                self.updates.close();
+                [Work::Check(None), Work::Rest]
+            }
             Step::Stage => {
                 let staged = Record::Staged(self.sensors());
                 [Work::Record(Slot::Spare, staged), Work::Rest]
@@ -102,8 +112,13 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
                 let write = [Work::Write(at, length), Work::Rest];
                 return Ok((write, Planned::Chunk(index)));
             }
+            if transfer.is_next_of_patch(index, length) {
+                self.slots.patch_around(transfer.blocks());
+                let patch = [Work::Patch(length), Work::Rest];
+                return Ok((patch, Planned::Patch(index)));
+            }
         }
-        // Nothing that was waited for is of such a length.
+        // Nothing that is waited for, or not of such a length.
         self.updates.make_room();
         Err(Next::Soon)
     }
@@ -122,10 +137,21 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             return Next::Soon;
         };
         let release = transfer.release();
+        let had_patch = transfer.without_patch().is_none();
         let went = match (judged, planned) {
             (Ok(_), Planned::Chunk(index)) => {
                 transfer.written(index, now);
                 self.updates.make_room();
+                Ok(())
+            }
+            (Ok(_), Planned::Patch(index)) => {
+                if let Some(made) = self.slots.patched() {
+                    transfer.patched(index, made, now);
+                    // Blocks that it has completed come first: the place is needed for them.
+                    if transfer.awaits_chunk() {
+                        self.updates.make_room();
+                    }
+                }
                 Ok(())
             }
             (Ok(_), Planned::Step(Step::Activate)) => {
@@ -136,6 +162,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             }
             (Ok(Some(shape)), Planned::Step(_)) => {
                 transfer.believed(shape);
+                self.slots.begin_patch(shape);
                 self.log(Level::Info, release, format_args!("is taken"));
                 Ok(())
             }
@@ -146,6 +173,9 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
         if let Err(refused) = went {
             self.refuse(release, refused);
             return Next::Soon;
+        }
+        if had_patch {
+            self.tell_without_patch();
         }
         if let Some(transfer) = &self.transfer
             && transfer.stage().is_some()
@@ -198,6 +228,18 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
         }
     }
 
+    /// Says why the patch was given up, if it was just now. Chunks of it are not taken any more.
+    fn tell_without_patch(&mut self) {
+        if let Some(transfer) = &self.transfer
+            && let Some(why) = transfer.without_patch()
+        {
+            self.updates.close();
+            self.told = None;
+            let text = format_args!("comes as a whole image: {why}");
+            self.log(Level::Warn, transfer.release(), text);
+        }
+    }
+
     fn tell_stage(&mut self) {
         let Some(transfer) = &self.transfer else {
             return;
@@ -211,7 +253,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             self.tell(Progress {
                 release: transfer.release(),
                 stage,
-                reason: None,
+                reason: transfer.without_patch(),
                 bytes,
             });
         }
@@ -236,6 +278,8 @@ enum Planned {
     Step(Step),
     /// Writing this chunk.
     Chunk(u32),
+    /// Writing what this chunk of a patch makes.
+    Patch(u32),
 }
 
 /// Whether an image may be gone on with: it was not tried, or nobody knows that it was.

@@ -2,6 +2,7 @@
 //! power.
 
 mod cuts;
+mod deltas;
 mod life;
 mod refusals;
 mod releases;

@@ -17,6 +17,8 @@ pub const ASK_AFTER: Duration = Duration::from_secs(2);
 pub const ASK_AFTER_MOST: Duration = Duration::from_secs(16);
 /// A server that sends nothing that is waited for, for so long, is one that does not answer.
 pub const SILENT_AFTER: Duration = Duration::from_secs(120);
+/// The same of one that has said it had a patch, before it is asked for the image instead.
+pub(crate) const NO_PATCH_AFTER: Duration = Duration::from_secs(60);
 /// How often a step of the flash, and how often a block, may fail before the release is refused.
 const FAILURES: u8 = 3;
 
@@ -64,6 +66,8 @@ pub(crate) enum Failed {
     Content,
     /// There is no other program to go back to.
     NoWayBack,
+    /// The patch is none, for this reason.
+    Patch(&'static str),
 }
 
 /// Why a release is not taken.
@@ -90,13 +94,23 @@ impl Shape {
         }
     }
 
+    /// Bytes of the image.
+    pub(crate) const fn size(self) -> u32 {
+        self.size
+    }
+
     /// Blocks of the image.
     const fn blocks(self) -> u8 {
         self.size.div_ceil(self.block) as u8
     }
 
+    /// The block of a byte.
+    pub(crate) const fn block_of(self, at: u32) -> u8 {
+        (at / self.block) as u8
+    }
+
     /// Where a block ends, in bytes.
-    const fn end(self, block: u8) -> u32 {
+    pub(crate) const fn end(self, block: u8) -> u32 {
         let end = (block as u32 + 1) * self.block;
         if end < self.size { end } else { self.size }
     }
@@ -109,11 +123,13 @@ pub(crate) struct Blocks(u64);
 const _: () = assert!(MAX_BLOCKS <= u64::BITS as usize);
 
 impl Blocks {
+    pub(crate) const NONE: Self = Self(0);
+
     pub(crate) const fn with(self, block: u8) -> Self {
         Self(self.0 | 1 << (block & 63))
     }
 
-    const fn has(self, block: u8) -> bool {
+    pub(crate) const fn has(self, block: u8) -> bool {
         self.0 >> (block & 63) & 1 == 1
     }
 
@@ -142,6 +158,8 @@ enum Phase {
     Erase(u32),
     /// Chunks of this block are received.
     Receive(u8),
+    /// Chunks of the patch are received.
+    Patch,
     Check(u8),
     Note(u8),
     CheckAll,
@@ -159,6 +177,11 @@ pub(crate) struct Transfer {
     shape: Shape,
     blocks: Blocks,
     want: Want,
+    /// Bytes of the patch, for as long as the image comes by one; and why it does not any more.
+    patch: Option<u32>,
+    without_patch: Option<&'static str>,
+    /// Bytes of the image that the patch has made.
+    made: u32,
     /// When what is waited for is asked for again; `None` when it was not asked for yet.
     ask_at: Option<Instant>,
     patience: Duration,
@@ -177,10 +200,11 @@ pub(crate) struct Transfer {
 
 impl Transfer {
     /// Begins with a release. `lying` are the blocks of it in the spare slot, if its envelope is there, which is then
-    /// at hand.
+    /// at hand. `patch` are the bytes of the patch that makes it out of the program that runs, if there is one.
     pub(crate) fn new(
         release: ReleaseId,
         lying: Option<Blocks>,
+        patch: Option<u32>,
         random: u32,
         now: Instant,
     ) -> Self {
@@ -193,6 +217,9 @@ impl Transfer {
             shape: Shape { size: 0, block: 1 },
             blocks: lying.unwrap_or_default(),
             want: Want::window(release.tag(), Part::Manifest, 0, 1),
+            patch,
+            without_patch: None,
+            made: 0,
             ask_at: None,
             patience: ASK_AFTER,
             heard: now,
@@ -213,7 +240,9 @@ impl Transfer {
         match self.phase {
             Phase::Envelope | Phase::Judge { .. } => None,
             Phase::Keep { .. } | Phase::Begin | Phase::Erase(_) => Some(UpdateStage::Preparing),
-            Phase::Receive(_) | Phase::Check(_) | Phase::Note(_) => Some(UpdateStage::Receiving),
+            Phase::Receive(_) | Phase::Patch | Phase::Check(_) | Phase::Note(_) => {
+                Some(UpdateStage::Receiving)
+            }
             Phase::CheckAll | Phase::Stage => Some(UpdateStage::Verifying),
             Phase::Activate | Phase::Withdraw => Some(UpdateStage::Staged),
         }
@@ -222,6 +251,24 @@ impl Transfer {
     /// Bytes of the image that are in flash, in whole blocks.
     pub(crate) fn bytes(&self) -> u32 {
         self.blocks.bytes(self.shape)
+    }
+
+    /// The blocks that are in flash.
+    pub(crate) const fn blocks(&self) -> Blocks {
+        self.blocks
+    }
+
+    /// Why the image comes as it is although there was a patch.
+    pub(crate) const fn without_patch(&self) -> Option<&'static str> {
+        self.without_patch
+    }
+
+    /// Whether a chunk that waits is to be looked at: the place of chunks is not needed for anything else.
+    pub(crate) const fn awaits_chunk(&self) -> bool {
+        matches!(
+            self.phase,
+            Phase::Envelope | Phase::Receive(_) | Phase::Patch
+        )
     }
 
     /// Whether the server has not answered for too long.
@@ -234,7 +281,11 @@ impl Transfer {
     pub(crate) fn next(&mut self, now: Instant) -> Step {
         loop {
             return match self.phase {
-                Phase::Envelope | Phase::Receive(_) => match self.ask_at {
+                Phase::Patch if now - self.heard >= NO_PATCH_AFTER => {
+                    self.give_patch_up("delta_no_data");
+                    continue;
+                }
+                Phase::Envelope | Phase::Receive(_) | Phase::Patch => match self.ask_at {
                     Some(at) if now < at => Step::Wait(at),
                     _ => {
                         self.ask_at = Some(now + self.patience + self.jitter());
@@ -287,8 +338,11 @@ impl Transfer {
             Phase::CheckAll => Phase::Stage,
             Phase::Stage => Phase::Activate,
             Phase::Withdraw => return FLASH_FAILED,
-            same
-            @ (Phase::Envelope | Phase::Receive(_) | Phase::Judge { .. } | Phase::Activate) => same,
+            same @ (Phase::Envelope
+            | Phase::Receive(_)
+            | Phase::Patch
+            | Phase::Judge { .. }
+            | Phase::Activate) => same,
         };
         Ok(())
     }
@@ -297,6 +351,8 @@ impl Transfer {
     pub(crate) fn believed(&mut self, shape: Shape) {
         if let Phase::Judge { resumed } = self.phase {
             self.shape = shape;
+            // One that has as many bytes as what it makes is of no use.
+            self.patch = self.patch.filter(|bytes| (1..shape.size).contains(bytes));
             self.phase = Phase::Keep { resumed };
         }
     }
@@ -318,6 +374,19 @@ impl Transfer {
                 } else {
                     Phase::Withdraw
                 };
+                Ok(())
+            }
+            (Failed::Patch(why), _) => {
+                self.give_patch_up(why);
+                Ok(())
+            }
+            // What was to be written is not known any more.
+            (Failed::Flash | Failed::NoWayBack, Phase::Patch) => {
+                self.give_patch_up("flash_failed");
+                Ok(())
+            }
+            (Failed::Content, Phase::Check(_)) if self.patch.is_some() => {
+                self.give_patch_up("delta_mismatch");
                 Ok(())
             }
             (Failed::Flash | Failed::NoWayBack, _) => {
@@ -385,6 +454,27 @@ impl Transfer {
         }
     }
 
+    /// Whether a chunk of so many bytes is the next one of the patch.
+    pub(crate) fn is_next_of_patch(&self, index: u32, length: usize) -> bool {
+        self.phase == Phase::Patch
+            && self.want.indices().next() == Some(index)
+            && chunk::length(self.patch.unwrap_or(0), index) == Some(length)
+    }
+
+    /// The patch is read as far as that chunk, and has made so many bytes of the image, all of them in flash.
+    pub(crate) fn patched(&mut self, index: u32, made: u32, now: Instant) {
+        if self.phase != Phase::Patch || !self.want.take(self.want.tag, Part::Delta, index) {
+            return;
+        }
+        self.made = made;
+        self.patience = ASK_AFTER;
+        self.ask_at = Some(now + self.patience);
+        if self.want.missing == 0 {
+            self.open_patch(self.want.first + WINDOW);
+        }
+        self.receive(now);
+    }
+
     /// What was asked for may have been lost with the session: ask again at once.
     pub(crate) fn ask_again(&mut self) {
         self.ask_at = None;
@@ -396,12 +486,38 @@ impl Transfer {
         self.heard = now;
         let missing = (0..self.shape.blocks()).find(|block| !self.blocks.has(*block));
         match missing {
-            Some(block) => {
+            None => self.phase = Phase::CheckAll,
+            Some(block) if self.patch.is_none() => {
                 let first = u32::from(block) * (self.shape.block / PAYLOAD as u32);
                 self.open(block, first);
             }
-            None => self.phase = Phase::CheckAll,
+            Some(block) if self.made >= self.shape.end(block) => self.phase = Phase::Check(block),
+            Some(_) => {
+                self.phase = Phase::Patch;
+                if self.want.part != Part::Delta {
+                    self.open_patch(0);
+                }
+                if self.want.missing == 0 {
+                    self.give_patch_up("delta_cut_off");
+                }
+            }
         }
+    }
+
+    /// Has the image come as it is: what is right of it stays, the rest is erased and received.
+    fn give_patch_up(&mut self, why: &'static str) {
+        self.patch = None;
+        self.without_patch = Some(why);
+        self.failures = 0;
+        self.phase = Phase::Erase(0);
+    }
+
+    /// Opens the window of the patch that begins with this chunk.
+    fn open_patch(&mut self, first: u32) {
+        let count = chunk::count(self.patch.unwrap_or(0));
+        self.want = Want::window(self.release.tag(), Part::Delta, first, count);
+        self.ask_at = None;
+        self.patience = ASK_AFTER;
     }
 
     /// Opens the window of a block that begins with this chunk; past its end the block is complete.

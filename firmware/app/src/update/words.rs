@@ -25,9 +25,9 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
 
     pub(super) fn obey(&mut self, word: Word) {
         match word {
-            Word::Offer(release) => {
+            Word::Offer(release, patch) => {
                 self.tell_have();
-                self.offered(release);
+                self.offered(release, patch);
             }
             Word::Confirm(release) => {
                 if !self.tell_installed(release) {
@@ -41,7 +41,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
         }
     }
 
-    fn offered(&mut self, release: ReleaseId) {
+    fn offered(&mut self, release: ReleaseId, patch: Option<u32>) {
         if self.tell_installed(release) {
             return;
         }
@@ -59,7 +59,11 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
         } else {
             self.robot.wish(UpdateWish::Stand);
             let until = self.clock.now() + STANDS_WITHIN;
-            self.asked = Some(Asked { release, until });
+            self.asked = Some(Asked {
+                release,
+                patch,
+                until,
+            });
         }
     }
 

@@ -88,7 +88,7 @@ fn reports_are_delivered_and_words_taken() {
             peer.deliver(TOPIC, text.as_bytes());
         }
         broker.sleep(Duration::from_millis(200)).await;
-        assert_eq!(updates.take_word(), Some(Word::Offer(RELEASE)));
+        assert_eq!(updates.take_word(), Some(Word::Offer(RELEASE, None)));
         assert_eq!(updates.take_word(), Some(Word::Confirm(RELEASE)));
         assert_eq!(updates.take_word(), Some(Word::Cancel(RELEASE)));
         assert_eq!(updates.take_word(), None, "said twice, or by a robot");

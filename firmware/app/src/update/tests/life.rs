@@ -27,7 +27,7 @@ use embedded_storage_async::nor_flash::{
 use rand_core::Rng as _;
 use serde_json::Value;
 
-use super::releases::{Release, image, keys};
+use super::releases::{OLD_SIZE, Release, image, keys};
 use crate::perception::LinkHealth;
 use crate::testing::flash::TestFlash;
 use crate::testing::ports::{BatteryPin, Chip, Line, Motor, NotWired, Ranger};
@@ -61,6 +61,8 @@ pub(super) struct Cells {
     pub(super) spent: usize,
     pub(super) erased: usize,
     pub(super) worn: bool,
+    /// So many changes fail, and then no more.
+    pub(super) failing: usize,
     /// What has the other slot started is written, and said to have failed.
     pub(super) denying: bool,
 }
@@ -121,7 +123,8 @@ impl SlotFlash {
         self.clock.sleep(span).await;
         {
             let mut cells = self.cells.borrow_mut();
-            if cells.worn {
+            if cells.worn || cells.failing > 0 {
+                cells.failing = cells.failing.saturating_sub(1);
                 return Err(Worn);
             }
             let before = cells.selected();
@@ -225,7 +228,7 @@ impl World {
     /// A robot fresh from the bench, which runs the build `old`, and a server that has `release` to offer.
     pub(super) fn new(release: &Release) -> Self {
         let mut bytes = std::vec![0xFF; 0x9_0000];
-        let old = image("old", 100_000);
+        let old = image("old", OLD_SIZE);
         let start = SLOTS[0].start as usize;
         bytes[start..start + old.len()].copy_from_slice(&old);
         Self {
@@ -237,6 +240,7 @@ impl World {
                 spent: 0,
                 erased: 0,
                 worn: false,
+                failing: 0,
                 denying: false,
             })),
             settings: TestFlash::new(2),
@@ -508,6 +512,8 @@ pub(super) struct Server {
     pub(super) linked: bool,
     /// Whether it sends what is asked for.
     pub(super) sending: bool,
+    /// Whether it has lost the patch that it offers.
+    pub(super) without_patch: bool,
     /// Of a thousand chunks so many do not arrive, and so many arrive twice.
     pub(super) lost: u32,
     pub(super) doubled: u32,
@@ -516,6 +522,9 @@ pub(super) struct Server {
     /// What every robot has said, in order.
     pub(super) told: Vec<Value>,
     pub(super) sent: u32,
+    /// Of these so many of the image, and of the patch.
+    pub(super) of_image: u32,
+    pub(super) of_patch: u32,
     /// Largest number of chunks that were asked for and not sent.
     pub(super) most_asked: u32,
     chances: TestRng,
@@ -528,11 +537,14 @@ impl Server {
             offering: true,
             linked: true,
             sending: true,
+            without_patch: false,
             lost: 0,
             doubled: 0,
             shuffled: false,
             told: Vec::new(),
             sent: 0,
+            of_image: 0,
+            of_patch: 0,
             most_asked: 0,
             chances: TestRng(77),
         }
@@ -548,6 +560,15 @@ impl Server {
         said?["reason"].as_str()
     }
 
+    fn offer(&self) -> String {
+        let release = self.release.id();
+        let patch = self.release.patch.as_ref().map(Vec::len);
+        let delta = patch.map_or_else(String::new, |bytes| {
+            format!(r#","delta":{{"base":"old","bytes":{bytes}}}"#)
+        });
+        format!(r#"{{"update":"offer","release":"{release}"{delta}}}"#)
+    }
+
     fn happens(&mut self, of_thousand: u32) -> bool {
         self.chances.next_u32() % 1_000 < of_thousand
     }
@@ -558,8 +579,12 @@ impl Server {
         let (part, bytes) = match want["part"].as_str() {
             Some("manifest") => (Part::Manifest, self.release.envelope.clone()),
             Some("image") => (Part::Image, self.release.image.clone()),
+            Some("delta") => (Part::Delta, self.release.patch.clone().expect("offered")),
             other => panic!("{other:?}"),
         };
+        if part == Part::Delta && self.without_patch {
+            return Vec::new();
+        }
         let missing = number("missing");
         self.most_asked = self.most_asked.max(missing.count_ones());
         let mut chunks = Vec::new();
@@ -623,8 +648,8 @@ async fn serve(
         port.heard();
         if server.borrow().offering && clock.now() >= offer_at.get() {
             offer_at.set(Instant::FAR_FUTURE);
-            let release = server.borrow().release.id();
-            say(&updates, "offer", release);
+            let offer = server.borrow().offer();
+            updates.arrived(offer.as_bytes()).expect("an offer");
         }
         while let Some(kind) = port.next_report(&|_| true) {
             let mut page = [0; 1_024];
@@ -646,7 +671,12 @@ async fn serve(
                     if !server.borrow().linked {
                         break;
                     }
-                    server.borrow_mut().sent += 1;
+                    {
+                        let mut server = server.borrow_mut();
+                        server.sent += 1;
+                        server.of_image += u32::from(chunk[1] == Part::Image as u8);
+                        server.of_patch += u32::from(chunk[1] == Part::Delta as u8);
+                    }
                     port.arrived(&chunk).expect("a chunk");
                 }
             }

@@ -17,6 +17,8 @@ pub(super) struct Release {
     pub(super) build: String,
     pub(super) envelope: Vec<u8>,
     pub(super) image: Vec<u8>,
+    /// What makes the image out of the program `old`, if the server has such a patch.
+    pub(super) patch: Option<Vec<u8>>,
 }
 
 /// What is written into a manifest.
@@ -33,6 +35,8 @@ pub(super) struct Draft {
     pub(super) size: usize,
     /// Whether the hash of the whole image is another one than that of the image whose blocks are named.
     pub(super) wrong_whole: bool,
+    /// The image is the program `old` and more of it, of which every so manieth byte is another; with a patch.
+    pub(super) changed: Option<usize>,
 }
 
 impl Draft {
@@ -49,11 +53,22 @@ impl Draft {
             requires: Requires::default(),
             size: 150_001,
             wrong_whole: false,
+            changed: None,
         }
     }
 
     pub(super) fn release(&self) -> Release {
-        let image = image(self.build, self.size);
+        let old = image("old", OLD_SIZE);
+        let own = image(self.build, self.size);
+        let image = match self.changed {
+            Some(every) => (0..self.size)
+                .map(|at| match at % every {
+                    0 => own[at],
+                    _ => old[at % OLD_SIZE],
+                })
+                .collect(),
+            None => own,
+        };
         let size = image.len() as u32;
         let block_size = block_size(size).expect("a size");
         let blocks: Vec<u8> = image
@@ -91,9 +106,67 @@ impl Draft {
         Release {
             build: self.build.into(),
             envelope: envelope[..length].to_vec(),
+            patch: self.changed.map(|_| patch(&old, &image)),
             image,
         }
     }
+}
+
+/// Bytes of the program `old`.
+pub(super) const OLD_SIZE: usize = 100_000;
+
+/// A patch in which the bytes of `new` are differences to those of `old`, from its beginning and again from there.
+pub(super) fn patch(old: &[u8], new: &[u8]) -> Vec<u8> {
+    let mut contents = Vec::from([0]);
+    for part in new.chunks(old.len()) {
+        number(&mut contents, part.len() as i64);
+        let differences = part.iter().zip(old);
+        contents.extend(differences.map(|(new, old)| new.wrapping_sub(*old)));
+        number(&mut contents, 0);
+        number(&mut contents, -(part.len() as i64));
+    }
+    let mut patch = Vec::from([0x04]);
+    number(&mut patch, new.len() as i64);
+    // A window of 8 bits, of which one byte is used, and lengths of 7 bits.
+    patch.push(0x44);
+    let (mut bits, mut held) = (0_u32, 0);
+    let mut push = |value: u32, count: u32| {
+        bits = bits << count | value;
+        held += count;
+        while held >= 8 {
+            held -= 8;
+            patch.push((bits >> held) as u8);
+        }
+    };
+    let mut at = 0;
+    while let Some(byte) = contents.get(at) {
+        let before = at.checked_sub(1).map(|before| contents[before]);
+        let same = contents[at..].iter().take(128);
+        let run = same.take_while(|same| Some(**same) == before).count();
+        if run > 1 {
+            push(0, 9);
+            push(run as u32 - 1, 7);
+            at += run;
+        } else {
+            push(1 << 8 | u32::from(*byte), 9);
+            at += 1;
+        }
+    }
+    push(0, 7);
+    patch
+}
+
+/// A number as patches have it.
+fn number(out: &mut Vec<u8>, value: i64) {
+    let mut rest = value.unsigned_abs();
+    let mut byte = (rest & 0x3F) as u8 | if value < 0 { 0x40 } else { 0 };
+    rest >>= 6;
+    while rest > 0 {
+        out.push(byte | 0x80);
+        byte = (rest & 0x7F) as u8;
+        rest >>= 7;
+    }
+    out.push(byte);
 }
 
 impl Release {

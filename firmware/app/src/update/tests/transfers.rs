@@ -72,6 +72,11 @@ struct Model {
     staged: bool,
     /// Otadata may name the release.
     activating: bool,
+    /// Bytes of the patch that the robot was offered.
+    patch: Option<u32>,
+    /// Chunks of the patch that were read since it was begun, and bytes of the image that it has made.
+    read: u32,
+    made: u32,
 }
 
 impl Model {
@@ -91,18 +96,21 @@ proptest! {
     /// noted that was not received and checked; nothing is started that is not whole; at most a window is asked for,
     /// and only of what is missing.
     #[test]
-    fn steps_come_in_an_order_that_is_safe(happenings in prop::collection::vec(happenings(), 1..1_500)) {
+    fn steps_come_in_an_order_that_is_safe(
+        happenings in prop::collection::vec(happenings(), 1..1_500),
+        patch in prop::option::of(0..60_000_u32),
+    ) {
         let (shape, release) = (shape(), ReleaseId::new([1, 2, 3, 4, 5, 6, 7, 8]));
         let mut now = Instant::BOOT;
-        let mut transfer = Transfer::new(release, None, 9, now);
-        let mut model = Model { written: std::vec![Vec::new(); 3], ..Model::default() };
+        let mut transfer = Transfer::new(release, None, patch, 9, now);
+        let mut model = Model { written: std::vec![Vec::new(); 3], patch, ..Model::default() };
         let mut asked = None;
         for happening in happenings {
             match happening {
                 Happening::Time(ms) => now += Duration::from_millis(ms),
                 Happening::Session => transfer.ask_again(),
                 Happening::Reboot => {
-                    transfer = Transfer::new(release, model.lying(), 11, now);
+                    transfer = Transfer::new(release, model.lying(), model.patch, 11, now);
                     (model.believed, model.kept, asked) = (false, false, None);
                     model.activating = false;
                     model.checked.clear();
@@ -120,6 +128,34 @@ proptest! {
                     let whole = SIZE.saturating_sub(index * PAYLOAD as u32).min(PAYLOAD as u32);
                     let short = matches!(happening, Happening::Chunk { short: true, .. });
                     let length = whole as usize - usize::from(short && whole > 0);
+                    let of_patch = patch.unwrap_or(0);
+                    let next = model.read;
+                    let rest = of_patch.saturating_sub(next * PAYLOAD as u32).min(PAYLOAD as u32);
+                    if transfer.is_next_of_patch(index, rest as usize) {
+                        prop_assert_eq!(index, next, "in order");
+                        prop_assert!(rest > 0 && model.begun);
+                        prop_assert_eq!(transfer.place(index, length), None);
+                        // It makes as much as it is long, and the last chunk all the rest, or nothing.
+                        let is_last = (next + 1) * PAYLOAD as u32 >= of_patch;
+                        let made = if is_last && !of_patch.is_multiple_of(5) {
+                            SIZE
+                        } else {
+                            (model.made + 4 * PAYLOAD as u32).min(SIZE)
+                        };
+                        for index in (0..SIZE.div_ceil(PAYLOAD as u32))
+                            .filter(|index| (model.made..made).contains(&(index * PAYLOAD as u32)))
+                        {
+                            let block = index * PAYLOAD as u32 / BLOCK;
+                            let written = &mut model.written[block as usize];
+                            if !model.noted.contains(&(block as u8)) {
+                                prop_assert!(!written.contains(&index), "written twice");
+                                written.push(index);
+                            }
+                        }
+                        (model.read, model.made) = (next + 1, made);
+                        transfer.patched(index, made, now);
+                        continue;
+                    }
                     let Some(at) = transfer.place(index, length) else {
                         continue;
                     };
@@ -145,7 +181,12 @@ proptest! {
                         }
                         Step::Ask(want) => {
                             prop_assert!(want.outstanding() <= WINDOW && want.missing != 0);
-                            asked = (want.part == Part::Image).then_some(want.first);
+                            asked = (want.part != Part::Manifest).then_some(want.first);
+                            if want.part == Part::Delta {
+                                prop_assert!(model.begun && patch.is_some());
+                                prop_assert!(transfer.without_patch().is_none());
+                                prop_assert_eq!(want.indices().next(), Some(model.read));
+                            }
                             prop_assert_eq!(want.part == Part::Manifest, transfer.stage().is_none());
                             for index in want.indices().filter(|_| want.part == Part::Image) {
                                 prop_assert!(model.begun && index * (PAYLOAD as u32) < SIZE);
@@ -163,7 +204,7 @@ proptest! {
                         if transfer.failed(why).is_err() {
                             prop_assert!(!model.activating || step == Step::Keep);
                             // Given up: offered again.
-                            transfer = Transfer::new(release, model.lying(), 13, now);
+                            transfer = Transfer::new(release, model.lying(), model.patch, 13, now);
                             (model.believed, model.kept, asked) = (false, false, None);
                             model.activating = false;
                         }
@@ -173,6 +214,7 @@ proptest! {
                         Step::Judge => {
                             model.believed = true;
                             transfer.believed(shape);
+                            (model.read, model.made) = (0, 0);
                             continue;
                         }
                         Step::Keep => (model.kept, model.activating) = (true, false),
@@ -215,7 +257,7 @@ proptest! {
                     }
                     if transfer.done(now).is_err() {
                         prop_assert!(step == Step::Keep, "nothing else is waited for");
-                        transfer = Transfer::new(release, model.lying(), 15, now);
+                        transfer = Transfer::new(release, model.lying(), model.patch, 15, now);
                         (model.believed, model.kept, asked) = (false, false, None);
                         model.activating = false;
                     }
@@ -228,7 +270,7 @@ proptest! {
 #[test]
 fn it_asks_less_often_while_nothing_comes_and_gives_up() {
     let mut now = Instant::BOOT;
-    let mut transfer = Transfer::new(ReleaseId::new([9; 8]), None, 3, now);
+    let mut transfer = Transfer::new(ReleaseId::new([9; 8]), None, None, 3, now);
     let mut gaps = Vec::new();
     let mut asked = now;
     while !transfer.is_silent(now) {
@@ -254,7 +296,7 @@ fn it_asks_less_often_while_nothing_comes_and_gives_up() {
 fn going_on(lying: impl IntoIterator<Item = u8>, until: impl Fn(Step) -> bool) -> Transfer {
     let lying = lying.into_iter().fold(Blocks::default(), Blocks::with);
     let now = Instant::BOOT;
-    let mut transfer = Transfer::new(ReleaseId::new([9; 8]), Some(lying), 3, now);
+    let mut transfer = Transfer::new(ReleaseId::new([9; 8]), Some(lying), None, 3, now);
     for _ in 0..200 {
         match transfer.next(now) {
             step if until(step) => return transfer,

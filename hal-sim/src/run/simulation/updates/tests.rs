@@ -1,5 +1,6 @@
 //! Updates from offer to outcome, in lockstep, with a server that is a part of the test.
 
+mod deltas;
 mod server;
 
 use crawler_bundle::{Bundle, Defect, DefectKind};

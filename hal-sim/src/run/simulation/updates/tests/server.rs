@@ -26,10 +26,13 @@ const SEGMENT: usize = 1_460;
 /// Bytes around a segment, without options; also a whole acknowledgement, of which every second segment has one.
 const SEGMENT_AROUND: usize = 20 + 20;
 
-/// A release and the key that robots believe.
+/// A release as the server has it.
+#[derive(Clone)]
 pub(crate) struct Release {
     envelope: Vec<u8>,
     image: Vec<u8>,
+    /// What makes it out of the program of a build.
+    patch: Option<(String, Vec<u8>)>,
 }
 
 /// A key for all releases of a test.
@@ -63,11 +66,27 @@ impl Signer {
             requires: Requires::default(),
         };
         let envelope = options.sign(&image, &self.0).expect("a release");
-        Release { envelope, image }
+        Release {
+            envelope,
+            image,
+            patch: None,
+        }
     }
 }
 
 impl Release {
+    /// The same with what makes it out of `base`, which robots know as that build.
+    pub(crate) fn after(mut self, base: &Self, build: &str) -> Self {
+        let patch = crawler_updates::delta::make(&base.image, &self.image);
+        self.patch = Some((build.to_owned(), patch));
+        self
+    }
+
+    /// Bytes of what makes it out of another.
+    pub(crate) fn patch_bytes(&self) -> usize {
+        self.part(Part::Delta).len()
+    }
+
     /// As messages name it.
     pub(crate) fn id(&self) -> ReleaseId {
         ReleaseId::new(Signed::parse(&self.envelope).expect("signed").id())
@@ -77,7 +96,7 @@ impl Release {
         match part {
             Part::Manifest => &self.envelope,
             Part::Image => &self.image,
-            Part::Delta => &[],
+            Part::Delta => self.patch.as_ref().map_or(&[], |(_, patch)| patch),
         }
     }
 }
@@ -88,6 +107,8 @@ pub(crate) struct Server {
     /// Of how many chunks one is lost, counted; 0 for none.
     lose_every: u32,
     sent: u32,
+    /// Of these so many of the image.
+    pub(crate) of_image: u32,
     /// What the robot has said about updates.
     pub(crate) heard: Vec<Value>,
     /// Bytes of MQTT in both directions, as far as they belong to updates.
@@ -105,6 +126,7 @@ impl Server {
             release,
             lose_every: 0,
             sent: 0,
+            of_image: 0,
             heard: Vec::new(),
             stream: 0,
             wire: 0,
@@ -123,7 +145,10 @@ impl Server {
 
     /// Offers the release.
     pub(crate) fn offer(&mut self, simulation: &mut Simulation) {
-        let offer = json!({"update": "offer", "release": self.release.id()});
+        let mut offer = json!({"update": "offer", "release": self.release.id()});
+        if let Some((base, patch)) = &self.release.patch {
+            offer["delta"] = json!({"base": base, "bytes": patch.len()});
+        }
         self.heard_at = simulation.now();
         self.offered_at = Some(simulation.now());
         self.count([offer.to_string().len()]);
@@ -188,6 +213,7 @@ impl Server {
             let length = chunk.encode(&mut buffer).expect("a chunk");
             lengths.push(length);
             self.sent += 1;
+            self.of_image += u32::from(want.part == Part::Image);
             // One that is lost was on its way too.
             if self.lose_every == 0 || !self.sent.is_multiple_of(self.lose_every) {
                 simulation.publish(TOPIC, &buffer[..length], false, false);
