@@ -1,13 +1,14 @@
 //! The bodies of the fuzz targets, by name.
 //!
-//! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `bundle`, `delta`, `models`,
-//! `release`, `simulator` and `tls`.
+//! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `bundle`, `delta`, `gate`,
+//! `models`, `release`, `simulator` and `tls`.
 
 mod access;
 mod board;
 mod boot;
 mod bundle;
 mod delta;
+mod gate;
 mod models;
 mod release;
 mod simulator;
@@ -28,6 +29,7 @@ pub fn run(target: &str, data: &[u8]) {
         .chain(&boot::TARGETS)
         .chain(&bundle::TARGETS)
         .chain(&delta::TARGETS)
+        .chain(&gate::TARGETS)
         .chain(&models::TARGETS)
         .chain(&release::TARGETS)
         .chain(&simulator::TARGETS)
