@@ -3,6 +3,7 @@
 
 mod args;
 mod delta;
+pub(crate) mod gate;
 pub(crate) mod table;
 
 use std::fs::File;
@@ -12,13 +13,16 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use crawler_bundle::Bundle;
-use crawler_release::{MAX_IMAGE, PublicKey, Requires};
+use crawler_release::{KeyId, MAX_IMAGE, PublicKey, Requires};
 use crawler_system::clock::unix_ms;
+use crawler_updates::gate::{GATE_MAX, GateFault, GateReport, check, signer};
 use crawler_updates::release::{
-    Expected, FILE_MAX, SecretKey, SignFault, SignOptions, inspect, join, public_from_pem,
+    Expected, FILE_MAX, Fault, SecretKey, SignFault, SignOptions, inspect, join, public_from_pem,
 };
 
-pub use args::{AddArgs, BundleArgs, DeltaArgs, ReleaseArgs, ReleaseTask, SignArgs, VerifyArgs};
+pub use args::{
+    AddArgs, BundleArgs, DeltaArgs, GateArgs, ReleaseArgs, ReleaseTask, SignArgs, VerifyArgs,
+};
 
 /// The files that `keygen` makes.
 const PRIVATE: &str = "release-key.pem";
@@ -37,6 +41,7 @@ pub fn run(args: &ReleaseArgs) -> Option<ExitCode> {
         ReleaseTask::Sign(args) => sign(args),
         ReleaseTask::Verify(args) => verify(args),
         ReleaseTask::Delta(args) => delta::run(args),
+        ReleaseTask::Gate(args) => gate::run(args),
         ReleaseTask::Add(_) => return None,
     };
     Some(done.unwrap_or_else(|text| {
@@ -141,17 +146,77 @@ fn verify(args: &VerifyArgs) -> Result<ExitCode, String> {
         image: image.as_deref(),
         now: unix_ms() / 1_000,
     };
-    let found = inspect(&file, &keys, &expected).map_err(|fault| told(&args.file, &fault))?;
+    let found = inspect(&file, &keys, &expected);
+    let mut found = found.map_err(|fault| told(&args.file, &fault))?;
+    let gate = match &args.gate {
+        Some(path) => Some(Gate::read(path, &keys, &found.id.to_string())?),
+        None => None,
+    };
+    if let Some(fault) = gate.as_ref().and_then(Gate::fault) {
+        found.faults.push(Fault {
+            code: fault.code(),
+            text: fault.to_string(),
+        });
+    }
     if args.json {
-        println!("{}", table::json(&args.file, &found));
+        let mut object = table::json(&args.file, &found);
+        object["gate"] = gate.as_ref().map(Gate::json).into();
+        println!("{object}");
     } else {
         print!("{}", table::text(&args.file, &found));
+        print!("{}", gate.map(|gate| gate.text()).unwrap_or_default());
     }
     Ok(if found.faults.is_empty() {
         ExitCode::SUCCESS
     } else {
         ExitCode::FAILURE
     })
+}
+
+/// A report on a release, from a file.
+pub(crate) struct Gate<'a> {
+    path: &'a Path,
+    key: KeyId,
+    /// What is in the file.
+    pub(crate) file: Vec<u8>,
+    /// What it says, if it is believed.
+    pub(crate) report: Result<GateReport, GateFault>,
+}
+
+impl<'a> Gate<'a> {
+    /// Reads one that is to be about `release`.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or is none of a report.
+    pub(crate) fn read(path: &'a Path, keys: &[PublicKey], release: &str) -> Result<Self, String> {
+        let file = read(path, GATE_MAX)?;
+        let key = signer(&file).map_err(|fault| told(path, &fault))?;
+        let report = check(&file, keys, release);
+        Ok(Self {
+            path,
+            key,
+            file,
+            report,
+        })
+    }
+
+    /// What is against it: it is not believed, or says that the release did not pass.
+    fn fault(&self) -> Option<GateFault> {
+        match &self.report {
+            Ok(report) if report.passed => None,
+            Ok(_) => Some(GateFault::Failed),
+            Err(fault) => Some(fault.clone()),
+        }
+    }
+
+    /// The table.
+    pub(crate) fn text(&self) -> String {
+        gate::shown::text(self.path, self.key, &self.report)
+    }
+
+    fn json(&self) -> serde_json::Value {
+        gate::shown::json(self.path, &self.report)
+    }
 }
 
 pub(crate) fn told(path: &Path, what: &dyn std::fmt::Display) -> String {

@@ -1,16 +1,19 @@
-//! Releases that a server is to hand out.
+//! Releases that a server is to hand out, and what they were tried on.
 
 use std::process::ExitCode;
 
 use crawler_records::NewRelease;
+use crawler_updates::gate::GateReport;
 use crawler_updates::release::{Expected, FILE_MAX, inspect, split};
+use serde_json::{Value, json};
 
 use super::Console;
 use crate::config::{KeyFiles, Settings};
-use crate::release::{AddArgs, read, table, told};
+use crate::release::{AddArgs, Gate, read, table, told};
 use crawler_system::clock::{now_ms, unix_ms};
 
-/// Adds a release, if it is genuine. Otherwise says every reason against it, as `release verify` does.
+/// Adds a release, and its gate where one is named, if they are genuine. Otherwise says every reason against them, as
+/// `release verify` does. The gate of a release that is there already takes the place of another.
 pub(super) async fn add(args: &AddArgs, settings: &Settings) -> Result<ExitCode, String> {
     let keys = KeyFiles::list(settings.release_key.as_ref())?;
     if keys.is_empty() {
@@ -30,16 +33,63 @@ pub(super) async fn add(args: &AddArgs, settings: &Settings) -> Result<ExitCode,
     if !found.faults.is_empty() {
         return Ok(ExitCode::FAILURE);
     }
+    let gate = match &args.gate {
+        Some(path) => Some(Gate::read(path, &keys, &found.id.to_string())?),
+        None => None,
+    };
+    if let Some(gate) = &gate {
+        print!("{}", gate.text());
+    }
+    // It may say that the release did not pass: everybody is to see that, and rollouts refuse it.
+    let gate = match gate {
+        Some(Gate { report: Err(_), .. }) => return Ok(ExitCode::FAILURE),
+        Some(Gate {
+            file,
+            report: Ok(report),
+            ..
+        }) => Some((file, report)),
+        None => None,
+    };
     let (envelope, image) = split(&file).map_err(|fault| wrong(&fault))?;
     let console = Console::open(settings, false).await?;
     let new = NewRelease::of(envelope, image, &console.who, now_ms());
     let new = new.map_err(|fault| wrong(&fault))?;
     let detail = new.for_audit();
-    let id = new.id.clone();
-    let result = console.records.releases().add(new).await;
-    let added = console.noted("release.add", &id, detail, result).await;
+    let done = keep(&console, new, detail, gate).await;
     console.close().await;
-    added.map_err(|text| wrong(&text))?;
-    println!("added");
+    let added = done.map_err(|text| wrong(&text))?;
+    println!("{added}");
     Ok(ExitCode::SUCCESS)
+}
+
+/// Puts a release into the records, and its gate; the words for what was done.
+async fn keep(
+    console: &Console,
+    new: NewRelease,
+    detail: Value,
+    gate: Option<(Vec<u8>, GateReport)>,
+) -> Result<&'static str, String> {
+    let releases = console.records.releases();
+    let id = new.id.clone();
+    let known = releases.get(&id).await.map_err(|error| error.to_string())?;
+    let adds = gate.is_none() || known.is_none_or(|known| known.withdrawn.is_some());
+    if adds {
+        let result = releases.add(new).await;
+        console.noted("release.add", &id, detail, result).await?;
+    }
+    let Some((file, report)) = gate else {
+        return Ok("added");
+    };
+    let detail = json!({
+        "passed": report.passed,
+        "plan": report.plan,
+        "program": report.evaluator.program,
+    });
+    let result = releases.set_gate(&id, file, report.passed).await;
+    console.noted("release.gate", &id, detail, result).await?;
+    Ok(if adds {
+        "added, with its gate"
+    } else {
+        "was there already; has this gate now"
+    })
 }

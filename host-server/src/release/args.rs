@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 use crawler_bundle::{Defect, SIZE_DEFAULT, SIZE_MAX};
 use crawler_release::{Chip, Kind};
 use crawler_updates::delta::Side;
+use crawler_updates::gate::Digest;
 
 use crate::config::{KeyFiles, Layer};
 use crate::console::{Place, date, moment};
@@ -43,6 +44,9 @@ pub enum ReleaseTask {
     Add(AddArgs),
     /// Makes a patch from the image of one release to that of another
     Delta(DeltaArgs),
+    /// Tries a release on scenarios and recordings with the robot program of this command line, and signs what comes
+    /// of it
+    Gate(GateArgs),
 }
 
 /// What `release bundle` takes.
@@ -144,6 +148,9 @@ pub struct VerifyArgs {
     /// Sequence that it must be above
     #[arg(long, value_name = "N")]
     pub above: Option<u32>,
+    /// Report of `release gate`, which must say that this release passed
+    #[arg(long, value_name = "FILE")]
+    pub gate: Option<PathBuf>,
     /// One JSON object instead of a table
     #[arg(long)]
     pub json: bool,
@@ -159,6 +166,9 @@ pub struct AddArgs {
     /// those of the server's options]
     #[arg(long, value_name = "FILES")]
     pub release_key: Option<KeyFiles>,
+    /// Report of `release gate` to be kept with it; of a release that is there already, in the place of another
+    #[arg(long, value_name = "FILE")]
+    pub gate: Option<PathBuf>,
     #[command(flatten)]
     #[allow(missing_docs)] // a doc comment here would become the command's description
     pub place: Place,
@@ -196,6 +206,34 @@ impl DeltaArgs {
             Side::To => &self.to,
         }
     }
+}
+
+/// What `release gate` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Ends with 0 when the release passed, and with 1 when it did not, which the report says as well, or \
+    when it could not be tried."
+)]
+pub struct GateArgs {
+    /// File with the release
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Private key that signs the report: the one that has signed the release
+    #[arg(long, value_name = "FILE")]
+    pub key: PathBuf,
+    /// TOML file with scenarios and recordings, and what must come of them
+    #[arg(long, value_name = "FILE")]
+    pub plan: PathBuf,
+    /// Hash of the robot program's sources that `cargo xtask image` has printed for the image: another program is not
+    /// tried
+    #[arg(long, value_name = "HASH")]
+    pub program: Option<Digest>,
+    /// Worlds that run at the same time [default: one for each processor]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// File for the report
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
 }
 
 /// When a release expires.

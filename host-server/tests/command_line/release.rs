@@ -294,6 +294,192 @@ fn a_delta_is_made_between_two_releases() {
     assert!(!folder.path("none").exists());
 }
 
+/// A scenario that takes a moment, and asks for little.
+const STRAIGHT: &str = "
+name = \"straight\"
+duration_s = 25.0
+[arena]
+width = 4.0
+height = 2.0
+[spawn]
+poses = [{ x = -0.6, y = 0.0 }]
+[[goals]]
+x = 0.6
+y = 0.0
+[success]
+reach = \"all\"
+";
+
+const PLAN: &str = "
+[[evaluate]]
+scenario = \"straight.toml\"
+seeds = 2
+thresholds = [\"success >= 1\"]
+[[replay]]
+recording = \"run.mcap\"
+";
+
+const GATE: &str = "gate release --key keys/release-key.pem --plan gate.toml";
+
+#[test]
+fn a_release_is_tried_and_what_comes_of_it_is_signed() {
+    let folder = Folder::new();
+    folder.ok(&format!("{SIGN} --out release"));
+    folder.ok("keygen --out other");
+    folder.write("straight.toml", STRAIGHT.as_bytes());
+    folder.write("gate.toml", PLAN.as_bytes());
+    let mut replay = program();
+    replay.args(["replay", "--scenario", "straight.toml"]);
+    replay.args(["--until", "3", "--record", "run.mcap"]);
+    done(&replay.current_dir(&folder.0.0).output().expect("runs"));
+
+    let said = folder.ok(&format!("{GATE} --out release.gate"));
+    assert!(row(&said, "outcome").ends_with("passed"), "{said}");
+    let table = folder.ok(&format!("verify release {PUBLIC} --gate release.gate"));
+    assert!(table.contains("genuine"), "{table}");
+    for (name, value) in [
+        ("about", "(build abc123)"),
+        (
+            "evaluated",
+            "straight: 2 of 2 runs succeed; 1 robots, seeds 1 to 2",
+        ),
+        ("threshold", "95 % interval 0.3424 to 1.0000)"),
+        ("replayed", "run.mcap: 1 of 1 robots do the same"),
+        ("outcome", "passed"),
+    ] {
+        assert!(row(&table, name).ends_with(value), "{name}: {table}");
+    }
+    let with_gate = format!("release {PUBLIC} --gate");
+    assert!(
+        folder
+            .faults(&format!("{with_gate} release.gate"))
+            .is_empty()
+    );
+    let json = folder.ok(&format!("verify {with_gate} release.gate --json"));
+    let found: Value = serde_json::from_str(&json).expect("JSON");
+    let report = &found["gate"]["report"];
+    assert_eq!(
+        (&report["release"], &report["passed"]),
+        (&found["id"], &Value::Bool(true))
+    );
+    let program = report["evaluator"]["program"]
+        .as_str()
+        .expect("a hash")
+        .to_owned();
+
+    // What is against a report is said, as of a release.
+    let whole = folder.read("release.gate");
+    let mut changed = whole.clone();
+    *changed.last_mut().expect("bytes") ^= 1;
+    folder.write("changed.gate", &changed);
+    folder.ok(&format!("{} --out later", SIGN.replace("12", "13")));
+    for (arguments, codes) in [
+        (
+            format!("{with_gate} changed.gate"),
+            &["gate_bad_signature"][..],
+        ),
+        (
+            "release --gate release.gate".to_owned(),
+            &["no_key", "gate_no_key"],
+        ),
+        (
+            "release --public other/release-public.pem --gate release.gate".to_owned(),
+            &["unknown_key", "gate_unknown_key"],
+        ),
+        (
+            format!("later {PUBLIC} --gate release.gate"),
+            &["gate_other_release"],
+        ),
+    ] {
+        assert_eq!(folder.faults(&arguments), codes, "{arguments}");
+    }
+    let said = folder.refused(&format!("verify {with_gate} image"));
+    assert!(said.contains("image: "), "{said}");
+
+    // It binds to a program: that of the image has to be this one.
+    let bound = format!("{GATE} --program {program} --out bound.gate");
+    assert!(folder.ok(&bound).contains("passed"));
+    let other = program.replace(
+        &program[..1],
+        if program.starts_with('0') { "1" } else { "0" },
+    );
+    let said = folder.refused(&format!("{GATE} --program {other} --out none"));
+    assert!(said.contains("other sources"), "{said}");
+
+    // Nothing is written over, and nothing is tried that is not genuine.
+    let said = folder.refused(&format!("{GATE} --out release.gate"));
+    assert!(said.contains("release.gate exists already"), "{said}");
+    for (from, to, why) in [
+        ("keys/", "other/", "release: signed with the unknown key"),
+        ("gate release", "gate image", "image: not a release"),
+        ("gate.toml", "nowhere.toml", "cannot read nowhere.toml"),
+        ("gate.toml", "straight.toml", "straight.toml: "),
+    ] {
+        let said = folder.refused(&format!("{} --out none", GATE.replace(from, to)));
+        assert!(said.contains(why), "{from}: {said}");
+    }
+    assert!(!folder.path("none").exists());
+    assert_eq!(folder.read("release.gate"), whole);
+}
+
+#[test]
+fn a_release_that_does_not_pass_has_a_report_that_says_so() {
+    let folder = Folder::new();
+    folder.ok(&format!("{SIGN} --out release"));
+    folder.write("straight.toml", STRAIGHT.as_bytes());
+    let evaluate = PLAN.split("[[replay]]").next().expect("a part");
+    folder.write("gate.toml", evaluate.replace(">= 1", "<= 0.5").as_bytes());
+    let output = folder.run(&format!("{GATE} --out failed.gate"));
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(row(&said, "outcome").ends_with("NOT PASSED"), "{said}");
+    let faults = folder.faults(&format!("release {PUBLIC} --gate failed.gate"));
+    assert_eq!(faults, ["gate_failed"]);
+
+    // What was expected and is not there is as bad as what is there and was not.
+    let mut replay = program();
+    replay.args(["replay", "--scenario", "straight.toml"]);
+    replay.args(["--until", "3", "--record", "run.mcap"]);
+    done(&replay.current_dir(&folder.0.0).output().expect("runs"));
+    let expected =
+        "expected = [{ robot = \"sim-0001\", output = \"duty\", at_s = 1.5, why = \"slower\" }]";
+    folder.write("gate.toml", format!("{PLAN}{expected}\n").as_bytes());
+    let output = folder.run(&format!("{GATE} --out missing.gate"));
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(
+        row(&said, "difference").ends_with("NOT FOUND, although expected (slower)"),
+        "{said}"
+    );
+}
+
+/// `release add` keeps a report beside its release, also later.
+#[test]
+fn a_gate_is_added_with_its_release() {
+    let place = Place::with_admin();
+    let folder = Folder::new();
+    folder.ok(&format!("{SIGN} --out release"));
+    folder.write("straight.toml", STRAIGHT.as_bytes());
+    let evaluate = PLAN.split("[[replay]]").next().expect("a part");
+    folder.write("gate.toml", evaluate.as_bytes());
+    folder.ok(&format!("{GATE} --out release.gate"));
+    let data = place.path().display();
+    let add = |more: &str| {
+        format!("add release --release-key keys/release-public.pem --data {data}{more}")
+    };
+    folder.write("text", b"text");
+    let said = folder.refused(&add(" --gate text"));
+    assert!(said.contains("not a report"), "{said}");
+    let said = folder.ok(&add(" --gate release.gate"));
+    assert!(said.ends_with("added, with its gate\n"), "{said}");
+    let said = folder.ok(&add(" --gate release.gate"));
+    assert!(said.ends_with("has this gate now\n"), "{said}");
+    folder.refused(&add(""));
+    let log = place.ok(&["audit", "list"]);
+    assert_eq!(log.matches("release.gate").count(), 2, "{log}");
+    assert_eq!(log.matches("release.add").count(), 2, "{log}");
+}
+
 #[test]
 fn keys_are_not_lost_and_not_shown() {
     let folder = Folder::new();

@@ -9,6 +9,7 @@ mod elf_bench;
 mod failure;
 mod pack;
 mod partitions;
+mod sources;
 mod weigh;
 
 use std::path::{Path, PathBuf};
@@ -76,7 +77,7 @@ fn pack(arguments: &[String]) -> Outcome {
         images.update.len(),
         app_image::build(&images.update).when(update.display())?
     );
-    Ok(())
+    print_program()
 }
 
 /// Writes release keys into a program.
@@ -101,6 +102,13 @@ fn keys(arguments: &[String]) -> Outcome {
     Ok(())
 }
 
+/// Tells which sources the robot program is made of, for `terracrawler release gate`.
+fn print_program() -> Outcome {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..");
+    println!("program {}", sources::hash(&root).when(root.display())?);
+    Ok(())
+}
+
 /// Packs the program of the emulated board.
 fn slot(arguments: &[String]) -> Outcome {
     let elf = PathBuf::from(option(arguments, "--elf")?);
@@ -115,7 +123,7 @@ fn slot(arguments: &[String]) -> Outcome {
         image.len(),
         build.escape_ascii()
     );
-    Ok(())
+    print_program()
 }
 
 /// The value that follows `name`.

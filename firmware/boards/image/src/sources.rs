@@ -1,0 +1,71 @@
+//! Which sources a robot program is made of, as one hash: the same for the program in an image and for the one that a
+//! simulator is compiled with, where both come from the same tree. The image tool and the build of the server's command
+//! line include this file.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest as _, Sha256};
+
+/// The crates that the robot program consists of on every board, and in the simulator: folders below the root of the
+/// repository.
+pub(crate) const CRATES: [&str; 7] = [
+    "firmware/app",
+    "firmware/boot",
+    "firmware/drivers",
+    "firmware/hal",
+    "firmware/protocol",
+    "firmware/release",
+    "models/micromodel",
+];
+
+/// SHA-256, in hexadecimal digits, over the manifests and sources of [`CRATES`], by name: name, a zero, length, content of each file. What a
+/// board adds is not in it.
+///
+/// # Errors
+/// When a file cannot be read.
+pub(crate) fn hash(root: &Path) -> io::Result<String> {
+    let mut files = Vec::new();
+    for name in CRATES {
+        files.push(format!("{name}/Cargo.toml"));
+        below(root, &format!("{name}/src"), &mut files)?;
+    }
+    files.sort_unstable();
+    let mut hash = Sha256::new();
+    for file in files {
+        let content = fs::read(path(root, &file))?;
+        hash.update(file.as_bytes());
+        hash.update([0]);
+        hash.update((content.len() as u64).to_le_bytes());
+        hash.update(content);
+    }
+    let mut digits = String::new();
+    for byte in hash.finalize() {
+        // Writing to a String does not fail.
+        let _ = write!(digits, "{byte:02x}");
+    }
+    Ok(digits)
+}
+
+fn path(root: &Path, name: &str) -> PathBuf {
+    name.split('/')
+        .fold(root.to_owned(), |path, part| path.join(part))
+}
+
+/// The files in a folder and those below it.
+fn below(root: &Path, folder: &str, files: &mut Vec<String>) -> io::Result<()> {
+    for entry in fs::read_dir(path(root, folder))? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let name = name.to_str().ok_or(io::ErrorKind::InvalidFilename)?;
+        let name = format!("{folder}/{name}");
+        if entry.file_type()?.is_dir() {
+            below(root, &name, files)?;
+        } else {
+            files.push(name);
+        }
+    }
+    Ok(())
+}
