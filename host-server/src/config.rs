@@ -25,7 +25,7 @@ use crawler_server_tls::CertificateOptions;
 
 pub use keys::{KeyFiles, NoKeyFiles};
 pub(crate) use layer::KEYS;
-pub use layer::{Layer, LogFormat};
+pub use layer::{Layer, LogFormat, RequireGate};
 pub use options::{Common, EngineOptions, RobotOptions, ServerOptions, TlsOptions};
 pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
 
@@ -94,6 +94,8 @@ pub struct Settings {
     pub record: Option<PathBuf>,
     /// Public keys by which the server and simulated robots believe releases; `None` when they take none.
     pub release_key: Option<KeyFiles>,
+    /// Of which releases a rollout demands a gate that has passed.
+    pub require_gate: RequireGate,
     /// Log filter in the syntax of `tracing_subscriber::EnvFilter`.
     pub log: String,
     /// How log lines are written.
@@ -253,6 +255,7 @@ impl Settings {
             radio_proxy: merged.radio_proxy.filter(|_| role != Role::Serve),
             record: merged.record,
             release_key: merged.release_key,
+            require_gate: merged.require_gate.unwrap_or_default(),
             log: merged
                 .log
                 .unwrap_or_else(|| "info,rmqtt=error,rmqtt_net=error".into()),

@@ -86,7 +86,7 @@ fn commands_of_the_console_can_be_meant() {
     assert!(count > 5, "only {count} commands of the console");
 }
 
-/// Keys, a program, a model and a bundle, made, verified and added one after the other in one folder, where there is
+/// Keys, a program, a model, a bundle and a gate, made, verified and added one after the other in one folder, where there is
 /// a server's data.
 #[test]
 fn releases_are_made_as_the_page_says() {
@@ -98,13 +98,19 @@ fn releases_are_made_as_the_page_says() {
     let server: Vec<_> = server.split(' ').map(str::to_owned).collect();
     let output = programs::output(program(folder.path(), &server));
     assert!(output.status.success(), "{}", said(&output));
+    let plan = block("docs/updates.md", "# gate.toml");
+    std::fs::write(folder.path().join("gate.toml"), plan).expect("a plan");
     let mut done = Vec::new();
     for example in examples(&Page::read("docs/updates.md")) {
         for command in &example.commands {
             let words = match command.words.split_first() {
-                Some((name, words)) if name == "terracrawler" && words[0] == "release" => words,
+                Some((name, words)) if name == "terracrawler" => words,
                 _ => continue,
             };
+            // Recordings are what gates replay.
+            if !["release", "replay"].contains(&&*words[0]) {
+                continue;
+            }
             let image_at = words.iter().position(|word| word == "--image");
             let path = image_at.map(|at| folder.path().join(&words[at + 1]));
             if let Some(path) = path.filter(|path| !path.exists()) {
@@ -115,10 +121,12 @@ fn releases_are_made_as_the_page_says() {
             }
             let output = programs::output(program(folder.path(), words));
             assert!(output.status.success(), "{words:?}: {}", said(&output));
-            done.push(words[1].clone());
+            if words[0] == "release" {
+                done.push(words[1].clone());
+            }
         }
     }
-    let all = "keygen sign sign verify verify add sign bundle sign add bundle sign sign delta";
+    let all = "keygen sign sign verify verify add gate verify add sign bundle sign add bundle sign sign delta";
     assert_eq!(done.join(" "), all);
 }
 

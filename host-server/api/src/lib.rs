@@ -125,6 +125,7 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 .routes(routes!(experiments::metrics))
                 .routes(routes!(releases::list, releases::add))
                 .routes(routes!(releases::one))
+                .routes(routes!(releases::gate::one, releases::gate::attach))
                 .routes(routes!(releases::withdraw))
                 .routes(
                     routes!(rollouts::list, rollouts::start)

@@ -43,13 +43,13 @@ pub(crate) struct Problem {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<FieldError>>)]
     errors: Option<Box<Fields>>,
-    /// Every reason against a release, with the codes of `terracrawler release verify`.
+    /// Every reason against a release, or against its gate, with the codes of `terracrawler release verify`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<ReleaseFault>>)]
     faults: Option<Box<Faults>>,
 }
 
-/// A reason against a release.
+/// A reason against a release, or against its gate.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct ReleaseFault {
     /// A stable name.
@@ -89,6 +89,11 @@ impl Problem {
 
     /// A file that is no release, or not a genuine one.
     pub(crate) fn of_release(faults: Vec<Fault>) -> Self {
+        Self::of_file(Code::InvalidRelease, faults)
+    }
+
+    /// A file that is not what it should be, for these reasons.
+    pub(crate) fn of_file(code: Code, faults: Vec<Fault>) -> Self {
         let told: Vec<_> = faults
             .iter()
             .map(|fault| format!("{}: {}", fault.code, fault.text))
@@ -99,7 +104,7 @@ impl Problem {
         });
         Self {
             faults: Some(Box::new(Faults(faults.collect()))),
-            ..Self::new(Code::InvalidRelease, told.join("; "))
+            ..Self::new(code, told.join("; "))
         }
     }
 

@@ -1,6 +1,7 @@
-//! Releases: taken in, shown, withdrawn.
+//! Releases: taken in, with their gates, shown, withdrawn.
 
 mod arrival;
+pub(super) mod gate;
 mod view;
 
 use std::sync::Arc;
@@ -27,6 +28,7 @@ use super::query::{self, ApiQuery, bad_query};
 use super::state::{ApiState, Uploads};
 use crawler_fleet::{Level, SharedFleet};
 use crawler_system::clock::now_ms;
+use crawler_updates::release::FILE_MAX;
 use view::{ReleaseDetail, ReleaseList, ReleaseView};
 
 /// Where releases are, and where new ones go.
@@ -123,20 +125,26 @@ impl ReleaseKeeper {
         self.fleet.lock().events.push(level, None, text);
     }
 
-    /// Takes in the file that a request brings.
-    async fn take(&self, caller: &Caller, request: Request) -> Result<NewRelease, Problem> {
+    /// Refuses where there is no key to believe anything by.
+    fn believes(&self) -> Result<(), Problem> {
         if self.keys.is_empty() {
             return Err(Problem::new(
                 Code::NoReleaseKeys,
                 "this server knows no public key, and so believes no release: name some with --release-key",
             ));
         }
+        Ok(())
+    }
+
+    /// Takes in the file that a request brings.
+    async fn take(&self, caller: &Caller, request: Request) -> Result<NewRelease, Problem> {
+        self.believes()?;
         // As much of it is in memory as there are places.
         let _place = self.uploads.0.try_acquire().map_err(|_| {
             let wait = std::time::Duration::from_secs(2);
             Problem::later(Code::Busy, "other releases are arriving", wait)
         })?;
-        let file = arrival::receive(request).await?;
+        let file = arrival::receive(request, FILE_MAX).await?;
         let keys = Arc::clone(&self.keys);
         let (by, now) = (caller.name(), now_ms());
         // Hashing megabytes takes its time.

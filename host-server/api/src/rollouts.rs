@@ -106,6 +106,10 @@ pub(super) struct PlanSchema {
     /// How long a robot may take.
     #[schema(value_type = Option<Object>)]
     timeouts: (),
+    /// Why releases go out although they have no gate that has passed: 1 to 512 bytes on one line, which everybody
+    /// sees, and the audit log keeps.
+    #[schema(value_type = Option<String>, min_length = 1, max_length = 128)]
+    override_gate: (),
 }
 
 fn unknown() -> Problem {
@@ -127,7 +131,9 @@ impl From<RolloutError> for Problem {
         let text = error.to_string();
         match error {
             RolloutError::Unknown => unknown(),
-            RolloutError::Release(..)
+            RolloutError::NoGate(_) => Self::new(Code::GateMissing, text),
+            RolloutError::Override
+            | RolloutError::Release(..)
             | RolloutError::UnknownRelease(_)
             | RolloutError::Plan(_)
             | RolloutError::Start(_) => Self::new(Code::InvalidRollout, text),
@@ -172,14 +178,16 @@ pub(super) async fn list(
 /// Begins a rollout
 ///
 /// Releases are named by their ids; what is known of them is filled in. Robots that an earlier rollout has, and that
-/// this one is for, go over to it, but for those on trial.
+/// this one is for, go over to it, but for those on trial. Where a release has no gate that has passed, and the server
+/// demands one, nothing begins without `override_gate`.
 #[utoipa::path(post, path = "/rollouts", tag = "updates",
     request_body = PlanSchema,
     responses(
         (status = 201, description = "It has begun", body = RolloutView),
         (status = 400, description = "Not JSON"),
         (status = 409, description = "There are as many at work as may be"),
-        (status = 422, description = "The plan cannot be carried out: `detail` says why"),
+        (status = 422, description = "The plan cannot be carried out, `detail` says why; or a release has no gate \
+                                      that has passed (`gate_missing`)"),
         (status = 503, description = "The records are away")))]
 pub(super) async fn start(
     State(rollouts): State<Arc<Rollouts>>,

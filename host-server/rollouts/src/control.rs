@@ -53,6 +53,10 @@ pub enum RolloutError {
     Release(ReleaseId, &'static str),
     /// The plan cannot be carried out.
     Plan(PlanError),
+    /// These releases have no gate that has passed, and nobody says why they go out all the same.
+    NoGate(Vec<ReleaseId>),
+    /// A reason to go without a gate is none.
+    Override,
     /// The plan is for nobody, or for too many.
     Start(StartError),
     /// It makes no sense as things are.
@@ -74,6 +78,16 @@ impl fmt::Display for RolloutError {
             Self::UnknownRelease(id) => write!(f, "there is no release {id}"),
             Self::Release(id, why) => write!(f, "release {id} cannot be rolled out: {why}"),
             Self::Plan(error) => error.fmt(f),
+            Self::NoGate(releases) => {
+                let releases: Vec<_> = releases.iter().map(ReleaseId::as_str).collect();
+                write!(
+                    f,
+                    "no gate that has passed: {} (`release gate` makes one; `override_gate` with a reason goes \
+                     without)",
+                    releases.join(", ")
+                )
+            }
+            Self::Override => f.write_str("override_gate: a reason of 1 to 512 bytes on one line"),
             Self::Start(error) => error.fmt(f),
             Self::Command(error) => error.fmt(f),
             Self::Records(error) => error.fmt(f),

@@ -10,13 +10,14 @@
 //! their own, over the same MQTT session as offers, which is not the one of commands: a `stop` never waits behind
 //! a chunk.
 //!
-//! Reading order: `plan`, what people ask for; `image`, what robots get; `active`, the rollouts of this server;
+//! Reading order: `plan`, what people ask for; `gate`, what must be known of releases before; `image`, what robots get; `active`, the rollouts of this server;
 //! `step`, what is stored of a step; `report`, what robots say; `pulls`, who asks for which chunks, and `sender`,
 //! which sends them; `link`, the session; `runner`, which has all of it, with `lease` and `robots`; `control` and
 //! `view`, what the API asks for; `numbers`, the metrics.
 
 mod active;
 mod control;
+mod gate;
 mod image;
 mod lease;
 mod link;
@@ -46,6 +47,7 @@ use numbers::Numbers;
 use pulls::Pulls;
 
 pub use control::{Action, RolloutError};
+pub use gate::GateDemand;
 pub use lease::LEASE;
 pub use plan::{Asked, NewPlan};
 pub use robots::{RobotView, Robots};
@@ -72,6 +74,8 @@ pub struct Parts {
     pub session: MqttOptions,
     /// After how long without a word another server counts as gone: [`LEASE`].
     pub lease: Duration,
+    /// Of which releases a gate is demanded.
+    pub gates: GateDemand,
     /// Tells what happens.
     pub tell: Tell,
 }
@@ -82,6 +86,7 @@ pub struct Rollouts {
     server: ServerId,
     fleet: Fleet,
     robots: Arc<dyn Robots>,
+    gates: GateDemand,
     tell: Tell,
     began: Instant,
     active: Mutex<ActiveRollouts>,
@@ -105,6 +110,7 @@ impl Rollouts {
             server: ServerId::new(&parts.server)?,
             fleet: parts.fleet,
             robots: parts.robots,
+            gates: parts.gates,
             tell: parts.tell,
             began: Instant::now(),
             active: Mutex::default(),

@@ -255,6 +255,7 @@ mod tests {
             robots: Arc::new(Nobody),
             session: options.clone(),
             lease: crate::LEASE,
+            gates: crate::GateDemand::default(),
             tell: Box::new(|_, _, _| {}),
         };
         let (rollouts, _runner) = Rollouts::new(parts).expect("a name");

@@ -11,6 +11,7 @@ use crawler_updates::rollout::{
 use serde::{Deserialize, Serialize};
 
 use crate::control::RolloutError;
+use crate::gate::{self, GateDemand};
 
 /// A release that is asked for.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,6 +44,10 @@ pub struct NewPlan {
     /// As [`Plan::timeouts`].
     #[serde(default)]
     pub timeouts: Timeouts,
+    /// Why releases go out although they have no passing gate, 1 to 512 bytes on one line. Says nothing where all
+    /// have one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub override_gate: Option<String>,
 }
 
 impl NewPlan {
@@ -51,23 +56,31 @@ impl NewPlan {
         self,
         records: &Records,
         now_ms: u64,
+        demand: GateDemand,
     ) -> Result<Plan, RolloutError> {
         let mut releases = Vec::with_capacity(self.releases.len());
+        let mut ungated = Vec::new();
         for asked in self.releases {
             let kept = records.releases().get(asked.release.as_str()).await?;
+            if kept.as_ref().is_some_and(|kept| demand.refuses(kept)) {
+                ungated.push(asked.release.clone());
+            }
             releases.push(planned(asked, kept, now_ms)?);
         }
-        let plan = Plan {
+        let mut plan = Plan {
             releases,
             phases: self.phases,
             limits: self.limits,
             window: self.window,
             retries: self.retries,
             timeouts: self.timeouts,
+            override_gate: None,
         };
         plan.check().map_err(RolloutError::Plan)?;
         let newest = newest(records, &plan).await?;
         plan.check_sequences(&newest).map_err(RolloutError::Plan)?;
+        // Last, so that nothing but the gate is in the way of who is told of it.
+        plan.override_gate = gate::overridden(self.override_gate.as_deref(), ungated)?;
         Ok(plan)
     }
 }

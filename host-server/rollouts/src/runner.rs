@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crawler_protocol::{ReleaseId, RobotId, Topic, UpdateCommand};
-use crawler_records::{NewRollout, RecordsError, RolloutStep, Written};
+use crawler_records::{EventLevel, NewRollout, RecordsError, RolloutStep, Written};
 use crawler_updates::rollout::{
     Command, CommandError, Effect, Event, Message, Owner, Plan, Rollout, RolloutId, RolloutState,
     Step,
@@ -25,7 +25,7 @@ use crate::link::{self, Heard};
 use crate::plan::NewPlan;
 use crate::robots::Known;
 use crate::view::damaged;
-use crate::{Rollouts, sender, step};
+use crate::{Rollouts, gate, sender, step};
 
 /// How often to look at robots and at what is due.
 const LOOK: Duration = Duration::from_millis(250);
@@ -507,7 +507,9 @@ impl Runner {
     async fn start(&mut self, by: String, plan: NewPlan) -> Result<i64, RolloutError> {
         let rollouts = Arc::clone(&self.rollouts);
         let records = &rollouts.records;
-        let plan = plan.resolve(records, rollouts.now().unix_ms).await?;
+        let plan = plan
+            .resolve(records, rollouts.now().unix_ms, rollouts.gates)
+            .await?;
         let mut blobs = Vec::new();
         for release in &plan.releases {
             let blob = Blob::load(records, release).await?;
@@ -546,10 +548,15 @@ impl Runner {
                 id,
                 by: by.to_owned(),
                 owner: rollouts.server.as_str().to_owned(),
-                step: self.to_records(id, &step)?,
+                step: gate::noted(self.to_records(id, &step)?, id, by, plan),
             };
             match records.add(new).await {
-                Ok(()) => return Ok((id, rollout, step)),
+                Ok(()) => {
+                    if let Some(text) = gate::told(id, by, plan) {
+                        (rollouts.tell)(EventLevel::Warn, None, text);
+                    }
+                    return Ok((id, rollout, step));
+                }
                 // Another server began one just now.
                 Err(RecordsError::Exists) => {}
                 Err(error) => return Err(error.into()),

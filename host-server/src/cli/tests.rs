@@ -106,6 +106,7 @@ fn every_key_is_known_in_every_source() {
         ("radio_proxy", "127.0.0.1:3", "\"127.0.0.1:3\""),
         ("record", "r.mcap", "\"r.mcap\""),
         ("release_key", "k.pem,n.pem", "\"k.pem, n.pem\""),
+        ("require_gate", "all", "\"all\""),
         ("log", "debug", "\"debug\""),
         ("log_format", "json", "\"json\""),
         ("tls", "on", "\"on\""),

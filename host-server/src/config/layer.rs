@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crawler_protocol::Fleet;
+use crawler_rollouts::GateDemand;
 use serde::Deserialize;
 
 use super::{
@@ -38,8 +39,44 @@ impl FromStr for LogFormat {
     }
 }
 
+/// Of which releases a rollout demands a gate that has passed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum RequireGate {
+    /// Of those for boards, not of those for simulated robots.
+    #[default]
+    Boards,
+    /// Of all.
+    All,
+    /// Of none.
+    None,
+}
+
+impl FromStr for RequireGate {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "boards" => Ok(Self::Boards),
+            "all" => Ok(Self::All),
+            "none" => Ok(Self::None),
+            _ => Err("must be `boards`, `all` or `none`"),
+        }
+    }
+}
+
+impl From<RequireGate> for GateDemand {
+    fn from(option: RequireGate) -> Self {
+        match option {
+            RequireGate::Boards => Self::Boards,
+            RequireGate::All => Self::All,
+            RequireGate::None => Self::None,
+        }
+    }
+}
+
 /// Every key, as the file spells it.
-pub(crate) const KEYS: [&str; 26] = [
+pub(crate) const KEYS: [&str; 27] = [
     "fleet",
     "broker",
     "mqtt",
@@ -56,6 +93,7 @@ pub(crate) const KEYS: [&str; 26] = [
     "radio_proxy",
     "record",
     "release_key",
+    "require_gate",
     "log",
     "log_format",
     "tls",
@@ -104,6 +142,8 @@ pub struct Layer {
     pub record: Option<PathBuf>,
     /// Public keys by which the server, and its simulated robots, believe releases.
     pub release_key: Option<KeyFiles>,
+    /// Of which releases a gate is demanded.
+    pub require_gate: Option<RequireGate>,
     /// Log filter.
     pub log: Option<String>,
     /// How log lines are written.
@@ -201,6 +241,7 @@ impl Layer {
             "radio_proxy" => self.radio_proxy = parse(value)?,
             "record" => self.record = Some(PathBuf::from(value)),
             "release_key" => self.release_key = parse(value)?,
+            "require_gate" => self.require_gate = parse(value)?,
             "log" => self.log = Some(value.to_owned()),
             "log_format" => self.log_format = parse(value)?,
             "tls" => self.tls = parse(value)?,
@@ -239,6 +280,7 @@ impl Layer {
         fill(&mut self.radio_proxy, weaker.radio_proxy.as_ref());
         fill(&mut self.record, weaker.record.as_ref());
         fill(&mut self.release_key, weaker.release_key.as_ref());
+        fill(&mut self.require_gate, weaker.require_gate.as_ref());
         fill(&mut self.log, weaker.log.as_ref());
         fill(&mut self.log_format, weaker.log_format.as_ref());
         fill(&mut self.tls, weaker.tls.as_ref());

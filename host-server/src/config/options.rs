@@ -9,8 +9,8 @@ use crawler_protocol::Fleet;
 
 use super::layer::parse_fleet;
 use super::{
-    BrokerUrl, EngineUrl, Influx, KeyFiles, Layer, LogFormat, Networks, Postgres, Redis, TlsMode,
-    TlsNames,
+    BrokerUrl, EngineUrl, Influx, KeyFiles, Layer, LogFormat, Networks, Postgres, Redis,
+    RequireGate, TlsMode, TlsNames,
 };
 
 /// Options of every command.
@@ -80,6 +80,10 @@ pub struct ServerOptions {
     /// No accounts: everyone who reaches the server may do everything
     #[arg(long, num_args = 0..=1, default_missing_value = "true", value_name = "BOOL")]
     pub open: Option<bool>,
+    /// Of which releases a rollout demands a gate that has passed, unless an administrator overrides it; `boards`: of
+    /// all but those for simulated robots [default: boards]
+    #[arg(long, value_enum, value_name = "WHICH", hide_possible_values = false)]
+    pub require_gate: Option<RequireGate>,
     /// Trials of experiments that run at the same time [default: one for every two processors]
     #[arg(long, value_name = "N")]
     pub experiment_threads: Option<NonZeroU8>,
@@ -102,6 +106,7 @@ impl ServerOptions {
         layer.tls_client_ca = self.tls.tls_client_ca;
         layer.mqtt_plain = self.tls.mqtt_plain;
         layer.open = self.open;
+        layer.require_gate = self.require_gate;
         layer.experiment_threads = self.experiment_threads;
     }
 }

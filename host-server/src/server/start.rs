@@ -212,6 +212,7 @@ fn roll_out(
         robots: Arc::new(FleetRobots(Arc::clone(&hub.fleet))),
         session: session.clone().beside("updates").options(MAX_REPORT),
         lease: crawler_rollouts::LEASE,
+        gates: settings.require_gate.into(),
         tell,
     })
     .map_err(|_| StartError::Internal("a name of the server"))?;

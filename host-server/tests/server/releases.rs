@@ -3,7 +3,11 @@
 use crate::support::closed::{ADMIN, OPERATOR, VIEWER};
 use crate::support::{Answer, Fixture, Scratch, eventually};
 use crawler_release::{Kind, Requires};
-use crawler_server::config::{KeyFiles, Role};
+use crawler_server::config::{KeyFiles, RequireGate, Role};
+use crawler_updates::gate::{
+    Bound, Digest, Estimate, Evaluated, Evaluator, GATE_FORMAT, GATE_MAX, GateReport, Threshold,
+    sign,
+};
 use crawler_updates::release::{FILE_MAX, SecretKey, SignOptions, join};
 use hyper::Method;
 use serde_json::{Value, json};
@@ -60,6 +64,43 @@ async fn add(fixture: &Fixture, file: &[u8]) -> Answer {
     fixture.call(Method::POST, RELEASES, &[FILE], file).await
 }
 
+/// A report on a release, which passed or did not.
+fn report(release: &str, passed: bool) -> GateReport {
+    let measured = Estimate {
+        mean: if passed { 0.95 } else { 0.5 },
+        low: 0.1,
+        high: 1.0,
+        runs: 20,
+    };
+    GateReport {
+        format: GATE_FORMAT,
+        release: release.to_owned(),
+        build: "abc123".to_owned(),
+        made: 1_798_761_600,
+        evaluator: Evaluator {
+            version: "0.1.0".to_owned(),
+            protocol: 1,
+            program: Digest([7; 32]),
+        },
+        plan: Digest([0xA5; 32]),
+        evaluations: vec![Evaluated {
+            scenario: "simple-navigation".to_owned(),
+            sha256: Digest([1; 32]),
+            robots: 3,
+            seed: 1,
+            seeds: 20,
+            successes: 19,
+            thresholds: vec![Threshold {
+                metric: "success".to_owned(),
+                bound: Bound::AtLeast(0.9),
+                measured: Some(measured),
+            }],
+        }],
+        replays: Vec::new(),
+        passed,
+    }
+}
+
 async fn list(fixture: &Fixture, query: &str) -> Value {
     let answer = fixture.get(&format!("{RELEASES}{query}")).await;
     assert_eq!(answer.status, 200, "{}", answer.text());
@@ -109,6 +150,7 @@ async fn a_genuine_release_is_kept_and_told_of() {
         ("blocks", json!(3)),
         ("delta", Value::Null),
         ("requires", json!({ "sequence": 0, "protocol": 0 })),
+        ("gate", Value::Null),
         ("withdrawn", Value::Null),
     ] {
         assert_eq!(release[field], value, "{field}");
@@ -325,4 +367,157 @@ async fn a_server_without_a_key_believes_nobody() {
     answer.is_problem(409, "no_release_keys");
     assert!(answer.text().contains("--release-key"), "{}", answer.text());
     fixture.stop().await;
+}
+
+/// Attaching and showing a gate, and what rollouts make of it: nothing else is in their way but that there are no
+/// robots.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_gate_is_attached_shown_and_demanded() {
+    let signer = Signer::new();
+    let fixture = Fixture::start_with(|layer| layer.release_key = signer.keys()).await;
+    let added = add(&fixture, &signer.release(12, b"image", |_| {})).await;
+    let release = added.json();
+    let id = release["id"].as_str().expect("an id");
+    let path = format!("{RELEASES}/{id}/gate");
+    let attach = async |file: &[u8]| fixture.call(Method::POST, &path, &[FILE], file).await;
+    let begin = async |more: &[(&str, Value)]| {
+        let phases = json!([{ "select": { "share": 100 } }]);
+        let mut plan = json!({ "releases": [{ "release": id }], "phases": phases });
+        for (field, value) in more {
+            plan[*field] = value.clone();
+        }
+        fixture.post("/api/v1/rollouts", &plan.to_string()).await
+    };
+    fixture.get(&path).await.is_problem(404, "no_gate");
+    let missing = begin(&[]).await;
+    missing.is_problem(422, "gate_missing");
+    assert!(missing.text().contains(id), "{}", missing.text());
+
+    let passed = sign(&report(id, true), &signer.key).expect("signed");
+    let mut flipped = passed.clone();
+    flipped[200] ^= 1;
+    let other = sign(&report("0123456789abcdef", true), &signer.key).expect("signed");
+    let forged = sign(&report(id, true), &Signer::new().key).expect("signed");
+    for (file, code) in [
+        (&b"text"[..], "no_report"),
+        (&passed[..60], "no_report"),
+        (&flipped, "gate_bad_signature"),
+        (&forged, "gate_unknown_key"),
+        (&other, "gate_other_release"),
+    ] {
+        let refused = attach(file).await;
+        refused.is_problem(422, "invalid_gate");
+        assert_eq!(codes(&refused), [code]);
+    }
+    attach(&vec![0; GATE_MAX + 1])
+        .await
+        .is_problem(413, "too_large");
+    let answer = fixture.post(&path, "{}").await;
+    answer.is_problem(415, "unsupported_media_type");
+    for nobody in ["0000000000000000", "x"] {
+        let path = format!("{RELEASES}/{nobody}/gate");
+        let unknown = fixture.call(Method::POST, &path, &[FILE], &passed).await;
+        unknown.is_problem(404, "unknown_release");
+        fixture.get(&path).await.is_problem(404, "unknown_release");
+    }
+    fixture.get(&path).await.is_problem(404, "no_gate");
+
+    // One that failed is shown, and does not open the way.
+    let failed = sign(&report(id, false), &signer.key).expect("signed");
+    let attached = attach(&failed).await;
+    assert_eq!(attached.status, 200, "{}", attached.text());
+    assert_eq!(attached.json()["gate"], "failed");
+    let text = format!(
+        "release {id} (program 0.4.0 for virt) did not pass its gate, which was attached by anonymous"
+    );
+    told(&fixture, "warn", &text).await;
+    begin(&[]).await.is_problem(422, "gate_missing");
+    let nobody = begin(&[("override_gate", json!("a robot is stuck"))]).await;
+    nobody.is_problem(422, "invalid_rollout");
+    assert!(
+        nobody.text().contains("no phase selects"),
+        "{}",
+        nobody.text()
+    );
+    let long = "x".repeat(513);
+    for wrong in ["", " ", "a\nb", long.as_str()] {
+        let refused = begin(&[("override_gate", json!(wrong))]).await;
+        refused.is_problem(422, "invalid_rollout");
+        assert!(
+            refused.text().contains("override_gate"),
+            "{}",
+            refused.text()
+        );
+    }
+
+    assert_eq!(attach(&passed).await.json()["gate"], "passed");
+    assert_eq!(list(&fixture, "").await["releases"][0]["gate"], "passed");
+    let shown = fixture.get(&path).await.json();
+    assert_eq!(shown["key"], signer.key.public().id().to_string());
+    let signed = serde_json::to_value(report(id, true)).expect("JSON");
+    assert_eq!(shown["report"], signed);
+    let nobody = begin(&[]).await;
+    nobody.is_problem(422, "invalid_rollout");
+    assert!(
+        nobody.text().contains("no phase selects"),
+        "{}",
+        nobody.text()
+    );
+
+    let reason = r#"{"reason":"drives into walls"}"#;
+    fixture
+        .post(&format!("{RELEASES}/{id}/withdraw"), reason)
+        .await;
+    attach(&passed).await.is_problem(409, "wrong_state");
+    let entries = fixture.get("/api/v1/audit?limit=100").await.json();
+    let entries = entries["entries"].as_array().expect("entries").clone();
+    let outcomes: Vec<_> = entries
+        .iter()
+        .filter(|entry| entry["action"] == "release.gate" && entry["target"] == id)
+        .map(|entry| entry["outcome"].as_str().expect("a word").to_owned())
+        .collect();
+    let of = |outcome: &str| outcomes.iter().filter(|one| *one == outcome).count();
+    assert_eq!(
+        (of("ok"), of("invalid_gate"), of("wrong_state")),
+        (2, 5, 1),
+        "{outcomes:?}"
+    );
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn which_releases_need_a_gate_is_an_option() {
+    let signer = Signer::new();
+    let bundle = crawler_bundle::Bundle::new("0.4.0", "abc123").image(2_000, 0);
+    let bundle = bundle.expect("a bundle");
+    let simulated = signer.release(1, &bundle, |options| {
+        (options.board, options.floor) = ("sim", 0);
+    });
+    let board = signer.release(12, b"image", |_| {});
+    for (option, demanded) in [
+        (None, [false, true]),
+        (Some(RequireGate::All), [true, true]),
+        (Some(RequireGate::None), [false, false]),
+    ] {
+        let fixture = Fixture::start_with(|layer| {
+            layer.release_key = signer.keys();
+            layer.require_gate = option;
+        })
+        .await;
+        for (file, demanded) in [&simulated, &board].into_iter().zip(demanded) {
+            let id = add(&fixture, file).await.json()["id"].clone();
+            let phases = json!([{ "select": { "share": 100 } }]);
+            let plan = json!({ "releases": [{ "release": id }], "phases": phases });
+            let refused = fixture.post("/api/v1/rollouts", &plan.to_string()).await;
+            refused.is_problem(
+                422,
+                if demanded {
+                    "gate_missing"
+                } else {
+                    "invalid_rollout"
+                },
+            );
+        }
+        fixture.stop().await;
+    }
 }

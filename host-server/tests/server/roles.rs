@@ -39,6 +39,7 @@ const ADMINISTRATORS: &[&str] = &[
     "get /api/v1/audit/verify",
     "get /api/v1/credentials",
     "post /api/v1/releases",
+    "post /api/v1/releases/{id}/gate",
     "post /api/v1/releases/{id}/withdraw",
     "post /api/v1/robots/{id}/credential",
     "delete /api/v1/robots/{id}/credential",

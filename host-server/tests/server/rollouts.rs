@@ -191,8 +191,11 @@ fn plan(release: &Release, shares: &[u8], limits: &Value) -> Value {
         .map(|share| json!({"select": {"share": share}, "soak_s": 0}))
         .collect();
     json!({"releases": [{"release": release.id}], "phases": phases, "limits": limits,
-        "retries": {"pause_s": 1, "deferred_s": 1}})
+        "retries": {"pause_s": 1, "deferred_s": 1}, "override_gate": OVERRIDE})
 }
+
+/// What robots of these tests get was tried on nothing.
+const OVERRIDE: &str = "robots of a test";
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_good_release_reaches_every_robot_over_a_bad_radio() {
@@ -247,10 +250,29 @@ async fn a_good_release_reaches_every_robot_over_a_bad_radio() {
         .map(|line| line["detail"]["robots"].as_array().map_or(0, Vec::len))
         .sum();
     assert_eq!(confirmed, 5);
-    for action in ["rollout.create", "rollout.started", "rollout.done"] {
+    for action in [
+        "rollout.create",
+        "rollout.override_gate",
+        "rollout.started",
+        "rollout.done",
+    ] {
         let count = audit.iter().filter(|line| line["action"] == action).count();
         assert_eq!(count, 1, "{action}");
     }
+    // Nothing says that it passed anything, and who has sent it out all the same is kept, with the reason.
+    let overridden = json!({"why": OVERRIDE, "releases": [release.id]});
+    assert_eq!(view["plan"]["override_gate"], overridden);
+    let line = audit
+        .iter()
+        .find(|line| line["action"] == "rollout.override_gate");
+    let line = line.expect("a line");
+    assert_eq!(
+        (&line["who"], &line["target"], &line["detail"]),
+        (&view["by"], &json!(id), &overridden)
+    );
+    let events = home.http().get("/api/v1/events").await.text().to_owned();
+    let told = format!("without a gate that has passed; anonymous says: {OVERRIDE}");
+    assert!(events.contains(&told), "{events}");
     // The session is given up when there is nothing to do.
     eventually("no session", async || {
         home.metric("terracrawler_updates_connected").await == 0.0
@@ -500,7 +522,7 @@ async fn what_is_no_plan_is_refused_with_the_reason() {
         change(&mut plan);
         plan.to_string()
     };
-    let cases: [(&str, String); 8] = [
+    let cases: [(&str, String); 10] = [
         ("no phase selects", with(&|_| {})),
         (
             "there is no release",
@@ -513,6 +535,14 @@ async fn what_is_no_plan_is_refused_with_the_reason() {
         (
             "unknown field `mood`",
             with(&|plan| plan["mood"] = json!(1)),
+        ),
+        (
+            "override_gate: a reason",
+            with(&|plan| plan["override_gate"] = json!(" ")),
+        ),
+        (
+            "invalid type",
+            with(&|plan| plan["override_gate"] = json!(true)),
         ),
         (
             "missing field `phases`",

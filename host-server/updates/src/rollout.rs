@@ -103,7 +103,7 @@ pub use event::{
 };
 pub use judge::LEAST_FAILURES;
 pub use names::{BoardName, BuildId, Code, NameError, ReleaseId, RolloutId, ServerId, Version};
-pub use plan::{Limits, Phase, Plan, PlannedRelease, Retries, Selection, Timeouts};
+pub use plan::{GateOverride, Limits, Phase, Plan, PlannedRelease, Retries, Selection, Timeouts};
 pub use progress::{PauseReason, PhaseState, RolloutState};
 pub use reports::RESEND_AFTER_MS;
 pub use robot::{Reason, RobotRow, UpdateState};

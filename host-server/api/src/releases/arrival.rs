@@ -4,24 +4,22 @@ use axum::extract::Request;
 use axum::http::header;
 use crawler_records::NewRelease;
 use crawler_release::PublicKey;
-use crawler_updates::release::{Expected, FILE_MAX, Fault, FileFault, inspect, split};
+use crawler_updates::release::{Expected, Fault, FileFault, inspect, split};
 use futures_util::StreamExt as _;
 
 use crate::problem::{Code, Problem};
 
-fn too_large() -> Problem {
-    Problem::new(
-        Code::TooLarge,
-        format!("a release has at most {FILE_MAX} bytes"),
-    )
-}
-
-/// Bytes that are read before a body is cut off. Who sends a little too much is still listening to what becomes of it
-/// when all of it has gone.
-const MOST_READ: usize = 2 * FILE_MAX;
-
-/// The body of a request, no longer than the file of a release can be.
-pub(super) async fn receive(request: Request) -> Result<Vec<u8>, Problem> {
+/// The body of a request, of at most `most` bytes.
+pub(super) async fn receive(request: Request, most: usize) -> Result<Vec<u8>, Problem> {
+    let too_large = || {
+        Problem::new(
+            Code::TooLarge,
+            format!("such a file has at most {most} bytes"),
+        )
+    };
+    // Bytes that are read before a body is cut off. Who sends a little too much is still listening to what becomes of
+    // it when all of it has gone.
+    let most_read = 2 * most;
     let (head, body) = request.into_parts();
     let header = |name| {
         let value = head.headers.get(name)?;
@@ -37,7 +35,7 @@ pub(super) async fn receive(request: Request) -> Result<Vec<u8>, Problem> {
         ));
     }
     let told = header(header::CONTENT_LENGTH).and_then(|length| length.parse::<u64>().ok());
-    if told.is_some_and(|told| told > MOST_READ as u64) {
+    if told.is_some_and(|told| told > most_read as u64) {
         return Err(too_large());
     }
     let (mut file, mut length) = (Vec::new(), 0);
@@ -45,15 +43,15 @@ pub(super) async fn receive(request: Request) -> Result<Vec<u8>, Problem> {
     while let Some(piece) = body.next().await {
         let piece = piece.map_err(|_| Problem::new(Code::BadRequest, "the body did not arrive"))?;
         length += piece.len();
-        if length <= FILE_MAX {
+        if length <= most {
             file.extend_from_slice(&piece);
-        } else if length <= MOST_READ {
+        } else if length <= most_read {
             file = Vec::new();
         } else {
             break;
         }
     }
-    if length > FILE_MAX {
+    if length > most {
         return Err(too_large());
     }
     Ok(file)

@@ -51,6 +51,9 @@ pub(crate) struct ReleaseView {
     by: String,
     /// When it was added, in Unix milliseconds.
     added_at: i64,
+    /// What its gate says, the report on what it was tried on: `passed` or `failed`; `null` where there is none.
+    #[schema(value_type = Option<String>)]
+    gate: Option<&'static str>,
     /// Who has withdrawn it; `null` while nobody has.
     withdrawn: Option<WithdrawalView>,
 }
@@ -71,6 +74,9 @@ impl ReleaseView {
             size: release.size,
             by: release.by,
             added_at: release.added,
+            gate: release
+                .passed
+                .map(|passed| if passed { "passed" } else { "failed" }),
             withdrawn: release.withdrawn.map(|withdrawal| WithdrawalView {
                 by: withdrawal.by,
                 at: withdrawal.at,

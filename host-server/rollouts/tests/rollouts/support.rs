@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crawler_metrics::Metrics;
 use crawler_protocol::{Fleet, Kind, RobotId};
 use crawler_records::{NewRelease, Records, Withdrawal};
-use crawler_rollouts::{NewPlan, Parts, RobotView, Robots, Rollouts};
+use crawler_rollouts::{GateDemand, NewPlan, Parts, RobotView, Robots, Rollouts};
 use rumqttc::v5::MqttOptions;
 use serde_json::json;
 use sqlx::Connection as _;
@@ -66,6 +66,7 @@ impl Server {
             robots: robots.clone(),
             session: MqttOptions::new("updates", "127.0.0.1", 1),
             lease,
+            gates: GateDemand::None,
             tell: Box::new(move |_, _, text| heard.lock().expect("a list").push(text)),
         };
         let (rollouts, runner) = Rollouts::new(parts).expect("a name");

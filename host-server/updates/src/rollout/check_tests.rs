@@ -40,6 +40,7 @@ fn plan() -> Plan {
         window: None,
         retries: Retries::default(),
         timeouts: Timeouts::default(),
+        override_gate: None,
     }
 }
 

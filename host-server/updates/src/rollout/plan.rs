@@ -26,6 +26,19 @@ pub struct Plan {
     /// How long a robot may take.
     #[serde(default)]
     pub timeouts: Timeouts,
+    /// Set where releases go out although no report says that they passed what they were to be tried on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub override_gate: Option<GateOverride>,
+}
+
+/// Releases without a passing gate that an administrator rolls out all the same.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GateOverride {
+    /// Why, in the words of whoever does it.
+    pub why: String,
+    /// Which.
+    pub releases: Vec<ReleaseId>,
 }
 
 /// A release, and the robots that it suits.
