@@ -226,6 +226,10 @@ pub struct PlanArgs {
     /// Bytes of images per second, to all robots together [default: no limit]
     #[arg(long, value_name = "N", requires = "release")]
     pub bytes_per_second: Option<u32>,
+    /// Why the releases go out although they have no gate that has passed; everybody sees it, and the audit log keeps
+    /// it
+    #[arg(long, value_name = "WHY", requires = "release")]
+    pub override_gate: Option<String>,
 }
 
 impl PlanArgs {

@@ -82,6 +82,9 @@ fn of_options(args: &PlanArgs) -> Result<Value, String> {
     if let Some(bytes) = args.bytes_per_second {
         plan["limits"]["bytes_per_second"] = json!(bytes);
     }
+    if let Some(why) = &args.override_gate {
+        plan["override_gate"] = json!(why);
+    }
     Ok(plan)
 }
 
@@ -111,7 +114,7 @@ mod tests {
     #[test]
     fn options_are_a_plan_that_servers_read() {
         let line = "--release 9f2c1ab034d5e6f7 --release 03b1f2d94c5a6e78=physical --share 10,100 --group a,b \
-                    --group c --soak 5 --parallel 20 --bytes-per-second 50000";
+                    --group c --soak 5 --parallel 20 --bytes-per-second 50000 --override-gate hurry";
         let plan = of_options(&args(line)).expect("a plan");
         let phase = |select| json!({ "select": select, "soak_s": 5 });
         let expected = json!({
@@ -124,6 +127,7 @@ mod tests {
                 phase(json!({"share": 10})), phase(json!({"share": 100})),
             ],
             "limits": {"parallel": 20, "bytes_per_second": 50_000},
+            "override_gate": "hurry",
         });
         assert_eq!(plan, expected);
         let read: NewPlan = serde_json::from_value(plan).expect("a server reads it");

@@ -101,7 +101,8 @@ async fn a_person_begins_a_rollout_pauses_it_and_has_it_go_on() {
     let robots = home.robots(4, &release, Program::Good, 0).await;
     hold(&robots, 1);
     let start = format!(
-        "start --release {} --group r03 --share 50,100 --soak 0 --parallel 1 --bytes-per-second 900000",
+        "start --release {} --group r03 --share 50,100 --soak 0 --parallel 1 --bytes-per-second 900000 \
+         --override-gate test",
         release.id
     );
     let begun = caller.ok(&start).await;
@@ -200,6 +201,13 @@ async fn what_the_server_refuses_is_a_sentence_with_its_code() {
         ("robots 99".to_owned(), "(unknown_rollout)"),
         (
             format!("start --release {} --share 100", release.id),
+            "(gate_missing)",
+        ),
+        (
+            format!(
+                "start --release {} --share 100 --override-gate test",
+                release.id
+            ),
             "no phase selects",
         ),
         (
@@ -234,7 +242,10 @@ async fn what_the_server_refuses_is_a_sentence_with_its_code() {
     let robots = home.robots(1, &release, Program::Good, 0).await;
     hold(&robots, 1);
     caller
-        .ok(&format!("start --release {} --share 100", release.id))
+        .ok(&format!(
+            "start --release {} --share 100 --override-gate test",
+            release.id
+        ))
         .await;
     for (arguments, why) in [
         ("skip 1 nobody", "(unknown_robot)"),
@@ -261,7 +272,7 @@ async fn who_follows_a_rollout_waits_for_a_server_that_comes_back() {
     let robots = home.robots(2, &release, Program::Good, 0).await;
     hold(&robots, 1);
     let begin = format!(
-        "start --release {} --share 100 --soak 0 --watch --json",
+        "start --release {} --share 100 --soak 0 --watch --json --override-gate test",
         release.id
     );
     let following = tokio::spawn(async move { caller.typed(&begin, "").await });
