@@ -18,5 +18,6 @@ mod postgres;
 mod provisioning;
 mod repository;
 mod robot_tls;
+mod rollouts;
 mod timeseries;
 mod words;
