@@ -1,7 +1,7 @@
 /** Words of the page about updates; loaded with it. */
 
 import type { Release } from './api-types'
-import type { Standing } from './updates/releases'
+import type { Gate, Standing } from './updates/releases'
 
 const number = (value: number): string => value.toLocaleString('en')
 
@@ -60,7 +60,13 @@ export const one = {
     requires: 'Requires',
     delta: 'Delta',
     key: 'Signed with',
+    gate: 'Gate',
   },
+  gates: {
+    passed: 'passed',
+    failed: 'did not pass: a rollout takes it only with a reason',
+    none: 'none: a rollout takes it only with a reason, but for simulated robots',
+  } satisfies Record<Gate, string>,
   never: 'never',
   bytes: (size: number, blocks: number, block: number) =>
     `${number(size)} bytes in ${number(blocks)} ${blocks === 1 ? 'block' : 'blocks'} of ${number(block / 1_024)} KiB`,

@@ -15,6 +15,15 @@ export function standing(
   return ends !== null && ends <= now ? 'expired' : 'good'
 }
 
+/** What a report says that a release was tried on; none where there is no report. */
+export type Gate = 'passed' | 'failed' | 'none'
+
+export function gateOf({ gate }: Pick<Release, 'gate'>): Gate {
+  if (gate == null) return 'none'
+  // Whatever else a newer server says, it is no pass.
+  return gate === 'passed' ? 'passed' : 'failed'
+}
+
 /** Most bytes of a file: head, manifest and image (`crawler_updates::release::FILE_MAX`). */
 export const LARGEST_FILE = 2 + 1_024 + 4_718_592
 

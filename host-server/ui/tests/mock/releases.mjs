@@ -19,6 +19,7 @@ export function createReleases({ clock }) {
     size: 608_100,
     by: 'ada',
     added_at: now - (20 - number) * DAY_MS,
+    gate: null,
     withdrawn: null,
     key: '0123456789abcdef',
     chip: 'esp32c3',

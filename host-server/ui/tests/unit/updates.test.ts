@@ -6,7 +6,7 @@ import { ApiError, request } from '../../src/http'
 import AddRelease from '../../src/pages/updates/AddRelease.vue'
 import { updatesApi } from '../../src/pages/updates/api'
 import { kindOf, one } from '../../src/strings-updates'
-import { LARGEST_FILE, faultsOf, isReason, standing } from '../../src/updates/releases'
+import { LARGEST_FILE, faultsOf, gateOf, isReason, standing } from '../../src/updates/releases'
 
 const answer = (body: unknown): Promise<Response> => Promise.resolve(Response.json(body))
 
@@ -17,6 +17,13 @@ describe('a release', () => {
     expect(standing({ expires_at: 6 }, 5)).toBe('good')
     expect(standing({ expires_at: 5 }, 5)).toBe('expired')
     expect(standing({ withdrawn, expires_at: 5 }, 5)).toBe('withdrawn')
+  })
+
+  it('has passed its gate only where the server says so', () => {
+    const told = [null, 'passed', 'failed', 'skipped']
+    const gates = [gateOf({}), ...told.map((gate) => gateOf({ gate }))]
+    expect(gates).toEqual(['none', 'none', 'passed', 'failed', 'failed'])
+    expect(gates.every((gate) => one.gates[gate] !== '')).toBe(true)
   })
 
   it('is called by what it is', () => {
