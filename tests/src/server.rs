@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::net::TcpStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Duration;
 
@@ -23,7 +23,8 @@ pub struct Terracrawler {
     http: ReservedPort,
     mqtt: ReservedPort,
     folder: TempDir,
-    /// What it was started with.
+    /// What was started, and with what.
+    program: PathBuf,
     arguments: Vec<String>,
     /// So much longer its disk takes, from the next start on.
     slow: Duration,
@@ -48,14 +49,14 @@ pub fn binary() -> PathBuf {
     built
 }
 
-/// Starts the binary; what it says goes behind what is in the log already.
-fn spawn(arguments: &[String], folder: &TempDir, slow: Duration) -> Child {
+/// Starts a program; what it says goes behind what is in the log already.
+fn spawn(program: &Path, arguments: &[String], folder: &TempDir, slow: Duration) -> Child {
     let log = File::options()
         .create(true)
         .append(true)
         .open(folder.path().join("log"))
         .expect("a log file");
-    let mut command = Command::new(binary());
+    let mut command = Command::new(program);
     if !slow.is_zero() {
         command.env("LD_PRELOAD", slow_disk(folder));
         command.env("SLOW_DISK_MS", slow.as_millis().to_string());
@@ -93,7 +94,15 @@ impl Terracrawler {
     /// # Panics
     /// When it ends, or is not ready within 60 s; shows its log.
     pub fn start(arguments: &[&str]) -> Self {
-        let mut server = Self::launch(arguments, &[OPEN]);
+        Self::start_program(&binary(), arguments)
+    }
+
+    /// As [`Terracrawler::start`], a `program` of another version.
+    ///
+    /// # Panics
+    /// As [`Terracrawler::start`].
+    pub fn start_program(program: &Path, arguments: &[&str]) -> Self {
+        let mut server = Self::launch(program, arguments, &[OPEN]);
         server.wait_ready();
         server
     }
@@ -103,7 +112,7 @@ impl Terracrawler {
     /// # Panics
     /// As [`Terracrawler::start`].
     pub fn start_closed(arguments: &[&str]) -> Self {
-        let mut server = Self::launch(arguments, &[]);
+        let mut server = Self::launch(&binary(), arguments, &[]);
         server.wait_ready();
         server
     }
@@ -128,7 +137,7 @@ impl Terracrawler {
     /// # Panics
     /// When it ends, or does not listen within 60 s; shows its log.
     pub fn start_encrypted(arguments: &[&str]) -> Self {
-        let mut server = Self::launch(arguments, &[OPEN, "--tls", "on"]);
+        let mut server = Self::launch(&binary(), arguments, &[OPEN, "--tls", "on"]);
         wait_for("the broker listens", Duration::from_mins(1), || {
             server.check();
             TcpStream::connect(("127.0.0.1", server.mqtt())).ok()
@@ -148,7 +157,7 @@ impl Terracrawler {
         }
     }
 
-    fn launch(arguments: &[&str], more: &[&str]) -> Self {
+    fn launch(program: &Path, arguments: &[&str], more: &[&str]) -> Self {
         let folder = tempfile::tempdir().expect("a data directory");
         // They stay ours while it is down.
         let (http, mqtt) = (ReservedPort::new(), ReservedPort::new());
@@ -160,7 +169,8 @@ impl Terracrawler {
             arguments.extend(["--mqtt".to_owned(), format!("127.0.0.1:{}", mqtt.number())]);
         }
         Self {
-            child: spawn(&arguments, &folder, Duration::ZERO),
+            child: spawn(program, &arguments, &folder, Duration::ZERO),
+            program: program.to_owned(),
             slow: Duration::ZERO,
             arguments,
             http,
@@ -194,7 +204,7 @@ impl Terracrawler {
     pub fn restart(&mut self) {
         let ended = self.child.try_wait().expect("our own process");
         assert!(ended.is_some(), "it still runs");
-        self.child = spawn(&self.arguments, &self.folder, self.slow);
+        self.child = spawn(&self.program, &self.arguments, &self.folder, self.slow);
     }
 
     /// From the next start on every `fsync` and `fdatasync` takes so much longer: a library that is preloaded
@@ -343,9 +353,17 @@ impl Simulated {
     /// # Panics
     /// When the program cannot be started.
     pub fn start(port: u16, arguments: &[&str]) -> Self {
+        Self::start_program(&binary(), port, arguments)
+    }
+
+    /// As [`Simulated::start`], of a `program` of another version.
+    ///
+    /// # Panics
+    /// As [`Simulated::start`].
+    pub fn start_program(program: &Path, port: u16, arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().expect("a folder for its log");
         let log = std::fs::File::create(folder.path().join("log")).expect("a log file");
-        let child = Command::new(binary())
+        let child = Command::new(program)
             .arg("sim")
             .args(["--broker", &format!("mqtt://127.0.0.1:{port}")])
             .args(arguments)
@@ -355,6 +373,11 @@ impl Simulated {
             .spawn()
             .expect("terracrawler starts");
         Self { child, folder }
+    }
+
+    /// Its process.
+    pub fn id(&self) -> u32 {
+        self.child.id()
     }
 
     /// Asks it to end, as Ctrl-C does, and waits for it; a recording is whole then.

@@ -23,15 +23,18 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
         "chaos" => bench_server::chaos(rest),
         "disk" => bench_server::disk(rest),
         "soak" => bench_server::soak(rest),
+        "updates" => bench_server::updates(rest),
         "all" => bench_sim::table(&[])
             .and_then(|()| fleet(&[]))
             .and_then(|()| bench_vision::tables(&[]))
             .and_then(|()| control_room(&[]))
             .and_then(|()| bench_server::load(&[]))
             .and_then(|()| bench_server::chaos(&[]))
-            .and_then(|()| bench_server::disk(&[])),
+            .and_then(|()| bench_server::disk(&[]))
+            .and_then(|()| bench_server::updates(&[])),
         other => Err(Failure(format!(
-            "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos, disk, soak"
+            "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos, disk, soak, \
+             updates"
         ))),
     }
 }

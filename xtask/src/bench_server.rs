@@ -35,6 +35,14 @@ pub(crate) fn soak(arguments: &[String]) -> Outcome {
     example("soak", arguments)
 }
 
+/// Updates of a whole fleet; fails when a robot is left without a program that it has proven.
+///
+/// # Errors
+/// When something cannot be built, or a robot is.
+pub(crate) fn updates(arguments: &[String]) -> Outcome {
+    example("updates", arguments)
+}
+
 /// Builds server and program with the same features, so that nothing is built twice.
 fn example(name: &str, arguments: &[String]) -> Outcome {
     let words = "build --release --locked --quiet --package crawler-server --bin terracrawler \

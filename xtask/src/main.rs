@@ -174,7 +174,7 @@ const TASKS: &[Task] = &[
     },
     Task {
         name: "bench",
-        arguments: "[sim [ROBOTS...]|fleet [--seconds N] [ROBOTS...]|vision [FRAMES]|server [OPTIONS]|chaos [OPTIONS]|disk [OPTIONS]|soak [OPTIONS]]",
+        arguments: "[sim [ROBOTS...]|fleet [--seconds N] [ROBOTS...]|vision [FRAMES]|server [OPTIONS]|chaos [OPTIONS]|disk [OPTIONS]|soak [OPTIONS]|updates [OPTIONS]]",
         about: "measure, and print tables in the form of docs/numbers.md",
         run: bench::all,
     },

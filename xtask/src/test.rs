@@ -196,6 +196,7 @@ fn soak() -> Outcome {
     bench_server::chaos(&[])?;
     bench_server::load(&[])?;
     bench_server::disk(&[])?;
+    bench_server::updates(&[])?;
     bench_server::soak(&[])
 }
 
