@@ -9,8 +9,8 @@ use super::fleet::{BUILD, Fleet, Meeting};
 
 /// What is wrong with it.
 const DEFECTS: [&str; 2] = ["panic=5000@10%", "never-link@10%"];
-/// For robots that went back to be there again.
-const BACK: Duration = Duration::from_mins(3);
+/// For robots that went back to be there again: one that cannot be reached gives up its trial after five minutes.
+const BACK: Duration = Duration::from_mins(15);
 /// Share of the robots that are first, percent.
 const FIRST: usize = 10;
 
