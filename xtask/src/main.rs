@@ -20,6 +20,7 @@ mod fuzz_api;
 mod hil;
 mod histories;
 mod image;
+mod mixed;
 mod mutants;
 mod paho;
 mod report;

@@ -6,7 +6,7 @@ use crate::run::{self, Failure, Outcome};
 use crate::suites::Selection;
 use crate::{
     bench_server, bogo, check_s3, counts, cross, detector, docs, fuzz, fuzz_api, histories, image,
-    mutants, paho, size, tools, ui,
+    mixed, mutants, paho, size, tools, ui,
 };
 
 /// Seconds for each fuzz target of the deep tier.
@@ -112,6 +112,7 @@ fn deep() -> Outcome {
         fuzz_api::thorough(DEEP_EXAMPLES, seed)
     });
     report.step("clients of Eclipse Paho", |_| paho::step());
+    report.step("an earlier version beside this one", |_| mixed::step());
     report.step("clippy of the other RISC-V chip", |_| clippy_of(&[&C6]));
     report.step("another engine", |_| detector::compare(&[]));
     report.step("TLS tests of BoringSSL", |_| bogo::if_there());
