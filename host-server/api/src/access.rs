@@ -85,6 +85,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/rollouts", VIEWER),
     ("GET", "/api/v1/rollouts/{id}", VIEWER),
     ("GET", "/api/v1/rollouts/{id}/robots", VIEWER),
+    ("GET", "/api/v1/rollouts/{id}/robots/{robot}", VIEWER),
     ("GET", "/api/v1/simulator/scenarios", VIEWER),
     ("GET", "/api/v1/simulator/scenarios/{name}", VIEWER),
     ("POST", "/api/v1/robots/{id}/commands", OPERATOR),

@@ -133,6 +133,7 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 )
                 .routes(routes!(rollouts::one))
                 .routes(routes!(rollouts::robots))
+                .routes(routes!(rollouts::robot))
                 .routes(routes!(rollouts::pause))
                 .routes(routes!(rollouts::resume))
                 .routes(routes!(rollouts::abort))

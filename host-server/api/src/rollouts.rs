@@ -8,7 +8,7 @@ use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use crawler_protocol::RobotId;
 use crawler_records::RecordsError;
-use crawler_rollouts::{Action, NewPlan, Robot, RolloutError, RolloutView, Rollouts};
+use crawler_rollouts::{Action, NewPlan, Robot, RobotDetail, RolloutError, RolloutView, Rollouts};
 use crawler_updates::rollout::{CommandError, UpdateState};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -80,38 +80,6 @@ pub(super) struct RobotList {
     next: Option<String>,
 }
 
-/// What a rollout is to do. `docs/updates.md` has every field.
-#[derive(ToSchema)]
-#[schema(as = NewRollout)]
-#[allow(
-    dead_code,
-    reason = "it is read as a plan; this says what one looks like"
-)]
-pub(super) struct PlanSchema {
-    /// The releases, each an object with `release`, its id, and perhaps `kind`: at most one for each robot.
-    #[schema(value_type = Vec<Object>, min_items = 1, max_items = 32)]
-    releases: (),
-    /// The phases, first to last: who belongs to each, how long it is watched, when it has failed.
-    #[schema(value_type = Vec<Object>, min_items = 1)]
-    phases: (),
-    /// How much at once.
-    #[schema(value_type = Option<Object>)]
-    limits: (),
-    /// When robots may be offered a release.
-    #[schema(value_type = Option<Object>)]
-    window: (),
-    /// What becomes of attempts that fail.
-    #[schema(value_type = Option<Object>)]
-    retries: (),
-    /// How long a robot may take.
-    #[schema(value_type = Option<Object>)]
-    timeouts: (),
-    /// Why releases go out although they have no gate that has passed: 1 to 512 bytes on one line, which everybody
-    /// sees, and the audit log keeps.
-    #[schema(value_type = Option<String>, min_length = 1, max_length = 128)]
-    override_gate: (),
-}
-
 fn unknown() -> Problem {
     Problem::new(Code::UnknownRollout, "there is no rollout of that id")
 }
@@ -181,7 +149,7 @@ pub(super) async fn list(
 /// this one is for, go over to it, but for those on trial. Where a release has no gate that has passed, and the server
 /// demands one, nothing begins without `override_gate`.
 #[utoipa::path(post, path = "/rollouts", tag = "updates",
-    request_body = PlanSchema,
+    request_body = NewPlan,
     responses(
         (status = 201, description = "It has begun", body = RolloutView),
         (status = 400, description = "Not JSON"),
@@ -252,6 +220,22 @@ pub(super) async fn robots(
     let next = robots.last().filter(|_| more);
     let next = next.map(|robot| robot.robot.to_string());
     Ok(Json(RobotList { robots, next }))
+}
+
+/// Where a robot of a rollout stands, with its log
+#[utoipa::path(get, path = "/rollouts/{id}/robots/{robot}", tag = "updates",
+    params(("id" = String, Path, description = "Id of the rollout"),
+        ("robot" = String, Path, description = "Id of the robot")),
+    responses(
+        (status = 200, description = "What has happened to it", body = RobotDetail),
+        (status = 404, description = "There is no such rollout, or no such robot in it")))]
+pub(super) async fn robot(
+    State(rollouts): State<Arc<Rollouts>>,
+    Path((id, robot)): Path<(String, String)>,
+) -> Result<Json<RobotDetail>, Problem> {
+    Ok(Json(
+        rollouts.robot(number(&id)?, &robot_id(&robot)?).await?,
+    ))
 }
 
 async fn act(

@@ -193,6 +193,27 @@ impl Rollouts<'_> {
             .await
     }
 
+    /// The entry of one robot of a rollout.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it cannot be read.
+    pub async fn robot(&self, id: i64, robot: &str) -> Result<Option<String>, RecordsError> {
+        let place = format!("{id}/{robot}");
+        self.0
+            .db()
+            .read(move |connection| {
+                Box::pin(async move {
+                    let row: Option<(String,)> =
+                        query("SELECT entry FROM rollout_robot WHERE place = $1")
+                            .bind(place)
+                            .fetch_optional(connection)
+                            .await?;
+                    Ok(row.map(|(entry,)| entry))
+                })
+            })
+            .await
+    }
+
     /// What has happened to a robot of a rollout, or to the rollout itself, oldest first, with the time of each: the
     /// last `limit`, at most [`MAX_ROLLOUT_PAGE`].
     ///

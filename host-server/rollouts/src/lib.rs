@@ -52,7 +52,7 @@ pub use lease::LEASE;
 pub use plan::{Asked, NewPlan};
 pub use robots::{RobotView, Robots};
 pub use runner::Runner;
-pub use view::{LogLine, Robot, RolloutPage, RolloutView};
+pub use view::{LogLine, Robot, RobotDetail, RobotLine, RolloutPage, RolloutView};
 
 /// Requests of people that wait.
 const REQUESTS: usize = 64;

@@ -9,44 +9,52 @@ use crawler_updates::rollout::{
     Timeouts, Version, Window,
 };
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use crate::control::RolloutError;
 use crate::gate::{self, GateDemand};
 
 /// A release that is asked for.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutRelease)]
 #[serde(deny_unknown_fields)]
 pub struct Asked {
     /// Its id.
+    #[schema(value_type = String)]
     pub release: ReleaseId,
     /// The kind of robot that gets it; all on its board without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub kind: Option<Kind>,
 }
 
-/// A [`Plan`], with releases that the server has. What is known of those is filled in.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+/// What a rollout is to do, with releases that the server has. What is known of those is filled in: [`Plan`].
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = NewRollout)]
 #[serde(deny_unknown_fields)]
 pub struct NewPlan {
-    /// The releases.
+    /// The releases: at most one for each robot.
+    #[schema(min_items = 1, max_items = 32)]
     pub releases: Vec<Asked>,
-    /// As [`Plan::phases`].
+    /// The phases, first to last. A robot belongs to the first that selects it.
+    #[schema(min_items = 1, max_items = 32)]
     pub phases: Vec<Phase>,
-    /// As [`Plan::limits`].
+    /// How much at once.
     #[serde(default)]
     pub limits: Limits,
-    /// As [`Plan::window`].
+    /// When robots may be offered a release; at any time without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<Window>,
-    /// As [`Plan::retries`].
+    /// What becomes of attempts that fail without saying anything about the release.
     #[serde(default)]
     pub retries: Retries,
-    /// As [`Plan::timeouts`].
+    /// How long a robot may take.
     #[serde(default)]
     pub timeouts: Timeouts,
-    /// Why releases go out although they have no passing gate, 1 to 512 bytes on one line. Says nothing where all
-    /// have one.
+    /// Why releases go out although they have no passing gate, 1 to 512 bytes on one line, which everybody sees, and
+    /// the audit log keeps. Says nothing where all have one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 128)]
     pub override_gate: Option<String>,
 }
 

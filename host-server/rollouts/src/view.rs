@@ -3,8 +3,8 @@
 use crawler_protocol::RobotId;
 use crawler_records::{KeptRollout, MAX_ROLLOUT_PAGE};
 use crawler_updates::rollout::{
-    Counts, Document, Happening, PauseReason, Plan, Reason, ReleaseId, RobotRow, Rollout,
-    RolloutState, UpdateState,
+    CommandError, Counts, Document, Happening, PauseReason, Plan, Reason, ReleaseId, RobotRow,
+    Rollout, RolloutState, UpdateState,
 };
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -32,16 +32,13 @@ pub struct RolloutView {
     /// `running`, `paused`, `aborting`, `aborted` or `done`.
     pub state: &'static str,
     /// Why it is paused: `person`, `failures` or `threshold`.
-    #[schema(value_type = Option<String>)]
     pub reason: Option<PauseReason>,
     /// The phase that is served, from 1.
     pub phase: u32,
     /// What it is to do.
-    #[schema(value_type = Object)]
     pub plan: Plan,
     /// How far it is, in numbers: for each phase and for all robots by state. Of one rollout alone.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<Object>)]
     pub counts: Option<Counts>,
     /// What has happened, oldest first: the last 100 lines. Of one rollout alone.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -71,7 +68,6 @@ pub struct LogLine {
     pub phase: Option<u32>,
     /// Why, where it was paused.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<String>)]
     pub reason: Option<PauseReason>,
 }
 
@@ -83,10 +79,8 @@ pub struct Robot {
     #[schema(value_type = String)]
     pub robot: RobotId,
     /// Where it stands.
-    #[schema(value_type = String)]
     pub state: UpdateState,
     /// Why: a word, or an object with one field.
-    #[schema(value_type = Option<Object>)]
     pub reason: Option<Reason>,
     /// The release that is for it.
     #[schema(value_type = Option<String>)]
@@ -103,6 +97,29 @@ pub struct Robot {
     pub bytes: Option<u32>,
     /// Since when it stands there, in Unix milliseconds.
     pub since: i64,
+}
+
+/// A robot of a rollout, and what has happened to it.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = RolloutRobotDetail)]
+pub struct RobotDetail {
+    /// Where it stands.
+    #[serde(flatten)]
+    pub robot: Robot,
+    /// Where it has stood, oldest first: the last 100 lines.
+    pub log: Vec<RobotLine>,
+}
+
+/// Where a robot of a rollout has come to stand.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = RolloutRobotLine)]
+pub struct RobotLine {
+    /// Unix milliseconds.
+    pub at: i64,
+    /// Where.
+    pub state: UpdateState,
+    /// Why.
+    pub reason: Option<Reason>,
 }
 
 /// The name of a state, and why it is so.
@@ -172,6 +189,14 @@ fn line(at: i64, text: &str) -> Result<LogLine, RolloutError> {
         what: step::action(&what),
         phase,
         reason,
+    })
+}
+
+/// A line of a robot; none of what is about anything else.
+fn robot_line(at: i64, text: &str) -> Result<Option<RobotLine>, RolloutError> {
+    Ok(match serde_json::from_str(text).map_err(damaged)? {
+        Happening::Robot { state, reason, .. } => Some(RobotLine { at, state, reason }),
+        _ => None,
     })
 }
 
@@ -258,6 +283,28 @@ impl Rollouts {
             Ok(robot(&document, row))
         });
         rows.collect()
+    }
+
+    /// A robot of a rollout, with its log.
+    ///
+    /// # Errors
+    /// [`RolloutError::Unknown`], [`RolloutError::Command`] where it is in none of its phases,
+    /// [`RolloutError::Records`], [`RolloutError::Damaged`].
+    pub async fn robot(&self, id: i64, name: &RobotId) -> Result<RobotDetail, RolloutError> {
+        let rollouts = self.records.rollouts();
+        let kept = rollouts.get(id).await?.ok_or(RolloutError::Unknown)?;
+        let document: Document = serde_json::from_str(&kept.document).map_err(damaged)?;
+        let row = rollouts.robot(id, name.as_str()).await?;
+        let row = row.ok_or(RolloutError::Command(CommandError::UnknownRobot))?;
+        let row = serde_json::from_str(&row).map_err(damaged)?;
+        let log = rollouts.notes(id, Some(name.as_str()), LOG).await?;
+        let log = log.iter().map(|(at, text)| robot_line(*at, text));
+        Ok(RobotDetail {
+            robot: robot(&document, row),
+            log: log
+                .filter_map(Result::transpose)
+                .collect::<Result<_, _>>()?,
+        })
     }
 
     /// What was kept of a rollout, as a rollout.

@@ -129,6 +129,7 @@ async fn descriptions_fit_what_is_there() {
             "get /api/v1/rollouts",
             "get /api/v1/rollouts/{id}",
             "get /api/v1/rollouts/{id}/robots",
+            "get /api/v1/rollouts/{id}/robots/{robot}",
             "get /api/v1/schema/{message}",
             "get /api/v1/session",
             "get /api/v1/sessions",

@@ -307,6 +307,25 @@ async fn a_bad_release_stops_itself_in_its_first_phase() {
             .all(|row| row["reason"] == json!({"told": "panic"}))
     );
     assert_eq!(rows.iter().filter(|row| row["offers"] != 0).count(), 2);
+    // Step by step, and why it ended so.
+    let name = failed[0]["robot"].as_str().expect("a name");
+    let path = |robot: &str| format!("/api/v1/rollouts/{id}/robots/{robot}");
+    let one = home.http().get(&path(name)).await.json();
+    assert_eq!(one["state"], "rolled_back");
+    let log = one["log"].as_array().expect("a log");
+    let states: Vec<_> = log.iter().map(|line| &line["state"]).collect();
+    assert_eq!(
+        (states.first(), states.last()),
+        (Some(&&json!("offered")), Some(&&json!("rolled_back"))),
+        "{log:?}"
+    );
+    assert!(states.contains(&&json!("staged")), "{log:?}");
+    assert_eq!(
+        log.last().map(|line| &line["reason"]),
+        Some(&json!({"told": "panic"}))
+    );
+    let nobody = home.http().get(&path("nobody")).await;
+    nobody.is_problem(404, "unknown_robot");
     for robot in ["r00", "r09"] {
         let runs = home
             .http()

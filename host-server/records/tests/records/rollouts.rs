@@ -58,6 +58,9 @@ async fn what_was_written_outlives_the_process() {
     );
     assert_eq!(page(None, Some("offered")).await, ["entry 1", "entry 3"]);
     assert!(page(Some(last.as_str()), None).await.is_empty());
+    let one = async |id| records.rollouts().robot(id, second.as_str()).await;
+    assert_eq!(one(1).await.unwrap(), Some("entry 1".into()));
+    assert_eq!(one(2).await.unwrap(), None);
     let notes = records.rollouts().notes(1, None, 2).await.unwrap();
     assert_eq!(notes, [(1_002, "step 2".into()), (1_003, "step 3".into())]);
     let notes = records.rollouts().notes(1, Some(second.as_str()), 9).await;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use super::engine::Rollout;
 use super::event::Now;
@@ -11,11 +12,13 @@ use super::progress::{PhaseState, RolloutState};
 use super::robot::UpdateState;
 
 /// A phase in numbers.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = RolloutPhaseCounts)]
 pub struct PhaseCounts {
     /// Where it stands.
     pub state: PhaseState,
     /// Its robots by state; those that no robot is in are left out.
+    #[schema(value_type = BTreeMap<String, u32>)]
     pub robots: BTreeMap<UpdateState, u32>,
     /// Failures that count, and at how many of them the rollout stops by itself.
     pub failures: u32,
@@ -29,7 +32,8 @@ pub struct PhaseCounts {
 }
 
 /// A rollout in numbers.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = RolloutCounts)]
 pub struct Counts {
     /// Where it stands.
     pub state: RolloutState,
@@ -38,6 +42,7 @@ pub struct Counts {
     /// Its phases.
     pub phases: Vec<PhaseCounts>,
     /// All robots by state; those that no robot is in are left out.
+    #[schema(value_type = BTreeMap<String, u32>)]
     pub robots: BTreeMap<UpdateState, u32>,
     /// Bytes of images that robots have.
     pub bytes: u64,

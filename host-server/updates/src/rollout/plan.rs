@@ -2,12 +2,14 @@
 
 use crawler_protocol::{Kind, RobotId};
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::names::{BoardName, BuildId, ReleaseId, Version};
 use super::window::Window;
 
 /// A plan, as the API takes it. [`Plan::check`] says what is wrong with one.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutPlan)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
     /// The releases: at most one that suits a robot. Robots that none suits are left alone.
@@ -32,29 +34,36 @@ pub struct Plan {
 }
 
 /// Releases without a passing gate that an administrator rolls out all the same.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutGateOverride)]
 #[serde(deny_unknown_fields)]
 pub struct GateOverride {
     /// Why, in the words of whoever does it.
     pub why: String,
     /// Which.
+    #[schema(value_type = Vec<String>)]
     pub releases: Vec<ReleaseId>,
 }
 
 /// A release, and the robots that it suits.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlannedRelease {
     /// The release.
+    #[schema(value_type = String)]
     pub release: ReleaseId,
     /// The board that it is for.
+    #[schema(value_type = String)]
     pub board: BoardName,
     /// The kind of robot that it is for; all on that board without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
     pub kind: Option<Kind>,
     /// What a robot that runs it reports as its build.
+    #[schema(value_type = String)]
     pub build: BuildId,
     /// Its version, for people.
+    #[schema(value_type = String)]
     pub version: Version,
     /// Its place in the order of releases: robots refuse one that is not above what they run.
     pub sequence: u64,
@@ -82,10 +91,12 @@ impl PlannedRelease {
 /// have come to an end, and at least `success_percent` of those are confirmed; and when that is so again, or
 /// still, `soak_s` after it first was. Robots that wait for themselves (offline, asleep, driving, low) do not hold
 /// it up: they move on to the next phase, and are served there.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutPhase)]
 #[serde(deny_unknown_fields)]
 pub struct Phase {
     /// Who belongs to it.
+    #[schema(value_type = SelectionSchema)]
     pub select: Selection,
     /// How long it is watched once its robots are done, in seconds.
     #[serde(default = "soak_s")]
@@ -120,8 +131,23 @@ pub enum Selection {
     Kind(Kind),
 }
 
+/// One of these: share of all robots in percent, names of robots, a board, a kind.
+#[derive(ToSchema)]
+#[schema(as = RolloutSelection, rename_all = "snake_case")]
+#[allow(
+    dead_code,
+    reason = "it describes `Selection`, in types that can be described"
+)]
+enum SelectionSchema {
+    Share(u8),
+    Group(Vec<String>),
+    Board(String),
+    Kind(String),
+}
+
 /// How much at once.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutLimits)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
     /// Robots at work at once, from the offer to the end of the trial.
@@ -146,7 +172,8 @@ impl Default for Limits {
 
 /// What becomes of attempts that fail without saying anything about the release: time-outs, and refusals that
 /// need not last. A release that was tried and rolled back is never tried again without a person.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutRetries)]
 #[serde(deny_unknown_fields, default)]
 pub struct Retries {
     /// Attempts before a robot has failed.
@@ -171,7 +198,8 @@ impl Default for Retries {
 }
 
 /// How long a robot may stay in each state, in seconds.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutTimeouts)]
 #[serde(deny_unknown_fields, default)]
 pub struct Timeouts {
     /// From the offer to any answer.

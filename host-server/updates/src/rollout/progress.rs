@@ -1,9 +1,11 @@
 //! How far a rollout has come.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// Why a rollout is paused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutPauseReason)]
 #[serde(rename_all = "snake_case")]
 pub enum PauseReason {
     /// A person wanted it so.
@@ -15,7 +17,7 @@ pub enum PauseReason {
 }
 
 /// Where a rollout stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RolloutState {
     /// It offers releases, or waits for robots, its window or the end of a soak.
@@ -39,7 +41,8 @@ impl RolloutState {
 }
 
 /// Where a phase stands. Times are those of the rollout's own clock, in milliseconds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutPhaseState)]
 #[serde(rename_all = "snake_case")]
 pub enum PhaseState {
     /// Those before it have not passed.

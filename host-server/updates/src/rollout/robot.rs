@@ -4,12 +4,15 @@ use std::fmt;
 
 use crawler_protocol::RobotId;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::names::{BuildId, Code};
 
 /// Where a robot stands. Those from [`UpdateState::Offered`] to [`UpdateState::RolledBack`], but for the waiting,
 /// are of the contract; the others are the server's own.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum UpdateState {
     /// No release suits it, or no phase selects it. It is left alone.
@@ -133,7 +136,8 @@ impl fmt::Display for UpdateState {
 }
 
 /// Why a robot stands where it does.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = UpdateReason)]
 #[serde(rename_all = "snake_case")]
 pub enum Reason {
     /// The robot says so.

@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 const MINUTE_MS: u64 = 60_000;
 const DAY_MS: u64 = 24 * 60 * MINUTE_MS;
@@ -78,12 +79,15 @@ impl From<TimeOfDay> for String {
 }
 
 /// A stretch of every day; it may cross midnight.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RolloutWindow)]
 #[serde(deny_unknown_fields)]
 pub struct Window {
     /// When it opens.
+    #[schema(value_type = String, pattern = "^([01][0-9]|2[0-3]):[0-5][0-9]$")]
     pub from: TimeOfDay,
     /// When it closes. Before `from`, that is on the next day.
+    #[schema(value_type = String, pattern = "^([01][0-9]|2[0-3]):[0-5][0-9]$")]
     pub to: TimeOfDay,
     /// How far the times of day are ahead of UTC, in minutes. It does not follow daylight saving time.
     #[serde(default)]
