@@ -94,13 +94,6 @@ fn experiments_are_seen_in_every_state_and_size() {
 fn releases_are_added_and_withdrawn() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name).display().to_string();
-    let release = |arguments: &[&str]| {
-        let mut command = Command::new(crawler_tests::binary());
-        let output = command.arg("release").args(arguments).output();
-        let output = output.expect("runs");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{arguments:?}: {said}");
-    };
     release(&["keygen", "--out", &path("keys")]);
     let (image, file, forged) = (path("image"), path("virt.release"), path("forged.release"));
     std::fs::write(&image, vec![7; 100_000]).expect("an image");
@@ -121,6 +114,61 @@ fn releases_are_added_and_withdrawn() {
         .env("BASE_URL", server.url())
         .env("RELEASE", file)
         .env("FORGED", forged));
+}
+
+/// A good release reaches every robot, a bad one stops itself and says why, and the way back is open; whoever may only
+/// look is offered nothing.
+#[test]
+fn rollouts_run_stop_by_themselves_and_go_back() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    release(&["keygen", "--out", &path("keys")]);
+    let signed = |name: &str, bundle: &str, version: &str, build: &str, sequence: &str| {
+        let (key, file) = (path("keys/release-key.pem"), path(name));
+        let mut arguments = vec!["sign", "--key", &key, "--image", bundle, "--out", &file];
+        arguments.extend(["--board", "sim", "--version", version, "--build", build]);
+        arguments.extend(["--sequence", sequence]);
+        release(&arguments);
+        file
+    };
+    let bundle = |version: &str, build: &str, more: &[&str]| {
+        let file = path(build);
+        let mut arguments = vec!["bundle", "--version", version, "--build", build];
+        arguments.extend(["--size", "100000", "--out", &file]);
+        arguments.extend(more);
+        release(&arguments);
+        file
+    };
+    let good = bundle("0.4.0", "good-1", &[]);
+    let bad = bundle("0.5.0", "bad-1", &["--defect", "panic=3000"]);
+    let files = [
+        (
+            "GOOD",
+            signed("good.release", &good, "0.4.0", "good-1", "1"),
+        ),
+        ("BAD", signed("bad.release", &bad, "0.5.0", "bad-1", "2")),
+        (
+            "AGAIN",
+            signed("again.release", &good, "0.4.0", "good-1", "3"),
+        ),
+    ];
+
+    let public = path("keys/release-public.pem");
+    let options = ["--robots", "4", "--scenario", "empty", "--release-key"];
+    let server = Terracrawler::start_closed(&[&["up"], &options[..], &[&public]].concat());
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:rollouts"])
+        .env("BASE_URL", server.url())
+        .env("INVITE", server.first_invitation())
+        .envs(files));
+}
+
+/// Against a server of the page's own: rollouts in every state and size.
+#[test]
+fn rollouts_are_seen_in_every_state_and_size() {
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:rollouts"])
+        .env_remove("BASE_URL"));
 }
 
 /// Against a server of the page's own: releases in every state and size.
@@ -147,6 +195,15 @@ fn the_past_is_where_robots_were() {
     run(Command::new("npm")
         .args(["run", "--silent", "e2e:history"])
         .env("BASE_URL", server.url()));
+}
+
+/// Runs `terracrawler release` and fails with what it said.
+fn release(arguments: &[&str]) {
+    let mut command = Command::new(crawler_tests::binary());
+    let output = command.arg("release").args(arguments).output();
+    let output = output.expect("runs");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {said}");
 }
 
 /// Runs a script of the control room and fails with what it said.

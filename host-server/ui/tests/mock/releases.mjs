@@ -35,6 +35,10 @@ export function createReleases({ clock }) {
     release(11, { withdrawn: { by: 'ada', at: now - DAY_MS, reason: 'it drives into walls' } }),
     release(10, { expires_at: now - DAY_MS, requires: { sequence: 9, protocol: 1 } }),
     release(7, { kind: 'model', name: 'eyes', board: 'xiao-s3-sense', expires_at: null }),
+    release(8),
+    release(9, { board: 'virt' }),
+    // The way back to the one before, ready to go out.
+    release(13, { version: '0.8.0', build: '9f2c1ab8' }),
   ]
 
   /** Status and body of an answer; `null` for what is about something else. */

@@ -13,6 +13,7 @@ import { createFences } from './fences.mjs'
 import { createFleet } from './fleet.mjs'
 import { createRecord } from './record.mjs'
 import { createReleases } from './releases.mjs'
+import { createRollouts } from './rollouts.mjs'
 import { createWorld } from './world.mjs'
 
 const DIST = fileURLToPath(new URL('../../dist/', import.meta.url))
@@ -55,6 +56,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   const experiments = createExperiments({ clock })
   const fences = createFences({ world, clock, crossed })
   const releases = createReleases({ clock })
+  const rollouts = createRollouts({ clock, releases: releases.releases, robots: world.robots })
   const record = createRecord({ world, clock, robots, seed })
   const ready = { ready: true, broker: true, simulation: true }
   let refuse = false
@@ -163,6 +165,8 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     if (fenced !== null) return json(response, fenced.status, fenced.body)
     const released = releases.answer(request.method, parts, body, name)
     if (released !== null) return json(response, released.status, released.body)
+    const rolled = rollouts.answer(request.method, parts, url, body, name)
+    if (rolled !== null) return json(response, rolled.status, rolled.body)
     if (request.method === 'GET' && parts[2] === 'image') {
       response.writeHead(200, { 'content-type': 'image/svg+xml' })
       return response.end(fleet.picture)
@@ -269,6 +273,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     accounts,
     experiments,
     releases: releases.releases,
+    rollouts: rollouts.rollouts,
     /** What `/readyz` says. */
     ready,
     /** Answers no call and keeps no feed, as a server that is being restarted. */
