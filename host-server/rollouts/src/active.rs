@@ -5,12 +5,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crawler_protocol::{ReleaseId, RobotId};
-use crawler_release::chunk::{CHUNK_MAX, Chunk};
+use crawler_release::chunk::{CHUNK_MAX, Chunk, Part};
 use crawler_updates::rollout::{
     Effect, Grant, Message, Now, ReleaseId as PlannedId, Rollout, UpdateState,
 };
 
 use crate::image::Blob;
+use crate::patches::Patches;
 use crate::pulls::Pull;
 
 /// A rollout that belongs to this server.
@@ -130,6 +131,19 @@ impl ActiveRollouts {
         newest_first.find_map(|(id, one)| Some((*id, one.pull(robot, tag)?)))
     }
 
+    /// A release that is rolled out.
+    pub(crate) fn blob(&self, release: ReleaseId) -> Option<Arc<Blob>> {
+        let mut blobs = self.0.values().flat_map(|one| one.blobs.iter().flatten());
+        blobs.find(|blob| blob.id == release).cloned()
+    }
+
+    /// The release of which a robot may ask chunks that carry this tag.
+    pub(crate) fn release(&self, robot: &RobotId, tag: u32) -> Option<ReleaseId> {
+        let (id, release) = self.source(robot, tag)?;
+        let blobs = &self.0.get(&id)?.blobs;
+        Some(blobs.get(usize::from(release))?.as_ref()?.id)
+    }
+
     /// The rollouts in which a robot was told of this release.
     pub(crate) fn with_release(&self, robot: &RobotId, release: ReleaseId) -> Vec<i64> {
         let text = release.text();
@@ -145,7 +159,14 @@ impl ActiveRollouts {
     }
 
     /// Takes leave to send a chunk.
-    pub(crate) fn chunk(&mut self, robot: &RobotId, pull: Pull, index: u32, now: Now) -> Asked {
+    pub(crate) fn chunk(
+        &mut self,
+        patches: &Patches,
+        robot: &RobotId,
+        pull: Pull,
+        index: u32,
+        now: Now,
+    ) -> Asked {
         let Some(one) = self.0.get_mut(&pull.rollout) else {
             return Asked::Never;
         };
@@ -159,7 +180,13 @@ impl ActiveRollouts {
         ) else {
             return Asked::Never;
         };
-        let Some(payload) = blob.payload(pull.want.part, index) else {
+        let of_patch =
+            (pull.want.part == Part::Delta).then(|| patches.payload(robot, blob.id, index));
+        let payload = match &of_patch {
+            Some(payload) => payload.as_deref(),
+            None => blob.payload(pull.want.part, index),
+        };
+        let Some(payload) = payload else {
             return Asked::NoSuch;
         };
         let release = planned.release.clone();

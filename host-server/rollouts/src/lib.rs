@@ -10,7 +10,8 @@
 //! their own, over the same MQTT session as offers, which is not the one of commands: a `stop` never waits behind
 //! a chunk.
 //!
-//! Reading order: `plan`, what people ask for; `gate`, what must be known of releases before; `image`, what robots get; `active`, the rollouts of this server;
+//! Reading order: `plan`, what people ask for; `gate`, what must be known of releases before; `image`, what robots get,
+//! and `patches`, what some get in its place, made by `making`; `active`, the rollouts of this server;
 //! `step`, what is stored of a step; `report`, what robots say; `pulls`, who asks for which chunks, and `sender`,
 //! which sends them; `link`, the session; `runner`, which has all of it, with `lease` and `robots`; `control` and
 //! `view`, what the API asks for; `numbers`, the metrics.
@@ -21,7 +22,9 @@ mod gate;
 mod image;
 mod lease;
 mod link;
+mod making;
 mod numbers;
+mod patches;
 mod plan;
 mod pulls;
 mod report;
@@ -44,6 +47,7 @@ use tokio::sync::{Notify, mpsc};
 use crate::active::ActiveRollouts;
 use control::Request;
 use numbers::Numbers;
+use patches::Patches;
 use pulls::Pulls;
 
 pub use control::{Action, RolloutError};
@@ -91,6 +95,7 @@ pub struct Rollouts {
     began: Instant,
     active: Mutex<ActiveRollouts>,
     pulls: Mutex<Pulls>,
+    patches: Mutex<Patches>,
     /// There is something to send, or leave to.
     pulled: Notify,
     client: Mutex<Option<AsyncClient>>,
@@ -115,6 +120,7 @@ impl Rollouts {
             began: Instant::now(),
             active: Mutex::default(),
             pulls: Mutex::default(),
+            patches: Mutex::default(),
             pulled: Notify::new(),
             client: Mutex::new(None),
             requests,
@@ -132,6 +138,11 @@ impl Rollouts {
     /// What robots have asked for. Taken behind [`Rollouts::active`] where both are.
     fn pulls(&self) -> MutexGuard<'_, Pulls> {
         self.pulls.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What robots get in place of images. Taken behind [`Rollouts::active`] and [`Rollouts::pulls`] where those are.
+    fn patches(&self) -> MutexGuard<'_, Patches> {
+        self.patches.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn client(&self) -> Option<AsyncClient> {

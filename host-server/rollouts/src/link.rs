@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_protocol::{Fleet, ReleaseId, RobotId, Topic, TopicFilter};
+use crawler_release::chunk::Part;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Filter, Packet, Publish, SubscribeReasonCode};
 use rumqttc::v5::{AsyncClient, Event, EventLoop, MqttOptions};
@@ -34,6 +35,8 @@ pub(crate) enum Heard {
     Connected,
     /// A robot says something about a release.
     Report(RobotId, ReleaseId, Told),
+    /// A robot asks for a patch of the release of that tag, and was offered none here.
+    NoPatch(RobotId, u32),
 }
 
 /// Keeps a session while one is `wanted`, until `stop`.
@@ -163,6 +166,19 @@ impl Session<'_> {
         let _ = tokio::time::timeout(Duration::from_secs(1), farewell).await;
     }
 
+    /// Sees to what it means that a robot asks for a part.
+    fn note_part(&self, robot: &RobotId, part: Part, tag: u32) {
+        let mut patches = self.rollouts.patches();
+        match part {
+            Part::Image if patches.give_up(robot, tag) => self.rollouts.numbers.gave_patch_up(),
+            Part::Delta if !patches.has(robot, tag) => {
+                // A server that is gone has offered it. The robot asks again, and if it is in vain for the image.
+                let _ = self.heard.try_send(Heard::NoPatch(robot.clone(), tag));
+            }
+            Part::Manifest | Part::Image | Part::Delta => {}
+        }
+    }
+
     fn message(&self, publish: &Publish) {
         let topic = std::str::from_utf8(&publish.topic);
         let topic = topic
@@ -176,6 +192,7 @@ impl Session<'_> {
             None => false,
             Some(Said::Have) => true,
             Some(Said::Want(want)) => {
+                self.note_part(&robot, want.part, want.tag);
                 let pull = self.rollouts.active().source(&robot, want.tag);
                 pull.is_some_and(|(rollout, release)| {
                     let pull = Pull {

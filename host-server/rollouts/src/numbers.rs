@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crawler_metrics::Exposition;
+use crawler_release::chunk::Part;
 use crawler_updates::rollout::{RolloutState, UpdateState};
 
 use crate::Rollouts;
@@ -14,6 +15,9 @@ pub(crate) struct Numbers {
     connected: AtomicBool,
     chunks: AtomicU64,
     bytes: AtomicU64,
+    patch_bytes: AtomicU64,
+    patches_offered: AtomicU64,
+    patches_given_up: AtomicU64,
     reports: AtomicU64,
     ignored: AtomicU64,
     failures: AtomicU64,
@@ -24,9 +28,20 @@ impl Numbers {
         self.connected.store(connected, Ordering::Relaxed);
     }
 
-    pub(crate) fn sent_chunk(&self, bytes: usize) {
+    pub(crate) fn sent_chunk(&self, part: Part, bytes: usize) {
         self.chunks.fetch_add(1, Ordering::Relaxed);
         self.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+        if part == Part::Delta {
+            self.patch_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+        }
+    }
+
+    pub(crate) fn offered_patch(&self) {
+        self.patches_offered.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(crate) fn gave_patch_up(&self) {
+        self.patches_given_up.fetch_add(1, Ordering::Relaxed);
     }
 
     pub(crate) fn heard(&self) {
@@ -94,6 +109,21 @@ impl Rollouts {
                 &numbers.chunks,
             ),
             ("chunk_bytes", "Bytes of those chunks", &numbers.bytes),
+            (
+                "delta_bytes",
+                "Of those, bytes of deltas",
+                &numbers.patch_bytes,
+            ),
+            (
+                "delta_offers",
+                "Offers of a release with a delta",
+                &numbers.patches_offered,
+            ),
+            (
+                "deltas_given_up",
+                "Robots that asked for the image after an offer with a delta",
+                &numbers.patches_given_up,
+            ),
             (
                 "reports",
                 "Messages of robots about updates",

@@ -22,6 +22,8 @@ use crate::control::{Action, Request, RolloutError};
 use crate::image::Blob;
 use crate::lease::{BEAT_MS, Watched};
 use crate::link::{self, Heard};
+use crate::making::Maker;
+use crate::patches::{Offer, Pair};
 use crate::plan::NewPlan;
 use crate::robots::Known;
 use crate::view::damaged;
@@ -51,6 +53,7 @@ pub struct Runner {
     known: Known,
     watched: Watched,
     beat_ms: Option<u64>,
+    maker: Maker,
     /// Rollouts that cannot be read or written, which was said. They are carried out here again once somebody asks for
     /// something to be done with them.
     damaged: BTreeSet<i64>,
@@ -78,6 +81,7 @@ impl Runner {
             known: Known::default(),
             watched: Watched::new(lease),
             beat_ms: None,
+            maker: Maker::default(),
             damaged: BTreeSet::new(),
             stop: CancellationToken::new(),
         }
@@ -107,6 +111,10 @@ impl Runner {
                 () = stop.cancelled() => break,
                 Some(request) = self.requests.recv() => self.serve(request).await,
                 _ = look.tick() => self.look().await,
+                Some((pair, patch)) = self.maker.next() => {
+                    self.rollouts.patches().made(&pair, patch);
+                    self.send_waiting().await;
+                }
                 Some(first) = heard.recv() => {
                     let mut all = vec![first];
                     while all.len() < AT_ONCE && let Ok(more) = heard.try_recv() {
@@ -138,8 +146,16 @@ impl Runner {
             self.take_over_what_is_left().await;
             self.pause_withdrawn().await;
         }
+        {
+            let active = self.rollouts.active();
+            let mut patches = self.rollouts.patches();
+            patches.keep(|release| active.blob(release).is_some());
+        }
         if self.rollouts.active().is_empty() {
             return;
+        }
+        if self.rollouts.patches().is_due(now.monotonic_ms) {
+            self.send_waiting().await;
         }
         self.see().await;
         for id in self.ids() {
@@ -333,6 +349,13 @@ impl Runner {
                     connected = true;
                     continue;
                 }
+                Heard::NoPatch(robot, tag) => {
+                    let release = self.rollouts.active().release(&robot, tag);
+                    if let Some(release) = release {
+                        let _ = self.offer(&robot, release);
+                    }
+                    continue;
+                }
                 Heard::Report(robot, release, told) => (robot, release, told),
             };
             let concerned = self.rollouts.active().with_release(&robot, release);
@@ -451,7 +474,7 @@ impl Runner {
     }
 
     /// Sends messages. What the connection does not take is sent again when it stands, or is due.
-    async fn send(&self, effects: Vec<Effect>) {
+    async fn send(&mut self, effects: Vec<Effect>) {
         let Some(client) = self.rollouts.client() else {
             return;
         };
@@ -460,9 +483,9 @@ impl Runner {
                 continue;
             };
             let command = match effect.message {
-                Message::Offer => UpdateCommand::Offer {
-                    release,
-                    delta: None,
+                Message::Offer => match self.offer(&effect.robot, release) {
+                    Offer::Now(delta) => UpdateCommand::Offer { release, delta },
+                    Offer::Later { .. } => continue,
                 },
                 Message::Confirm => UpdateCommand::Confirm { release },
                 Message::Cancel => UpdateCommand::Cancel { release },
@@ -488,6 +511,42 @@ impl Runner {
                 return;
             }
         }
+    }
+
+    /// What to offer a robot of a release. A patch that it takes and that is not there is made from now on.
+    fn offer(&mut self, robot: &RobotId, release: ReleaseId) -> Offer {
+        let blob = self.rollouts.active().blob(release);
+        let (Some(from), Some(blob)) = (self.known.build(robot), blob) else {
+            return Offer::Now(None);
+        };
+        let pair = Pair { from, to: release };
+        let now_ms = self.rollouts.now().monotonic_ms;
+        let offer = self.rollouts.patches().offer(robot, &pair, now_ms);
+        match offer {
+            Offer::Later { begin: true } => self.maker.begin(&self.rollouts.records, pair, blob),
+            Offer::Now(Some(_)) => self.rollouts.numbers.offered_patch(),
+            Offer::Later { begin: false } | Offer::Now(None) => {}
+        }
+        offer
+    }
+
+    /// Sends the offers that have waited for a patch, where robots are still owed them.
+    async fn send_waiting(&mut self) {
+        let waiting = self.rollouts.patches().waiting();
+        if waiting.is_empty() {
+            return;
+        }
+        let owed: Vec<Effect> = {
+            let active = self.rollouts.active();
+            let owed = active.all().flat_map(|(_, one)| one.owed());
+            owed.filter(|effect| {
+                matches!(effect.message, Message::Offer) && waiting.contains(&effect.robot)
+            })
+            .collect()
+        };
+        let robots = owed.iter().map(|effect| effect.robot.clone()).collect();
+        self.rollouts.patches().keep_waiting(&robots);
+        self.send(owed).await;
     }
 
     async fn serve(&mut self, request: Request) {

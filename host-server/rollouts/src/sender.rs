@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_protocol::{RobotId, Topic};
+use crawler_release::chunk::Part;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::PublishProperties;
 use tokio_util::sync::CancellationToken;
@@ -16,7 +17,7 @@ const EXPIRY: u32 = 5;
 
 /// What there is to send.
 enum Next {
-    Chunk(RobotId, Vec<u8>),
+    Chunk(RobotId, Part, Vec<u8>),
     /// Nothing before so many milliseconds have passed.
     In(u64),
     Nothing,
@@ -27,17 +28,18 @@ impl Rollouts {
         let now = self.now();
         let mut active = self.active();
         let mut pulls = self.pulls();
+        let patches = self.patches();
         let mut wait: Option<u64> = None;
         let mut turns = pulls.waiting();
         while turns > 0 {
             let Some((robot, pull, index)) = pulls.front() else {
                 break;
             };
-            match active.chunk(robot, pull, index, now) {
+            match active.chunk(&patches, robot, pull, index, now) {
                 Asked::Chunk(bytes) => {
                     let robot = robot.clone();
                     pulls.sent();
-                    return Next::Chunk(robot, bytes);
+                    return Next::Chunk(robot, pull.want.part, bytes);
                 }
                 // Its robot has its turn again for the rest of its window.
                 Asked::NoSuch => pulls.sent(),
@@ -60,8 +62,8 @@ impl Rollouts {
 pub(crate) async fn run(rollouts: Arc<Rollouts>, stop: CancellationToken) {
     loop {
         let wait = match rollouts.next_chunk() {
-            Next::Chunk(robot, bytes) => {
-                if !send(&rollouts, robot, bytes).await {
+            Next::Chunk(robot, part, bytes) => {
+                if !send(&rollouts, robot, part, bytes).await {
                     rollouts.pulls().clear();
                 }
                 if stop.is_cancelled() {
@@ -81,7 +83,7 @@ pub(crate) async fn run(rollouts: Arc<Rollouts>, stop: CancellationToken) {
 }
 
 /// Whether the chunk was handed to the connection. Waits while that is busy.
-async fn send(rollouts: &Rollouts, robot: RobotId, bytes: Vec<u8>) -> bool {
+async fn send(rollouts: &Rollouts, robot: RobotId, part: Part, bytes: Vec<u8>) -> bool {
     let Some(client) = rollouts.client() else {
         return false;
     };
@@ -96,7 +98,7 @@ async fn send(rollouts: &Rollouts, robot: RobotId, bytes: Vec<u8>) -> bool {
         .await
         .is_ok();
     if sent {
-        rollouts.numbers.sent_chunk(length);
+        rollouts.numbers.sent_chunk(part, length);
     }
     sent
 }

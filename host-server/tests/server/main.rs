@@ -11,6 +11,7 @@ mod broker_floods;
 mod broker_rules;
 mod compression;
 mod contract;
+mod deltas;
 mod descriptions;
 mod experiments;
 mod faults;
