@@ -32,7 +32,7 @@ fn updated(signer: &Signer, first: &Release) -> Simulation {
 
 #[test]
 fn a_release_comes_as_a_patch_of_the_one_before() {
-    for (lose_every, most) in [(0, 20), (7, 30)] {
+    for (lose_every, most) in [(0, 30), (3, 20)] {
         let signer = Signer::new();
         let (first, second) = both(&signer, crawler_bundle::SIZE_DEFAULT);
         let mut simulation = robot(&signer);
