@@ -350,6 +350,30 @@ fn no_chain_of_crates_of_the_server_is_longer_than_six() {
     }
 }
 
+/// A crate that is not hashed could change, and a report on a release would still name the same program.
+#[test]
+fn the_hash_of_the_robot_program_is_over_all_of_its_crates() {
+    let members = members();
+    let mut program = BTreeSet::new();
+    let mut next = vec!["crawler-app"];
+    while let Some(name) = next.pop() {
+        if program.insert(name) {
+            let needs = members[name].iter().map(String::as_str);
+            next.extend(needs.filter(|need| members.contains_key(*need)));
+        }
+    }
+    let folders = program.iter().map(|name| {
+        let found = BARE.iter().find(|(bare, _)| bare == name);
+        found.unwrap_or_else(|| panic!("{name} is not bare")).1
+    });
+    let sources = root().join("firmware/boards/image/src/sources.rs");
+    let sources = std::fs::read_to_string(sources).expect("sources.rs");
+    let list = sources.split("CRATES: [").nth(1).expect("CRATES");
+    let list = list.split("];").next().expect("its end");
+    let hashed: BTreeSet<&str> = list.split('"').skip(1).step_by(2).collect();
+    assert_eq!(hashed, folders.collect());
+}
+
 #[test]
 fn no_dependency_of_the_robot_program_brings_std_or_a_heap() {
     for (name, _) in BARE {

@@ -11,9 +11,10 @@ use sha2::{Digest as _, Sha256};
 
 /// The crates that the robot program consists of on every board, and in the simulator: folders below the root of the
 /// repository.
-pub(crate) const CRATES: [&str; 7] = [
+pub(crate) const CRATES: [&str; 8] = [
     "firmware/app",
     "firmware/boot",
+    "firmware/delta",
     "firmware/drivers",
     "firmware/hal",
     "firmware/protocol",
@@ -21,8 +22,8 @@ pub(crate) const CRATES: [&str; 7] = [
     "models/micromodel",
 ];
 
-/// SHA-256, in hexadecimal digits, over the manifests and sources of [`CRATES`], by name: name, a zero, length, content of each file. What a
-/// board adds is not in it.
+/// SHA-256, in hexadecimal digits, over the manifests and sources of [`CRATES`], by name: name, a zero, length, content
+/// of each file. What a board adds is not in it.
 ///
 /// # Errors
 /// When a file cannot be read.
