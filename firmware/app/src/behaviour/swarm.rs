@@ -12,29 +12,21 @@
 //! `flock`, which goes on. What the ranger sees in the way is avoided as in
 //! `wander`.
 
+mod disperse;
+mod flock;
+mod formation;
+mod gather;
+
 use crawler_protocol::Pose;
 
 use crate::goal::Swarm;
 use crate::motion::{Twist, wrap};
 use crate::neighbours::Neighbour;
 
-/// `disperse` rests when nobody is nearer than this, in metres.
-pub const APART: f32 = 1.2;
-/// `gather` rests when somebody is nearer than this, in metres. A body has 0.16 m across, and the
-/// critical distance of 0.15 m lies between two of them.
-pub const BESIDE: f32 = 0.42;
-/// Distance between neighbours in `formation`, in metres.
-pub const LATTICE: f32 = 0.8;
-/// Neighbours farther than this are not next to it in the lattice: less than the √3 sides of a
-/// triangle that lead to the one behind.
-const LATTICE_REACH: f32 = 1.3 * LATTICE;
-/// Pull of a neighbour in the lattice that is too far, as a share of the push of one that is too
-/// near: else those around press the ones in the middle together.
-const PULL: f32 = 0.3;
-/// `flock` keeps this distance, in metres.
-const FLOCK_APART: f32 = 0.6;
-/// Weights of separation, alignment, cohesion and going on, in `flock`.
-const FLOCK: [f32; 4] = [1.5, 1.0, 0.3, 0.6];
+pub use disperse::APART;
+pub use formation::LATTICE;
+pub use gather::BESIDE;
+
 /// Wanted speed, as a share of the permitted one, below which a robot rests: noise of a few
 /// centimetres must not keep it turning.
 const REST: f32 = 0.08;
@@ -60,10 +52,10 @@ pub fn swarm_twist(
         return Twist::ZERO;
     }
     let [x, y] = match swarm {
-        Swarm::Disperse => disperse(pose, near),
-        Swarm::Gather => gather(pose, near),
-        Swarm::Flock => flock(pose, near, speed),
-        Swarm::Formation => formation(pose, near),
+        Swarm::Disperse => disperse::disperse(pose, near),
+        Swarm::Gather => gather::gather(pose, near),
+        Swarm::Flock => flock::flock(pose, near, speed),
+        Swarm::Formation => formation::formation(pose, near),
     };
     let share = libm::hypotf(x, y);
     if share.is_nan() || share < REST {
@@ -97,80 +89,5 @@ fn add(sum: &mut [f32; 2], direction: [f32; 2], by: f32) {
     sum[1] += direction[1] * by;
 }
 
-fn disperse(pose: &Pose, near: &[Neighbour]) -> [f32; 2] {
-    let mut sum = [0.0; 2];
-    for other in near {
-        let (direction, distance) = towards(pose, other);
-        let inside = (APART - distance) / FAR;
-        if inside > 0.0 {
-            add(&mut sum, direction, -inside);
-        }
-    }
-    sum
-}
-
-fn gather(pose: &Pose, near: &[Neighbour]) -> [f32; 2] {
-    let mut middle = [pose.x, pose.y];
-    let mut nearest = f32::INFINITY;
-    for other in near {
-        add(&mut middle, [other.x, other.y], 1.0);
-        nearest = nearest.min(towards(pose, other).1);
-    }
-    if nearest <= BESIDE {
-        return [0.0; 2];
-    }
-    let count = near.len() as f32 + 1.0;
-    let middle = middle.map(|sum| sum / count);
-    [(middle[0] - pose.x) / FAR, (middle[1] - pose.y) / FAR]
-}
-
-fn flock(pose: &Pose, near: &[Neighbour], speed: f32) -> [f32; 2] {
-    let [separation, alignment, cohesion, onwards] = FLOCK;
-    let mut sum = [0.0; 2];
-    add(
-        &mut sum,
-        [libm::cosf(pose.theta), libm::sinf(pose.theta)],
-        onwards,
-    );
-    let each = 1.0 / (near.len() as f32).max(1.0);
-    for other in near {
-        let (direction, distance) = towards(pose, other);
-        let inside = (FLOCK_APART - distance) / FLOCK_APART;
-        if inside > 0.0 {
-            add(&mut sum, direction, -separation * inside);
-        }
-        add(&mut sum, other.velocity, alignment * each / speed.max(0.01));
-        add(&mut sum, direction, cohesion * each * distance.min(1.0));
-    }
-    sum
-}
-
-fn formation(pose: &Pose, near: &[Neighbour]) -> [f32; 2] {
-    let mut sum = [0.0; 2];
-    let mut nearest: Option<([f32; 2], f32)> = None;
-    for other in near {
-        let (direction, distance) = towards(pose, other);
-        if distance <= LATTICE_REACH {
-            let off = (distance - LATTICE) / FAR;
-            add(
-                &mut sum,
-                direction,
-                if off > 0.0 { PULL * off } else { off },
-            );
-        }
-        if nearest.is_none_or(|(_, least)| distance < least) {
-            nearest = Some((direction, distance));
-        }
-    }
-    match nearest {
-        // Nobody is next to it yet: to whoever is nearest.
-        Some((direction, distance)) if distance > LATTICE_REACH => {
-            direction.map(|along| along * (distance - LATTICE) / FAR)
-        }
-        Some(_) | None => sum,
-    }
-}
-
 #[cfg(test)]
-#[path = "swarm_tests.rs"]
 mod tests;
