@@ -9,6 +9,7 @@ mod edit;
 mod error;
 mod generate;
 mod ground;
+mod measure;
 mod metric;
 mod passable;
 mod place;
@@ -34,6 +35,7 @@ pub use difficulty::Difficulty;
 pub use error::ScenarioError;
 pub use generate::{Generate, Layout};
 pub use ground::{Ground, Scatter};
+pub use measure::Measure;
 pub use metric::{Better, Metric};
 pub use passable::Passable;
 pub use place::Place;
@@ -87,6 +89,9 @@ pub struct Scenario {
     /// How long an evaluated run lasts, seconds.
     #[serde(default = "two_minutes")]
     pub duration_s: f32,
+    /// Whether it ends before that once its timeline is over and every goal was reached.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub ends_early: bool,
     /// The ground.
     #[serde(default)]
     pub arena: Ground,
@@ -111,6 +116,9 @@ pub struct Scenario {
     /// What evaluated runs must come to together.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub thresholds: Vec<Threshold>,
+    /// By what a swarm is measured.
+    #[serde(default, skip_serializing_if = "Measure::is_usual")]
+    pub measure: Measure,
     /// How hard it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub difficulty: Option<Difficulty>,
@@ -158,6 +166,15 @@ const fn one() -> u32 {
 
 const fn two_minutes() -> f32 {
     120.0
+}
+
+const fn yes() -> bool {
+    true
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // as serde calls it
+const fn is_yes(value: &bool) -> bool {
+    *value
 }
 
 impl Start {
@@ -217,6 +234,7 @@ impl Scenario {
             about: String::new(),
             robots: one(),
             duration_s: two_minutes(),
+            ends_early: yes(),
             arena: Ground::default(),
             spawn: Spawn::default(),
             command: None,
@@ -225,6 +243,7 @@ impl Scenario {
             faults: Vec::new(),
             success: Success::default(),
             thresholds: Vec::new(),
+            measure: Measure::default(),
             difficulty: None,
             link: None,
             radio: None,

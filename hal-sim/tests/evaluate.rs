@@ -105,6 +105,86 @@ fn what_goes_wrong_is_named() {
     assert_eq!(trial.measured.get(Metric::Success), Some(0.0));
 }
 
+#[test]
+fn a_run_goes_on_to_its_end_where_that_is_asked() {
+    let whole = STRAIGHT.replace("duration_s", "ends_early = false\nduration_s");
+    // A robot that breaks down long after it has arrived is not alive at the end.
+    let broken = "[[faults]]\nat_s = 12.0\nfor_s = 60.0\nfault = \"ranger-dead\"\n\
+                  [[commands]]\nat_s = 12.0\ncommand = \"behave\"\n\
+                  parameters = { behaviour = \"wander\" }\n";
+    let trial = run_trial(&parse(&format!("{whole}{broken}")), 1);
+    assert_eq!(trial.ran_s, 40.0);
+    assert_eq!(trial.measured.get(Metric::Reached), Some(1.0));
+    let criteria: Vec<_> = trial.failures.iter().map(|f| f.criterion).collect();
+    assert_eq!(criteria, [Criterion::Alive, Criterion::Stranded]);
+}
+
+/// Four robots that stand in a square of 0.8 m, and one in a corner far away.
+const STANDING: &str = "
+name = \"standing\"
+robots = 5
+duration_s = 14.0
+[arena]
+width = 8.2
+height = 8.2
+[spawn]
+poses = [{ x = 0.0, y = 0.0 }, { x = 0.8, y = 0.0 }, { x = 0.0, y = 0.8 }, { x = 0.8, y = 0.8 }, { x = -3.0, y = -3.0 }]
+";
+
+#[test]
+fn a_swarm_is_measured_and_judged() {
+    let wanted = "[success]\norder = 0.9\nclusters = 2\nlargest_cluster = 0.8\n\
+                  pair_distance_m = 0.79\ncoverage = 0.2\nlattice_degree = 1.5\n\
+                  spacing_error_m = 0.02\nsettle_s = 12.0\ncontacts_per_minute = 0.0\n";
+    let text = format!("{STANDING}{wanted}");
+    let trial = run_trial(&parse(&text), 1);
+    assert_eq!(trial.failures, []);
+    let near = |metric, expected: f64| {
+        let value = trial.measured.get(metric).unwrap();
+        assert!((value - expected).abs() < 1e-3, "{metric:?} {value}");
+    };
+    near(Metric::Order, 1.0);
+    near(Metric::Clusters, 2.0);
+    near(Metric::LargestCluster, 0.8);
+    near(Metric::PairDistanceM, 0.8);
+    near(Metric::LatticeDegree, 1.6);
+    near(Metric::ContactsPerMinute, 0.0);
+    // From when the robots have booted and know the time.
+    let settled = trial.measured.get(Metric::SettleS).unwrap();
+    assert!((2.0..=12.0).contains(&settled), "{settled}");
+    // A metre more or less, and everything is wrong but that nobody touches anybody.
+    let other = text
+        .replace("x = 0.8, y = 0.0", "x = 2.0, y = 1.9, theta = 3.14")
+        .replace("x = 0.8, y = 0.8", "x = 0.0, y = 0.6, theta = 3.14")
+        .replace("x = 0.0, y = 0.8", "x = 0.0, y = -0.95");
+    let trial = run_trial(&parse(&other), 1);
+    let failures = trial.failures.iter();
+    let criteria: Vec<_> = failures.map(|failure| failure.criterion.name()).collect();
+    let asked = parse(&text).success;
+    let of_swarm = asked.of_swarm().into_iter().chain(asked.of_time());
+    let asked: Vec<_> = of_swarm.map(|wanted| wanted.metric.name()).collect();
+    for name in [
+        "order",
+        "clusters",
+        "largest_cluster",
+        "pair_distance_m",
+        "lattice_degree",
+    ] {
+        assert!(criteria.contains(&name), "{name}: {criteria:?}");
+    }
+    assert!(criteria.contains(&"spacing_error_m") && criteria.contains(&"settle_s"));
+    assert!(!criteria.contains(&"contacts_per_minute"), "{criteria:?}");
+    assert!(
+        criteria.iter().all(|name| asked.contains(name)),
+        "{criteria:?}"
+    );
+    // One robot is no swarm.
+    let alone = parse(&text.replace("robots = 5", "robots = 1"));
+    let trial = run_trial(&alone, 1);
+    assert_eq!(trial.failures.len(), 8, "{:?}", trial.failures);
+    assert_eq!(trial.measured.get(Metric::ContactsPerMinute), Some(0.0));
+}
+
 /// Everybody wanders; then every ranger is dead for a while, later every link is lost, and at last everybody
 /// restarts.
 const INTERRUPTED: &str = "

@@ -7,7 +7,25 @@ use crawler_hal::Instant;
 use super::metrics::Measured;
 use super::trial::{Observer, seconds};
 use super::verdict::{Criterion, Failure};
-use crate::scenario::{Metric, Quota, Success};
+use crate::scenario::{Metric, Quota, Success, Threshold};
+
+/// How far a metric is from what was wanted.
+fn missed(wanted: Threshold, value: Option<f64>) -> String {
+    let Threshold {
+        metric,
+        at_least,
+        value: limit,
+    } = wanted;
+    let word = if at_least { "least" } else { "most" };
+    // Without the digits that allow for rounding.
+    let limit = libm::round(limit * 1e6) / 1e6;
+    let unit = metric.unit();
+    match value {
+        Some(value) => format!("{value:.3} {unit}, at {word} {limit} wanted"),
+        None if metric == Metric::SettleS => format!("never, within {limit} s wanted"),
+        None => format!("nothing was measured, at {word} {limit} {unit} wanted"),
+    }
+}
 
 impl Observer<'_> {
     /// The criteria that do not hold, each once.
@@ -130,6 +148,14 @@ impl Observer<'_> {
         ] {
             if let Some(what) = least(metric, limit, what) {
                 fail(criterion, what);
+            }
+        }
+        for threshold in success.of_swarm().into_iter().chain(success.of_time()) {
+            let value = measured.get(threshold.metric);
+            if let Some(criterion) = Criterion::by_name(threshold.metric.name())
+                && !threshold.is_met(value)
+            {
+                fail(criterion, missed(threshold, value));
             }
         }
         let failures = failures.into_iter();

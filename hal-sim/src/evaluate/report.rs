@@ -123,7 +123,7 @@ impl Evaluation {
     #[must_use]
     pub fn table(&self) -> String {
         let mut text = format!(
-            "{}: {} robots, {} runs\n\n  {:<18} {:>10}   {:^23} {:>10} {:>10} {:>5}\n",
+            "{}: {} robots, {} runs\n\n  {:<20} {:>10}   {:^23} {:>10} {:>10} {:>5}\n",
             self.scenario,
             self.robots,
             self.trials.len(),
@@ -138,7 +138,7 @@ impl Evaluation {
             // Writing to a String does not fail.
             let _ = writeln!(
                 text,
-                "  {:<18} {:>10.4}   {:>10.4} … {:>10.4} {:>10.4} {:>10.4} {:>5}",
+                "  {:<20} {:>10.4}   {:>10.4} … {:>10.4} {:>10.4} {:>10.4} {:>5}",
                 metric.name(),
                 estimate.mean,
                 estimate.low,

@@ -158,6 +158,30 @@ impl<'a> Shrinking<'a> {
             Criterion::Recovery => success.recovery_s = stated.recovery_s,
             Criterion::Uptime => success.uptime = stated.uptime,
             Criterion::Still => success.still_s = stated.still_s,
+            Criterion::ContactsPerMinute => {
+                success.contacts_per_minute = stated.contacts_per_minute;
+            }
+            Criterion::Order => success.order = stated.order,
+            Criterion::Clusters => success.clusters = stated.clusters,
+            Criterion::LargestCluster => success.largest_cluster = stated.largest_cluster,
+            Criterion::PairDistance => success.pair_distance_m = stated.pair_distance_m,
+            Criterion::Coverage => success.coverage = stated.coverage,
+            Criterion::LatticeDegree => success.lattice_degree = stated.lattice_degree,
+            Criterion::SpacingError => success.spacing_error_m = stated.spacing_error_m,
+            // What it is to settle to stands beside it.
+            Criterion::Settle => {
+                success = Success {
+                    order: stated.order,
+                    clusters: stated.clusters,
+                    largest_cluster: stated.largest_cluster,
+                    pair_distance_m: stated.pair_distance_m,
+                    coverage: stated.coverage,
+                    lattice_degree: stated.lattice_degree,
+                    spacing_error_m: stated.spacing_error_m,
+                    settle_s: stated.settle_s,
+                    ..success
+                };
+            }
             // Whatever is stated, these end a run.
             Criterion::SetUp | Criterion::Panic => success = stated,
         }

@@ -9,6 +9,7 @@ use super::behaving::Behaving;
 use super::clearance::{LIMIT_M, Near};
 use super::commands::Commands;
 use super::metrics::{Measured, Recovery, mean, path_optimality, share};
+use super::swarm::{EVERY_S, Swarm};
 use super::verdict::{Criterion, Failure};
 use crate::faults::Fault;
 use crate::run::{Broken, Simulation, SimulationError};
@@ -17,6 +18,8 @@ use crate::world::{Observation, Obstacle};
 
 /// How often robots are looked at.
 const LOOK: Duration = Duration::from_millis(50);
+/// So many looks from one at the swarm to the next.
+const LOOKS_AT_SWARM: u32 = EVERY_S * 1_000 / LOOK.as_millis() as u32;
 /// Robots have this long to boot, connect and learn the time; then it counts as down time.
 const START: Duration = Duration::from_secs(10);
 /// A run goes on for so long after its scenario is over.
@@ -103,6 +106,8 @@ pub(super) struct Robot {
     up: u32,
     counted: u32,
     pub(super) was_up: bool,
+    /// Whether it has power and works, connected or not.
+    works: bool,
     behaving: Behaving,
     pub(super) recoveries: Vec<(Recovery, Fault)>,
 }
@@ -124,6 +129,9 @@ pub(super) struct Observer<'a> {
     bodies: Vec<Obstacle>,
     radius: f32,
     least_m: f32,
+    /// One robot is none.
+    swarm: Option<Swarm>,
+    looks: u32,
     /// The fastest contact: speed, robot, and when.
     pub(super) impact: Option<(f32, usize, f64)>,
     /// Who moved although it had to stand, and when.
@@ -146,13 +154,17 @@ impl<'a> Observer<'a> {
             legs: vec![Leg::default(); simulation.targets(robot).len()],
             ..Robot::default()
         });
+        let radius = simulation.world().parameters().chassis.radius_m;
+        let swarm = (simulation.robots() > 1).then(|| Swarm::new(scenario, &arena, radius));
         Ok(Self {
             scenario,
             seed,
             robots: robots.collect(),
             near: Near::new(&arena),
             bodies: arena.movers.iter().map(|mover| mover.body).collect(),
-            radius: simulation.world().parameters().chassis.radius_m,
+            radius,
+            swarm,
+            looks: 0,
             least_m: LIMIT_M,
             impact: None,
             moved: None,
@@ -164,13 +176,13 @@ impl<'a> Observer<'a> {
     /// Runs to the end, or until `stop` is set.
     fn run(mut self, stop: &AtomicBool) -> Self {
         let end = Instant::from_micros((f64::from(self.scenario.duration_s) * 1e6) as u64);
-        let has_goals = !self.scenario.goals.is_empty();
+        let ends_early = self.scenario.ends_early && !self.scenario.goals.is_empty();
         let mut over: Option<Instant> = None;
         while self.simulation.now() < end && !stop.load(Ordering::Relaxed) {
             let next = (self.simulation.now() + LOOK).min(end);
             self.simulation.run_until(next);
             self.look();
-            if has_goals && self.simulation.is_over() {
+            if ends_early && self.simulation.is_over() {
                 let since = *over.get_or_insert(self.simulation.now());
                 if self.simulation.now() - since >= AFTERMATH && self.all_are_back() {
                     break;
@@ -191,12 +203,23 @@ impl<'a> Observer<'a> {
             self.note_broken(&broken);
         }
         let mut places = Vec::with_capacity(self.robots.len());
+        let (mut at_work, mut headings) = (Vec::new(), Vec::new());
         for number in 0..self.robots.len() {
             let Some(seen) = self.simulation.observe(number).filter(|seen| seen.present) else {
                 continue;
             };
             places.push([seen.pose.x, seen.pose.y]);
             self.look_at(number, &seen, now);
+            if self.robots[number].works {
+                at_work.push([seen.pose.x, seen.pose.y]);
+                headings.push(seen.pose.theta);
+            }
+        }
+        self.looks += 1;
+        if self.looks.is_multiple_of(LOOKS_AT_SWARM)
+            && let Some(swarm) = &mut self.swarm
+        {
+            swarm.look(&at_work, &headings);
         }
         let movers = self.movers();
         let least = self.near.least(&places, &movers, self.radius);
@@ -290,6 +313,7 @@ impl<'a> Observer<'a> {
         robot.counted += u32::from(started);
         robot.up += u32::from(up);
         robot.was_up = up;
+        robot.works = able;
         let behaviour = snapshot.map_or(BehaviourName::Manual, |snapshot| snapshot.behaviour);
         let busy = behaviour != BehaviourName::Manual;
         // To go somewhere has an end.
@@ -359,7 +383,10 @@ impl<'a> Observer<'a> {
         measured.set(Metric::PathOptimality, self.optimality(&legs));
         measured.set(Metric::EnergyJ, mean(self.energy()));
         let contacts = self.robots.iter().map(|robot| f64::from(robot.contacts));
-        measured.set(Metric::Collisions, mean(contacts));
+        let each = mean(contacts);
+        measured.set(Metric::Collisions, each);
+        let minutes = seconds(self.simulation.now()) / 60.0;
+        measured.set(Metric::ContactsPerMinute, each.map(|each| each / minutes));
         let clearance = (robots > 0).then_some(f64::from(self.least_m));
         measured.set(Metric::MinClearanceM, clearance);
         let recoveries = self.robots.iter().flat_map(|robot| &robot.recoveries);
@@ -402,6 +429,9 @@ impl<'a> Observer<'a> {
                 Metric::Dropouts,
                 Some(100.0 * dropouts.sum::<f64>() / hours),
             );
+        }
+        if let Some(swarm) = &self.swarm {
+            swarm.measure(&mut measured);
         }
         measured
     }

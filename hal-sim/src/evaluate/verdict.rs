@@ -34,11 +34,29 @@ pub enum Criterion {
     Uptime,
     /// Motion after a stop.
     Still,
+    /// Too many contacts in a minute.
+    ContactsPerMinute,
+    /// Robots that head in different directions.
+    Order,
+    /// Too many groups of robots.
+    Clusters,
+    /// Too few robots in the largest group.
+    LargestCluster,
+    /// Two robots too close together.
+    PairDistance,
+    /// Too much of the floor without a robot near.
+    Coverage,
+    /// Too few neighbours in the lattice.
+    LatticeDegree,
+    /// Neighbours too far from the spacing of the lattice.
+    SpacingError,
+    /// A swarm that is not in time as it should be.
+    Settle,
 }
 
 impl Criterion {
     /// All of them.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 23] = [
         Self::SetUp,
         Self::Panic,
         Self::Reach,
@@ -53,6 +71,15 @@ impl Criterion {
         Self::Recovery,
         Self::Uptime,
         Self::Still,
+        Self::ContactsPerMinute,
+        Self::Order,
+        Self::Clusters,
+        Self::LargestCluster,
+        Self::PairDistance,
+        Self::Coverage,
+        Self::LatticeDegree,
+        Self::SpacingError,
+        Self::Settle,
     ];
 
     /// The criterion of this name.
@@ -81,6 +108,15 @@ impl Criterion {
             Self::Recovery => "recovery_s",
             Self::Uptime => "uptime",
             Self::Still => "still_s",
+            Self::ContactsPerMinute => "contacts_per_minute",
+            Self::Order => "order",
+            Self::Clusters => "clusters",
+            Self::LargestCluster => "largest_cluster",
+            Self::PairDistance => "pair_distance_m",
+            Self::Coverage => "coverage",
+            Self::LatticeDegree => "lattice_degree",
+            Self::SpacingError => "spacing_error_m",
+            Self::Settle => "settle_s",
         }
     }
 }

@@ -37,6 +37,24 @@ pub enum Metric {
     Stranded,
     /// How often a robot fell out of its behaviour by itself, in 100 hours of robots.
     Dropouts,
+    /// Contacts for each robot and minute.
+    ContactsPerMinute,
+    /// How much alike robots head, 0 to 1: the length of the mean of their directions.
+    Order,
+    /// Groups of robots that are near to each other.
+    Clusters,
+    /// Share of the robots that the largest group has.
+    LargestCluster,
+    /// Least distance between the middles of two robots, metres.
+    PairDistanceM,
+    /// Share of the free floor that has a robot near.
+    Coverage,
+    /// Neighbours at the spacing of the lattice, for each robot.
+    LatticeDegree,
+    /// How far neighbours in the lattice are from its spacing, metres.
+    SpacingErrorM,
+    /// From when on the swarm is as the scenario wants it, seconds.
+    SettleS,
 }
 
 impl Metric {
@@ -44,7 +62,7 @@ impl Metric {
     pub const COUNT: usize = Self::ALL.len();
 
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 23] = [
         Self::Success,
         Self::Reached,
         Self::TimeToGoalS,
@@ -59,6 +77,15 @@ impl Metric {
         Self::DistanceM,
         Self::Stranded,
         Self::Dropouts,
+        Self::ContactsPerMinute,
+        Self::Order,
+        Self::Clusters,
+        Self::LargestCluster,
+        Self::PairDistanceM,
+        Self::Coverage,
+        Self::LatticeDegree,
+        Self::SpacingErrorM,
+        Self::SettleS,
     ];
 
     /// Name in tables, files and thresholds.
@@ -79,6 +106,15 @@ impl Metric {
             Self::DistanceM => "distance_m",
             Self::Stranded => "stranded",
             Self::Dropouts => "dropouts",
+            Self::ContactsPerMinute => "contacts_per_minute",
+            Self::Order => "order",
+            Self::Clusters => "clusters",
+            Self::LargestCluster => "largest_cluster",
+            Self::PairDistanceM => "pair_distance_m",
+            Self::Coverage => "coverage",
+            Self::LatticeDegree => "lattice_degree",
+            Self::SpacingErrorM => "spacing_error_m",
+            Self::SettleS => "settle_s",
         }
     }
 
@@ -96,14 +132,22 @@ impl Metric {
             | Self::Reached
             | Self::PathOptimality
             | Self::Uptime
-            | Self::CommandSuccess => "share",
-            Self::TimeToGoalS | Self::RecoveryS => "s",
+            | Self::CommandSuccess
+            | Self::Order
+            | Self::LargestCluster
+            | Self::Coverage => "share",
+            Self::TimeToGoalS | Self::RecoveryS | Self::SettleS => "s",
             Self::EnergyJ => "J",
             Self::Collisions => "contacts",
-            Self::MinClearanceM | Self::DistanceM => "m",
+            Self::MinClearanceM | Self::DistanceM | Self::PairDistanceM | Self::SpacingErrorM => {
+                "m"
+            }
             Self::MessagesPerTask => "messages",
             Self::Stranded => "robots",
             Self::Dropouts => "dropouts",
+            Self::ContactsPerMinute => "contacts/min",
+            Self::Clusters => "clusters",
+            Self::LatticeDegree => "neighbours",
         }
     }
 
@@ -116,16 +160,26 @@ impl Metric {
             | Self::PathOptimality
             | Self::MinClearanceM
             | Self::Uptime
-            | Self::CommandSuccess => Better::More,
+            | Self::CommandSuccess
+            | Self::Order
+            | Self::Coverage => Better::More,
             Self::TimeToGoalS
             | Self::EnergyJ
             | Self::Collisions
             | Self::RecoveryS
             | Self::MessagesPerTask
             | Self::Stranded
-            | Self::Dropouts => Better::Less,
-            // To drive far is the task of one scenario and a detour in another.
-            Self::DistanceM => Better::Neither,
+            | Self::Dropouts
+            | Self::ContactsPerMinute
+            | Self::SpacingErrorM
+            | Self::SettleS => Better::Less,
+            // To drive far is the task of one scenario and a detour in another, and so is to stand
+            // close together.
+            Self::DistanceM
+            | Self::Clusters
+            | Self::LargestCluster
+            | Self::PairDistanceM
+            | Self::LatticeDegree => Better::Neither,
         }
     }
 }

@@ -111,6 +111,43 @@ impl Passable {
         free.map(|(square, _)| self.centre(square))
     }
 
+    /// How much of the floor is free, square metres.
+    pub(crate) fn free_area(&self) -> f32 {
+        let free = self.free.iter().filter(|&&free| free).count();
+        free as f32 * self.side * self.side
+    }
+
+    /// The share of the free floor that is within `reach` of one of `places`; `None` where nothing
+    /// is free. `seen` is memory to work in.
+    pub(crate) fn share_near(
+        &self,
+        places: &[[f32; 2]],
+        reach: f32,
+        seen: &mut Vec<bool>,
+    ) -> Option<f64> {
+        seen.clear();
+        seen.resize(self.free.len(), false);
+        for &place in places {
+            let [x, y] = place;
+            let low = self.column_row([x - reach, y - reach]);
+            let high = self.column_row([x + reach, y + reach]);
+            for row in low.1.max(0)..=high.1.min(self.rows - 1) {
+                for column in low.0.max(0)..=high.0.min(self.columns - 1) {
+                    let square = row * self.columns + column;
+                    if apart(self.centre(square), place) <= reach {
+                        seen[square as usize] = true;
+                    }
+                }
+            }
+        }
+        let (mut free, mut near) = (0_u32, 0_u32);
+        for (&is_free, &is_near) in self.free.iter().zip(seen.iter()) {
+            free += u32::from(is_free);
+            near += u32::from(is_free && is_near);
+        }
+        (free > 0).then(|| f64::from(near) / f64::from(free))
+    }
+
     /// The free place nearest to `place`; `None` when there is none near.
     #[must_use]
     pub fn nearest_free(&self, place: [f32; 2]) -> Option<[f32; 2]> {

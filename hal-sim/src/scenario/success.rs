@@ -54,6 +54,34 @@ pub struct Success {
     /// command, seconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub still_s: Option<f32>,
+    /// Most contacts for each robot and minute.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contacts_per_minute: Option<f32>,
+    /// How much alike robots head at least, 0 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub order: Option<f32>,
+    /// Most groups of robots.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clusters: Option<f32>,
+    /// Least share of the robots in the largest group.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub largest_cluster: Option<f32>,
+    /// Least distance between the middles of two robots, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pair_distance_m: Option<f32>,
+    /// Least share of the free floor that has a robot near.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<f32>,
+    /// Fewest neighbours at the spacing of the lattice, for each robot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lattice_degree: Option<f32>,
+    /// How far neighbours in the lattice are from its spacing at most, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spacing_error_m: Option<f32>,
+    /// From when on all that is stated of the swarm holds at the latest, seconds since the
+    /// beginning of the world.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub settle_s: Option<f32>,
 }
 
 impl Success {
@@ -61,6 +89,37 @@ impl Success {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// What is stated of how a swarm stands and moves.
+    #[must_use]
+    pub fn of_swarm(&self) -> Vec<Threshold> {
+        let stated = [
+            (Metric::Order, true, self.order),
+            (Metric::Clusters, false, self.clusters),
+            (Metric::LargestCluster, true, self.largest_cluster),
+            (Metric::PairDistanceM, true, self.pair_distance_m),
+            (Metric::Coverage, true, self.coverage),
+            (Metric::LatticeDegree, true, self.lattice_degree),
+            (Metric::SpacingErrorM, false, self.spacing_error_m),
+        ];
+        let stated = stated.into_iter();
+        stated
+            .filter_map(|(metric, at_least, limit)| Some(limiting(metric, at_least, limit?)))
+            .collect()
+    }
+
+    /// What is stated of metrics that count what a swarm came to in time.
+    #[must_use]
+    pub fn of_time(&self) -> Vec<Threshold> {
+        let stated = [
+            (Metric::ContactsPerMinute, self.contacts_per_minute),
+            (Metric::SettleS, self.settle_s),
+        ];
+        let stated = stated.into_iter();
+        stated
+            .filter_map(|(metric, limit)| Some(limiting(metric, false, limit?)))
+            .collect()
     }
 
     pub(super) fn validate(&self) -> Result<(), ScenarioError> {
@@ -79,6 +138,15 @@ impl Success {
             ("recovery_s", self.recovery_s, LONGEST_S),
             ("uptime", self.uptime, 1.0),
             ("still_s", self.still_s, LONGEST_S),
+            ("contacts_per_minute", self.contacts_per_minute, 1e6),
+            ("order", self.order, 1.0),
+            ("clusters", self.clusters, 1e6),
+            ("largest_cluster", self.largest_cluster, 1.0),
+            ("pair_distance_m", self.pair_distance_m, 1e3),
+            ("coverage", self.coverage, 1.0),
+            ("lattice_degree", self.lattice_degree, 100.0),
+            ("spacing_error_m", self.spacing_error_m, 100.0),
+            ("settle_s", self.settle_s, LONGEST_S),
         ] {
             let value = value.unwrap_or(0.0);
             if !(0.0..=most).contains(&value) {
@@ -87,6 +155,16 @@ impl Success {
             }
         }
         Ok(())
+    }
+}
+
+fn limiting(metric: Metric, at_least: bool, limit: f32) -> Threshold {
+    // A number of 32 bits is seldom exact, and four of five are 0.8 of them.
+    let value = libm::round(f64::from(limit) * 1e6) * 1e-6;
+    Threshold {
+        metric,
+        at_least,
+        value: if at_least { value - 1e-9 } else { value + 1e-9 },
     }
 }
 

@@ -45,6 +45,9 @@ impl Scenario {
         self.validate_spawn(&arena)?;
         self.validate_timeline(&arena)?;
         self.success.validate()?;
+        self.measure
+            .validate()
+            .map_err(|(key, rule)| ScenarioError::value(format!("measure.{key}"), rule))?;
         if self.thresholds.len() > MOST_ENTRIES {
             let rule = format!("must be at most {MOST_ENTRIES}");
             return Err(ScenarioError::value("thresholds", rule));

@@ -59,6 +59,15 @@ const METRICS: Readonly<Record<string, string>> = {
   distance_m: 'Distance per robot',
   stranded: 'Robots stranded',
   dropouts: 'Dropouts in 100 robot-hours',
+  contacts_per_minute: 'Contacts per robot and minute',
+  order: 'Order of headings',
+  clusters: 'Clusters',
+  largest_cluster: 'Robots in the largest cluster',
+  pair_distance_m: 'Least distance of two robots',
+  coverage: 'Floor covered',
+  lattice_degree: 'Neighbours in the lattice',
+  spacing_error_m: 'Error of spacing',
+  settle_s: 'Time to settle',
   episode_length_s: 'Length of a trial',
 }
 
@@ -66,7 +75,17 @@ const METRICS: Readonly<Record<string, string>> = {
 const SHARES = new Set(['success', 'reached', 'path_optimality', 'uptime', 'command_success'])
 
 /** The name of such a metric says what is counted. */
-const COUNTS = new Set(['contacts', 'messages', 'robots', 'dropouts', 'count', '1'])
+const COUNTS = new Set([
+  'contacts',
+  'contacts/min',
+  'messages',
+  'robots',
+  'dropouts',
+  'clusters',
+  'neighbours',
+  'count',
+  '1',
+])
 
 /** What nobody has words for is shown by its name, without the unit at its end. */
 export function metricName(name: string): string {

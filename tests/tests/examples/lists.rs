@@ -120,6 +120,7 @@ pub(crate) fn faults(pages: &[Page]) -> Vec<String> {
             "TimedFault",
             "Goal",
             "Success",
+            "Measure",
             "Difficulty",
         ],
     );
