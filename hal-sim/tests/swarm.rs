@@ -70,7 +70,7 @@ fn dispersing_robots_leave_each_other_room_and_stop_listening_when_told() {
 fn gathering_robots_come_together() {
     let mut simulation = behave(BehaviourSpec::Disperse, 40);
     let before = mean(&nearest(&poses(&simulation)));
-    simulation.submit_all(Action::Behave(BehaviourSpec::Gather));
+    simulation.submit_all(Action::Behave(BehaviourSpec::Gather { x: 0.0, y: 0.0 }));
     simulation.run_for(Duration::from_secs(90));
     let apart = nearest(&poses(&simulation));
     assert!(mean(&apart) < 0.6, "{apart:?}");

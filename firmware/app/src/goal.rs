@@ -67,13 +67,18 @@ impl Goal {
 }
 
 /// Moving by where others are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Swarm {
     /// Keep away from others.
     Disperse,
-    /// Join others.
-    Gather,
+    /// Join others at a place.
+    Gather {
+        /// Metres along the x axis of position references.
+        x: f32,
+        /// Metres along their y axis.
+        y: f32,
+    },
     /// Move along with others.
     Flock,
     /// Keep a place among others.
@@ -85,7 +90,7 @@ impl Swarm {
     pub const fn behaviour(self) -> BehaviourName {
         match self {
             Self::Disperse => BehaviourName::Disperse,
-            Self::Gather => BehaviourName::Gather,
+            Self::Gather { .. } => BehaviourName::Gather,
             Self::Flock => BehaviourName::Flock,
             Self::Formation => BehaviourName::Formation,
         }

@@ -42,6 +42,19 @@ pub struct Neighbour {
     pub velocity: [f32; 2],
 }
 
+impl Neighbour {
+    /// Where it should be `age` seconds later.
+    #[must_use]
+    pub(crate) fn after(self, age: f32) -> Self {
+        let [vx, vy] = self.velocity;
+        Self {
+            x: self.x + vx * age,
+            y: self.y + vy * age,
+            ..self
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     who: u32,
@@ -71,15 +84,7 @@ impl<M: RawMutex> Neighbours<M> {
             let seen = seen.borrow();
             let fresh = seen.iter().filter(|known| now - known.at <= FRESH_FOR);
             fresh
-                .map(|known| {
-                    let age = (now - known.at).as_secs_f32();
-                    let [vx, vy] = known.is.velocity;
-                    Neighbour {
-                        x: known.is.x + vx * age,
-                        y: known.is.y + vy * age,
-                        ..known.is
-                    }
-                })
+                .map(|known| known.is.after((now - known.at).as_secs_f32()))
                 .collect()
         })
     }

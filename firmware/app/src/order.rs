@@ -109,7 +109,9 @@ impl Task {
             Action::Behave(BehaviourSpec::Manual) => Self::Manual,
             Action::Behave(BehaviourSpec::Wander { speed }) => Self::Wander { speed: *speed },
             Action::Behave(BehaviourSpec::Disperse) => Self::Swarm(Swarm::Disperse),
-            Action::Behave(BehaviourSpec::Gather) => Self::Swarm(Swarm::Gather),
+            Action::Behave(BehaviourSpec::Gather { x, y }) => {
+                Self::Swarm(Swarm::Gather { x: *x, y: *y })
+            }
             Action::Behave(BehaviourSpec::Flock) => Self::Swarm(Swarm::Flock),
             Action::Behave(BehaviourSpec::Formation) => Self::Swarm(Swarm::Formation),
             Action::Behave(BehaviourSpec::Policy)

@@ -165,9 +165,20 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
                             false,
                         )),
                         BehaviourName::Goto => members.extend(place()),
+                        BehaviourName::Gather => members.extend([
+                            (
+                                "x",
+                                within(MAX_COORDINATE, "Metres along the x axis; 0 by default."),
+                                false,
+                            ),
+                            (
+                                "y",
+                                within(MAX_COORDINATE, "Metres along the y axis; 0 by default."),
+                                false,
+                            ),
+                        ]),
                         BehaviourName::Manual
                         | BehaviourName::Disperse
-                        | BehaviourName::Gather
                         | BehaviourName::Flock
                         | BehaviourName::Formation
                         | BehaviourName::Policy => {}

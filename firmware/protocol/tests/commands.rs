@@ -167,6 +167,18 @@ fn every_reason_a_command_can_be_refused_for() {
             r#""command":"behave","parameters":{"behaviour":"goto","x":1}"#,
             Reason::MissingField,
         ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"gather","x":1,"y":10001}"#,
+            Reason::OutOfRange,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"gather","x":"1"}"#,
+            Reason::WrongType,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"gather","r":1}"#,
+            Reason::UnknownField,
+        ),
         (r#""command":"set","parameters":{}"#, Reason::MissingField),
         (r#""command":"set""#, Reason::MissingField),
         (
@@ -360,6 +372,14 @@ fn every_command_is_understood() {
         (
             r#""command":"behave","parameters":{"behaviour":"goto","x":1,"y":2}"#,
             Action::Behave(BehaviourSpec::Goto { x: 1.0, y: 2.0 }),
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"gather"}"#,
+            Action::Behave(BehaviourSpec::Gather { x: 0.0, y: 0.0 }),
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"gather","y":-2}"#,
+            Action::Behave(BehaviourSpec::Gather { x: 0.0, y: -2.0 }),
         ),
         (r#""command":"stop""#, Action::Stop),
         (r#""command":"est\u006fp","parameters":{}"#, Action::Estop),

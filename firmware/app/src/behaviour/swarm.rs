@@ -4,7 +4,7 @@
 //! | behaviour | rule | after |
 //! |---|---|---|
 //! | `disperse` | away from everyone within 1.2 m | potential fields: Howard, Mataric and Sukhatme, "Mobile Sensor Network Deployment using Potential Fields", DARS 2002 |
-//! | `gather` | to the middle of those in sight, and rest beside the first of them | |
+//! | `gather` | to one place, and rest behind those who rest there already | |
 //! | `flock` | separation, alignment, cohesion, and on | Reynolds, "Flocks, Herds, and Schools", SIGGRAPH 1987 |
 //! | `formation` | 0.8 m from each neighbour: a lattice of triangles | α-lattices: Olfati-Saber, "Flocking for Multi-Agent Dynamic Systems", IEEE TAC 51(3), 2006 |
 //!
@@ -25,7 +25,7 @@ use crate::neighbours::Neighbour;
 
 pub use disperse::APART;
 pub use formation::LATTICE;
-pub use gather::BESIDE;
+pub use gather::{BESIDE, THERE};
 
 /// Wanted speed, as a share of the permitted one, below which a robot rests: noise of a few
 /// centimetres must not keep it turning.
@@ -53,7 +53,7 @@ pub fn swarm_twist(
     }
     let [x, y] = match swarm {
         Swarm::Disperse => disperse::disperse(pose, near),
-        Swarm::Gather => gather::gather(pose, near),
+        Swarm::Gather { x, y } => gather::gather(pose, near, [x, y]),
         Swarm::Flock => flock::flock(pose, near, speed),
         Swarm::Formation => formation::formation(pose, near),
     };

@@ -36,7 +36,7 @@ fn task() -> impl Strategy<Value = Task> {
         Just(Task::Scan),
         Just(Task::Wander { speed: 70 }),
         Just(Task::Swarm(Swarm::Flock)),
-        Just(Task::Swarm(Swarm::Gather)),
+        Just(Task::Swarm(Swarm::Gather { x: 1.0, y: -2.0 })),
         Just(Task::Goto { x: 0.1, y: 0.0 }),
         Just(Task::Goto {
             x: f32::INFINITY,

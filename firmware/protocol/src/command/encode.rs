@@ -50,9 +50,12 @@ impl Serialize for Parameters<'_> {
                 match spec {
                     BehaviourSpec::Wander { speed } => map.serialize_entry("speed", speed)?,
                     BehaviourSpec::Goto { x, y } => place(&mut map, *x, *y)?,
+                    BehaviourSpec::Gather { x, y } => {
+                        unless(&mut map, "x", *x, 0.0)?;
+                        unless(&mut map, "y", *y, 0.0)?;
+                    }
                     BehaviourSpec::Manual
                     | BehaviourSpec::Disperse
-                    | BehaviourSpec::Gather
                     | BehaviourSpec::Flock
                     | BehaviourSpec::Formation
                     | BehaviourSpec::Policy => {}
@@ -79,6 +82,19 @@ impl Serialize for Parameters<'_> {
 fn place<M: SerializeMap>(map: &mut M, x: f32, y: f32) -> Result<(), M::Error> {
     map.serialize_entry("x", &ParameterValue::Number(x))?;
     map.serialize_entry("y", &ParameterValue::Number(y))
+}
+
+/// A parameter that may be left out where it is `usual`.
+fn unless<M: SerializeMap>(
+    map: &mut M,
+    name: &'static str,
+    value: f32,
+    usual: f32,
+) -> Result<(), M::Error> {
+    if value == usual {
+        return Ok(());
+    }
+    map.serialize_entry(name, &ParameterValue::Number(value))
 }
 
 fn fields<S: SerializeStruct>(fields: &mut S, action: &Action) -> Result<(), S::Error> {

@@ -101,7 +101,13 @@ fn behave(given: Given<'_>) -> Result<BehaviourSpec, Reason> {
         }
         BehaviourName::Manual => alone(BehaviourSpec::Manual),
         BehaviourName::Disperse => alone(BehaviourSpec::Disperse),
-        BehaviourName::Gather => alone(BehaviourSpec::Gather),
+        BehaviourName::Gather => {
+            given.only(&["behaviour", "x", "y"])?;
+            Ok(BehaviourSpec::Gather {
+                x: given.within_or("x", MAX_COORDINATE, 0.0)?,
+                y: given.within_or("y", MAX_COORDINATE, 0.0)?,
+            })
+        }
         BehaviourName::Flock => alone(BehaviourSpec::Flock),
         BehaviourName::Formation => alone(BehaviourSpec::Formation),
         BehaviourName::Policy => alone(BehaviourSpec::Policy),
@@ -168,6 +174,14 @@ impl<'a> Given<'a> {
         match self.get(name).ok_or(Reason::MissingField)? {
             Scalar::Number(value) => Ok(*value),
             Scalar::Bool(_) | Scalar::Text(_) => Err(Reason::WrongType),
+        }
+    }
+
+    /// A number from `-most` to `most`, or `usual` where none is given.
+    fn within_or(self, name: &str, most: f32, usual: f32) -> Result<f32, Reason> {
+        match self.get(name) {
+            Some(_) => within(self.number(name)?, most),
+            None => Ok(usual),
         }
     }
 

@@ -91,8 +91,13 @@ pub enum BehaviourSpec {
     },
     /// Keep away from other robots.
     Disperse,
-    /// Join other robots.
-    Gather,
+    /// Join other robots at a place.
+    Gather {
+        /// Metres along the x axis; 0 where it is not given.
+        x: f32,
+        /// Metres along the y axis; 0 where it is not given.
+        y: f32,
+    },
     /// Move along with other robots.
     Flock,
     /// Keep a place among other robots.
@@ -110,7 +115,7 @@ impl BehaviourSpec {
             Self::Wander { .. } => BehaviourName::Wander,
             Self::Goto { .. } => BehaviourName::Goto,
             Self::Disperse => BehaviourName::Disperse,
-            Self::Gather => BehaviourName::Gather,
+            Self::Gather { .. } => BehaviourName::Gather,
             Self::Flock => BehaviourName::Flock,
             Self::Formation => BehaviourName::Formation,
             Self::Policy => BehaviourName::Policy,

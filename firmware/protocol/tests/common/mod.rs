@@ -76,10 +76,11 @@ fn behaviour() -> impl Strategy<Value = BehaviourSpec> {
     prop_oneof![
         (0..=100_u8).prop_map(|speed| BehaviourSpec::Wander { speed }),
         place().prop_map(|(x, y)| BehaviourSpec::Goto { x, y }),
+        place().prop_map(|(x, y)| BehaviourSpec::Gather { x, y }),
+        Just(BehaviourSpec::Gather { x: 0.0, y: 0.0 }),
         select(vec![
             BehaviourSpec::Manual,
             BehaviourSpec::Disperse,
-            BehaviourSpec::Gather,
             BehaviourSpec::Flock,
             BehaviourSpec::Formation,
             BehaviourSpec::Policy,

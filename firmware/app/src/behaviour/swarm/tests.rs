@@ -1,17 +1,21 @@
 //! What comes of the rules when everybody follows them, and that no neighbour, however absurd,
 //! makes a wish beyond what is permitted.
 
+mod fleet;
+
 use std::vec::Vec;
 
 use crawler_protocol::Pose;
 use proptest::prelude::*;
 
-use super::{APART, BESIDE, LATTICE, VAGUE, swarm_twist};
+use super::{APART, LATTICE, VAGUE, swarm_twist};
 use crate::goal::Swarm;
+use crate::motion::Twist;
 use crate::neighbours::{MOST, Neighbour};
 
-const SPEED: f32 = 0.3;
-const TURN: f32 = 3.0;
+use fleet::{Fleet, SPEED, TURN, clusters};
+
+const GATHER: Swarm = Swarm::Gather { x: 0.0, y: 0.0 };
 const STEP: f32 = 0.02;
 
 fn pose(x: f32, y: f32, theta: f32) -> Pose {
@@ -100,20 +104,53 @@ fn who_disperses_ends_apart_and_rests() {
 }
 
 #[test]
-fn who_gathers_ends_together_and_nobody_is_run_into() {
-    let mut poses = scattered(1.5);
-    run(Swarm::Gather, &mut poses, 60);
-    let apart = distances(&poses);
-    assert!(apart[0] > 0.16, "two bodies in one place: {}", apart[0]);
-    for pose in &poses {
-        let nearest = poses
+fn a_fleet_gathers_in_one_cluster_and_stays() {
+    for (robots, area, within) in [(3, 4.0, 60), (50, 2.0, 120), (50, 6.0, 120)] {
+        let mut fleet = Fleet::new(robots, area, 7);
+        let mut together = 0;
+        fleet.run_with(GATHER, within, |fleet| {
+            let all = clusters(&fleet.poses(), 1.2)[0] * 20 >= robots * 19;
+            together = if all { together + 1 } else { 0 };
+        });
+        assert!(
+            together > 20,
+            "{robots} robots have been together for {together} s"
+        );
+        let before = fleet.poses();
+        fleet.run(GATHER, 10);
+        let after = fleet.poses();
+        let moved = |(a, b): (&[f32; 3], &[f32; 3])| (a[0] - b[0]).hypot(a[1] - b[1]) > 0.1;
+        let moving = before
             .iter()
-            .map(|other| (pose.x - other.x).hypot(pose.y - other.y))
-            .filter(|distance| *distance > 0.0)
-            .fold(f32::INFINITY, f32::min);
-        assert!(nearest <= BESIDE + 0.1, "alone at {nearest}");
+            .zip(&after)
+            .filter(|pair| moved(*pair))
+            .count();
+        assert!(moving * 20 <= robots, "{moving} of {robots} move");
+        assert!(fleet.contacts() <= 0.05, "{}", fleet.contacts());
     }
-    assert!(*apart.last().expect("some") < 1.7, "{apart:?}");
+}
+
+#[test]
+fn who_gathers_rests_behind_one_that_rests_nearer_to_the_place_and_behind_no_other() {
+    let own = pose(2.0, 0.0, 3.1);
+    let other = |x, y, velocity| Neighbour { x, y, velocity };
+    let goes = |near: &[Neighbour]| swarm_twist(GATHER, &own, near, SPEED, TURN).v > 0.1;
+    assert!(goes(&[]), "nobody is there yet");
+    assert!(!goes(&[other(1.5, 0.1, [0.0; 2])]));
+    assert!(goes(&[other(1.5, 0.1, [-0.2, 0.0])]), "it moves on");
+    assert!(goes(&[other(2.5, 0.0, [0.0; 2])]), "it is behind");
+    assert!(goes(&[other(2.0, 0.5, [0.0; 2])]), "it is beside");
+    assert!(goes(&[other(1.3, 0.0, [0.0; 2])]), "it is far");
+    // Ahead, and yet farther from the place.
+    let own = pose(0.35, 0.0, 3.1);
+    let beyond = other(0.05, 0.45, [0.0; 2]);
+    assert!(swarm_twist(GATHER, &own, &[beyond], SPEED, TURN).v > 0.05);
+    // The place is where it was told to be.
+    let there = Swarm::Gather { x: 2.1, y: 0.1 };
+    assert_eq!(
+        swarm_twist(there, &pose(2.0, 0.0, 0.0), &[], SPEED, TURN),
+        Twist::ZERO
+    );
 }
 
 #[test]
@@ -152,7 +189,7 @@ fn a_formation_is_a_lattice() {
 
 #[test]
 fn who_is_alone_or_lost_rests_but_a_flock_goes_on() {
-    for swarm in [Swarm::Disperse, Swarm::Gather, Swarm::Formation] {
+    for swarm in [Swarm::Disperse, Swarm::Formation] {
         let twist = swarm_twist(swarm, &pose(0.0, 0.0, 0.0), &[], SPEED, TURN);
         assert_eq!((twist.v, twist.w), (0.0, 0.0), "{swarm:?}");
     }
@@ -170,7 +207,8 @@ proptest! {
         own in (any::<f32>(), any::<f32>(), -7.0_f32..7.0),
         near in prop::collection::vec(any::<[f32; 4]>(), 0..MOST),
         swarm in prop_oneof![
-            Just(Swarm::Disperse), Just(Swarm::Gather), Just(Swarm::Flock), Just(Swarm::Formation),
+            Just(Swarm::Disperse), Just(Swarm::Flock), Just(Swarm::Formation),
+            any::<[f32; 2]>().prop_map(|[x, y]| Swarm::Gather { x, y }),
         ],
     ) {
         let near: Vec<Neighbour> = near
