@@ -50,7 +50,7 @@ pub(crate) use passable::apart;
 pub(crate) use timeline::Times;
 
 /// The scenarios that come with the crate: name and file.
-const BUILT_IN: [(&str, &str); 9] = [
+const BUILT_IN: [(&str, &str); 21] = [
     ("arena", include_str!("../scenarios/arena.toml")),
     ("corridor", include_str!("../scenarios/corridor.toml")),
     ("empty", include_str!("../scenarios/empty.toml")),
@@ -72,6 +72,21 @@ const BUILT_IN: [(&str, &str); 9] = [
         "long-duration",
         include_str!("../scenarios/long-duration.toml"),
     ),
+    ("maze", include_str!("../scenarios/maze.toml")),
+    ("rooms", include_str!("../scenarios/rooms.toml")),
+    ("u-trap", include_str!("../scenarios/u-trap.toml")),
+    ("head-on", include_str!("../scenarios/head-on.toml")),
+    ("doorway", include_str!("../scenarios/doorway.toml")),
+    ("warehouse", include_str!("../scenarios/warehouse.toml")),
+    (
+        "long-corridor",
+        include_str!("../scenarios/long-corridor.toml"),
+    ),
+    ("crowd", include_str!("../scenarios/crowd.toml")),
+    ("gather", include_str!("../scenarios/gather.toml")),
+    ("disperse", include_str!("../scenarios/disperse.toml")),
+    ("flock", include_str!("../scenarios/flock.toml")),
+    ("formation", include_str!("../scenarios/formation.toml")),
 ];
 
 /// A recipe for worlds, see the [module](self).

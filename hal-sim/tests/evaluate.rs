@@ -329,6 +329,35 @@ fn a_search_that_finds_nothing_says_so() {
     assert!(search.run(2, &AtomicBool::new(false), &|_| {}).is_none());
 }
 
+/// The first seconds of everything that is shipped, easy and hard where there is a choice.
+#[test]
+fn every_shipped_scenario_begins() {
+    for name in Scenario::names() {
+        let shipped = Scenario::built_in(name).unwrap();
+        let shipped = match &shipped.difficulty {
+            Some(_) => shipped.with_difficulty("0").unwrap(),
+            None => shipped,
+        };
+        let short = shipped.with_value("duration_s", "8.0").unwrap();
+        let trial = run_trial(&short, 1);
+        assert_eq!(trial.ran_s, 8.0, "{name}: {:?}", trial.failures);
+        if let Some(difficulty) = &short.difficulty {
+            for level in difficulty.levels.keys().map(String::as_str).chain(["1"]) {
+                let hard = short.clone().with_difficulty(level).unwrap();
+                assert!(hard.preview(1, 1_000).is_ok(), "{name} {level}");
+            }
+        }
+    }
+    // Swarms of the three sizes that their files promise.
+    for name in ["gather", "disperse", "flock", "formation"] {
+        let robots = ["few", "some", "many"].map(|level| {
+            let scenario = Scenario::built_in(name).unwrap();
+            scenario.with_difficulty(level).unwrap().robots
+        });
+        assert_eq!(robots, [10, 50, 200], "{name}");
+    }
+}
+
 /// What searches have found stays fixed.
 #[test]
 fn a_robot_gets_round_a_wide_box() {

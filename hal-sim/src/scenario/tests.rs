@@ -16,11 +16,13 @@ fn built_in_scenarios_are_sound_and_named_like_their_files() {
         assert!(scenario.about.ends_with('.'), "{name}: {}", scenario.about);
         scenario.arena(1).unwrap();
     }
-    let unknown = Scenario::built_in("maze").unwrap_err().to_string();
+    let unknown = Scenario::built_in("labyrinth").unwrap_err().to_string();
     assert_eq!(
         unknown,
-        "no scenario is called \"maze\"; there are arena, corridor, empty, search, simple-navigation, \
-         dynamic-environment, multi-robot-coordination, resilience, long-duration"
+        "no scenario is called \"labyrinth\"; there are arena, corridor, empty, search, \
+         simple-navigation, dynamic-environment, multi-robot-coordination, resilience, \
+         long-duration, maze, rooms, u-trap, head-on, doorway, warehouse, long-corridor, crowd, \
+         gather, disperse, flock, formation"
     );
 }
 
