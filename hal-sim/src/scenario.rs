@@ -4,6 +4,7 @@
 //! error. What it leaves to chance is drawn from the seed of the run. `docs/scenarios.md` shows
 //! every key.
 
+mod command;
 mod difficulty;
 mod edit;
 mod error;
@@ -31,6 +32,7 @@ use crate::net::lockstep::LinkModel;
 use crate::net::radio::Radio;
 use crate::world::{Parameters, Profile, Wiring};
 
+pub use command::Refused;
 pub use difficulty::Difficulty;
 pub use error::ScenarioError;
 pub use generate::{Generate, Layout};
@@ -196,13 +198,9 @@ impl Start {
     /// The command itself.
     ///
     /// # Errors
-    /// Why it is none, by its stable name.
-    pub fn action(&self) -> Result<Action, String> {
-        let mut object = serde_json::json!({ "command": self.command });
-        if !self.parameters.is_empty() {
-            object["parameters"] = serde_json::json!(self.parameters);
-        }
-        Action::parse(object.to_string().as_bytes()).map_err(|reason| reason.name().to_owned())
+    /// [`Refused`] when it is none.
+    pub fn action(&self) -> Result<Action, Refused> {
+        command::action(&self.command, &self.parameters)
     }
 }
 
@@ -292,9 +290,9 @@ impl Scenario {
             return Ok(None);
         };
         let action = start.action();
-        let action =
-            action.map_err(|why| ScenarioError::value("command", format!("is refused: {why}")))?;
-        Ok(Some(action))
+        Ok(Some(action.map_err(|refused| {
+            ScenarioError::value(format!("command.{}", refused.key), refused.rule)
+        })?))
     }
 
     /// How the ranger of robot number `number` is wired, counting from 0.

@@ -20,12 +20,12 @@ impl Scenario {
     pub(super) fn validate_radio(&self) -> Result<(), ScenarioError> {
         if let Some(link) = &self.link {
             link.validate()
-                .map_err(|rule| ScenarioError::value("link", rule))?;
+                .map_err(|text| super::validate::named("link", text))?;
         }
         if let Some(radio) = &self.radio {
             radio
                 .validate()
-                .map_err(|(key, rule)| ScenarioError::value("radio", format!("{key} {rule}")))?;
+                .map_err(|(key, rule)| ScenarioError::value(format!("radio.{key}"), rule))?;
         }
         Ok(())
     }

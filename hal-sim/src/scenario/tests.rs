@@ -124,22 +124,26 @@ fn mistakes_are_told_by_name() {
     );
     assert_eq!(
         error("name = \"a\"\n[link]\nloss = 2.0"),
-        "line 2, column 2: link loss must be 0 to 0.9"
+        "line 3, column 1: link.loss must be 0 to 0.9"
     );
     assert!(error("name = \"a\"\n[tracker]\nrate = 2.0").contains("unknown field `rate`"));
     assert_eq!(
         error("name = \"a\"\n[tracker]\nrate_hz = 0.0"),
-        "line 2, column 2: tracker rate_hz must be 0.1 to 50"
+        "line 3, column 1: tracker.rate_hz must be 0.1 to 50"
     );
-    assert_eq!(
-        error("name = \"a\"\n[command]\ncommand = \"dance\""),
-        "line 2, column 2: command is refused: unknown_command"
-    );
+    let dance = error("name = \"a\"\n[command]\ncommand = \"dance\"");
+    let told = "line 3, column 1: command.command is refused: unknown_command; there are move, ";
+    assert!(dance.starts_with(told), "{dance}");
+    let dance = "[command]\ncommand = \"behave\"\nparameters = { behaviour = \"dance\" }";
+    let dance = error(&format!("name = \"a\"\n{dance}"));
+    let told = "line 4, column 16: command.parameters.behaviour is refused: unknown_behaviour; \
+                there are manual, ";
+    assert!(dance.starts_with(told), "{dance}");
     assert_eq!(
         error(
             "name = \"a\"\n[command]\ncommand = \"behave\"\nparameters = { behaviour = \"wander\", speed = 101 }"
         ),
-        "line 2, column 2: command is refused: out_of_range"
+        "line 4, column 38: command.parameters.speed is refused: out_of_range"
     );
     assert!(
         error("name = \"a\"\nrobots = 60000\n[arena]\narea_per_robot = 100.0")

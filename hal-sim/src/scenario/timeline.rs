@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use crawler_protocol::Action;
 use serde::{Deserialize, Serialize};
 
-use super::{Selector, Start};
+use super::Selector;
+use super::command::{self, Refused};
 use crate::faults::Fault;
 
 /// Latest moment of anything in a scenario, seconds: four weeks.
@@ -82,13 +83,9 @@ impl TimedCommand {
     /// The command itself.
     ///
     /// # Errors
-    /// Why it is none.
-    pub fn action(&self) -> Result<Action, String> {
-        Start {
-            command: self.command.clone(),
-            parameters: self.parameters.clone(),
-        }
-        .action()
+    /// [`Refused`] when it is none.
+    pub fn action(&self) -> Result<Action, Refused> {
+        command::action(&self.command, &self.parameters)
     }
 }
 

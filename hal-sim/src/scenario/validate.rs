@@ -7,6 +7,12 @@ use crate::world::{ARENA_SIDE_M, Arena, MAX_ROBOTS};
 /// Most characters of what a scenario says about itself.
 const LONGEST_ABOUT: usize = 200;
 
+/// The error of a key of a table, whose text begins with the key.
+pub(super) fn named(table: &str, text: &str) -> ScenarioError {
+    let (key, rule) = text.split_once(' ').unwrap_or(("", text));
+    ScenarioError::value(format!("{table}.{key}"), rule)
+}
+
 impl Scenario {
     /// Checks every value.
     ///
@@ -29,7 +35,7 @@ impl Scenario {
         self.validate_radio()?;
         self.tracker
             .validate()
-            .map_err(|rule| ScenarioError::value("tracker", rule))?;
+            .map_err(|text| named("tracker", text))?;
         self.parameters.validate().map_err(|error| {
             let text = error.to_string();
             // The name goes first in either.
@@ -131,8 +137,8 @@ impl Scenario {
             let key = format!("commands[{index}]");
             self.check_robots(&key, &timed.robots)?;
             self.check_times(&key, timed.times())?;
-            timed.action().map_err(|why| {
-                ScenarioError::value(format!("{key}.command"), format!("is refused: {why}"))
+            timed.action().map_err(|refused| {
+                ScenarioError::value(format!("{key}.{}", refused.key), refused.rule)
             })?;
         }
         for (index, timed) in self.faults.iter().enumerate() {
