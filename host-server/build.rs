@@ -12,7 +12,7 @@ fn main() {
         println!("cargo::rerun-if-changed=../{name}/Cargo.toml");
         println!("cargo::rerun-if-changed=../{name}/src");
     }
-    match sources::hash(root) {
+    match sources::hash(root, &sources::CRATES) {
         Ok(hash) => println!("cargo::rustc-env=ROBOT_PROGRAM={hash}"),
         Err(error) => println!("cargo::error=the sources of the robot program: {error}"),
     }

@@ -33,7 +33,7 @@ pub struct Snapshot {
 }
 
 /// Name of this build.
-pub(crate) const BUILD: &str = env!("CARGO_PKG_VERSION");
+pub(crate) const BUILD: &str = crate::VERSION;
 
 impl Snapshot {
     /// Keeps a world as it is now.

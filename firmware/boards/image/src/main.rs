@@ -105,7 +105,10 @@ fn keys(arguments: &[String]) -> Outcome {
 /// Tells which sources the robot program is made of, for `terracrawler release gate`.
 fn print_program() -> Outcome {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..");
-    println!("program {}", sources::hash(&root).when(root.display())?);
+    println!(
+        "program {}",
+        sources::hash(&root, &sources::CRATES).when(root.display())?
+    );
     Ok(())
 }
 

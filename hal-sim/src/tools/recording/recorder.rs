@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use super::file::{RecordFile, topics};
 use super::{RecordError, scene};
+use crate::SOURCES;
 use crate::run::Simulation;
 use crate::run::event_log::{Event, EventLogs, Track, What};
 use crate::run::journal::{Entry, Input};
@@ -43,6 +44,8 @@ pub struct Recorded {
 pub struct Recorder {
     file: RecordFile,
     event_logs: EventLogs,
+    /// What was said of the world beforehand.
+    words: BTreeMap<String, String>,
     begun: bool,
     next: Instant,
     periods: u64,
@@ -71,6 +74,7 @@ impl Recorder {
         Ok(Self {
             file: RecordFile::create(path)?,
             event_logs: EventLogs::default(),
+            words: BTreeMap::new(),
             begun: false,
             next: Instant::BOOT + PERIOD,
             periods: 0,
@@ -172,6 +176,12 @@ impl Recorder {
         Ok(recorded)
     }
 
+    /// Says something of where the world comes from that it does not know itself: a name, and a text. To be said
+    /// before the recording begins; a later text under one name replaces an earlier one.
+    pub fn say(&mut self, name: &str, text: String) {
+        self.words.insert(name.to_owned(), text);
+    }
+
     fn begin(&mut self, simulation: &Simulation) -> Result<(), RecordError> {
         let link = match simulation.link() {
             Some(link) => serde_json::to_string(&link).unwrap_or_default(),
@@ -180,6 +190,11 @@ impl Recorder {
         let words = BTreeMap::from([
             ("format", "1".to_owned()),
             ("build", BUILD.to_owned()),
+            ("sources", SOURCES.to_owned()),
+            (
+                "randomisation",
+                simulation.scenario().randomisation.name().to_owned(),
+            ),
             ("seed", simulation.seed().to_string()),
             ("link", link.trim_matches('"').to_owned()),
             ("fleet", simulation.fleet().as_str().to_owned()),
@@ -188,7 +203,9 @@ impl Recorder {
                 simulation.scenario().to_whole_toml().unwrap_or_default(),
             ),
         ]);
-        self.file.start(owned(words))?;
+        let mut said = std::mem::take(&mut self.words);
+        said.extend(owned(words));
+        self.file.start(said)?;
         let arena = scene::arena(&simulation.world().arena(), 0);
         self.file.add(topics::ARENA, 0, &arena)?;
         self.look(simulation)
