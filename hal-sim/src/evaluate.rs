@@ -21,11 +21,11 @@ mod trial;
 mod verdict;
 
 pub use adversary::{Find, Search, invariants};
-pub use batch::{Job, run_all, run_unless};
+pub use batch::{Done, Job, run_all, run_unless};
 pub use metrics::Measured;
 pub use report::{Evaluation, Line, Verdict};
 pub use shrink::{Shrunk, shrink};
-pub use statistics::{Estimate, of_mean, of_share, rank_correlation};
+pub use statistics::{Estimate, of_mean, of_paired_shares, of_share, rank_correlation};
 pub use sweep::{Axis, Cell, Influence, drawn, grid, influences, jobs};
-pub use trial::{Trial, run_trial, run_trial_unless};
+pub use trial::{Trial, run_to_failure, run_trial, run_trial_unless};
 pub use verdict::{Criterion, Failure};

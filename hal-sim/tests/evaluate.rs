@@ -273,7 +273,7 @@ fn the_number_of_threads_changes_nothing() {
     // Once stopped nothing is begun.
     let stop = AtomicBool::new(false);
     let some = run_all(&jobs, 1, &stop, &|done| {
-        stop.store(done == 2, Ordering::Relaxed);
+        stop.store(done.runs == 2, Ordering::Relaxed);
     });
     assert_eq!(some.iter().flatten().count(), 2);
 }

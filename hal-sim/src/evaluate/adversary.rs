@@ -105,7 +105,7 @@ impl Search {
                     seed: candidate.seed,
                 })
                 .collect();
-            let trials = run_all(&jobs, threads, stop, &|now| done(runs + now));
+            let trials = run_all(&jobs, threads, stop, &|now| done(runs + now.runs));
             for (number, (candidate, trial)) in candidates.iter_mut().zip(trials).enumerate() {
                 let trial = trial?;
                 if let Some(failure) = self.broken(&trial) {

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use crawler_hal::Instant;
 
-use super::metrics::Measured;
+use super::metrics::{Measured, Recovery, mean};
 use super::trial::{Observer, seconds};
 use super::verdict::{Criterion, Failure};
+use crate::faults::Fault;
 use crate::scenario::{Metric, Quota, Success, Threshold};
 
 /// How far a metric is from what was wanted.
@@ -28,19 +29,23 @@ fn missed(wanted: Threshold, value: Option<f64>) -> String {
 }
 
 impl Observer<'_> {
+    /// What the run has to come to: what the scenario says, or else that everyone is there, alive, and none stands.
+    fn stated(&self) -> Success {
+        let stated = self.scenario.success;
+        if !stated.is_empty() {
+            return stated;
+        }
+        Success {
+            reach: Some(Quota::All),
+            alive: Some(Quota::All),
+            stranded: Some(0),
+            ..Success::default()
+        }
+    }
+
     /// The criteria that do not hold, each once.
     pub(super) fn judge(&self, measured: &Measured) -> Vec<Failure> {
-        let stated = self.scenario.success;
-        let success = if stated.is_empty() {
-            Success {
-                reach: Some(Quota::All),
-                alive: Some(Quota::All),
-                stranded: Some(0),
-                ..Success::default()
-            }
-        } else {
-            stated
-        };
+        let success = self.stated();
         let mut failures = BTreeMap::new();
         let mut fail = |criterion: Criterion, what: String| {
             failures.entry(criterion).or_insert(what);
@@ -107,23 +112,16 @@ impl Observer<'_> {
                 format!("robot {robot} drives after {at:.2} s, {limit} s after it was stopped"),
             );
         }
-        if let Some(limit) = success.recovery_s {
-            let end = seconds(self.simulation.now());
-            for (number, robot) in self.robots.iter().enumerate() {
-                let late = robot.recoveries.iter().find(|(recovery, _)| {
-                    let took = recovery.took_s().unwrap_or(end - recovery.since_s);
-                    took > f64::from(limit)
-                });
-                if let Some((recovery, fault)) = late {
-                    let since = recovery.since_s;
-                    fail(
-                        Criterion::Recovery,
-                        format!(
-                            "robot {number} is not back {limit} s after {fault:?} was over at {since:.2} s"
-                        ),
-                    );
-                }
-            }
+        if let Some(limit) = success.recovery_s
+            && let Some((number, recovery, fault)) = self.late(limit)
+        {
+            let since = recovery.since_s;
+            fail(
+                Criterion::Recovery,
+                format!(
+                    "robot {number} is not back {limit} s after {fault:?} was over at {since:.2} s"
+                ),
+            );
         }
         for (criterion, metric, limit, what) in [
             (
@@ -162,6 +160,52 @@ impl Observer<'_> {
         failures
             .map(|(criterion, what)| Failure { criterion, what })
             .collect()
+    }
+
+    /// Whether a criterion does not hold and will not, whatever comes: it is of something that only adds up.
+    pub(super) fn is_lost(&self) -> bool {
+        let success = self.stated();
+        let exceeds = |limit: Option<f32>, value: Option<f64>| {
+            limit
+                .zip(value)
+                .is_some_and(|(limit, value)| value > f64::from(limit))
+        };
+        let contacts = self.robots.iter().map(|robot| f64::from(robot.contacts));
+        let waited = self.commands.longest_wait();
+        exceeds(success.collisions, mean(contacts))
+            || exceeds(
+                success.impact_mps,
+                self.impact.map(|(speed, ..)| f64::from(speed)),
+            )
+            || exceeds(
+                success.answer_s,
+                waited.map(|(waited, _)| waited as f64 * 1e-6),
+            )
+            || success
+                .clearance_m
+                .is_some_and(|limit| self.least_m < limit)
+            || success.still_s.is_some() && self.moved.is_some()
+            || success
+                .recovery_s
+                .is_some_and(|limit| self.late(limit).is_some())
+            || success.within_s.is_some_and(|limit| {
+                let (there, all) = self.robots_there();
+                let met = success.reach.is_none_or(|quota| quota.is_met(there, all));
+                seconds(self.simulation.now()) > f64::from(limit) && !met
+            })
+    }
+
+    /// A robot that took longer than `limit` seconds to be back after a fault, or still does.
+    fn late(&self, limit: f32) -> Option<(usize, Recovery, Fault)> {
+        let end = seconds(self.simulation.now());
+        let all = self.robots.iter().enumerate().flat_map(|(number, robot)| {
+            let recoveries = robot.recoveries.iter();
+            recoveries.map(move |&(recovery, fault)| (number, recovery, fault))
+        });
+        all.into_iter().find(|(_, recovery, _)| {
+            let took = recovery.took_s().unwrap_or(end - recovery.since_s);
+            took > f64::from(limit)
+        })
     }
 
     /// Robots that reached all of their goals in time, and robots that have any.

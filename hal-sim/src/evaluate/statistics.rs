@@ -78,6 +78,43 @@ pub fn of_mean(values: &[f64]) -> Option<Estimate> {
     })
 }
 
+/// The difference of two shares of the same `count` things, of which `gained` count only the second time and `lost`
+/// only the first: the adjusted Wald interval of Bonett and Price (2012), which holds for small samples and where
+/// nothing or everything changes.
+#[must_use]
+pub fn of_paired_shares(gained: usize, lost: usize, count: usize) -> Option<Estimate> {
+    if count == 0 {
+        return None;
+    }
+    let n = count as f64;
+    let (more, less) = (
+        (gained as f64 + 1.0) / (n + 2.0),
+        (lost as f64 + 1.0) / (n + 2.0),
+    );
+    let middle = more - less;
+    let half = Z * ((more + less - middle * middle) / (n + 2.0)).sqrt();
+    Some(Estimate {
+        mean: (gained as f64 - lost as f64) / n,
+        low: (middle - half).max(-1.0),
+        high: (middle + half).min(1.0),
+        least: if lost > 0 {
+            -1.0
+        } else if gained < count {
+            0.0
+        } else {
+            1.0
+        },
+        most: if gained > 0 {
+            1.0
+        } else if lost < count {
+            0.0
+        } else {
+            -1.0
+        },
+        count,
+    })
+}
+
 /// Spearman's rank correlation (1904) of pairs, −1 to 1; `None` where one side does not vary.
 #[must_use]
 pub fn rank_correlation(pairs: &[(f64, f64)]) -> Option<f64> {
@@ -138,6 +175,24 @@ mod tests {
         let none = of_share(0, 100).unwrap();
         assert!(near(none.low, 0.0) && near(none.high, 0.0370), "{none:?}");
         assert_eq!(of_share(0, 0), None);
+    }
+
+    #[test]
+    fn shares_of_the_same_things_have_the_interval_of_bonett_and_price() {
+        // 40 pairs, 10 gained, 2 lost: (11 − 3) / 42 = 0.190476; (14 / 42 − 0.036281) / 42 = 0.007073, whose root
+        // is 0.084100; times 1.959964 is 0.164833.
+        let change = of_paired_shares(10, 2, 40).unwrap();
+        assert_eq!((change.mean, change.least, change.most), (0.2, -1.0, 1.0));
+        assert!(
+            near(change.low, 0.0256) && near(change.high, 0.3553),
+            "{change:?}"
+        );
+        let none = of_paired_shares(0, 0, 100).unwrap();
+        assert!(none.low < 0.0 && none.high > 0.0 && near(none.low, -none.high));
+        assert_eq!((none.least, none.most), (0.0, 0.0));
+        let all = of_paired_shares(3, 0, 3).unwrap();
+        assert_eq!((all.mean, all.least, all.most), (1.0, 1.0, 1.0));
+        assert_eq!(of_paired_shares(0, 0, 0), None);
     }
 
     #[test]

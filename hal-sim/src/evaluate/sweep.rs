@@ -20,6 +20,17 @@ pub struct Axis {
     pub values: Vec<f64>,
 }
 
+impl std::fmt::Display for Axis {
+    /// In the form with every value, which is read again as the same.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.key)?;
+        for (index, value) in self.values.iter().enumerate() {
+            write!(f, "{}{value}", if index == 0 { '=' } else { ',' })?;
+        }
+        Ok(())
+    }
+}
+
 impl std::str::FromStr for Axis {
     type Err = String;
 

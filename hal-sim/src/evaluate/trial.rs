@@ -1,5 +1,6 @@
 //! One run of a scenario, measured.
 
+use std::convert::Infallible;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crawler_hal::{Duration, Instant};
@@ -69,9 +70,30 @@ impl Trial {
 /// When simulator or program do: that would be a mistake in them.
 #[must_use]
 pub fn run_trial(scenario: &Scenario, seed: u64) -> Trial {
-    let never = AtomicBool::new(false);
-    let run = |observer: Observer<'_>| observer.run(&never).finish();
-    Observer::new(scenario, seed).map_or_else(|error| set_up(seed, &error), run)
+    run_trial_watched(scenario, seed, &mut |_| {})
+}
+
+/// The same; tells `watch` from time to time what share of its longest time has passed, 0 to 1.
+pub(super) fn run_trial_watched(
+    scenario: &Scenario,
+    seed: u64,
+    watch: &mut dyn FnMut(f64),
+) -> Trial {
+    let mut observer = match Observer::new(scenario, seed) {
+        Ok(observer) => observer,
+        Err(error) => return set_up(seed, &error),
+    };
+    let mut told = 0;
+    observer.run(|observer| {
+        let now = seconds(observer.simulation.now());
+        // A second of the world is a few milliseconds here, or a few seconds with ten thousand robots.
+        if now as u64 > told {
+            told = now as u64;
+            watch((now / f64::from(scenario.duration_s)).min(1.0));
+        }
+        true
+    });
+    observer.finish().0
 }
 
 /// The same, given up in the middle once `stop` is set; `None` then.
@@ -83,11 +105,31 @@ pub fn run_trial_unless(scenario: &Scenario, seed: u64, stop: &AtomicBool) -> Op
     if stop.load(Ordering::Relaxed) {
         return None;
     }
-    let observer = match Observer::new(scenario, seed) {
-        Ok(observer) => observer.run(stop),
+    let mut observer = match Observer::new(scenario, seed) {
+        Ok(observer) => observer,
         Err(error) => return Some(set_up(seed, &error)),
     };
-    (!stop.load(Ordering::Relaxed)).then(|| observer.finish())
+    observer.run(|_| !stop.load(Ordering::Relaxed));
+    (!stop.load(Ordering::Relaxed)).then(|| observer.finish().0)
+}
+
+/// Runs a world of `scenario` that has not begun as [`run_trial`] does, and no further than to the moment at which
+/// a criterion is lost for good. `advance` lets time pass in it up to a moment. What came of it so far, and the
+/// world as it is then.
+///
+/// # Errors
+/// The first of `advance`.
+///
+/// # Panics
+/// As [`run_trial`].
+pub fn run_to_failure<E>(
+    scenario: &Scenario,
+    simulation: Simulation,
+    advance: impl FnMut(&mut Simulation, Instant) -> Result<(), E>,
+) -> Result<(Trial, Simulation), E> {
+    let mut observer = Observer::of(scenario, simulation);
+    observer.run_by(advance, |observer| !observer.is_lost())?;
+    Ok(observer.finish())
 }
 
 fn set_up(seed: u64, error: &SimulationError) -> Trial {
@@ -99,7 +141,7 @@ fn set_up(seed: u64, error: &SimulationError) -> Trial {
 pub(super) struct Robot {
     last: Option<[f32; 2]>,
     speed: f32,
-    contacts: u32,
+    pub(super) contacts: u32,
     driven_m: f64,
     /// The way driven when it was sent to each target, and at the target.
     legs: Vec<Leg>,
@@ -108,6 +150,8 @@ pub(super) struct Robot {
     pub(super) was_up: bool,
     /// Whether it has power and works, connected or not.
     works: bool,
+    /// It is up, and what is sent to it comes through.
+    hears: bool,
     behaving: Behaving,
     pub(super) recoveries: Vec<(Recovery, Fault)>,
 }
@@ -128,7 +172,7 @@ pub(super) struct Observer<'a> {
     /// What moves by itself, where it started.
     bodies: Vec<Obstacle>,
     radius: f32,
-    least_m: f32,
+    pub(super) least_m: f32,
     /// One robot is none.
     swarm: Option<Swarm>,
     looks: u32,
@@ -146,6 +190,10 @@ pub(super) fn seconds(at: Instant) -> f64 {
 impl<'a> Observer<'a> {
     fn new(scenario: &'a Scenario, seed: u64) -> Result<Self, SimulationError> {
         let simulation = Simulation::lockstep(scenario.clone(), seed)?;
+        Ok(Self::of(scenario, simulation))
+    }
+
+    fn of(scenario: &'a Scenario, simulation: Simulation) -> Self {
         if let Some(network) = simulation.network() {
             network.record(RECORD);
         }
@@ -156,9 +204,9 @@ impl<'a> Observer<'a> {
         });
         let radius = simulation.world().parameters().chassis.radius_m;
         let swarm = (simulation.robots() > 1).then(|| Swarm::new(scenario, &arena, radius));
-        Ok(Self {
+        Self {
             scenario,
-            seed,
+            seed: simulation.seed(),
             robots: robots.collect(),
             near: Near::new(&arena),
             bodies: arena.movers.iter().map(|mover| mover.body).collect(),
@@ -170,17 +218,30 @@ impl<'a> Observer<'a> {
             moved: None,
             commands: Commands::default(),
             simulation,
-        })
+        }
     }
 
-    /// Runs to the end, or until `stop` is set.
-    fn run(mut self, stop: &AtomicBool) -> Self {
+    /// Runs to the end, as long as `goes_on` says so.
+    fn run(&mut self, goes_on: impl FnMut(&Self) -> bool) {
+        let advance = |simulation: &mut Simulation, end| {
+            simulation.run_until(end);
+            Ok::<(), Infallible>(())
+        };
+        let Ok(()) = self.run_by(advance, goes_on);
+    }
+
+    /// The same, where `advance` lets time pass.
+    fn run_by<E>(
+        &mut self,
+        mut advance: impl FnMut(&mut Simulation, Instant) -> Result<(), E>,
+        mut goes_on: impl FnMut(&Self) -> bool,
+    ) -> Result<(), E> {
         let end = Instant::from_micros((f64::from(self.scenario.duration_s) * 1e6) as u64);
         let ends_early = self.scenario.ends_early && !self.scenario.goals.is_empty();
         let mut over: Option<Instant> = None;
-        while self.simulation.now() < end && !stop.load(Ordering::Relaxed) {
+        while self.simulation.now() < end && goes_on(self) {
             let next = (self.simulation.now() + LOOK).min(end);
-            self.simulation.run_until(next);
+            advance(&mut self.simulation, next)?;
             self.look();
             if ends_early && self.simulation.is_over() {
                 let since = *over.get_or_insert(self.simulation.now());
@@ -189,7 +250,7 @@ impl<'a> Observer<'a> {
                 }
             }
         }
-        self
+        Ok(())
     }
 
     fn all_are_back(&self) -> bool {
@@ -224,9 +285,9 @@ impl<'a> Observer<'a> {
         let movers = self.movers();
         let least = self.near.least(&places, &movers, self.radius);
         self.least_m = self.least_m.min(least);
-        let up: Vec<bool> = self.robots.iter().map(|robot| robot.was_up).collect();
+        let hears: Vec<bool> = self.robots.iter().map(|robot| robot.hears).collect();
         self.commands.follow(&mut self.simulation, LOOK, |robot| {
-            up.get(robot) == Some(&true)
+            hears.get(robot) == Some(&true)
         });
         for number in std::mem::take(&mut self.commands.told) {
             if let Some(robot) = self.robots.get_mut(number) {
@@ -314,6 +375,9 @@ impl<'a> Observer<'a> {
         robot.up += u32::from(up);
         robot.was_up = up;
         robot.works = able;
+        // A session outlives a partition for as long as neither end notices.
+        let network = self.simulation.network();
+        robot.hears = up && network.is_none_or(|network| network.carries(number));
         let behaviour = snapshot.map_or(BehaviourName::Manual, |snapshot| snapshot.behaviour);
         let busy = behaviour != BehaviourName::Manual;
         // To go somewhere has an end.
@@ -341,7 +405,7 @@ impl<'a> Observer<'a> {
         }
     }
 
-    fn finish(self) -> Trial {
+    fn finish(self) -> (Trial, Simulation) {
         let measured = self.measure();
         let failures = self.judge(&measured);
         let mut trial = Trial {
@@ -353,7 +417,7 @@ impl<'a> Observer<'a> {
         };
         let success = if trial.is_success() { 1.0 } else { 0.0 };
         trial.measured.set(Metric::Success, Some(success));
-        trial
+        (trial, self.simulation)
     }
 
     /// Goals that were reached by the time they had to be, and all there are.

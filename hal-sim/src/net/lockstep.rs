@@ -157,6 +157,14 @@ impl VirtualNetwork {
         self.state.borrow().peer.listens(client, topic)
     }
 
+    /// Whether what is sent over this link comes through: nothing has cut it, and it has not fallen silent.
+    #[must_use]
+    pub fn carries(&self, link: usize) -> bool {
+        let state = self.state.borrow();
+        let link = state.links.get(link);
+        link.is_some_and(|link| link.state() == Cut::None)
+    }
+
     /// A fingerprint of every message that came over this link so far: when, by whom, where and
     /// what.
     #[must_use]

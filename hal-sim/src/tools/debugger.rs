@@ -53,6 +53,12 @@ impl Debugger {
         }
     }
 
+    /// Lets go of the simulation.
+    #[must_use]
+    pub fn into_simulation(self) -> Simulation {
+        self.simulation
+    }
+
     /// The simulation.
     #[must_use]
     pub fn simulation(&self) -> &Simulation {
