@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use crawler_protocol::ParameterValues;
+use crawler_sim::scenario::Scenario;
+use crawler_sim::tools::recording::Recorded;
 use crawler_sim::tools::replay::{Recording, replay};
 
 use crawler_experiments::scenarios::{self, Changes, DETECTOR, Randomisation};
@@ -18,8 +20,9 @@ use session::Session;
 /// What `terracrawler replay` takes.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Ends with 0 when everything is as it was, with 1 when a robot does \
-    otherwise, and with 2 when it cannot be replayed."
+    after_help = "A recording: ends with 0 when everything is as it was, with 1 when a robot does \
+    otherwise. A scenario and a seed: the run of `evaluate`, to its failure, with 1, or to its end, with \
+    0; with --until or --interactive, as far as you say. 2 when it cannot be replayed."
 )]
 pub struct ReplayArgs {
     /// Recording to run through the program of this build
@@ -152,11 +155,24 @@ fn replay_file(path: &Path, set: &[(String, String)]) -> Result<ExitCode, String
     Ok(ExitCode::from(u8::from(same != all)))
 }
 
+/// What can be asked for, for whoever has asked for nothing.
+const FORMS: &str = "nothing is said of what to replay. One of
+  terracrawler replay FILE                         a recording, through the program of this build
+  terracrawler replay --scenario NAME --seed N     a run of `evaluate`, to its failure
+  terracrawler replay --restore FILE --until S     a snapshot, and on from there
+  terracrawler replay --interactive                a world by hand, at a prompt
+`terracrawler replay --help` has all options";
+
 fn run_world(args: &ReplayArgs) -> Result<ExitCode, String> {
+    let record = args.record.as_deref();
+    let by_hand = args.interactive || args.until.is_some();
     let mut session = if let Some(path) = &args.restore {
         let snapshot = session::read_snapshot(path)?;
-        Session::restored(&snapshot, args.record.as_deref())?
+        Session::restored(&snapshot, record)?
     } else {
+        if args.scenario.is_none() && !by_hand {
+            return Err(FORMS.to_owned());
+        }
         let set = args.set.iter().map(|(key, value)| format!("{key}={value}"));
         let set: Vec<_> = set.collect();
         let changes = Changes {
@@ -165,8 +181,17 @@ fn run_world(args: &ReplayArgs) -> Result<ExitCode, String> {
             difficulty: args.difficulty.as_deref(),
             set: &set,
         };
-        let scenario = changes.apply(scenarios::scenario(args.scenario.as_deref())?)?;
-        Session::new(scenario, args.seed.unwrap_or(1), args.record.as_deref())?
+        let name = args.scenario.as_deref();
+        let scenario = changes.apply(scenarios::scenario(name)?)?;
+        let seed = args.seed.unwrap_or(1);
+        let words = match name {
+            Some(name) => format!("replay{} --seed {seed}", changes.words(name)),
+            None => format!("replay --seed {seed}"),
+        };
+        if !by_hand {
+            return run_to_failure(&scenario, seed, record, words);
+        }
+        Session::new(scenario, seed, record, words)?
     };
     if let Some(until) = args.until {
         session.run_until(until)?;
@@ -180,12 +205,35 @@ fn run_world(args: &ReplayArgs) -> Result<ExitCode, String> {
     } else {
         ExitCode::SUCCESS
     };
-    if let Some(recorded) = session.finish()? {
+    tell_recorded(session.finish()?.as_ref());
+    Ok(code)
+}
+
+/// Runs as `evaluate` does, to the moment at which a criterion is lost, and says which.
+fn run_to_failure(
+    scenario: &Scenario,
+    seed: u64,
+    record: Option<&Path>,
+    words: String,
+) -> Result<ExitCode, String> {
+    let (trial, mut session) = Session::run_to_failure(scenario, seed, record, words)?;
+    println!("{}", session.summary());
+    for failure in &trial.failures {
+        println!("failed, {failure}");
+    }
+    if trial.is_success() {
+        println!("succeeded");
+    }
+    tell_recorded(session.finish()?.as_ref());
+    Ok(ExitCode::from(u8::from(!trial.is_success())))
+}
+
+fn tell_recorded(recorded: Option<&Recorded>) {
+    if let Some(recorded) = recorded {
         println!(
             "recorded {} messages to {}",
             recorded.messages,
             recorded.path.display()
         );
     }
-    Ok(code)
 }

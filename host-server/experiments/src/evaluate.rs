@@ -1,10 +1,12 @@
 //! `terracrawler evaluate`: a scenario on many seeds, and what comes of it.
 
+mod compare;
 mod hunt;
 mod output;
+mod progress;
+mod provenance;
 mod study;
 
-use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -15,7 +17,10 @@ use crawler_sim::evaluate::{Axis, Criterion, Evaluation, Job, Trial, run_all};
 use crawler_sim::scenario::{Scenario, Threshold};
 
 use crate::scenarios::{self, Changes, Randomisation, quoted};
+use compare::Baseline;
 use output::{can_write, explain, write_file};
+use progress::Progress;
+use provenance::Provenance;
 
 /// Most runs of one evaluation.
 const MOST_RUNS: u64 = 1_000_000;
@@ -60,6 +65,9 @@ pub struct EvaluateArgs {
     /// File for everything
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Earlier file of `--json`: tells the differences between runs of one seed, with intervals
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["sweep", "monte_carlo", "adversarial"])]
+    pub compare: Option<PathBuf>,
     /// Values for a key, like `parameters.chassis.running_v=0.4:0.9:6`; twice for a grid
     #[arg(long, value_name = "KEY=LEAST:MOST:POINTS", conflicts_with_all = ["monte_carlo", "adversarial"])]
     pub sweep: Vec<Axis>,
@@ -111,6 +119,7 @@ fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, String> {
     for path in args.csv.iter().chain(&args.json).chain(out) {
         can_write(path)?;
     }
+    let baseline = args.compare.as_deref().map(Baseline::read).transpose()?;
     let stop = stop_on_interrupt()?;
     if args.adversarial {
         return hunt::run(args, scenario, &stop);
@@ -131,13 +140,20 @@ fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, String> {
     let trials: Vec<Trial> = results.into_iter().flatten().collect();
     let cut_short = trials.len() < jobs.len();
     let evaluation = Evaluation::new(&scenario, trials, &args.threshold);
+    let provenance = Provenance::new(args, &scenario);
     print!("{}", evaluation.table());
+    if let Some(baseline) = baseline {
+        let table = baseline.table(&scenario.name, &provenance.json(), &evaluation.trials);
+        print!("{table}");
+    }
     explain(&repeat(args, args.randomisation, &[]), &evaluation, NAMED);
     if let Some(path) = &args.csv {
-        write_file(path, &evaluation.csv())?;
+        write_file(path, &(provenance.comment() + &evaluation.csv()))?;
     }
     if let Some(path) = &args.json {
-        write_file(path, &format!("{:#}\n", evaluation.json()))?;
+        let mut value = evaluation.json();
+        value["provenance"] = provenance.json();
+        write_file(path, &format!("{value:#}\n"))?;
     }
     Ok(if cut_short {
         interrupted(evaluation.trials.len(), jobs.len())
@@ -168,12 +184,12 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
     Ok(scenario)
 }
 
-/// Runs jobs, telling a terminal how far it is.
+/// Runs jobs, telling whoever waits how far it is.
 fn run_jobs(jobs: &[Job<'_>], threads: Option<u16>, stop: &AtomicBool) -> Vec<Option<Trial>> {
     let all = jobs.len();
     let progress = Progress::new();
     run_all(jobs, threads_or_all(threads), stop, &|done| {
-        progress.tell(|| format!("{done} of {all} runs"));
+        progress.tell_runs(done, all);
     })
 }
 
@@ -182,33 +198,6 @@ fn threads_or_all(threads: Option<u16>) -> usize {
         || std::thread::available_parallelism().map_or(1, usize::from),
         usize::from,
     )
-}
-
-/// A line on standard error that is written over, where that is a terminal.
-struct Progress {
-    terminal: bool,
-}
-
-impl Progress {
-    fn new() -> Self {
-        Self {
-            terminal: std::io::stderr().is_terminal(),
-        }
-    }
-
-    fn tell(&self, text: impl FnOnce() -> String) {
-        if self.terminal {
-            eprint!("\r\x1b[K{}", text());
-        }
-    }
-}
-
-impl Drop for Progress {
-    fn drop(&mut self) {
-        if self.terminal {
-            eprint!("\r\x1b[K");
-        }
-    }
 }
 
 /// A flag that Ctrl-C sets; a second one ends the process at once.

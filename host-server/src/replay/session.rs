@@ -6,6 +6,7 @@ use std::io::{BufReader, BufWriter};
 use std::path::Path;
 use std::time::{Duration as StdDuration, Instant as RealInstant};
 
+use crawler_sim::evaluate::{self, Trial};
 use crawler_sim::run::{Instant, Link, Simulation};
 use crawler_sim::scenario::Scenario;
 use crawler_sim::tools::debugger::{Debugger, Step};
@@ -38,12 +39,17 @@ fn text(error: impl std::fmt::Display) -> String {
 }
 
 impl Session {
+    /// A world that has not begun; a recording of it has `words` for the command line that made it.
     pub(super) fn new(
         scenario: Scenario,
         seed: u64,
         record: Option<&Path>,
+        words: String,
     ) -> Result<Self, String> {
-        let recorder = record.map(Recorder::create).transpose().map_err(text)?;
+        let mut recorder = record.map(Recorder::create).transpose().map_err(text)?;
+        if let Some(recorder) = &mut recorder {
+            recorder.say("command", words);
+        }
         let simulation = match &recorder {
             Some(recorder) => {
                 Simulation::recorded(Link::Lockstep, scenario, seed, recorder.event_logs())
@@ -51,6 +57,31 @@ impl Session {
             None => Simulation::lockstep(scenario, seed),
         };
         Ok(Self::of(simulation.map_err(text)?, recorder))
+    }
+
+    /// Runs a world as `evaluate` does, up to the moment at which a criterion is lost for good.
+    pub(super) fn run_to_failure(
+        scenario: &Scenario,
+        seed: u64,
+        record: Option<&Path>,
+        words: String,
+    ) -> Result<(Trial, Self), String> {
+        let begun = Self::new(scenario.clone(), seed, record, words)?;
+        let Self {
+            debugger,
+            mut recorder,
+            ..
+        } = begun;
+        let advance = |simulation: &mut Simulation, end: Instant| {
+            if let Some(recorder) = &mut recorder {
+                return recorder.run_until(simulation, end).map_err(text);
+            }
+            simulation.run_until(end);
+            Ok(())
+        };
+        let (trial, simulation) =
+            evaluate::run_to_failure(scenario, debugger.into_simulation(), advance)?;
+        Ok((trial, Self::of(simulation, recorder)))
     }
 
     pub(super) fn restored(snapshot: &Snapshot, record: Option<&Path>) -> Result<Self, String> {

@@ -17,10 +17,18 @@ const MOST: u64 = 1024 * 1024;
 /// # Errors
 /// What the system says, and [`io::ErrorKind::FileTooLarge`].
 pub fn read_text(path: &Path) -> io::Result<String> {
+    read_text_up_to(path, MOST)
+}
+
+/// Reads a text of at most `most` bytes.
+///
+/// # Errors
+/// As [`read_text`].
+pub fn read_text_up_to(path: &Path, most: u64) -> io::Result<String> {
     let mut text = String::new();
     let file = File::open(path)?;
-    if file.take(MOST + 1).read_to_string(&mut text)? as u64 > MOST {
-        let told = format!("it has more than {MOST} bytes");
+    if file.take(most + 1).read_to_string(&mut text)? as u64 > most {
+        let told = format!("it has more than {most} bytes");
         return Err(io::Error::new(io::ErrorKind::FileTooLarge, told));
     }
     Ok(text)

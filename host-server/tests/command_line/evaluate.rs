@@ -41,21 +41,17 @@ fn evaluate(scenario: &str, options: &[&str]) -> Output {
     terracrawler(words.iter().chain(options).copied())
 }
 
-/// Does what a text says: replays the first run that it names, for three seconds.
-fn replays(text: &str) {
+/// Does what a text says: replays the first run that it names, which fails as it did.
+fn replays(text: &str, failure: &str) {
     let told = text
         .lines()
         .find_map(|line| line.trim().strip_prefix("terracrawler "))
         .unwrap_or_else(|| panic!("it does not say how to see it again: {text}"));
-    let words: Vec<_> = told
-        .split_whitespace()
-        .map(|word| word.trim_matches('\''))
-        .chain(["--until", "3"])
-        .collect();
+    let words = told.split_whitespace().map(|word| word.trim_matches('\''));
     let output = terracrawler(words);
     let said = said(&output.stdout) + &said(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{told}: {said}");
-    assert!(said.contains("3.0"), "{said}");
+    assert_eq!(output.status.code(), Some(1), "{told}: {said}");
+    assert!(said.contains(&format!("failed, {failure}")), "{said}");
 }
 
 fn said(bytes: &[u8]) -> String {
@@ -83,10 +79,23 @@ fn thresholds_decide_and_files_are_written() {
         "{text}"
     );
     let table = std::fs::read_to_string(&csv).expect("a table");
-    assert_eq!(table.lines().count(), 4);
+    let (head, rows): (Vec<_>, Vec<_>) = table.lines().partition(|line| line.starts_with('#'));
+    assert_eq!(rows.len(), 4);
+    let head = head.join("\n");
+    for part in [
+        crawler_sim::SOURCES,
+        "--seeds 3 --seed 1",
+        "randomisation none",
+        "#   duration_s = 25.0",
+    ] {
+        assert!(head.contains(part), "{head}");
+    }
     let value = std::fs::read_to_string(&json).expect("a file");
     let value: serde_json::Value = serde_json::from_str(&value).expect("JSON");
     assert_eq!(value["metrics"]["success"]["mean"], 1.0);
+    let text = value["provenance"]["text"].as_str().expect("the scenario");
+    let again = crawler_sim::scenario::Scenario::parse(text).expect("sound");
+    assert_eq!((again.name.as_str(), again.duration_s), ("straight", 25.0));
 
     let impossible = [
         "--seeds",
@@ -106,13 +115,13 @@ fn thresholds_decide_and_files_are_written() {
     let again =
         format!("terracrawler replay --scenario {scenario} --set success.distance_m=50 --seed 8");
     assert!(text.contains(&again), "{text}");
-    replays(&text);
+    replays(&text, "distance_m: ");
     let mild = [
         &impossible[..],
         &["--randomisation", "mild", "--robots", "1"],
     ]
     .concat();
-    replays(&said(&evaluate(scenario, &mild).stdout));
+    replays(&said(&evaluate(scenario, &mild).stdout), "distance_m: ");
 }
 
 #[test]
@@ -154,7 +163,98 @@ fn a_sweep_has_a_line_for_each_point() {
     let missed = "success.distance_m=50: NOT MET success >= 1 (0.0000)";
     assert!(text.contains(missed), "{text}");
     assert!(!text.contains("success.distance_m=0.5:"), "{text}");
-    replays(&text);
+    replays(&text, "distance_m: ");
+}
+
+#[test]
+fn runs_are_held_against_earlier_ones_of_the_same_seeds() {
+    let path = file("compare", STRAIGHT);
+    let scenario = path.to_str().expect("UTF-8");
+    let json = path.with_extension("json");
+    let json = json.to_str().expect("UTF-8");
+    let output = evaluate(scenario, &["--seeds", "4", "--json", json]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output.stderr));
+
+    let text = said(&evaluate(scenario, &["--seeds", "5", "--compare", json]).stdout);
+    let told = format!(
+        "compared with {json}: 4 pairs of runs of one seed, 4 of them with the same history"
+    );
+    assert!(
+        text.contains(&told) && !text.contains("differing"),
+        "{text}"
+    );
+
+    // What is nearer is reached sooner, every time.
+    let near = ["--seeds", "4", "--set", "goals[0].x=0.2", "--compare", json];
+    let text = said(&evaluate(scenario, &near).stdout);
+    assert!(
+        text.contains("0 of them with the same history")
+            && text.contains("differing in: text\n")
+            && text
+                .lines()
+                .any(|line| line.starts_with("  time_to_goal_s") && line.ends_with("  better")),
+        "{text}"
+    );
+
+    for (content, told) in [
+        ("", "not a file of `evaluate --json`"),
+        (
+            "{\"scenario\": \"x\", \"trials\": []}",
+            "there is no run in it",
+        ),
+    ] {
+        std::fs::write(json, content).expect("a file");
+        let output = evaluate(scenario, &["--compare", json]);
+        assert_eq!(output.status.code(), Some(2));
+        let text = said(&output.stderr);
+        assert!(text.contains("--compare ") && text.contains(told), "{text}");
+    }
+}
+
+#[test]
+fn a_replay_goes_to_the_failure_or_to_the_end() {
+    let path = file("replay", STRAIGHT);
+    let scenario = path.to_str().expect("UTF-8");
+    let recording = path.with_extension("mcap");
+    let fine = [
+        "replay",
+        "--scenario",
+        scenario,
+        "--seed",
+        "3",
+        "--record",
+        recording.to_str().expect("UTF-8"),
+    ];
+    let output = terracrawler(fine);
+    let text = said(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    assert!(text.contains("\nsucceeded\n"), "{text}");
+    let bytes = std::fs::read(&recording).expect("a recording");
+    let command = format!("replay --scenario {scenario} --seed 3");
+    for part in [command.as_str(), crawler_sim::SOURCES] {
+        let part = part.as_bytes();
+        assert!(bytes.windows(part.len()).any(|window| window == part));
+    }
+
+    // What is lost at a moment ends it there.
+    let late = [&fine[..5], &["--set", "success.within_s=3"]].concat();
+    let late = [&late[..], &["--set", "success.reach=1.0"]].concat();
+    let output = terracrawler(late);
+    let text = said(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(
+        text.contains(": 3.05") && text.contains("failed, reach: 0 of 1 robots"),
+        "{text}"
+    );
+
+    let output = terracrawler(["replay"]);
+    assert_eq!(output.status.code(), Some(2));
+    let text = said(&output.stderr);
+    assert!(
+        text.contains("nothing is said of what to replay")
+            && text.contains("terracrawler replay --scenario NAME --seed N"),
+        "{text}"
+    );
 }
 
 #[test]

@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crawler_sim::evaluate::{Search, shrink};
 use crawler_sim::scenario::Scenario;
 
-use super::{EvaluateArgs, Progress, quoted, threads_or_all, write_file};
+use super::progress::Progress;
+use super::{EvaluateArgs, quoted, threads_or_all, write_file};
 
 /// Searches, shrinks, and writes what was found. Failure when something was.
 pub(super) fn run(

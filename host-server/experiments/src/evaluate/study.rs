@@ -10,6 +10,7 @@ use crawler_sim::world::Profile;
 use serde_json::json;
 
 use super::output::{explain, write_file};
+use super::provenance::Provenance;
 use super::{EvaluateArgs, MOST_RUNS, NAMED, interrupted, repeat, run_jobs};
 use crate::scenarios::Randomisation;
 
@@ -63,7 +64,8 @@ pub(super) fn sweep(
     print!("{}", table(args, &cells, &evaluations));
     complain(args, &cells, &evaluations);
     if let Some(path) = &args.csv {
-        write_file(path, &csv(args, &cells, &evaluations))?;
+        let head = Provenance::new(args, scenario).comment();
+        write_file(path, &(head + &csv(args, &cells, &evaluations)))?;
     }
     if let Some(path) = &args.json {
         let points: Vec<_> = cells
@@ -72,7 +74,8 @@ pub(super) fn sweep(
             .map(|(cell, evaluation)| json!({ "at": cell.at, "evaluation": evaluation.json() }))
             .collect();
         let keys: Vec<_> = args.sweep.iter().map(|axis| &axis.key).collect();
-        let value = json!({ "keys": keys, "points": points });
+        let provenance = Provenance::new(args, scenario).json();
+        let value = json!({ "keys": keys, "points": points, "provenance": provenance });
         write_file(path, &format!("{value:#}\n"))?;
     }
     Ok(if finished < jobs.len() {
@@ -196,7 +199,8 @@ pub(super) fn monte_carlo(
     // A world draws the same parameters from its seed.
     explain(&repeat(args, drawn_from, &[]), &evaluation, NAMED);
     if let Some(path) = &args.csv {
-        write_file(path, &evaluation.csv())?;
+        let head = Provenance::new(args, scenario).comment();
+        write_file(path, &(head + &evaluation.csv()))?;
     }
     if let Some(path) = &args.json {
         let list: Vec<_> = influences.iter().map(of_influence).collect();
@@ -204,6 +208,7 @@ pub(super) fn monte_carlo(
             "profile": profile.name(),
             "influences": list,
             "evaluation": evaluation.json(),
+            "provenance": Provenance::new(args, scenario).json(),
         });
         write_file(path, &format!("{value:#}\n"))?;
     }

@@ -4,7 +4,7 @@ use crawler_sim::scenario::Scenario;
 
 fn session(seed: u64) -> Session {
     let scenario = Scenario::built_in("arena").expect("there").with_robots(2);
-    Session::new(scenario, seed, None).expect("sound")
+    Session::new(scenario, seed, None, String::new()).expect("sound")
 }
 
 fn say(session: &mut Session, lines: &str) -> (ExitCode, String) {
