@@ -9,7 +9,9 @@ use std::path::PathBuf;
 use clap::{Parser, Subcommand};
 use crawler_experiments::evaluate::EvaluateArgs;
 
-use crate::config::{Common, ConfigError, Layer, RobotOptions, Role, ServerOptions, Settings};
+use crate::config::{
+    Common, ConfigError, Layer, RobotOptions, Role, ServerOptions, Settings, WorkerOptions,
+};
 use crate::console::{
     AuditArgs, BackupArgs, MosquittoArgs, RestoreArgs, RobotArgs, Task, UserArgs,
 };
@@ -19,7 +21,7 @@ use crate::rollout::RolloutArgs;
 
 /// A swarm of robots, simulated or real: broker, API, control room.
 ///
-/// Every option of `up`, `serve`, `sim` and `doctor` is also an environment variable (`--log-format` is
+/// Every option of `up`, `serve`, `sim`, `worker` and `doctor` is also an environment variable (`--log-format` is
 /// `TERRACRAWLER_LOG_FORMAT`) and a key of the file given by `--config` (`log_format`). The command line
 /// wins over the environment, that over the file.
 #[derive(Debug, Parser)]
@@ -63,6 +65,8 @@ pub enum Command {
         #[allow(missing_docs)] // as above
         robots: RobotOptions,
     },
+    /// Works on experiments of servers with one database, beside them and other workers
+    Worker(WorkerOptions),
     /// Runs a scenario on many seeds and tells what comes of it
     Evaluate(Box<EvaluateArgs>),
     /// Runs a recording, or a seed, through the program once more
@@ -130,6 +134,10 @@ impl Cli {
             }
             Command::Mosquitto(args) => (Role::Sim, args.task.common(), None, None),
             Command::Sim { common, robots } => (Role::Sim, common, None, Some(robots)),
+            Command::Worker(options) => {
+                let (layer, config) = options.layer();
+                return Ok((Role::Worker, layer, config));
+            }
             Command::Evaluate(_) => {
                 return Err(ConfigError::Conflict("`evaluate` has options of its own"));
             }
@@ -176,6 +184,7 @@ impl Command {
             Self::Up { .. }
             | Self::Serve { .. }
             | Self::Sim { .. }
+            | Self::Worker(_)
             | Self::Evaluate(_)
             | Self::Replay(_)
             | Self::Release(_) => None,

@@ -8,6 +8,7 @@ mod keys;
 mod layer;
 mod options;
 mod tls;
+mod worker_name;
 
 use std::ffi::OsString;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -26,8 +27,9 @@ use crawler_server_tls::CertificateOptions;
 pub use keys::{KeyFiles, NoKeyFiles};
 pub(crate) use layer::KEYS;
 pub use layer::{Layer, LogFormat, RequireGate};
-pub use options::{Common, EngineOptions, RobotOptions, ServerOptions, TlsOptions};
+pub use options::{Common, EngineOptions, RobotOptions, ServerOptions, TlsOptions, WorkerOptions};
 pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
+pub use worker_name::{NoWorkerName, WorkerName};
 
 /// Prefix of every environment variable of this program.
 pub const ENV_PREFIX: &str = "TERRACRAWLER_";
@@ -47,6 +49,8 @@ pub enum Role {
     Serve,
     /// Simulated robots alone, on somebody's broker.
     Sim,
+    /// Experiments of servers, in their database.
+    Worker,
 }
 
 /// Where the fleet's broker is.
@@ -104,6 +108,8 @@ pub struct Settings {
     pub tls: TlsSettings,
     /// Trials of experiments that run at the same time; `None` for one for every two processors.
     pub experiment_threads: Option<NonZeroU8>,
+    /// The name of this process among those that work on experiments; `None` for that of the machine.
+    pub worker_name: Option<WorkerName>,
 }
 
 /// Why the options cannot be used.
@@ -194,8 +200,8 @@ impl Settings {
         }
         let loopback = |port| SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port);
         let broker = match (role, merged.broker.clone(), merged.mqtt) {
-            (Role::Sim, Some(url), _) => Broker::Outside(url),
-            (Role::Sim, None, _) => Broker::Outside(BrokerUrl::loopback()),
+            (Role::Sim | Role::Worker, Some(url), _) => Broker::Outside(url),
+            (Role::Sim | Role::Worker, None, _) => Broker::Outside(BrokerUrl::loopback()),
             (Role::Up | Role::Serve, Some(_), Some(_)) if mqtt_at == broker_at => {
                 return Err(ConfigError::Conflict(
                     "`mqtt` sets where the embedded broker listens and `broker` names an outside \
@@ -217,6 +223,12 @@ impl Settings {
                  reach: name it with `broker`",
             ));
         }
+        if role == Role::Worker && merged.database.is_none() {
+            return Err(ConfigError::Conflict(
+                "a worker shares the `database` of servers: name it like \
+                 postgres://user:password@host/database",
+            ));
+        }
         if merged.record.is_some() && merged.release_key.is_some() {
             return Err(ConfigError::Conflict(
                 "robots that are recorded (`record`) take no updates (`release_key`)",
@@ -230,7 +242,7 @@ impl Settings {
         // A radio for boards alone needs no robots.
         let least = u32::from(merged.radio_proxy.is_none());
         if let Some(robots) = robots
-            && role != Role::Serve
+            && matches!(role, Role::Up | Role::Sim)
             && !(least..=MAX_SIMULATED).contains(&robots)
         {
             return Err(ConfigError::Value {
@@ -252,7 +264,9 @@ impl Settings {
             robots,
             scenario: merged.scenario,
             seed: merged.seed.unwrap_or(1),
-            radio_proxy: merged.radio_proxy.filter(|_| role != Role::Serve),
+            radio_proxy: merged
+                .radio_proxy
+                .filter(|_| matches!(role, Role::Up | Role::Sim)),
             record: merged.record,
             release_key: merged.release_key,
             require_gate: merged.require_gate.unwrap_or_default(),
@@ -262,6 +276,16 @@ impl Settings {
             log_format: merged.log_format.unwrap_or_default(),
             tls,
             experiment_threads: merged.experiment_threads,
+            worker_name: merged.worker_name,
+        })
+    }
+
+    /// What people call this process among those that work on experiments.
+    #[must_use]
+    pub fn worker_name(&self) -> String {
+        let given = self.worker_name.as_ref();
+        given.map_or_else(crawler_experiments::machine, |name| {
+            name.as_str().to_owned()
         })
     }
 
@@ -291,7 +315,7 @@ impl Settings {
         {
             exposed.push(("radio proxy to the MQTT broker", address));
         }
-        if self.role == Role::Sim {
+        if matches!(self.role, Role::Sim | Role::Worker) {
             return exposed;
         }
         if !self.http.ip().is_loopback() {

@@ -7,7 +7,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
 use crate::config::{Broker, LogFormat, Role, Settings};
-use crate::server::{Robots, Server, StartError};
+use crate::server::{Robots, Server, StartError, WorkerProcess};
 use crawler_system::text::log_fields;
 
 /// Stopping takes at most this long; whatever still hangs then is left to the operating system.
@@ -62,6 +62,7 @@ pub fn run(settings: &Settings) -> Result<(), RunError> {
 enum Running {
     Server(Box<Server>),
     Robots(Robots),
+    Worker(WorkerProcess),
 }
 
 impl Running {
@@ -69,6 +70,7 @@ impl Running {
         Ok(match settings.role {
             Role::Up | Role::Serve => Self::Server(Box::new(Server::start(settings).await?)),
             Role::Sim => Self::Robots(Robots::start(settings).await?),
+            Role::Worker => Self::Worker(WorkerProcess::start(settings).await?),
         })
     }
 
@@ -76,6 +78,7 @@ impl Running {
         match self {
             Self::Server(server) => server.stop().await,
             Self::Robots(robots) => robots.stop().await,
+            Self::Worker(worker) => worker.stop().await,
         }
     }
 }
@@ -161,6 +164,13 @@ fn greet(settings: &Settings, running: &Running) {
             settings.fleet,
             robots.broker()
         ),
+        Running::Worker(worker) => format!(
+            "Working on experiments as `{}`, {} trials at a time, build {}.\n\
+             Ctrl-C gives back what is under way and ends it.\n",
+            worker.name(),
+            worker.threads(),
+            crawler_experiments::BUILD
+        ),
     };
     let _ = write!(std::io::stdout(), "{text}");
     let exposed = if settings.open {
@@ -195,7 +205,7 @@ fn greeting(settings: &Settings, server: &Server) -> String {
     };
     let robots = match settings.role {
         Role::Up => format!("  robots        {} simulated\n", server.simulated()),
-        Role::Serve | Role::Sim => String::new(),
+        Role::Serve | Role::Sim | Role::Worker => String::new(),
     };
     let access = access(settings, server.invitation());
     format!(

@@ -23,6 +23,7 @@ mod start_tests;
 mod storage;
 mod stores;
 mod watch;
+mod worker;
 mod world;
 mod writable;
 
@@ -39,6 +40,7 @@ use parts::Parts;
 
 pub use robots::Robots;
 pub use start_error::StartError;
+pub use worker::WorkerProcess;
 
 /// A running server. Dropped without [`Server::stop`] it stops in the background, as long as there is a
 /// runtime.

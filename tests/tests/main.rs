@@ -21,3 +21,4 @@ mod robot_tls;
 mod rollouts;
 mod timeseries;
 mod words;
+mod workers;

@@ -1,4 +1,4 @@
-//! Experiments: scenarios on many seeds, run by this server.
+//! Experiments: scenarios on many seeds, run by this server and by all that share its records.
 
 mod view;
 
@@ -73,9 +73,12 @@ impl From<ControlError> for Problem {
                 Code::WrongState,
                 format!("the experiment is {state}: this cannot be done now"),
             ),
-            ControlError::OtherServer => Self::new(
-                Code::OtherServer,
-                "another server of this fleet runs the experiment: ask that one",
+            ControlError::OtherBuild(build) => Self::new(
+                Code::OtherBuild,
+                format!(
+                    "another build of the program has run a part of it, {build}: this one may come to other numbers; \
+                     make it anew"
+                ),
             ),
             ControlError::TooMany(what) => Self::new(
                 Code::TooMany,
@@ -229,7 +232,9 @@ pub(super) async fn metrics(
     let row = row.ok_or_else(unknown)?;
     let from = asked.after.map_or(0, |after| after.saturating_add(1));
     let trials = records.trials(id, from, limit).await;
-    let trials = trials.map_err(|error| Problem::records(&error))?;
+    let mut trials = trials.map_err(|error| Problem::records(&error))?;
+    // Others may be done that are not counted yet.
+    trials.retain(|trial| trial.number < row.done);
     let last = trials.last().map(|trial| trial.number);
     Ok(Json(MetricsView {
         metrics: serde_json::from_str(&row.metrics)
@@ -255,7 +260,7 @@ pub(super) async fn metrics(
         (status = 200, description = "It runs, or waits for its turn",
             body = ExperimentView),
         (status = 404, description = "There is none of that id"),
-        (status = 409, description = "It was started before, or another server runs it")))]
+        (status = 409, description = "It was started before")))]
 pub(super) async fn start(
     State(experiments): State<Arc<Experiments>>,
     State(audit): State<Audit>,
@@ -272,7 +277,7 @@ pub(super) async fn start(
         (status = 200, description = "It stands; trials under way are given up, and made anew when it goes on",
             body = ExperimentView),
         (status = 404, description = "There is none of that id"),
-        (status = 409, description = "It does not run, or another server runs it")))]
+        (status = 409, description = "It does not run")))]
 pub(super) async fn pause(
     State(experiments): State<Arc<Experiments>>,
     State(audit): State<Audit>,
@@ -289,7 +294,7 @@ pub(super) async fn pause(
         (status = 200, description = "It runs, or waits for its turn",
             body = ExperimentView),
         (status = 404, description = "There is none of that id"),
-        (status = 409, description = "It is not paused, or another server runs it")))]
+        (status = 409, description = "It is not paused, or another build has begun it")))]
 pub(super) async fn resume(
     State(experiments): State<Arc<Experiments>>,
     State(audit): State<Audit>,
@@ -306,7 +311,7 @@ pub(super) async fn resume(
         (status = 200, description = "It has ended",
             body = ExperimentView),
         (status = 404, description = "There is none of that id"),
-        (status = 409, description = "It has ended before, or another server runs it")))]
+        (status = 409, description = "It has ended before")))]
 pub(super) async fn stop(
     State(experiments): State<Arc<Experiments>>,
     State(audit): State<Audit>,

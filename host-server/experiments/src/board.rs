@@ -1,95 +1,46 @@
-//! What runs, and the threads that run it.
-//!
-//! A thread claims the next trial of an experiment whose turn it is, and puts on the board what it came
-//! to. Trials are kept in their order: one that is done before an earlier one waits for that.
+//! The parts of experiments that this process has claimed, and the threads that run their trials.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
+use crawler_records::{Part, StoredTrial};
 use crawler_sim::evaluate::{Job, Trial, run_unless};
 use crawler_sim::scenario::Scenario;
 use tokio::sync::Notify;
 
 use super::recipe::MAX_ROBOTS;
+use super::results::stored;
 
-/// Experiments that run at the same time; others wait for their turn.
-pub(super) const AT_ONCE: usize = 4;
-/// Trials that may be under way or done beyond the last that is stored.
-const AHEAD: u32 = 1_000;
 /// Robots in all worlds at the same time; one world runs however many it has.
 const ROBOTS: u32 = 2 * MAX_ROBOTS;
+/// Trials that take less than this are claimed ahead: who claims one by one would wait for the records most of the
+/// time. Longer ones are left to whoever is idle.
+const QUICK: Duration = Duration::from_millis(250);
+/// Quick trials that wait, for each thread.
+const AHEAD: usize = 4;
 
-/// An experiment that runs, or waits for its turn.
+/// A part that is claimed.
 #[derive(Debug)]
-pub(super) struct Entry {
-    pub(super) id: i64,
-    pub(super) scenario: Arc<Scenario>,
-    pub(super) first_seed: u64,
-    pub(super) seeds: u32,
-    /// Trials that are in the records: the first ones.
-    pub(super) stored: u32,
-    /// The next trial to run.
-    next: u32,
-    /// What is done, and not in the records yet.
-    ready: BTreeMap<u32, Trial>,
+struct Held {
+    part: i64,
+    experiment: i64,
+    scenario: Arc<Scenario>,
+    /// Trials that nobody runs yet, with their seeds.
+    waiting: VecDeque<(u32, u64)>,
+    /// Trials that are not stored.
+    open: usize,
     /// Gives up the trials under way.
     stop: Arc<AtomicBool>,
-}
-
-impl Entry {
-    pub(super) fn new(
-        id: i64,
-        scenario: Arc<Scenario>,
-        first_seed: u64,
-        seeds: u32,
-        stored: u32,
-    ) -> Self {
-        Self {
-            id,
-            scenario,
-            first_seed,
-            seeds,
-            stored,
-            next: stored,
-            ready: BTreeMap::new(),
-            stop: Arc::new(AtomicBool::new(false)),
-        }
-    }
-
-    /// The same, as if none but what is stored had been done.
-    pub(super) fn afresh(self) -> Self {
-        Self::new(
-            self.id,
-            self.scenario,
-            self.first_seed,
-            self.seeds,
-            self.stored,
-        )
-    }
-
-    /// The trials that can be stored: those without a gap after the last one.
-    pub(super) fn batch(&self) -> Vec<Trial> {
-        let waiting = (self.stored..).map_while(|number| self.ready.get(&number));
-        waiting.cloned().collect()
-    }
-
-    /// Notes that `count` more trials are in the records.
-    pub(super) fn advance(&mut self, count: u32) {
-        self.stored += count;
-        self.ready = self.ready.split_off(&self.stored);
-    }
-
-    fn may_go_on(&self) -> bool {
-        self.next < self.seeds && self.next < self.stored.saturating_add(AHEAD)
-    }
 }
 
 /// A trial to run.
 #[derive(Debug)]
 struct Task {
-    id: i64,
+    part: i64,
+    experiment: i64,
     number: u32,
     seed: u64,
     scenario: Arc<Scenario>,
@@ -98,54 +49,83 @@ struct Task {
 
 #[derive(Debug, Default)]
 struct State {
-    /// In the order in which they were started.
-    entries: Vec<Entry>,
+    /// In the order in which they were claimed.
+    held: Vec<Held>,
     /// Whose turn it is.
     turn: usize,
     /// Robots in the worlds that run.
     robots: u32,
+    /// Threads without a trial.
+    idle: usize,
+    /// Threads altogether.
+    threads: usize,
+    /// Whether the last trial was.
+    quick: bool,
+    /// What is done and not in the records yet, with its part: by experiment and number.
+    ready: BTreeMap<(i64, u32), (i64, StoredTrial)>,
     ended: bool,
 }
 
 impl State {
-    /// The next trial of the next experiment that has one.
+    /// The next trial of the next part that has one.
     fn claim(&mut self) -> Option<Task> {
-        let active = self.entries.len().min(AT_ONCE);
-        for step in 0..active {
-            let index = (self.turn + step) % active;
-            let entry = &mut self.entries[index];
-            let robots = self.robots.saturating_add(entry.scenario.robots);
-            if !entry.may_go_on() || (self.robots > 0 && robots > ROBOTS) {
+        let count = self.held.len();
+        for step in 0..count {
+            let index = (self.turn + step) % count;
+            let held = &mut self.held[index];
+            let robots = self.robots.saturating_add(held.scenario.robots);
+            if self.robots > 0 && robots > ROBOTS {
                 continue;
             }
-            let number = entry.next;
-            entry.next += 1;
+            let Some((number, seed)) = held.waiting.pop_front() else {
+                continue;
+            };
             self.turn = index + 1;
             self.robots = robots;
             return Some(Task {
-                id: entry.id,
+                part: held.part,
+                experiment: held.experiment,
                 number,
-                seed: entry.first_seed.wrapping_add(number.into()),
-                scenario: Arc::clone(&entry.scenario),
-                stop: Arc::clone(&entry.stop),
+                seed,
+                scenario: Arc::clone(&held.scenario),
+                stop: Arc::clone(&held.stop),
             });
         }
         None
     }
 
-    fn find(&mut self, id: i64) -> Option<&mut Entry> {
-        self.entries.iter_mut().find(|entry| entry.id == id)
+    /// Trials that should be claimed.
+    fn wanted(&self) -> usize {
+        if self.ended {
+            return 0;
+        }
+        let waiting: usize = self.held.iter().map(|held| held.waiting.len()).sum();
+        let ahead = if self.quick { self.threads * AHEAD } else { 0 };
+        (self.idle + ahead).saturating_sub(waiting)
+    }
+
+    /// Takes away the parts that `gone` says; their trials under way are given up.
+    fn drop_held(&mut self, gone: impl Fn(&Held) -> bool) {
+        self.held.retain(|held| {
+            let gone = gone(held);
+            if gone {
+                held.stop.store(true, Ordering::Relaxed);
+            }
+            !gone
+        });
     }
 }
 
-/// What runs.
+/// What this process has claimed.
 #[derive(Debug, Default)]
 pub(super) struct Board {
     state: Mutex<State>,
-    /// There may be a trial to claim.
+    /// There may be a trial to run.
     wake: Condvar,
     /// A trial is done.
     pub(super) news: Notify,
+    /// More could be done.
+    pub(super) demand: Notify,
 }
 
 impl Board {
@@ -153,71 +133,87 @@ impl Board {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Has an experiment run, unless it does.
-    pub(super) fn enter(&self, entry: Entry) {
+    /// Takes parts in. One that is here already stays as it is.
+    pub(super) fn hold(&self, parts: Vec<Part>, scenario: &Arc<Scenario>) {
         let mut state = self.lock();
-        if state.find(entry.id).is_none() {
-            state.entries.push(entry);
+        for part in parts {
+            if state.held.iter().any(|held| held.part == part.id) {
+                continue;
+            }
+            state.held.push(Held {
+                part: part.id,
+                experiment: part.experiment,
+                scenario: Arc::clone(scenario),
+                open: part.trials.len(),
+                waiting: part.trials.into(),
+                stop: Arc::default(),
+            });
         }
         self.wake.notify_all();
     }
 
-    /// Takes an experiment away; its trials under way are given up.
-    pub(super) fn leave(&self, id: i64) -> Option<Entry> {
-        let mut state = self.lock();
-        let index = state.entries.iter().position(|entry| entry.id == id)?;
-        let entry = state.entries.remove(index);
-        entry.stop.store(true, Ordering::Relaxed);
-        // Somebody else's turn may have come.
-        self.wake.notify_all();
-        Some(entry)
+    /// How many trials should be claimed.
+    pub(super) fn wanted(&self) -> usize {
+        self.lock().wanted()
     }
 
-    /// Whether an experiment waits for its turn.
-    pub(super) fn is_waiting(&self, id: i64) -> bool {
+    /// The parts that are held, with their experiments.
+    pub(super) fn held(&self) -> Vec<(i64, i64)> {
         let state = self.lock();
-        let mut late = state.entries.iter().skip(AT_ONCE);
-        late.any(|entry| entry.id == id)
+        let parts = state.held.iter();
+        parts.map(|held| (held.part, held.experiment)).collect()
     }
 
-    /// Whether an experiment is on the board.
-    pub(super) fn has(&self, id: i64) -> bool {
-        self.lock().find(id).is_some()
+    /// Gives up all parts but these.
+    pub(super) fn keep_only(&self, parts: &[i64]) {
+        self.lock().drop_held(|held| !parts.contains(&held.part));
+    }
+
+    /// Gives up the parts of an experiment. What is done of it stays to be stored.
+    pub(super) fn leave(&self, experiment: i64) {
+        self.lock().drop_held(|held| held.experiment == experiment);
+    }
+
+    /// Forgets what is done of an experiment.
+    pub(super) fn forget(&self, experiment: i64) {
+        self.lock().ready.retain(|(of, _), _| *of != experiment);
     }
 
     /// The experiments of which trials can be stored.
     pub(super) fn with_news(&self) -> Vec<i64> {
         let state = self.lock();
-        let ready = |entry: &&Entry| entry.ready.contains_key(&entry.stored);
-        state
-            .entries
-            .iter()
-            .filter(ready)
-            .map(|entry| entry.id)
-            .collect()
+        let mut ids: Vec<i64> = state.ready.keys().map(|(id, _)| *id).collect();
+        ids.dedup();
+        ids
     }
 
     /// The trials of an experiment that can be stored.
-    pub(super) fn batch(&self, id: i64) -> Vec<Trial> {
-        self.lock()
-            .find(id)
-            .map_or_else(Vec::new, |entry| entry.batch())
+    pub(super) fn batch(&self, experiment: i64) -> Vec<StoredTrial> {
+        let state = self.lock();
+        let ready = state.ready.range((experiment, 0)..=(experiment, u32::MAX));
+        ready.map(|(_, (_, trial))| trial.clone()).collect()
     }
 
-    /// Notes that `count` more trials of an experiment are in the records.
-    pub(super) fn advance(&self, id: i64, count: u32) {
-        if let Some(entry) = self.lock().find(id) {
-            entry.advance(count);
+    /// Notes that these trials of an experiment are in the records.
+    pub(super) fn stored(&self, experiment: i64, trials: &[u32]) {
+        let mut state = self.lock();
+        for number in trials {
+            let Some((part, _)) = state.ready.remove(&(experiment, *number)) else {
+                continue;
+            };
+            if let Some(held) = state.held.iter_mut().find(|held| held.part == part) {
+                held.open = held.open.saturating_sub(1);
+            }
         }
-        self.wake.notify_all();
+        state.held.retain(|held| held.open > 0);
     }
 
     /// Gives up what is under way, and lets nothing begin any more.
     pub(super) fn end(&self) {
         let mut state = self.lock();
         state.ended = true;
-        for entry in &state.entries {
-            entry.stop.store(true, Ordering::Relaxed);
+        for held in &state.held {
+            held.stop.store(true, Ordering::Relaxed);
         }
         self.wake.notify_all();
     }
@@ -227,25 +223,34 @@ impl Board {
         let mut state = self.lock();
         while !state.ended {
             if let Some(task) = state.claim() {
+                if state.wanted() > 0 {
+                    self.demand.notify_one();
+                }
                 return Some(task);
             }
+            state.idle += 1;
+            self.demand.notify_one();
             state = self
                 .wake
                 .wait(state)
                 .unwrap_or_else(PoisonError::into_inner);
+            state.idle -= 1;
         }
         None
     }
 
     /// Takes what a trial came to, or that it was given up.
-    fn post(&self, task: &Task, trial: Option<Trial>) {
+    fn post(&self, task: &Task, trial: Option<&Trial>, quick: bool) {
         let mut state = self.lock();
         state.robots = state.robots.saturating_sub(task.scenario.robots);
-        // One that was paused and resumed meanwhile has another flag, and runs this trial again.
-        let entry = state.find(task.id);
-        let entry = entry.filter(|entry| Arc::ptr_eq(&entry.stop, &task.stop));
-        if let (Some(entry), Some(trial)) = (entry, trial) {
-            entry.ready.insert(task.number, trial);
+        state.quick = quick;
+        // A part that was given up and claimed again has another flag, and this trial runs again.
+        let own = |held: &Held| held.part == task.part && Arc::ptr_eq(&held.stop, &task.stop);
+        if let Some(trial) = trial
+            && state.held.iter().any(own)
+        {
+            let done = (task.part, stored(task.number, trial));
+            state.ready.insert((task.experiment, task.number), done);
             self.news.notify_one();
         }
         self.wake.notify_all();
@@ -257,13 +262,15 @@ impl Board {
                 scenario: &task.scenario,
                 seed: task.seed,
             };
+            let began = Instant::now();
             let trial = run_unless(&job, &task.stop);
-            self.post(&task, trial);
+            self.post(&task, trial.as_ref(), began.elapsed() < QUICK);
         }
     }
 
     /// Threads that run trials until [`Board::end`].
     pub(super) fn start(self: &Arc<Self>, threads: usize) -> std::io::Result<Vec<JoinHandle<()>>> {
+        self.lock().threads = threads;
         let start = |_| {
             let board = Arc::clone(self);
             let thread = std::thread::Builder::new().name("experiment".to_owned());
@@ -293,11 +300,21 @@ mod tests {
 
     use super::*;
 
-    fn entry(id: i64, robots: u32, seeds: u32) -> Entry {
-        let scenario = Scenario::built_in("empty")
-            .expect("there")
-            .with_robots(robots);
-        Entry::new(id, Arc::new(scenario), 100, seeds, 0)
+    const SEED: u64 = 100;
+
+    fn scenario(robots: u32) -> Arc<Scenario> {
+        let scenario = Scenario::built_in("empty").expect("there");
+        Arc::new(scenario.with_robots(robots))
+    }
+
+    fn part(experiment: i64, numbers: std::ops::Range<u32>) -> Part {
+        Part {
+            id: experiment * 1_000 + i64::from(numbers.start),
+            experiment,
+            trials: numbers
+                .map(|number| (number, SEED + u64::from(number)))
+                .collect(),
+        }
     }
 
     fn trial(seed: u64) -> Trial {
@@ -314,80 +331,111 @@ mod tests {
         board.lock().claim()
     }
 
-    #[test]
-    fn experiments_take_turns_and_four_run_at_once() {
-        let board = Board::default();
-        for id in 1..=6 {
-            board.enter(entry(id, 1, 3));
-        }
-        let order: Vec<i64> = (0..8).map(|_| claimed(&board).expect("work").id).collect();
-        assert_eq!(order, [1, 2, 3, 4, 1, 2, 3, 4]);
-        assert!(board.is_waiting(5) && board.is_waiting(6) && !board.is_waiting(4));
-        assert!(board.leave(2).expect("there").stop.load(Ordering::Relaxed));
-        assert!(!board.is_waiting(5));
-        let rest: Vec<i64> = std::iter::from_fn(|| claimed(&board))
-            .map(|task| task.id)
-            .collect();
-        assert_eq!(rest.len(), 3 + 3);
-        assert_eq!(rest.iter().filter(|id| **id == 5).count(), 3);
+    fn post(board: &Board, task: &Task) {
+        board.post(task, Some(&trial(task.seed)), false);
     }
 
     #[test]
-    fn nobody_gets_too_far_ahead_and_robots_are_counted() {
+    fn parts_take_turns() {
         let board = Board::default();
-        board.enter(entry(1, 1, 100_000));
-        let ahead = std::iter::from_fn(|| claimed(&board)).count();
-        assert_eq!(ahead, AHEAD as usize);
-        board.advance(1, 3);
-        assert_eq!(std::iter::from_fn(|| claimed(&board)).count(), 3);
+        for id in 1..=3 {
+            board.hold(vec![part(id, 0..2)], &scenario(1));
+        }
+        // The same once more changes nothing.
+        board.hold(vec![part(2, 0..2)], &scenario(1));
+        let order: Vec<i64> = std::iter::from_fn(|| claimed(&board))
+            .map(|task| task.experiment)
+            .collect();
+        assert_eq!(order, [1, 2, 3, 1, 2, 3]);
+        assert_eq!(board.held(), [(1_000, 1), (2_000, 2), (3_000, 3)]);
+    }
 
+    #[test]
+    fn robots_are_counted() {
         let board = Board::default();
-        board.enter(entry(1, MAX_ROBOTS, 10));
+        board.hold(vec![part(1, 0..10)], &scenario(MAX_ROBOTS));
         let both = [claimed(&board).expect("one"), claimed(&board).expect("two")];
         assert!(claimed(&board).is_none(), "three worlds are too many");
-        board.post(&both[0], None);
+        board.post(&both[0], None, false);
         assert!(claimed(&board).is_some());
     }
 
     #[test]
-    fn what_was_paused_is_not_taken_from_before() {
+    fn quick_trials_are_claimed_ahead_and_others_as_needed() {
         let board = Board::default();
-        board.enter(entry(1, 1, 5));
+        board.lock().threads = 2;
+        assert_eq!(board.wanted(), 0, "nobody is idle");
+        board.lock().idle = 2;
+        assert_eq!(board.wanted(), 2);
+        board.hold(vec![part(1, 0..1)], &scenario(1));
+        assert_eq!(board.wanted(), 1);
+        let task = claimed(&board).expect("work");
+        board.lock().idle = 0;
+        assert_eq!(board.wanted(), 0);
+        board.post(&task, Some(&trial(SEED)), true);
+        assert_eq!(board.wanted(), 2 * AHEAD);
+    }
+
+    #[test]
+    fn what_was_given_up_is_not_taken_from_before() {
+        let board = Board::default();
+        board.hold(vec![part(1, 0..5), part(1, 5..6)], &scenario(1));
         let old = claimed(&board).expect("work");
-        let left = board.leave(1).expect("there");
-        board.enter(left.afresh());
-        board.post(&old, Some(trial(100)));
+        board.keep_only(&[1_005]);
+        assert!(old.stop.load(Ordering::Relaxed));
+        board.hold(vec![part(1, 0..5)], &scenario(1));
+        post(&board, &old);
         assert!(board.with_news().is_empty());
-        let new = claimed(&board).expect("work");
-        assert_eq!((new.number, new.seed), (0, 100));
-        board.post(&new, Some(trial(100)));
+        let mut tasks = std::iter::from_fn(|| claimed(&board));
+        let new = tasks.find(|task| task.number == 0).expect("once more");
+        assert_eq!(new.seed, SEED);
+        post(&board, &new);
         assert_eq!(board.with_news(), [1]);
+        // What is done stays to be stored when the rest is given up.
+        board.leave(1);
+        assert_eq!((board.held(), board.batch(1).len()), (vec![], 1));
+        board.forget(1);
+        assert!(board.with_news().is_empty());
     }
 
     proptest! {
-        /// In whatever order trials come to their end, they are stored in theirs, each once.
+        /// In whatever order trials come to their end, each is stored once, and then nothing is held.
         #[test]
-        fn trials_are_stored_in_their_order(
-            seeds in 1_u32..60,
+        fn every_trial_is_stored_once(
+            parts in proptest::collection::vec((1_i64..4, 1_u32..5), 1..12),
             picks in proptest::collection::vec(any::<prop::sample::Index>(), 60),
         ) {
             let board = Board::default();
-            board.enter(entry(1, 1, seeds));
+            let mut next = [0_u32; 4];
+            let mut wanted = Vec::new();
+            for (experiment, size) in parts {
+                let first = next[experiment as usize];
+                next[experiment as usize] += size;
+                wanted.extend((first..first + size).map(|number| (experiment, number)));
+                board.hold(vec![part(experiment, first..first + size)], &scenario(1));
+            }
             let mut under_way: Vec<Task> = std::iter::from_fn(|| claimed(&board)).collect();
-            prop_assert_eq!(under_way.len(), seeds as usize);
-            let mut stored = Vec::new();
+            let mut all = Vec::new();
             for pick in picks.iter().cycle() {
                 if under_way.is_empty() {
                     break;
                 }
                 let task = under_way.swap_remove(pick.index(under_way.len()));
-                board.post(&task, Some(trial(task.seed)));
-                let batch = board.batch(1);
-                board.advance(1, batch.len() as u32);
-                stored.extend(batch.iter().map(|trial| trial.seed));
+                post(&board, &task);
+                for id in board.with_news() {
+                    let batch = board.batch(id);
+                    let numbers: Vec<u32> = batch.iter().map(|trial| trial.number).collect();
+                    for trial in &batch {
+                        prop_assert_eq!(trial.seed, SEED + u64::from(trial.number));
+                    }
+                    all.extend(numbers.iter().map(|number| (id, *number)));
+                    board.stored(id, &numbers);
+                }
             }
-            let wanted: Vec<u64> = (100..100 + u64::from(seeds)).collect();
-            prop_assert_eq!(stored, wanted);
+            all.sort_unstable();
+            wanted.sort_unstable();
+            prop_assert_eq!(all, wanted);
+            prop_assert!(board.held().is_empty());
         }
     }
 }

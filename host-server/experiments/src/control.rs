@@ -8,9 +8,9 @@ use crawler_system::clock::now_ms;
 use serde_json::{Map, Value};
 use tokio_util::task::TaskTracker;
 
-use super::board::Entry;
-use super::keeper::{metrics, recount, store, take_up};
+use super::keeper::{count, divide, metrics, or_unknown, recount};
 use super::recipe::{FieldError, read};
+use super::worker::BUILD;
 use super::{Experiments, Tally};
 
 use ExperimentState::{Created, Paused, Running, Stopped};
@@ -60,8 +60,8 @@ pub enum ControlError {
     Unknown,
     /// It is in a state in which this cannot be done.
     WrongState(ExperimentState),
-    /// Another server runs it.
-    OtherServer,
+    /// Another build of the program has run a part of it; which.
+    OtherBuild(String),
     /// There are as many as may be; of what.
     TooMany(&'static str),
     /// Too many recipes are being tried out.
@@ -122,6 +122,7 @@ pub async fn create(
         let new = NewExperiment {
             owner: experiments.owner.clone(),
             name: wanted.name,
+            build: BUILD.to_owned(),
             recipe: recipe.map_err(|_| ControlError::Internal("a recipe cannot be written"))?,
             metrics: metrics(),
             seeds: wanted.recipe.seeds,
@@ -129,10 +130,10 @@ pub async fn create(
             created: now_ms(),
             start: wanted.start,
         };
-        let mut tallies = experiments.tallies.lock().await;
+        let _alone = experiments.tallies.lock().await;
         let row = experiments.records.add_experiment(new).await?;
         if row.state == Running {
-            took_up(&experiments, &mut tallies, row.clone()).await;
+            take_up(&experiments, row.clone()).await;
         }
         recount(&experiments).await;
         Ok(row)
@@ -140,14 +141,18 @@ pub async fn create(
     .await
 }
 
-/// Has run what the records say runs, and tells of it.
-async fn took_up(experiments: &Experiments, tallies: &mut HashMap<i64, Tally>, row: Experiment) {
+/// Takes up what runs from now on, and tells of it.
+async fn take_up(experiments: &Experiments, row: Experiment) {
     let word = if row.done > 0 { "goes on" } else { "begins" };
     let text = format!("experiment “{}” {word}: {} trials", row.name, row.seeds);
     experiments.tell(EventLevel::Info, text);
-    if let Err(error) = take_up(experiments, tallies, row).await {
+    let id = row.id;
+    // One that this program cannot run, the keeper finds and says so.
+    if let Ok(plan) = experiments.worker.take_up(row)
+        && let Err(error) = divide(experiments, id, &plan).await
+    {
         // The keeper looks for it again.
-        tracing::warn!(%error, "an experiment is not taken up yet");
+        tracing::warn!(%error, "an experiment is not divided yet");
     }
 }
 
@@ -166,42 +171,36 @@ pub async fn act(
     let (experiments, tasks) = (Arc::clone(experiments), &experiments.tasks);
     whole(tasks, async move {
         let mut tallies = experiments.tallies.lock().await;
-        let row = own(&experiments, id).await?;
+        let row = find(&experiments, id).await?;
         let to = action
             .of(row.state)
             .ok_or(ControlError::WrongState(row.state))?;
-        // Off the board first, so that all that is done is stored before it says that it stands.
-        let entry = experiments.board.leave(id);
-        let batch = entry.as_ref().map_or_else(Vec::new, Entry::batch);
-        let stored = store(&experiments, &mut tallies, id, batch).await;
-        let moved = match &stored {
-            Ok(_) => {
-                experiments
-                    .records
-                    .move_experiment(id, row.state, to, None, now_ms())
-                    .await
-            }
-            Err(error) => Err(error.clone()),
-        };
-        let row = match moved {
+        if to == Running {
+            adopt(&experiments, &row).await?;
+        } else {
+            stand(&experiments, &mut tallies, id).await?;
+        }
+        let moved = experiments
+            .records
+            .move_experiment(id, row.state, to, None, now_ms());
+        let row = match moved.await {
             Ok(row) => row,
             // It came to its end just now.
             Err(RecordsError::NotFound) => {
-                let now = own(&experiments, id).await?;
+                let now = find(&experiments, id).await?;
                 return Err(ControlError::WrongState(now.state));
             }
-            Err(error) => {
-                if let Some(mut entry) = entry {
-                    entry.advance(stored.unwrap_or(0));
-                    experiments.board.enter(entry.afresh());
-                }
-                return Err(error.into());
-            }
+            Err(error) => return Err(error.into()),
         };
+        let tally = tallies.remove(&id);
         if to == Running {
-            took_up(&experiments, &mut tallies, row.clone()).await;
+            take_up(&experiments, row.clone()).await;
         } else {
-            let text = match tallies.remove(&id) {
+            experiments.worker.leave(id);
+            if let Err(error) = experiments.worker.release(id).await {
+                tracing::warn!(%error, "what is held of an experiment is free when its lease ends");
+            }
+            let text = match tally {
                 Some(tally) => tally.farewell(to),
                 None => format!("experiment “{}” is {to}", row.name),
             };
@@ -213,6 +212,30 @@ pub async fn act(
     .await
 }
 
+/// Has this build run an experiment of which nothing is done, whoever made it.
+async fn adopt(experiments: &Experiments, row: &Experiment) -> Result<(), ControlError> {
+    if row.build == BUILD {
+        return Ok(());
+    }
+    let parts = experiments.records.parts();
+    if row.done == 0 && parts.adopt(row.id, BUILD).await? {
+        return Ok(());
+    }
+    Err(ControlError::OtherBuild(or_unknown(&row.build).to_owned()))
+}
+
+/// Gives up what this server does of an experiment, and counts all that is done of it, so that it is there before it
+/// says that it stands.
+async fn stand(
+    experiments: &Experiments,
+    tallies: &mut HashMap<i64, Tally>,
+    id: i64,
+) -> Result<(), ControlError> {
+    experiments.worker.board.leave(id);
+    experiments.worker.store_of(id).await?;
+    Ok(count(experiments, tallies, id).await?)
+}
+
 /// Deletes an experiment that does not run, whoever ran it.
 ///
 /// # Errors
@@ -221,8 +244,7 @@ pub async fn delete(experiments: &Arc<Experiments>, id: i64) -> Result<(), Contr
     let (experiments, tasks) = (Arc::clone(experiments), &experiments.tasks);
     whole(tasks, async move {
         let _alone = experiments.tallies.lock().await;
-        let row = experiments.records.experiment(id).await?;
-        let row = row.ok_or(ControlError::Unknown)?;
+        let row = find(&experiments, id).await?;
         match experiments.records.delete_experiment(id).await {
             Ok(()) => {
                 recount(&experiments).await;
@@ -235,13 +257,8 @@ pub async fn delete(experiments: &Arc<Experiments>, id: i64) -> Result<(), Contr
     .await
 }
 
-/// An experiment of this server.
-async fn own(experiments: &Experiments, id: i64) -> Result<Experiment, ControlError> {
+/// The experiment of that number.
+async fn find(experiments: &Experiments, id: i64) -> Result<Experiment, ControlError> {
     let row = experiments.records.experiment(id).await?;
-    let row = row.ok_or(ControlError::Unknown)?;
-    if experiments.is_own(&row) {
-        Ok(row)
-    } else {
-        Err(ControlError::OtherServer)
-    }
+    row.ok_or(ControlError::Unknown)
 }

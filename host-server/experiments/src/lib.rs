@@ -1,16 +1,17 @@
 //! Experiments: evaluations of a scenario on many seeds, by threads of this process beside its other
-//! work, kept in the records.
+//! work, and by as many other processes as share the records.
 //!
-//! What the records say is so. The board has what runs, tallies what its trials came to so far; one lock
-//! makes control and storing wait for each other. A trial is the same whenever it runs, so one that is given
-//! up costs time and nothing else.
+//! What the records say is so. They have what is left to do, part by part; a worker claims a part, runs its trials and
+//! stores what they come to. One server counts them in the order of their seeds. A trial is the same whenever and
+//! wherever it runs, so one that is given up costs time and nothing else.
 //!
 //! - [`scenarios`]: scenarios from names and files, with changes.
 //! - [`evaluate`]: the same on the command line, with sweeps, drawn parameters and the search for a run that
 //!   breaks something. It runs and judges trials by the same means (`crawler_sim::evaluate`), so both come to
 //!   the same numbers.
-//! - `recipe` reads what an experiment is asked to be, `control` makes, starts, pauses and ends it, `board`
-//!   runs its trials, `keeper` stores them and takes up what ran before, `results` has what they come to.
+//! - `recipe` reads what an experiment is asked to be, `control` makes, starts, pauses and ends it, `worker` claims its
+//!   parts and stores what comes of them, `board` has those of this process and runs their trials, `keeper` counts
+//!   trials, `results` has what they come to.
 
 pub mod evaluate;
 pub mod scenarios;
@@ -20,34 +21,35 @@ mod control;
 mod keeper;
 mod recipe;
 mod results;
+mod worker;
 
 use std::collections::HashMap;
 use std::num::NonZeroU8;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
-use std::time::Duration;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crawler_records::{EventLevel, Experiment, ExperimentState, Records, RecordsError};
+use serde::Serialize;
 use tokio::sync::Semaphore;
 use tokio_util::task::TaskTracker;
 
 use crawler_metrics::Exposition;
 use crawler_system::data::{DataDir, DataError};
+use utoipa::ToSchema;
 
-use board::Board;
 pub use control::{Action, ControlError, act, create, delete};
 pub use keeper::keep;
 pub use recipe::{FieldError, MAX_SEED, Recipe};
 use results::Tally;
 pub use results::{Judged, MetricView, Results, Summary};
+pub use worker::{BUILD, Worker, machine, work};
+
+use keeper::{Watched, or_unknown};
 
 /// File with the number by which this server knows its experiments, in the data directory.
 const OWNER: &str = "experiments-owner";
 /// Recipes that are tried out at a time.
 const BUILDING: usize = 2;
-/// For threads to give up their trials.
-const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Tells those who watch the fleet what becomes of experiments.
 pub type Tell = Box<dyn Fn(EventLevel, String) + Send + Sync>;
@@ -58,15 +60,27 @@ pub struct Experiments {
     tell: Tell,
     /// What was begun for somebody and goes on without them.
     tasks: TaskTracker,
-    board: Arc<Board>,
+    worker: Worker,
     /// What runs came to so far. Whoever holds it is alone with all experiments of this server.
     tallies: tokio::sync::Mutex<HashMap<i64, Tally>>,
     /// How this server is called in records that it shares with others.
     owner: String,
-    threads: usize,
-    workers: Mutex<Vec<JoinHandle<()>>>,
+    /// Experiments that others count, and do not.
+    watched: Mutex<HashMap<i64, Watched>>,
+    /// Who works on what.
+    at_work: Mutex<HashMap<i64, Vec<AtWork>>>,
     building: Arc<Semaphore>,
     counts: Counts,
+}
+
+/// A process that works on an experiment.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = ExperimentWorker)]
+pub struct AtWork {
+    /// Its name: that of its machine, unless it was given another one.
+    pub name: String,
+    /// How many seeds it is at.
+    pub seeds: u64,
 }
 
 /// Counted for the metrics.
@@ -86,6 +100,8 @@ pub struct ExperimentNumbers {
     pub succeeded: u64,
     /// And that were none.
     pub failed: u64,
+    /// Claims of processes on parts of experiments: one for each process and experiment.
+    pub workers: u64,
 }
 
 impl ExperimentNumbers {
@@ -105,6 +121,11 @@ impl ExperimentNumbers {
             "outcome",
             [("success", self.succeeded), ("failure", self.failed)],
         );
+        out.gauge(
+            "terracrawler_experiment_workers",
+            "Processes that work on experiments, by what the records say",
+            self.workers as f64,
+        );
     }
 }
 
@@ -116,38 +137,49 @@ pub fn owner(data: &DataDir) -> Result<String, DataError> {
     if let Some(number) = data.number(OWNER)? {
         return Ok(format!("{number:016x}"));
     }
-    let mut bytes = [0; 8];
-    let drawn = getrandom::fill(&mut bytes);
-    drawn.map_err(|error| data.failed(OWNER, std::io::Error::other(error)))?;
-    let number = u64::from_ne_bytes(bytes);
+    let number = drawn().map_err(|error| data.failed(OWNER, std::io::Error::other(error)))?;
     data.set_number(OWNER, number)?;
     Ok(format!("{number:016x}"))
 }
 
+/// What tells a worker from others of its name; `None` where the system has no randomness.
+#[must_use]
+pub fn mark() -> Option<String> {
+    drawn().ok().map(|number| format!("{number:016x}"))
+}
+
+fn drawn() -> Result<u64, getrandom::Error> {
+    let mut bytes = [0; 8];
+    getrandom::fill(&mut bytes)?;
+    Ok(u64::from_ne_bytes(bytes))
+}
+
 impl Experiments {
     /// Nothing runs before [`Experiments::begin`]; then so many `threads` run trials, half as many as there are
-    /// processors when nobody says. `owner` is how this server is called in `records`, and `tasks` is what it
-    /// waits for before it ends.
+    /// processors when nobody says. `owner` is how this server is called in `records`, `name` how people know it among
+    /// those who work on experiments, and `tasks` is what it waits for before it ends.
     #[must_use]
     pub fn new(
         records: Records,
         owner: String,
+        name: &str,
         threads: Option<NonZeroU8>,
         tasks: TaskTracker,
         tell: Tell,
     ) -> Self {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         let threads = threads.map(|threads| usize::from(threads.get()));
+        // Half of the machine is for whoever watches and steers.
+        let threads = threads.unwrap_or_else(|| (cores() / 2).max(1));
         Self {
+            worker: Worker::new(records.clone(), name, &owner, threads),
             records,
             tell,
             tasks,
-            board: Arc::default(),
             tallies: tokio::sync::Mutex::default(),
             owner,
-            // Half of the machine is for whoever watches and steers.
-            threads: threads.unwrap_or_else(|| (cores() / 2).max(1)),
-            workers: Mutex::default(),
+            watched: Mutex::default(),
+            at_work: Mutex::default(),
             building: Arc::new(Semaphore::new(BUILDING)),
             counts: Counts::default(),
         }
@@ -158,39 +190,48 @@ impl Experiments {
     /// # Errors
     /// What the operating system said when it refused threads. There are none then.
     pub fn begin(&self) -> std::io::Result<()> {
-        let workers = self.board.start(self.threads)?;
-        *self.workers.lock().unwrap_or_else(PoisonError::into_inner) = workers;
-        Ok(())
+        self.worker.begin()
     }
 
-    /// Gives up the trials under way and ends the threads. What runs goes on at the next start.
+    /// Gives up the trials under way and ends the threads. What runs goes on at the next start, or on another server.
     pub async fn end(&self) {
-        self.board.end();
-        let workers =
-            std::mem::take(&mut *self.workers.lock().unwrap_or_else(PoisonError::into_inner));
-        let join = tokio::task::spawn_blocking(move || {
-            workers
-                .into_iter()
-                .map(JoinHandle::join)
-                .filter(Result::is_err)
-                .count()
-        });
-        match tokio::time::timeout(PATIENCE, join).await {
-            Ok(Ok(0)) => {}
-            Ok(_) => tracing::error!("a thread of experiments ended badly"),
-            Err(_) => tracing::warn!("a trial does not stop and is left behind"),
-        }
+        self.worker.end().await;
     }
 
-    /// Whether this server runs that experiment. Records in a file are its own, whoever wrote them.
-    fn is_own(&self, experiment: &Experiment) -> bool {
-        self.records.database().is_none() || experiment.owner == self.owner
+    /// Whether this server counts the trials of an experiment of that owner. Records in a file are its own, whoever
+    /// wrote them.
+    fn is_own(&self, owner: &str) -> bool {
+        self.records.database().is_none() || owner == self.owner
     }
 
-    /// Whether an experiment waits until others are done.
+    /// Whether an experiment that runs waits until others are done, or for somebody who can work on it.
     #[must_use]
-    pub fn is_waiting(&self, id: i64) -> bool {
-        self.board.is_waiting(id)
+    pub fn is_waiting(&self, experiment: &Experiment) -> bool {
+        self.worker.is_waiting(experiment.id) || self.waits_for(experiment).is_some()
+    }
+
+    /// For whom an experiment waits that runs, where this server cannot work on it; for people.
+    #[must_use]
+    pub fn waits_for(&self, experiment: &Experiment) -> Option<String> {
+        let other = experiment.state == ExperimentState::Running && experiment.build != BUILD;
+        other.then(|| {
+            let build = or_unknown(&experiment.build);
+            format!("waits for a server or worker of its build, {build}: this server is {BUILD}")
+        })
+    }
+
+    /// Who works on an experiment, by name, as of a second or so ago.
+    #[must_use]
+    pub fn workers(&self, experiment: i64) -> Vec<AtWork> {
+        self.at_work().get(&experiment).cloned().unwrap_or_default()
+    }
+
+    fn at_work(&self) -> MutexGuard<'_, HashMap<i64, Vec<AtWork>>> {
+        self.at_work.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn watched(&self) -> MutexGuard<'_, HashMap<i64, Watched>> {
+        self.watched.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Numbers for the metrics.
@@ -200,15 +241,15 @@ impl Experiments {
             states: self.counts.states.each_ref().map(load),
             succeeded: load(&self.counts.succeeded),
             failed: load(&self.counts.failed),
+            workers: self.at_work().values().map(|at| at.len() as u64).sum(),
         }
     }
 
     /// Counts anew, after a change.
     async fn count(&self) -> Result<(), RecordsError> {
-        let everybodys = self.records.database().is_none();
         let mut states = [0; ExperimentState::ALL.len()];
         for (owner, state, count) in self.records.experiments_by_state().await? {
-            if everybodys || owner == self.owner {
+            if self.is_own(&owner) {
                 states[state as usize] += count;
             }
         }
@@ -222,11 +263,5 @@ impl Experiments {
     fn tell(&self, level: EventLevel, text: String) {
         tracing::info!("{text}");
         (self.tell)(level, text);
-    }
-}
-
-impl Drop for Experiments {
-    fn drop(&mut self) {
-        self.board.end();
     }
 }

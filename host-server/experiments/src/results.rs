@@ -8,6 +8,8 @@ use crawler_sim::scenario::{Metric, Scenario, Threshold};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::worker::Plan;
+
 /// Something that is measured of every trial.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = ExperimentMetric)]
@@ -84,24 +86,42 @@ impl Results {
 #[derive(Debug)]
 pub(super) struct Tally {
     pub(super) name: String,
+    /// When it was made: after a backup was put back, another may have its number.
+    pub(super) created: i64,
     pub(super) scenario: Arc<Scenario>,
     pub(super) thresholds: Vec<Threshold>,
     pub(super) seeds: u32,
-    /// Of the trials that are stored, in their order.
+    /// Of the trials that are counted, in their order.
     pub(super) measured: Vec<Measured>,
 }
 
 impl Tally {
-    /// Takes trials in, and makes of them what is stored.
-    pub(super) fn extend(&mut self, experiment: i64, trials: &[Trial], now: i64) -> NewTrials {
-        let first = self.measured.len() as u32;
-        self.measured
-            .extend(trials.iter().map(|trial| trial.measured));
+    /// Nothing is counted yet.
+    pub(super) fn new(plan: &Plan) -> Self {
+        Self {
+            name: plan.name.clone(),
+            created: plan.created,
+            scenario: Arc::clone(&plan.scenario),
+            thresholds: plan.thresholds.clone(),
+            seeds: plan.seeds,
+            measured: Vec::new(),
+        }
+    }
+
+    /// Counts the next trials, which measured `measured`, and makes of them what is stored.
+    pub(super) fn extend(
+        &mut self,
+        experiment: i64,
+        trials: Vec<StoredTrial>,
+        measured: Vec<Measured>,
+        now: i64,
+    ) -> NewTrials {
+        self.measured.extend(measured);
         let complete = self.measured.len() >= self.seeds as usize;
         let results = self.results(complete);
         NewTrials {
             experiment,
-            trials: (first..).zip(trials).map(stored).collect(),
+            trials,
             // What is made of numbers and names of ours can be written.
             results: serde_json::to_string(&results).unwrap_or_default(),
             completed: complete.then_some(now),
@@ -146,7 +166,8 @@ impl Tally {
     }
 }
 
-fn stored((number, trial): (u32, &Trial)) -> StoredTrial {
+/// A trial as it is stored, under its number within the experiment.
+pub(super) fn stored(number: u32, trial: &Trial) -> StoredTrial {
     let failures: Vec<_> = trial.failures.iter().map(ToString::to_string).collect();
     StoredTrial {
         number,

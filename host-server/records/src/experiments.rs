@@ -1,5 +1,6 @@
 //! Experiments and what their trials measured.
 
+mod parts;
 mod tables;
 mod trials;
 
@@ -7,6 +8,10 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::RecordsError;
+
+pub use parts::{
+    ExperimentParts, Holder, MAX_LOST, MAX_WORKER, Part, RunningExperiment, part_size,
+};
 
 /// Most experiments.
 pub const MAX_EXPERIMENTS: i64 = 1_000;
@@ -88,6 +93,8 @@ pub struct NewExperiment {
     pub owner: String,
     /// Its name, for people.
     pub name: String,
+    /// The program that runs it.
+    pub build: String,
     /// What was asked for.
     pub recipe: String,
     /// What is measured.
@@ -107,7 +114,7 @@ pub struct NewExperiment {
 pub struct Experiment {
     /// Its number; later ones have greater ones.
     pub id: i64,
-    /// The server that runs it.
+    /// The server that counts its trials.
     pub owner: String,
     /// Its name, for people.
     pub name: String,
@@ -133,6 +140,8 @@ pub struct Experiment {
     pub reason: Option<String>,
     /// How many trials are done: the first ones.
     pub done: u32,
+    /// The program that runs it: another would come to other numbers. Empty where a version made it that did not say.
+    pub build: String,
 }
 
 /// A trial that is done.
@@ -150,7 +159,8 @@ pub struct StoredTrial {
     pub measured: Vec<Option<f64>>,
 }
 
-/// Trials that are done, the next ones of their experiment, and what all so far come to.
+/// Trials that are done, the next ones of their experiment, and what all so far come to. Those that a worker has
+/// [stored](ExperimentParts::store) before stay as they are.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewTrials {
     /// Of which experiment.

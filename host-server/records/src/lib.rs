@@ -59,8 +59,9 @@ pub use events::{
     NoCursor, StoredEvent,
 };
 pub use experiments::{
-    Experiment, ExperimentState, MAX_EXPERIMENT_TEXT, MAX_EXPERIMENTS, MAX_SEEDS, MAX_TRIALS,
-    NewExperiment, NewTrials, StoredTrial,
+    Experiment, ExperimentParts, ExperimentState, Holder, MAX_EXPERIMENT_TEXT, MAX_EXPERIMENTS,
+    MAX_LOST, MAX_SEEDS, MAX_TRIALS, MAX_WORKER, NewExperiment, NewTrials, Part, RunningExperiment,
+    StoredTrial, part_size,
 };
 pub use fences::{KeptFence, MAX_FENCE_NAME, MAX_FENCES};
 pub use postgres::DatabaseStats;
@@ -250,6 +251,12 @@ impl Records {
     #[must_use]
     pub const fn releases(&self) -> Releases<'_> {
         Releases(self)
+    }
+
+    /// What is left to do of experiments, and who does it.
+    #[must_use]
+    pub const fn parts(&self) -> ExperimentParts<'_> {
+        ExperimentParts(self)
     }
 
     /// The rollouts.

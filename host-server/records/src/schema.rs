@@ -12,6 +12,7 @@ pub(crate) const RECORDS: Schema = Schema {
         include_str!("schema/records.events.sql"),
         include_str!("schema/records.rollouts.sql"),
         include_str!("schema/records.releases.sql"),
+        include_str!("schema/records.parts.sql"),
     ],
 };
 

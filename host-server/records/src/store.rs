@@ -40,6 +40,22 @@ impl Store {
         }
     }
 
+    /// Carries out `work`, statements of which each may change something by itself and fits in anywhere between the
+    /// writes of others: it does not wait for its turn among them.
+    pub(crate) async fn apart<T, F>(&self, work: F) -> Result<T, RecordsError>
+    where
+        T: Send + 'static,
+        F: for<'c> FnOnce(&'c mut Connection<'c>) -> Boxed<'c, Result<T, RecordsError>>
+            + Send
+            + 'static,
+    {
+        match self {
+            // A file has one writer.
+            Self::Sqlite(_) => self.write(work).await,
+            Self::Postgres(_) => self.read(work).await,
+        }
+    }
+
     /// Carries out `work`, which must not write.
     pub(crate) async fn read<T, F>(&self, work: F) -> Result<T, RecordsError>
     where

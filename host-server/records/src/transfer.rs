@@ -13,7 +13,8 @@ use crawler_database::{Boxed, Transact as _};
 
 /// Rows that are in memory at a time.
 const PAGE: usize = 200;
-/// Tables in an order in which none refers to a later one, with their columns. The first is the key.
+/// Tables in an order in which none refers to a later one, with their columns. The first is the key. Who works on which
+/// part of an experiment is left out: where the records come to, somebody else does.
 const TABLES: &[(&str, &[&str])] = &[
     ("setting", &["key", "value"]),
     (
@@ -63,7 +64,7 @@ const TABLES: &[(&str, &[&str])] = &[
         "experiment",
         &[
             "id", "owner", "name", "recipe", "metrics", "results", "seeds", "made_by", "created",
-            "started", "ended", "state", "reason", "done",
+            "started", "ended", "state", "reason", "done", "build",
         ],
     ),
     ("trial", &["id", "seed", "success", "reason", "measured"]),
@@ -152,7 +153,8 @@ pub(crate) fn load<'a>(
         let mut from = SqliteConnection::connect_with(options).await?;
         to.run(
             "ALTER TABLE audit DISABLE TRIGGER USER;
-         ALTER TABLE audit_end DISABLE TRIGGER USER",
+         ALTER TABLE audit_end DISABLE TRIGGER USER;
+         DELETE FROM experiment_part",
         )
         .await?;
         let lent = &mut Connection::Sqlite(&mut from);

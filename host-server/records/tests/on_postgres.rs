@@ -10,6 +10,8 @@ mod events;
 mod experiments;
 #[path = "records/fences.rs"]
 mod fences;
+#[path = "records/parts.rs"]
+mod parts;
 #[path = "records/releases.rs"]
 mod releases;
 #[path = "records/rollouts.rs"]

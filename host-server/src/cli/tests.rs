@@ -79,6 +79,28 @@ fn several_servers_need_a_broker_that_all_of_them_reach() {
 }
 
 #[test]
+fn a_worker_shares_the_database_of_servers() {
+    let alone = resolve(&["worker"], &[]);
+    assert!(matches!(alone, Err(ConfigError::Conflict(_))), "{alone:?}");
+    let file = TomlFile::new(
+        "worker",
+        // The options of its servers are no matter to it.
+        "database = \"postgres://h/d\"\nexperiment_threads = 7\nrobots = 0\nhttp = \"0.0.0.0:1\"\n",
+    );
+    let environment = [
+        ("TERRACRAWLER_CONFIG", file.path()),
+        ("TERRACRAWLER_WORKER_NAME", "lab-1"),
+    ];
+    let settings = resolve(&["worker", "--threads", "3"], &environment).expect("settings");
+    assert_eq!(settings.role, Role::Worker);
+    assert_eq!(settings.worker_name(), "lab-1");
+    assert_eq!(settings.experiment_threads.map(u8::from), Some(3));
+    assert!(settings.database.is_some() && settings.exposed().is_empty());
+    let named = resolve(&["worker", "--name", "x"], &environment).expect("settings");
+    assert_eq!(named.worker_name(), "x");
+}
+
+#[test]
 fn robots_that_are_recorded_take_no_updates() {
     let both = ["sim", "--record", "a.mcap", "--release-key", "key.pem"];
     let both = resolve(&both, &[]);
@@ -117,6 +139,7 @@ fn every_key_is_known_in_every_source() {
         ("mqtt_plain", "127.0.0.1:4", "\"127.0.0.1:4\""),
         ("broker_ca", "b.pem", "\"b.pem\""),
         ("experiment_threads", "3", "3"),
+        ("worker_name", "lab-1", "\"lab-1\""),
     ];
     assert_eq!(values.map(|(key, _, _)| key), KEYS);
     for (key, plain, toml) in values {

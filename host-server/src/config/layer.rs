@@ -13,7 +13,7 @@ use serde::Deserialize;
 
 use super::{
     BrokerUrl, ConfigError, ENV_PREFIX, EngineUrl, Influx, KeyFiles, Networks, Postgres, Redis,
-    TlsMode, TlsNames,
+    TlsMode, TlsNames, WorkerName,
 };
 
 /// How log lines are written.
@@ -76,7 +76,7 @@ impl From<RequireGate> for GateDemand {
 }
 
 /// Every key, as the file spells it.
-pub(crate) const KEYS: [&str; 27] = [
+pub(crate) const KEYS: [&str; 28] = [
     "fleet",
     "broker",
     "mqtt",
@@ -104,6 +104,7 @@ pub(crate) const KEYS: [&str; 27] = [
     "mqtt_plain",
     "broker_ca",
     "experiment_threads",
+    "worker_name",
 ];
 
 /// One source of options. The fields are those of [`super::Settings`].
@@ -164,6 +165,8 @@ pub struct Layer {
     pub broker_ca: Option<PathBuf>,
     /// Trials of experiments that run at the same time.
     pub experiment_threads: Option<NonZeroU8>,
+    /// What this process is called among those that work on experiments.
+    pub worker_name: Option<WorkerName>,
 }
 
 impl Layer {
@@ -252,6 +255,7 @@ impl Layer {
             "mqtt_plain" => self.mqtt_plain = parse(value)?,
             "broker_ca" => self.broker_ca = Some(PathBuf::from(value)),
             "experiment_threads" => self.experiment_threads = parse(value)?,
+            "worker_name" => self.worker_name = parse(value)?,
             _ => return Err("unknown".into()),
         }
         Ok(())
@@ -294,6 +298,7 @@ impl Layer {
             &mut self.experiment_threads,
             weaker.experiment_threads.as_ref(),
         );
+        fill(&mut self.worker_name, weaker.worker_name.as_ref());
     }
 }
 

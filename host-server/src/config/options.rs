@@ -10,7 +10,7 @@ use crawler_protocol::Fleet;
 use super::layer::parse_fleet;
 use super::{
     BrokerUrl, EngineUrl, Influx, KeyFiles, Layer, LogFormat, Networks, Postgres, Redis,
-    RequireGate, TlsMode, TlsNames,
+    RequireGate, TlsMode, TlsNames, WorkerName,
 };
 
 /// Options of every command.
@@ -87,6 +87,9 @@ pub struct ServerOptions {
     /// Trials of experiments that run at the same time [default: one for every two processors]
     #[arg(long, value_name = "N")]
     pub experiment_threads: Option<NonZeroU8>,
+    /// What this server is called among those that work on experiments [default: the name of this machine]
+    #[arg(long, value_name = "NAME")]
+    pub worker_name: Option<WorkerName>,
 }
 
 impl ServerOptions {
@@ -108,6 +111,45 @@ impl ServerOptions {
         layer.open = self.open;
         layer.require_gate = self.require_gate;
         layer.experiment_threads = self.experiment_threads;
+        layer.worker_name = self.worker_name;
+    }
+}
+
+/// Options of a process that works on experiments.
+#[derive(Debug, Args)]
+pub struct WorkerOptions {
+    /// TOML file with options
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// `PostgreSQL` database of the servers whose experiments it works on
+    #[arg(long, value_name = "URL")]
+    pub database: Option<EngineUrl<Postgres>>,
+    /// Trials that run at the same time [default: one for every processor]
+    #[arg(long, value_name = "N", visible_alias = "threads")]
+    pub experiment_threads: Option<NonZeroU8>,
+    /// What it is called among those that work on experiments [default: the name of this machine]
+    #[arg(long, value_name = "NAME", visible_alias = "name")]
+    pub worker_name: Option<WorkerName>,
+    /// Log filter, like `debug` or `info,crawler_experiments=trace` [default: info]
+    #[arg(long, value_name = "FILTER")]
+    pub log: Option<String>,
+    /// How log lines are written [default: text]
+    #[arg(long, value_enum, value_name = "FORMAT", hide_possible_values = false)]
+    pub log_format: Option<LogFormat>,
+}
+
+impl WorkerOptions {
+    /// The options that are given, and the file with others.
+    pub(crate) fn layer(self) -> (Layer, Option<PathBuf>) {
+        let layer = Layer {
+            database: self.database,
+            experiment_threads: self.experiment_threads,
+            worker_name: self.worker_name,
+            log: self.log,
+            log_format: self.log_format,
+            ..Layer::default()
+        };
+        (layer, self.config)
     }
 }
 

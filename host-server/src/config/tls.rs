@@ -154,7 +154,9 @@ impl TlsSettings {
             names: merged.tls_names.clone().unwrap_or_default(),
             own,
             client_ca: merged.tls_client_ca.clone(),
-            mqtt_plain: merged.mqtt_plain.filter(|_| role != Role::Sim),
+            mqtt_plain: merged
+                .mqtt_plain
+                .filter(|_| matches!(role, Role::Up | Role::Serve)),
             broker_ca: merged.broker_ca.clone(),
         };
         match broker {

@@ -25,7 +25,7 @@ impl Entrance {
         let certificates = Certificates::of(&settings.certificates())?;
         let descriptors = Descriptors::of_process(match settings.role {
             Role::Up => settings.robots.unwrap_or(DEFAULT_ROBOTS),
-            Role::Serve | Role::Sim => 0,
+            Role::Serve | Role::Sim | Role::Worker => 0,
         });
         let listener = TcpListener::bind(settings.http)
             .await

@@ -270,6 +270,7 @@ fn experiment(
     let experiments = Arc::new(Experiments::new(
         storage.records.clone(),
         owner,
+        &settings.worker_name(),
         settings.experiment_threads,
         tasks.clone(),
         tell_of_server(tell_in(Arc::clone(&hub.fleet))),

@@ -54,6 +54,8 @@ pub enum StartError {
     },
     /// The simulated robots cannot be started.
     Simulation(String),
+    /// No server has been here: where.
+    NoRecords(String),
     /// There are no threads for experiments.
     Experiments(io::Error),
     /// A public key by which releases would be believed cannot be used.
@@ -146,6 +148,10 @@ impl fmt::Display for StartError {
             Self::Simulation(reason) => {
                 write!(f, "the simulated robots cannot be started: {reason}")
             }
+            Self::NoRecords(database) => write!(
+                f,
+                "{database} holds no records: start a server with it first (--database)"
+            ),
             Self::Experiments(cause) => {
                 write!(f, "there are no threads for experiments: {cause}")
             }

@@ -178,6 +178,7 @@ async fn experiments_are_told_of() {
     let new = NewExperiment {
         owner: "x".into(),
         name: "of another version".into(),
+        build: "0.0.1 (other)".into(),
         recipe:
             r#"{"scenario":"empty","in_each":1,"seeds":3,"first_seed":1,"set":[],"thresholds":[]}"#
                 .into(),
@@ -198,7 +199,7 @@ async fn experiments_are_told_of() {
     })
     .await;
     let reason = state(&old).await["reason"].to_string();
-    assert!(reason.contains("measures other things"), "{reason}");
+    assert!(reason.contains("0.0.1 (other)"), "{reason}");
 
     let body = r#"{"name":"new","scenario":"empty","robots":1,"seeds":2,"set":["duration_s=1"]}"#;
     let made = fixture.post(ALL, body).await.json();

@@ -1,6 +1,6 @@
 //! Which sources a robot program is made of, as one hash: the same for the program in an image and for the one that a
-//! simulator is compiled with, where both come from the same tree. The image tool, and the builds of the simulator and
-//! of the server's command line, include this file.
+//! simulator is compiled with, where both come from the same tree. The image tool, and the builds of the simulator, of
+//! experiments and of the server's command line, include this file.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -22,16 +22,31 @@ pub(crate) const CRATES: [&str; 8] = [
     "models/micromodel",
 ];
 
-/// SHA-256, in hexadecimal digits, over the manifests and sources of `crates`, by name: name, a zero, length, content
-/// of each file. Of [`CRATES`] it stands for the robot program; what a board adds is not in it.
+/// As [`hash_of`] the manifests and sources of `crates`. Of [`CRATES`] it stands for the robot program; what a board adds
+/// is not in it.
 ///
 /// # Errors
 /// When a file cannot be read.
 pub(crate) fn hash(root: &Path, crates: &[&str]) -> io::Result<String> {
+    let parts = crates
+        .iter()
+        .flat_map(|name| [format!("{name}/Cargo.toml"), format!("{name}/src")]);
+    hash_of(root, parts)
+}
+
+/// SHA-256, in hexadecimal digits, over files and what is in folders, by name: name, a zero, length, content of each
+/// file.
+///
+/// # Errors
+/// When a file cannot be read.
+pub(crate) fn hash_of(root: &Path, parts: impl Iterator<Item = String>) -> io::Result<String> {
     let mut files = Vec::new();
-    for name in crates {
-        files.push(format!("{name}/Cargo.toml"));
-        below(root, &format!("{name}/src"), &mut files)?;
+    for part in parts {
+        if path(root, &part).is_dir() {
+            below(root, &part, &mut files)?;
+        } else {
+            files.push(part);
+        }
     }
     files.sort_unstable();
     let mut hash = Sha256::new();

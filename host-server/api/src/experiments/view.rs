@@ -4,7 +4,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::problem::Problem;
-use crawler_experiments::{Experiments, Judged, MetricView, Recipe, Results, Summary};
+use crawler_experiments::{AtWork, Experiments, Judged, MetricView, Recipe, Results, Summary};
 
 /// An experiment to be made: a scenario that comes along, on many seeds.
 #[derive(ToSchema)]
@@ -75,7 +75,7 @@ pub(crate) struct ExperimentView {
     ended_at: Option<i64>,
     /// `created`, `running`, `paused`, `stopped`, `completed` or `failed`.
     state: &'static str,
-    /// True while it waits until others are done.
+    /// True while it waits until others are done, or for somebody who can work on it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     #[schema(required = false)]
     waiting: bool,
@@ -83,6 +83,11 @@ pub(crate) struct ExperimentView {
     reason: Option<String>,
     /// How many trials are done: the first ones.
     done: u32,
+    /// The program that runs it: version, and hashes of robot program and simulator. The same build comes to the
+    /// same numbers on any machine.
+    build: String,
+    /// The servers and workers that are at it now.
+    workers: Vec<AtWork>,
     /// What those come to.
     summary: Vec<Summary>,
     /// Every threshold, once all trials are done.
@@ -99,7 +104,11 @@ impl ExperimentView {
         let recipe: Recipe = serde_json::from_str(&row.recipe)
             .map_err(|_| Problem::internal("a recipe in the records cannot be read"))?;
         let results = Results::read(&row.results);
+        let reason = experiments.waits_for(&row);
         Ok(Self {
+            waiting: experiments.is_waiting(&row),
+            workers: experiments.workers(row.id),
+            build: row.build,
             id: row.id.to_string(),
             name: row.name,
             command: recipe.command(),
@@ -116,8 +125,7 @@ impl ExperimentView {
             started_at: row.started,
             ended_at: row.ended,
             state: row.state.name(),
-            waiting: experiments.is_waiting(row.id),
-            reason: row.reason,
+            reason: row.reason.or(reason),
             done: row.done,
             summary: results.summary,
             verdict: results.verdict,

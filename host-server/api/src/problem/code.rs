@@ -106,7 +106,7 @@ codes! {
     RobotOffline CONFLICT "robot_offline",
     TakesNoFaults CONFLICT "takes_no_faults",
     WrongState CONFLICT "wrong_state",
-    OtherServer CONFLICT "other_server",
+    OtherBuild CONFLICT "other_build",
     Refused CONFLICT "refused",
 
     // Whether it can be done.

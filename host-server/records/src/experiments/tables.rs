@@ -2,6 +2,7 @@
 
 use sqlx::AssertSqlSafe;
 
+use super::parts::drop_parts;
 use super::{
     Experiment, ExperimentState, MAX_EXPERIMENT_TEXT, MAX_EXPERIMENTS, MAX_SEEDS, MAX_TRIALS,
     NewExperiment,
@@ -12,8 +13,10 @@ use crate::{Records, RecordsError};
 
 /// Longest name of an experiment, in characters.
 const MAX_NAME: usize = 64;
-/// Longest name of who made it, and of the server that runs it, in bytes; the rest is cut off.
+/// Longest name of who made it, and of the server that counts its trials, in bytes; the rest is cut off.
 const MAX_BY: usize = 64;
+/// Longest name of a program, in bytes; the rest is cut off.
+const MAX_BUILD: usize = 96;
 /// Longest reason, in bytes; the rest is cut off.
 pub(super) const MAX_REASON: usize = 512;
 /// Numbers of trials of one experiment: more than it can have.
@@ -36,10 +39,11 @@ type Row = (
     String,
     Option<String>,
     i64,
+    String,
 );
 
 const COLUMNS: &str = "id, owner, name, recipe, metrics, results, seeds, made_by, created, started, \
-                       ended, state, reason, done";
+                       ended, state, reason, done, build";
 
 fn experiment(row: Row) -> Result<Experiment, RecordsError> {
     let (
@@ -57,6 +61,7 @@ fn experiment(row: Row) -> Result<Experiment, RecordsError> {
         state,
         reason,
         done,
+        build,
     ) = row;
     let count = |number: i64| {
         u32::try_from(number)
@@ -77,6 +82,7 @@ fn experiment(row: Row) -> Result<Experiment, RecordsError> {
         state: state.parse()?,
         reason,
         done: count(done)?,
+        build,
     })
 }
 
@@ -253,6 +259,9 @@ impl Records {
                     .execute(&mut *connection)
                     .await
                     .and_then(|done| crate::users::changed(done, RecordsError::NotFound))?;
+                    if to.is_over() {
+                        drop_parts(&mut *connection, id).await?;
+                    }
                     find(connection, id).await?.ok_or(RecordsError::NotFound)
                 })
             })
@@ -273,6 +282,7 @@ impl Records {
                         .execute(&mut *connection)
                         .await
                         .and_then(|done| crate::users::changed(done, RecordsError::NotFound))?;
+                    drop_parts(&mut *connection, id).await?;
                     query("DELETE FROM trial WHERE id >= $1 AND id < $2")
                         .bind(first)
                         .bind(first.saturating_add(STRIDE))
@@ -307,7 +317,7 @@ async fn add(
     };
     query(
         "INSERT INTO experiment (id, owner, name, recipe, metrics, results, seeds, made_by, created,
-         started, state, done) VALUES ($1, $2, $3, $4, $5, '', $6, $7, $8, $9, $10, 0)",
+         started, state, done, build) VALUES ($1, $2, $3, $4, $5, '', $6, $7, $8, $9, $10, 0, $11)",
     )
     .bind(id)
     .bind(cut(&new.owner, MAX_BY))
@@ -319,6 +329,7 @@ async fn add(
     .bind(new.created)
     .bind(new.start.then_some(new.created))
     .bind(state.name())
+    .bind(cut(&new.build, MAX_BUILD))
     .execute(&mut *connection)
     .await?;
     find(connection, id).await?.ok_or(RecordsError::NotFound)

@@ -2,6 +2,7 @@
 
 use sqlx::AssertSqlSafe;
 
+use super::parts::drop_parts;
 use super::tables::{MAX_REASON, STRIDE, find};
 use super::{ExperimentState, MAX_EXPERIMENT_TEXT, NewTrials, StoredTrial, packed, unpacked};
 use crate::query::{Connection, query};
@@ -10,6 +11,8 @@ use crate::{Records, RecordsError};
 
 /// Most metrics.
 const MAX_METRICS: usize = 64;
+/// What is said of a trial that is [`long`].
+pub(super) const TOO_LONG: RecordsError = RecordsError::Invalid("a trial has at most 64 metrics");
 /// Trials that go into one statement.
 const TOGETHER: usize = 500;
 
@@ -23,16 +26,16 @@ impl Records {
         if new.results.len() > MAX_EXPERIMENT_TEXT {
             return Err(RecordsError::Invalid("results have at most 64 KiB"));
         }
-        let long = |trial: &StoredTrial| trial.measured.len() > MAX_METRICS;
         if new.trials.iter().any(long) {
-            return Err(RecordsError::Invalid("a trial has at most 64 metrics"));
+            return Err(TOO_LONG);
         }
         self.db()
             .write(move |connection| Box::pin(extend(connection, new)))
             .await
     }
 
-    /// Up to `limit` trials of an experiment from number `from`, in their order.
+    /// Up to `limit` trials of an experiment from number `from`, in their order. From
+    /// [`done`](crate::Experiment::done) on there may be gaps, which workers fill in any order.
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
@@ -73,7 +76,7 @@ impl Records {
     }
 }
 
-async fn insert(
+pub(super) async fn insert(
     connection: &mut Connection<'_>,
     experiment: i64,
     trials: &[StoredTrial],
@@ -116,6 +119,11 @@ async fn insert(
     Ok(())
 }
 
+/// Whether it has measured more than fits.
+pub(super) fn long(trial: &StoredTrial) -> bool {
+    trial.measured.len() > MAX_METRICS
+}
+
 async fn extend(connection: &mut Connection<'_>, new: NewTrials) -> Result<(), RecordsError> {
     let there = find(&mut *connection, new.experiment).await?;
     let there = there.ok_or(RecordsError::NotFound)?;
@@ -142,7 +150,10 @@ async fn extend(connection: &mut Connection<'_>, new: NewTrials) -> Result<(), R
         .bind(state.name())
         .bind(new.completed)
         .bind(new.experiment)
-        .execute(connection)
+        .execute(&mut *connection)
         .await?;
+    if new.completed.is_some() {
+        drop_parts(connection, new.experiment).await?;
+    }
     Ok(())
 }

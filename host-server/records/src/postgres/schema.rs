@@ -16,6 +16,7 @@ const STEPS: &[&str] = &[
     include_str!("../schema/postgres.events.sql"),
     include_str!("../schema/postgres.rollouts.sql"),
     include_str!("../schema/postgres.releases.sql"),
+    include_str!("../schema/postgres.parts.sql"),
 ];
 /// The oldest `PostgreSQL` that its makers still looked after when this was written, as it numbers
 /// itself.
@@ -28,6 +29,7 @@ const TABLES: &[&str] = &[
     "credential",
     "event",
     "experiment",
+    "experiment_part",
     "fence",
     "invitation",
     "refresh",

@@ -8,10 +8,13 @@ use crawler_records::{
 
 use ExperimentState::{Completed, Created, Failed, Paused, Running, Stopped};
 
+const BUILD: &str = "0.3.0 (one)";
+
 fn new(name: &str, seeds: u32, start: bool) -> NewExperiment {
     NewExperiment {
         owner: "one".into(),
         name: name.into(),
+        build: BUILD.into(),
         recipe: r#"{"scenario":"empty"}"#.into(),
         metrics: r#"["success"]"#.into(),
         seeds,

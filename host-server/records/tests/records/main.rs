@@ -12,6 +12,7 @@ mod frames;
 mod history;
 mod killed;
 mod moves;
+mod parts;
 mod postgres;
 mod releases;
 mod rollouts;

@@ -75,6 +75,7 @@ async fn fill(records: &Records) -> u64 {
         let new = NewExperiment {
             owner: "one".into(),
             name: format!("experiment {n}"),
+            build: format!("build {n}"),
             recipe: "{}".into(),
             metrics: "[]".into(),
             seeds: 500,

@@ -1,0 +1,48 @@
+//! Writes down which program this is, as far as what a trial comes to may depend on it.
+
+use std::path::Path;
+
+#[path = "../../firmware/boards/image/src/sources.rs"]
+mod sources;
+
+/// What makes a trial, beside the robot program: files, and folders with all that is in them.
+const SIMULATOR: [&str; 10] = [
+    "Cargo.lock",
+    "hal-sim/Cargo.toml",
+    "hal-sim/scenarios",
+    "hal-sim/src",
+    "hal-sim/bundle/src",
+    "hal-sim/protocol/src",
+    "host-server/cells/src",
+    "host-server/experiments/src",
+    "models/detector/detector.tcmm",
+    "models/detector/src",
+];
+/// So many digits of a hash tell programs apart.
+const DIGITS: usize = 12;
+
+fn main() {
+    let root = Path::new("../..");
+    println!("cargo::rerun-if-changed=../../firmware/boards/image/src/sources.rs");
+    for name in sources::CRATES {
+        println!("cargo::rerun-if-changed=../../{name}/Cargo.toml");
+        println!("cargo::rerun-if-changed=../../{name}/src");
+    }
+    for name in SIMULATOR {
+        println!("cargo::rerun-if-changed=../../{name}");
+    }
+    let simulator = SIMULATOR.iter().map(|name| (*name).to_owned());
+    match (
+        sources::hash(root, &sources::CRATES),
+        sources::hash_of(root, simulator),
+    ) {
+        (Ok(program), Ok(simulator)) => println!(
+            "cargo::rustc-env=EXPERIMENT_BUILD={}-{}",
+            &program[..DIGITS],
+            &simulator[..DIGITS]
+        ),
+        (Err(error), _) | (_, Err(error)) => {
+            println!("cargo::error=the sources of robot program and simulator: {error}");
+        }
+    }
+}
