@@ -239,6 +239,10 @@ export const one = {
     from === to ? number(from) : `${number(from)} to ${number(to)}`,
   asScenario: 'as the scenario says',
   nothing: 'none',
+  build: 'Build',
+  workers: 'At work',
+  atWork: (workers: readonly { name: string; seeds: number }[]) =>
+    workers.map(({ name, seeds }) => `${name} (${count(seeds, 'seed', 'seeds')})`).join(', '),
   needOperator: 'Only operators start, pause, stop or remove experiments.',
   offline: 'No connection to the server: nothing can be changed now.',
   doing: 'Asking the server…',

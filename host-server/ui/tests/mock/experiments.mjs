@@ -111,7 +111,9 @@ export function createExperiments({ clock, perSecond = 12 }) {
     const verdict = one.state === 'completed' ? judged(one, lines) : null
     const from = `--seeds ${one.seeds} --seed ${one.first_seed}`
     const command = `terracrawler evaluate --scenario ${one.scenario} ${from}`
-    return { ...one, ...INSIDE, summary: lines, verdict, command }
+    const workers = one.state === 'running' && !one.waiting ? [{ name: 'mock', seeds: 4 }] : []
+    const build = '0.1.0 (0123456789ab-cdef01234567)'
+    return { ...one, ...INSIDE, summary: lines, verdict, command, workers, build }
   }
 
   function wrong(body) {

@@ -43,6 +43,8 @@ const experiment = (change: Partial<Experiment> = {}): Experiment => ({
   reason: null,
   done: 0,
   summary: [],
+  build: '0.1.0 (0123456789ab-cdef01234567)',
+  workers: [],
   command: 'terracrawler evaluate --scenario simple-navigation',
   verdict: null,
   ...change,
