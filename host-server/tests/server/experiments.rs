@@ -161,7 +161,8 @@ async fn its_numbers_are_those_of_the_console() {
         assert_eq!(told["success"], trial.is_success());
         assert_eq!(told["reason"].is_null(), trial.is_success());
         let values = told["values"].as_array().expect("values");
-        assert_eq!((values.len(), names.len()), (14, 14));
+        let metrics = crawler_sim::scenario::Metric::ALL.len();
+        assert_eq!((values.len(), names.len()), (metrics, metrics));
         for (told, wanted) in values.iter().zip(trial.measured.values()) {
             assert!(same(told.as_f64(), *wanted), "{told} for {wanted:?}");
         }
