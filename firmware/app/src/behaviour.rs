@@ -17,7 +17,7 @@ pub use detour::Detour;
 pub use goto::goto_twist;
 pub use progress::Progress;
 pub use scan::{HalfRecognised, HalfScan, SECTORS, Scan, ScanResult, Sector};
-pub use swarm::{APART, BESIDE, LATTICE, THERE, swarm_twist};
+pub use swarm::{APART, BESIDE, LATTICE, Scene, THERE, swarm_twist};
 
 /// Rate of turning when turning aside, in radians per second, unless the permitted one is less.
 pub const ESCAPE_TURN: f32 = 2.0;

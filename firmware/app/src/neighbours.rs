@@ -40,6 +40,8 @@ pub struct Neighbour {
     pub y: f32,
     /// Its velocity along both axes, in metres per second.
     pub velocity: [f32; 2],
+    /// How fast it turns, in radians per second.
+    pub turn: f32,
 }
 
 impl Neighbour {
@@ -47,9 +49,12 @@ impl Neighbour {
     #[must_use]
     pub(crate) fn after(self, age: f32) -> Self {
         let [vx, vy] = self.velocity;
+        // To first order: in half a second at the rates at which a flock turns that is off by a fiftieth.
+        let turned = (self.turn * age).clamp(-1.0, 1.0);
         Self {
             x: self.x + vx * age,
             y: self.y + vy * age,
+            velocity: [vx - vy * turned, vy + vx * turned],
             ..self
         }
     }
@@ -126,6 +131,7 @@ impl<M: RawMutex> Neighbours<M> {
                 let sane = fits(robot.x, FARTHEST)
                     && fits(robot.y, FARTHEST)
                     && fits(robot.v, FASTEST)
+                    && robot.w.is_finite()
                     && robot.theta.is_finite();
                 if who == own || !sane {
                     continue;
@@ -137,6 +143,7 @@ impl<M: RawMutex> Neighbours<M> {
                         robot.v * libm::cosf(robot.theta),
                         robot.v * libm::sinf(robot.theta),
                     ],
+                    turn: robot.w,
                 };
                 keep(seen, Seen { who, cell, at, is }, here);
             }

@@ -5,7 +5,7 @@ use crawler_protocol::Reason;
 use rand_core::Rng;
 
 use super::{Controller, FAILSAFE, HOLD, Inputs, Note, Outputs, PERIOD};
-use crate::behaviour::{Detour, escape_twist, goto_twist, swarm_twist};
+use crate::behaviour::{Detour, Scene, escape_twist, goto_twist, swarm_twist};
 use crate::goal::Goal;
 use crate::motion::Twist;
 use crate::perception::{Charge, Sight};
@@ -23,6 +23,8 @@ const SCAN_TURN: f32 = 1.5;
 const SAFE_HYSTERESIS_MM: u16 = 40;
 /// A new obstacle within this time of the last one is taken for the same corner.
 const SAME_CORNER: Duration = Duration::from_millis(2_500);
+/// Difference between the duties of both wheels beyond which a robot turns.
+const TURNING: f32 = 0.1;
 /// Failed attempts at turning aside that are worth a note.
 const HEMMED_IN: u8 = 3;
 
@@ -193,6 +195,15 @@ impl Controller {
             self.detour = Some(detour);
             return detour.side();
         }
+        // Who turns to where it wants to go turns on past what is in the way, and not back.
+        let [left, right] = self.duties();
+        if matches!(goal, Goal::Swarm(_)) && libm::fabsf(right - left) > TURNING {
+            return if right > left {
+                Side::Left
+            } else {
+                Side::Right
+            };
+        }
         match self.last_escape {
             Some((side, at)) if now - at < SAME_CORNER => side,
             Some(_) | None => side(rng),
@@ -253,8 +264,14 @@ impl Controller {
             }),
             Goal::Swarm(swarm) => {
                 let speed = self.tuning.goto_speed * max_speed;
-                let (pose, turn) = (self.pose(), self.tuning.max_turn);
-                Some(swarm_twist(swarm, &pose, inputs.near, speed, turn))
+                let scene = Scene {
+                    pose: &self.pose(),
+                    near: inputs.near,
+                    ahead_mm: inputs.reading.fresh(now).map(Sight::distance_mm),
+                    speed,
+                    max_turn: self.tuning.max_turn,
+                };
+                Some(swarm_twist(swarm, &scene))
             }
             Goal::Goto { x, y, .. } => {
                 let speed = self.tuning.goto_speed * max_speed;

@@ -1,21 +1,29 @@
 //! `disperse`: away from everyone who is too near.
 
-use crawler_protocol::Pose;
-
-use super::{FAR, add, towards};
-use crate::neighbours::Neighbour;
+use super::Scene;
 
 /// `disperse` rests when nobody is nearer than this, in metres.
 pub const APART: f32 = 1.2;
+/// Nearer than this others are moved away from, in millimetres: well before [`APART`] what is left of the wish is
+/// too small to move for.
+const KEPT_MM: i32 = 1_290;
+/// Somebody nearer than that by this makes a robot hurry, in metres.
+const HURRY: f32 = 0.5;
 
-pub(super) fn disperse(pose: &Pose, near: &[Neighbour]) -> [f32; 2] {
-    let mut sum = [0.0; 2];
-    for other in near {
-        let (direction, distance) = towards(pose, other);
-        let inside = (APART - distance) / FAR;
-        if inside > 0.0 {
-            add(&mut sum, direction, -inside);
+/// Wanted velocity, as a share of the permitted speed.
+pub(super) fn disperse(scene: &Scene<'_>) -> [f32; 2] {
+    let mut sum = [0_i32; 2];
+    for other in scene.others() {
+        if other.square >= KEPT_MM * KEPT_MM {
+            continue;
         }
+        let distance = other.square.isqrt();
+        // Two in one place are apart by noise alone, so any direction will do.
+        let [x, y] = if distance == 0 { [1, 0] } else { other.at };
+        let inside = KEPT_MM - distance;
+        let distance = distance.max(1);
+        sum[0] -= x * inside / distance;
+        sum[1] -= y * inside / distance;
     }
-    sum
+    sum.map(|mm| mm as f32 * (0.001 / HURRY))
 }

@@ -11,7 +11,7 @@ use std::vec::Vec;
 
 use crawler_protocol::Pose;
 
-use super::super::swarm_twist;
+use super::super::{Scene, swarm_twist};
 use crate::goal::Swarm;
 use crate::motion::{Twist, wrap};
 use crate::neighbours::{MOST, Neighbour, cell_at};
@@ -160,7 +160,7 @@ impl Fleet {
         for (who, body) in self.bodies.iter().enumerate() {
             let there = cells.entry(cell(&body.pose)).or_default();
             let [x, y, theta] = body.pose;
-            let v = body.twist[0];
+            let [v, turn] = body.twist;
             if body.off_until <= self.step && there.len() < MOST {
                 there.push(Told {
                     who,
@@ -169,6 +169,7 @@ impl Fleet {
                         x,
                         y,
                         velocity: [v * theta.cos(), v * theta.sin()],
+                        turn,
                     },
                 });
             }
@@ -250,7 +251,12 @@ impl Fleet {
                 body.attempts = 0;
             }
             None if body.range < 0.25 => {
-                body.side = if flip { 1.0 } else { -1.0 };
+                let turn = body.twist[1];
+                body.side = match turn {
+                    _ if turn.abs() > 0.3 => turn.signum(),
+                    _ if flip => 1.0,
+                    _ => -1.0,
+                };
                 body.escape = Some([step, step + 12, step + 75]);
                 body.twist = [0.0; 2];
             }
@@ -275,7 +281,14 @@ impl Fleet {
             theta: wrap(theta),
             sigma: 0.02,
         };
-        let mut twist = swarm_twist(swarm, &pose, &near, SPEED, TURN);
+        let scene = Scene {
+            pose: &pose,
+            near: &near,
+            ahead_mm: Some((body.range * 1_000.0) as u16),
+            speed: SPEED,
+            max_turn: TURN,
+        };
+        let mut twist = swarm_twist(swarm, &scene);
         if twist.v > 0.0 {
             twist.v *= ((body.range - 0.25) / 0.35).clamp(0.3, 1.0);
         }
@@ -347,4 +360,34 @@ pub(super) fn clusters(poses: &[[f32; 3]], link: f32) -> Vec<usize> {
     }
     sizes.sort_by(|a: &usize, b| b.cmp(a));
     sizes
+}
+
+/// Length of the mean of everybody's heading: 1 when all point one way.
+pub(super) fn order(poses: &[[f32; 3]]) -> f32 {
+    let (sin, cos) = poses.iter().fold((0.0, 0.0), |(sin, cos), pose| {
+        (sin + pose[2].sin(), cos + pose[2].cos())
+    });
+    f32::hypot(sin, cos) / poses.len() as f32
+}
+
+/// Neighbours within 1.3 of `spacing` for each robot, and by how much they are off it on average, in metres.
+pub(super) fn lattice(poses: &[[f32; 3]], spacing: f32) -> [f32; 2] {
+    let beside: Vec<f32> = pairs(poses)
+        .into_iter()
+        .filter(|distance| *distance < 1.3 * spacing)
+        .collect();
+    let off: f32 = beside.iter().map(|d| (d - spacing).abs()).sum();
+    [
+        2.0 * beside.len() as f32 / poses.len() as f32,
+        off / beside.len() as f32,
+    ]
+}
+
+/// Distances of all pairs.
+pub(super) fn pairs(poses: &[[f32; 3]]) -> Vec<f32> {
+    let mut all = Vec::new();
+    for (index, a) in poses.iter().enumerate() {
+        all.extend(poses[index + 1..].iter().map(|b| apart(a, b)));
+    }
+    all
 }
