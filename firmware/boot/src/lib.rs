@@ -11,9 +11,10 @@
 //! | [`trailer`] | how far an update has come, and how it ended: a journal in the slot's last sector |
 //! | [`guard`] | in the first lines of `main`: run, or go back |
 //! | [`trial`] | while the program runs: proven, or given up for what reason |
+//! | [`model_trial`] | the same for a model that the program runs |
 //! | [`flash`] | what the others want done to the flash |
 //!
-//! Reading order: `flash`, `otadata` and its `plan`, then `trailer`, `reason`, `guard` and `trial`.
+//! Reading order: `flash`, `otadata` and its `plan`, then `trailer`, `reason`, `guard`, `trial` and `model_trial`.
 //!
 //! # Operations instead of a driver
 //!
@@ -127,11 +128,13 @@
 mod crc;
 pub mod flash;
 pub mod guard;
+pub mod model_trial;
 pub mod otadata;
 mod reason;
 pub mod trailer;
 pub mod trial;
 
 pub use crc::crc32_le;
+pub use model_trial::ModelTrial;
 pub use reason::RollbackReason;
 pub use trial::Trial;

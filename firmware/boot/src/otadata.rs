@@ -23,6 +23,8 @@ pub struct Slots(u8);
 impl Slots {
     /// Two slots, as in the partition tables of our boards.
     pub const TWO: Self = Self(2);
+    /// What a program was built with, and the two places for what an update brings in its stead: of a model.
+    pub const THREE: Self = Self(3);
 
     /// So many slots, 1 to 16; `None` for any other number.
     #[must_use]

@@ -1,6 +1,6 @@
 //! Why an update was given up.
 
-/// Why a robot went back to the program before. Codes and numbers are stable: they are on the wire and in
+/// Why a robot went back to the program or the model before. Codes and numbers are stable: they are on the wire and in
 /// flash.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
@@ -27,11 +27,13 @@ pub enum RollbackReason {
     BadImage,
     /// It was being given up when the power went, and the reason was lost.
     Interrupted,
+    /// The new model takes longer for a picture than a robot that looks around can wait.
+    TooSlow,
 }
 
 impl RollbackReason {
     /// All of them.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Panic,
         Self::Watchdog,
         Self::PowerCycles,
@@ -43,6 +45,7 @@ impl RollbackReason {
         Self::ControlMissed,
         Self::BadImage,
         Self::Interrupted,
+        Self::TooSlow,
     ];
 
     /// Its code on the wire.
@@ -60,6 +63,7 @@ impl RollbackReason {
             Self::ControlMissed => "control_missed",
             Self::BadImage => "bad_image",
             Self::Interrupted => "interrupted",
+            Self::TooSlow => "too_slow",
         }
     }
 
@@ -78,6 +82,7 @@ impl RollbackReason {
             Self::ControlMissed => 9,
             Self::BadImage => 10,
             Self::Interrupted => 11,
+            Self::TooSlow => 12,
         }
     }
 
@@ -109,11 +114,12 @@ mod tests {
             (9, "control_missed"),
             (10, "bad_image"),
             (11, "interrupted"),
+            (12, "too_slow"),
         ];
         assert_eq!(written, expected);
         for number in 0..=u8::MAX {
             let reason = RollbackReason::from_number(number);
-            assert_eq!(reason.is_some(), (1..=11).contains(&number), "{number}");
+            assert_eq!(reason.is_some(), (1..=12).contains(&number), "{number}");
             assert!(reason.is_none_or(|reason| reason.number() == number));
         }
     }

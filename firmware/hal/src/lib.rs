@@ -40,7 +40,7 @@ pub use body::{Body, MotorPort, Parts, RangerPort};
 pub use camera::{Camera, CameraError, CameraErrorKind, FrameFormat, NoCamera, NoCameraError};
 pub use clock::{Clock, Elapsed, Ticker, with_deadline};
 pub use network::{LinkMonitor, LinkState, NetError, Network};
-pub use slots::{NoSlots, NoSlotsError, SlotPort, SlotRegion};
+pub use slots::{ModelRegion, NoSlots, NoSlotsError, SlotPort, SlotRegion};
 pub use system::{PANIC_TEXT, ResetCause, System};
 pub use time::{Duration, Instant};
 pub use units::{Celsius, Millimeters, Millivolts, Percent};

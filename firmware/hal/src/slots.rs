@@ -34,6 +34,16 @@ pub struct SlotRegion {
     pub length: u32,
 }
 
+/// Where the two places for a model are, in the flash of a [`SlotPort`]. Like the slots they have select entries, which
+/// count three things: what the program was built with, and the first and the second place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ModelRegion {
+    /// Where the two sectors of select entries begin.
+    pub select: u32,
+    /// The places. The last sector of each is the journal of the update that is in it; a model may fill the rest.
+    pub places: [SlotRegion; 2],
+}
+
 /// The slots of a body that takes no updates: there is no value of this type.
 #[derive(Debug, Clone, Copy)]
 pub enum NoSlots {}
