@@ -126,7 +126,7 @@ pub struct Robot<M: RawMutex> {
     behaviour_before_restart: Mutex<M, Cell<Option<Goal>>>,
     /// Intake → camera.
     captures: Captures<M>,
-    /// Control → camera, and camera → control and link.
+    /// Control and update → camera, and camera → control and link.
     sights: Sights<M>,
     /// Sense → control.
     reading: Mutex<M, Cell<Reading>>,

@@ -88,5 +88,6 @@ pub use power::power;
 pub use sense::sense;
 pub use store::{store, store_held};
 pub use update::{
-    ASK_AFTER, ASK_AFTER_MOST, SILENT_AFTER, UpdateIdentity, Updates, update, update_held,
+    ASK_AFTER, ASK_AFTER_MOST, LoadError, ModelHost, ModelLooks, SILENT_AFTER, UpdateIdentity,
+    Updates, update, update_held, update_with_models_held,
 };

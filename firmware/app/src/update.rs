@@ -15,6 +15,8 @@
 //! Between any two of these steps, and between any two bytes of flash, the power may go: what is noted is what counts.
 //! An update that was interrupted is offered again by the server, which knows from `have` how far it has come.
 //!
+//! A release of a model takes the same way, as far as its last steps: `models` has them.
+//!
 //! # What ends an update before its time
 //! `stop` is obeyed as ever, and changes nothing: the robot stands already. `estop` and faults are obeyed as ever too,
 //! and put the update off, as do a low battery and a server that sends nothing for two minutes: the robot leaves
@@ -37,6 +39,7 @@
 //! reads a patch: 1.3 KB.
 
 mod mailbox;
+mod models;
 mod patch;
 mod proving;
 mod slots;
@@ -71,7 +74,9 @@ pub(crate) use mailbox::Word;
 pub(crate) use mailbox::{Have, Progress};
 pub(crate) use mailbox::{NoUpdates, ReportKind, UpdatePort, room};
 pub use mailbox::{UpdateIdentity, Updates};
-use slots::Slots;
+pub use models::{LoadError, ModelHost, ModelLooks};
+use models::{ModelStore, NoModels, WithModels};
+use slots::{Slots, Subject};
 pub use transfer::{ASK_AFTER, ASK_AFTER_MOST, SILENT_AFTER};
 use transfer::{Blocks, Failed, Refused, Shape, Transfer};
 
@@ -106,20 +111,53 @@ pub fn update<M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock>(
 ///
 /// # Cancellation Safety
 /// As [`update()`].
-// Not an `async fn`, which would keep its arguments twice: as they came and as they are used.
-#[allow(clippy::manual_async_fn)]
 pub fn update_held<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock>(
     robot: impl Deref<Target = Robot<M>>,
     updates: impl Deref<Target = Updates<M>>,
     port: SlotPort<F>,
+    rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible> {
+    run::<H, M, F, R, C, NoModels>(robot, updates, (port, NoModels), rng, clock)
+}
+
+/// As [`update_held()`], on a body whose detector takes models: `host` says where in the flash of `port` their places
+/// are, and loads them.
+///
+/// # Cancellation Safety
+/// As [`update()`].
+pub fn update_with_models_held<H: Hold, M: RawMutex, F, R: Rng, C: Clock, B: ModelHost>(
+    robot: impl Deref<Target = Robot<M>>,
+    updates: impl Deref<Target = Updates<M>>,
+    port: SlotPort<F>,
+    host: B,
+    rng: R,
+    clock: C,
+) -> impl Future<Output = Infallible>
+where
+    F: MultiwriteNorFlash,
+{
+    let flash = (port, WithModels::new(host));
+    run::<H, M, F, R, C, _>(robot, updates, flash, rng, clock)
+}
+
+// Not an `async fn`, which would keep its arguments twice: as they came and as they are used.
+#[allow(clippy::manual_async_fn)]
+fn run<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock, N: ModelStore>(
+    robot: impl Deref<Target = Robot<M>>,
+    updates: impl Deref<Target = Updates<M>>,
+    (port, models): (SlotPort<F>, N),
     mut rng: R,
     clock: C,
 ) -> impl Future<Output = Infallible> {
     async move {
         let robot = robot.update_handle();
-        let Some(slots) = Slots::new(port) else {
+        let Some(slots) = Slots::new(port, models.region()) else {
             let text = format_args!("the slots cannot be as the body says");
             robot.log(Level::Error, EVENT, text, clock.now());
+            if N::EXISTS {
+                updates.set_model(None);
+            }
             return core::future::pending().await;
         };
         let mut activity = Activity {
@@ -128,10 +166,9 @@ pub fn update_held<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock
             slots,
             clock: &clock,
             random: rng.next_u32(),
-            installed: None,
+            programs: Stock::default(),
+            models,
             trial: None,
-            given_up: None,
-            unfinished: None,
             asked: None,
             transfer: None,
             envelope: None,
@@ -140,6 +177,7 @@ pub fn update_held<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock
             leaving: false,
         };
         H::hold(activity.start()).await;
+        H::hold(N::find(&mut activity)).await;
         loop {
             let next = H::hold(activity.turn()).await;
             match next {
@@ -163,7 +201,7 @@ enum Next {
     At(Instant),
 }
 
-/// What is installed in the slot that runs.
+/// What is installed in the slot that runs, or as the model that is in use.
 #[derive(Debug, Clone, Copy)]
 struct Installed {
     /// The release, if it came as one.
@@ -172,6 +210,24 @@ struct Installed {
     floor: u32,
     /// The floor once the release is confirmed.
     next_floor: u32,
+}
+
+/// What is known of two slots, or of the two places for a model.
+#[derive(Debug, Clone, Copy, Default)]
+struct Stock {
+    /// `None` when the flash could not be read: then nothing is taken.
+    installed: Option<Installed>,
+    /// What lies in the spare slot was tried and given up.
+    given_up: Option<Outcome>,
+    /// What lies in the spare slot, not tried, and how much of it.
+    unfinished: Option<(ReleaseId, u32)>,
+}
+
+impl Stock {
+    /// The release that is installed, if it came as one.
+    fn release(&self) -> Option<ReleaseId> {
+        self.installed?.release
+    }
 }
 
 /// A release that control was asked to stand for.
@@ -183,19 +239,16 @@ struct Asked {
     until: Instant,
 }
 
-struct Activity<'a, M: RawMutex, F, C> {
+struct Activity<'a, M: RawMutex, F, C, N> {
     robot: UpdateHandle<'a, M>,
     updates: &'a Updates<M>,
-    slots: Slots<F>,
+    slots: Slots<F, N>,
     clock: &'a C,
     random: u32,
-    /// `None` when the flash could not be read: then nothing is taken.
-    installed: Option<Installed>,
+    programs: Stock,
+    models: N,
+    /// Of the program that runs.
     trial: Option<Trial>,
-    /// What lies in the spare slot was tried and given up.
-    given_up: Option<Outcome>,
-    /// What lies in the spare slot, not tried, and how much of it.
-    unfinished: Option<(ReleaseId, u32)>,
     asked: Option<Asked>,
     transfer: Option<Transfer>,
     /// Length of the envelope that lies where chunks arrive.
@@ -208,7 +261,7 @@ struct Activity<'a, M: RawMutex, F, C> {
     leaving: bool,
 }
 
-impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M, F, C, N> {
     /// Does one thing that is to be done.
     async fn turn(&mut self) -> Next {
         if self.leaving {
@@ -229,7 +282,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
         if self.transfer.is_some() {
             return self.advance().await;
         }
-        Next::Word
+        N::prove(self).await
     }
 
     /// Why the robot cannot take an update now.
@@ -303,16 +356,32 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             stage: UpdateStage::Deferred,
             reason: Some(why),
             bytes: self.bytes_of(release),
+            of_model: false,
         });
         self.log(Level::Info, release, format_args!("put off: {why}"));
     }
 
-    /// Bytes of a release that lie in the spare slot.
+    /// Bytes of a release that lie unfinished in flash.
     fn bytes_of(&self, release: ReleaseId) -> u32 {
-        match self.unfinished {
+        let of = |stock: &Stock| match stock.unfinished {
             Some((lying, bytes)) if lying == release => bytes,
             Some(_) | None => 0,
+        };
+        of(&self.programs).max(of(&self.models.stock()))
+    }
+
+    /// What is known where the release that is at work belongs.
+    fn stock(&mut self) -> &mut Stock {
+        if self.is_of_model() {
+            self.models.stock_mut().unwrap_or(&mut self.programs)
+        } else {
+            &mut self.programs
         }
+    }
+
+    /// Whether the release that is at work is one of a model.
+    fn is_of_model(&self) -> bool {
+        N::EXISTS && self.slots.subject() == Subject::Model
     }
 
     fn refuse(&mut self, release: ReleaseId, why: Refused) {
@@ -322,6 +391,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             came_to: UpdateOutcome::Refused,
             reason: Some(why.code),
             lasting: Some(why.lasting),
+            of_model: false,
         });
         self.log(Level::Warn, release, format_args!("refused: {}", why.code));
     }
@@ -338,12 +408,14 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
 
     fn tell_have(&self) {
         let (sequence, floor) = self
+            .programs
             .installed
             .map_or((0, 0), |installed| (installed.sequence, installed.floor));
+        let unfinished = self.programs.unfinished;
         self.updates.tell_have(Have {
             sequence,
             floor,
-            unfinished: self.unfinished,
+            unfinished: unfinished.or(self.models.stock().unfinished),
         });
         self.robot.outbox.nudge();
     }

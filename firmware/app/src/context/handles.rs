@@ -98,6 +98,11 @@ impl<M: RawMutex> UpdateHandle<'_, M> {
     pub(crate) fn wish(self, wish: UpdateWish) {
         self.0.update_wish.lock(|cell| cell.set(wish));
     }
+
+    /// Has the camera look, or not, for the sake of a model on trial.
+    pub(crate) fn try_out_eyes(self, tried: bool) {
+        self.0.sights.try_out(tried);
+    }
 }
 
 impl<M: RawMutex> SenseHandle<'_, M> {

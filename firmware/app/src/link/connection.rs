@@ -83,8 +83,8 @@ pub(super) struct State {
     pub(super) unconfirmed: Vec<PacketIdentifier, SUBSCRIPTIONS>,
     /// When the last subscription was confirmed: since then commands arrive.
     pub(super) up_since: Option<Instant>,
-    /// Boot record in the last status sent on this connection.
-    pub(super) told: Option<BootRecord>,
+    /// Boot record in the last status sent on this connection, and the revision of the models in it.
+    pub(super) told: Option<(BootRecord, u8)>,
     pub(super) parameters_due: bool,
     /// A cell that the broker was asked about.
     pub(super) asked: Option<Asked>,

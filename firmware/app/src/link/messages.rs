@@ -29,7 +29,7 @@ const fn cause(cause: ResetCause) -> BootCause {
     }
 }
 
-/// Status, or last will when `online` is false.
+/// Status, or last will when `online` is false; without models.
 pub(super) fn status<M: RawMutex>(
     robot: &Robot<M>,
     online: bool,

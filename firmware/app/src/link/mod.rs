@@ -290,7 +290,15 @@ async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
         Some(session) => Mqtt::with_session(session, &mut lender),
         None => Mqtt::new(&mut lender),
     };
-    let connected = H::hold(connect(robot, clock, &mut client, &mut stream, clean)).await;
+    let connected = H::hold(connect(
+        robot,
+        updates,
+        clock,
+        &mut client,
+        &mut stream,
+        clean,
+    ))
+    .await;
     let mut connection = Connection {
         robot,
         clock,
@@ -335,6 +343,7 @@ async fn open<'n, M: RawMutex, N: Network, C: Clock>(
 /// Whether the broker continues the session.
 async fn connect<'c, H, M, C, S>(
     robot: &Robot<M>,
+    updates: &dyn UpdatePort,
     clock: &C,
     client: &mut Mqtt<'c, S, H>,
     stream: &'c mut Buffered<S, H>,
@@ -350,6 +359,9 @@ where
     // Not in the packet: what the broker answers arrives there.
     let mut will = [0; MAX_MESSAGE];
     let len = messages::status(robot, false, robot.boot(), &mut will).ok_or(Loss::Unsupported)?;
+    let len = updates
+        .add_models(&mut will, len)
+        .ok_or(Loss::Unsupported)?;
     let topic = Topic::Status(config.id.clone());
     let will_topic = topic.render(&config.fleet);
     let will_topic = MqttString::from_str(&will_topic)

@@ -9,7 +9,7 @@ use core::future::poll_fn;
 use core::task::{Context, Poll};
 
 use crawler_protocol::{
-    BuildId, ReasonCode, ReleaseId, RobotId, UpdateCommand, UpdateOutcome, UpdatePart,
+    BuildId, ModelName, ReasonCode, ReleaseId, RobotId, UpdateCommand, UpdateOutcome, UpdatePart,
     UpdateReport, UpdateStage,
 };
 use crawler_release::chunk::{Chunk, PAYLOAD, Part};
@@ -57,6 +57,8 @@ pub(crate) struct Progress {
     pub(crate) stage: UpdateStage,
     pub(crate) reason: Option<&'static str>,
     pub(crate) bytes: u32,
+    /// Whether it is one of a model.
+    pub(crate) of_model: bool,
 }
 
 /// What a release came to.
@@ -67,6 +69,8 @@ pub(crate) struct Outcome {
     pub(crate) reason: Option<&'static str>,
     /// Of a refusal: whether it would be the same tomorrow.
     pub(crate) lasting: Option<bool>,
+    /// Whether it is one of a model.
+    pub(crate) of_model: bool,
 }
 
 /// A kind of report. Of each the newest counts.
@@ -111,6 +115,11 @@ pub(crate) trait UpdatePort {
     fn settled(&self, kind: ReportKind);
     /// Nothing that was sent is on its way any more.
     fn rewind(&self);
+    /// Adds the models that are in use, but for those of the program, to the status that is the first `len` bytes of
+    /// `page`; its length then. `None` when it fits no message.
+    fn add_models(&self, page: &mut [u8], len: usize) -> Option<usize>;
+    /// Another number whenever they have changed; `None` while they are not known.
+    fn models_revision(&self) -> Option<u8>;
 }
 
 /// The updates of a body without any.
@@ -150,6 +159,14 @@ impl UpdatePort for NoUpdates {
     fn settled(&self, _: ReportKind) {}
 
     fn rewind(&self) {}
+
+    fn add_models(&self, _: &mut [u8], len: usize) -> Option<usize> {
+        Some(len)
+    }
+
+    fn models_revision(&self) -> Option<u8> {
+        Some(0)
+    }
 }
 
 struct Inner {
@@ -170,6 +187,10 @@ struct Inner {
     have: Have,
     progress: Option<Progress>,
     outcome: Option<Outcome>,
+    /// The model that a release has brought and that is in use, with what names its contents.
+    model: Option<(ModelName, BuildId)>,
+    /// Counts its changes; `None` while it is not known whether there is one.
+    revision: Option<u8>,
 }
 
 /// What [`update()`](crate::update()) and the link share: chunks and words of the server one way, reports the other. A board
@@ -205,6 +226,8 @@ impl<M: RawMutex> Updates<M> {
                 },
                 progress: None,
                 outcome: None,
+                model: None,
+                revision: Some(0),
             })),
             arrived: Signal::new(),
         }
@@ -320,6 +343,27 @@ impl<M: RawMutex> Updates<M> {
         });
     }
 
+    /// Has the status wait until it is known which model is in use: for a body whose detector takes models, before the
+    /// program starts. Who sees a status without a model would think that it was given up.
+    pub fn expect_model(&self) {
+        self.with(|inner| inner.revision = None);
+    }
+
+    /// Says which model is in use; `None` for the one of the program.
+    pub(crate) fn set_model(&self, model: Option<(ModelName, BuildId)>) {
+        self.with(|inner| {
+            let revision = inner.revision.unwrap_or(0);
+            let changes = inner.model != model;
+            inner.revision = Some(revision.wrapping_add(u8::from(changes)));
+            inner.model = model;
+        });
+    }
+
+    /// What names the contents of the model that is in use.
+    pub(crate) fn model_build(&self) -> Option<BuildId> {
+        self.with(|inner| inner.model.as_ref().map(|(_, build)| build.clone()))
+    }
+
     /// Whether the broker has every report.
     pub(crate) fn is_told(&self) -> bool {
         self.with(|inner| inner.due | inner.under_way == 0)
@@ -431,7 +475,13 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
 
     fn compose(&self, kind: ReportKind, robot: &RobotId, page: &mut [u8]) -> Option<usize> {
         let robot = robot.clone();
-        let build = || Some(self.identity.build.clone());
+        let build = |of_model| {
+            if of_model {
+                self.model_build()
+            } else {
+                Some(self.identity.build.clone())
+            }
+        };
         let report: UpdateReport = match kind {
             ReportKind::Have => {
                 let have = self.take(kind, |inner| inner.have);
@@ -466,7 +516,7 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
                     state: progress.stage,
                     reason: progress.reason.and_then(|code| ReasonCode::new(code).ok()),
                     bytes: progress.bytes,
-                    build: build(),
+                    build: build(progress.of_model),
                 }
             }
             ReportKind::Outcome => {
@@ -476,7 +526,7 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
                     release: outcome.release,
                     outcome: outcome.came_to,
                     reason: outcome.reason.and_then(|code| ReasonCode::new(code).ok()),
-                    build: build(),
+                    build: build(outcome.of_model),
                     lasting: outcome.lasting,
                 }
             }
@@ -493,6 +543,33 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
         self.with(|inner| {
             inner.due |= core::mem::take(&mut inner.under_way);
         });
+    }
+
+    // As the message would, whose models are last in it. A map of JSON takes 2 KB of code, and there is one model.
+    fn add_models(&self, page: &mut [u8], len: usize) -> Option<usize> {
+        self.with(|inner| {
+            let Some((name, build)) = &inner.model else {
+                return Some(len);
+            };
+            // In the place of the brace at the end.
+            let mut at = len.checked_sub(1)?;
+            for text in [
+                r#","models":{""#,
+                name.as_str(),
+                r#"":""#,
+                build.as_str(),
+                r#""}}"#,
+            ] {
+                let end = at + text.len();
+                page.get_mut(at..end)?.copy_from_slice(text.as_bytes());
+                at = end;
+            }
+            Some(at)
+        })
+    }
+
+    fn models_revision(&self) -> Option<u8> {
+        self.with(|inner| inner.revision)
     }
 }
 

@@ -10,7 +10,8 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::Outcome;
-use super::slots::{Aim, Seen, Slot, Work, known};
+use super::models::ModelStore;
+use super::slots::{Aim, Seen, Slot, Subject, Work, known};
 use super::steps::{blocks_of, is_unfinished};
 use super::{Activity, EVENT, Installed, LOOK, Next};
 use crate::order::UpdateWish;
@@ -18,12 +19,12 @@ use crate::perception::SensorHealth;
 use crate::state::Fault;
 
 /// What makes a program the one that stays: first where it is decided what is started.
-const CONFIRM: [Work; 2] = [
+pub(super) const CONFIRM: [Work; 2] = [
     Work::Reach(Aim::Confirm),
     Work::Record(Slot::Running, Record::Confirmed),
 ];
 
-impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M, F, C, N> {
     /// Finds out what runs and what lies in the spare slot, and goes on with what a restart has interrupted.
     pub(super) async fn start(&mut self) {
         let mut works = [Work::Look(Slot::Running), Work::Rest];
@@ -33,7 +34,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
                 Ok(seen) if slot == Slot::Running => works[1] = self.see_running(&seen),
                 Ok(seen) => self.see_spare(&seen),
                 Err(_) => {
-                    self.installed = None;
+                    self.programs.installed = None;
                     self.trial = None;
                     let text =
                         format_args!("the slots cannot be read or written: no release is taken");
@@ -73,7 +74,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             }
             Standing::Proven | Standing::Returned => Work::Rest,
         };
-        self.installed = Some(installed);
+        self.programs.installed = Some(installed);
         works
     }
 
@@ -83,16 +84,17 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             return;
         };
         if let Some(reason) = seen.trailer.rolled_back() {
-            self.given_up = Some(Outcome {
+            self.programs.given_up = Some(Outcome {
                 release: known.release,
                 came_to: UpdateOutcome::RolledBack,
                 reason: Some(reason.code()),
                 lasting: None,
+                of_model: false,
             });
         } else if is_unfinished(&seen.trailer) {
             let bytes = blocks_of(&seen.trailer).bytes(known.shape);
-            self.unfinished = Some((known.release, bytes));
-        } else if let Some(installed) = &mut self.installed {
+            self.programs.unfinished = Some((known.release, bytes));
+        } else if let Some(installed) = &mut self.programs.installed {
             // It was confirmed once.
             installed.floor = installed.floor.max(known.floor);
             installed.next_floor = installed.next_floor.max(known.floor);
@@ -114,6 +116,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
 
     /// Observes the program on trial once.
     pub(super) async fn prove(&mut self) -> Next {
+        self.slots.turn_to(Subject::Program);
         let verdict = self.observe();
         let works = match verdict {
             Verdict::Pending => [Work::Rest, Work::Rest],
@@ -149,7 +152,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
 
     fn observe(&mut self) -> Verdict {
         let (received, delivered) = self.updates.linked();
-        let release = self.installed.and_then(|installed| installed.release);
+        let release = self.programs.release();
         let seen = Observation {
             missed: self.robot.missed_periods(),
             sensors: self.sensors(),
@@ -166,14 +169,14 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
 
     fn confirmed(&mut self) {
         self.trial = None;
-        let Some(installed) = &mut self.installed else {
+        let Some(installed) = &mut self.programs.installed else {
             return;
         };
         installed.floor = installed.next_floor;
         let release = installed.release;
         self.tell_have();
         if let Some(release) = release {
-            self.tell_confirmed(release);
+            self.tell_confirmed(release, false);
             self.log(Level::Info, release, format_args!("is proven"));
         }
     }

@@ -3,17 +3,20 @@
 //! One function does everything there is to do to it: each place that waits for a flash takes code, and there are
 //! few of them.
 
+use core::marker::PhantomData;
 use crawler_boot::flash::{FlashError, Operation, SECTOR, WORD};
-use crawler_boot::otadata::{Goal, Otadata, Slots as Count, Standing};
+use crawler_boot::otadata::{Bootloader, Goal, Otadata, Slots as Count, Standing};
 use crawler_boot::trailer::{Begin, ENVELOPE_AT, Record, Trailer};
-use crawler_hal::{SlotPort, SlotRegion};
-use crawler_protocol::ReleaseId;
+use crawler_hal::{ModelRegion, SlotPort, SlotRegion};
+use crawler_protocol::{BuildId, ReleaseId};
 use crawler_release::{BlockHasher, ENVELOPE_MAX, Kind, Manifest, Signed};
+
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::Updates;
+use super::models::ModelStore;
 use super::patch::{PIECE, Patch};
 use super::transfer::{Blocks, Failed, Shape};
 
@@ -53,8 +56,8 @@ pub(super) enum Work {
     Write(u32, usize),
     /// Write what comes next of the patch of which a chunk waits, of this length.
     Patch(usize),
-    /// Hold a block of the spare slot against its hash, or all of it.
-    Check(Option<u8>),
+    /// Hold a block of a slot against its hash, or all of it.
+    Check(Slot, Option<u8>),
 }
 
 /// A goal for otadata.
@@ -70,52 +73,174 @@ pub(super) enum Aim {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
     pub(super) standing: Standing,
+    /// The slot that is to be started next.
+    pub(super) selected: u8,
     pub(super) trailer: Trailer,
     /// Length of the envelope that lies where chunks arrive.
     pub(super) envelope: Option<usize>,
 }
 
-/// See the [module](self).
-pub(super) struct Slots<F> {
-    port: SlotPort<F>,
-    patch: Patch,
+/// What a release replaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Subject {
+    /// The program, by the one in the other slot.
+    Program,
+    /// The model, by the one in the other place, or in either where the program runs its own.
+    Model,
 }
 
-impl<F: MultiwriteNorFlash> Slots<F> {
-    /// `None` for a port that says what cannot be.
-    pub(super) fn new(port: SlotPort<F>) -> Option<Self> {
+/// Two regions of the flash, and the select entries between them.
+#[derive(Debug, Clone, Copy)]
+struct Site {
+    otadata: u32,
+    regions: [SlotRegion; 2],
+    /// What the select entries count: the two regions, or what the program was built with and the two regions.
+    count: Count,
+    /// Which of them is in use.
+    running: u8,
+}
+
+impl Site {
+    /// The number of the first region.
+    const fn first(&self) -> u8 {
+        self.count.count() - 2
+    }
+
+    /// The index of the region of a slot; `None` while what the program was built with is in use.
+    const fn index(&self, slot: Slot) -> Option<u8> {
+        let running = self.running.checked_sub(self.first());
+        match (slot, running) {
+            (Slot::Running, running) => running,
+            (Slot::Spare, Some(0)) => Some(1),
+            (Slot::Spare, Some(1..) | None) => Some(0),
+        }
+    }
+
+    const fn region(&self, slot: Slot) -> Option<SlotRegion> {
+        let [first, second] = self.regions;
+        match self.index(slot) {
+            Some(0) => Some(first),
+            Some(_) => Some(second),
+            None => None,
+        }
+    }
+
+    fn is_usable(&self) -> bool {
         let fits = |region: &SlotRegion| {
             region.start.is_multiple_of(SECTOR)
                 && region.length.is_multiple_of(SECTOR)
                 && region.length >= 2 * SECTOR
                 && region.start.checked_add(region.length).is_some()
         };
-        let usable = port.running < 2
-            && port.otadata.is_multiple_of(SECTOR)
-            && port.slots.iter().all(fits)
+        self.running < self.count.count()
+            && self.otadata.is_multiple_of(SECTOR)
+            && self.regions.iter().all(fits)
+    }
+}
+
+/// See the [module](self).
+pub(super) struct Slots<F, N> {
+    flash: F,
+    chip: u16,
+    programs: Site,
+    models: Option<Site>,
+    /// Whose regions are meant.
+    subject: Subject,
+    patch: Patch,
+    /// Whether there are models.
+    store: PhantomData<N>,
+}
+
+impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
+    /// `None` for a port or a region that says what cannot be.
+    pub(super) fn new(port: SlotPort<F>, models: Option<ModelRegion>) -> Option<Self> {
+        let slots = Self {
+            flash: port.flash,
+            chip: port.chip,
+            programs: Site {
+                otadata: port.otadata,
+                regions: port.slots,
+                count: Count::TWO,
+                running: port.running,
+            },
+            models: models.map(|region| Site {
+                otadata: region.select,
+                regions: region.places,
+                count: Count::THREE,
+                running: 0,
+            }),
+            subject: Subject::Program,
+            patch: Patch::NONE,
+            store: PhantomData,
+        };
+        let usable = slots.programs.is_usable()
+            && slots.models.as_ref().is_none_or(Site::is_usable)
             && WORD.is_multiple_of(F::WRITE_SIZE)
             && WORD.is_multiple_of(F::READ_SIZE);
-        usable.then_some(Self {
-            port,
-            patch: Patch::NONE,
-        })
+        usable.then_some(slots)
     }
 
     pub(super) const fn chip(&self) -> u16 {
-        self.port.chip
+        self.chip
     }
 
-    const fn region(&self, slot: Slot) -> SlotRegion {
-        let [first, second] = self.port.slots;
-        match (slot, self.port.running) {
-            (Slot::Running, 0) | (Slot::Spare, 1..) => first,
-            (Slot::Running, 1..) | (Slot::Spare, 0) => second,
+    /// Has the regions of `subject` meant from now on.
+    pub(super) const fn turn_to(&mut self, subject: Subject) {
+        self.subject = subject;
+    }
+
+    /// Whose regions are meant.
+    pub(super) const fn subject(&self) -> Subject {
+        self.subject
+    }
+
+    fn site(&self) -> &Site {
+        match &self.models {
+            Some(models) if N::EXISTS && self.subject == Subject::Model => models,
+            _ => &self.programs,
         }
     }
 
+    /// What the select entries count.
+    fn count(&self) -> Count {
+        if N::EXISTS {
+            self.site().count
+        } else {
+            Count::TWO
+        }
+    }
+
+    /// The number of what is in use, as select entries count it.
+    pub(super) fn running(&self) -> u8 {
+        self.site().running
+    }
+
+    /// Has another number in use from now on, of the model.
+    pub(super) const fn use_model(&mut self, running: u8) {
+        if let Some(models) = &mut self.models {
+            models.running = running;
+        }
+    }
+
+    /// The number of the slot that is not in use.
+    pub(super) fn spare(&self) -> u8 {
+        let site = self.site();
+        match site.index(Slot::Spare) {
+            Some(index) => site.first() + index,
+            None => site.running,
+        }
+    }
+
+    /// The flash, and where a slot begins in it.
+    pub(super) fn start_of(&mut self, slot: Slot) -> Option<(&mut F, u32)> {
+        let region = self.site().region(slot)?;
+        Some((&mut self.flash, region.start))
+    }
+
     /// Bytes that the spare slot has for an image.
-    pub(super) const fn capacity(&self) -> u32 {
-        self.region(Slot::Spare).length - SECTOR
+    pub(super) fn capacity(&self) -> u32 {
+        let spare = self.site().region(Slot::Spare);
+        spare.map_or(0, |region| region.length - SECTOR)
     }
 
     /// Begins to make an image of that shape out of the program that runs.
@@ -133,21 +258,22 @@ impl<F: MultiwriteNorFlash> Slots<F> {
         self.patch.made()
     }
 
-    const fn trailer_at(&self, slot: Slot) -> u32 {
-        let region = self.region(slot);
-        region.start + region.length - SECTOR
+    fn trailer_at(&self, slot: Slot) -> Option<u32> {
+        let region = self.site().region(slot)?;
+        Some(region.start + region.length - SECTOR)
     }
 
-    const fn goal(&self, aim: Aim) -> Goal {
-        let running = self.port.running;
-        match aim {
-            Aim::Keep => Goal::Keep { running },
-            Aim::Activate => Goal::Activate {
-                slot: 1 - running,
+    fn goal(&self, aim: Aim) -> Goal {
+        let site = self.site();
+        let running = site.running;
+        match (aim, site.index(Slot::Spare)) {
+            (Aim::Activate, Some(spare)) => Goal::Activate {
+                slot: site.first() + spare,
                 running,
             },
-            Aim::Confirm => Goal::Confirm { running },
-            Aim::GiveUp => Goal::GiveUp { running },
+            (Aim::Keep, _) | (Aim::Activate, None) => Goal::Keep { running },
+            (Aim::Confirm, _) => Goal::Confirm { running },
+            (Aim::GiveUp, _) => Goal::GiveUp { running },
         }
     }
 
@@ -159,35 +285,39 @@ impl<F: MultiwriteNorFlash> Slots<F> {
     ) -> Result<Seen, Failed> {
         let mut seen = Seen {
             standing: Standing::Proven,
+            selected: 0,
             trailer: Trailer::EMPTY,
             envelope: None,
         };
-        let spare = self.region(Slot::Spare).start;
+        let (site, count) = (*self.site(), self.count());
+        let spare = site.region(Slot::Spare).map_or(0, |region| region.start);
         for work in works {
             match work {
                 Work::Rest => {}
                 Work::Look(slot) => self.look(slot, place, &mut seen).await?,
                 Work::Record(slot, record) => {
-                    let at = self.trailer_at(slot);
-                    let done = Trailer::record_async(&mut self.port.flash, at, record).await;
+                    let Some(at) = self.trailer_at(slot) else {
+                        continue;
+                    };
+                    let done = Trailer::record_async(&mut self.flash, at, record).await;
                     if done.is_err() && !matches!(record, Record::RolledBack(_)) {
                         return Err(Failed::Flash);
                     }
                 }
                 Work::Reach(aim) => {
-                    let (goal, at) = (self.goal(aim), self.port.otadata);
-                    let flash = &mut self.port.flash;
-                    match Otadata::reach_async(flash, at, Count::TWO, goal).await {
+                    let goal = self.goal(aim);
+                    let flash = &mut self.flash;
+                    match Otadata::reach_async(flash, site.otadata, count, goal).await {
                         Ok(_) => {}
                         Err(FlashError::Refused(_)) => return Err(Failed::NoWayBack),
                         Err(FlashError::Flash(_) | FlashError::Worn) => return Err(Failed::Flash),
                     }
                 }
                 Work::Begin(length) => {
-                    let at = self.trailer_at(Slot::Spare);
+                    let at = self.trailer_at(Slot::Spare).unwrap_or(0);
                     let mut index = 0;
                     while let Some(operation) = operation(place, length, index) {
-                        let done = operation.execute_async(&mut self.port.flash, at).await;
+                        let done = operation.execute_async(&mut self.flash, at).await;
                         done.map_err(|_| Failed::Flash)?;
                         index += 1;
                     }
@@ -198,7 +328,7 @@ impl<F: MultiwriteNorFlash> Slots<F> {
                 }
                 Work::Erase(sector) => {
                     let at = spare + sector * SECTOR;
-                    let erased = self.port.flash.erase(at, at + SECTOR).await;
+                    let erased = self.flash.erase(at, at + SECTOR).await;
                     erased.map_err(|_| Failed::Flash)?;
                 }
                 Work::Write(at, length) => {
@@ -209,12 +339,12 @@ impl<F: MultiwriteNorFlash> Slots<F> {
                         let (bytes, _) = piece.split_at_mut(count);
                         place.copy_out(done, bytes);
                         let words = &piece[..count.next_multiple_of(WORD)];
-                        let written = self.port.flash.write(spare + at + done as u32, words).await;
+                        let written = self.flash.write(spare + at + done as u32, words).await;
                         written.map_err(|_| Failed::Flash)?;
                     }
                 }
                 Work::Patch(length) => {
-                    let running = self.region(Slot::Running).start;
+                    let running = site.region(Slot::Running).map_or(0, |region| region.start);
                     for _ in 0..AT_ONCE {
                         let Some(made) = self.patch.next(place, length)? else {
                             break;
@@ -224,24 +354,25 @@ impl<F: MultiwriteNorFlash> Slots<F> {
                             let lead = from as usize % WORD;
                             let words = (lead + made.length).next_multiple_of(WORD);
                             let at = running + from - lead as u32;
-                            let read = self.port.flash.read(at, &mut old[..words]).await;
+                            let read = self.flash.read(at, &mut old[..words]).await;
                             read.map_err(|_| Failed::Flash)?;
                             self.patch.add(&made, &old[lead..]);
                         }
                         if let Some((at, words)) = self.patch.full(&made) {
-                            let written = self.port.flash.write(spare + at, words).await;
+                            let written = self.flash.write(spare + at, words).await;
                             written.map_err(|_| Failed::Flash)?;
                         }
                         yield_now().await;
                     }
                 }
-                Work::Check(block) => {
-                    self.look(Slot::Spare, place, &mut seen).await?;
+                Work::Check(slot, block) => {
+                    self.look(slot, place, &mut seen).await?;
                     let hasher = hasher(place, seen.envelope, block);
-                    let (mut hasher, mut at) = hasher.ok_or(Failed::Flash)?;
+                    let (mut hasher, at) = hasher.ok_or(Failed::Flash)?;
+                    let mut at = at + site.region(slot).map_or(0, |region| region.start);
                     while hasher.left() > 0 {
                         let mut piece = [0; SLICE];
-                        let read = self.port.flash.read(spare + at, &mut piece).await;
+                        let read = self.flash.read(at, &mut piece).await;
                         read.map_err(|_| Failed::Flash)?;
                         let count = (hasher.left() as usize).min(SLICE);
                         // No more than are left of it.
@@ -262,10 +393,18 @@ impl<F: MultiwriteNorFlash> Slots<F> {
         place: &Updates<M>,
         seen: &mut Seen,
     ) -> Result<(), Failed> {
-        let (at, flash) = (self.trailer_at(slot), &mut self.port.flash);
-        let otadata = Otadata::read_async(flash, self.port.otadata, Count::TWO).await;
+        let (site, count) = (*self.site(), self.count());
+        let (at, flash) = (self.trailer_at(slot), &mut self.flash);
+        let otadata = Otadata::read_async(flash, site.otadata, count).await;
         let otadata = otadata.map_err(|_| Failed::Flash)?;
-        seen.standing = otadata.standing(self.port.running);
+        seen.standing = otadata.standing(site.running);
+        if N::EXISTS {
+            seen.selected = otadata.select(Bootloader::Plain).slot.unwrap_or(0);
+        }
+        let Some(at) = at else {
+            (seen.trailer, seen.envelope) = (Trailer::EMPTY, None);
+            return Ok(());
+        };
         let trailer = Trailer::read_async(flash, at).await;
         seen.trailer = trailer.map_err(|_| Failed::Flash)?;
         seen.envelope = seen.trailer.envelope().map(usize::from);
@@ -326,6 +465,7 @@ pub(super) struct Known {
     pub(super) sequence: u32,
     pub(super) floor: u32,
     pub(super) shape: Shape,
+    pub(super) kind: Kind,
     /// It is of a program of this build.
     pub(super) is_ours: bool,
 }
@@ -342,8 +482,18 @@ pub(super) fn known<M: RawMutex>(place: &Updates<M>, length: Option<usize>) -> O
         sequence: manifest.sequence,
         floor: manifest.floor,
         shape: Shape::of(&manifest),
+        kind: manifest.kind,
         is_ours: manifest.kind == Kind::Program && manifest.build == build,
     })
+}
+
+/// What names the contents of the model whose envelope was looked at.
+#[inline(never)]
+pub(super) fn build_of<M: RawMutex>(place: &Updates<M>, length: Option<usize>) -> Option<BuildId> {
+    let mut envelope = [0; ENVELOPE_MAX];
+    place.copy_out(0, &mut envelope);
+    let (manifest, _) = unverified(&envelope, length)?;
+    BuildId::new(manifest.build).ok()
 }
 
 // Blocks begin where sectors do, and slices end where they do.

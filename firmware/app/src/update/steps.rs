@@ -8,19 +8,26 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::Progress;
-use super::slots::{Aim, Slot, Work, known};
+use super::models::ModelStore;
+use super::slots::{Aim, Slot, Subject, Work, known};
 use super::transfer::{Step, Transfer};
 use super::{Activity, Blocks, Failed, LOOK_UPDATING, Next, Refused, Shape, TOLD_WITHIN};
 use crate::order::UpdateWish;
 
-impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M, F, C, N> {
     /// Goes on with what is under way, by one step.
     pub(super) async fn advance(&mut self) -> Next {
         let (works, step) = match self.plan() {
             Ok(planned) => planned,
             Err(next) => return next,
         };
-        let done = self.slots.run(works, self.updates).await;
+        let mut done = self.slots.run(works, self.updates).await;
+        if self.is_of_model()
+            && let (Planned::Step(step), Ok(_)) = (step, &done)
+        {
+            let went = N::go_on(self, step).await;
+            done = done.and_then(|seen| went.map(|()| seen));
+        }
         self.conclude(step, done.map(|seen| seen.envelope))
     }
 
@@ -68,12 +75,12 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             Step::Judge => [Work::Look(Slot::Spare), Work::Rest],
             Step::Keep => [Work::Reach(Aim::Keep), Work::Rest],
             Step::Begin => {
-                self.given_up = None;
-                self.unfinished = None;
+                let stock = self.stock();
+                (stock.given_up, stock.unfinished) = (None, None);
                 [Work::Begin(self.envelope.unwrap_or(0)), Work::Rest]
             }
             Step::Erase(sector) => [Work::Erase(sector), Work::Rest],
-            Step::Check(block) => [Work::Check(Some(block)), Work::Rest],
+            Step::Check(block) => [Work::Check(Slot::Spare, Some(block)), Work::Rest],
             Step::Note(block) => {
                 let note = Record::Block(block);
                 [Work::Record(Slot::Spare, note), Work::Rest]
@@ -81,7 +88,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             Step::CheckAll => {
                 // Nothing more of a patch is of any use.
                 self.updates.close();
-                [Work::Check(None), Work::Rest]
+                [Work::Check(Slot::Spare, None), Work::Rest]
             }
             Step::Stage => {
                 let staged = Record::Staged(self.sensors());
@@ -180,7 +187,8 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
         if let Some(transfer) = &self.transfer
             && transfer.stage().is_some()
         {
-            self.unfinished = Some((release, transfer.bytes()));
+            let lies = (release, transfer.bytes());
+            self.stock().unfinished = Some(lies);
         }
         self.tell_stage();
         Next::Soon
@@ -189,9 +197,19 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
     /// The envelope where chunks arrive, against all that is asked of a release.
     // Its kilobyte and the arithmetic of the signature are on the stack, and not in a future.
     #[inline(never)]
-    fn judge(&self) -> Result<Shape, Failed> {
+    fn judge(&mut self) -> Result<Shape, Failed> {
         let refuse = |code, lasting| Err(Failed::Refused(Refused { code, lasting }));
-        let (Some(installed), Some(transfer)) = (self.installed, &self.transfer) else {
+        // Where it belongs is what it says of itself, of which nothing is believed before it was verified.
+        let of_model = N::EXISTS
+            && known(self.updates, self.envelope).is_some_and(|known| known.kind == Kind::Model);
+        let subject = if of_model {
+            Subject::Model
+        } else {
+            Subject::Program
+        };
+        self.slots.turn_to(subject);
+        let installed = self.stock().installed;
+        let (Some(installed), Some(transfer)) = (installed, &self.transfer) else {
             return refuse("flash_failed", true);
         };
         let identity = self.updates.identity();
@@ -201,15 +219,25 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
         let mut envelope = [0; ENVELOPE_MAX];
         self.updates.copy_out(0, &mut envelope);
         let envelope = envelope.get(..self.envelope.unwrap_or(0)).unwrap_or(&[]);
+        let model = if of_model {
+            self.updates.model_build()
+        } else {
+            None
+        };
+        let build = match &model {
+            Some(build) => build.as_str(),
+            None if of_model => "",
+            None => identity.build.as_str(),
+        };
         let target = Target {
-            kind: Kind::Program,
-            name: None,
+            kind: if of_model { Kind::Model } else { Kind::Program },
+            name: self.models.name().filter(|_| of_model),
             board: self.robot.config().board,
             chip: Chip(self.slots.chip()),
             capacity: self.slots.capacity(),
             sequence: installed.sequence,
             floor: installed.floor,
-            build: identity.build.as_str(),
+            build,
             protocol: PROTOCOL_VERSION,
             now: self.robot.unix_ms(self.clock.now()).map(|ms| ms / 1_000),
             // No program knows: until the clock is set, nothing is expired.
@@ -255,20 +283,28 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
                 stage,
                 reason: transfer.without_patch(),
                 bytes,
+                of_model: self.is_of_model(),
             });
         }
     }
 
-    /// The blocks of a release in the spare slot, if it is there and was not given up.
+    /// The blocks of a release in a spare slot, if it is there and was not given up; that slot is meant from then on.
     pub(super) async fn lying(&mut self, release: ReleaseId) -> Option<Blocks> {
-        let look = [Work::Look(Slot::Spare), Work::Rest];
-        let seen = self.slots.run(look, self.updates).await.ok()?;
-        let known = known(self.updates, seen.envelope)?;
-        if !is_unfinished(&seen.trailer) || known.release != release {
-            return None;
+        for subject in [Subject::Model, Subject::Program] {
+            if subject == Subject::Model && !N::EXISTS {
+                continue;
+            }
+            self.slots.turn_to(subject);
+            let look = [Work::Look(Slot::Spare), Work::Rest];
+            let seen = self.slots.run(look, self.updates).await.ok()?;
+            let known = known(self.updates, seen.envelope);
+            let lies = known.is_some_and(|known| known.release == release);
+            if lies && is_unfinished(&seen.trailer) {
+                self.envelope = seen.envelope;
+                return Some(blocks_of(&seen.trailer));
+            }
         }
-        self.envelope = seen.envelope;
-        Some(blocks_of(&seen.trailer))
+        None
     }
 }
 

@@ -235,6 +235,11 @@ impl Transfer {
         self.release
     }
 
+    /// Bytes of the image; 0 before its manifest is believed.
+    pub(crate) const fn size(&self) -> u32 {
+        self.shape.size
+    }
+
     /// What to tell of it; `None` before its manifest is believed.
     pub(crate) const fn stage(&self) -> Option<UpdateStage> {
         match self.phase {

@@ -6,10 +6,11 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::{Outcome, Progress, Word};
+use super::models::ModelStore;
 use super::{Activity, Asked, STANDS_WITHIN};
 use crate::order::UpdateWish;
 
-impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M, F, C, N> {
     /// Tells a new session what there is to know.
     pub(super) fn greet(&mut self) {
         self.tell_have();
@@ -17,10 +18,11 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             transfer.ask_again();
             self.told = None;
         } else if let Some(release) = self.on_trial() {
-            self.tell_trial(release);
-        } else if let Some(outcome) = self.given_up {
+            self.tell_trial(release, false);
+        } else if let Some(outcome) = self.programs.given_up {
             self.tell_outcome(outcome);
         }
+        N::greet(self);
     }
 
     pub(super) fn obey(&mut self, word: Word) {
@@ -31,9 +33,11 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             }
             Word::Confirm(release) => {
                 if !self.tell_installed(release) {
-                    match self.given_up {
-                        Some(outcome) if outcome.release == release => self.tell_outcome(outcome),
-                        Some(_) | None => self.tell_have(),
+                    let is_it = |outcome: &Outcome| outcome.release == release;
+                    let of_model = self.models.stock().given_up.filter(is_it);
+                    match self.programs.given_up.filter(is_it).or(of_model) {
+                        Some(outcome) => self.tell_outcome(outcome),
+                        None => self.tell_have(),
                     }
                 }
             }
@@ -50,7 +54,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
         if at_work == Some(release) {
             // It is told again where it stands.
             self.told = None;
-        } else if self.trial.is_some() {
+        } else if self.trial.is_some() || self.models.is_on_trial() {
             self.defer(release, "trial");
         } else if at_work.is_some() {
             self.defer(release, "busy");
@@ -81,43 +85,51 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock> Activity<'_, M, F, C> {
             came_to: UpdateOutcome::Withdrawn,
             reason: None,
             lasting: None,
+            of_model: false,
         });
     }
 
     /// Tells where the release stands if it is the one that runs. Whether it is.
     fn tell_installed(&self, release: ReleaseId) -> bool {
-        let runs = self.installed.and_then(|installed| installed.release);
-        if runs != Some(release) {
+        let of_model = self.models.stock().release() == Some(release);
+        if !of_model && self.programs.release() != Some(release) {
             return false;
         }
-        if self.trial.is_some() {
-            self.tell_trial(release);
+        let on_trial = if of_model {
+            self.models.is_on_trial()
         } else {
-            self.tell_confirmed(release);
+            self.trial.is_some()
+        };
+        if on_trial {
+            self.tell_trial(release, of_model);
+        } else {
+            self.tell_confirmed(release, of_model);
         }
         true
     }
 
     fn on_trial(&self) -> Option<ReleaseId> {
         self.trial.as_ref()?;
-        self.installed?.release
+        self.programs.release()
     }
 
-    fn tell_trial(&self, release: ReleaseId) {
+    pub(super) fn tell_trial(&self, release: ReleaseId, of_model: bool) {
         self.tell(Progress {
             release,
             stage: UpdateStage::Trial,
             reason: None,
             bytes: 0,
+            of_model,
         });
     }
 
-    pub(super) fn tell_confirmed(&self, release: ReleaseId) {
+    pub(super) fn tell_confirmed(&self, release: ReleaseId, of_model: bool) {
         self.tell_outcome(Outcome {
             release,
             came_to: UpdateOutcome::Confirmed,
             reason: None,
             lasting: None,
+            of_model,
         });
     }
 }

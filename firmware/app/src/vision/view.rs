@@ -147,6 +147,8 @@ struct Newest {
 pub(crate) struct Sights<M: RawMutex> {
     /// Control → camera: whether to look.
     wanted: Mutex<M, Cell<bool>>,
+    /// Update → camera: whether to look in any case, so that a model on trial has something to see.
+    tried: Mutex<M, Cell<bool>>,
     changed: Signal<M, ()>,
     /// Camera → control and link.
     newest: Mutex<M, RefCell<Newest>>,
@@ -156,6 +158,7 @@ impl<M: RawMutex> Sights<M> {
     pub(crate) const fn new() -> Self {
         Self {
             wanted: Mutex::new(Cell::new(false)),
+            tried: Mutex::new(Cell::new(false)),
             changed: Signal::new(),
             newest: Mutex::new(RefCell::new(Newest {
                 view: None,
@@ -171,11 +174,17 @@ impl<M: RawMutex> Sights<M> {
         self.changed.signal(());
     }
 
-    pub(crate) fn is_wanted(&self) -> bool {
-        self.wanted.lock(Cell::get)
+    /// Begins or ends looking for the sake of a model on trial.
+    pub(crate) fn try_out(&self, tried: bool) {
+        self.tried.lock(|cell| cell.set(tried));
+        self.changed.signal(());
     }
 
-    /// Returns when [`Self::want`] was called since the last return.
+    pub(crate) fn is_wanted(&self) -> bool {
+        self.wanted.lock(Cell::get) || self.tried.lock(Cell::get)
+    }
+
+    /// Returns when [`Self::want`] or [`Self::try_out`] was called since the last return.
     pub(crate) async fn changed(&self) {
         self.changed.wait().await;
     }

@@ -35,7 +35,10 @@ where
         let id = robot.config().id.clone();
         Some(match kind {
             MessageKind::Status => {
-                let len = self.write(|page| messages::status(robot, true, robot.boot(), page))?;
+                let len = self.write(|page| {
+                    let len = messages::status(robot, true, robot.boot(), page)?;
+                    self.updates.add_models(page, len)
+                })?;
                 (Topic::Status(id), len)
             }
             MessageKind::Parameters => {

@@ -126,9 +126,11 @@ where
         self.follow_cells().await?;
         if self.state.up_since.is_some() {
             let boot = self.robot.boot();
-            if self.state.told != Some(boot) && self.is_free_for(MessageKind::Status) {
+            let news = self.updates.models_revision().map(|models| (boot, models));
+            let is_news = news.is_some() && self.state.told != news;
+            if is_news && self.is_free_for(MessageKind::Status) {
                 self.send(MessageKind::Status).await?;
-                self.state.told = Some(boot);
+                self.state.told = news;
             }
             if self.state.parameters_due && self.is_free_for(MessageKind::Parameters) {
                 self.state.parameters_due = false;

@@ -189,6 +189,7 @@ fn what_the_broker_has_not_confirmed_is_sent_again_as_it_is_then() {
                 stage: UpdateStage::Receiving,
                 reason: None,
                 bytes,
+                of_model: false,
             };
             updates.tell_progress(progress(1));
             broker.robot.outbox.nudge();
