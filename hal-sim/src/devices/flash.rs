@@ -1,7 +1,7 @@
 //! NOR flash that holds the caller to the rules and may lose its power at any byte.
 //!
 //! A chip has two regions, each with addresses of its own: one for parameters ([`SimFlash`]), and one with
-//! the two slots for programs and the select entries between them ([`SimSlots`]). In the second one operations
+//! the two slots for programs, two places for a model, and the select entries of both ([`SimSlots`]). In the second one operations
 //! take time.
 //!
 //! Reading order: `sector` is what a sector holds, and how robots share it; this file is the chip;
@@ -14,7 +14,7 @@ mod timing;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use crawler_hal::{Instant, SlotRegion};
+use crawler_hal::{Instant, ModelRegion, SlotRegion};
 use embedded_storage_async::nor_flash::{NorFlashError, NorFlashErrorKind};
 use rand_core::Rng;
 use rand_pcg::Pcg32;
@@ -36,19 +36,36 @@ const BLANK: u8 = 0xFF;
 
 /// Where the select entries are in the region of the slots: two sectors.
 pub const OTADATA_AT: u32 = 0;
+/// The places for a model in that region, behind select entries of their own. The last sector of each is the journal of
+/// its update.
+pub const MODELS: ModelRegion = ModelRegion {
+    select: 0x2000,
+    places: [place(0), place(1)],
+};
+/// Bytes of a place for a model.
+const PLACE_BYTES: u32 = 88 * 1_024;
 /// The slots in that region. The last sector of each is the journal of its update.
 pub const SLOTS: [SlotRegion; 2] = [slot(0), slot(1)];
 /// Bytes of a slot.
 const SLOT_BYTES: u32 = 768 * 1_024;
-/// Sectors of the region: the slots, behind a block of 64 KiB that begins with the select entries.
+/// Sectors of the region: the slots, behind three blocks of 64 KiB with select entries and models.
 const SLOT_SECTORS: usize = (slot(1).start + SLOT_BYTES) as usize / ERASE_BYTES;
 
 const fn slot(index: u32) -> SlotRegion {
     SlotRegion {
-        start: 0x1_0000 + index * SLOT_BYTES,
+        start: 0x3_0000 + index * SLOT_BYTES,
         length: SLOT_BYTES,
     }
 }
+
+const fn place(index: u32) -> SlotRegion {
+    SlotRegion {
+        start: 0x4000 + index * PLACE_BYTES,
+        length: PLACE_BYTES,
+    }
+}
+
+const _: () = assert!(place(1).start + PLACE_BYTES <= SLOTS[0].start);
 
 /// Why a flash operation failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -315,6 +332,13 @@ impl Chip {
     #[cfg(test)]
     pub(crate) fn operations(&self) -> &[Operation] {
         &self.operations
+    }
+
+    /// Clears some bytes in the region of the slots, as flash that decays may.
+    #[cfg(test)]
+    pub(crate) fn spoil(&mut self, at: u32) {
+        let (index, within) = (at as usize / ERASE_BYTES, at as usize % ERASE_BYTES);
+        self.sector(Region::Slots, index).program(within, &[0; 16]);
     }
 
     /// Whether nothing was ever written into the slots or their select entries.

@@ -255,6 +255,14 @@ impl World {
         }
     }
 
+    /// Resets the controller of a robot.
+    #[cfg(test)]
+    pub(crate) fn reset(&mut self, robot: RobotIndex, cause: ResetCause) {
+        if let Some(ports) = self.ports(robot) {
+            ports.ask_reset(cause);
+        }
+    }
+
     /// Mends all that was broken about a robot by [`World::inject`].
     pub fn heal(&mut self, robot: RobotIndex) {
         if let Some(ports) = self.ports(robot) {

@@ -194,9 +194,16 @@ pub(crate) fn launch(
         )),
     ];
     tasks.reserve_exact(1 + usize::from(updates.is_some()));
+    let mut model = None;
     if robot.config().camera {
         let pair = {
             let eyes = detector.map(|detector| SimEyes::new(detector, &clock));
+            model = eyes.as_ref().and_then(SimEyes::model);
+            if model.is_some()
+                && let Some(updates) = &launcher.updates
+            {
+                updates.expect_model();
+            }
             start_camera(
                 &mut launcher,
                 robot,
@@ -222,8 +229,16 @@ pub(crate) fn launch(
         });
     }
     if let Some((updates, slots, rng)) = updates {
-        let update = crawler_app::update_held::<Heap, _, _, _, _>;
-        tasks.push(launcher.other(update(own(), updates, slots, rng, now())));
+        tasks.push(match model {
+            None => {
+                let update = crawler_app::update_held::<Heap, _, _, _, _>;
+                launcher.other(update(own(), updates, slots, rng, now()))
+            }
+            Some(model) => {
+                let update = crawler_app::update_with_models_held::<Heap, _, _, _, _, _>;
+                launcher.other(update(own(), updates, slots, model, rng, now()))
+            }
+        });
     }
     if let Some(faulty) = faulty {
         tasks.extend(faulty.spawn(sched, robot, &clock));

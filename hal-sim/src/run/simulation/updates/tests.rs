@@ -1,6 +1,7 @@
 //! Updates from offer to outcome, in lockstep, with a server that is a part of the test.
 
 mod deltas;
+mod models;
 mod server;
 
 use crawler_bundle::{Bundle, Defect, DefectKind};
@@ -162,7 +163,7 @@ fn cut_after(signer: &Signer, bytes: u64) {
 
 /// After how many bytes the power is to be cut, so that each word of trailer and otadata is cut within each of
 /// its bytes, each page of the image within one, and each erase at its ends and between.
-fn cuts(operations: &[Operation]) -> Vec<u64> {
+fn cuts(operations: &[Operation], is_image: impl Fn(u32) -> bool) -> Vec<u64> {
     let (mut cuts, mut before) = (Vec::new(), 0);
     for operation in operations {
         let length = operation.length();
@@ -192,7 +193,7 @@ fn a_power_cut_anywhere_costs_no_robot_and_no_release() {
     let chip = simulation.world().chip(index).expect("there");
     let mut server = Server::new(signer.release(&good(), 5, 2_000));
     assert_eq!(server.until_outcome(&mut simulation, SOON), confirmed());
-    let cuts = cuts(chip.borrow().operations());
+    let cuts = cuts(chip.borrow().operations(), is_image);
     assert!(cuts.len() > 100, "{}", cuts.len());
     for bytes in cuts {
         cut_after(&signer, bytes);

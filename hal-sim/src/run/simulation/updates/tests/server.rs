@@ -12,6 +12,8 @@ use crate::run::Simulation;
 
 /// Where both sides speak.
 const TOPIC: &str = "swarm/ota/sim-0001";
+/// Where the robot says who it is.
+const STATUS: &str = "swarm/status/sim-0001";
 /// How long the server takes to answer.
 const TURN: Duration = Duration::from_millis(20);
 /// How long a robot may be silent before it is offered the release again.
@@ -72,6 +74,28 @@ impl Signer {
             patch: None,
         }
     }
+
+    /// A release of a model.
+    pub(crate) fn model(&self, name: &str, blob: &[u8], sequence: u32, floor: u32) -> Release {
+        let options = SignOptions {
+            kind: crawler_release::Kind::Model,
+            name: Some(name),
+            board: "sim",
+            chip: None,
+            version: "1",
+            build: None,
+            sequence,
+            floor,
+            expires: None,
+            requires: Requires::default(),
+        };
+        let envelope = options.sign(blob, &self.0).expect("a release");
+        Release {
+            envelope,
+            image: blob.to_vec(),
+            patch: None,
+        }
+    }
 }
 
 impl Release {
@@ -85,6 +109,13 @@ impl Release {
     /// Bytes of what makes it out of another.
     pub(crate) fn patch_bytes(&self) -> usize {
         self.part(Part::Delta).len()
+    }
+
+    /// What names its contents.
+    pub(crate) fn build(&self) -> String {
+        let signed = Signed::parse(&self.envelope).expect("signed");
+        let manifest = signed.unverified().expect("a manifest");
+        manifest.build.to_owned()
     }
 
     /// As messages name it.
@@ -109,6 +140,8 @@ pub(crate) struct Server {
     sent: u32,
     /// Of these so many of the image.
     pub(crate) of_image: u32,
+    /// The models that the robot told of last.
+    pub(crate) models: Option<Value>,
     /// What the robot has said about updates.
     pub(crate) heard: Vec<Value>,
     /// Bytes of MQTT in both directions, as far as they belong to updates.
@@ -127,6 +160,7 @@ impl Server {
             lose_every: 0,
             sent: 0,
             of_image: 0,
+            models: None,
             heard: Vec::new(),
             stream: 0,
             wire: 0,
@@ -169,6 +203,10 @@ impl Server {
         simulation.run_for(TURN);
         let network = simulation.network().expect("lockstep");
         for published in network.take_record() {
+            if published.topic == STATUS {
+                let status: Value = serde_json::from_slice(&published.payload).expect("JSON");
+                self.models = Some(status["models"].clone());
+            }
             if published.topic != TOPIC || published.payload.first() != Some(&b'{') {
                 continue;
             }
