@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
-use crawler_protocol::{ReleaseId, RobotId};
+use crawler_protocol::{ModelName, ReleaseId, RobotId};
 use crawler_release::chunk::{CHUNK_MAX, Chunk, Part};
 use crawler_updates::rollout::{
     Effect, Grant, Message, Now, ReleaseId as PlannedId, Rollout, UpdateState,
@@ -26,6 +26,11 @@ pub(crate) struct Active {
 }
 
 impl Active {
+    /// The model that it brings; `None` for programs.
+    pub(crate) fn model(&self) -> Option<&ModelName> {
+        self.rollout.document().plan.model()
+    }
+
     /// What robots are owed, whatever was sent to them before.
     pub(crate) fn owed(&self) -> Vec<Effect> {
         let owed = self.rollout.rows().filter_map(|row| {
@@ -116,12 +121,16 @@ impl ActiveRollouts {
         self.0.iter().map(|(id, active)| (*id, active))
     }
 
-    /// Whether a newer rollout than `id` serves a robot.
+    /// Whether a newer rollout than `id` serves a robot with the same: programs, or a model.
     pub(crate) fn newer_has(&self, id: i64, robot: &RobotId) -> bool {
+        let Some(own) = self.get(id) else {
+            return false;
+        };
         let mut newer = self.0.range(id + 1..);
         newer.any(|(_, one)| {
             let row = one.rollout.row(robot);
-            !one.rollout.document().state.is_over() && row.is_some_and(|row| row.phase.is_some())
+            let serves = row.is_some_and(|row| row.phase.is_some());
+            serves && !one.rollout.document().state.is_over() && one.model() == own.model()
         })
     }
 
@@ -131,9 +140,10 @@ impl ActiveRollouts {
         newest_first.find_map(|(id, one)| Some((*id, one.pull(robot, tag)?)))
     }
 
-    /// A release that is rolled out.
-    pub(crate) fn blob(&self, release: ReleaseId) -> Option<Arc<Blob>> {
-        let mut blobs = self.0.values().flat_map(|one| one.blobs.iter().flatten());
+    /// A release of a program that is rolled out.
+    pub(crate) fn program(&self, release: ReleaseId) -> Option<Arc<Blob>> {
+        let programs = self.0.values().filter(|one| one.model().is_none());
+        let mut blobs = programs.flat_map(|one| one.blobs.iter().flatten());
         blobs.find(|blob| blob.id == release).cloned()
     }
 

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use crawler_protocol::Kind;
+use crawler_protocol::{Kind, ModelName};
 use crawler_records::{KeptRelease, MAX_ROLLOUTS, Records, RecordsError};
 use crawler_updates::rollout::{
-    BoardName, BuildId, Document, Limits, Phase, Plan, PlannedRelease, ReleaseId, Retries,
-    Timeouts, Version, Window,
+    BoardName, BuildId, Document, Limits, OWN_MODEL, Phase, Plan, PlannedRelease, ReleaseId,
+    Retries, Timeouts, Version, Window,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -105,28 +105,35 @@ fn planned(
     if kept.withdrawn.is_some() {
         return Err(refused("it was withdrawn"));
     }
-    if kept.kind != "program" {
-        return Err(refused("it is no program"));
-    }
+    let model = match (kept.kind.as_str(), &kept.name) {
+        ("program", None) => None,
+        ("model", Some(name)) if kept.build != OWN_MODEL => Some(name),
+        _ => {
+            return Err(refused(
+                "it is neither a program nor a model that could be rolled out",
+            ));
+        }
+    };
+    let model = model.map(|name| name.parse::<ModelName>()).transpose();
     let now_s = i64::try_from(now_ms / 1_000).unwrap_or(i64::MAX);
     if kept.expires.is_some_and(|expires| expires <= now_s) {
         return Err(refused("it has expired: robots refuse it"));
     }
-    let unnamed =
-        |_| RolloutError::Release(asked.release.clone(), "it has a name that none can be");
+    let unnamed = |_| refused("it has a name that none can be");
     Ok(PlannedRelease {
         board: BoardName::new(&kept.board).map_err(unnamed)?,
         build: BuildId::new(&kept.build).map_err(unnamed)?,
         version: Version::new(&kept.version).map_err(unnamed)?,
-        release: asked.release,
+        model: model.map_err(|_| refused("no robot has a model of such a name"))?,
+        release: asked.release.clone(),
         kind: asked.kind,
         sequence: kept.sequence.into(),
         bytes: kept.size,
     })
 }
 
-/// The highest sequence for each board of the releases that were rolled out before, but for those of the plan: the
-/// same release may go to more robots.
+/// The highest sequence for each board of the releases that were rolled out before, of programs or of the model of the
+/// plan, but for those of the plan: the same release may go to more robots.
 async fn newest(records: &Records, plan: &Plan) -> Result<BTreeMap<BoardName, u64>, RecordsError> {
     let mut newest = BTreeMap::new();
     for kept in records.rollouts().page(None, MAX_ROLLOUTS as u32).await? {
@@ -135,7 +142,8 @@ async fn newest(records: &Records, plan: &Plan) -> Result<BTreeMap<BoardName, u6
             continue;
         };
         for one in document.plan.releases {
-            if plan.releases.iter().any(|own| own.release == one.release) {
+            let same = plan.releases.iter().any(|own| own.release == one.release);
+            if same || one.model.as_ref() != plan.model() {
                 continue;
             }
             let sequence = newest.entry(one.board).or_insert(0);

@@ -149,7 +149,7 @@ impl Runner {
         {
             let active = self.rollouts.active();
             let mut patches = self.rollouts.patches();
-            patches.keep(|release| active.blob(release).is_some());
+            patches.keep(|release| active.program(release).is_some());
         }
         if self.rollouts.active().is_empty() {
             return;
@@ -260,6 +260,7 @@ impl Runner {
             }
             blobs.push(blob);
         }
+        let seen = self.known.all(rollout.document().plan.model());
         let active = Active {
             rollout,
             epoch,
@@ -269,7 +270,7 @@ impl Runner {
         self.damaged.remove(&id);
         self.rollouts.active().insert(id, active);
         self.commit(id, step).await;
-        let seen = self.known.all().into_iter().map(Event::Seen).collect();
+        let seen = seen.into_iter().map(Event::Seen).collect();
         self.apply(id, seen).await;
         Ok(true)
     }
@@ -331,9 +332,10 @@ impl Runner {
                 let Some(one) = active.get(id) else { continue };
                 // A robot that is new to the fleet belongs to the newest rollout that takes it.
                 let concerned = changes.iter().filter(|seen| {
-                    one.rollout.row(&seen.robot).is_some() || !active.newer_has(id, &seen.robot)
+                    one.rollout.row(seen.robot()).is_some() || !active.newer_has(id, seen.robot())
                 });
-                concerned.cloned().map(Event::Seen).collect()
+                let model = one.model();
+                concerned.map(|seen| Event::Seen(seen.of(model))).collect()
             };
             self.apply(id, events).await;
         }
@@ -358,8 +360,14 @@ impl Runner {
                 }
                 Heard::Report(robot, release, told) => (robot, release, told),
             };
-            let concerned = self.rollouts.active().with_release(&robot, release);
-            let report = told.with(|| self.known.build(&robot));
+            let (concerned, model) = {
+                let active = self.rollouts.active();
+                let concerned = active.with_release(&robot, release);
+                let first = concerned.first().and_then(|id| active.get(*id));
+                let model = first.and_then(|one| one.model().cloned());
+                (concerned, model)
+            };
+            let report = told.with(|| self.known.build(&robot, model.as_ref()));
             let name = crawler_updates::rollout::ReleaseId::new(&release.text());
             let (Some(report), Ok(release), false) = (report, name, concerned.is_empty()) else {
                 self.rollouts.numbers.ignored();
@@ -513,10 +521,11 @@ impl Runner {
         }
     }
 
-    /// What to offer a robot of a release. A patch that it takes and that is not there is made from now on.
+    /// What to offer a robot of a release. A patch that it takes and that is not there is made from now on; patches are
+    /// of programs.
     fn offer(&mut self, robot: &RobotId, release: ReleaseId) -> Offer {
-        let blob = self.rollouts.active().blob(release);
-        let (Some(from), Some(blob)) = (self.known.build(robot), blob) else {
+        let blob = self.rollouts.active().program(release);
+        let (Some(from), Some(blob)) = (self.known.build(robot, None), blob) else {
             return Offer::Now(None);
         };
         let pair = Pair { from, to: release };
@@ -600,7 +609,7 @@ impl Runner {
                 server: rollouts.server.clone(),
                 epoch: 1,
             };
-            let robots = self.known.all();
+            let robots = self.known.all(plan.model());
             let started = Rollout::start(name, plan.clone(), owner, &robots, rollouts.now());
             let (rollout, step) = started.map_err(RolloutError::Start)?;
             let new = NewRollout {
@@ -624,7 +633,8 @@ impl Runner {
         Err(RolloutError::Contended)
     }
 
-    /// Takes the robots of a rollout that begins from earlier ones, whoever carries those out.
+    /// Takes the robots of a rollout that begins from earlier ones of the same, programs or a model, whoever carries
+    /// those out.
     async fn supersede(&mut self, newest: i64) {
         match self.rollouts.records.rollouts().leases().await {
             Ok(leases) => {
@@ -648,9 +658,13 @@ impl Runner {
                     let rows = one.rollout.rows().filter(|row| row.phase.is_some());
                     rows.map(|row| row.robot.clone()).collect()
                 });
+                let model = active.get(newest).and_then(|one| one.model().cloned());
                 let Some(one) = active.get_mut(id) else {
                     continue;
                 };
+                if one.model() != model.as_ref() {
+                    continue;
+                }
                 let now = self.rollouts.now();
                 for robot in robots {
                     let command = Command::Supersede(robot);

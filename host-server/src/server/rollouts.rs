@@ -40,6 +40,7 @@ fn view(robot: &Robot) -> Option<RobotView<'_>> {
             Some(build) => build.as_str(),
             None => &status.firmware,
         },
+        models: &status.models,
         boot: status.boot.count,
         online: !gone,
         busy: busy(robot),

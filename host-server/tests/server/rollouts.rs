@@ -1,6 +1,7 @@
 //! Rollouts on a whole server, with its own broker, and robots that are MQTT clients.
 
 mod commands;
+mod models;
 mod robot;
 
 use std::sync::Arc;
@@ -70,11 +71,22 @@ impl Home {
 
     /// Keeps a release of an image of so many bytes.
     async fn release(&self, sequence: u32, bytes: usize) -> Release {
+        self.release_of(None, sequence, bytes).await
+    }
+
+    /// Keeps a release of a model, or of a program.
+    async fn release_of(
+        &self,
+        model: Option<&'static str>,
+        sequence: u32,
+        bytes: usize,
+    ) -> Release {
         let image: Vec<u8> = (0..bytes).map(|n| (n * 31 % 251) as u8).collect();
-        let build = format!("build-{sequence}");
+        let build = format!("{}-{sequence}", model.unwrap_or("build"));
+        let kind = model.map_or(Kind::Program, |_| Kind::Model);
         let options = SignOptions {
-            kind: Kind::Program,
-            name: None,
+            kind,
+            name: model,
             board: "virt",
             chip: None,
             version: "0.4.0",
@@ -94,6 +106,7 @@ impl Home {
         Release {
             id,
             build,
+            model,
             image: Arc::new(image),
         }
     }

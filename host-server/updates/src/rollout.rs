@@ -99,7 +99,7 @@ pub use counts::{Counts, PhaseCounts};
 pub use document::{Anchor, DOCUMENT_VERSION, Document, LoadError, Owner};
 pub use engine::{Grant, RESTART_GRACE_MS, Rollout, StaleEpoch, StartError};
 pub use event::{
-    Busy, Command, Effect, Event, Happening, Message, Note, Now, Report, Sighting, Step,
+    Busy, Command, Effect, Event, Happening, Message, Note, Now, OWN_MODEL, Report, Sighting, Step,
 };
 pub use judge::LEAST_FAILURES;
 pub use names::{BoardName, BuildId, Code, NameError, ReleaseId, RolloutId, ServerId, Version};

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use crawler_metrics::Metrics;
-use crawler_protocol::{Fleet, Kind, RobotId};
+use crawler_protocol::{Fleet, Kind, Models, RobotId};
 use crawler_records::{NewRelease, Records, Withdrawal};
 use crawler_rollouts::{GateDemand, NewPlan, Parts, RobotView, Robots, Rollouts};
 use rumqttc::v5::MqttOptions;
@@ -31,6 +31,7 @@ impl Robots for Three {
                 board: "sim",
                 kind: Kind::Simulated,
                 build,
+                models: &Models::new(),
                 boot: 1,
                 online: true,
                 busy: None,

@@ -22,7 +22,7 @@ const BEAT: Duration = Duration::from_secs(1);
 pub(super) enum Program {
     /// It runs.
     Good,
-    /// It panics, and the robot goes back.
+    /// It panics, and the robot goes back; a model is too slow.
     Panics,
 }
 
@@ -31,6 +31,8 @@ pub(super) enum Program {
 pub(super) struct Release {
     pub(super) id: String,
     pub(super) build: String,
+    /// The model that it brings; a program without one.
+    pub(super) model: Option<&'static str>,
     pub(super) image: Arc<Vec<u8>>,
 }
 
@@ -67,6 +69,7 @@ impl Robot {
             asked: Arc::clone(&asked),
             enough: Arc::clone(&enough),
             build: "old".to_owned(),
+            model: None,
             boot: 1,
             transfer: None,
             trial: false,
@@ -96,6 +99,8 @@ struct Body {
     asked: Arc<AtomicU32>,
     enough: Arc<AtomicU32>,
     build: String,
+    /// The build of the model that is in use, where that came as a release.
+    model: Option<String>,
     boot: u32,
     transfer: Option<Transfer>,
     trial: bool,
@@ -169,10 +174,26 @@ impl Body {
         let _ = client.try_publish(topic, QoS::AtLeastOnce, false, message.to_string());
     }
 
+    /// What it says of itself in a report about its release: the build of the program, or of the model.
+    fn tells(&self) -> Option<&str> {
+        match self.release.model {
+            Some(_) => self.model.as_deref(),
+            None => Some(&self.build),
+        }
+    }
+
+    /// Whether it runs what its release brings.
+    fn has_it(&self) -> bool {
+        self.tells() == Some(&self.release.build)
+    }
+
     fn introduce(&self, client: &AsyncClient) {
-        let status = json!({"robot": self.id, "online": true, "kind": "simulated",
+        let mut status = json!({"robot": self.id, "online": true, "kind": "simulated",
             "firmware": "0.4.0", "build": self.build, "board": "virt", "capabilities": ["drive"],
             "boot": {"count": self.boot, "cause": "power-on"}, "protocol": 1});
+        if let (Some(name), Some(build)) = (self.release.model, &self.model) {
+            status["models"] = json!({ name: build });
+        }
         let topic = format!("swarm/status/{}", self.id);
         let _ = client.try_publish(topic, QoS::AtLeastOnce, true, status.to_string());
         self.beat(client);
@@ -195,7 +216,7 @@ impl Body {
         self.say(
             client,
             &json!({"update": "progress", "robot": self.id, "release": self.release.id,
-            "state": state, "reason": null, "bytes": bytes, "build": self.build}),
+            "state": state, "reason": null, "bytes": bytes, "build": self.tells()}),
         );
     }
 
@@ -203,7 +224,7 @@ impl Body {
         self.say(
             client,
             &json!({"update": "outcome", "robot": self.id, "release": self.release.id,
-            "outcome": outcome, "reason": reason, "build": self.build}),
+            "outcome": outcome, "reason": reason, "build": self.tells()}),
         );
     }
 
@@ -243,7 +264,7 @@ impl Body {
                     &json!({"update": "have", "robot": self.id, "build": self.build,
                     "sequence": 1, "floor": 0}),
                 );
-                if self.transfer.is_some() || self.trial || self.build == self.release.build {
+                if self.transfer.is_some() || self.trial || self.has_it() {
                     return;
                 }
                 self.transfer = Some(Transfer {
@@ -253,7 +274,7 @@ impl Body {
                 });
                 self.ask(client);
             }
-            UpdateCommand::Confirm { .. } if self.build == self.release.build => {
+            UpdateCommand::Confirm { .. } if self.has_it() => {
                 self.trial = false;
                 self.outcome(client, "confirmed", None);
             }
@@ -313,9 +334,18 @@ impl Body {
         self.restart(client);
     }
 
-    /// Starts the new program, and the old one again where that is no good.
+    /// Starts the new program, and the old one again where that is no good; a model without a restart.
     fn restart(&mut self, client: &AsyncClient) {
         self.transfer = None;
+        if self.release.model.is_some() {
+            if self.program == Program::Panics {
+                return self.outcome(client, "rolled_back", Some("too_slow"));
+            }
+            self.model = Some(self.release.build.clone());
+            self.trial = true;
+            self.introduce(client);
+            return self.progress(client, "trial");
+        }
         self.boot += 1;
         if self.program == Program::Panics {
             self.boot += 1;

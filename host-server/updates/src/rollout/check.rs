@@ -48,6 +48,8 @@ pub enum PlanError {
     },
     /// There are robots that both releases suit.
     Overlap(ReleaseId, ReleaseId),
+    /// One release brings a program and the other a model, or another model.
+    Mixed(ReleaseId, ReleaseId),
     /// A phase by share does not reach beyond the one before it.
     Share(u8),
     /// A robot is named twice.
@@ -80,6 +82,10 @@ impl fmt::Display for PlanError {
                     "releases {a} and {b} are for the same robots: leave one out"
                 )
             }
+            Self::Mixed(a, b) => write!(
+                f,
+                "releases {a} and {b} bring different things: programs, and each model, have rollouts of their own"
+            ),
             Self::Share(percent) => write!(
                 f,
                 "a share of {percent} % adds no robot: shares count those of earlier phases, and rise"
@@ -151,6 +157,10 @@ impl Plan {
         for (at, release) in self.releases.iter().enumerate() {
             range("bytes of a release", release.bytes, 1, MOST_BYTES.into())?;
             range("sequence", release.sequence, 1, u64::MAX)?;
+            if release.model.as_ref() != self.model() {
+                let (a, b) = (self.releases[0].release.clone(), release.release.clone());
+                return Err(PlanError::Mixed(a, b));
+            }
             let mut before = self.releases[..at].iter();
             if let Some(other) = before.find(|other| other.overlaps(release)) {
                 let (a, b) = (other.release.clone(), release.release.clone());

@@ -12,6 +12,7 @@ fn release(id: &str, board: &str, kind: Option<Kind>) -> PlannedRelease {
         release: ReleaseId::new(id).unwrap(),
         board: BoardName::new(board).unwrap(),
         kind,
+        model: None,
         build: BuildId::new("new").unwrap(),
         version: Version::new("0.4.0").unwrap(),
         sequence: 4,
@@ -65,6 +66,33 @@ fn good_plans_pass() {
         .phases
         .insert(2, phase(Selection::Board(BoardName::new("sim").unwrap())));
     assert_eq!(mixed.check(), Ok(()));
+}
+
+#[test]
+fn programs_and_each_model_have_plans_of_their_own() {
+    let mut plan = plan();
+    let text = serde_json::to_string(&plan).unwrap();
+    assert!(!text.contains("model"), "{text}");
+    let ids = plan.releases.iter().map(|one| one.release.clone());
+    let [a, b] = ids.collect::<Vec<_>>().try_into().unwrap();
+    let mixed = Err(PlanError::Mixed(a, b));
+    for (first, second, expected) in [
+        (None, Some("eyes"), mixed.clone()),
+        (Some("eyes"), None, mixed.clone()),
+        (Some("eyes"), Some("ears"), mixed),
+        (Some("eyes"), Some("eyes"), Ok(())),
+    ] {
+        for (release, model) in plan.releases.iter_mut().zip([first, second]) {
+            release.model = model.map(|name| name.parse().unwrap());
+        }
+        assert_eq!(plan.check(), expected, "{first:?} {second:?}");
+    }
+    assert_eq!(
+        plan.model().map(crawler_protocol::ModelName::as_str),
+        Some("eyes")
+    );
+    let text = serde_json::to_string(&plan).unwrap();
+    assert_eq!(serde_json::from_str::<Plan>(&text).unwrap(), plan);
 }
 
 /// Makes a good plan a bad one.

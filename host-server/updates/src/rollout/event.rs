@@ -28,6 +28,10 @@ pub enum Busy {
     LowBattery,
 }
 
+/// What goes for the build of a model that no release has brought. No release of a model is rolled out that is called
+/// like this.
+pub const OWN_MODEL: &str = "own";
+
 /// What is known of a robot, from its status and telemetry.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Sighting {
@@ -37,7 +41,8 @@ pub struct Sighting {
     pub board: BoardName,
     /// Its kind.
     pub kind: Kind,
-    /// The build that it runs.
+    /// The build that it runs; in a rollout of a model that of the model which it uses, [`OWN_MODEL`] where that is its
+    /// program's own.
     pub build: BuildId,
     /// How often it has started.
     pub boot: u32,

@@ -1,6 +1,6 @@
 //! What a rollout is to do: which releases, to whom, in which order, and within which limits.
 
-use crawler_protocol::{Kind, RobotId};
+use crawler_protocol::{Kind, ModelName, RobotId};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -59,7 +59,11 @@ pub struct PlannedRelease {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub kind: Option<Kind>,
-    /// What a robot that runs it reports as its build.
+    /// The model that it brings; a program without one. All releases of a plan bring the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
+    pub model: Option<ModelName>,
+    /// What a robot that runs it reports as its build, or as that of the model.
     #[schema(value_type = String)]
     pub build: BuildId,
     /// Its version, for people.
@@ -69,6 +73,14 @@ pub struct PlannedRelease {
     pub sequence: u64,
     /// Size of the image.
     pub bytes: u32,
+}
+
+impl Plan {
+    /// The model that the releases bring; `None` for programs.
+    #[must_use]
+    pub fn model(&self) -> Option<&ModelName> {
+        self.releases.first()?.model.as_ref()
+    }
 }
 
 impl PlannedRelease {

@@ -8,7 +8,7 @@ use super::plan::Plan;
 
 impl Plan {
     /// Whether robots will take the releases, where `newest` has the highest sequence that was rolled out for each
-    /// board before. A roll-back to an earlier version is a plan like any other, of the earlier image signed under
+    /// board before, of programs or of the model of the plan. A roll-back to an earlier version is a plan like any other, of the earlier image signed under
     /// a new sequence; the error says so.
     ///
     /// # Errors

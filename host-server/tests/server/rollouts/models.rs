@@ -1,0 +1,101 @@
+//! Rollouts of models, on a whole server.
+
+use serde_json::json;
+
+use super::robot::Program;
+use super::{Home, hold, plan};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_good_model_reaches_every_robot_and_is_told_by_its_status() {
+    let mut home = Home::new().await;
+    let release = home.release_of(Some("eyes"), 4, 20_000).await;
+    let _robots = home.robots(3, &release, Program::Good, 0).await;
+    let plan = plan(&release, &[50, 100], &json!({}));
+    let id = home.begin(&plan).await;
+    home.wait_state(&id, "done").await;
+    let rows = home.rows(&id).await;
+    assert!(
+        rows.iter().all(|row| row["state"] == "confirmed"),
+        "{rows:?}"
+    );
+    let planned = &home.rollout(&id).await["plan"]["releases"][0];
+    assert_eq!(planned["model"], "eyes", "{planned}");
+    let robot = home.http().get("/api/v1/robots/r00").await.json();
+    assert_eq!(
+        (&robot["build"], &robot["models"]),
+        (&json!("old"), &json!({"eyes": "eyes-4"}))
+    );
+    // Whoever has it already is done at once. Sequences of programs are others.
+    home.release(9, 10_000).await;
+    let again = home.begin(&plan).await;
+    home.wait_state(&again, "done").await;
+    let rows = home.rows(&again).await;
+    assert!(
+        rows.iter().all(|row| row["reason"] == "already_there"),
+        "{rows:?}"
+    );
+    home.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_bad_model_stops_itself_in_its_first_phase() {
+    let mut home = Home::new().await;
+    let release = home.release_of(Some("eyes"), 4, 5_000).await;
+    let _robots = home.robots(10, &release, Program::Panics, 0).await;
+    let id = home
+        .begin(&plan(&release, &[40, 100], &json!({"parallel": 1})))
+        .await;
+    home.wait_state(&id, "paused").await;
+    let rows = home.rows(&id).await;
+    let failed: Vec<_> = rows
+        .iter()
+        .filter(|row| row["state"] == "rolled_back")
+        .collect();
+    assert_eq!(failed.len(), 2, "{rows:?}");
+    assert!(
+        failed
+            .iter()
+            .all(|row| row["reason"] == json!({"told": "too_slow"}))
+    );
+    assert_eq!(home.rollout(&id).await["reason"], "failures");
+    home.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn rollouts_of_programs_and_of_models_take_no_robots_from_each_other() {
+    let mut home = Home::new().await;
+    let program = home.release(9, 30_000).await;
+    let model = home.release_of(Some("eyes"), 4, 5_000).await;
+    let robots = home.robots(2, &program, Program::Good, 0).await;
+    let mixed = json!({"releases": [{"release": program.id}, {"release": model.id}],
+        "phases": [{"select": {"share": 100}}]});
+    let refused = home
+        .http()
+        .post("/api/v1/rollouts", &mixed.to_string())
+        .await;
+    refused.is_problem(422, "invalid_rollout");
+    hold(&robots, 1);
+    let first = home.begin(&plan(&program, &[100], &json!({}))).await;
+    home.wait_count(&first, "receiving", 2).await;
+    // Its sequence is below that of the program, which is none of its business.
+    let second = home.begin(&plan(&model, &[100], &json!({}))).await;
+    hold(&robots, u32::MAX);
+    home.wait_state(&first, "done").await;
+    let rows = home.rows(&first).await;
+    assert!(
+        rows.iter().all(|row| row["state"] == "confirmed"),
+        "{rows:?}"
+    );
+    assert_eq!(home.rollout(&second).await["state"], "running");
+    let rows = home.rows(&second).await;
+    assert!(
+        rows.iter().all(|row| row["state"] != "superseded"),
+        "{rows:?}"
+    );
+    // Another one of the same takes them all.
+    let newer = home.release_of(Some("eyes"), 5, 5_000).await;
+    let third = home.begin(&plan(&newer, &[100], &json!({}))).await;
+    home.wait_count(&second, "superseded", 2).await;
+    home.act(&format!("{third}/abort")).await;
+    home.stop().await;
+}
