@@ -126,7 +126,7 @@ fn releases_are_made_as_the_page_says() {
             }
         }
     }
-    let all = "keygen sign sign verify verify add gate verify add sign bundle sign add bundle sign sign delta";
+    let all = "keygen sign sign verify verify add gate verify add sign sign add bundle sign add bundle sign sign delta";
     assert_eq!(done.join(" "), all);
 }
 
