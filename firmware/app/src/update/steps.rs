@@ -140,6 +140,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
             }
             (_, done) => done.map(|_| None),
         };
+        let of_model = self.is_of_model();
         let Some(transfer) = &mut self.transfer else {
             return Next::Soon;
         };
@@ -168,6 +169,10 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
                 return Next::Word;
             }
             (Ok(Some(shape)), Planned::Step(_)) => {
+                if of_model {
+                    // A patch is of programs.
+                    transfer.ignore_patch();
+                }
                 transfer.believed(shape);
                 self.slots.begin_patch(shape);
                 self.log(Level::Info, release, format_args!("is taken"));

@@ -362,6 +362,11 @@ impl Transfer {
         }
     }
 
+    /// Has the image come as it is.
+    pub(crate) const fn ignore_patch(&mut self) {
+        self.patch = None;
+    }
+
     /// The step did not do what it was to do.
     ///
     /// # Errors
