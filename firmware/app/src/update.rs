@@ -97,28 +97,35 @@ const EVENT: &str = "update";
 ///
 /// # Cancellation Safety
 /// As safe as a power cut, which costs the block that was being received and nothing else.
-pub fn update<M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock>(
+pub fn update<M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock, const MODELS: usize>(
     robot: impl Deref<Target = Robot<M>>,
-    updates: impl Deref<Target = Updates<M>>,
+    updates: impl Deref<Target = Updates<M, MODELS>>,
     port: SlotPort<F>,
     rng: R,
     clock: C,
 ) -> impl Future<Output = Infallible> {
-    update_held::<Inline, M, F, R, C>(robot, updates, port, rng, clock)
+    update_held::<Inline, M, F, R, C, MODELS>(robot, updates, port, rng, clock)
 }
 
 /// As [`update()`], with its rare steps kept as `H` keeps them.
 ///
 /// # Cancellation Safety
 /// As [`update()`].
-pub fn update_held<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock>(
+pub fn update_held<
+    H: Hold,
+    M: RawMutex,
+    F: MultiwriteNorFlash,
+    R: Rng,
+    C: Clock,
+    const MODELS: usize,
+>(
     robot: impl Deref<Target = Robot<M>>,
-    updates: impl Deref<Target = Updates<M>>,
+    updates: impl Deref<Target = Updates<M, MODELS>>,
     port: SlotPort<F>,
     rng: R,
     clock: C,
 ) -> impl Future<Output = Infallible> {
-    run::<H, M, F, R, C, NoModels>(robot, updates, (port, NoModels), rng, clock)
+    run::<H, M, F, R, C, _, MODELS>(robot, updates, (port, NoModels), rng, clock)
 }
 
 /// As [`update_held()`], on a body whose detector takes models: `host` says where in the flash of `port` their places
@@ -128,7 +135,7 @@ pub fn update_held<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock
 /// As [`update()`].
 pub fn update_with_models_held<H: Hold, M: RawMutex, F, R: Rng, C: Clock, B: ModelHost>(
     robot: impl Deref<Target = Robot<M>>,
-    updates: impl Deref<Target = Updates<M>>,
+    updates: impl Deref<Target = Updates<M, 1>>,
     port: SlotPort<F>,
     host: B,
     rng: R,
@@ -138,26 +145,28 @@ where
     F: MultiwriteNorFlash,
 {
     let flash = (port, WithModels::new(host));
-    run::<H, M, F, R, C, _>(robot, updates, flash, rng, clock)
+    run::<H, M, F, R, C, _, 1>(robot, updates, flash, rng, clock)
 }
 
 // Not an `async fn`, which would keep its arguments twice: as they came and as they are used.
 #[allow(clippy::manual_async_fn)]
-fn run<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock, N: ModelStore>(
+fn run<H: Hold, M: RawMutex, F, R: Rng, C: Clock, N: ModelStore, const MODELS: usize>(
     robot: impl Deref<Target = Robot<M>>,
-    updates: impl Deref<Target = Updates<M>>,
+    updates: impl Deref<Target = Updates<M, MODELS>>,
     (port, models): (SlotPort<F>, N),
     mut rng: R,
     clock: C,
-) -> impl Future<Output = Infallible> {
+) -> impl Future<Output = Infallible>
+where
+    F: MultiwriteNorFlash,
+{
     async move {
         let robot = robot.update_handle();
-        let Some(slots) = Slots::new(port, models.region()) else {
+        let slots = Slots::of(port, |programs| models.sites(programs));
+        let Some(slots) = slots.usable() else {
             let text = format_args!("the slots cannot be as the body says");
             robot.log(Level::Error, EVENT, text, clock.now());
-            if N::EXISTS {
-                updates.set_model(None);
-            }
+            updates.set_model(None);
             return core::future::pending().await;
         };
         let mut activity = Activity {
@@ -176,10 +185,9 @@ fn run<H: Hold, M: RawMutex, F: MultiwriteNorFlash, R: Rng, C: Clock, N: ModelSt
             told_by: None,
             leaving: false,
         };
-        H::hold(activity.start()).await;
-        H::hold(N::find(&mut activity)).await;
+        H::hold(N::start(&mut activity)).await;
         loop {
-            let next = H::hold(activity.turn()).await;
+            let next = H::hold(N::turn(&mut activity)).await;
             match next {
                 Next::Soon => yield_now().await,
                 Next::Word => activity.updates.changed().await,
@@ -239,10 +247,10 @@ struct Asked {
     until: Instant,
 }
 
-struct Activity<'a, M: RawMutex, F, C, N> {
+struct Activity<'a, M: RawMutex, F, C, N: ModelStore, const MODELS: usize> {
     robot: UpdateHandle<'a, M>,
-    updates: &'a Updates<M>,
-    slots: Slots<F, N>,
+    updates: &'a Updates<M, MODELS>,
+    slots: Slots<F, N::Sites>,
     clock: &'a C,
     random: u32,
     programs: Stock,
@@ -261,7 +269,9 @@ struct Activity<'a, M: RawMutex, F, C, N> {
     leaving: bool,
 }
 
-impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M, F, C, N> {
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: usize>
+    Activity<'_, M, F, C, N, MODELS>
+{
     /// Does one thing that is to be done.
     async fn turn(&mut self) -> Next {
         if self.leaving {
@@ -282,7 +292,12 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
         if self.transfer.is_some() {
             return self.advance().await;
         }
-        N::prove(self).await
+        Next::Word
+    }
+
+    /// Whether there is something to do about programs, or a release is under way.
+    fn is_at_work(&self) -> bool {
+        self.leaving || self.trial.is_some() || self.asked.is_some() || self.transfer.is_some()
     }
 
     /// Why the robot cannot take an update now.
@@ -319,7 +334,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
                 .random
                 .wrapping_mul(1_664_525)
                 .wrapping_add(1_013_904_223);
-            let lying = self.lying(asked.release).await;
+            let lying = N::lying(self, asked.release).await;
             self.transfer = Some(Transfer::new(
                 asked.release,
                 lying,
@@ -367,7 +382,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
             Some((lying, bytes)) if lying == release => bytes,
             Some(_) | None => 0,
         };
-        of(&self.programs).max(of(&self.models.stock()))
+        of(&self.programs).max(self.models.stock().map_or(0, of))
     }
 
     /// What is known where the release that is at work belongs.
@@ -381,7 +396,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
 
     /// Whether the release that is at work is one of a model.
     fn is_of_model(&self) -> bool {
-        N::EXISTS && self.slots.subject() == Subject::Model
+        self.slots.subject() == Subject::Model
     }
 
     fn refuse(&mut self, release: ReleaseId, why: Refused) {
@@ -411,11 +426,14 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
             .programs
             .installed
             .map_or((0, 0), |installed| (installed.sequence, installed.floor));
-        let unfinished = self.programs.unfinished;
+        let mut unfinished = self.programs.unfinished;
+        if let Some(stock) = self.models.stock() {
+            unfinished = unfinished.or(stock.unfinished);
+        }
         self.updates.tell_have(Have {
             sequence,
             floor,
-            unfinished: unfinished.or(self.models.stock().unfinished),
+            unfinished,
         });
         self.robot.outbox.nudge();
     }

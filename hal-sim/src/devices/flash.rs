@@ -1,8 +1,8 @@
 //! NOR flash that holds the caller to the rules and may lose its power at any byte.
 //!
 //! A chip has two regions, each with addresses of its own: one for parameters ([`SimFlash`]), and one with
-//! the two slots for programs, two places for a model, and the select entries of both ([`SimSlots`]). In the second one operations
-//! take time.
+//! the two slots for programs, two places for a model, and the select entries of both ([`SimSlots`]). In the
+//! second one operations take time.
 //!
 //! Reading order: `sector` is what a sector holds, and how robots share it; this file is the chip;
 //! `timing` says how long it takes, `handles` are what programs hold of it.

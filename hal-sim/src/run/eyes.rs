@@ -5,8 +5,8 @@
 //! passes afterwards. A world that does not look holds the arena and nothing else, and one whose
 //! scenario has no detector not even that.
 //!
-//! A robot may be given another model than that of the scenario, by an update: [`SimModel`]. Where it came as a release,
-//! it takes as much longer as it has more multiplications.
+//! A robot may be given another model than that of the scenario, by an update: [`SimModel`]. That one takes as
+//! much longer as it has more multiplications.
 //!
 //! Frames of several robots are not computed as one batch: the weights, 44 KB, stay in the cache from
 //! one to the next, and the channels of one frame fill the vectors of the processor.

@@ -33,7 +33,7 @@ use defects::{Faulty, Launcher};
 pub type SimRobot = Robot<NoopRawMutex>;
 
 /// What its link and its updates share.
-pub(crate) type SimUpdates = Updates<NoopRawMutex>;
+pub(crate) type SimUpdates = Updates<NoopRawMutex, 1>;
 
 /// Control steps a robot takes in a second.
 pub(crate) const CONTROL_HZ: u64 = 50;
@@ -223,7 +223,7 @@ pub(crate) fn launch(
                 launcher.other(link(own(), network, link_rng, clock))
             }
             Some(updates) => {
-                let link = crawler_app::link_with_updates_held::<Heap, _, _, _, _>;
+                let link = crawler_app::link_with_updates_held::<Heap, _, _, _, _, _>;
                 launcher.other(link(own(), updates, network, link_rng, clock))
             }
         });
@@ -231,7 +231,7 @@ pub(crate) fn launch(
     if let Some((updates, slots, rng)) = updates {
         tasks.push(match model {
             None => {
-                let update = crawler_app::update_held::<Heap, _, _, _, _>;
+                let update = crawler_app::update_held::<Heap, _, _, _, _, _>;
                 launcher.other(update(own(), updates, slots, rng, now()))
             }
             Some(model) => {
@@ -272,7 +272,8 @@ fn start_camera(
             match link.await {}
         }),
         Some(updates) => launcher.other(async move {
-            let link = crawler_app::link_with_images_and_updates_held::<Heap, _, _, _, _, _>(
+            updates.model_known().await;
+            let link = crawler_app::link_with_images_and_updates_held::<Heap, _, _, _, _, _, _>(
                 &*own, &pictures, updates, network, rng, time,
             );
             match link.await {}

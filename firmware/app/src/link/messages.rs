@@ -12,9 +12,10 @@ use crawler_protocol::{
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
 
-use crate::context::{BootRecord, Robot, cut};
+use crate::context::{Robot, cut};
 use crate::outbox::{LogEntry, Outgoing};
 use crate::parameters::{Domain, Parameters};
+use crate::update::UpdatePort;
 use crate::vision::Seen;
 
 const fn cause(cause: ResetCause) -> BootCause {
@@ -29,14 +30,14 @@ const fn cause(cause: ResetCause) -> BootCause {
     }
 }
 
-/// Status, or last will when `online` is false; without models.
+/// Status, or last will when `online` is false.
 pub(super) fn status<M: RawMutex>(
     robot: &Robot<M>,
+    updates: &dyn UpdatePort,
     online: bool,
-    boot: BootRecord,
     buf: &mut [u8],
 ) -> Option<usize> {
-    let config = robot.config();
+    let (config, boot) = (robot.config(), robot.boot());
     let mut capabilities = Vec::new();
     // At most five of eight places.
     let _ = capabilities.push(Capability::Drive);
@@ -50,7 +51,7 @@ pub(super) fn status<M: RawMutex>(
     if config.takes_faults() {
         let _ = capabilities.push(Capability::Faults);
     }
-    StatusMessage {
+    let message = StatusMessage {
         robot: config.id.clone(),
         online,
         kind: config.kind,
@@ -65,9 +66,9 @@ pub(super) fn status<M: RawMutex>(
         protocol: PROTOCOL_VERSION,
         build: config.build.clone(),
         models: Models::new(),
-    }
-    .to_json(buf)
-    .ok()
+    };
+    let len = message.to_json(buf).ok()?;
+    updates.add_models(buf, len)
 }
 
 pub(super) fn heartbeat<M: RawMutex>(

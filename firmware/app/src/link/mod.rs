@@ -129,9 +129,16 @@ pub fn link_held<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
 ///
 /// # Cancellation Safety
 /// As [`link()`].
-pub fn link_with_updates_held<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
+pub fn link_with_updates_held<
+    H: Hold,
+    M: RawMutex,
+    N: Network,
+    R: Rng,
+    C: Clock,
+    const MODELS: usize,
+>(
     robot: impl Deref<Target = Robot<M>>,
-    updates: impl Deref<Target = Updates<M>>,
+    updates: impl Deref<Target = Updates<M, MODELS>>,
     network: N,
     rng: R,
     clock: C,
@@ -186,10 +193,11 @@ pub fn link_with_images_and_updates_held<
     N: Network,
     R: Rng,
     C: Clock,
+    const MODELS: usize,
 >(
     robot: impl Deref<Target = Robot<M>>,
     images: &ImageSlot<M, B>,
-    updates: impl Deref<Target = Updates<M>>,
+    updates: impl Deref<Target = Updates<M, MODELS>>,
     network: N,
     rng: R,
     clock: C,
@@ -358,10 +366,7 @@ where
     let config = robot.config();
     // Not in the packet: what the broker answers arrives there.
     let mut will = [0; MAX_MESSAGE];
-    let len = messages::status(robot, false, robot.boot(), &mut will).ok_or(Loss::Unsupported)?;
-    let len = updates
-        .add_models(&mut will, len)
-        .ok_or(Loss::Unsupported)?;
+    let len = messages::status(robot, updates, false, &mut will).ok_or(Loss::Unsupported)?;
     let topic = Topic::Status(config.id.clone());
     let will_topic = topic.render(&config.fleet);
     let will_topic = MqttString::from_str(&will_topic)

@@ -169,7 +169,7 @@ impl UpdatePort for NoUpdates {
     }
 }
 
-struct Inner {
+struct Inner<const MODELS: usize> {
     words: Deque<Word, COMMANDS>,
     /// A session has begun that was not told of what there is.
     session: bool,
@@ -187,22 +187,40 @@ struct Inner {
     have: Have,
     progress: Option<Progress>,
     outcome: Option<Outcome>,
-    /// The model that a release has brought and that is in use, with what names its contents.
+    models: [InUse; MODELS],
+}
+
+/// Which model is in use.
+struct InUse {
+    /// What it is called, and what names its contents; `None` for the one of the program.
     model: Option<(ModelName, BuildId)>,
-    /// Counts its changes; `None` while it is not known whether there is one.
+    /// Counts its changes; `None` while it is not known which it is.
     revision: Option<u8>,
+    /// Who waits until it is known.
+    waits: WakerRegistration,
+}
+
+impl InUse {
+    const OWN: Self = Self {
+        model: None,
+        revision: Some(0),
+        waits: WakerRegistration::new(),
+    };
 }
 
 /// What [`update()`](crate::update()) and the link share: chunks and words of the server one way, reports the other. A board
 /// keeps it in a static beside its [`Robot`](crate::Robot): 1.6 KB.
-pub struct Updates<M: RawMutex> {
+///
+/// `MODELS` is how many models releases may bring: 1 on a body whose detector takes them, and 0 on others, which then
+/// have no code and no memory for it.
+pub struct Updates<M: RawMutex, const MODELS: usize = 0> {
     identity: UpdateIdentity,
-    inner: Mutex<M, RefCell<Inner>>,
+    inner: Mutex<M, RefCell<Inner<MODELS>>>,
     /// Link → update: something has arrived.
     arrived: Signal<M, ()>,
 }
 
-impl<M: RawMutex> Updates<M> {
+impl<M: RawMutex, const MODELS: usize> Updates<M, MODELS> {
     /// Nothing has been said.
     #[must_use]
     pub const fn new(identity: UpdateIdentity) -> Self {
@@ -226,8 +244,7 @@ impl<M: RawMutex> Updates<M> {
                 },
                 progress: None,
                 outcome: None,
-                model: None,
-                revision: Some(0),
+                models: [const { InUse::OWN }; MODELS],
             })),
             arrived: Signal::new(),
         }
@@ -238,7 +255,7 @@ impl<M: RawMutex> Updates<M> {
         &self.identity
     }
 
-    fn with<T>(&self, f: impl FnOnce(&mut Inner) -> T) -> T {
+    fn with<T>(&self, f: impl FnOnce(&mut Inner<MODELS>) -> T) -> T {
         self.inner.lock(|inner| f(&mut inner.borrow_mut()))
     }
 
@@ -343,25 +360,60 @@ impl<M: RawMutex> Updates<M> {
         });
     }
 
-    /// Has the status wait until it is known which model is in use: for a body whose detector takes models, before the
-    /// program starts. Who sees a status without a model would think that it was given up.
+    /// Has [`Self::model_known`], and the status, wait until it is known which model is in use: for a body whose
+    /// detector takes models, before the program starts. Who sees a status without a model would think that it was
+    /// given up.
     pub fn expect_model(&self) {
-        self.with(|inner| inner.revision = None);
+        self.with(|inner| {
+            for used in &mut inner.models {
+                used.revision = None;
+            }
+        });
+    }
+
+    /// Returns when it is known which model is in use: at once, unless [`Self::expect_model`] was called. A body whose
+    /// detector takes models begins its link then, whose last will tells it as well.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub async fn model_known(&self) {
+        poll_fn(|context| {
+            self.with(|inner| match inner.models.first_mut() {
+                Some(used) if used.revision.is_none() => {
+                    used.waits.register(context.waker());
+                    Poll::Pending
+                }
+                Some(_) | None => Poll::Ready(()),
+            })
+        })
+        .await;
     }
 
     /// Says which model is in use; `None` for the one of the program.
     pub(crate) fn set_model(&self, model: Option<(ModelName, BuildId)>) {
+        if MODELS == 0 {
+            return;
+        }
         self.with(|inner| {
-            let revision = inner.revision.unwrap_or(0);
-            let changes = inner.model != model;
-            inner.revision = Some(revision.wrapping_add(u8::from(changes)));
-            inner.model = model;
+            if let Some(used) = inner.models.first_mut() {
+                let revision = used.revision.unwrap_or(0);
+                let changes = used.model != model;
+                used.revision = Some(revision.wrapping_add(u8::from(changes)));
+                used.model = model;
+                used.waits.wake();
+            }
         });
     }
 
     /// What names the contents of the model that is in use.
     pub(crate) fn model_build(&self) -> Option<BuildId> {
-        self.with(|inner| inner.model.as_ref().map(|(_, build)| build.clone()))
+        if MODELS == 0 {
+            return None;
+        }
+        self.with(|inner| {
+            let (_, build) = inner.models.first()?.model.as_ref()?;
+            Some(build.clone())
+        })
     }
 
     /// Whether the broker has every report.
@@ -370,7 +422,7 @@ impl<M: RawMutex> Updates<M> {
     }
 }
 
-impl Inner {
+impl<const MODELS: usize> Inner<MODELS> {
     fn make_room(&mut self) {
         self.waiting = None;
         self.room.wake();
@@ -400,7 +452,7 @@ impl Inner {
     }
 }
 
-impl<M: RawMutex> UpdatePort for Updates<M> {
+impl<M: RawMutex, const MODELS: usize> UpdatePort for Updates<M, MODELS> {
     fn exists(&self) -> bool {
         true
     }
@@ -476,7 +528,7 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
     fn compose(&self, kind: ReportKind, robot: &RobotId, page: &mut [u8]) -> Option<usize> {
         let robot = robot.clone();
         let build = |of_model| {
-            if of_model {
+            if MODELS > 0 && of_model {
                 self.model_build()
             } else {
                 Some(self.identity.build.clone())
@@ -547,8 +599,12 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
 
     // As the message would, whose models are last in it. A map of JSON takes 2 KB of code, and there is one model.
     fn add_models(&self, page: &mut [u8], len: usize) -> Option<usize> {
+        if MODELS == 0 {
+            return Some(len);
+        }
         self.with(|inner| {
-            let Some((name, build)) = &inner.model else {
+            let model = inner.models.first().and_then(|used| used.model.as_ref());
+            let Some((name, build)) = model else {
                 return Some(len);
             };
             // In the place of the brace at the end.
@@ -569,13 +625,16 @@ impl<M: RawMutex> UpdatePort for Updates<M> {
     }
 
     fn models_revision(&self) -> Option<u8> {
-        self.with(|inner| inner.revision)
+        if MODELS == 0 {
+            return Some(0);
+        }
+        self.with(|inner| inner.models.first().map_or(Some(0), |used| used.revision))
     }
 }
 
-impl<M: RawMutex> Updates<M> {
+impl<M: RawMutex, const MODELS: usize> Updates<M, MODELS> {
     /// What is to be reported, which is on its way from now on.
-    fn take<T>(&self, kind: ReportKind, of: impl FnOnce(&Inner) -> T) -> T {
+    fn take<T>(&self, kind: ReportKind, of: impl FnOnce(&Inner<MODELS>) -> T) -> T {
         self.with(|inner| {
             inner.due &= !kind.bit();
             inner.under_way |= kind.bit();

@@ -34,10 +34,12 @@ use embedded_storage_async::nor_flash::{MultiwriteNorFlash, ReadNorFlash};
 
 use super::mailbox::Outcome;
 use super::proving::CONFIRM;
-use super::slots::{Aim, Seen, Slot, Subject, Work, build_of, known};
-use super::steps::{blocks_of, is_unfinished};
+use super::slots::{
+    Aim, OnlyPrograms, ProgramsAndModel, Seen, Site, Sites, Slot, Subject, Work, build_of, known,
+};
+use super::steps::{Planned, blocks_of, is_unfinished};
 use super::transfer::Step;
-use super::{Activity, EVENT, Failed, Installed, LOOK, Next, Refused, Stock};
+use super::{Activity, Blocks, EVENT, Failed, Installed, LOOK, Next, Refused, Stock};
 use crate::vision::DetectorError;
 
 /// Why a model is not loaded.
@@ -88,33 +90,40 @@ pub trait ModelHost {
     fn looks(&self) -> ModelLooks;
 }
 
-/// What the update activity knows of models.
+/// What the update activity of a body knows of models, and what it does besides for them. All of it is in these
+/// places, so that the activity of a body without models is what it would be if there were none.
 pub(super) trait ModelStore: Sized {
-    /// Whether there can be any. Where there are none, no code for them is compiled.
-    const EXISTS: bool;
+    /// What in the flash can be replaced.
+    type Sites: Sites;
 
-    fn region(&self) -> Option<ModelRegion>;
+    fn sites(&self, programs: Site) -> Self::Sites;
     fn name(&self) -> Option<&str>;
-    fn stock(&self) -> Stock;
+    fn stock(&self) -> Option<&Stock>;
     fn stock_mut(&mut self) -> Option<&mut Stock>;
     fn is_on_trial(&self) -> bool;
 
-    /// See [`Activity::find_model`].
-    async fn find<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        activity: &mut Activity<'_, M, F, C, Self>,
-    );
-    /// See [`Activity::prove_model`].
-    async fn prove<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        activity: &mut Activity<'_, M, F, C, Self>,
-    ) -> Next;
-    /// See [`Activity::go_on_with_model`].
-    async fn go_on<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        activity: &mut Activity<'_, M, F, C, Self>,
-        step: Step,
-    ) -> Result<(), Failed>;
-    /// See [`Activity::greet_of_model`].
-    fn greet<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        activity: &mut Activity<'_, M, F, C, Self>,
+    /// [`Activity::start`], and what runs of models.
+    fn start<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+    ) -> impl Future<Output = ()>;
+    /// [`Activity::turn`], and what a model on trial needs.
+    fn turn<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+    ) -> impl Future<Output = Next>;
+    /// [`Slots::run`] for a step, and what that means for a model besides.
+    fn run<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+        works: [Work; 2],
+        step: Planned,
+    ) -> impl Future<Output = Result<Seen, Failed>>;
+    /// [`Activity::lying`], wherever it may lie.
+    fn lying<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+        release: ReleaseId,
+    ) -> impl Future<Output = Option<Blocks>>;
+    /// Tells a new session what there is to know of models.
+    fn greet<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
     );
 }
 
@@ -122,18 +131,18 @@ pub(super) trait ModelStore: Sized {
 pub(super) struct NoModels;
 
 impl ModelStore for NoModels {
-    const EXISTS: bool = false;
+    type Sites = OnlyPrograms;
 
-    fn region(&self) -> Option<ModelRegion> {
-        None
+    fn sites(&self, programs: Site) -> OnlyPrograms {
+        OnlyPrograms(programs)
     }
 
     fn name(&self) -> Option<&str> {
         None
     }
 
-    fn stock(&self) -> Stock {
-        Stock::default()
+    fn stock(&self) -> Option<&Stock> {
+        None
     }
 
     fn stock_mut(&mut self) -> Option<&mut Stock> {
@@ -144,25 +153,37 @@ impl ModelStore for NoModels {
         false
     }
 
-    async fn find<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        _: &mut Activity<'_, M, F, C, Self>,
+    fn start<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+    ) -> impl Future<Output = ()> {
+        activity.start()
+    }
+
+    fn turn<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+    ) -> impl Future<Output = Next> {
+        activity.turn()
+    }
+
+    fn run<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+        works: [Work; 2],
+        _: Planned,
+    ) -> impl Future<Output = Result<Seen, Failed>> {
+        activity.slots.run(works, activity.updates)
+    }
+
+    fn lying<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+        release: ReleaseId,
+    ) -> impl Future<Output = Option<Blocks>> {
+        activity.lying(release)
+    }
+
+    fn greet<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        _: &mut Activity<'_, M, F, C, Self, MODELS>,
     ) {
     }
-
-    async fn prove<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        _: &mut Activity<'_, M, F, C, Self>,
-    ) -> Next {
-        Next::Word
-    }
-
-    async fn go_on<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        _: &mut Activity<'_, M, F, C, Self>,
-        _: Step,
-    ) -> Result<(), Failed> {
-        Ok(())
-    }
-
-    fn greet<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(_: &mut Activity<'_, M, F, C, Self>) {}
 }
 
 /// A body with models.
@@ -187,18 +208,18 @@ impl<B: ModelHost> WithModels<B> {
 }
 
 impl<B: ModelHost> ModelStore for WithModels<B> {
-    const EXISTS: bool = true;
+    type Sites = ProgramsAndModel;
 
-    fn region(&self) -> Option<ModelRegion> {
-        Some(self.host.region())
+    fn sites(&self, programs: Site) -> ProgramsAndModel {
+        ProgramsAndModel::new(programs, &self.host.region())
     }
 
     fn name(&self) -> Option<&str> {
         Some(self.host.name().as_str())
     }
 
-    fn stock(&self) -> Stock {
-        self.stock
+    fn stock(&self) -> Option<&Stock> {
+        Some(&self.stock)
     }
 
     fn stock_mut(&mut self) -> Option<&mut Stock> {
@@ -209,27 +230,54 @@ impl<B: ModelHost> ModelStore for WithModels<B> {
         self.trial.is_some()
     }
 
-    async fn find<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        activity: &mut Activity<'_, M, F, C, Self>,
+    async fn start<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
     ) {
+        activity.start().await;
         activity.find_model().await;
     }
 
-    async fn prove<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        activity: &mut Activity<'_, M, F, C, Self>,
+    async fn turn<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
     ) -> Next {
-        activity.prove_model().await
+        let next = activity.turn().await;
+        if activity.is_at_work() {
+            next
+        } else {
+            activity.prove_model().await
+        }
     }
 
-    async fn go_on<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        activity: &mut Activity<'_, M, F, C, Self>,
-        step: Step,
-    ) -> Result<(), Failed> {
-        activity.go_on_with_model(step).await
+    async fn run<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+        works: [Work; 2],
+        step: Planned,
+    ) -> Result<Seen, Failed> {
+        let seen = activity.slots.run(works, activity.updates).await?;
+        if let Planned::Step(step) = step
+            && activity.is_of_model()
+        {
+            activity.go_on_with_model(step).await?;
+        }
+        Ok(seen)
     }
 
-    fn greet<M: RawMutex, F: MultiwriteNorFlash, C: Clock>(
-        activity: &mut Activity<'_, M, F, C, Self>,
+    async fn lying<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
+        release: ReleaseId,
+    ) -> Option<Blocks> {
+        for subject in [Subject::Model, Subject::Program] {
+            activity.slots.turn_to(subject);
+            let lying = activity.lying(release).await;
+            if lying.is_some() {
+                return lying;
+            }
+        }
+        None
+    }
+
+    fn greet<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
+        activity: &mut Activity<'_, M, F, C, Self, MODELS>,
     ) {
         activity.greet_of_model();
     }
@@ -238,8 +286,8 @@ impl<B: ModelHost> ModelStore for WithModels<B> {
 /// What select entries count as the model of the program.
 const OWN: u8 = 0;
 
-impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, B: ModelHost>
-    Activity<'_, M, F, C, WithModels<B>>
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, B: ModelHost, const MODELS: usize>
+    Activity<'_, M, F, C, WithModels<B>, MODELS>
 {
     /// Finds out which model is to be used, and has it used. A trial that goes on according to the flash was ended by
     /// a restart.

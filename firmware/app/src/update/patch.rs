@@ -68,9 +68,9 @@ impl Patch {
 
     /// What comes next of the chunk that waits, of this length; `None` once that is used up.
     #[inline(never)]
-    pub(super) fn next<M: RawMutex>(
+    pub(super) fn next<M: RawMutex, const MODELS: usize>(
         &mut self,
-        place: &Updates<M>,
+        place: &Updates<M, MODELS>,
         length: usize,
     ) -> Result<Option<Made>, Failed> {
         let made = self.decoder.made();

@@ -24,7 +24,9 @@ pub(super) const CONFIRM: [Work; 2] = [
     Work::Record(Slot::Running, Record::Confirmed),
 ];
 
-impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M, F, C, N> {
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: usize>
+    Activity<'_, M, F, C, N, MODELS>
+{
     /// Finds out what runs and what lies in the spare slot, and goes on with what a restart has interrupted.
     pub(super) async fn start(&mut self) {
         let mut works = [Work::Look(Slot::Running), Work::Rest];

@@ -3,7 +3,6 @@
 //! One function does everything there is to do to it: each place that waits for a flash takes code, and there are
 //! few of them.
 
-use core::marker::PhantomData;
 use crawler_boot::flash::{FlashError, Operation, SECTOR, WORD};
 use crawler_boot::otadata::{Bootloader, Goal, Otadata, Slots as Count, Standing};
 use crawler_boot::trailer::{Begin, ENVELOPE_AT, Record, Trailer};
@@ -16,7 +15,6 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::Updates;
-use super::models::ModelStore;
 use super::patch::{PIECE, Patch};
 use super::transfer::{Blocks, Failed, Shape};
 
@@ -73,7 +71,7 @@ pub(super) enum Aim {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
     pub(super) standing: Standing,
-    /// The slot that is to be started next.
+    /// What is to be in use next, of a model.
     pub(super) selected: u8,
     pub(super) trailer: Trailer,
     /// Length of the envelope that lies where chunks arrive.
@@ -91,40 +89,14 @@ pub(super) enum Subject {
 
 /// Two regions of the flash, and the select entries between them.
 #[derive(Debug, Clone, Copy)]
-struct Site {
+pub(super) struct Site {
     otadata: u32,
     regions: [SlotRegion; 2],
-    /// What the select entries count: the two regions, or what the program was built with and the two regions.
-    count: Count,
-    /// Which of them is in use.
+    /// The number of what is in use, as select entries count it.
     running: u8,
 }
 
 impl Site {
-    /// The number of the first region.
-    const fn first(&self) -> u8 {
-        self.count.count() - 2
-    }
-
-    /// The index of the region of a slot; `None` while what the program was built with is in use.
-    const fn index(&self, slot: Slot) -> Option<u8> {
-        let running = self.running.checked_sub(self.first());
-        match (slot, running) {
-            (Slot::Running, running) => running,
-            (Slot::Spare, Some(0)) => Some(1),
-            (Slot::Spare, Some(1..) | None) => Some(0),
-        }
-    }
-
-    const fn region(&self, slot: Slot) -> Option<SlotRegion> {
-        let [first, second] = self.regions;
-        match self.index(slot) {
-            Some(0) => Some(first),
-            Some(_) => Some(second),
-            None => None,
-        }
-    }
-
     fn is_usable(&self) -> bool {
         let fits = |region: &SlotRegion| {
             region.start.is_multiple_of(SECTOR)
@@ -132,52 +104,123 @@ impl Site {
                 && region.length >= 2 * SECTOR
                 && region.start.checked_add(region.length).is_some()
         };
-        self.running < self.count.count()
-            && self.otadata.is_multiple_of(SECTOR)
-            && self.regions.iter().all(fits)
+        self.running < 2 && self.otadata.is_multiple_of(SECTOR) && self.regions.iter().all(fits)
+    }
+}
+
+/// The sites that a body has, one of which is meant: a body without models has no code to tell them apart.
+pub(super) trait Sites {
+    /// Has the site of `subject` meant from now on.
+    fn turn_to(&mut self, subject: Subject);
+    /// Whose site is meant.
+    fn subject(&self) -> Subject;
+    /// The site that is meant.
+    fn site(&self) -> &Site;
+    /// Whether all of them are what can be.
+    fn are_usable(&self) -> bool;
+}
+
+/// The site of programs, where there is no other.
+pub(super) struct OnlyPrograms(pub(super) Site);
+
+impl Sites for OnlyPrograms {
+    fn turn_to(&mut self, _: Subject) {}
+
+    fn subject(&self) -> Subject {
+        Subject::Program
+    }
+
+    fn site(&self) -> &Site {
+        &self.0
+    }
+
+    fn are_usable(&self) -> bool {
+        self.0.is_usable()
+    }
+}
+
+/// The site of programs, and that of a model.
+pub(super) struct ProgramsAndModel {
+    programs: Site,
+    model: Site,
+    subject: Subject,
+}
+
+impl ProgramsAndModel {
+    /// Programs are meant; of the model what the program was built with is in use.
+    pub(super) const fn new(programs: Site, model: &ModelRegion) -> Self {
+        Self {
+            programs,
+            model: Site {
+                otadata: model.select,
+                regions: model.places,
+                running: 0,
+            },
+            subject: Subject::Program,
+        }
+    }
+}
+
+impl Sites for ProgramsAndModel {
+    fn turn_to(&mut self, subject: Subject) {
+        self.subject = subject;
+    }
+
+    fn subject(&self) -> Subject {
+        self.subject
+    }
+
+    fn site(&self) -> &Site {
+        match self.subject {
+            Subject::Program => &self.programs,
+            Subject::Model => &self.model,
+        }
+    }
+
+    fn are_usable(&self) -> bool {
+        self.programs.is_usable() && self.model.is_usable()
     }
 }
 
 /// See the [module](self).
-pub(super) struct Slots<F, N> {
+pub(super) struct Slots<F, S> {
     flash: F,
     chip: u16,
-    programs: Site,
-    models: Option<Site>,
-    /// Whose regions are meant.
-    subject: Subject,
+    sites: S,
     patch: Patch,
-    /// Whether there are models.
-    store: PhantomData<N>,
 }
 
-impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
-    /// `None` for a port or a region that says what cannot be.
-    pub(super) fn new(port: SlotPort<F>, models: Option<ModelRegion>) -> Option<Self> {
-        let slots = Self {
+impl<F, S> Slots<F, S> {
+    /// What a body says of its flash, with the sites that it has.
+    pub(super) fn of(port: SlotPort<F>, sites: impl FnOnce(Site) -> S) -> Self {
+        let programs = Site {
+            otadata: port.otadata,
+            regions: port.slots,
+            running: port.running,
+        };
+        Self {
             flash: port.flash,
             chip: port.chip,
-            programs: Site {
-                otadata: port.otadata,
-                regions: port.slots,
-                count: Count::TWO,
-                running: port.running,
-            },
-            models: models.map(|region| Site {
-                otadata: region.select,
-                regions: region.places,
-                count: Count::THREE,
-                running: 0,
-            }),
-            subject: Subject::Program,
+            sites: sites(programs),
             patch: Patch::NONE,
-            store: PhantomData,
-        };
-        let usable = slots.programs.is_usable()
-            && slots.models.as_ref().is_none_or(Site::is_usable)
+        }
+    }
+}
+
+impl<F> Slots<F, ProgramsAndModel> {
+    /// Has this number in use from now on, of the model.
+    pub(super) const fn use_model(&mut self, running: u8) {
+        self.sites.model.running = running;
+    }
+}
+
+impl<F: MultiwriteNorFlash, S: Sites> Slots<F, S> {
+    /// Itself, unless the body says what cannot be.
+    pub(super) fn usable(self) -> Option<Self> {
+        let usable = self.sites.are_usable()
             && WORD.is_multiple_of(F::WRITE_SIZE)
             && WORD.is_multiple_of(F::READ_SIZE);
-        usable.then_some(slots)
+        usable.then_some(self)
     }
 
     pub(super) const fn chip(&self) -> u16 {
@@ -185,61 +228,68 @@ impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
     }
 
     /// Has the regions of `subject` meant from now on.
-    pub(super) const fn turn_to(&mut self, subject: Subject) {
-        self.subject = subject;
+    pub(super) fn turn_to(&mut self, subject: Subject) {
+        self.sites.turn_to(subject);
     }
 
     /// Whose regions are meant.
-    pub(super) const fn subject(&self) -> Subject {
-        self.subject
+    pub(super) fn subject(&self) -> Subject {
+        self.sites.subject()
     }
 
-    fn site(&self) -> &Site {
-        match &self.models {
-            Some(models) if N::EXISTS && self.subject == Subject::Model => models,
-            _ => &self.programs,
+    /// What the select entries count: two slots; or what the program was built with, and two places.
+    fn count(&self) -> Count {
+        match self.subject() {
+            Subject::Program => Count::TWO,
+            Subject::Model => Count::THREE,
         }
     }
 
-    /// What the select entries count.
-    fn count(&self) -> Count {
-        if N::EXISTS {
-            self.site().count
-        } else {
-            Count::TWO
+    /// The number of the first region.
+    fn first(&self) -> u8 {
+        match self.subject() {
+            Subject::Program => 0,
+            Subject::Model => 1,
         }
     }
 
     /// The number of what is in use, as select entries count it.
     pub(super) fn running(&self) -> u8 {
-        self.site().running
-    }
-
-    /// Has another number in use from now on, of the model.
-    pub(super) const fn use_model(&mut self, running: u8) {
-        if let Some(models) = &mut self.models {
-            models.running = running;
-        }
+        self.sites.site().running
     }
 
     /// The number of the slot that is not in use.
     pub(super) fn spare(&self) -> u8 {
-        let site = self.site();
-        match site.index(Slot::Spare) {
-            Some(index) => site.first() + index,
-            None => site.running,
-        }
+        let first = self.first();
+        // While what the program was built with is in use, that is the first.
+        first + u8::from(self.running() == first)
+    }
+
+    /// `None` of the slot in use while that is what the program was built with.
+    fn region(&self, slot: Slot) -> Option<SlotRegion> {
+        let number = match slot {
+            Slot::Running => self.running(),
+            Slot::Spare => self.spare(),
+        };
+        let [first, second] = self.sites.site().regions;
+        let index = number.checked_sub(self.first())?;
+        Some(if index == 0 { first } else { second })
+    }
+
+    /// Where a slot begins.
+    fn start(&self, slot: Slot) -> u32 {
+        self.region(slot).map_or(0, |region| region.start)
     }
 
     /// The flash, and where a slot begins in it.
     pub(super) fn start_of(&mut self, slot: Slot) -> Option<(&mut F, u32)> {
-        let region = self.site().region(slot)?;
+        let region = self.region(slot)?;
         Some((&mut self.flash, region.start))
     }
 
     /// Bytes that the spare slot has for an image.
     pub(super) fn capacity(&self) -> u32 {
-        let spare = self.site().region(Slot::Spare);
+        let spare = self.region(Slot::Spare);
         spare.map_or(0, |region| region.length - SECTOR)
     }
 
@@ -259,29 +309,28 @@ impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
     }
 
     fn trailer_at(&self, slot: Slot) -> Option<u32> {
-        let region = self.site().region(slot)?;
+        let region = self.region(slot)?;
         Some(region.start + region.length - SECTOR)
     }
 
     fn goal(&self, aim: Aim) -> Goal {
-        let site = self.site();
-        let running = site.running;
-        match (aim, site.index(Slot::Spare)) {
-            (Aim::Activate, Some(spare)) => Goal::Activate {
-                slot: site.first() + spare,
+        let running = self.running();
+        match aim {
+            Aim::Keep => Goal::Keep { running },
+            Aim::Activate => Goal::Activate {
+                slot: self.spare(),
                 running,
             },
-            (Aim::Keep, _) | (Aim::Activate, None) => Goal::Keep { running },
-            (Aim::Confirm, _) => Goal::Confirm { running },
-            (Aim::GiveUp, _) => Goal::GiveUp { running },
+            Aim::Confirm => Goal::Confirm { running },
+            Aim::GiveUp => Goal::GiveUp { running },
         }
     }
 
     /// Does one thing after the other, up to the first one that fails.
-    pub(super) async fn run<M: RawMutex>(
+    pub(super) async fn run<M: RawMutex, const MODELS: usize>(
         &mut self,
         works: [Work; 2],
-        place: &Updates<M>,
+        place: &Updates<M, MODELS>,
     ) -> Result<Seen, Failed> {
         let mut seen = Seen {
             standing: Standing::Proven,
@@ -289,8 +338,7 @@ impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
             trailer: Trailer::EMPTY,
             envelope: None,
         };
-        let (site, count) = (*self.site(), self.count());
-        let spare = site.region(Slot::Spare).map_or(0, |region| region.start);
+        let spare = self.start(Slot::Spare);
         for work in works {
             match work {
                 Work::Rest => {}
@@ -305,9 +353,9 @@ impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
                     }
                 }
                 Work::Reach(aim) => {
-                    let goal = self.goal(aim);
-                    let flash = &mut self.flash;
-                    match Otadata::reach_async(flash, site.otadata, count, goal).await {
+                    let (goal, count) = (self.goal(aim), self.count());
+                    let (at, flash) = (self.sites.site().otadata, &mut self.flash);
+                    match Otadata::reach_async(flash, at, count, goal).await {
                         Ok(_) => {}
                         Err(FlashError::Refused(_)) => return Err(Failed::NoWayBack),
                         Err(FlashError::Flash(_) | FlashError::Worn) => return Err(Failed::Flash),
@@ -344,7 +392,7 @@ impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
                     }
                 }
                 Work::Patch(length) => {
-                    let running = site.region(Slot::Running).map_or(0, |region| region.start);
+                    let running = self.start(Slot::Running);
                     for _ in 0..AT_ONCE {
                         let Some(made) = self.patch.next(place, length)? else {
                             break;
@@ -369,7 +417,7 @@ impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
                     self.look(slot, place, &mut seen).await?;
                     let hasher = hasher(place, seen.envelope, block);
                     let (mut hasher, at) = hasher.ok_or(Failed::Flash)?;
-                    let mut at = at + site.region(slot).map_or(0, |region| region.start);
+                    let mut at = at + self.start(slot);
                     while hasher.left() > 0 {
                         let mut piece = [0; SLICE];
                         let read = self.flash.read(at, &mut piece).await;
@@ -387,18 +435,18 @@ impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
         Ok(seen)
     }
 
-    async fn look<M: RawMutex>(
+    async fn look<M: RawMutex, const MODELS: usize>(
         &mut self,
         slot: Slot,
-        place: &Updates<M>,
+        place: &Updates<M, MODELS>,
         seen: &mut Seen,
     ) -> Result<(), Failed> {
-        let (site, count) = (*self.site(), self.count());
+        let count = self.count();
         let (at, flash) = (self.trailer_at(slot), &mut self.flash);
-        let otadata = Otadata::read_async(flash, site.otadata, count).await;
+        let otadata = Otadata::read_async(flash, self.sites.site().otadata, count).await;
         let otadata = otadata.map_err(|_| Failed::Flash)?;
-        seen.standing = otadata.standing(site.running);
-        if N::EXISTS {
+        seen.standing = otadata.standing(self.sites.site().running);
+        if self.sites.subject() == Subject::Model {
             seen.selected = otadata.select(Bootloader::Plain).slot.unwrap_or(0);
         }
         let Some(at) = at else {
@@ -423,7 +471,11 @@ impl<F: MultiwriteNorFlash, N: ModelStore> Slots<F, N> {
 /// One operation on the way to a trailer with the envelope that lies where chunks arrive. The envelope is on the stack
 /// meanwhile, and not in the future of whoever waits for the flash.
 #[inline(never)]
-fn operation<M: RawMutex>(place: &Updates<M>, length: usize, index: usize) -> Option<Operation> {
+fn operation<M: RawMutex, const MODELS: usize>(
+    place: &Updates<M, MODELS>,
+    length: usize,
+    index: usize,
+) -> Option<Operation> {
     let mut envelope = [0; ENVELOPE_MAX];
     place.copy_out(0, &mut envelope);
     Begin::new(envelope.get(..length)?).ok()?.nth(index)
@@ -441,8 +493,8 @@ fn unverified(
 
 /// The hasher of a block, or of all, and where that begins.
 #[inline(never)]
-fn hasher<M: RawMutex>(
-    place: &Updates<M>,
+fn hasher<M: RawMutex, const MODELS: usize>(
+    place: &Updates<M, MODELS>,
     length: Option<usize>,
     block: Option<u8>,
 ) -> Option<(BlockHasher, u32)> {
@@ -472,7 +524,10 @@ pub(super) struct Known {
 
 /// What the envelope says that was looked at.
 #[inline(never)]
-pub(super) fn known<M: RawMutex>(place: &Updates<M>, length: Option<usize>) -> Option<Known> {
+pub(super) fn known<M: RawMutex, const MODELS: usize>(
+    place: &Updates<M, MODELS>,
+    length: Option<usize>,
+) -> Option<Known> {
     let mut envelope = [0; ENVELOPE_MAX];
     place.copy_out(0, &mut envelope);
     let (manifest, release) = unverified(&envelope, length)?;
@@ -489,7 +544,10 @@ pub(super) fn known<M: RawMutex>(place: &Updates<M>, length: Option<usize>) -> O
 
 /// What names the contents of the model whose envelope was looked at.
 #[inline(never)]
-pub(super) fn build_of<M: RawMutex>(place: &Updates<M>, length: Option<usize>) -> Option<BuildId> {
+pub(super) fn build_of<M: RawMutex, const MODELS: usize>(
+    place: &Updates<M, MODELS>,
+    length: Option<usize>,
+) -> Option<BuildId> {
     let mut envelope = [0; ENVELOPE_MAX];
     place.copy_out(0, &mut envelope);
     let (manifest, _) = unverified(&envelope, length)?;

@@ -14,20 +14,16 @@ use super::transfer::{Step, Transfer};
 use super::{Activity, Blocks, Failed, LOOK_UPDATING, Next, Refused, Shape, TOLD_WITHIN};
 use crate::order::UpdateWish;
 
-impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M, F, C, N> {
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: usize>
+    Activity<'_, M, F, C, N, MODELS>
+{
     /// Goes on with what is under way, by one step.
     pub(super) async fn advance(&mut self) -> Next {
         let (works, step) = match self.plan() {
             Ok(planned) => planned,
             Err(next) => return next,
         };
-        let mut done = self.slots.run(works, self.updates).await;
-        if self.is_of_model()
-            && let (Planned::Step(step), Ok(_)) = (step, &done)
-        {
-            let went = N::go_on(self, step).await;
-            done = done.and_then(|seen| went.map(|()| seen));
-        }
+        let done = N::run(self, works, step).await;
         self.conclude(step, done.map(|seen| seen.envelope))
     }
 
@@ -205,7 +201,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
     fn judge(&mut self) -> Result<Shape, Failed> {
         let refuse = |code, lasting| Err(Failed::Refused(Refused { code, lasting }));
         // Where it belongs is what it says of itself, of which nothing is believed before it was verified.
-        let of_model = N::EXISTS
+        let of_model = self.models.stock().is_some()
             && known(self.updates, self.envelope).is_some_and(|known| known.kind == Kind::Model);
         let subject = if of_model {
             Subject::Model
@@ -293,29 +289,22 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
         }
     }
 
-    /// The blocks of a release in a spare slot, if it is there and was not given up; that slot is meant from then on.
+    /// The blocks of a release in the spare slot that is meant, if it is there and was not given up.
     pub(super) async fn lying(&mut self, release: ReleaseId) -> Option<Blocks> {
-        for subject in [Subject::Model, Subject::Program] {
-            if subject == Subject::Model && !N::EXISTS {
-                continue;
-            }
-            self.slots.turn_to(subject);
-            let look = [Work::Look(Slot::Spare), Work::Rest];
-            let seen = self.slots.run(look, self.updates).await.ok()?;
-            let known = known(self.updates, seen.envelope);
-            let lies = known.is_some_and(|known| known.release == release);
-            if lies && is_unfinished(&seen.trailer) {
-                self.envelope = seen.envelope;
-                return Some(blocks_of(&seen.trailer));
-            }
+        let look = [Work::Look(Slot::Spare), Work::Rest];
+        let seen = self.slots.run(look, self.updates).await.ok()?;
+        let known = known(self.updates, seen.envelope)?;
+        if !is_unfinished(&seen.trailer) || known.release != release {
+            return None;
         }
-        None
+        self.envelope = seen.envelope;
+        Some(blocks_of(&seen.trailer))
     }
 }
 
 /// What was planned.
 #[derive(Debug, Clone, Copy)]
-enum Planned {
+pub(super) enum Planned {
     Step(Step),
     /// Writing this chunk.
     Chunk(u32),

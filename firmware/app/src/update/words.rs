@@ -7,10 +7,12 @@ use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::{Outcome, Progress, Word};
 use super::models::ModelStore;
-use super::{Activity, Asked, STANDS_WITHIN};
+use super::{Activity, Asked, STANDS_WITHIN, Stock};
 use crate::order::UpdateWish;
 
-impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M, F, C, N> {
+impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: usize>
+    Activity<'_, M, F, C, N, MODELS>
+{
     /// Tells a new session what there is to know.
     pub(super) fn greet(&mut self) {
         self.tell_have();
@@ -34,8 +36,13 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
             Word::Confirm(release) => {
                 if !self.tell_installed(release) {
                     let is_it = |outcome: &Outcome| outcome.release == release;
-                    let of_model = self.models.stock().given_up.filter(is_it);
-                    match self.programs.given_up.filter(is_it).or(of_model) {
+                    let of_model = self.models.stock().and_then(|stock| stock.given_up);
+                    match self
+                        .programs
+                        .given_up
+                        .filter(is_it)
+                        .or(of_model.filter(is_it))
+                    {
                         Some(outcome) => self.tell_outcome(outcome),
                         None => self.tell_have(),
                     }
@@ -91,7 +98,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore> Activity<'_, M
 
     /// Tells where the release stands if it is the one that runs. Whether it is.
     fn tell_installed(&self, release: ReleaseId) -> bool {
-        let of_model = self.models.stock().release() == Some(release);
+        let of_model = self.models.stock().and_then(Stock::release) == Some(release);
         if !of_model && self.programs.release() != Some(release) {
             return false;
         }

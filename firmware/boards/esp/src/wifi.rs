@@ -206,7 +206,7 @@ async fn link(
     #[cfg(feature = "esp32s3")]
     let link = {
         let images = crate::camera::images();
-        crawler_app::link_with_images_and_updates_held::<Inline, _, _, _, _, _>(
+        crawler_app::link_with_images_and_updates_held::<Inline, _, _, _, _, _, _>(
             robot,
             images,
             updates,
@@ -216,7 +216,7 @@ async fn link(
         )
     };
     #[cfg(not(feature = "esp32s3"))]
-    let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _>(
+    let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _, _>(
         robot,
         updates,
         network,

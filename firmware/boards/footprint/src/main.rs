@@ -73,7 +73,7 @@ async fn program(robot: &'static Shared, updates: &'static SharedUpdates) {
         chip: 5,
     };
     let update = crawler_app::update(robot, updates, slots, Port(7), Port(8));
-    let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _>(
+    let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _, _>(
         robot,
         updates,
         Port(16),

@@ -312,7 +312,7 @@ async fn link(
         clock: || robot.unix_ms(EmbassyClock.now()).map(|ms| ms / 1_000),
     });
     let network = Secured::new(network, security);
-    let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _>(
+    let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _, _>(
         robot,
         updates,
         network,

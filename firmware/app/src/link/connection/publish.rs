@@ -35,10 +35,7 @@ where
         let id = robot.config().id.clone();
         Some(match kind {
             MessageKind::Status => {
-                let len = self.write(|page| {
-                    let len = messages::status(robot, true, robot.boot(), page)?;
-                    self.updates.add_models(page, len)
-                })?;
+                let len = self.write(|page| messages::status(robot, self.updates, true, page))?;
                 (Topic::Status(id), len)
             }
             MessageKind::Parameters => {

@@ -129,8 +129,8 @@ where
             let news = self.updates.models_revision().map(|models| (boot, models));
             let is_news = news.is_some() && self.state.told != news;
             if is_news && self.is_free_for(MessageKind::Status) {
-                self.send(MessageKind::Status).await?;
                 self.state.told = news;
+                self.send(MessageKind::Status).await?;
             }
             if self.state.parameters_due && self.is_free_for(MessageKind::Parameters) {
                 self.state.parameters_due = false;

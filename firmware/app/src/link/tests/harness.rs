@@ -380,7 +380,7 @@ pub(super) fn run_updated<F: Future>(
     script: impl FnOnce(Broker) -> F,
 ) -> F::Output {
     run_link(robot(), script, |robot, network, clock| {
-        super::super::link_with_updates_held::<Inline, _, _, _, _>(
+        super::super::link_with_updates_held::<Inline, _, _, _, _, _>(
             robot,
             updates,
             network,

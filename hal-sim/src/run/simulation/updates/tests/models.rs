@@ -112,7 +112,7 @@ fn a_good_model_is_confirmed_without_a_restart_and_stays() {
     assert!(looks >= 20, "{looks}");
     simulation.run_for(Duration::from_secs(10));
     assert!(simulation.looks().taken <= looks + 3);
-    // It stays, whatever happens.
+    // It stays, whatever happens, and a last will tells it too.
     let index = simulation.index(0).expect("there");
     for _ in 0..2 {
         simulation.world_mut().crash(index, "test");
@@ -120,6 +120,8 @@ fn a_good_model_is_confirmed_without_a_restart_and_stays() {
         server.models = None;
         assert_eq!(told(&mut server, &mut simulation), tells);
     }
+    // The first was made before there was a model.
+    assert_eq!(server.wills, [Value::Null, json!({ "eyes": build })]);
     let chip = simulation.world().chip(index).expect("there");
     assert_eq!(chip.borrow().violations(), 0);
 }

@@ -142,6 +142,8 @@ pub(crate) struct Server {
     pub(crate) of_image: u32,
     /// The models that the robot told of last.
     pub(crate) models: Option<Value>,
+    /// The models that its last wills told of.
+    pub(crate) wills: Vec<Value>,
     /// What the robot has said about updates.
     pub(crate) heard: Vec<Value>,
     /// Bytes of MQTT in both directions, as far as they belong to updates.
@@ -161,6 +163,7 @@ impl Server {
             sent: 0,
             of_image: 0,
             models: None,
+            wills: Vec::new(),
             heard: Vec::new(),
             stream: 0,
             wire: 0,
@@ -206,6 +209,9 @@ impl Server {
             if published.topic == STATUS {
                 let status: Value = serde_json::from_slice(&published.payload).expect("JSON");
                 self.models = Some(status["models"].clone());
+                if status["online"] == false {
+                    self.wills.push(status["models"].clone());
+                }
             }
             if published.topic != TOPIC || published.payload.first() != Some(&b'{') {
                 continue;
