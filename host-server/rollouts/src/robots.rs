@@ -14,6 +14,8 @@ pub struct RobotView<'a> {
     pub board: &'a str,
     /// Its kind.
     pub kind: Kind,
+    /// Whether it has the capability `vision`.
+    pub vision: bool,
     /// The build that it runs.
     pub build: &'a str,
     /// The models that it uses, but for those of its program.
@@ -74,6 +76,7 @@ impl RobotView<'_> {
             && *self.robot == seen.robot
             && self.board == seen.board.as_str()
             && self.kind == seen.kind
+            && self.vision == seen.vision
             && self.build == seen.build.as_str()
             && self.boot == seen.boot
             && self.online == seen.online
@@ -87,6 +90,7 @@ impl RobotView<'_> {
                 robot: self.robot.clone(),
                 board: BoardName::new(self.board).ok()?,
                 kind: self.kind,
+                vision: self.vision,
                 build: BuildId::new(self.build).ok()?,
                 boot: self.boot,
                 online: self.online,
@@ -165,6 +169,7 @@ mod tests {
                     robot: &robot.parse().unwrap(),
                     board: "sim",
                     kind: Kind::Simulated,
+                    vision: false,
                     build,
                     models: &Models::new(),
                     boot: 1,
@@ -217,6 +222,7 @@ mod tests {
                 robot: &"a".parse().unwrap(),
                 board: "sim",
                 kind: Kind::Simulated,
+                vision: true,
                 build: "1",
                 models: &self.0,
                 boot: 1,

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use crawler_fleet::{Presence, Robot, SharedFleet};
-use crawler_protocol::RobotState;
 use crawler_protocol::open::Open;
+use crawler_protocol::{Capability, RobotState};
 use crawler_rollouts::{RobotView, Robots};
 use crawler_updates::rollout::Busy;
 
@@ -35,6 +35,7 @@ fn view(robot: &Robot) -> Option<RobotView<'_>> {
         robot: &robot.id,
         board: &status.board,
         kind: status.kind.known()?,
+        vision: status.capabilities.contains(&Capability::Vision.into()),
         // Programs from before there were builds tell their version alone.
         build: match &status.build {
             Some(build) => build.as_str(),

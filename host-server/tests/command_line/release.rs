@@ -455,6 +455,42 @@ fn a_release_that_does_not_pass_has_a_report_that_says_so() {
 
 /// `release add` keeps a report beside its release, also later.
 #[test]
+fn a_model_is_tried_by_robots_that_see_with_it() {
+    let folder = Folder::new();
+    let shipped = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../models/detector/detector.tcmm"
+    );
+    let model = std::fs::read(shipped).expect("the model that is shipped");
+    let sees = STRAIGHT.replace("[spawn]", "[spawn]\ncamera_share = 1.0");
+    folder.write("straight.toml", sees.as_bytes());
+    let (evaluate, _) = PLAN.split_once("[[replay]]").expect("both");
+    folder.write(
+        "gate.toml",
+        evaluate.replace("seeds = 2", "seeds = 1").as_bytes(),
+    );
+    let sign = |image: &[u8]| {
+        folder.write("eyes.model", image);
+        let _ = std::fs::remove_file(folder.path("release"));
+        folder.ok(
+            "sign --key keys/release-key.pem --image eyes.model --kind model --name eyes \
+             --board xiao-s3-sense --version 2 --sequence 2 --out release",
+        );
+    };
+    sign(&model);
+    let said = folder.ok(&format!("{GATE} --out eyes.gate"));
+    assert!(row(&said, "outcome").ends_with("passed"), "{said}");
+    let table = folder.ok(&format!("verify release {PUBLIC} --gate eyes.gate"));
+    assert!(row(&table, "outcome").ends_with("passed"), "{table}");
+    // What no robot can run passes nothing.
+    sign(&model[..model.len() / 2]);
+    let output = folder.run(&format!("{GATE} --out torn.gate"));
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let faults = folder.faults(&format!("release {PUBLIC} --gate torn.gate"));
+    assert_eq!(faults, ["gate_failed"]);
+}
+
+#[test]
 fn a_gate_is_added_with_its_release() {
     let place = Place::with_admin();
     let folder = Folder::new();

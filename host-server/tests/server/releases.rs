@@ -486,6 +486,36 @@ async fn a_gate_is_attached_shown_and_demanded() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_gate_is_demanded_of_a_model_too() {
+    let signer = Signer::new();
+    let fixture = Fixture::start_with(|layer| layer.release_key = signer.keys()).await;
+    let model = signer.release(12, b"eyes", |options| {
+        (options.kind, options.name) = (Kind::Model, Some("eyes"));
+    });
+    let added = add(&fixture, &model).await.json();
+    let id = added["id"].as_str().expect("an id");
+    let begin = async |why: Option<&str>| {
+        let phases = json!([{ "select": { "share": 100 } }]);
+        let plan =
+            json!({ "releases": [{ "release": id }], "phases": phases, "override_gate": why });
+        fixture.post("/api/v1/rollouts", &plan.to_string()).await
+    };
+    begin(None).await.is_problem(422, "gate_missing");
+    let nobody = begin(Some("a robot sees nothing")).await;
+    nobody.is_problem(422, "invalid_rollout");
+    let path = format!("{RELEASES}/{id}/gate");
+    for (passed, refused) in [(false, "gate_missing"), (true, "invalid_rollout")] {
+        let gate = sign(&report(id, passed), &signer.key).expect("signed");
+        let attached = fixture.call(Method::POST, &path, &[FILE], &gate).await;
+        assert_eq!(attached.status, 200, "{}", attached.text());
+        begin(None).await.is_problem(422, refused);
+    }
+    let whom = begin(None).await;
+    assert!(whom.text().contains("no phase selects"), "{}", whom.text());
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn which_releases_need_a_gate_is_an_option() {
     let signer = Signer::new();
     let bundle = crawler_bundle::Bundle::new("0.4.0", "abc123").image(2_000, 0);

@@ -83,6 +83,7 @@ const CODES: Readonly<Record<string, string>> = {
   unhealthy_sensors: 'sensors that worked before do not work',
   control_missed: 'control missed its period',
   bad_image: 'the image does not start',
+  too_slow: 'the new model takes too long for a picture',
   interrupted: 'it was called to something else',
   malformed: 'the manifest cannot be read',
   unknown_format: 'it does not know this format',
@@ -100,6 +101,7 @@ const CODES: Readonly<Record<string, string>> = {
   requires: 'another release comes first',
   bad_block: 'a block came wrong three times',
   bad_hash: 'the image is not what was signed',
+  bad_model: 'it is no model that its program can run',
   flash_failed: 'its flash fails',
   initializing: 'it starts',
   driving: 'it drives',
@@ -139,6 +141,7 @@ const WORDS: Readonly<Record<string, string>> = {
   old_build: 'it is back on another build',
   already_there: 'it ran this build before',
   no_release: 'no release is for its board',
+  no_vision: 'it does not see, and a model is for robots that do',
   not_selected: 'no phase selects it',
   interrupted: 'it went offline on the way',
   withdrawn: 'it gave the offer up, as it was told',
@@ -156,11 +159,17 @@ export function codeOf(reason: UpdateReason | null | undefined): string | null {
   return parts === null ? null : (parts.told ?? parts.word)
 }
 
+/** A program by its version, a model by its name as well. */
+function called(model: string | null | undefined, version: string): string {
+  return model == null ? version : `model ${model} ${version}`
+}
+
 /** What a rollout brings, as it is called. */
 export function titleOf({ plan }: Pick<Rollout, 'plan'>): string {
-  const names = plan.releases.map(({ version, board, kind }) =>
-    kind == null ? `${version} for ${board}` : `${version} for ${kind} ${board}`,
-  )
+  const names = plan.releases.map(({ version, board, kind, model }) => {
+    const what = called(model, version)
+    return kind == null ? `${what} for ${board}` : `${what} for ${kind} ${board}`
+  })
   return names.join(', ')
 }
 
@@ -199,9 +208,14 @@ export const form = {
   open: 'Begin a rollout',
   lead: 'Robots of a phase are offered the release, try it, and keep it or go back by themselves. The next phase begins when enough have kept it for long enough.',
   releases: 'Releases, one for each board',
-  release: ({ version, board, sequence }: Pick<Release, 'version' | 'board' | 'sequence'>) =>
-    `${version} for ${board}, sequence ${String(sequence)}`,
-  noReleases: 'There is no program that robots could be given. Add a release first.',
+  release: ({
+    name,
+    version,
+    board,
+    sequence,
+  }: Pick<Release, 'name' | 'version' | 'board' | 'sequence'>) =>
+    `${called(name, version)} for ${board}, sequence ${String(sequence)}`,
+  noReleases: 'There is nothing that robots could be given. Add a release first.',
   phase: (place: number) => `Phase ${String(place)}`,
   by: 'Robots',
   select: {

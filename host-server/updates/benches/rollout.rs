@@ -21,6 +21,7 @@ fn fleet() -> Vec<Sighting> {
         robot: RobotId::new(&format!("sim-{n:04}")).expect("an id"),
         board: BoardName::new("sim").expect("a board"),
         kind: Kind::Simulated,
+        vision: false,
         build: BuildId::new("old").expect("a build"),
         boot: 1,
         online: true,

@@ -48,6 +48,7 @@
 //!     robot: robot.clone(),
 //!     board: BoardName::new("sim")?,
 //!     kind: Kind::Simulated,
+//!     vision: false,
 //!     build: BuildId::new("b3")?,
 //!     boot: 1,
 //!     online: true,

@@ -30,6 +30,7 @@ impl Robots for Three {
                 robot: &robot,
                 board: "sim",
                 kind: Kind::Simulated,
+                vision: false,
                 build,
                 models: &Models::new(),
                 boot: 1,

@@ -2,24 +2,41 @@
 
 use serde_json::json;
 
-use super::robot::Program;
-use super::{Home, hold, plan};
+use super::robot::{Program, Robot};
+use super::{Home, OVERRIDE, hold, plan};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_good_model_reaches_every_robot_and_is_told_by_its_status() {
     let mut home = Home::new().await;
     let release = home.release_of(Some("eyes"), 4, 20_000).await;
     let _robots = home.robots(3, &release, Program::Good, 0).await;
+    let (port, name) = (home.port.port(), "blind");
+    let _blind = Robot::start(port, name, release.clone(), Program::Blind, 0);
+    home.http().wait_told(name).await;
     let plan = plan(&release, &[50, 100], &json!({}));
     let id = home.begin(&plan).await;
     home.wait_state(&id, "done").await;
-    let rows = home.rows(&id).await;
+    let (left, rows): (Vec<_>, Vec<_>) = home
+        .rows(&id)
+        .await
+        .into_iter()
+        .partition(|row| row["robot"] == name);
+    assert_eq!(rows.len(), 3, "{rows:?}");
     assert!(
         rows.iter().all(|row| row["state"] == "confirmed"),
         "{rows:?}"
     );
-    let planned = &home.rollout(&id).await["plan"]["releases"][0];
-    assert_eq!(planned["model"], "eyes", "{planned}");
+    // Who does not see is left out, and counted nowhere.
+    let left: Vec<_> = left
+        .iter()
+        .map(|row| (&row["state"], &row["reason"], &row["offers"]))
+        .collect();
+    let not_applicable = (&json!("not_applicable"), &json!("no_vision"), &json!(0));
+    assert_eq!(left, [not_applicable]);
+    let view = home.rollout(&id).await;
+    assert_eq!(view["plan"]["releases"][0]["model"], "eyes", "{view}");
+    let overridden = json!({"why": OVERRIDE, "releases": [release.id]});
+    assert_eq!(view["plan"]["override_gate"], overridden);
     let robot = home.http().get("/api/v1/robots/r00").await.json();
     assert_eq!(
         (&robot["build"], &robot["models"]),
@@ -30,10 +47,8 @@ async fn a_good_model_reaches_every_robot_and_is_told_by_its_status() {
     let again = home.begin(&plan).await;
     home.wait_state(&again, "done").await;
     let rows = home.rows(&again).await;
-    assert!(
-        rows.iter().all(|row| row["reason"] == "already_there"),
-        "{rows:?}"
-    );
+    let there = rows.iter().filter(|row| row["reason"] == "already_there");
+    assert_eq!(there.count(), 3, "{rows:?}");
     home.stop().await;
 }
 

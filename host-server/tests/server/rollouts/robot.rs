@@ -24,6 +24,8 @@ pub(super) enum Program {
     Good,
     /// It panics, and the robot goes back; a model is too slow.
     Panics,
+    /// It runs, on a robot that does not see.
+    Blind,
 }
 
 /// What the release is that robots are to take.
@@ -188,8 +190,12 @@ impl Body {
     }
 
     fn introduce(&self, client: &AsyncClient) {
+        let capabilities: &[_] = match self.program {
+            Program::Blind => &["drive"],
+            Program::Good | Program::Panics => &["drive", "camera", "vision"],
+        };
         let mut status = json!({"robot": self.id, "online": true, "kind": "simulated",
-            "firmware": "0.4.0", "build": self.build, "board": "virt", "capabilities": ["drive"],
+            "firmware": "0.4.0", "build": self.build, "board": "virt", "capabilities": capabilities,
             "boot": {"count": self.boot, "cause": "power-on"}, "protocol": 1});
         if let (Some(name), Some(build)) = (self.release.model, &self.model) {
             status["models"] = json!({ name: build });

@@ -44,7 +44,9 @@ export function wayBack(
   now: number,
 ): Way {
   const own = releases.filter((one) => one.kind === 'program' && one.board === board)
-  const planned = rollouts.flatMap(({ plan }) => plan.releases).filter((one) => one.board === board)
+  const planned = rollouts
+    .flatMap(({ plan }) => plan.releases)
+    .filter((one) => one.board === board && one.model == null)
   const top = planned.reduce<(typeof planned)[number] | null>(
     (best, one) => (best === null || one.sequence > best.sequence ? one : best),
     null,

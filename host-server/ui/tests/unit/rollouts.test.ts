@@ -7,7 +7,7 @@ import type {
   RolloutPhaseCounts,
 } from '../../src/api-types'
 import { rolloutsApi } from '../../src/pages/updates/rollouts-api'
-import { because, codeOf, one, phaseOf, wrongWords } from '../../src/strings-rollouts'
+import { because, codeOf, one, phaseOf, titleOf, wrongWords } from '../../src/strings-rollouts'
 import { boardsOf, quoted, signCommand, wayBack } from '../../src/updates/back'
 import { choose, countBuilds, releaseOf, runningOf } from '../../src/updates/builds'
 import type { Draft } from '../../src/updates/plan'
@@ -249,6 +249,7 @@ describe('reasons', () => {
     expect(because(undefined)).toBe('')
     expect(because('interrupted')).toBe('it went offline on the way')
     expect(because({ told: 'panic' })).toBe('the new program panicked')
+    expect(because('no_vision')).toContain('it does not see')
     expect(because({ told: 'gremlins' })).toBe('it says gremlins')
     expect(because({ timed_out: 'trial' })).toBe('it took too long while on trial')
     expect(because({ wrong_build: 'b7' })).toContain('b7')
@@ -456,6 +457,13 @@ describe('the way back', () => {
       ['a', null],
     ])
     expect([way.newest, way.build, way.free]).toEqual([4, 'b4', 6])
+    // Models are counted by themselves.
+    const [seen] = rolled(['m', 9])
+    if (seen?.plan.releases[0] === undefined) throw new Error('a rollout')
+    seen.plan.releases[0].model = 'eyes'
+    const beside = wayBack('virt', releases, [...rolled(['b1', 1], ['b4', 4]), seen], 0)
+    expect(beside).toEqual(way)
+    expect(titleOf(seen)).toBe('model eyes 1 for virt')
   })
 
   it('is open at once where the program is here under a sequence that is high enough', () => {

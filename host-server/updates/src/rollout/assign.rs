@@ -47,9 +47,19 @@ fn suited<'a>(plan: &Plan, seen: &'a Sighting) -> Option<&'a RobotId> {
 }
 
 fn release(plan: &Plan, seen: &Sighting) -> Option<u8> {
+    let at = suiting(plan, seen).ok()?;
+    u8::try_from(at).ok()
+}
+
+/// The release that is for a robot, or why there is none.
+fn suiting(plan: &Plan, seen: &Sighting) -> Result<usize, Reason> {
     let mut releases = plan.releases.iter();
     let at = releases.position(|release| release.suits(&seen.board, seen.kind));
-    at.and_then(|at| u8::try_from(at).ok())
+    match at {
+        Some(_) if plan.model().is_some() && !seen.vision => Err(Reason::NoVision),
+        Some(at) => Ok(at),
+        None => Err(Reason::NoRelease),
+    }
 }
 
 fn row(plan: &Plan, seen: &Sighting, phase: Option<u8>) -> RobotRow {
@@ -59,10 +69,7 @@ fn row(plan: &Plan, seen: &Sighting, phase: Option<u8>) -> RobotRow {
     row.phase = phase.filter(|_| row.release.is_some());
     if row.phase.is_none() {
         row.state = UpdateState::NotApplicable;
-        row.reason = Some(match row.release {
-            Some(_) => Reason::NotSelected,
-            None => Reason::NoRelease,
-        });
+        row.reason = Some(suiting(plan, seen).err().unwrap_or(Reason::NotSelected));
     }
     row
 }

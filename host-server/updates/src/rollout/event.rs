@@ -41,6 +41,8 @@ pub struct Sighting {
     pub board: BoardName,
     /// Its kind.
     pub kind: Kind,
+    /// Whether it has the capability `vision`: models are for those that have.
+    pub vision: bool,
     /// The build that it runs; in a rollout of a model that of the model which it uses, [`OWN_MODEL`] where that is its
     /// program's own.
     pub build: BuildId,

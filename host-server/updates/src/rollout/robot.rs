@@ -152,6 +152,8 @@ pub enum Reason {
     AlreadyThere,
     /// No release is for its board and kind.
     NoRelease,
+    /// The releases bring a model, and it does not see.
+    NoVision,
     /// No phase selects it.
     NotSelected,
     /// It went offline on the way. It goes on where it was.

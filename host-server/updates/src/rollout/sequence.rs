@@ -8,8 +8,8 @@ use super::plan::Plan;
 
 impl Plan {
     /// Whether robots will take the releases, where `newest` has the highest sequence that was rolled out for each
-    /// board before, of programs or of the model of the plan. A roll-back to an earlier version is a plan like any other, of the earlier image signed under
-    /// a new sequence; the error says so.
+    /// board before, of programs or of the model of the plan. A roll-back to an earlier version is a plan like any
+    /// other, of the earlier image signed under a new sequence; the error says so.
     ///
     /// # Errors
     /// [`PlanError::Sequence`] for the first release whose sequence is too low.

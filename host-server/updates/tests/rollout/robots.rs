@@ -1,7 +1,8 @@
 //! The way of one robot, state by state.
 
 use crawler_updates::rollout::{
-    BoardName, Event, Happening, Message, PauseReason, Reason, Report, RolloutState, UpdateState,
+    BoardName, Event, Happening, Message, PauseReason, Reason, Report, RolloutState, Sighting,
+    UpdateState,
 };
 
 use crate::scene::{NEW, OLD, Scene, build, code, id, plan, sighting};
@@ -110,6 +111,28 @@ fn who_runs_it_already_is_sent_nothing() {
         (UpdateState::NotApplicable, Some(Reason::NoRelease))
     );
     assert_eq!(Scene::offered(&scene.waiting), ["a"]);
+}
+
+#[test]
+fn a_model_is_for_robots_that_see() {
+    let mut model = plan(&[50, 100]);
+    model.releases[0].model = Some("eyes".parse().unwrap());
+    let sees = |name| Sighting {
+        vision: true,
+        ..sighting(name)
+    };
+    let mut other = sighting("d");
+    other.board = BoardName::new("esp32-c3").unwrap();
+    let mut scene = Scene::start(model, &[sees("a"), sighting("b"), sees("c"), other]);
+    let left_out = |why| (UpdateState::NotApplicable, Some(why));
+    assert_eq!(scene.robot("b"), left_out(Reason::NoVision));
+    assert_eq!(scene.robot("d"), left_out(Reason::NoRelease));
+    // A half of those that see.
+    assert_eq!(Scene::offered(&scene.waiting).len(), 1);
+    scene.event(Event::Seen(sighting("e")));
+    assert_eq!(scene.robot("e"), left_out(Reason::NoVision));
+    scene.event(Event::Seen(sees("f")));
+    assert_eq!(scene.robot("f").0, UpdateState::Waiting);
 }
 
 #[test]

@@ -44,6 +44,7 @@ pub(crate) fn sighting(name: &str) -> Sighting {
         robot: id(name),
         board: BoardName::new("sim").unwrap(),
         kind: Kind::Simulated,
+        vision: false,
         build: build(OLD),
         boot: 1,
         online: true,
