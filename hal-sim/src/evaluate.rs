@@ -9,6 +9,8 @@ mod batch;
 mod behaving;
 mod clearance;
 mod commands;
+mod driver;
+mod found;
 mod judge;
 mod metrics;
 mod pattern;
@@ -22,6 +24,7 @@ mod verdict;
 
 pub use adversary::{Find, Search, invariants};
 pub use batch::{Done, Job, run_all, run_unless};
+pub use driver::{Driver, ideal, wandering};
 pub use metrics::Measured;
 pub use report::{Evaluation, Line, Verdict};
 pub use shrink::{Shrunk, shrink};

@@ -52,7 +52,7 @@ pub(crate) use passable::apart;
 pub(crate) use timeline::Times;
 
 /// The scenarios that come with the crate: name and file.
-const BUILT_IN: [(&str, &str); 21] = [
+const BUILT_IN: [(&str, &str); 22] = [
     ("arena", include_str!("../scenarios/arena.toml")),
     ("corridor", include_str!("../scenarios/corridor.toml")),
     ("empty", include_str!("../scenarios/empty.toml")),
@@ -84,6 +84,7 @@ const BUILT_IN: [(&str, &str); 21] = [
         "long-corridor",
         include_str!("../scenarios/long-corridor.toml"),
     ),
+    ("find", include_str!("../scenarios/find.toml")),
     ("crowd", include_str!("../scenarios/crowd.toml")),
     ("gather", include_str!("../scenarios/gather.toml")),
     ("disperse", include_str!("../scenarios/disperse.toml")),

@@ -56,7 +56,7 @@ pub(crate) use bodies::{Bridge, Build, Inputs, Presence};
 pub(crate) use dropped::Items;
 pub(crate) use exchange::Published;
 pub(crate) use fingerprint::StateFingerprint;
-pub(crate) use geometry::{Beam, Cone, Vec2};
+pub(crate) use geometry::{Beam, Cone, Vec2, wrap_any};
 pub(crate) use hash::{body as hash_body, movers as hash_movers};
 pub(crate) use physics::Power;
 pub(crate) use rng::{Purpose, mix, normal, stream, uniform};

@@ -161,7 +161,7 @@ fn a_swarm_is_measured_and_judged() {
     let failures = trial.failures.iter();
     let criteria: Vec<_> = failures.map(|failure| failure.criterion.name()).collect();
     let asked = parse(&text).success;
-    let of_swarm = asked.of_swarm().into_iter().chain(asked.of_time());
+    let of_swarm = asked.of_swarm().into_iter().chain(asked.of_others());
     let asked: Vec<_> = of_swarm.map(|wanted| wanted.metric.name()).collect();
     for name in [
         "order",

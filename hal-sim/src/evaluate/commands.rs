@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{CommandName, Response, ResponseStatus, Topic};
+use crawler_protocol::{CommandName, Response, ResponseStatus, RobotId, Topic};
 
+use crate::net::lockstep::Published;
 use crate::run::{Issued, Simulation};
 
 /// A command whose end is not known this long after it was given has failed.
@@ -34,11 +35,12 @@ pub(super) struct Commands {
 }
 
 impl Commands {
-    /// Takes in what was said since the last call, `step` ago; `hears` tells whether a robot is
-    /// connected.
+    /// Takes in what was published since the last call, `step` ago; `hears` tells whether a robot
+    /// is connected.
     pub(super) fn follow(
         &mut self,
         simulation: &mut Simulation,
+        published: &[Published],
         step: Duration,
         hears: impl Fn(usize) -> bool,
     ) {
@@ -62,10 +64,7 @@ impl Commands {
             };
             self.given.insert(key, given);
         }
-        let Some(network) = simulation.network() else {
-            return;
-        };
-        for published in network.take_record() {
+        for published in published {
             let Ok(Topic::Response(robot)) = Topic::parse(simulation.fleet(), &published.topic)
             else {
                 continue;
@@ -73,17 +72,10 @@ impl Commands {
             let Ok(response) = Response::from_json(&published.payload) else {
                 continue;
             };
-            // Robots are called after their numbers.
-            let number = robot.as_str().strip_prefix("sim-");
-            let Some(number) = number.and_then(|text| text.parse::<usize>().ok()) else {
+            let Some(number) = number(&robot) else {
                 continue;
             };
-            self.answer(
-                number.wrapping_sub(1),
-                response.seq,
-                response.status,
-                published.at,
-            );
+            self.answer(number, response.seq, response.status, published.at);
         }
         let given = &mut self.given;
         let longest = &mut self.longest;
@@ -144,6 +136,12 @@ impl Commands {
         });
         (completed.count(), ended.count())
     }
+}
+
+/// The number of the robot of this name: they are called after their numbers, counted from 1.
+pub(super) fn number(robot: &RobotId) -> Option<usize> {
+    let number = robot.as_str().strip_prefix("sim-")?;
+    number.parse::<usize>().ok()?.checked_sub(1)
 }
 
 /// Whether the command says what a robot is to do from now on: to move, or to stand.

@@ -148,7 +148,7 @@ impl Observer<'_> {
                 fail(criterion, what);
             }
         }
-        for threshold in success.of_swarm().into_iter().chain(success.of_time()) {
+        for threshold in success.of_swarm().into_iter().chain(success.of_others()) {
             let value = measured.get(threshold.metric);
             if let Some(criterion) = Criterion::by_name(threshold.metric.name())
                 && !threshold.is_met(value)

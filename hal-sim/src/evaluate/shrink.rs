@@ -168,6 +168,7 @@ impl<'a> Shrinking<'a> {
             Criterion::Coverage => success.coverage = stated.coverage,
             Criterion::LatticeDegree => success.lattice_degree = stated.lattice_degree,
             Criterion::SpacingError => success.spacing_error_m = stated.spacing_error_m,
+            Criterion::Found => success.found = stated.found,
             // What it is to settle to stands beside it.
             Criterion::Settle => {
                 success = Success {

@@ -4,15 +4,17 @@ use std::convert::Infallible;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{BehaviourName, RobotState, Topic};
+use crawler_protocol::{BehaviourName, Detections, RobotState, Topic};
 
 use super::behaving::Behaving;
 use super::clearance::{LIMIT_M, Near};
-use super::commands::Commands;
+use super::commands::{Commands, number};
+use super::found::Found;
 use super::metrics::{Measured, Recovery, mean, path_optimality, share};
 use super::swarm::{EVERY_S, Swarm};
 use super::verdict::{Criterion, Failure};
 use crate::faults::Fault;
+use crate::net::lockstep::{Published, VirtualNetwork};
 use crate::run::{Broken, Simulation, SimulationError};
 use crate::scenario::{Metric, Passable, Scenario, apart};
 use crate::world::{Observation, Obstacle};
@@ -175,6 +177,8 @@ pub(super) struct Observer<'a> {
     pub(super) least_m: f32,
     /// One robot is none.
     swarm: Option<Swarm>,
+    /// Where robots can see, and there is something to find.
+    found: Option<Found>,
     looks: u32,
     /// The fastest contact: speed, robot, and when.
     pub(super) impact: Option<(f32, usize, f64)>,
@@ -204,6 +208,9 @@ impl<'a> Observer<'a> {
         });
         let radius = simulation.world().parameters().chassis.radius_m;
         let swarm = (simulation.robots() > 1).then(|| Swarm::new(scenario, &arena, radius));
+        let sees = scenario.detector.is_some() && scenario.spawn.camera_share > 0.0;
+        let things = arena.objects.iter().map(|object| [object.x, object.y]);
+        let found = Found::new(things).filter(|_| sees);
         Self {
             scenario,
             seed: simulation.seed(),
@@ -212,6 +219,7 @@ impl<'a> Observer<'a> {
             bodies: arena.movers.iter().map(|mover| mover.body).collect(),
             radius,
             swarm,
+            found,
             looks: 0,
             least_m: LIMIT_M,
             impact: None,
@@ -285,10 +293,13 @@ impl<'a> Observer<'a> {
         let movers = self.movers();
         let least = self.near.least(&places, &movers, self.radius);
         self.least_m = self.least_m.min(least);
-        let hears: Vec<bool> = self.robots.iter().map(|robot| robot.hears).collect();
-        self.commands.follow(&mut self.simulation, LOOK, |robot| {
-            hears.get(robot) == Some(&true)
-        });
+        let hearing: Vec<bool> = self.robots.iter().map(|robot| robot.hears).collect();
+        let published = self.simulation.network().map(VirtualNetwork::take_record);
+        let published = published.unwrap_or_default();
+        self.hear_of_things(&published);
+        let hears = |robot| hearing.get(robot) == Some(&true);
+        self.commands
+            .follow(&mut self.simulation, &published, LOOK, hears);
         for number in std::mem::take(&mut self.commands.told) {
             if let Some(robot) = self.robots.get_mut(number) {
                 robot.behaving.told();
@@ -296,6 +307,24 @@ impl<'a> Observer<'a> {
         }
         for number in 0..self.robots.len() {
             self.look_for_motion(number, now);
+        }
+    }
+
+    /// Takes in what robots say that they see.
+    fn hear_of_things(&mut self, published: &[Published]) {
+        let Some(found) = &mut self.found else {
+            return;
+        };
+        let fleet = self.simulation.fleet();
+        for message in published {
+            let Ok(Topic::Vision(robot)) = Topic::parse(fleet, &message.topic) else {
+                continue;
+            };
+            let seen = Detections::from_json(&message.payload).ok();
+            let pose = number(&robot).and_then(|number| self.simulation.pose(number));
+            if let Some((pose, seen)) = pose.zip(seen) {
+                found.report(pose, &seen);
+            }
         }
     }
 
@@ -494,6 +523,7 @@ impl<'a> Observer<'a> {
                 Some(100.0 * dropouts.sum::<f64>() / hours),
             );
         }
+        measured.set(Metric::Found, self.found.as_ref().map(Found::share));
         if let Some(swarm) = &self.swarm {
             swarm.measure(&mut measured);
         }

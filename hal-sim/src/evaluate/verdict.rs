@@ -52,11 +52,13 @@ pub enum Criterion {
     SpacingError,
     /// A swarm that is not in time as it should be.
     Settle,
+    /// Things that no camera has found.
+    Found,
 }
 
 impl Criterion {
     /// All of them.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::SetUp,
         Self::Panic,
         Self::Reach,
@@ -80,6 +82,7 @@ impl Criterion {
         Self::LatticeDegree,
         Self::SpacingError,
         Self::Settle,
+        Self::Found,
     ];
 
     /// The criterion of this name.
@@ -117,6 +120,7 @@ impl Criterion {
             Self::LatticeDegree => "lattice_degree",
             Self::SpacingError => "spacing_error_m",
             Self::Settle => "settle_s",
+            Self::Found => "found",
         }
     }
 }

@@ -79,6 +79,8 @@ pub struct Target {
     pub at: [f32; 2],
     /// How near counts, metres.
     pub r: f32,
+    /// It does not count before.
+    pub from: Instant,
     /// When it was reached.
     pub reached: Option<Instant>,
     /// When the robot was first told, where it was.
@@ -234,6 +236,7 @@ impl Director {
             route.targets.push(Target {
                 at,
                 r: goal.r,
+                from: instant(goal.at_s),
                 reached: None,
                 told: None,
             });

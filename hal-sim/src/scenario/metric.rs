@@ -55,6 +55,8 @@ pub enum Metric {
     SpacingErrorM,
     /// From when on the swarm is as the scenario wants it, seconds.
     SettleS,
+    /// Share of the coloured things that robots have found with their cameras.
+    Found,
 }
 
 impl Metric {
@@ -62,7 +64,7 @@ impl Metric {
     pub const COUNT: usize = Self::ALL.len();
 
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::Success,
         Self::Reached,
         Self::TimeToGoalS,
@@ -86,6 +88,7 @@ impl Metric {
         Self::LatticeDegree,
         Self::SpacingErrorM,
         Self::SettleS,
+        Self::Found,
     ];
 
     /// Name in tables, files and thresholds.
@@ -115,6 +118,7 @@ impl Metric {
             Self::LatticeDegree => "lattice_degree",
             Self::SpacingErrorM => "spacing_error_m",
             Self::SettleS => "settle_s",
+            Self::Found => "found",
         }
     }
 
@@ -135,7 +139,8 @@ impl Metric {
             | Self::CommandSuccess
             | Self::Order
             | Self::LargestCluster
-            | Self::Coverage => "share",
+            | Self::Coverage
+            | Self::Found => "share",
             Self::TimeToGoalS | Self::RecoveryS | Self::SettleS => "s",
             Self::EnergyJ => "J",
             Self::Collisions => "contacts",
@@ -162,7 +167,8 @@ impl Metric {
             | Self::Uptime
             | Self::CommandSuccess
             | Self::Order
-            | Self::Coverage => Better::More,
+            | Self::Coverage
+            | Self::Found => Better::More,
             Self::TimeToGoalS
             | Self::EnergyJ
             | Self::Collisions

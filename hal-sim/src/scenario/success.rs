@@ -82,6 +82,9 @@ pub struct Success {
     /// beginning of the world.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settle_s: Option<f32>,
+    /// Least share of the coloured things that robots have found with their cameras.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub found: Option<f32>,
 }
 
 impl Success {
@@ -109,16 +112,17 @@ impl Success {
             .collect()
     }
 
-    /// What is stated of metrics that count what a swarm came to in time.
+    /// What is stated of other metrics that are missed where they cannot be measured.
     #[must_use]
-    pub fn of_time(&self) -> Vec<Threshold> {
+    pub fn of_others(&self) -> Vec<Threshold> {
         let stated = [
-            (Metric::ContactsPerMinute, self.contacts_per_minute),
-            (Metric::SettleS, self.settle_s),
+            (Metric::ContactsPerMinute, false, self.contacts_per_minute),
+            (Metric::SettleS, false, self.settle_s),
+            (Metric::Found, true, self.found),
         ];
         let stated = stated.into_iter();
         stated
-            .filter_map(|(metric, limit)| Some(limiting(metric, false, limit?)))
+            .filter_map(|(metric, at_least, limit)| Some(limiting(metric, at_least, limit?)))
             .collect()
     }
 
@@ -147,6 +151,7 @@ impl Success {
             ("lattice_degree", self.lattice_degree, 100.0),
             ("spacing_error_m", self.spacing_error_m, 100.0),
             ("settle_s", self.settle_s, LONGEST_S),
+            ("found", self.found, 1.0),
         ] {
             let value = value.unwrap_or(0.0);
             if !(0.0..=most).contains(&value) {

@@ -13,7 +13,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
-use crawler_sim::evaluate::{Axis, Criterion, Evaluation, Job, Trial, run_all};
+use crawler_sim::evaluate::{
+    Axis, Criterion, Driver, Evaluation, Job, Trial, ideal, run_all, wandering,
+};
 use crawler_sim::scenario::{Scenario, Threshold};
 
 use crate::scenarios::{self, Changes, Randomisation, quoted};
@@ -59,6 +61,10 @@ pub struct EvaluateArgs {
     /// What the runs must come to together, like `success>=0.9`; adds to the scenario's
     #[arg(long, value_name = "METRIC>=NUMBER")]
     pub threshold: Vec<Threshold>,
+    /// Who drives: `program`, as the scenario tells it; `wander`, the same robots told to wander
+    /// and nothing else; `ideal`, nobody: the least time that the ways to the goals take
+    #[arg(long, value_name = "DRIVER", default_value = "program", value_parser = parse_driver, conflicts_with_all = ["sweep", "monte_carlo", "adversarial"])]
+    pub driver: Driver,
     /// File for a table with a line for each run
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
@@ -100,6 +106,13 @@ fn parse_criterion(name: &str) -> Result<Criterion, String> {
     })
 }
 
+fn parse_driver(name: &str) -> Result<Driver, String> {
+    Driver::by_name(name).ok_or_else(|| {
+        let known = Driver::ALL.map(Driver::name);
+        format!("`{name}` is none of {}", known.join(", "))
+    })
+}
+
 /// Runs the evaluation. Success when all thresholds are met; 1 when one is not, 2 when the options
 /// cannot be used, 130 when it was interrupted.
 #[must_use]
@@ -136,17 +149,27 @@ fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, String> {
             seed: args.seed.wrapping_add(number),
         })
         .collect();
-    let results = run_jobs(&jobs, args.threads, &stop);
-    let trials: Vec<Trial> = results.into_iter().flatten().collect();
+    let trials = if args.driver == Driver::Ideal {
+        bounds(&jobs, &stop)
+    } else {
+        let results = run_jobs(&jobs, args.threads, &stop);
+        results.into_iter().flatten().collect()
+    };
     let cut_short = trials.len() < jobs.len();
     let evaluation = Evaluation::new(&scenario, trials, &args.threshold);
     let provenance = Provenance::new(args, &scenario);
+    if args.driver != Driver::Program {
+        println!("driver: {}", args.driver.name());
+    }
     print!("{}", evaluation.table());
     if let Some(baseline) = baseline {
         let table = baseline.table(&scenario.name, &provenance.json(), &evaluation.trials);
         print!("{table}");
     }
-    explain(&repeat(args, args.randomisation, &[]), &evaluation, NAMED);
+    // No replay shows what the program did not do.
+    if args.driver == Driver::Program {
+        explain(&repeat(args, args.randomisation, &[]), &evaluation, NAMED);
+    }
     if let Some(path) = &args.csv {
         write_file(path, &(provenance.comment() + &evaluation.csv()))?;
     }
@@ -169,6 +192,12 @@ fn interrupted(done: usize, all: usize) -> ExitCode {
     ExitCode::from(130)
 }
 
+/// What the goals of each job come to at best.
+fn bounds(jobs: &[Job<'_>], stop: &AtomicBool) -> Vec<Trial> {
+    let jobs = jobs.iter().take_while(|_| !stop.load(Ordering::Relaxed));
+    jobs.map(|job| ideal(job.scenario, job.seed)).collect()
+}
+
 /// The scenario as the options want it.
 pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
     let changes = Changes {
@@ -181,7 +210,18 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
     if scenario.robots == 0 {
         return Err("a world without robots cannot fail: there is nothing to evaluate".into());
     }
-    Ok(scenario)
+    match args.driver {
+        Driver::Program => Ok(scenario),
+        Driver::Wander => Ok(wandering(scenario)),
+        Driver::Ideal if scenario.goals.is_empty() => {
+            Err("--driver ideal: the scenario has no goals, so there is no way to them".into())
+        }
+        // Nobody looks.
+        Driver::Ideal => Ok(Scenario {
+            detector: None,
+            ..scenario
+        }),
+    }
 }
 
 /// Runs jobs, telling whoever waits how far it is.

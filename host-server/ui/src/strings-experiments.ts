@@ -68,6 +68,7 @@ const METRICS: Readonly<Record<string, string>> = {
   lattice_degree: 'Neighbours in the lattice',
   spacing_error_m: 'Error of spacing',
   settle_s: 'Time to settle',
+  found: 'Things found',
   episode_length_s: 'Length of a trial',
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use crawler_sim::evaluate::Driver;
 use crawler_sim::scenario::Scenario;
 use crawler_sim::{SOURCES, VERSION};
 use serde_json::{Value, json};
@@ -30,6 +31,9 @@ impl<'a> Provenance<'a> {
             let _ = write!(options, " --seeds {}", args.seeds);
         }
         let _ = write!(options, " --seed {}", args.seed);
+        if args.driver != Driver::Program {
+            let _ = write!(options, " --driver {}", args.driver.name());
+        }
         Self {
             args,
             scenario,
@@ -72,6 +76,7 @@ impl<'a> Provenance<'a> {
             "sweep": sweep,
             "randomisation": self.scenario.randomisation.name(),
             "seed": args.seed,
+            "driver": args.driver.name(),
             "text": self.text(),
         })
     }

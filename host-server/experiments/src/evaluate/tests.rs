@@ -60,6 +60,37 @@ fn options_that_cannot_be_used_are_told_by_name() {
 }
 
 #[test]
+fn somebody_else_may_drive() {
+    let driven = |scenario: &str, driver: &str| {
+        let words = ["--scenario", scenario, "--driver", driver];
+        super::scenario(&args(&words))
+    };
+    let program = driven("simple-navigation", "program").expect("sound");
+    assert!(program.command.is_none() && program.goals[0].tell);
+    let wanders = driven("simple-navigation", "wander").expect("sound");
+    assert!(wanders.command.is_some() && !wanders.goals[0].tell);
+    let ideal = driven("simple-navigation", "ideal").expect("sound");
+    assert_eq!(ideal.goals, program.goals);
+    let job = Job {
+        scenario: &ideal,
+        seed: 1,
+    };
+    let bound = bounds(&[job], &AtomicBool::new(false));
+    assert!(bound[0].is_success(), "{:?}", bound[0].failures);
+    assert_eq!(bounds(&[], &AtomicBool::new(true)), []);
+    let said = driven("empty", "ideal").expect_err("refused");
+    assert!(said.contains("no goals"), "{said}");
+    let wrong = ["evaluate", "--scenario", "empty", "--driver", "luck"];
+    let said = Line::try_parse_from(wrong)
+        .expect_err("refused")
+        .to_string();
+    assert!(
+        said.contains("`luck` is none of program, wander, ideal"),
+        "{said}"
+    );
+}
+
+#[test]
 fn words_go_through_a_shell() {
     assert_eq!(quoted("a-b_c.toml"), "a-b_c.toml");
     assert_eq!(quoted("a b"), "'a b'");
