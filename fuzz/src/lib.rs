@@ -1,7 +1,7 @@
 //! The bodies of the fuzz targets, by name.
 //!
 //! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `bundle`, `delta`, `gate`,
-//! `models`, `release`, `simulator` and `tls`.
+//! `models`, `policies`, `release`, `simulator` and `tls`.
 
 mod access;
 mod board;
@@ -10,6 +10,7 @@ mod bundle;
 mod delta;
 mod gate;
 mod models;
+mod policies;
 mod release;
 mod simulator;
 mod targets;
@@ -31,6 +32,7 @@ pub fn run(target: &str, data: &[u8]) {
         .chain(&delta::TARGETS)
         .chain(&gate::TARGETS)
         .chain(&models::TARGETS)
+        .chain(&policies::TARGETS)
         .chain(&release::TARGETS)
         .chain(&simulator::TARGETS)
         .chain(&tls::TARGETS)

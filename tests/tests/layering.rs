@@ -21,6 +21,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-micromodel", &[]),
     ("crawler-convert", &["crawler-micromodel"]),
     ("crawler-detector", &[]),
+    ("crawler-policy", &[]),
     ("crawler-drivers", &["crawler-hal"]),
     ("crawler-protocol", &["crawler-hal"]),
     ("crawler-release", &[]),
@@ -261,6 +262,7 @@ const WITHOUT_GLOBALS: &[&str] = &[
     "hal-sim/bundle",
     "hal-sim/protocol",
     "models/micromodel",
+    "models/policy",
 ];
 
 /// The crates of the workspace, each with what it depends on outside of its tests.

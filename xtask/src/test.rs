@@ -114,6 +114,7 @@ fn deep() -> Outcome {
     report.step("clients of Eclipse Paho", |_| paho::step());
     report.step("an earlier version beside this one", |_| mixed::step());
     report.step("clippy of the other RISC-V chip", |_| clippy_of(&[&C6]));
+    report.step("tasks that everybody knows", |_| known_tasks());
     report.step("another engine", |_| detector::compare(&[]));
     report.step("TLS tests of BoringSSL", |_| bogo::if_there());
     report.step("mutants", |_| mutants::sample(seed));
@@ -122,6 +123,13 @@ fn deep() -> Outcome {
     report.step("book", |_| docs::if_there());
     report.step("advisories", |_| advisories());
     report.close()
+}
+
+/// Both algorithms learn what others have learned before: to balance a pole, and to swing up.
+fn known_tasks() -> Outcome {
+    let words =
+        "test --locked --package crawler-policy --test suite -- --ignored --skip seeds_are_written";
+    run::cargo(&words.split(' ').collect::<Vec<_>>())
 }
 
 fn clippy() -> Outcome {
