@@ -114,6 +114,7 @@ fn messages(criterion: &mut Criterion) {
             percent: 67,
         },
         rssi_dbm: Some(-55),
+        says: None,
     };
     let mut buffer = [0; 1_024];
     group.bench_function("telemetry, written", |b| {
@@ -150,6 +151,7 @@ fn control_step(criterion: &mut Criterion) {
         now += PERIOD;
         let inputs = Inputs {
             near: &[],
+            own: 0,
             reading: Reading {
                 sight: Some((Sight::Range(Millimeters(1_500)), now)),
                 health: SensorHealth::Good,

@@ -16,6 +16,7 @@ mod live;
 #[cfg(feature = "live")]
 mod live_control;
 mod lockstep;
+mod missions;
 mod parallel;
 #[cfg(feature = "live")]
 mod proxy;

@@ -2,6 +2,7 @@
 
 mod detour;
 mod goto;
+mod mission;
 mod progress;
 mod scan;
 mod swarm;
@@ -15,9 +16,10 @@ use crate::state::{Escape, Side};
 
 pub use detour::Detour;
 pub use goto::goto_twist;
+pub use mission::{MissionNews, Scene as MissionScene, Underway, Wish};
 pub use progress::Progress;
 pub use scan::{HalfRecognised, HalfScan, SECTORS, Scan, ScanResult, Sector};
-pub use swarm::{APART, BESIDE, LATTICE, Scene, THERE, swarm_twist};
+pub use swarm::{APART, BESIDE, LATTICE, Scene, THERE, steer, swarm_twist};
 
 /// Rate of turning when turning aside, in radians per second, unless the permitted one is less.
 pub const ESCAPE_TURN: f32 = 2.0;

@@ -9,7 +9,7 @@ use core::cell::{Cell, RefCell};
 use crawler_hal::{Instant, PANIC_TEXT, ResetCause};
 use crawler_protocol::{
     Action, BehaviourName, Command, Level, ParameterValues, Pose, Reason, ResponseStatus,
-    RobotState, Source,
+    RobotState, Says, Source,
 };
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -46,6 +46,8 @@ pub struct Snapshot {
     pub pose: Pose,
     /// Duty of the left and right wheel, −1 to 1.
     pub wheels: [f32; 2],
+    /// What it says to its neighbours.
+    pub says: Option<Says>,
     /// Newest reading of the ranger.
     pub reading: Reading,
     /// Newest word on the battery.
@@ -60,6 +62,7 @@ impl Default for Snapshot {
             fault: None,
             pose: Pose::default(),
             wheels: [0.0; 2],
+            says: None,
             reading: Reading::default(),
             battery: Battery::default(),
         }
@@ -276,7 +279,7 @@ impl<M: RawMutex> Robot<M> {
     }
 
     /// How the session with the broker is.
-    pub(crate) fn link_health(&self) -> LinkHealth {
+    pub fn link_health(&self) -> LinkHealth {
         self.link_health.lock(Cell::get)
     }
 

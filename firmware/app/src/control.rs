@@ -12,10 +12,11 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 use rand_core::Rng;
 
+use crate::behaviour::MissionNews;
 use crate::context::handles::ControlHandle;
 use crate::context::{Robot, Snapshot};
 use crate::controller::{Controller, Inputs, Note, Outputs, PERIOD, Tuning};
-use crate::neighbours::Near;
+use crate::neighbours::{Near, name_of};
 use crate::order::Halt;
 use crate::parameters::Parameters;
 use crate::perception::{Charge, LinkHealth};
@@ -125,6 +126,8 @@ pub struct ControlLoop {
     reboot_asked: Option<Instant>,
     /// Whether the camera was asked to look.
     looking: bool,
+    /// The robot itself, as neighbours have it.
+    own: u32,
 }
 
 impl ControlLoop {
@@ -136,6 +139,7 @@ impl ControlLoop {
             shown: None,
             reboot_asked: None,
             looking: false,
+            own: name_of(&robot.config().id),
         }
     }
 
@@ -213,6 +217,7 @@ impl ControlLoop {
             fix: robot.take_fix(),
             view: view.as_ref(),
             near: &near,
+            own: self.own,
             link: robot.link_health(),
             loaded: robot.is_loaded(),
             motor_fault,
@@ -228,6 +233,7 @@ impl ControlLoop {
             fault: state.fault(),
             pose: self.controller.pose(),
             wheels: outputs.duties,
+            says: self.controller.says(),
             reading: inputs.reading,
             battery,
         });
@@ -375,6 +381,14 @@ fn report<M: RawMutex>(robot: &Robot<M>, outputs: &Outputs, now: Instant) {
             Note::Relocated(pose) => {
                 let text = format_args!("{:.2} {:.2}, heading {:.2}", pose.x, pose.y, pose.theta);
                 robot.log(Level::Info, "relocated", text, now);
+            }
+            Note::Mission(MissionNews::LeaderLost) => {
+                let text = format_args!("nobody near is the leader or follows it");
+                robot.log(Level::Warn, "leader-lost", text, now);
+            }
+            Note::Mission(MissionNews::Skipped(number)) => {
+                let text = format_args!("place {number} not reached in time: on to the next");
+                robot.log(Level::Warn, "skipped", text, now);
             }
             Note::Scanned(result) => {
                 for half in result.halves() {

@@ -33,11 +33,11 @@ mod tuning;
 
 use crawler_drivers::l298n::Trim;
 use crawler_hal::{Duration, Instant, Millivolts};
-use crawler_protocol::{BehaviourName, Pose, Reason, ResponseStatus};
+use crawler_protocol::{BehaviourName, Pose, Reason, ResponseStatus, Says};
 use heapless::Vec;
 use rand_core::Rng;
 
-use crate::behaviour::{Detour, Progress, Scan, ScanResult};
+use crate::behaviour::{Detour, MissionNews, Progress, Scan, ScanResult, Underway};
 use crate::goal::Goal;
 use crate::motion::{Correction, Odometry, Ramp};
 use crate::neighbours::Neighbour;
@@ -88,6 +88,8 @@ pub struct Inputs<'a> {
     pub view: Option<&'a View>,
     /// Who is near, while that is needed: see [`Controller::wants_neighbours`].
     pub near: &'a [Neighbour],
+    /// The robot itself, as [`Neighbour::who`].
+    pub own: u32,
     /// Whether the session with the broker holds.
     pub link: LinkHealth,
     /// Whether the parameters are loaded, or given up.
@@ -128,6 +130,8 @@ pub enum Note {
     HemmedIn(u8),
     /// An outside position reference was adopted: the estimate has jumped.
     Relocated(Pose),
+    /// What came up on a mission.
+    Mission(MissionNews),
     /// A scan is done.
     Scanned(ScanResult),
 }
@@ -186,6 +190,9 @@ pub struct Controller {
     /// leads nowhere.
     last_escape: Option<(Side, Instant)>,
     detour: Option<Detour>,
+    mission: Underway,
+    /// When it was noted last that the leader is lost.
+    told_lost: Option<Instant>,
     resumption: Resumption,
     rebooting: bool,
     /// The update that wants the robot has had it: it does not get it back after a fault.
@@ -212,6 +219,8 @@ impl Controller {
             link_lost_since: None,
             last_escape: None,
             detour: None,
+            mission: Underway::None,
+            told_lost: None,
             resumption: Resumption::default(),
             rebooting: false,
             update_begun: false,
@@ -240,6 +249,14 @@ impl Controller {
         match self.state.goal() {
             Some(goal) => goal.behaviour(),
             None => BehaviourName::Manual,
+        }
+    }
+
+    /// What the robot says to its neighbours.
+    pub fn says(&self) -> Option<Says> {
+        match self.state.goal() {
+            Some(Goal::Mission { .. }) => self.mission.says(),
+            Some(_) | None => None,
         }
     }
 

@@ -1,7 +1,7 @@
 //! What a robot is to do.
 
 use crawler_hal::Instant;
-use crawler_protocol::BehaviourName;
+use crawler_protocol::{BehaviourName, Measure, Places};
 
 use crate::motion::Twist;
 
@@ -34,6 +34,13 @@ pub enum Goal {
     },
     /// `disperse`, `gather`, `flock` and `formation`.
     Swarm(Swarm),
+    /// `follow`, `patrol`, `consensus` and `allocate`: the controller has the rest of it.
+    Mission {
+        /// Which.
+        kind: MissionKind,
+        /// Whether it is over some time.
+        ends: bool,
+    },
 }
 
 impl Goal {
@@ -41,7 +48,7 @@ impl Goal {
     pub const fn is_autonomous(&self) -> bool {
         match self {
             Self::Manual { .. } => false,
-            Self::Wander { .. } | Self::Goto { .. } | Self::Swarm(_) => true,
+            Self::Wander { .. } | Self::Goto { .. } | Self::Swarm(_) | Self::Mission { .. } => true,
         }
     }
 
@@ -52,7 +59,10 @@ impl Goal {
 
     /// Whether it goes on until somebody ends it.
     pub const fn is_behaviour(&self) -> bool {
-        matches!(self, Self::Wander { .. } | Self::Swarm(_))
+        matches!(
+            self,
+            Self::Wander { .. } | Self::Swarm(_) | Self::Mission { ends: false, .. }
+        )
     }
 
     /// The behaviour as reported.
@@ -62,6 +72,7 @@ impl Goal {
             Self::Wander { .. } => BehaviourName::Wander,
             Self::Goto { .. } => BehaviourName::Goto,
             Self::Swarm(swarm) => swarm.behaviour(),
+            Self::Mission { kind, .. } => kind.behaviour(),
         }
     }
 }
@@ -93,6 +104,86 @@ impl Swarm {
             Self::Gather { .. } => BehaviourName::Gather,
             Self::Flock => BehaviourName::Flock,
             Self::Formation => BehaviourName::Formation,
+        }
+    }
+}
+
+/// What a robot does with a memory of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum MissionKind {
+    /// Keep behind a leader.
+    Follow,
+    /// Go round by places.
+    Patrol,
+    /// Agree on a number.
+    Consensus,
+    /// Share tasks out.
+    Allocate,
+}
+
+impl MissionKind {
+    /// The behaviour as reported.
+    pub const fn behaviour(self) -> BehaviourName {
+        match self {
+            Self::Follow => BehaviourName::Follow,
+            Self::Patrol => BehaviourName::Patrol,
+            Self::Consensus => BehaviourName::Consensus,
+            Self::Allocate => BehaviourName::Allocate,
+        }
+    }
+}
+
+/// A mission as it is given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Mission {
+    /// Keep behind a leader.
+    Follow {
+        /// Which: [`name_of`](crate::neighbours::name_of) its id.
+        leader: u32,
+        /// Metres to keep.
+        distance: f32,
+    },
+    /// Go round by places.
+    Patrol {
+        /// Where to go.
+        waypoints: Places,
+        /// After how many rounds to stop; 0 is never.
+        laps: u16,
+    },
+    /// Agree on a number.
+    Consensus {
+        /// What to begin with.
+        measure: Measure,
+        /// Most liars among neighbours.
+        f: u8,
+    },
+    /// Share tasks out, and go to the own one.
+    Allocate {
+        /// Where they are.
+        tasks: Places,
+    },
+}
+
+impl Mission {
+    /// What the state machine has of it.
+    pub const fn goal(&self) -> Goal {
+        let (kind, ends) = match self {
+            Self::Follow { .. } => (MissionKind::Follow, false),
+            Self::Patrol { laps, .. } => (MissionKind::Patrol, *laps > 0),
+            Self::Consensus { .. } => (MissionKind::Consensus, false),
+            Self::Allocate { .. } => (MissionKind::Allocate, false),
+        };
+        Goal::Mission { kind, ends }
+    }
+
+    /// The places that the robot may have to go to.
+    pub fn places(&self) -> &[[f32; 2]] {
+        match self {
+            Self::Follow { .. } | Self::Consensus { .. } => &[],
+            Self::Patrol { waypoints, .. } => waypoints.as_slice(),
+            Self::Allocate { tasks } => tasks.as_slice(),
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Who is near, from `{fleet}/cell/{x}/{y}` to control.
 //!
 //! A robot that moves by others listens to its own cell and the eight around it (see
-//! [`around`]). Each message tells all of one cell, so it replaces what was known of that cell;
+//! [`around`]). Each message tells all of one cell, so it replaces what was known of that cell, unless there
+//! are more than it has room for;
 //! a robot that crosses a border is in the newer of two messages. The nearest [`MOST`] are kept,
 //! for [`FRESH_FOR`], and moved on by their twist in the meantime. What makes no sense is dropped:
 //! a message for another cell than its topic names, a robot where none can be, one from the past or
@@ -10,7 +11,7 @@
 use core::cell::RefCell;
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{BehaviourName, CellDigest, Pose, RobotId};
+use crawler_protocol::{BehaviourName, CellDigest, Pose, RobotId, Says};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
@@ -32,8 +33,10 @@ const FASTEST: f32 = 5.0;
 pub type Cell = (i16, i16);
 
 /// Where another robot is, in the coordinates of position references.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Neighbour {
+    /// Stands for its id where only sameness counts: see [`name_of`].
+    pub who: u32,
     /// Metres along the x axis.
     pub x: f32,
     /// Metres along the y axis.
@@ -42,6 +45,8 @@ pub struct Neighbour {
     pub velocity: [f32; 2],
     /// How fast it turns, in radians per second.
     pub turn: f32,
+    /// What it says.
+    pub says: Option<Says>,
 }
 
 impl Neighbour {
@@ -62,7 +67,6 @@ impl Neighbour {
 
 #[derive(Debug, Clone, Copy)]
 struct Seen {
-    who: u32,
     cell: Cell,
     at: Instant,
     is: Neighbour,
@@ -71,7 +75,7 @@ struct Seen {
 /// Neighbours as control sees them.
 pub type Near = Vec<Neighbour, MOST>;
 
-/// The hand-over of neighbours from link to control: 0.6 KB.
+/// The hand-over of neighbours from link to control: 1.1 KB.
 pub(crate) struct Neighbours<M: RawMutex> {
     seen: Mutex<M, RefCell<Vec<Seen, MOST>>>,
 }
@@ -118,15 +122,17 @@ impl<M: RawMutex> Neighbours<M> {
             return false;
         }
         let at = Instant::from_micros(now.as_micros().saturating_sub(age * 1_000));
-        let own = name(own);
+        let own = name_of(own);
         self.seen.lock(|seen| {
             let seen = &mut *seen.borrow_mut();
             if seen.iter().any(|known| known.cell == cell && known.at > at) {
                 return false;
             }
-            seen.retain(|known| known.cell != cell && now - known.at <= FRESH_FOR);
+            // Those of a full cell take turns: who is not named now may still be there.
+            let all = usize::from(digest.count) <= digest.robots.len();
+            seen.retain(|known| (known.cell != cell || !all) && now - known.at <= FRESH_FOR);
             for robot in &digest.robots {
-                let who = name(&robot.id);
+                let who = name_of(&robot.id);
                 let fits = |value: f32, most: f32| libm::fabsf(value) <= most;
                 let sane = fits(robot.x, FARTHEST)
                     && fits(robot.y, FARTHEST)
@@ -137,6 +143,7 @@ impl<M: RawMutex> Neighbours<M> {
                     continue;
                 }
                 let is = Neighbour {
+                    who,
                     x: robot.x,
                     y: robot.y,
                     velocity: [
@@ -144,8 +151,9 @@ impl<M: RawMutex> Neighbours<M> {
                         robot.v * libm::sinf(robot.theta),
                     ],
                     turn: robot.w,
+                    says: robot.says,
                 };
-                keep(seen, Seen { who, cell, at, is }, here);
+                keep(seen, Seen { cell, at, is }, here);
             }
             true
         })
@@ -155,7 +163,7 @@ impl<M: RawMutex> Neighbours<M> {
 /// Puts `new` among the known unless a newer word of the same robot is there, or only nearer ones
 /// than there is room for.
 fn keep(seen: &mut Vec<Seen, MOST>, new: Seen, here: &Pose) {
-    if let Some(known) = seen.iter_mut().find(|known| known.who == new.who) {
+    if let Some(known) = seen.iter_mut().find(|known| known.is.who == new.is.who) {
         if known.at <= new.at {
             *known = new;
         }
@@ -175,8 +183,14 @@ fn keep(seen: &mut Vec<Seen, MOST>, new: Seen, here: &Pose) {
 }
 
 /// Stands for an id where only sameness counts: FNV-1a of 32 bits.
-fn name(id: &RobotId) -> u32 {
-    id.as_str().bytes().fold(0x811c_9dc5, |hash, byte| {
+#[must_use]
+pub fn name_of(id: &RobotId) -> u32 {
+    hash(id.as_str().bytes())
+}
+
+/// FNV-1a of 32 bits.
+pub(crate) fn hash(bytes: impl Iterator<Item = u8>) -> u32 {
+    bytes.fold(0x811c_9dc5, |hash, byte| {
         (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)
     })
 }
@@ -187,7 +201,11 @@ pub const fn needed_for(behaviour: BehaviourName) -> bool {
         BehaviourName::Disperse
         | BehaviourName::Gather
         | BehaviourName::Flock
-        | BehaviourName::Formation => true,
+        | BehaviourName::Formation
+        | BehaviourName::Follow
+        | BehaviourName::Patrol
+        | BehaviourName::Consensus
+        | BehaviourName::Allocate => true,
         BehaviourName::Manual
         | BehaviourName::Wander
         | BehaviourName::Goto

@@ -3,10 +3,10 @@
 use std::vec::Vec;
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{CellDigest, Neighbour as Told, RobotId};
+use crawler_protocol::{CellDigest, Neighbour as Told, RobotId, Says};
 use proptest::prelude::*;
 
-use super::{AHEAD, CELLS, FARTHEST, FRESH_FOR, MOST, around, cell_at, centre, name};
+use super::{AHEAD, CELLS, FARTHEST, FRESH_FOR, MOST, around, cell_at, centre, name_of};
 use crate::testing::{TestRobot, robot};
 
 const BOOTED_MS: u64 = 1_700_000_000_000;
@@ -21,6 +21,7 @@ fn told(id: &str, x: f32, y: f32, v: f32) -> Told {
         theta: 0.0,
         v,
         w: 0.0,
+        says: None,
     }
 }
 
@@ -83,6 +84,37 @@ fn neighbours_move_on_and_are_forgotten() {
 }
 
 #[test]
+fn robots_of_a_full_cell_are_kept_while_others_are_named() {
+    let robot = synchronised();
+    let named = |id: &str, says: &[i32], ms: u64| {
+        let mut buffer = [0; 1_024];
+        let digest = CellDigest {
+            x: 0,
+            y: 0,
+            timestamp: NOW_MS + ms,
+            count: 2,
+            robots: core::iter::once(Told {
+                says: Says::of_numbers(says),
+                ..told(id, 1.0, 0.0, 0.0)
+            })
+            .collect(),
+        };
+        let len = digest.to_json(&mut buffer).expect("fits");
+        let now = NOW + Duration::from_millis(ms);
+        assert!(robot.observe_cell((0, 0), &buffer[..len], now));
+        robot.control_handle().near(now)
+    };
+    assert_eq!(named("a", &[8, 1], 0).len(), 1);
+    let both = named("b", &[], 500);
+    assert_eq!(both.len(), 2);
+    assert_eq!(both[0].says, Says::of_numbers(&[8, 1]), "word for word");
+    assert_eq!(both[1].says, None);
+    assert_eq!(both[1].who, name_of(&RobotId::new("b").expect("legal")));
+    // As long as any neighbour, and then no more.
+    assert_eq!(named("b", &[], 1_501).len(), 1);
+}
+
+#[test]
 fn what_makes_no_sense_is_dropped() {
     let robot = synchronised();
     let one = [told("a", 1.0, 0.0, 0.0)];
@@ -140,8 +172,8 @@ fn cells_have_a_border_and_a_middle() {
     assert_eq!(cells[0], (0, 0));
     assert_eq!(around((i16::MAX, 0)).len(), 6, "the edge of all cells");
     assert_ne!(
-        name(&RobotId::new("a").expect("legal")),
-        name(&RobotId::new("b").expect("legal"))
+        name_of(&RobotId::new("a").expect("legal")),
+        name_of(&RobotId::new("b").expect("legal"))
     );
 }
 

@@ -10,7 +10,8 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use heapless::Vec;
 
-use crate::goal::Swarm;
+use crate::goal::{Mission, Swarm};
+use crate::neighbours::name_of;
 use crate::parameters::Changes;
 
 /// What an update wants of control.
@@ -69,6 +70,8 @@ pub enum Task {
     },
     /// Move by where others are.
     Swarm(Swarm),
+    /// Do what takes a memory.
+    Mission(Mission),
     /// Go to a place in the odometry frame.
     Goto {
         /// Metres along the axis the robot faced at boot.
@@ -90,7 +93,7 @@ impl Task {
     /// The task in `action`; `None` where it is not control that carries it out, or nobody can.
     // Known actions are named one by one although the last arm would catch them too.
     #[allow(clippy::match_same_arms)]
-    pub const fn from_action(action: &Action) -> Option<Self> {
+    pub fn from_action(action: &Action) -> Option<Self> {
         Some(match action {
             Action::Move {
                 direction,
@@ -114,6 +117,27 @@ impl Task {
             }
             Action::Behave(BehaviourSpec::Flock) => Self::Swarm(Swarm::Flock),
             Action::Behave(BehaviourSpec::Formation) => Self::Swarm(Swarm::Formation),
+            Action::Behave(BehaviourSpec::Follow { leader, distance }) => {
+                Self::Mission(Mission::Follow {
+                    leader: name_of(leader),
+                    distance: *distance,
+                })
+            }
+            Action::Behave(BehaviourSpec::Patrol { waypoints, laps }) => {
+                Self::Mission(Mission::Patrol {
+                    waypoints: *waypoints,
+                    laps: *laps,
+                })
+            }
+            Action::Behave(BehaviourSpec::Consensus { measure, f }) => {
+                Self::Mission(Mission::Consensus {
+                    measure: *measure,
+                    f: *f,
+                })
+            }
+            Action::Behave(BehaviourSpec::Allocate { tasks }) => {
+                Self::Mission(Mission::Allocate { tasks: *tasks })
+            }
             Action::Behave(BehaviourSpec::Policy)
             | Action::Capture
             | Action::Stop
@@ -135,6 +159,7 @@ impl Task {
             | Self::Scan
             | Self::Wander { .. }
             | Self::Swarm(_)
+            | Self::Mission(_)
             | Self::Goto { .. } => true,
             Self::Manual | Self::Reset | Self::Identify | Self::Reboot => false,
         }

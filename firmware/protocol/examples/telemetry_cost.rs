@@ -44,6 +44,7 @@ fn sample(number: u64) -> Telemetry {
             percent: 71,
         },
         rssi_dbm: Some(-61),
+        says: None,
     }
 }
 

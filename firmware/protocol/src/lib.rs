@@ -52,9 +52,10 @@ mod topic;
 mod words;
 
 pub use command::{
-    Action, BehaviourSpec, Command, CommandError, CommandName, DEFAULT_WANDER_SPEED, Direction,
-    MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
-    ParameterValues,
+    Action, BehaviourSpec, Command, CommandError, CommandName, DEFAULT_FOLLOW_DISTANCE,
+    DEFAULT_LIARS, DEFAULT_WANDER_SPEED, Direction, FOLLOW_DISTANCE, MAX_COORDINATE, MAX_DRIVE_V,
+    MAX_DRIVE_W, MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_PLACES, MAX_SET, MAX_VALUE, Measure,
+    ParameterValue, ParameterValues, Places,
 };
 pub use fault::{
     FaultCommand, FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS,
@@ -65,11 +66,11 @@ pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
     Battery, BehaviourName, Boot, BootCause, BuildId, Capability, CellDigest, Detection,
     Detections, Heartbeat, Kind, Level, LogRecord, MAX_BATCH, MAX_BUILD, MAX_DETECTIONS, MAX_MODEL,
-    MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, MAX_REASON_CODE, ModelName, Models,
-    Neighbour, Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, ReasonCode, ReleaseId,
-    ReleaseIdError, Reports, Response, RobotState, Samples, StatusMessage, SwarmResponse,
-    Telemetry, TelemetryEncoding, TimeMessage, UpdateCommand, UpdateDelta, UpdateName,
-    UpdateOutcome, UpdatePart, UpdateReport, UpdateStage, Wheels,
+    MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, MAX_REASON_CODE, MAX_SAYS, ModelName,
+    Models, Neighbour, Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, ReasonCode,
+    ReleaseId, ReleaseIdError, Reports, Response, RobotState, Samples, Says, StatusMessage,
+    SwarmResponse, Telemetry, TelemetryEncoding, TimeMessage, UpdateCommand, UpdateDelta,
+    UpdateName, UpdateOutcome, UpdatePart, UpdateReport, UpdateStage, Wheels,
 };
 pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]

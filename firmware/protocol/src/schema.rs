@@ -7,10 +7,11 @@ use std::vec::Vec;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 
 use crate::{
-    Action, BehaviourName, CellDigest, Command, CommandName, Detections, Direction, Heartbeat,
-    LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, MAX_SET, ParameterValue,
-    ParametersMessage, PoseFix, Response, Source, StatusMessage, SwarmResponse, Telemetry,
-    TimeMessage, UpdateCommand, UpdateReport,
+    Action, BehaviourName, CellDigest, Command, CommandName, Detections, Direction,
+    FOLLOW_DISTANCE, Heartbeat, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS,
+    MAX_LIARS, MAX_MOVE_MS, MAX_PLACES, MAX_SET, MAX_VALUE, ParameterValue, ParametersMessage,
+    PoseFix, Response, RobotId, Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage,
+    UpdateCommand, UpdateReport,
 };
 
 /// Name and JSON Schema (2020-12) of every message, and of the request for a command.
@@ -152,7 +153,12 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
         CommandName::Behave => {
             let behaviours: Vec<Schema> = BehaviourName::ALL
                 .iter()
-                .map(|behaviour| {
+                .flat_map(|behaviour| {
+                    // A number of its own, or one that is measured.
+                    let ways = 1 + usize::from(*behaviour == BehaviourName::Consensus);
+                    (0..ways).map(move |way| (behaviour, way))
+                })
+                .map(|(behaviour, way)| {
                     let mut members = std::vec![(
                         "behaviour",
                         json_schema!({ "const": behaviour.name() }),
@@ -174,6 +180,61 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
                             (
                                 "y",
                                 within(MAX_COORDINATE, "Metres along the y axis; 0 by default."),
+                                false,
+                            ),
+                        ]),
+                        BehaviourName::Follow => members.extend([
+                            ("leader", generator.subschema_for::<RobotId>(), true),
+                            (
+                                "distance",
+                                json_schema!({
+                                    "description": "Metres to keep; 0.6 where it is not given.",
+                                    "type": "number",
+                                    "minimum": FOLLOW_DISTANCE[0],
+                                    "maximum": FOLLOW_DISTANCE[1],
+                                }),
+                                false,
+                            ),
+                        ]),
+                        BehaviourName::Consensus => members.extend([
+                            if way == 0 {
+                                ("value", within(MAX_VALUE, "The number to begin with."), true)
+                            } else {
+                                (
+                                    "measure",
+                                    json_schema!({
+                                        "description": "What to measure for it: °C, or metres.",
+                                        "enum": ["temperature", "range"],
+                                    }),
+                                    true,
+                                )
+                            },
+                            (
+                                "f",
+                                whole(
+                                    MAX_LIARS.into(),
+                                    "Most liars among the neighbours of a robot; 1 where it is not given.",
+                                ),
+                                false,
+                            ),
+                        ]),
+                        BehaviourName::Allocate => members.push((
+                            "tasks",
+                            places(1, "Where there is something to do."),
+                            true,
+                        )),
+                        BehaviourName::Patrol => members.extend([
+                            (
+                                "waypoints",
+                                places(2, "Where to go, one after the other."),
+                                true,
+                            ),
+                            (
+                                "laps",
+                                whole(
+                                    MAX_LAPS.into(),
+                                    "After how many rounds to stop; 0, as where it is not given, is never.",
+                                ),
                                 false,
                             ),
                         ]),
@@ -221,6 +282,23 @@ pub fn object(members: impl IntoIterator<Item = (&'static str, Schema, bool)>) -
         "properties": properties,
         "required": required,
         "additionalProperties": false,
+    })
+}
+
+/// At least so many places.
+fn places(least: u8, description: &str) -> Schema {
+    json_schema!({
+        "description": description,
+        "type": "array",
+        "items": {
+            "description": "Metres along the x axis and along the y axis.",
+            "type": "array",
+            "items": within(MAX_COORDINATE, "Metres."),
+            "minItems": 2,
+            "maxItems": 2,
+        },
+        "minItems": least,
+        "maxItems": MAX_PLACES,
     })
 }
 

@@ -89,6 +89,7 @@ fn the_examples_of_the_contract_are_read_and_written() {
             percent: 71,
         },
         rssi_dbm: Some(-61),
+        says: None,
     };
     assert_eq!(
         Telemetry::from_json(TELEMETRY.as_bytes()),
@@ -269,6 +270,10 @@ fn words_on_the_wire_are_stable() {
             "flock",
             "formation",
             "policy",
+            "follow",
+            "patrol",
+            "consensus",
+            "allocate",
         ],
     );
     words(
@@ -279,7 +284,7 @@ fn words_on_the_wire_are_stable() {
     words(
         Capability::ALL,
         |w| w.name(),
-        &["drive", "range", "camera", "vision", "faults"],
+        &["drive", "range", "camera", "vision", "faults", "missions"],
     );
     words(
         Direction::ALL,

@@ -1,7 +1,7 @@
 //! What robots and servers of every version of the protocol have said is read by this build.
 //!
 //! `hal-sim/tests/golden.rs` writes the file of a version; it never changes from then on. Messages about
-//! updates, which came later than the rest of version 1, are in a file of their own.
+//! updates and about missions, which came later than the rest of version 1, are in files of their own.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crawler_protocol::open::{self, Read, Report, Update};
 use crawler_protocol::{
-    BehaviourName, CellDigest, Command, CommandName, Detections, Fleet, PROTOCOL_VERSION,
+    Action, BehaviourName, CellDigest, Command, CommandName, Detections, Fleet, PROTOCOL_VERSION,
     ParametersMessage, PoseFix, ResponseStatus, RobotState, TelemetryEncoding, TimeMessage, Topic,
     UpdateCommand, UpdateOutcome, UpdatePart, UpdateStage,
 };
@@ -165,6 +165,49 @@ fn messages_of_every_version_are_read() {
             assert!(behaviours.contains(&BehaviourName::Wander));
         }
     }
+}
+
+/// Missions, and what robots say on them, came later than the rest of version 1.
+#[test]
+fn messages_about_missions_are_read() {
+    let (mut told, mut said) = (BTreeSet::new(), BTreeSet::new());
+    for Golden {
+        topic,
+        payload,
+        content_type,
+    } in golden("missions-1.jsonl")
+    {
+        match topic {
+            Topic::CommandRobot(_) => match Command::parse(&payload).expect("a command").action {
+                Action::Behave(spec) => assert!(told.insert(spec.behaviour())),
+                other => panic!("{other:?}"),
+            },
+            Topic::Telemetry(_) => {
+                let how = TelemetryEncoding::of(content_type.as_deref()).expect("a type");
+                for sample in how.open_samples(&payload) {
+                    let Read { message, unknown } = sample.expect("a sample");
+                    assert!(unknown.is_none());
+                    let says = message.says.expect("says something");
+                    let kinds = BehaviourName::ALL.iter();
+                    said.extend(kinds.filter(|kind| says.by(**kind).is_some()));
+                }
+            }
+            Topic::Cell { .. } => {
+                let digest = CellDigest::from_json(&payload).expect("a digest");
+                let says = digest.robots[0].says.expect("says something");
+                assert!(says.by(BehaviourName::Allocate).is_some());
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    let missions = [
+        BehaviourName::Follow,
+        BehaviourName::Patrol,
+        BehaviourName::Consensus,
+        BehaviourName::Allocate,
+    ];
+    assert_eq!(told, BTreeSet::from(missions));
+    assert_eq!(said, BTreeSet::from(missions));
 }
 
 /// Messages about updates came later than the rest of version 1. Both sides read each other's.

@@ -3,10 +3,10 @@
 use crawler_protocol::{
     Battery, BehaviourName, Boot, BootCause, BuildId, Capability, CellDigest, Detection,
     Detections, EncodeError, Heartbeat, Kind, Level, LogRecord, MAX_BUILD, MAX_DETECTIONS,
-    MAX_MESSAGE, MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, ModelName, Neighbour,
-    Outcomes, ParameterReport, ParameterValue, ParametersMessage, Pose, PoseFix, Reason, Response,
-    ResponseStatus, RobotId, RobotState, Source, StatusMessage, SwarmResponse, Telemetry,
-    TimeMessage, Wheels,
+    MAX_MESSAGE, MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, MAX_SAYS, ModelName,
+    Neighbour, Outcomes, ParameterReport, ParameterValue, ParametersMessage, Pose, PoseFix, Reason,
+    Response, ResponseStatus, RobotId, RobotState, Says, Source, StatusMessage, SwarmResponse,
+    Telemetry, TimeMessage, Wheels,
 };
 
 fn robot() -> RobotId {
@@ -61,6 +61,7 @@ fn the_longest_message_of_every_kind_fits() {
             percent: 100,
         },
         rssi_dbm: Some(i8::MIN),
+        says: Says::of_numbers(&[i32::MIN; MAX_SAYS]),
     };
     assert!(telemetry.to_json(&mut buf).unwrap() <= 512);
 
@@ -71,7 +72,7 @@ fn the_longest_message_of_every_kind_fits() {
         // A quotation mark takes twice its length; what would take six times leaves as a space.
         firmware: quotes(),
         board: quotes(),
-        capabilities: [Capability::Camera; 8].into_iter().collect(),
+        capabilities: [Capability::Missions; 8].into_iter().collect(),
         boot: Boot {
             count: u32::MAX,
             cause: BootCause::BrownOut,
@@ -250,6 +251,7 @@ fn a_digest_that_is_full_tells_how_many_there_are() {
         theta: LONG,
         v: LONG,
         w: LONG,
+        says: None,
     };
     let digest = CellDigest {
         x: i16::MIN,
@@ -274,11 +276,41 @@ fn a_digest_that_is_full_tells_how_many_there_are() {
         theta: -1.234,
         v: 0.123,
         w: -0.123,
+        says: None,
     };
     let digest = CellDigest {
         robots: (0..10).map(|_| usual.clone()).collect(),
         ..digest
     };
     let length = digest.to_json(&mut buf).unwrap();
-    assert_eq!(CellDigest::from_json(&buf[..length]), Ok(digest));
+    assert_eq!(CellDigest::from_json(&buf[..length]), Ok(digest.clone()));
+    // As docs/protocol.md has it.
+    let full = |says: Option<Says>| {
+        let robots = (0..MAX_NEIGHBOURS).map(|number| Neighbour {
+            id: RobotId::new(&format!("sim-{number:04}")).unwrap(),
+            x: [12.345, 1.234, -0.123][number % 3],
+            says,
+            ..usual.clone()
+        });
+        CellDigest {
+            x: -7,
+            y: 6,
+            timestamp: 1_790_000_000_123,
+            robots: robots.collect(),
+            ..digest.clone()
+        }
+    };
+    let told = |says: &[i32]| {
+        let mut buf = [0; MAX_MESSAGE];
+        let length = full(Says::of_numbers(says)).to_json(&mut buf).unwrap();
+        CellDigest::from_json(&buf[..length]).unwrap().robots.len()
+    };
+    let fit = [
+        told(&[]),
+        told(&[9, -1_234_567_890, 750, 3]),
+        told(&[8, -1_234_567_890, 12]),
+        told(&[10, 22_500, 123]),
+        told(&[11, 7, 812, 200, -1_234_567_890]),
+    ];
+    assert_eq!(fit, [12, 9, 9, 9, 8]);
 }

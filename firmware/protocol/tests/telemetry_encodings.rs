@@ -2,7 +2,7 @@
 
 use crawler_protocol::{
     Battery, BehaviourName, DecodeError, EncodeError, MAX_BATCH, MAX_MESSAGE, Pose, RobotId,
-    RobotState, Telemetry, TelemetryEncoding, Wheels,
+    RobotState, Says, Telemetry, TelemetryEncoding, Wheels,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -49,6 +49,7 @@ fn sample() -> Telemetry {
             percent: 71,
         },
         rssi_dbm: Some(-61),
+        says: None,
     }
 }
 
@@ -86,7 +87,7 @@ fn bytes_are_those_of_the_contract() {
     let states = "INITIALIZING IDLE MOVING SCANNING CAUTION AVOIDING UPDATING ERROR";
     let names: Vec<_> = RobotState::ALL.iter().map(|state| state.name()).collect();
     assert_eq!(names.join(" "), states);
-    let behaviours = "manual wander goto disperse gather flock formation policy";
+    let behaviours = "manual wander goto disperse gather flock formation policy follow patrol consensus allocate";
     let names: Vec<_> = BehaviourName::ALL.iter().map(|name| name.name()).collect();
     assert_eq!(names.join(" "), behaviours);
 }
@@ -116,7 +117,7 @@ fn readers_are_as_strict_as_those_of_json() {
     assert_eq!(changed(0, 0xBF), Err(DecodeError::WrongType));
     assert_eq!(changed(0, 0x8B), Err(DecodeError::WrongType));
     // Key of the robot: unknown, a negative one, that of another field.
-    assert_eq!(changed(1, 11), Err(DecodeError::UnknownField));
+    assert_eq!(changed(1, 12), Err(DecodeError::UnknownField));
     assert_eq!(changed(1, 0x20), Err(DecodeError::UnknownField));
     assert_eq!(changed(1, 1), Err(DecodeError::WrongType));
     // Its name: bytes instead of text, a capital, not UTF-8.
@@ -248,6 +249,48 @@ fn a_batch_is_one_rising_row_of_at_most_ten() {
     }
 }
 
+#[test]
+fn what_a_robot_says_is_one_to_six_numbers() {
+    let with = |says: &[i32]| Telemetry {
+        says: Says::of_numbers(says),
+        ..sample()
+    };
+    assert_eq!(Says::of_numbers(&[]), None);
+    assert_eq!(Says::of_numbers(&[0; 7]), None);
+    let most = with(&[9, -1, i32::MAX, i32::MIN, 0, 24]);
+    let bytes = cbor(&most);
+    let said = [0x0B, 0x86, 9, 0x20, 0x1A, 0x7F, 0xFF, 0xFF, 0xFF, 0x3A];
+    let at = bytes.windows(said.len()).position(|part| part == said);
+    let at = at.expect("behind the others") + 1;
+    assert_eq!(Telemetry::from_cbor(&bytes), Ok(most));
+    // More than there may be, none, an endless array, no array.
+    for (head, error) in [
+        (0x87, DecodeError::OutOfRange),
+        (0x80, DecodeError::OutOfRange),
+        (0x9F, DecodeError::WrongType),
+        (0x40, DecodeError::WrongType),
+    ] {
+        let mut bytes = bytes.clone();
+        bytes[at] = head;
+        assert_eq!(Telemetry::from_cbor(&bytes), Err(error), "{head:#x}");
+    }
+    let mut buf = [0; MAX_MESSAGE];
+    let length = with(&[8, 5]).to_json(&mut buf).unwrap();
+    let text = std::str::from_utf8(&buf[..length]).unwrap();
+    assert!(text.ends_with(r#","says":[8,5]}"#), "{text}");
+    for other in [
+        "[]",
+        "[1,2,3,4,5,6,7]",
+        "[1.5]",
+        "[3000000000]",
+        "8",
+        "null",
+    ] {
+        let text = text.replace("[8,5]", other);
+        assert!(Telemetry::from_json(text.as_bytes()).is_err(), "{other}");
+    }
+}
+
 /// As many as the robot's parameters allow fit, whatever they say, or the robot sends fewer.
 #[test]
 fn ten_samples_of_a_usual_robot_fit() {
@@ -279,13 +322,17 @@ fn the_description_has_the_fields_of_the_encoder() {
         })
         .collect();
     let mut buf = [0; MAX_MESSAGE];
-    let length = sample().to_json(&mut buf).unwrap();
+    let full = Telemetry {
+        says: Says::of_numbers(&[8, 1]),
+        ..sample()
+    };
+    let length = full.to_json(&mut buf).unwrap();
     let json = std::str::from_utf8(&buf[..length]).unwrap();
     for (place, (key, name)) in told.iter().enumerate() {
         assert_eq!(usize::from(*key), place);
         assert!(json.contains(&format!("\"{name}\":")), "{name}");
     }
-    let bytes = contract();
+    let bytes = cbor(&full);
     assert_eq!(bytes[0], 0xA0 | told.len() as u8, "as many fields");
     let mut decoder = minicbor::Decoder::new(&bytes[1..]);
     for (key, name) in &told {

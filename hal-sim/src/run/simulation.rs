@@ -21,12 +21,13 @@ mod step;
 mod updates;
 mod versions;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::rc::Rc;
 
 use crawler_app::Credentials;
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Fleet, RobotId, Topic};
+use crawler_protocol::{Fleet, RobotId, Says, Topic};
 use crawler_release::PublicKeys;
 
 use super::director::Director;
@@ -124,6 +125,8 @@ pub struct Simulation {
     next_history: Instant,
     /// When robots that listen are told who is near.
     next_cells: Instant,
+    /// What they say to those near them, by number, in the step in which that is told.
+    said: BTreeMap<usize, Says>,
     hashes: Hashes,
     /// Number of the newest command.
     seq: u64,
@@ -357,6 +360,7 @@ impl Simulation {
             next_step: Instant::BOOT + PHYSICS_STEP,
             next_history: Instant::BOOT + HISTORY_PERIOD,
             next_cells: Instant::BOOT + crawler_cells::PERIOD,
+            said: BTreeMap::new(),
             hashes: Hashes::default(),
             seq: command::FIRST_SEQ,
             journal: Journal::default(),

@@ -8,7 +8,7 @@ use axum::extract::{Path, State};
 use crawler_protocol::open::{Boot, LogRecord, Open};
 use crawler_protocol::{
     Battery, BehaviourName, Capability, Detections, Kind, ParameterValue, Pose, RobotId,
-    RobotState, Wheels,
+    RobotState, Says, Wheels,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -85,6 +85,9 @@ pub(super) struct RobotView {
     battery: Option<Battery>,
     /// Strength of its radio link.
     rssi_dbm: Option<i8>,
+    /// What it says to its neighbours; `null` while its behaviour needs nothing said.
+    #[schema(value_type = Option<Vec<i32>>)]
+    says: Option<Says>,
     /// Milliseconds since it started.
     uptime_ms: Option<u64>,
     /// Unix milliseconds of the telemetry shown here, by the robot's clock.
@@ -178,6 +181,7 @@ impl RobotView {
             wheels: telemetry.map(|telemetry| telemetry.wheels),
             battery: telemetry.map(|telemetry| telemetry.battery),
             rssi_dbm: telemetry.and_then(|telemetry| telemetry.rssi_dbm),
+            says: telemetry.and_then(|telemetry| telemetry.says),
             uptime_ms: robot.heartbeat.as_ref().map(|beat| beat.uptime_ms),
             timestamp: telemetry.map(|telemetry| telemetry.timestamp),
             sees: robot.sees.as_deref().map(SightView::new),

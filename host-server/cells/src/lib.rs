@@ -8,39 +8,50 @@ use std::collections::{BTreeMap, BTreeSet};
 pub use crawler_app::neighbours::needed_for;
 use crawler_app::neighbours::{Cell, cell_at};
 use crawler_hal::Duration;
-use crawler_protocol::{CellDigest, Neighbour};
+use crawler_protocol::{CellDigest, MAX_NEIGHBOURS, Neighbour};
 
 /// Time between two messages about a cell: at most two a second.
 pub const PERIOD: Duration = Duration::from_millis(500);
 
+/// Robots of a cell that fit a message in any case: those of more take turns.
+const SURE: usize = 8;
+
 /// A message for each of the `wanted` cells, empty ones too: whoever was there has left. Robots
-/// beyond what a message holds are counted and left out, those that come last.
+/// beyond what a message holds are counted and left out; from one period to the next these are others.
 #[must_use]
 pub fn digests(
     robots: impl IntoIterator<Item = Neighbour>,
     wanted: &BTreeSet<Cell>,
     timestamp: u64,
 ) -> Vec<CellDigest> {
-    let empty = |&(x, y): &Cell| {
-        let digest = CellDigest {
-            x,
-            y,
-            timestamp,
-            count: 0,
-            robots: heapless::Vec::new(),
-        };
-        ((x, y), digest)
+    let empty = |&(x, y): &Cell| CellDigest {
+        x,
+        y,
+        timestamp,
+        count: 0,
+        robots: heapless::Vec::new(),
     };
-    let mut cells: BTreeMap<Cell, CellDigest> = wanted.iter().map(empty).collect();
+    let mut cells: BTreeMap<Cell, Vec<Neighbour>> =
+        wanted.iter().map(|cell| (*cell, Vec::new())).collect();
     for robot in robots {
         let cell = cell_at(robot.x, robot.y).and_then(|cell| cells.get_mut(&cell));
         if let Some(cell) = cell {
-            cell.count = cell.count.saturating_add(1);
-            // Full: it counts, and that is all.
-            let _ = cell.robots.push(robot);
+            cell.push(robot);
         }
     }
-    cells.into_values().collect()
+    let turn = timestamp / PERIOD.as_millis();
+    let full = |(cell, mut robots): (Cell, Vec<Neighbour>)| {
+        if robots.len() > SURE {
+            let first = turn.wrapping_mul(SURE as u64) % robots.len() as u64;
+            robots.rotate_left(first as usize);
+        }
+        CellDigest {
+            count: u16::try_from(robots.len()).unwrap_or(u16::MAX),
+            robots: robots.into_iter().take(MAX_NEIGHBOURS).collect(),
+            ..empty(&cell)
+        }
+    };
+    cells.into_iter().map(full).collect()
 }
 
 /// The cells that robots at `places`, in metres, listen to when they move by where others are, or
@@ -62,7 +73,7 @@ pub fn wanted(places: impl IntoIterator<Item = [f32; 2]>) -> BTreeSet<Cell> {
 mod tests {
     use super::*;
     use crawler_app::neighbours::around;
-    use crawler_protocol::{MAX_MESSAGE, MAX_NEIGHBOURS, RobotId};
+    use crawler_protocol::{MAX_MESSAGE, RobotId};
 
     fn robot(number: usize, x: f32, y: f32) -> Neighbour {
         Neighbour {
@@ -72,6 +83,7 @@ mod tests {
             theta: 0.0,
             v: 0.0,
             w: 0.0,
+            says: None,
         }
     }
 
@@ -91,6 +103,25 @@ mod tests {
         for digest in &told {
             assert!(digest.to_json(&mut buffer).is_ok());
         }
+    }
+
+    #[test]
+    fn robots_of_a_crowded_cell_take_turns() {
+        let mut named = BTreeSet::new();
+        let cells = BTreeSet::from([(0, 0)]);
+        // Three messages, as long as a robot remembers, of which each holds no more than it must.
+        for turn in 0..3 {
+            let robots = (0..24).map(|n| robot(n, 0.1, 0.1));
+            let told = digests(robots, &cells, 500 * (1_000_003 + turn));
+            named.extend(
+                told[0]
+                    .robots
+                    .iter()
+                    .take(SURE)
+                    .map(|robot| robot.id.clone()),
+            );
+        }
+        assert_eq!(named.len(), 24);
     }
 
     #[test]

@@ -4,10 +4,11 @@ use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 use crawler_cells as cells;
-use crawler_protocol::{MAX_MESSAGE, Neighbour, Pose, RobotId, Topic};
+use crawler_protocol::open::Telemetry;
+use crawler_protocol::{Capability, MAX_MESSAGE, Neighbour, Pose, RobotId, Says, Topic};
 
 use crawler_fleet::bus::Bus;
-use crawler_fleet::{Presence, SharedFleet};
+use crawler_fleet::{Presence, Robot, SharedFleet};
 
 /// Less sure of its place than this, in metres of sigma, a robot is nobody's neighbour.
 const VAGUE_M: f32 = 0.5;
@@ -46,33 +47,47 @@ impl Cells {
             return;
         }
         self.told = Some(now);
-        let (listeners, robots) = {
+        let (listeners, deaf, robots) = {
             let fleet = fleet.lock();
             let known = || {
                 fleet
                     .robots()
                     .filter(|robot| robot.presence == Presence::Online)
-                    .filter_map(|robot| robot.telemetry.as_ref())
-                    .filter(|told| unix.abs_diff(told.timestamp) <= STALE_MS)
+                    .filter_map(|robot| Some((robot, robot.telemetry.as_ref()?)))
+                    .filter(|(_, told)| unix.abs_diff(told.timestamp) <= STALE_MS)
             };
-            let listeners: Vec<[f32; 2]> = known()
-                .filter(|told| told.behaviour.known().is_none_or(cells::needed_for))
-                .map(|told| [told.pose.x, told.pose.y])
-                .collect();
+            let listening =
+                || known().filter(|(_, told)| told.behaviour.known().is_none_or(cells::needed_for));
+            let place = |told: &Telemetry| [told.pose.x, told.pose.y];
+            let listeners: Vec<_> = listening().map(|(_, told)| place(told)).collect();
+            // Robots older than what neighbours say would refuse a digest that tells it.
+            let deaf = listening().filter(|(robot, _)| !knows_says(robot));
+            let deaf: Vec<_> = deaf.map(|(_, told)| place(told)).collect();
             if listeners.is_empty() {
                 self.last.clear();
                 return;
             }
-            let sure = known().filter(|told| told.pose.sigma <= VAGUE_M);
+            let sure = known().filter(|(_, told)| told.pose.sigma <= VAGUE_M);
             let robots: Vec<_> = sure
-                .map(|told| (told.robot.clone(), told.timestamp, told.pose))
+                .map(|(_, told)| Told {
+                    id: told.robot.clone(),
+                    timestamp: told.timestamp,
+                    pose: told.pose,
+                    says: told.says,
+                })
                 .collect();
-            (listeners, robots)
+            (listeners, deaf, robots)
         };
         let robots = self.neighbours(robots, unix);
+        let deaf = cells::wanted(deaf);
         let mut buffer = [0; MAX_MESSAGE];
-        for digest in cells::digests(robots, &cells::wanted(listeners), unix) {
+        for mut digest in cells::digests(robots, &cells::wanted(listeners), unix) {
             let (x, y) = (digest.x, digest.y);
+            if deaf.contains(&(x, y)) {
+                for robot in &mut digest.robots {
+                    robot.says = None;
+                }
+            }
             let Ok(length) = digest.to_json(&mut buffer) else {
                 continue;
             };
@@ -86,10 +101,16 @@ impl Cells {
     }
 
     /// Where the robots are at `unix`, and how fast, by what they told last and before that.
-    fn neighbours(&mut self, told: Vec<(RobotId, u64, Pose)>, unix: u64) -> Vec<Neighbour> {
+    fn neighbours(&mut self, told: Vec<Told>, unix: u64) -> Vec<Neighbour> {
         let mut before = std::mem::take(&mut self.last);
         told.into_iter()
-            .map(|(id, timestamp, pose)| {
+            .map(|told| {
+                let Told {
+                    id,
+                    timestamp,
+                    pose,
+                    says,
+                } = told;
                 let last = before.remove(&id);
                 let twist = match last {
                     Some(last) if timestamp >= last.timestamp + SHORTEST_MS => {
@@ -117,10 +138,27 @@ impl Cells {
                     theta: pose.theta,
                     v,
                     w,
+                    says,
                 }
             })
             .collect()
     }
+}
+
+/// What a robot told last.
+struct Told {
+    id: RobotId,
+    timestamp: u64,
+    pose: Pose,
+    says: Option<Says>,
+}
+
+/// Whether a robot takes a digest in which others say something.
+fn knows_says(robot: &Robot) -> bool {
+    robot.status.as_ref().is_some_and(|status| {
+        let mut capabilities = status.capabilities.iter();
+        capabilities.any(|capability| *capability == Capability::Missions)
+    })
 }
 
 /// The twist that leads from `a` to `b` in so many milliseconds.
@@ -162,12 +200,18 @@ mod tests {
         let mut cells = Cells::default();
         let id = RobotId::new("a").expect("legal");
         let mut at = |ms: u64, pose| {
-            let told = vec![(id.clone(), 10_000 + ms, pose)];
-            cells.neighbours(told, 10_100 + ms)[0].clone()
+            let told = Told {
+                id: id.clone(),
+                timestamp: 10_000 + ms,
+                pose,
+                says: Says::of_numbers(&[9, 1]),
+            };
+            cells.neighbours(vec![told], 10_100 + ms)[0].clone()
         };
         assert_eq!(at(0, pose(0.0, 0.0, 0.0)).v, 0.0, "of one message");
         let moving = at(500, pose(0.1, 0.0, 0.0));
         assert!((moving.v - 0.2).abs() < 1e-4, "{moving:?}");
+        assert_eq!(moving.says, Says::of_numbers(&[9, 1]), "word for word");
         assert!(
             (moving.x - 0.12).abs() < 1e-4,
             "0.1 s further on: {moving:?}"

@@ -11,7 +11,7 @@ export { ApiError, problemText } from './http'
 
 export interface Command {
   command: string
-  parameters?: Record<string, number | string | boolean>
+  parameters?: Record<string, number | string | boolean | readonly (readonly [number, number])[]>
 }
 
 /** As the interface describes it: pages hold what a person chose as names and values. */

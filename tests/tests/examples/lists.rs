@@ -96,7 +96,20 @@ pub(crate) fn faults(pages: &[Page]) -> Vec<String> {
         .find(|row| row[0] == "`behave`")
         .expect("behave");
     // The names of its parameters stand among them.
-    let parameters = ["behaviour", "speed", "x", "y"];
+    let parameters = [
+        "behaviour",
+        "speed",
+        "x",
+        "y",
+        "leader",
+        "distance",
+        "waypoints",
+        "laps",
+        "value",
+        "measure",
+        "f",
+        "tasks",
+    ];
     let told = names(&row[1]).into_iter();
     compare(
         "docs/operate.md, behaviours",

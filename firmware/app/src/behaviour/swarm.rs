@@ -36,7 +36,7 @@ const HEADING_GAIN: f32 = 2.5;
 /// Beyond this heading error the robot turns in place.
 const TURN_IN_PLACE: f32 = 1.0;
 /// How little sure of its place a robot may be to move by others, in metres of sigma.
-const VAGUE: f32 = 0.5;
+pub(super) const VAGUE: f32 = 0.5;
 /// Farther than this nobody is reckoned with, in millimetres, so that no product overflows.
 const FARTHEST_MM: i32 = 10_000;
 /// Who would rather be where something is rests this far from it, in millimetres: out of the critical
@@ -120,6 +120,18 @@ pub fn swarm_twist(swarm: Swarm, scene: &Scene<'_>) -> Twist {
         Swarm::Flock => flock::flock(scene),
         Swarm::Formation => scene.steer(formation::formation(scene), 0.0),
     }
+}
+
+/// Motion of a robot at `pose` with a wish for a velocity along both axes, as a share of `speed`.
+pub fn steer(wish: [f32; 2], pose: &Pose, speed: f32, max_turn: f32) -> Twist {
+    let scene = Scene {
+        pose,
+        near: &[],
+        ahead_mm: None,
+        speed,
+        max_turn,
+    };
+    scene.steer(wish, 0.0)
 }
 
 impl Scene<'_> {

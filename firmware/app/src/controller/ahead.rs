@@ -5,11 +5,14 @@ use crawler_protocol::Reason;
 use rand_core::Rng;
 
 use super::{Controller, FAILSAFE, HOLD, Inputs, Note, Outputs, PERIOD};
-use crate::behaviour::{Detour, Scene, escape_twist, goto_twist, swarm_twist};
+use crate::behaviour::{
+    Detour, MissionNews, MissionScene, Scene, Wish, escape_twist, goto_twist, steer, swarm_twist,
+};
 use crate::goal::Goal;
 use crate::motion::Twist;
 use crate::perception::{Charge, Sight};
 use crate::state::{Event, Side, State};
+use crate::tracking::TOLD_EVERY;
 use crate::vision::View;
 
 /// Share of the wanted speed that is left right before the critical distance.
@@ -104,7 +107,10 @@ impl Controller {
 
     /// Whether what the robot does goes by where others are.
     pub fn wants_neighbours(&self) -> bool {
-        matches!(self.state.goal(), Some(Goal::Swarm(_)))
+        matches!(
+            self.state.goal(),
+            Some(Goal::Swarm(_) | Goal::Mission { .. })
+        )
     }
 
     /// Takes in what the camera has shown.
@@ -155,7 +161,7 @@ impl Controller {
             match goal {
                 Goal::Manual { twist, .. } if twist.v <= 0.0 => return Event::Near,
                 Goal::Manual { .. } => return Event::Blocked(Side::Left),
-                Goal::Wander { .. } | Goal::Goto { .. } | Goal::Swarm(_) => {
+                Goal::Wander { .. } | Goal::Goto { .. } | Goal::Swarm(_) | Goal::Mission { .. } => {
                     return Event::Blocked(self.way_round(goal, rng, now));
                 }
             }
@@ -188,7 +194,7 @@ impl Controller {
     }
 
     fn way_round<R: Rng>(&mut self, goal: &Goal, rng: &mut R, now: Instant) -> Side {
-        if let Goal::Goto { x, y, .. } = *goal {
+        if let Some([x, y]) = self.destination(goal) {
             let pose = self.pose();
             let distance = libm::hypotf(x - pose.x, y - pose.y);
             let detour = Detour::next(self.detour, distance, side(rng));
@@ -212,9 +218,21 @@ impl Controller {
 
     /// Wanted motion. Ends what has arrived or is complete.
     pub(super) fn wanted(&mut self, inputs: &Inputs<'_>, out: &mut Outputs, now: Instant) -> Twist {
+        let mut wish = Wish::Rest;
+        if let Some(Goal::Mission { .. }) = self.state.goal() {
+            wish = self.go_on(inputs, out, now);
+            if wish == Wish::Done {
+                self.finish(Ok(()), out);
+                self.state = self.state.step(Event::End, now);
+            }
+        }
         let twist = match self.state {
             State::Initializing | State::Idle | State::Error(_) | State::Updating => {
                 return Twist::ZERO;
+            }
+            State::Moving(Goal::Mission { .. }) | State::Caution(Goal::Mission { .. }) => {
+                let twist = self.mission_twist(wish, now);
+                self.slow_down(twist, inputs, now)
             }
             State::Moving(goal) | State::Caution(goal) => {
                 let twist = self.goal_twist(&goal, inputs, now);
@@ -253,6 +271,80 @@ impl Controller {
         }
     }
 
+    /// Goes on with the mission by one step, whatever is in the way at the moment.
+    fn go_on(&mut self, inputs: &Inputs<'_>, out: &mut Outputs, now: Instant) -> Wish {
+        let pose = self.pose();
+        let scene = MissionScene {
+            pose: &pose,
+            near: inputs.near,
+            own: inputs.own,
+            reading: &inputs.reading,
+            speed: self.tuning.goto_speed * self.tuning.max_speed,
+            now,
+        };
+        let (wish, news) = self.mission.step(&scene);
+        match news {
+            Some(MissionNews::LeaderLost)
+                if self.told_lost.is_some_and(|at| now - at < TOLD_EVERY) => {}
+            Some(news) => {
+                if news == MissionNews::LeaderLost {
+                    self.told_lost = Some(now);
+                }
+                out.note(Note::Mission(news));
+            }
+            None => {}
+        }
+        wish
+    }
+
+    /// What a mission wants on a free way.
+    fn mission_twist(&mut self, wish: Wish, now: Instant) -> Twist {
+        /// Nearer than this, in metres, a robot has been at a place: another one may stand there.
+        const THERE: f32 = 0.2;
+        let (max_speed, max_turn) = (self.tuning.max_speed, self.tuning.max_turn);
+        match wish {
+            Wish::Rest | Wish::Done => Twist::ZERO,
+            Wish::Velocity(wish) => steer(wish, &self.pose(), max_speed, max_turn),
+            Wish::Place(place, pace) => {
+                let tolerance = self.tuning.arrive_tolerance.max(THERE);
+                let speed = pace * self.tuning.goto_speed * max_speed;
+                self.place_twist(place, tolerance, speed, now)
+                    .unwrap_or_else(|| {
+                        self.mission.arrived();
+                        self.detour = None;
+                        Twist::ZERO
+                    })
+            }
+        }
+    }
+
+    /// The place that `goal` leads to.
+    fn destination(&self, goal: &Goal) -> Option<[f32; 2]> {
+        match *goal {
+            Goal::Goto { x, y, .. } => Some([x, y]),
+            Goal::Mission { .. } => self.mission.destination(),
+            Goal::Manual { .. } | Goal::Wander { .. } | Goal::Swarm(_) => None,
+        }
+    }
+
+    /// The way to `place`, and past what has been in the way; `None` within `tolerance` metres of it.
+    fn place_twist(
+        &self,
+        place: [f32; 2],
+        tolerance: f32,
+        speed: f32,
+        now: Instant,
+    ) -> Option<Twist> {
+        let turn = self.tuning.max_turn;
+        let twist = goto_twist(&self.pose(), place, tolerance, speed, turn)?;
+        Some(match self.last_escape {
+            Some((_, left)) if now - left < Detour::straight(self.detour.as_ref()) => {
+                Twist { v: speed, w: 0.0 }
+            }
+            Some(_) | None => twist,
+        })
+    }
+
     /// What `goal` wants on a free way; `None` when it has arrived.
     fn goal_twist(&self, goal: &Goal, inputs: &Inputs<'_>, now: Instant) -> Option<Twist> {
         let max_speed = self.tuning.max_speed;
@@ -275,20 +367,10 @@ impl Controller {
             }
             Goal::Goto { x, y, .. } => {
                 let speed = self.tuning.goto_speed * max_speed;
-                let twist = goto_twist(
-                    &self.pose(),
-                    [x, y],
-                    self.tuning.arrive_tolerance,
-                    speed,
-                    self.tuning.max_turn,
-                )?;
-                match self.last_escape {
-                    Some((_, left)) if now - left < Detour::straight(self.detour.as_ref()) => {
-                        Some(Twist { v: speed, w: 0.0 })
-                    }
-                    Some(_) | None => Some(twist),
-                }
+                self.place_twist([x, y], self.tuning.arrive_tolerance, speed, now)
             }
+            // It has been asked already: see `mission_twist`.
+            Goal::Mission { .. } => Some(Twist::ZERO),
         }
     }
 

@@ -91,9 +91,11 @@ impl Controller {
                     Err(Reason::Timeout)
                 }),
                 Goal::Goto { deadline, .. } if now >= deadline => Some(Err(Reason::Timeout)),
-                Goal::Manual { .. } | Goal::Goto { .. } | Goal::Wander { .. } | Goal::Swarm(_) => {
-                    None
-                }
+                Goal::Manual { .. }
+                | Goal::Goto { .. }
+                | Goal::Wander { .. }
+                | Goal::Swarm(_)
+                | Goal::Mission { .. } => None,
             },
             State::Scanning { deadline } if now >= deadline => Some(Err(Reason::Timeout)),
             State::Scanning { .. }

@@ -4,8 +4,8 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Direction, Reason, ResponseStatus};
 
 use super::{Controller, FAILSAFE, Inputs, LONGEST_MOVE, Outputs, SCAN_TIMEOUT};
-use crate::behaviour::Scan;
-use crate::goal::Goal;
+use crate::behaviour::{Scan, Underway};
+use crate::goal::{Goal, Mission};
 use crate::motion::Twist;
 use crate::order::{Order, Task};
 use crate::perception::LinkHealth;
@@ -78,6 +78,7 @@ impl Controller {
             {
                 Err(Reason::OutOfRange)
             }
+            Task::Mission(mission) if !is_possible(&mission, inputs.own) => Err(Reason::OutOfRange),
             Task::Move { .. } | Task::Drive { .. } => {
                 let near = view.is_some_and(|v| v.distance_mm() < self.tuning.critical_mm);
                 if guarded && near && self.manual_twist(task).v > 0.0 {
@@ -90,6 +91,7 @@ impl Controller {
             | Task::Scan
             | Task::Wander { .. }
             | Task::Swarm(_)
+            | Task::Mission(_)
             | Task::Manual
             | Task::Reset
             | Task::Identify
@@ -142,6 +144,16 @@ impl Controller {
             Task::Swarm(swarm) => {
                 self.start_goal(Goal::Swarm(swarm), out, now);
                 Answering::Now
+            }
+            Task::Mission(mission) => {
+                self.mission = Underway::begin(&mission, &self.pose());
+                let goal = mission.goal();
+                self.start_goal(goal, out, now);
+                if goal.is_behaviour() {
+                    Answering::Now
+                } else {
+                    Answering::AtEnd
+                }
             }
             Task::Goto { x, y } => {
                 let deadline = now + self.goto_patience([x, y]);
@@ -229,6 +241,7 @@ impl Controller {
             Task::Scan
             | Task::Wander { .. }
             | Task::Swarm(_)
+            | Task::Mission(_)
             | Task::Goto { .. }
             | Task::Manual
             | Task::Reset
@@ -236,6 +249,13 @@ impl Controller {
             | Task::Reboot => Twist::ZERO,
         }
     }
+}
+
+/// Whether a mission leads no farther than a `goto` may, nor after the robot itself.
+fn is_possible(mission: &Mission, own: u32) -> bool {
+    let near = |along: &f32| libm::fabsf(*along) <= FARTHEST_TARGET;
+    !matches!(mission, Mission::Follow { leader, .. } if *leader == own)
+        && mission.places().iter().flatten().all(near)
 }
 
 const fn is_manual(task: &Task) -> bool {

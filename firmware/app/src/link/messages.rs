@@ -39,7 +39,7 @@ pub(super) fn status<M: RawMutex>(
 ) -> Option<usize> {
     let (config, boot) = (robot.config(), robot.boot());
     let mut capabilities = Vec::new();
-    // At most five of eight places.
+    // At most six of eight places.
     let _ = capabilities.push(Capability::Drive);
     let _ = capabilities.push(Capability::Range);
     if config.camera {
@@ -51,6 +51,7 @@ pub(super) fn status<M: RawMutex>(
     if config.takes_faults() {
         let _ = capabilities.push(Capability::Faults);
     }
+    let _ = capabilities.push(Capability::Missions);
     let message = StatusMessage {
         robot: config.id.clone(),
         online,
@@ -133,6 +134,7 @@ pub(super) fn telemetry<M: RawMutex>(
                 .map_or(0, crawler_hal::Percent::get),
         },
         rssi_dbm,
+        says: snapshot.says,
     };
     let len = how.append(&sample, buf, at)?;
     Ok((len, sample.state))

@@ -7,7 +7,7 @@ use std::string::String;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{
     Action, CellDigest, Command, Neighbour, ParameterValue, Pose, PoseFix, ResponseStatus, RobotId,
-    RobotState,
+    RobotState, Says,
 };
 use proptest::prelude::*;
 
@@ -124,7 +124,7 @@ impl Bench {
             Happening::Avoidance(on) => self.set_avoidance(*on),
             Happening::MotorFault(fault) => self.motor_fault = *fault,
             Happening::Fix { pose, age } => self.see(*pose, *age),
-            Happening::Neighbour(there) => self.meet(*there),
+            Happening::Neighbour(there, says) => self.meet(*there, *says),
         }
         Ok(())
     }
@@ -142,7 +142,7 @@ impl Bench {
         let _ = self.robot.observe_fix(&buffer[..len], self.now);
     }
 
-    fn meet(&mut self, [x, y, v]: [f32; 3]) {
+    fn meet(&mut self, [x, y, v]: [f32; 3], says: Option<Says>) {
         let Some((column, row)) = cell_at(x, y) else {
             return;
         };
@@ -153,6 +153,7 @@ impl Bench {
             theta: 0.5,
             v,
             w: 0.0,
+            says,
         };
         let digest = CellDigest {
             x: column,

@@ -4,7 +4,7 @@ use std::vec;
 use std::vec::Vec;
 
 use crawler_hal::Millimeters;
-use crawler_protocol::{Action, BehaviourSpec, Direction, Pose};
+use crawler_protocol::{Action, BehaviourSpec, Direction, Measure, Places, Pose, RobotId, Says};
 use proptest::prelude::*;
 
 use crate::perception::{Charge, LinkHealth, SensorHealth, Sight};
@@ -47,8 +47,8 @@ pub(super) enum Happening {
     Charge(Charge),
     Avoidance(bool),
     MotorFault(bool),
-    /// Another robot is said to be there, with this speed.
-    Neighbour([f32; 3]),
+    /// Another robot is said to be there, with this speed, and to say this.
+    Neighbour([f32; 3], Option<Says>),
     /// An outside reference puts the robot there, so many milliseconds ago.
     Fix {
         pose: Pose,
@@ -80,6 +80,19 @@ fn action() -> impl Strategy<Value = Action> {
         1 => Just(Action::Behave(BehaviourSpec::Gather { x: 1.0, y: -2.0 })),
         1 => Just(Action::Behave(BehaviourSpec::Formation)),
         1 => Just(Action::Behave(BehaviourSpec::Policy)),
+        2 => prop_oneof![Just("other"), Just("rules")].prop_map(|leader| {
+            let leader = RobotId::new(leader).expect("legal");
+            Action::Behave(BehaviourSpec::Follow { leader, distance: 0.5 })
+        }),
+        1 => Just(Action::Behave(BehaviourSpec::Consensus { measure: Measure::Range, f: 1 })),
+        2 => (-2.0_f32..2.0, -2.0_f32..2.0).prop_map(|(x, y)| {
+            let tasks = Places::new(&[[0.0, 0.0], [x, y]]).expect("two places");
+            Action::Behave(BehaviourSpec::Allocate { tasks })
+        }),
+        2 => (-2.0_f32..2.0, -2.0_f32..2.0, 0_u16..2).prop_map(|(x, y, laps)| {
+            let waypoints = Places::new(&[[0.0, 0.0], [x, y]]).expect("two places");
+            Action::Behave(BehaviourSpec::Patrol { waypoints, laps })
+        }),
         2 => (-2.0_f32..2.0, -2.0_f32..2.0).prop_map(|(x, y)| Action::Goto { x, y }),
         1 => Just(Action::Identify),
         1 => Just(Action::Capture),
@@ -123,7 +136,11 @@ pub(super) fn happening() -> impl Strategy<Value = Happening> {
         .prop_map(|(x, y, theta, sigma)| Pose { x, y, theta, sigma });
     let fix = (pose, -1_000_i64..1_500).prop_map(|(pose, age)| Happening::Fix { pose, age });
     let near = (-3.0_f32..3.0, -3.0_f32..3.0, -1.0_f32..1.0);
-    let near = near.prop_map(|(x, y, v)| Happening::Neighbour([x, y, v]));
+    let word = || prop_oneof![4 => 0_i32..1_001, 1 => any::<i32>()];
+    let says = (8_i32..12, word(), word(), word())
+        .prop_map(|(kind, a, b, c)| Says::of_numbers(&[kind, a, b, c]).expect("four"));
+    let near = (near, prop::option::of(says))
+        .prop_map(|((x, y, v), says)| Happening::Neighbour([x, y, v], says));
     prop_oneof![
         4 => fix,
         4 => near,

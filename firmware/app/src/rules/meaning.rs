@@ -29,7 +29,9 @@ impl Meaning {
                 until: now + Duration::from_millis(u64::from(*duration_ms)),
                 lasting: true,
             },
-            Action::Goto { .. } | Action::Scan => Self::Motion {
+            Action::Goto { .. }
+            | Action::Scan
+            | Action::Behave(BehaviourSpec::Patrol { laps: 1.., .. }) => Self::Motion {
                 until: Instant::FAR_FUTURE,
                 lasting: true,
             },

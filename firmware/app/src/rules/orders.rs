@@ -6,13 +6,13 @@ use std::string::String;
 use std::vec;
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Direction, ResponseStatus};
+use crawler_protocol::{Direction, Measure, Places, ResponseStatus};
 use heapless::Vec;
 use proptest::prelude::*;
 
 use crate::config::Geometry;
 use crate::controller::{Controller, Inputs, Outputs, Tuning};
-use crate::goal::Swarm;
+use crate::goal::{Mission, Swarm};
 use crate::order::{Halt, Order, Sender, Task, UpdateWish};
 use crate::parameters::Parameters;
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
@@ -37,6 +37,27 @@ fn task() -> impl Strategy<Value = Task> {
         Just(Task::Wander { speed: 70 }),
         Just(Task::Swarm(Swarm::Flock)),
         Just(Task::Swarm(Swarm::Gather { x: 1.0, y: -2.0 })),
+        (0_u32..2).prop_map(|leader| Task::Mission(Mission::Follow {
+            leader,
+            distance: 0.5,
+        })),
+        Just(Task::Mission(Mission::Consensus {
+            measure: Measure::Temperature,
+            f: 1,
+        })),
+        (-2_000.0_f32..2_000.0).prop_map(|far| {
+            let tasks = Places::new(&[[0.1, 0.0], [far, 0.0]]);
+            Task::Mission(Mission::Allocate {
+                tasks: tasks.expect("two places"),
+            })
+        }),
+        (0_u16..2, -2_000.0_f32..2_000.0).prop_map(|(laps, far)| {
+            let waypoints = Places::new(&[[0.0, 0.0], [0.1, 0.0], [0.0, far]]);
+            Task::Mission(Mission::Patrol {
+                waypoints: waypoints.expect("three places"),
+                laps,
+            })
+        }),
         Just(Task::Goto { x: 0.1, y: 0.0 }),
         Just(Task::Goto {
             x: f32::INFINITY,
@@ -87,6 +108,7 @@ proptest! {
                     fix: None,
                     view: None,
                     near: &[],
+                    own: 0,
                     reading: Reading {
                         sight: sees.then_some((Sight::Clear, now)),
                         health: SensorHealth::Good,

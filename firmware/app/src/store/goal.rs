@@ -22,7 +22,7 @@ pub(super) fn encode(goal: &Goal) -> [u8; ENCODED] {
         Goal::Swarm(Swarm::Gather { x, y }) => (3, [x, y]),
         Goal::Swarm(Swarm::Flock) => (4, [0.0; NUMBERS]),
         Goal::Swarm(Swarm::Formation) => (5, [0.0; NUMBERS]),
-        Goal::Manual { .. } | Goal::Goto { .. } => return NOTHING,
+        Goal::Manual { .. } | Goal::Goto { .. } | Goal::Mission { .. } => return NOTHING,
     };
     let mut bytes = NOTHING;
     let all = core::iter::once(kind).chain(numbers.into_iter().flat_map(f32::to_le_bytes));

@@ -54,6 +54,7 @@ impl Bench {
             fix: None,
             view,
             near: &[],
+            own: 0,
             link: LinkHealth::Up,
             loaded: true,
             motor_fault: false,

@@ -3,7 +3,7 @@
 use serde::ser::{SerializeMap, SerializeStruct};
 use serde::{Serialize, Serializer};
 
-use super::{Action, BehaviourSpec, Command, ParameterValue};
+use super::{Action, BehaviourSpec, Command, Measure, ParameterValue};
 
 /// The parameters of an action as the flat object they are on the wire.
 struct Parameters<'a>(&'a Action);
@@ -54,6 +54,27 @@ impl Serialize for Parameters<'_> {
                         unless(&mut map, "x", *x, 0.0)?;
                         unless(&mut map, "y", *y, 0.0)?;
                     }
+                    BehaviourSpec::Follow { leader, distance } => {
+                        map.serialize_entry("leader", leader)?;
+                        map.serialize_entry("distance", &ParameterValue::Number(*distance))?;
+                    }
+                    BehaviourSpec::Patrol { waypoints, laps } => {
+                        map.serialize_entry("waypoints", waypoints)?;
+                        map.serialize_entry("laps", laps)?;
+                    }
+                    BehaviourSpec::Consensus { measure, f } => {
+                        match measure {
+                            Measure::Value(value) => {
+                                map.serialize_entry("value", &ParameterValue::Number(*value))?;
+                            }
+                            Measure::Temperature => {
+                                map.serialize_entry("measure", "temperature")?;
+                            }
+                            Measure::Range => map.serialize_entry("measure", "range")?,
+                        }
+                        map.serialize_entry("f", f)?;
+                    }
+                    BehaviourSpec::Allocate { tasks } => map.serialize_entry("tasks", tasks)?,
                     BehaviourSpec::Manual
                     | BehaviourSpec::Disperse
                     | BehaviourSpec::Flock

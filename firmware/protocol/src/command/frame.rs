@@ -1,8 +1,8 @@
-//! The first step: bytes to a frame of bounded scalars.
+//! The first step: bytes to a frame of bounded scalars, and of places.
 
 use heapless::{String, Vec};
 
-use super::{CommandName, MAX_SET};
+use super::{CommandName, MAX_SET, Places};
 use crate::json::{MAX_DEPTH, Reader, Text, Value};
 use crate::{DecodeError, MAX_MESSAGE, Reason, Source};
 
@@ -13,6 +13,8 @@ pub(super) enum Scalar {
     /// Finite.
     Number(f64),
     Text(String<64>),
+    /// An array of arrays of two numbers.
+    Places(Places),
 }
 
 /// Everything read of a command, and the first thing found wrong with it.
@@ -160,6 +162,25 @@ impl Frame {
         Ok(result.map_err(|reason| self.blame(reason)).ok())
     }
 
+    /// Reads the value of a parameter: a scalar, or places.
+    fn parameter(&mut self, reader: &mut Reader<'_>) -> Result<Option<Scalar>, DecodeError> {
+        let before = reader.clone();
+        let array = matches!(reader.value()?, Value::Array);
+        *reader = before.clone();
+        if !array {
+            return self.scalar(reader, 2, parameter);
+        }
+        match places(reader) {
+            Ok(places) => Ok(Some(Scalar::Places(places))),
+            Err(reason) => {
+                *reader = before;
+                self.blame(reason);
+                reader.skip(MAX_DEPTH - 2)?;
+                Ok(None)
+            }
+        }
+    }
+
     fn parameters(&mut self, reader: &mut Reader<'_>) -> Result<(), DecodeError> {
         let before = reader.clone();
         match reader.value()? {
@@ -175,7 +196,7 @@ impl Frame {
         while let Some(name) = reader.member(first)? {
             first = false;
             let name = name.decode::<32>();
-            let value = self.scalar(reader, 2, parameter)?;
+            let value = self.parameter(reader)?;
             let Some(name) = name else {
                 self.long_name = true;
                 continue;
@@ -190,6 +211,36 @@ impl Frame {
         }
         Ok(())
     }
+}
+
+/// Reads an array of places. What is wrong with the syntax is for whoever passes over it to find.
+fn places(reader: &mut Reader<'_>) -> Result<Places, Reason> {
+    let wrong = |_: DecodeError| Reason::WrongType;
+    let mut places = Places::NONE;
+    reader.open_array().map_err(wrong)?;
+    while reader.element(places.count() == 0).map_err(wrong)? {
+        let mut place = [0.0; 2];
+        let Value::Array = reader.value().map_err(wrong)? else {
+            return Err(Reason::WrongType);
+        };
+        reader.open_array().map_err(wrong)?;
+        for (at, along) in place.iter_mut().enumerate() {
+            if !reader.element(at == 0).map_err(wrong)? {
+                return Err(Reason::WrongType);
+            }
+            let Value::Number(text) = reader.value().map_err(wrong)? else {
+                return Err(Reason::WrongType);
+            };
+            *along = text.parse().map_err(|_| Reason::OutOfRange)?;
+        }
+        if reader.element(false).map_err(wrong)? {
+            return Err(Reason::WrongType);
+        }
+        if !places.push(place) {
+            return Err(Reason::OutOfRange);
+        }
+    }
+    Ok(places)
 }
 
 fn command_name(value: Value<'_>) -> Result<CommandName, Reason> {

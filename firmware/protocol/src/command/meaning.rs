@@ -5,10 +5,11 @@ use heapless::String;
 use super::frame::{Frame, Scalar};
 use super::value::is_text;
 use super::{
-    Action, BehaviourSpec, Command, CommandName, DEFAULT_WANDER_SPEED, Direction, MAX_COORDINATE,
-    MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, ParameterValue, ParameterValues,
+    Action, BehaviourSpec, Command, CommandName, DEFAULT_FOLLOW_DISTANCE, DEFAULT_LIARS,
+    DEFAULT_WANDER_SPEED, Direction, FOLLOW_DISTANCE, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W,
+    MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_VALUE, Measure, ParameterValue, ParameterValues, Places,
 };
-use crate::{BehaviourName, Reason};
+use crate::{BehaviourName, Reason, RobotId};
 
 /// Makes a command of a frame. Takes `source` out of it only where nothing is wrong.
 pub(super) fn command(frame: &mut Frame) -> Result<Command, Reason> {
@@ -99,6 +100,56 @@ fn behave(given: Given<'_>) -> Result<BehaviourSpec, Reason> {
                 y: within(given.number("y")?, MAX_COORDINATE)?,
             })
         }
+        BehaviourName::Follow => {
+            given.only(&["behaviour", "leader", "distance"])?;
+            let [least, most] = FOLLOW_DISTANCE;
+            let distance = match given.get("distance") {
+                Some(_) => within(given.number("distance")?, most)?,
+                None => DEFAULT_FOLLOW_DISTANCE,
+            };
+            if distance < least {
+                return Err(Reason::OutOfRange);
+            }
+            Ok(BehaviourSpec::Follow {
+                leader: RobotId::new(given.text("leader")?).map_err(|_| Reason::OutOfRange)?,
+                distance,
+            })
+        }
+        BehaviourName::Patrol => {
+            given.only(&["behaviour", "waypoints", "laps"])?;
+            Ok(BehaviourSpec::Patrol {
+                waypoints: given.places("waypoints", 2)?,
+                laps: match given.get("laps") {
+                    Some(_) => whole(given.number("laps")?, MAX_LAPS.into())? as u16,
+                    None => 0,
+                },
+            })
+        }
+        BehaviourName::Consensus => {
+            given.only(&["behaviour", "value", "measure", "f"])?;
+            let measure = match (given.get("value"), given.get("measure")) {
+                (Some(_), None) => Measure::Value(within(given.number("value")?, MAX_VALUE)?),
+                (None, Some(_)) => match given.text("measure")? {
+                    "temperature" => Measure::Temperature,
+                    "range" => Measure::Range,
+                    _ => return Err(Reason::OutOfRange),
+                },
+                (None, None) => return Err(Reason::MissingField),
+                // One or the other.
+                (Some(_), Some(_)) => return Err(Reason::UnknownField),
+            };
+            let f = match given.get("f") {
+                Some(_) => whole(given.number("f")?, MAX_LIARS.into())? as u8,
+                None => DEFAULT_LIARS,
+            };
+            Ok(BehaviourSpec::Consensus { measure, f })
+        }
+        BehaviourName::Allocate => {
+            given.only(&["behaviour", "tasks"])?;
+            Ok(BehaviourSpec::Allocate {
+                tasks: given.places("tasks", 1)?,
+            })
+        }
         BehaviourName::Manual => alone(BehaviourSpec::Manual),
         BehaviourName::Disperse => alone(BehaviourSpec::Disperse),
         BehaviourName::Gather => {
@@ -126,6 +177,7 @@ fn set(given: Given<'_>) -> Result<ParameterValues, Reason> {
             Scalar::Number(value) => ParameterValue::Number(within(*value, f32::MAX)?),
             Scalar::Text(value) if is_text(value) => ParameterValue::Text(value.clone()),
             Scalar::Text(_) => return Err(Reason::OutOfRange),
+            Scalar::Places(_) => return Err(Reason::WrongType),
         };
         values
             .push((name.clone(), value))
@@ -173,7 +225,7 @@ impl<'a> Given<'a> {
     fn number(self, name: &str) -> Result<f64, Reason> {
         match self.get(name).ok_or(Reason::MissingField)? {
             Scalar::Number(value) => Ok(*value),
-            Scalar::Bool(_) | Scalar::Text(_) => Err(Reason::WrongType),
+            Scalar::Bool(_) | Scalar::Text(_) | Scalar::Places(_) => Err(Reason::WrongType),
         }
     }
 
@@ -188,7 +240,16 @@ impl<'a> Given<'a> {
     fn text(self, name: &str) -> Result<&'a str, Reason> {
         match self.get(name).ok_or(Reason::MissingField)? {
             Scalar::Text(value) => Ok(value),
-            Scalar::Bool(_) | Scalar::Number(_) => Err(Reason::WrongType),
+            Scalar::Bool(_) | Scalar::Number(_) | Scalar::Places(_) => Err(Reason::WrongType),
+        }
+    }
+
+    /// Places, `least` of them or more.
+    fn places(self, name: &str, least: u8) -> Result<Places, Reason> {
+        match self.get(name).ok_or(Reason::MissingField)? {
+            Scalar::Places(places) if places.count() >= least => Ok(*places),
+            Scalar::Places(_) => Err(Reason::OutOfRange),
+            Scalar::Bool(_) | Scalar::Number(_) | Scalar::Text(_) => Err(Reason::WrongType),
         }
     }
 }

@@ -1,20 +1,22 @@
 //! Commands: what a robot is told to do.
 //!
-//! Reading takes two steps. `frame` turns bytes into a frame of bounded scalars and remembers
+//! Reading takes two steps. `frame` turns bytes into a frame of bounded scalars and places, and remembers
 //! the first thing that is wrong with it, so that `seq` and `source` survive a bad command and the
 //! robot can answer `rejected`. `meaning` turns the frame into an [`Action`].
 
 mod encode;
 mod frame;
 mod meaning;
+mod places;
 mod value;
 
 use core::fmt;
 
+pub use places::{MAX_PLACES, Places};
 pub use value::{MAX_SET, ParameterValue, ParameterValues};
 
 use crate::words::words;
-use crate::{BehaviourName, EncodeError, Reason, Source, json};
+use crate::{BehaviourName, EncodeError, Reason, RobotId, Source, json};
 
 words! {
     /// The name of a command.
@@ -70,9 +72,23 @@ pub const MAX_DRIVE_W: f32 = 50.0;
 pub const MAX_COORDINATE: f32 = 10_000.0;
 /// Speed of `wander` where none is given, in percent.
 pub const DEFAULT_WANDER_SPEED: u8 = 60;
+/// Least and largest distance that `follow` may keep, in metres: nearer, bodies would touch; farther, the
+/// cells that a robot listens to may not reach.
+pub const FOLLOW_DISTANCE: [f32; 2] = [0.25, 2.0];
+/// Distance that `follow` keeps where none is given, in metres.
+pub const DEFAULT_FOLLOW_DISTANCE: f32 = 0.6;
+/// Largest value of `consensus` either way: what is agreed on are whole thousandths in 32 bits.
+pub const MAX_VALUE: f32 = 1_000_000.0;
+/// Most liars that `consensus` bears among the neighbours of a robot: to tell more from others it would have
+/// to hear more than the sixteen that it knows.
+pub const MAX_LIARS: u8 = 7;
+/// Liars that `consensus` bears where it is not told how many.
+pub const DEFAULT_LIARS: u8 = 1;
+/// Most laps of `patrol`.
+pub const MAX_LAPS: u16 = 1_000;
 
 /// What to behave like from now on.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum BehaviourSpec {
     /// Do what you are told.
@@ -104,6 +120,44 @@ pub enum BehaviourSpec {
     Formation,
     /// Follow a trained policy.
     Policy,
+    /// Keep behind a robot.
+    Follow {
+        /// The robot to follow.
+        leader: RobotId,
+        /// Metres to keep, within [`FOLLOW_DISTANCE`].
+        distance: f32,
+    },
+    /// Go round by places, over and over.
+    Patrol {
+        /// Where to go, one after the other: at least two.
+        waypoints: Places,
+        /// After how many rounds to stop, up to [`MAX_LAPS`]; 0 is never.
+        laps: u16,
+    },
+    /// Agree on a number.
+    Consensus {
+        /// What to begin with.
+        measure: Measure,
+        /// Most liars among the neighbours of a robot, up to [`MAX_LIARS`].
+        f: u8,
+    },
+    /// Share tasks out, and go to the own one.
+    Allocate {
+        /// Where there is something to do: at least one.
+        tasks: Places,
+    },
+}
+
+/// What a robot begins to agree with.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Measure {
+    /// A number within ±[`MAX_VALUE`].
+    Value(f32),
+    /// The temperature of the air in °C.
+    Temperature,
+    /// What its ranger sees, in metres.
+    Range,
 }
 
 impl BehaviourSpec {
@@ -119,6 +173,10 @@ impl BehaviourSpec {
             Self::Flock => BehaviourName::Flock,
             Self::Formation => BehaviourName::Formation,
             Self::Policy => BehaviourName::Policy,
+            Self::Follow { .. } => BehaviourName::Follow,
+            Self::Patrol { .. } => BehaviourName::Patrol,
+            Self::Consensus { .. } => BehaviourName::Consensus,
+            Self::Allocate { .. } => BehaviourName::Allocate,
         }
     }
 

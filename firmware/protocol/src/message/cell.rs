@@ -3,6 +3,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
+use super::Says;
 use crate::{DecodeError, EncodeError, RobotId, json};
 
 /// Most neighbours in one digest.
@@ -35,6 +36,14 @@ pub struct Neighbour {
     #[serde(with = "crate::number")]
     #[cfg_attr(feature = "schema", schemars(with = "f32"))]
     pub w: f32,
+    /// What it says to its neighbours; missing while its behaviour needs nothing said.
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "crate::fields::given"
+    )]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Says>"))]
+    pub says: Option<Says>,
 }
 
 /// The robots in one square cell of the arena, two metres wide.

@@ -50,6 +50,8 @@ words! {
         Vision = "vision",
         /// It stands on a bench and takes faults from the network.
         Faults = "faults",
+        /// It knows behaviours that neighbours talk for, and what they say in a digest.
+        Missions = "missions",
     }
 }
 
@@ -90,5 +92,13 @@ words! {
         Formation = "formation",
         /// Follows a trained policy.
         Policy = "policy",
+        /// Keeps behind a leader.
+        Follow = "follow",
+        /// Goes round by a list of places.
+        Patrol = "patrol",
+        /// Agrees on a number with others.
+        Consensus = "consensus",
+        /// Shares tasks out among others and itself, and goes to its own.
+        Allocate = "allocate",
     }
 }

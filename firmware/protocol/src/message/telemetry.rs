@@ -5,7 +5,7 @@ mod encoding;
 
 use serde::{Deserialize, Serialize};
 
-use super::{BehaviourName, Pose, RobotState, wire};
+use super::{BehaviourName, Pose, RobotState, Says, wire};
 use crate::RobotId;
 
 pub(crate) use encoding::Sample;
@@ -69,6 +69,14 @@ pub struct Telemetry<S = RobotState, B = BehaviourName> {
     pub battery: Battery,
     /// Strength of the received signal in dBm; `null` on a wire.
     pub rssi_dbm: Option<i8>,
+    /// What it says to its neighbours; missing while its behaviour needs nothing said.
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "crate::fields::given"
+    )]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Says>"))]
+    pub says: Option<Says>,
 }
 wire!(Telemetry);
 

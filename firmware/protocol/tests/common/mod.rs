@@ -6,9 +6,10 @@ mod updates;
 
 use crawler_protocol::{
     Action, Battery, BehaviourName, BehaviourSpec, Boot, BootCause, Capability, CellDigest,
-    Command, CommandName, Detection, Detections, Direction, Heartbeat, Kind, Level, LogRecord,
-    MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_MOVE_MS, Neighbour, Outcomes, ParameterReport,
-    ParameterValue, ParametersMessage, Pose, PoseFix, Reason, Response, ResponseStatus, RobotState,
+    Command, CommandName, Detection, Detections, Direction, FOLLOW_DISTANCE, Heartbeat, Kind,
+    Level, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS, MAX_LIARS, MAX_MOVE_MS,
+    MAX_PLACES, MAX_SAYS, MAX_VALUE, Measure, Neighbour, Outcomes, ParameterReport, ParameterValue,
+    ParametersMessage, Places, Pose, PoseFix, Reason, Response, ResponseStatus, RobotState, Says,
     Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
 };
 use heapless::String as Text;
@@ -72,12 +73,35 @@ fn place() -> impl Strategy<Value = (f32, f32)> {
     (axis.clone(), axis)
 }
 
+pub(crate) fn says() -> impl Strategy<Value = Says> {
+    vec(any::<i32>(), 1..=MAX_SAYS).prop_map(|numbers| Says::of_numbers(&numbers).unwrap())
+}
+
+fn places(least: usize) -> impl Strategy<Value = Places> {
+    vec(place().prop_map(|(x, y)| [x, y]), least..=MAX_PLACES)
+        .prop_map(|places| Places::new(&places).unwrap())
+}
+
 fn behaviour() -> impl Strategy<Value = BehaviourSpec> {
     prop_oneof![
         (0..=100_u8).prop_map(|speed| BehaviourSpec::Wander { speed }),
         place().prop_map(|(x, y)| BehaviourSpec::Goto { x, y }),
         place().prop_map(|(x, y)| BehaviourSpec::Gather { x, y }),
         Just(BehaviourSpec::Gather { x: 0.0, y: 0.0 }),
+        (robot(), FOLLOW_DISTANCE[0]..=FOLLOW_DISTANCE[1])
+            .prop_map(|(leader, distance)| BehaviourSpec::Follow { leader, distance }),
+        (
+            prop_oneof![
+                (-MAX_VALUE..=MAX_VALUE).prop_map(Measure::Value),
+                Just(Measure::Temperature),
+                Just(Measure::Range),
+            ],
+            0..=MAX_LIARS,
+        )
+            .prop_map(|(measure, f)| BehaviourSpec::Consensus { measure, f }),
+        places(1).prop_map(|tasks| BehaviourSpec::Allocate { tasks }),
+        (places(2), 0..=MAX_LAPS)
+            .prop_map(|(waypoints, laps)| BehaviourSpec::Patrol { waypoints, laps }),
         select(vec![
             BehaviourSpec::Manual,
             BehaviourSpec::Disperse,
@@ -241,12 +265,13 @@ pub(crate) fn telemetry() -> impl Strategy<Value = Telemetry> {
             option::of(any::<u16>()),
             option::of(number()),
             option::of(any::<i8>()),
+            option::of(says()),
         ),
         (number(), number(), any::<u16>(), 0..=100_u8),
     )
         .prop_map(
             |((robot, seq, timestamp), (state, behaviour, pose), readings, body)| {
-                let (range_mm, temperature_c, rssi_dbm) = readings;
+                let (range_mm, temperature_c, rssi_dbm, says) = readings;
                 let (left, right, mv, percent) = body;
                 Telemetry {
                     robot,
@@ -260,6 +285,7 @@ pub(crate) fn telemetry() -> impl Strategy<Value = Telemetry> {
                     wheels: Wheels { left, right },
                     battery: Battery { mv, percent },
                     rssi_dbm,
+                    says,
                 }
             },
         )
@@ -341,16 +367,16 @@ pub(crate) fn parameters() -> impl Strategy<Value = ParametersMessage> {
 }
 
 pub(crate) fn neighbour() -> impl Strategy<Value = Neighbour> {
-    (robot(), number(), number(), number(), number(), number()).prop_map(
-        |(id, x, y, theta, v, w)| Neighbour {
-            id,
-            x,
-            y,
-            theta,
-            v,
-            w,
-        },
-    )
+    let motion = (number(), number(), number(), number(), number());
+    (robot(), motion, option::of(says())).prop_map(|(id, (x, y, theta, v, w), says)| Neighbour {
+        id,
+        x,
+        y,
+        theta,
+        v,
+        w,
+        says,
+    })
 }
 
 /// Few enough robots that none is left out.

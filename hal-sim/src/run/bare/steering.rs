@@ -166,6 +166,7 @@ impl SteeringState {
             fix: None,
             view: None,
             near: &[],
+            own: 0,
             link: LinkHealth::Absent,
             loaded: true,
             motor_fault: false,

@@ -1,6 +1,9 @@
 //! What the shards of a world hand each other at the end of each physics step.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, PoisonError, RwLock};
+
+use crawler_protocol::Says;
 
 use super::barrier::Barrier;
 use crate::devices::World;
@@ -11,6 +14,7 @@ use crate::world::{Members, Published};
 #[derive(Debug, Default)]
 struct Page {
     bodies: Vec<Published>,
+    said: Vec<(usize, Says)>,
     news: News,
 }
 
@@ -68,7 +72,14 @@ impl ShardHandle {
 
     /// Tells the others what members did in this step, and takes over what theirs did. False, and
     /// nothing is taken over, when one of them is gone.
-    pub(crate) fn trade(&mut self, world: &mut World, network: Option<&VirtualNetwork>) -> bool {
+    ///
+    /// `said` has what members say to those near them, and then what all do.
+    pub(crate) fn trade(
+        &mut self,
+        world: &mut World,
+        network: Option<&VirtualNetwork>,
+        said: &mut BTreeMap<usize, Says>,
+    ) -> bool {
         if self.cut_off {
             return false;
         }
@@ -79,6 +90,9 @@ impl ShardHandle {
                 .write()
                 .unwrap_or_else(PoisonError::into_inner);
             world.publish(&mut own.bodies);
+            own.said.clear();
+            own.said
+                .extend(said.iter().map(|(robot, says)| (*robot, *says)));
             if let Some(network) = network {
                 network.report(&mut own.news);
             }
@@ -92,6 +106,7 @@ impl ShardHandle {
             let foreign = shard != self.shard;
             if foreign && let Some(members) = Members::of_shard(shard, self.exchange.pages.len()) {
                 world.take_over(members, &told.bodies);
+                said.extend(told.said.iter().copied());
             }
             if let Some(network) = network {
                 network.hear(&told.news, foreign);

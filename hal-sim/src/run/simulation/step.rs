@@ -1,5 +1,6 @@
 //! Time passes: programs, physics and what comes of them, each in its turn.
 
+use crawler_app::perception::LinkHealth;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{MAX_MESSAGE, Neighbour, Topic};
 
@@ -85,13 +86,14 @@ impl Simulation {
     /// and with several shards tells the others how the members fare and hears of theirs. False
     /// when the run is over because another shard has failed.
     fn exchange(&mut self) -> bool {
+        self.listen();
         let network = match &self.way {
             Way::Lockstep(network) => Some(network),
             _ => None,
         };
         match (&mut self.shard_handle, network) {
             (Some(shard_handle), network) => {
-                if !shard_handle.trade(&mut self.world, network) {
+                if !shard_handle.trade(&mut self.world, network, &mut self.said) {
                     return false;
                 }
             }
@@ -106,6 +108,22 @@ impl Simulation {
             });
         }
         true
+    }
+
+    /// Takes down what robots say to those near them, when that is about to be told. Who has lost the link says
+    /// nothing.
+    fn listen(&mut self) {
+        self.said.clear();
+        if self.sched.now() < self.next_cells {
+            return;
+        }
+        for (number, machine) in self.machines.iter().enumerate() {
+            let robot = machine.robot.as_ref();
+            let robot = robot.filter(|robot| robot.link_health() == LinkHealth::Up);
+            if let Some(says) = robot.and_then(|robot| robot.snapshot().says) {
+                self.said.insert(number, says);
+            }
+        }
     }
 
     /// Tells the robots whose turn it is where they are. Returns whether there were any.
@@ -162,17 +180,22 @@ impl Simulation {
         if wanted.is_empty() {
             return false;
         }
-        let robots = self.machines.iter().filter_map(|machine| {
-            let (pose, [v, w]) = self.world.motion(machine.index)?;
-            Some(Neighbour {
-                id: machine.id.clone(),
-                x: pose.x,
-                y: pose.y,
-                theta: pose.theta,
-                v,
-                w,
-            })
-        });
+        let robots = self
+            .machines
+            .iter()
+            .enumerate()
+            .filter_map(|(number, machine)| {
+                let (pose, [v, w]) = self.world.motion(machine.index)?;
+                Some(Neighbour {
+                    id: machine.id.clone(),
+                    x: pose.x,
+                    y: pose.y,
+                    theta: pose.theta,
+                    v,
+                    w,
+                    says: self.said.get(&number).copied(),
+                })
+            });
         let unix = EPOCH_MS + self.sched.now().as_millis();
         for digest in crawler_cells::digests(robots, &wanted, unix) {
             let (x, y) = (digest.x, digest.y);

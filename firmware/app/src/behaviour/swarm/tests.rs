@@ -97,7 +97,7 @@ fn who_gathers_rests_behind_one_that_rests_nearer_to_the_place_and_behind_no_oth
         x,
         y,
         velocity,
-        turn: 0.0,
+        ..Neighbour::default()
     };
     let goes = |near: &[Neighbour]| twist(GATHER, &own, near).v > 0.1;
     assert!(goes(&[]), "nobody is there yet");
@@ -181,7 +181,7 @@ proptest! {
         let near: Vec<Neighbour> = near
             .iter()
             .chain(&close)
-            .map(|[x, y, vx, vy, turn]| Neighbour { x: *x, y: *y, velocity: [*vx, *vy], turn: *turn })
+            .map(|[x, y, vx, vy, turn]| Neighbour { x: *x, y: *y, velocity: [*vx, *vy], turn: *turn, ..Neighbour::default() })
             .collect();
         let scene = Scene {
             pose: &pose(own.0, own.1, own.2),

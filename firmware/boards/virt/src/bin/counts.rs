@@ -416,6 +416,7 @@ fn messages(robot: &Robot<CriticalSectionRawMutex>) {
             percent: 71,
         },
         rssi_dbm: Some(-61),
+        says: None,
     };
     let mut buffer = [0; crawler_protocol::MAX_MESSAGE];
     let (instructions, encoded) = count(|| telemetry.to_json(&mut buffer));

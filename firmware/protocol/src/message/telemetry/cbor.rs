@@ -13,7 +13,9 @@ use super::{Battery, Telemetry, Wheels};
 use crate::json::{Strict, Strictness};
 use crate::open::Open;
 use crate::words::Words;
-use crate::{BehaviourName, DecodeError, EncodeError, MAX_MESSAGE, Pose, RobotId, RobotState};
+use crate::{
+    BehaviourName, DecodeError, EncodeError, MAX_MESSAGE, MAX_SAYS, Pose, RobotId, RobotState, Says,
+};
 
 const ROBOT: u8 = 0;
 const SEQ: u8 = 1;
@@ -26,6 +28,7 @@ const TEMPERATURE_C: u8 = 7;
 const WHEELS: u8 = 8;
 const BATTERY: u8 = 9;
 const RSSI_DBM: u8 = 10;
+const SAYS: u8 = 11;
 
 /// Fields that are always there.
 const REQUIRED: usize = 8;
@@ -113,6 +116,7 @@ fn write(
         telemetry.range_mm.is_some(),
         temperature.is_some(),
         telemetry.rssi_dbm.is_some(),
+        telemetry.says.is_some(),
     ];
     let fields = REQUIRED + optional.iter().filter(|there| **there).count();
     out.map(fields as u64)?;
@@ -141,6 +145,13 @@ fn write(
     if let Some(rssi) = telemetry.rssi_dbm {
         out.u8(RSSI_DBM)?.i8(rssi)?;
     }
+    if let Some(says) = telemetry.says {
+        let numbers = says.numbers();
+        out.u8(SAYS)?.array(numbers.len() as u64)?;
+        for number in numbers {
+            out.i32(*number)?;
+        }
+    }
     Ok(())
 }
 
@@ -157,6 +168,7 @@ struct Draft<S, B> {
     wheels: Option<Wheels>,
     battery: Option<Battery>,
     rssi_dbm: Option<i8>,
+    says: Option<Says>,
 }
 
 /// Reads one sample; others may follow.
@@ -177,6 +189,7 @@ pub(crate) fn read<S: Numbered, B: Numbered, F: Strictness>(
         wheels: None,
         battery: None,
         rssi_dbm: None,
+        says: None,
     };
     // As many rounds as there are bytes at most, whatever the head says: the next one fails.
     for _ in 0..fields.ok_or(DecodeError::WrongType)? {
@@ -199,6 +212,7 @@ pub(crate) fn read<S: Numbered, B: Numbered, F: Strictness>(
             }
             Ok(BATTERY) => once(&mut draft.battery, battery(decoder, strictness)?),
             Ok(RSSI_DBM) => once(&mut draft.rssi_dbm, is(decoder.i8())?),
+            Ok(SAYS) => once(&mut draft.says, says(decoder)?),
             Ok(_) | Err(DecodeError::UnknownField) if F::TOLERANT => {
                 decoder.set_position(begun);
                 pass_over(decoder, 2)?;
@@ -221,6 +235,7 @@ pub(crate) fn read<S: Numbered, B: Numbered, F: Strictness>(
         wheels: there(draft.wheels)?,
         battery: there(draft.battery)?,
         rssi_dbm: draft.rssi_dbm,
+        says: draft.says,
     })
 }
 
@@ -310,6 +325,18 @@ fn battery(
     } else {
         Err(DecodeError::OutOfRange)
     }
+}
+
+/// From one number to as many as may be said.
+fn says(decoder: &mut Decoder<'_>) -> Result<Says, DecodeError> {
+    let told = is(decoder.array())?.ok_or(DecodeError::WrongType)?;
+    let told = usize::try_from(told).unwrap_or(usize::MAX);
+    let mut numbers = [0; MAX_SAYS];
+    let numbers = numbers.get_mut(..told).ok_or(DecodeError::OutOfRange)?;
+    for number in &mut *numbers {
+        *number = is(decoder.i32())?;
+    }
+    Says::of_numbers(numbers).ok_or(DecodeError::OutOfRange)
 }
 
 /// Enters an array of `length` values, and says how many more it has, each of which is an unknown

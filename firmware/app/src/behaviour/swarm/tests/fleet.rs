@@ -170,6 +170,7 @@ impl Fleet {
                         y,
                         velocity: [v * theta.cos(), v * theta.sin()],
                         turn,
+                        ..Neighbour::default()
                     },
                 });
             }

@@ -1,0 +1,178 @@
+//! Robots on missions: the whole program, and what neighbours say passed on by the broker.
+
+use crate::common::{lockstep, settle};
+use crawler_hal::Duration;
+use crawler_protocol::{Action, BehaviourName, BehaviourSpec, Places, RobotId, RobotState};
+use crawler_sim::run::Simulation;
+
+fn place(simulation: &Simulation, robot: usize) -> [f32; 2] {
+    let pose = simulation.pose(robot).expect("is there");
+    [pose.x, pose.y]
+}
+
+fn apart(a: [f32; 2], b: [f32; 2]) -> f32 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// What a robot says beside the number of its behaviour.
+fn says(simulation: &Simulation, robot: usize, behaviour: BehaviourName) -> Vec<i32> {
+    let snapshot = simulation.robot(robot).expect("is there").snapshot();
+    let said = snapshot.says.as_ref().and_then(|says| says.by(behaviour));
+    said.unwrap_or_default().to_vec()
+}
+
+/// So many robots, which have kept away from each other for so long.
+fn gathered(robots: u32, seconds: u64) -> Simulation {
+    let mut simulation = lockstep("empty", robots, 5);
+    settle(&mut simulation);
+    simulation.submit_all(Action::Behave(BehaviourSpec::Disperse));
+    simulation.run_for(Duration::from_secs(seconds));
+    simulation
+}
+
+fn follow(leader: usize, simulation: &Simulation) -> Action {
+    Action::Behave(BehaviourSpec::Follow {
+        leader: RobotId::clone(simulation.id(leader).expect("is there")),
+        distance: 0.6,
+    })
+}
+
+/// How many robots follow the first one, directly or over others.
+fn following(simulation: &Simulation) -> usize {
+    let robots = 1..simulation.robots();
+    robots
+        .filter(|robot| says(simulation, *robot, BehaviourName::Follow).get(1) > Some(&0))
+        .count()
+}
+
+#[test]
+fn a_leader_is_followed_by_ten() {
+    let robots = 10;
+    let mut simulation = gathered(robots, 20);
+    let action = follow(0, &simulation);
+    simulation.submit_all(action);
+    simulation.submit(0, Action::Goto { x: 0.0, y: 0.0 });
+    simulation.run_for(Duration::from_secs(60));
+    let least = (robots - 1) * 9 / 10;
+    assert!(
+        following(&simulation) as u32 >= least,
+        "{}",
+        following(&simulation)
+    );
+    // It goes away, and they come along.
+    let from = place(&simulation, 0);
+    let to = [if from[0] > 0.0 { -2.0 } else { 2.0 }, from[1]];
+    simulation.submit(0, Action::Goto { x: to[0], y: to[1] });
+    simulation.run_for(Duration::from_secs(90));
+    let leader = place(&simulation, 0);
+    assert!(apart(leader, from) > 1.0, "the leader has gone");
+    assert!(
+        following(&simulation) as u32 >= least,
+        "{}",
+        following(&simulation)
+    );
+    let mut ways: Vec<f32> = (1..simulation.robots())
+        .map(|robot| apart(leader, place(&simulation, robot)))
+        .collect();
+    ways.sort_by(f32::total_cmp);
+    let reach = ways[ways.len() * 9 / 10];
+    // As many as robots of 0.42 m and more fill a half disc behind it.
+    let room = 0.6 + 0.55 * (robots as f32).sqrt();
+    assert!(reach < room, "{reach} m of {room}: {ways:?}");
+}
+
+#[test]
+fn nobody_follows_itself_and_who_hears_nobody_rests() {
+    let mut simulation = lockstep("empty", 2, 5);
+    settle(&mut simulation);
+    let action = follow(0, &simulation);
+    simulation.submit(0, action);
+    let missing = Action::Behave(BehaviourSpec::Follow {
+        leader: RobotId::new("nobody").expect("legal"),
+        distance: 0.6,
+    });
+    simulation.submit(1, missing);
+    simulation.run_for(Duration::from_secs(3));
+    let behaviour = |robot| {
+        simulation
+            .robot(robot)
+            .expect("is there")
+            .snapshot()
+            .behaviour
+    };
+    assert_eq!(behaviour(0), BehaviourName::Manual, "refused");
+    assert_eq!(behaviour(1), BehaviourName::Follow);
+    assert_eq!(says(&simulation, 1, BehaviourName::Follow)[1], 0);
+    let wheels = simulation.robot(1).expect("is there").snapshot().wheels;
+    assert_eq!(wheels, [0.0; 2]);
+}
+
+fn round() -> Places {
+    Places::new(&[[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]]).expect("four places")
+}
+
+/// Least distance of two robots along the round, as a share of it.
+fn gaps(simulation: &Simulation) -> Vec<i32> {
+    let mut along: Vec<i32> = (0..simulation.robots())
+        .filter_map(|robot| {
+            says(simulation, robot, BehaviourName::Patrol)
+                .get(1)
+                .copied()
+        })
+        .collect();
+    along.sort_unstable();
+    let ends = along.iter().cycle().skip(1);
+    let gaps = along.iter().zip(ends);
+    gaps.map(|(a, b)| (b - a).rem_euclid(1_000)).collect()
+}
+
+fn a_patrol_goes_round(robots: u32, seconds: u64) -> Simulation {
+    let mut simulation = lockstep("empty", robots, 5);
+    settle(&mut simulation);
+    simulation.submit_all(Action::Behave(BehaviourSpec::Patrol {
+        waypoints: round(),
+        laps: 0,
+    }));
+    simulation.run_for(Duration::from_secs(seconds));
+    let rounds: Vec<i32> = (0..simulation.robots())
+        .map(|robot| says(&simulation, robot, BehaviourName::Patrol)[2])
+        .collect();
+    let some = rounds.iter().filter(|rounds| **rounds > 0).count();
+    assert!(some * 10 >= rounds.len() * 9, "{rounds:?}");
+    for robot in 0..simulation.robots() {
+        let state = simulation.robot(robot).expect("is there").snapshot().state;
+        assert_ne!(state, RobotState::Error);
+    }
+    simulation
+}
+
+#[test]
+fn ten_on_patrol_go_round_and_spread() {
+    let simulation = a_patrol_goes_round(10, 400);
+    let gaps = gaps(&simulation);
+    // Of 100 thousandths each, when all is even.
+    let close = gaps.iter().filter(|gap| **gap < 30).count();
+    assert!(close <= 2, "{gaps:?}");
+}
+
+#[test]
+fn fifty_on_patrol_go_round() {
+    a_patrol_goes_round(50, 400);
+}
+
+#[test]
+fn a_patrol_of_one_lap_ends_where_it_began() {
+    let mut simulation = lockstep("empty", 1, 5);
+    settle(&mut simulation);
+    simulation.submit_all(Action::Behave(BehaviourSpec::Patrol {
+        waypoints: round(),
+        laps: 1,
+    }));
+    simulation.run_for(Duration::from_secs(10));
+    let snapshot = simulation.robot(0).expect("is there").snapshot();
+    assert_eq!(snapshot.behaviour, BehaviourName::Patrol);
+    simulation.run_for(Duration::from_secs(230));
+    let snapshot = simulation.robot(0).expect("is there").snapshot();
+    assert_eq!(snapshot.behaviour, BehaviourName::Manual, "over");
+    assert_eq!(snapshot.says, None);
+}

@@ -1,0 +1,29 @@
+import { describe, expect, it } from 'vitest'
+import { bounded, places } from '../../src/fleet/missions'
+
+describe('what a person types for a mission', () => {
+  it('takes places in the usual ways of writing', () => {
+    expect(places('0 0; 2 0; 2 2.5')).toEqual([
+      [0, 0],
+      [2, 0],
+      [2, 2.5],
+    ])
+    expect(places('-1.5,2\n 3 , 4 ;')).toEqual([
+      [-1.5, 2],
+      [3, 4],
+    ])
+  })
+
+  it('takes nothing else', () => {
+    for (const text of ['', ';', '1', '1 2 3', 'a b', '1 2; 3', '1 2000', '1 2; '.repeat(9)]) {
+      expect(places(text), text).toBeNull()
+    }
+  })
+
+  it('keeps numbers within their bounds', () => {
+    expect(bounded('0,6', 0.3, 2)).toBe(0.6)
+    for (const text of ['', ' ', 'x', '0.2', '2.1', 'NaN', 'Infinity']) {
+      expect(bounded(text, 0.3, 2), text).toBeNull()
+    }
+  })
+})
