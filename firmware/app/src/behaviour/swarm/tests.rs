@@ -122,7 +122,7 @@ fn a_flock_stays_together_and_turns_at_walls_as_one() {
         let mut fleet = Fleet::new(robots, 3.0, 2);
         let mut orders = Vec::new();
         fleet.run_with(Swarm::Flock, seconds, |fleet| {
-            orders.push(order(&fleet.poses()))
+            orders.push(order(&fleet.poses()));
         });
         let last = &orders[orders.len() - 60..];
         let mean = last.iter().sum::<f32>() / last.len() as f32;
