@@ -56,8 +56,8 @@ fn every_target_has_a_fuzzer() {
         })
         .collect();
     // Those of other crates are held to their own lists: by `crawler-access`, `crawler-board`,
-    // `crawler-bundle`, `crawler-delta`, `crawler-micromodel`, `crawler-release`, `crawler-sim-protocol` and
-    // `crawler-tls`.
+    // `crawler-bundle`, `crawler-delta`, `crawler-micromodel`, `crawler-policy`, `crawler-release`,
+    // `crawler-sim-protocol` and `crawler-tls`.
     let others = [
         "bundle",
         "model",
@@ -66,7 +66,14 @@ fn every_target_has_a_fuzzer() {
         "credential",
         "simulator_command",
     ];
-    let families = ["boot_", "delta_", "provision_", "release_", "tls_"];
+    let families = [
+        "boot_",
+        "delta_",
+        "policy",
+        "provision_",
+        "release_",
+        "tls_",
+    ];
     let elsewhere = |name: &str| {
         others.contains(&name) || families.iter().any(|family| name.starts_with(family))
     };

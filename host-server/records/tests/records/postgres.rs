@@ -132,8 +132,8 @@ async fn databases_of_newer_or_other_programs_or_with_damage_are_refused() {
     assert!(matches!(error, RecordsError::Foreign(_)), "{error:?}");
     for (sql, says) in [
         (
-            "UPDATE terracrawler SET version = 7",
-            "newer version (tables 7, this program knows ",
+            "UPDATE terracrawler SET version = 999",
+            "newer version (tables 999, this program knows ",
         ),
         ("DELETE FROM terracrawler", "of which version"),
         ("DROP TABLE invitation", "table invitation is missing"),
