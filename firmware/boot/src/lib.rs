@@ -14,7 +14,7 @@
 //! | [`model_trial`] | the same for a model that the program runs |
 //! | [`flash`] | what the others want done to the flash |
 //!
-//! Reading order: `flash`, `otadata` and its `plan`, then `trailer`, `reason`, `guard`, `trial` and `model_trial`.
+//! Reading order: `flash`, `crc`, `otadata` and its `plan`, then `trailer`, `reason`, `guard`, `trial` and `model_trial`.
 //!
 //! # Operations instead of a driver
 //!
