@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use crate::support::mqtt;
 use crate::support::mqtt::{Client, Closed, PASSWORD};
-use crate::support::{eventually, within};
+use crate::support::{eventually, mqtt_options, within};
 use crawler_access::Role;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{ConnectReturnCode, PubAckReason};
@@ -107,7 +107,7 @@ async fn a_crowd_of_strangers_keeps_no_robot_out() {
             tokio::spawn(async move {
                 let name = format!("stranger{number}");
                 while !over.load(Ordering::SeqCst) {
-                    let mut options = rumqttc::v5::MqttOptions::new(&name, "127.0.0.1", port);
+                    let mut options = mqtt_options(&name, port);
                     options.set_credentials(&name, "long enough to hash");
                     let code = mqtt::refused(options).await;
                     assert!(

@@ -3,7 +3,7 @@
 
 use crate::support::mqtt;
 use crate::support::mqtt::{Client, Closed, PASSWORD};
-use crate::support::{Fixture, eventually};
+use crate::support::{Fixture, eventually, mqtt_options};
 use crawler_access::Role;
 use crawler_access::topics::{Act, Row, TABLE, Who};
 use crawler_server::config::{Broker, Layer, Role as Part, Settings};
@@ -166,8 +166,7 @@ async fn nobody_gets_in_without_a_valid_name() {
     let other = closed.enroll("rover-2").await;
     closed.person("root", Role::Admin).await;
     closed.person("ada", Role::Operator).await;
-    let (host, port) = closed.options("rover-1", "", "").broker_address();
-    let nameless = rumqttc::v5::MqttOptions::new("rover-1", host, port);
+    let nameless = mqtt_options("rover-1", closed.fixture.server.mqtt().port);
     assert_eq!(
         mqtt::refused(nameless).await,
         ConnectReturnCode::NotAuthorized

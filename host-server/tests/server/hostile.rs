@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use crate::support::{FakeRobot, Fixture, eventually, heartbeat, status, telemetry};
+use crate::support::{FakeRobot, Fixture, eventually, heartbeat, mqtt_options, status, telemetry};
 use rumqttc::v5::mqttbytes::QoS;
 use serde_json::Value;
 
@@ -99,8 +99,7 @@ async fn what_is_too_large_reaches_nobody() {
 #[tokio::test(flavor = "multi_thread")]
 async fn strangers_with_names_are_refused() {
     let fixture = Fixture::start().await;
-    let mut options =
-        rumqttc::v5::MqttOptions::new("stranger", "127.0.0.1", fixture.server.mqtt().port);
+    let mut options = mqtt_options("stranger", fixture.server.mqtt().port);
     options.set_credentials("server", "guess");
     let (_client, mut events) = rumqttc::v5::AsyncClient::new(options, 10);
     let refused = events.poll().await.expect_err("refused").to_string();

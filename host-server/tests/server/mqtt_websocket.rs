@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::support::mqtt::{Client, Closed, PASSWORD, refused};
 use crate::support::tls;
-use crate::support::{Answer, Fixture, eventually, telemetry, within};
+use crate::support::{Answer, Fixture, eventually, mqtt_options, telemetry, within};
 use crawler_access::Role;
 use crawler_server::config::TlsMode;
 use futures_util::{SinkExt as _, StreamExt as _};
@@ -140,11 +140,8 @@ async fn bridge(server: SocketAddr, cut: Cut, trust: Option<tls::Trust>) -> u16 
 }
 
 fn options(port: u16, client_id: &str, user: &str, secret: &str) -> MqttOptions {
-    let mut options = MqttOptions::new(client_id, "127.0.0.1", port);
-    options
-        .set_keep_alive(Duration::from_secs(5))
-        .set_clean_start(true)
-        .set_credentials(user, secret);
+    let mut options = mqtt_options(client_id, port);
+    options.set_clean_start(true).set_credentials(user, secret);
     options
 }
 
@@ -237,9 +234,7 @@ async fn whoever_is_not_known_is_not_let_in() {
         refused(options(port, "rover-2", "rover-2", &secret)).await,
         bad
     );
-    let mut nobody = MqttOptions::new("x", "127.0.0.1", port);
-    nobody.set_keep_alive(Duration::from_secs(5));
-    refused(nobody).await;
+    refused(mqtt_options("x", port)).await;
     // One's own id is needed, as over TCP.
     refused(options(port, "rover-2", "rover-1", &secret)).await;
     is_a_robot(&closed, port, "rover-3").await;

@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use crate::support::{Fixture, eventually, within};
+use crate::support::{Fixture, eventually, mqtt_options, within};
 use futures_util::StreamExt as _;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::Packet;
-use rumqttc::v5::{AsyncClient, Event, MqttOptions};
+use rumqttc::v5::{AsyncClient, Event};
 use serde_json::{Value, json};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::Message;
@@ -115,8 +115,7 @@ async fn a_world_obeys_messages_and_answers_them() {
     const AGAIN: Duration = Duration::from_secs(1);
     let fixture = Fixture::world(false).await;
     let mqtt = fixture.server.mqtt();
-    let mut options = MqttOptions::new("somebody", &mqtt.host, mqtt.port);
-    options.set_keep_alive(Duration::from_secs(5));
+    let options = mqtt_options("somebody", mqtt.port);
     let (client, mut events) = AsyncClient::new(options, 16);
     let fleet = fixture.settings.fleet.as_str().to_owned();
     let answers = format!("{fleet}/simulator/response");

@@ -2,16 +2,16 @@
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::support::closed::VIEWER;
-use crate::support::{FakeRobot, Fixture, eventually, telemetry};
+use crate::support::{FakeRobot, Fixture, eventually, mqtt_options, telemetry};
 use crawler_protocol::{Telemetry, TelemetryEncoding};
 use crawler_server::config::Role;
 use hyper::Method;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Packet, PublishProperties};
-use rumqttc::v5::{AsyncClient, Event, MqttOptions};
+use rumqttc::v5::{AsyncClient, Event};
 
 fn now() -> u64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH);
@@ -232,8 +232,7 @@ struct Heard {
 }
 
 async fn listen(port: u16, robot: &str, heard: Arc<Mutex<Heard>>) {
-    let mut options = MqttOptions::new("listener", "127.0.0.1", port);
-    options.set_keep_alive(Duration::from_secs(5));
+    let options = mqtt_options("listener", port);
     let (client, mut events) = AsyncClient::new(options, 16);
     let topic = format!("swarm/telemetry/{robot}");
     client

@@ -9,9 +9,11 @@ use crawler_release::chunk::{Chunk, PAYLOAD, Part};
 use crawler_release::{Want, image_hash};
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{LastWill, Packet, Publish};
-use rumqttc::v5::{AsyncClient, Event, EventLoop, MqttOptions};
+use rumqttc::v5::{AsyncClient, Event, EventLoop};
 use serde_json::{Value, json};
 use tokio_util::task::AbortOnDropHandle;
+
+use crate::support::mqtt_options;
 
 /// Before a robot asks again for what has not come.
 const AGAIN: Duration = Duration::from_millis(700);
@@ -112,10 +114,8 @@ impl Body {
     /// Connects, and connects again, for good.
     async fn live(mut self) {
         loop {
-            let mut options = MqttOptions::new(&self.id, "127.0.0.1", self.port);
-            options
-                .set_keep_alive(Duration::from_secs(5))
-                .set_clean_start(true);
+            let mut options = mqtt_options(&self.id, self.port);
+            options.set_clean_start(true);
             let gone = json!({"robot": self.id, "online": false, "kind": "simulated",
                 "firmware": "0.4.0", "build": self.build, "board": "virt", "capabilities": ["drive"],
                 "boot": {"count": self.boot, "cause": "power-on"}, "protocol": 1});

@@ -264,6 +264,13 @@ pub fn telemetry(robot: &str, seq: u64) -> String {
     )
 }
 
+/// Connects as `client_id`, however busy the machine is: rumqttc gives up after five seconds.
+pub fn mqtt_options(client_id: &str, port: u16) -> MqttOptions {
+    let mut options = MqttOptions::new(client_id, "127.0.0.1", port);
+    options.set_connection_timeout(LIMIT.as_secs());
+    options
+}
+
 /// A robot made of an MQTT client alone.
 pub struct FakeRobot {
     pub id: String,
@@ -276,8 +283,7 @@ pub struct FakeRobot {
 impl FakeRobot {
     /// Connects as `client_id` and listens for commands to robot `id`.
     pub async fn connect(port: u16, client_id: &str, id: &str) -> Self {
-        let mut options = MqttOptions::new(client_id, "127.0.0.1", port);
-        options.set_keep_alive(Duration::from_secs(5));
+        let mut options = mqtt_options(client_id, port);
         options.set_last_will(LastWill::new(
             format!("swarm/status/{id}"),
             status(id, false),

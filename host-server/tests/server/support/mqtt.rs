@@ -1,7 +1,5 @@
 //! Clients of a closed broker, and the accounts they log in with.
 
-use std::time::Duration;
-
 use crawler_access::{Role, Secret, UserName, password};
 use crawler_records::{Records, User};
 use rumqttc::v5::mqttbytes::QoS;
@@ -11,7 +9,7 @@ use rumqttc::v5::mqttbytes::v5::{
 use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
 use tokio::sync::mpsc;
 
-use crate::support::{Fixture, LIMIT, within};
+use crate::support::{Fixture, LIMIT, mqtt_options, within};
 
 pub const PASSWORD: &str = "correct horse";
 
@@ -58,11 +56,8 @@ impl Closed {
 
     /// Options of a client of this broker.
     pub fn options(&self, client_id: &str, user: &str, secret: &str) -> MqttOptions {
-        let mut options = MqttOptions::new(client_id, "127.0.0.1", self.fixture.server.mqtt().port);
-        options
-            .set_keep_alive(Duration::from_secs(5))
-            .set_clean_start(true)
-            .set_credentials(user, secret);
+        let mut options = mqtt_options(client_id, self.fixture.server.mqtt().port);
+        options.set_clean_start(true).set_credentials(user, secret);
         options
     }
 
