@@ -57,6 +57,8 @@ pub struct Runner {
     /// Rollouts that cannot be read or written, which was said. They are carried out here again once somebody asks for
     /// something to be done with them.
     damaged: BTreeSet<i64>,
+    /// Rollouts that began here, whose robots earlier ones of other servers may have yet: the records could not tell.
+    superseding: BTreeSet<i64>,
     stop: CancellationToken,
 }
 
@@ -83,6 +85,7 @@ impl Runner {
             beat_ms: None,
             maker: Maker::default(),
             damaged: BTreeSet::new(),
+            superseding: BTreeSet::new(),
             stop: CancellationToken::new(),
         }
     }
@@ -145,6 +148,7 @@ impl Runner {
             self.renew().await;
             self.take_over_what_is_left().await;
             self.pause_withdrawn().await;
+            self.supersede_what_is_left().await;
         }
         {
             let active = self.rollouts.active();
@@ -633,22 +637,49 @@ impl Runner {
         Err(RolloutError::Contended)
     }
 
-    /// Takes the robots of a rollout that begins from earlier ones of the same, programs or a model, whoever carries
-    /// those out.
-    async fn supersede(&mut self, newest: i64) {
-        match self.rollouts.records.rollouts().leases().await {
-            Ok(leases) => {
-                let here = self.ids();
-                for lease in leases {
-                    if here.contains(&lease.id) || self.damaged.contains(&lease.id) {
-                        continue;
-                    }
-                    if let Err(error) = self.take_over(lease.id, lease.epoch).await {
-                        self.give_up(lease.id, &error);
-                    }
-                }
+    /// Goes on with what the records have kept from being done.
+    async fn supersede_what_is_left(&mut self) {
+        for id in self.superseding.clone() {
+            let runs = {
+                let active = self.rollouts.active();
+                let one = active.get(id);
+                one.is_some_and(|one| !one.rollout.document().state.is_over())
+            };
+            if runs {
+                self.supersede(id).await;
+            } else {
+                self.superseding.remove(&id);
             }
-            Err(error) => tracing::error!(%error, "earlier rollouts keep their robots"),
+        }
+    }
+
+    /// Takes over every rollout that is not over. One that cannot be read is left alone.
+    async fn take_all_over(&mut self) -> Result<(), RecordsError> {
+        let leases = self.rollouts.records.rollouts().leases().await?;
+        let here = self.ids();
+        let mut all = Ok(());
+        for lease in leases {
+            if here.contains(&lease.id) || self.damaged.contains(&lease.id) {
+                continue;
+            }
+            match self.take_over(lease.id, lease.epoch).await {
+                Ok(_) => {}
+                Err(RolloutError::Records(error)) => all = Err(error),
+                Err(error) => self.give_up(lease.id, &error),
+            }
+        }
+        all
+    }
+
+    /// Takes the robots of a rollout that begins from earlier ones of the same, programs or a model, whoever carries
+    /// those out; later again, for as long as the records do not let it.
+    async fn supersede(&mut self, newest: i64) {
+        if let Err(error) = self.take_all_over().await {
+            if self.superseding.insert(newest) {
+                tracing::error!(rollout = newest, %error, "earlier rollouts keep their robots for now");
+            }
+        } else {
+            self.superseding.remove(&newest);
         }
         for id in self.ids().into_iter().filter(|id| *id != newest) {
             let mut step = Step::default();

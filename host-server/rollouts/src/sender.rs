@@ -6,14 +6,11 @@ use std::time::Duration;
 use crawler_protocol::{RobotId, Topic};
 use crawler_release::chunk::Part;
 use rumqttc::v5::mqttbytes::QoS;
-use rumqttc::v5::mqttbytes::v5::PublishProperties;
 use tokio_util::sync::CancellationToken;
 
 use crate::Rollouts;
 use crate::active::Asked;
-
-/// What a broker could not hand on for so long is of no use: the robot asks again. In seconds.
-const EXPIRY: u32 = 5;
+use crate::pulls::Turn;
 
 /// What there is to send.
 enum Next {
@@ -29,32 +26,24 @@ impl Rollouts {
         let mut active = self.active();
         let mut pulls = self.pulls();
         let patches = self.patches();
-        let mut wait: Option<u64> = None;
-        let mut turns = pulls.waiting();
-        while turns > 0 {
-            let Some((robot, pull, index)) = pulls.front() else {
-                break;
+        loop {
+            let (robot, pull, index) = match pulls.next(now.monotonic_ms) {
+                Turn::Of(robot, pull, index) => (robot, pull, index),
+                Turn::At(at) => return Next::In(at.saturating_sub(now.monotonic_ms)),
+                Turn::Nobody => return Next::Nothing,
             };
             match active.chunk(&patches, robot, pull, index, now) {
                 Asked::Chunk(bytes) => {
                     let robot = robot.clone();
-                    pulls.sent();
+                    pulls.sent(now.monotonic_ms);
                     return Next::Chunk(robot, pull.want.part, bytes);
                 }
                 // Its robot has its turn again for the rest of its window.
-                Asked::NoSuch => pulls.sent(),
-                Asked::Never => {
-                    pulls.refuse();
-                    turns -= 1;
-                }
-                Asked::Later(ms) => {
-                    wait = Some(wait.map_or(ms, |before| before.min(ms)));
-                    pulls.pass();
-                    turns -= 1;
-                }
+                Asked::NoSuch => pulls.sent(now.monotonic_ms),
+                Asked::Never => pulls.refuse(),
+                Asked::Later(ms) => pulls.delay(ms, now.monotonic_ms),
             }
         }
-        wait.map_or(Next::Nothing, Next::In)
     }
 }
 
@@ -82,19 +71,16 @@ pub(crate) async fn run(rollouts: Arc<Rollouts>, stop: CancellationToken) {
     }
 }
 
-/// Whether the chunk was handed to the connection. Waits while that is busy.
+/// Whether the chunk was handed to the connection. Waits while that is busy. It does not expire, which would be five
+/// bytes of each: a window at most waits for a robot, for as long as the broker keeps its session.
 async fn send(rollouts: &Rollouts, robot: RobotId, part: Part, bytes: Vec<u8>) -> bool {
     let Some(client) = rollouts.client() else {
         return false;
     };
     let topic = Topic::Ota(robot).render(&rollouts.fleet);
     let length = bytes.len();
-    let properties = PublishProperties {
-        message_expiry_interval: Some(EXPIRY),
-        ..PublishProperties::default()
-    };
     let sent = client
-        .publish_with_properties(topic.as_str(), QoS::AtMostOnce, false, bytes, properties)
+        .publish(topic.as_str(), QoS::AtMostOnce, false, bytes)
         .await
         .is_ok();
     if sent {

@@ -1,10 +1,12 @@
 //! Rollouts as the API shows them.
 
+use std::collections::BTreeMap;
+
 use crawler_protocol::RobotId;
 use crawler_records::{KeptRollout, MAX_ROLLOUT_PAGE};
 use crawler_updates::rollout::{
-    CommandError, Counts, Document, Happening, PauseReason, Plan, Reason, ReleaseId, RobotRow,
-    Rollout, RolloutState, UpdateState,
+    Busy, Code, CommandError, Counts, Document, Happening, PauseReason, Plan, Reason, ReleaseId,
+    RobotRow, Rollout, RolloutState, UpdateState,
 };
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -154,7 +156,10 @@ fn view(kept: KeptRollout, document: Document) -> RolloutView {
     }
 }
 
-fn robot(document: &Document, row: RobotRow) -> Robot {
+fn robot(document: &Document, row: RobotRow, busy: &BTreeMap<RobotId, Busy>) -> Robot {
+    // What it would say itself if it were asked.
+    let waits_for = busy.get(&row.robot).filter(|_| waits(&row));
+    let reason = waits_for.and_then(|busy| Code::new(busy.code()).ok());
     let release = row.release.map(usize::from);
     let release = release.and_then(|at| document.plan.releases.get(at));
     // By its own clock, which began when the anchor's reading was none.
@@ -164,7 +169,7 @@ fn robot(document: &Document, row: RobotRow) -> Robot {
     Robot {
         robot: row.robot,
         state: row.state,
-        reason: row.reason,
+        reason: row.reason.or(reason.map(Reason::Told)),
         release: release.map(|release| release.release.clone()),
         phase: row.phase.map(|phase| u32::from(phase) + 1),
         attempts: row.attempts.into(),
@@ -173,6 +178,11 @@ fn robot(document: &Document, row: RobotRow) -> Robot {
         bytes: release.map(|release| release.bytes),
         since: i64::try_from(since).unwrap_or(i64::MAX),
     }
+}
+
+/// Whether a robot waits, and has not said why.
+fn waits(row: &RobotRow) -> bool {
+    row.state == UpdateState::Waiting && row.reason.is_none()
 }
 
 fn line(at: i64, text: &str) -> Result<LogLine, RolloutError> {
@@ -278,11 +288,25 @@ impl Rollouts {
             state.map(UpdateState::name),
             limit.min(MAX_ROLLOUT_PAGE),
         );
-        let rows = rows.await?.into_iter().map(|row| {
-            let row = serde_json::from_str(&row).map_err(damaged)?;
-            Ok(robot(&document, row))
-        });
-        rows.collect()
+        let rows = rows.await?.into_iter();
+        let rows = rows.map(|row| serde_json::from_str(&row).map_err(damaged));
+        let rows: Vec<RobotRow> = rows.collect::<Result<_, _>>()?;
+        let busy = self.busy(&rows);
+        let robots = rows.into_iter().map(|row| robot(&document, row, &busy));
+        Ok(robots.collect())
+    }
+
+    /// Why robots that wait cannot be offered anything just now.
+    fn busy(&self, rows: &[RobotRow]) -> BTreeMap<RobotId, Busy> {
+        let mut busy = BTreeMap::new();
+        if rows.iter().any(waits) {
+            self.robots.each(&mut |view| {
+                if let Some(why) = view.busy.filter(|_| view.online) {
+                    busy.insert(view.robot.clone(), why);
+                }
+            });
+        }
+        busy
     }
 
     /// A robot of a rollout, with its log.
@@ -296,11 +320,12 @@ impl Rollouts {
         let document: Document = serde_json::from_str(&kept.document).map_err(damaged)?;
         let row = rollouts.robot(id, name.as_str()).await?;
         let row = row.ok_or(RolloutError::Command(CommandError::UnknownRobot))?;
-        let row = serde_json::from_str(&row).map_err(damaged)?;
+        let row: RobotRow = serde_json::from_str(&row).map_err(damaged)?;
+        let busy = self.busy(std::slice::from_ref(&row));
         let log = rollouts.notes(id, Some(name.as_str()), LOG).await?;
         let log = log.iter().map(|(at, text)| robot_line(*at, text));
         Ok(RobotDetail {
-            robot: robot(&document, row),
+            robot: robot(&document, row, &busy),
             log: log
                 .filter_map(Result::transpose)
                 .collect::<Result<_, _>>()?,

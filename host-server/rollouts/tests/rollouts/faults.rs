@@ -2,7 +2,7 @@
 
 use crawler_records::{NewRollout, RolloutStep, Written};
 use crawler_rollouts::{Action, RolloutError};
-use crawler_updates::rollout::{Document, PauseReason, RolloutState};
+use crawler_updates::rollout::{Document, PauseReason, RolloutState, UpdateState};
 
 use crate::support::{OnDisk, Server, eventually, plan, with_release};
 
@@ -118,4 +118,36 @@ async fn after_a_write_that_may_have_failed_the_records_are_right() {
         .expect("it goes on");
     assert_eq!(server.owner(id).await, ("one".into(), "running"));
     server.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn robots_of_an_earlier_rollout_are_taken_once_the_records_let_it() {
+    let disk = OnDisk::with_release("earlier").await;
+    let (one, two) = (
+        Server::start("one", &disk.records),
+        Server::start("two", &disk.records),
+    );
+    let earlier = one.rollouts.start("ada", plan()).await;
+    let earlier = earlier.expect("it begins");
+    disk.tamper(
+        "CREATE TRIGGER no BEFORE UPDATE OF owner ON rollout BEGIN SELECT RAISE(ABORT, 'no'); END",
+    )
+    .await;
+    let newer = two.rollouts.start("eve", plan()).await;
+    let newer = newer.expect("it begins all the same");
+    let superseded = async || {
+        let rows = two.rollouts.robots(earlier, None, None, 9).await;
+        let rows = rows.expect("robots");
+        let taken = rows
+            .iter()
+            .filter(|row| row.state == UpdateState::Superseded);
+        (taken.count(), rows.len())
+    };
+    assert_eq!(superseded().await, (0, 3));
+    disk.tamper("DROP TRIGGER no").await;
+    eventually("they are taken", async || superseded().await == (3, 3)).await;
+    assert_eq!(two.owner(earlier).await.0, "two");
+    assert_eq!(two.owner(newer).await, ("two".into(), "running"));
+    one.stop().await;
+    two.stop().await;
 }

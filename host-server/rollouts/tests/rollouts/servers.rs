@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crawler_records::{RolloutRobot, RolloutStep, Written};
 use crawler_rollouts::{Action, RolloutError};
-use crawler_updates::rollout::{CommandError, UpdateState};
+use crawler_updates::rollout::{Busy, CommandError, Reason, UpdateState};
 
 use crate::support::{RELEASE, Server, eventually, plan, with_release, withdraw};
 
@@ -218,4 +218,35 @@ async fn one_that_cannot_be_paused_is_told_and_the_others_are() {
     assert!(matches!(all, Err(RolloutError::Damaged(_))), "{all:?}");
     assert_eq!(two.owner(good).await, ("two".into(), "paused"));
     two.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn robots_that_wait_say_why() {
+    let records = with_release().await;
+    let server = Server::start("one", &records);
+    *server.robots.1.lock().expect("a reason") = Some(Busy::Driving);
+    let id = server.rollouts.start("ada", plan()).await;
+    let id = id.expect("it begins");
+    let reasons = async || {
+        let rows = server.rollouts.robots(id, None, None, 9).await;
+        let rows = rows.expect("robots").into_iter();
+        rows.map(|row| (row.state, row.reason)).collect::<Vec<_>>()
+    };
+    let told = |code: &str| Some(Reason::Told(code.parse().expect("a code")));
+    assert_eq!(
+        reasons().await,
+        vec![(UpdateState::Waiting, told("driving")); 3]
+    );
+    let b = "b".parse().expect("a robot");
+    let one = server.rollouts.robot(id, &b).await.expect("a robot");
+    assert_eq!(one.robot.reason, told("driving"));
+    *server.robots.1.lock().expect("a reason") = Some(Busy::LowBattery);
+    assert_eq!(reasons().await[0].1, told("low_battery"));
+    *server.robots.1.lock().expect("a reason") = None;
+    eventually("they are offered the release", async || {
+        let offered = (UpdateState::Offered, None);
+        reasons().await.iter().all(|reason| *reason == offered)
+    })
+    .await;
+    server.stop().await;
 }

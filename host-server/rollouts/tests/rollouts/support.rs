@@ -7,35 +7,43 @@ use std::time::{Duration, Instant};
 use crawler_metrics::Metrics;
 use crawler_protocol::{Fleet, Kind, Models, RobotId};
 use crawler_records::{NewRelease, Records, Withdrawal};
+use crawler_release::{Chip, Kind as ReleaseKind, Requires};
 use crawler_rollouts::{GateDemand, NewPlan, Parts, RobotView, Robots, Rollouts};
+use crawler_updates::release::{SecretKey, SignOptions};
+use crawler_updates::rollout::Busy;
 use rumqttc::v5::MqttOptions;
 use serde_json::json;
 use sqlx::Connection as _;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-pub(crate) const RELEASE: &str = "9f2c1ab034d5e6f7";
+/// What the manifest of [`add_release`] comes to.
+pub(crate) const RELEASE: &str = "5401b7e2a08617eb";
 /// A wait that is in vain ends then.
 const LIMIT: Duration = Duration::from_mins(1);
 
-/// Three robots that are there, and the build that they run.
-pub(crate) struct Three(pub(crate) Mutex<&'static str>);
+/// Three robots that are there, the build that they run, and why they could take nothing.
+pub(crate) struct Three(
+    pub(crate) Mutex<&'static str>,
+    pub(crate) Mutex<Option<Busy>>,
+);
 
 impl Robots for Three {
     fn each(&self, show: &mut dyn FnMut(RobotView<'_>)) {
         let build = *self.0.lock().expect("a build");
+        let busy = *self.1.lock().expect("a reason");
         for name in ["a", "b", "c"] {
             let robot: RobotId = name.parse().expect("a robot");
             show(RobotView {
                 robot: &robot,
-                board: "sim",
-                kind: Kind::Simulated,
+                board: "virt",
+                kind: Kind::Emulated,
                 vision: false,
                 build,
                 models: &Models::new(),
                 boot: 1,
                 online: true,
-                busy: None,
+                busy,
             });
         }
     }
@@ -60,7 +68,7 @@ impl Server {
     pub(crate) fn with_lease(name: &str, records: &Records, lease: Duration) -> Self {
         let told = Arc::new(Mutex::new(Vec::new()));
         let heard = Arc::clone(&told);
-        let robots = Arc::new(Three(Mutex::new("old")));
+        let robots = Arc::new(Three(Mutex::new("old"), Mutex::new(None)));
         let parts = Parts {
             records: records.clone(),
             server: name.to_owned(),
@@ -123,21 +131,24 @@ pub(crate) async fn with_release() -> Records {
 }
 
 pub(crate) async fn add_release(records: &Records) {
-    let new = NewRelease {
-        id: RELEASE.into(),
-        kind: "program".into(),
+    let options = SignOptions {
+        kind: ReleaseKind::Program,
         name: None,
-        board: "sim".into(),
-        version: "1".into(),
-        build: "new".into(),
+        board: "virt",
+        chip: Some(Chip::NONE),
+        version: "1",
+        build: Some("new"),
         sequence: 4,
         floor: 0,
         expires: None,
-        envelope: vec![1; 90],
-        image: vec![7; 3_000],
-        by: "ada".into(),
-        added: 1,
+        requires: Requires::default(),
     };
+    let image = [7; 3_000];
+    let key = SecretKey::generate().expect("random numbers");
+    let envelope = options.sign(&image, &key).expect("signed");
+    let new = NewRelease::of(&envelope, &image, "ada", 1).expect("a release");
+    // It goes by its manifest, whoever has signed it.
+    assert_eq!(new.id, RELEASE);
     records.releases().add(new).await.expect("kept");
 }
 

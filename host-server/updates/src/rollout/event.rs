@@ -28,6 +28,18 @@ pub enum Busy {
     LowBattery,
 }
 
+impl Busy {
+    /// The code with which a robot that is asked all the same puts the release off.
+    #[must_use]
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::Asleep => "asleep",
+            Self::Driving => "driving",
+            Self::LowBattery => "low_battery",
+        }
+    }
+}
+
 /// What goes for the build of a model that no release has brought. No release of a model is rolled out that is called
 /// like this.
 pub const OWN_MODEL: &str = "own";
