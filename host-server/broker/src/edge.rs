@@ -4,11 +4,13 @@
 //! no limit but that of all connections. So it listens on loopback, and connections come in here: over
 //! TCP, with TLS or without, and over a WebSocket. Each has to say in time who it is; until the broker has
 //! let it in, it may be closed to make room for others ([`Waiting`]). Then its bytes are carried, and what
-//! the library gets wrong of them is put right ([`packets`]).
+//! the library gets wrong of them is put right ([`packets`]); clients that take numbers for topics get them
+//! ([`aliases`]).
 //!
 //! The library's own TLS is not used for another reason: it reads its certificate once, and needs a second
 //! provider of cryptography that is built from C.
 
+mod aliases;
 mod connect;
 mod packets;
 mod peers;
@@ -29,6 +31,7 @@ use tokio::time::timeout;
 
 use super::GuardCounters;
 use super::accounts::Refusal;
+use aliases::{Aliases, Announced};
 use connect::{Connect, LEVEL_5, NoConnect};
 use crawler_server_tls::{self as tls, TlsHandshake};
 use crawler_system::descriptors::{self, Descriptors};
@@ -256,8 +259,10 @@ impl Edge {
             note: _note,
             ..
         } = introduced;
+        let is_5 = connect.level == LEVEL_5;
+        let aliases = Aliases::new(Announced::of(&connect.bytes)).filter(|_| is_5);
         drop((slot, connect.bytes));
-        let end = relay::carry(client, broker, connect.level == LEVEL_5).await;
+        let end = relay::carry(client, broker, is_5, aliases).await;
         if end == relay::End::Alias {
             self.refuse(Refusal::TopicAlias, origin);
         }

@@ -336,6 +336,8 @@ async fn serve(setup: Setup) -> std::io::Result<(SocketAddr, ServerContext)> {
         .max_inflight(MAX_INFLIGHT)
         .max_mqueue_len(CLIENT_QUEUE)
         .send_timeout(SEND_TIMEOUT)
+        // The library would give those without an expiry one of its own: five bytes of each.
+        .message_expiry_interval(Duration::ZERO)
         .handshake_timeout(Duration::from_secs(10))
         .max_session_expiry_interval(Duration::from_hours(1))
         .bind()

@@ -191,14 +191,14 @@ impl Packets {
 
 /// A variable byte integer (section 1.5.5).
 #[derive(Debug, Clone, Copy, Default)]
-struct Variable {
+pub(super) struct Variable {
     value: u32,
     shift: u32,
 }
 
 impl Variable {
     /// Takes one byte; the number, when that was the last.
-    const fn pass(&mut self, byte: u8) -> Option<u32> {
+    pub(super) const fn pass(&mut self, byte: u8) -> Option<u32> {
         // More than four bytes are malformed, and the broker ends the session.
         if self.shift < 28 {
             self.value |= ((byte & 0x7f) as u32) << self.shift;

@@ -7,6 +7,7 @@ use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
+use super::aliases::Aliases;
 use super::packets::{Packets, TopicAlias};
 
 /// What is carried at once. Most messages are smaller.
@@ -31,14 +32,19 @@ pub(super) enum End {
 }
 
 /// Carries bytes until both sides have ended, or one is gone. With `properties` the client's publishes are
-/// looked into: it speaks MQTT 5.
-pub(super) async fn carry<C, B>(client: C, broker: B, properties: bool) -> End
+/// looked into: it speaks MQTT 5. With `aliases` it takes numbers for topics.
+pub(super) async fn carry<C, B>(
+    client: C,
+    broker: B,
+    properties: bool,
+    aliases: Option<Aliases>,
+) -> End
 where
     C: AsyncRead + AsyncWrite,
     B: AsyncRead + AsyncWrite,
 {
     let (mut from_client, to_client) = tokio::io::split(client);
-    let end = both(&mut from_client, to_client, broker, properties).await;
+    let end = both(&mut from_client, to_client, broker, (properties, aliases)).await;
     if end == End::Alias {
         // A connection that is closed with bytes unread loses what was sent last.
         let mut rest = [0; 256];
@@ -53,7 +59,7 @@ async fn both<B>(
     from_client: impl AsyncRead + Unpin,
     to_client: impl AsyncWrite + Unpin,
     broker: B,
-    properties: bool,
+    (properties, aliases): (bool, Option<Aliases>),
 ) -> End
 where
     B: AsyncRead + AsyncWrite,
@@ -66,7 +72,7 @@ where
         Packets::told_apart()
     };
     let mut there = pin!(there(from_client, to_broker, packets));
-    let mut back = pin!(back(from_broker, to_client, &cut));
+    let mut back = pin!(back(from_broker, to_client, aliases, &cut));
     // A way that breaks ends both connections at once.
     tokio::select! {
         ended = &mut there => match ended {
@@ -131,9 +137,11 @@ async fn there(
 async fn back(
     mut broker: impl AsyncRead + Unpin,
     mut client: impl AsyncWrite + Unpin,
+    mut aliases: Option<Aliases>,
     cut: &CancellationToken,
 ) -> Result<(), Broken> {
     let mut chunk = vec![0; CHUNK];
+    let mut shortened = Vec::new();
     let mut packets = Packets::told_apart();
     loop {
         if cut.is_cancelled() && packets.is_between() {
@@ -155,7 +163,13 @@ async fn back(
         } else {
             packets.pass(bytes)?;
         }
-        send(&mut client, bytes).await?;
+        if let Some(aliases) = &mut aliases {
+            shortened.clear();
+            aliases.pass(bytes, &mut shortened);
+            send(&mut client, &shortened).await?;
+        } else {
+            send(&mut client, bytes).await?;
+        }
     }
 }
 

@@ -19,7 +19,7 @@ fn start(room: usize, packets: bool) -> Ends {
     Ends {
         client,
         broker,
-        carrying: tokio::spawn(carry(ours, theirs, packets)),
+        carrying: tokio::spawn(carry(ours, theirs, packets, None)),
     }
 }
 
