@@ -62,6 +62,12 @@ impl Backoff {
         self.doubled(lasted, rng)
     }
 
+    /// The broker has forgotten the session that was to go on: it has started anew, and that is what closed the
+    /// sessions so far. With a double it would have known one, the double's.
+    pub(super) const fn session_forgotten(&mut self) {
+        self.closed = 0;
+    }
+
     /// Whether it looks as if another robot had this robot's id.
     pub(super) const fn suspects_double(&self) -> bool {
         self.closed >= SUSPICIOUS
@@ -165,6 +171,13 @@ mod tests {
         // A broker that could not be reached in between was restarted, not shared.
         backoff.after_loss(Duration::ZERO, &mut rng);
         assert!(!backoff.suspects_double());
+        for _ in 0..4 * SUSPICIOUS {
+            // And so was one that knows no session any more.
+            backoff.session_forgotten();
+            assert!(backoff.after_close(soon, &mut rng) < LONGEST);
+            assert!(!backoff.suspects_double());
+        }
+        backoff.session_forgotten();
         backoff.after_close(soon, &mut rng);
         backoff.after_close(soon, &mut rng);
         backoff.after_close(STABLE_AFTER, &mut rng);

@@ -13,6 +13,7 @@ mod telemetry;
 use core::cell::RefCell;
 
 use crawler_hal::{Clock, Duration, Instant, LinkMonitor, LinkState};
+use crawler_protocol::Topic;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_io_async::{Read, Write};
 use heapless::Vec;
@@ -22,7 +23,7 @@ use rust_mqtt::types::PacketIdentifier;
 use super::batch::Batch;
 use super::buffered::Buffered;
 use super::cells::Asked;
-use super::flow::{Flow, RECEIVE_WINDOW, SEND_WINDOW, SUBSCRIPTIONS};
+use super::flow::{ALIASES, Flow, RECEIVE_WINDOW, SEND_WINDOW, SUBSCRIPTIONS};
 use super::images::Images;
 use super::limits::{ACKNOWLEDGED_WITHIN, LOST_AFTER, SUBSCRIBED_WITHIN, WRITTEN_WITHIN};
 use super::loss::Loss;
@@ -34,7 +35,7 @@ use crate::update::UpdatePort;
 /// User properties of an image.
 const USER_PROPERTIES: usize = 2;
 
-/// The client library as this link uses it: no topic aliases.
+/// The client library as this link uses it: one topic alias on the way in, none on the way out.
 pub(super) type Mqtt<'c, S, H> = Client<
     'c,
     'c,
@@ -45,7 +46,7 @@ pub(super) type Mqtt<'c, S, H> = Client<
     SEND_WINDOW,
     0,
     USER_PROPERTIES,
-    0,
+    ALIASES,
     0,
 >;
 
@@ -86,6 +87,8 @@ pub(super) struct State {
     /// Boot record in the last status sent on this connection, and the revision of the models in it.
     pub(super) told: Option<(BootRecord, u8)>,
     pub(super) parameters_due: bool,
+    /// The topic for which the broker has given a number; `None` as well for one that is none of ours.
+    pub(super) alias: Option<Topic>,
     /// A cell that the broker was asked about.
     pub(super) asked: Option<Asked>,
     /// Since when there is no place for a chunk of a release.
@@ -107,6 +110,7 @@ impl State {
             up_since: None,
             told: None,
             parameters_due: true,
+            alias: None,
             asked: None,
             occupied_since: None,
             no_cells: false,

@@ -16,8 +16,11 @@ pub(super) const RECEIVE_WINDOW: usize = 4;
 /// QoS 1 messages we send before the broker has acknowledged the first of them.
 pub(super) const SEND_WINDOW: usize = 8;
 
+/// Topics for which the broker may send a number instead: the one of updates is as long as all else around a chunk.
+pub(super) const ALIASES: usize = 1;
+
 /// The client library's record of a session, as this link uses it.
-pub(super) type MqttSession = Session<SUBSCRIPTIONS, RECEIVE_WINDOW, SEND_WINDOW, 0, 0>;
+pub(super) type MqttSession = Session<SUBSCRIPTIONS, RECEIVE_WINDOW, SEND_WINDOW, ALIASES, 0>;
 
 /// A QoS 1 message, by what it is rather than by its bytes: sent again, it is composed again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

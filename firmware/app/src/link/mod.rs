@@ -233,7 +233,14 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
             };
             let besides = (&mut images as &mut dyn Images, updates);
             let ended = attempt::<H, M, N, C>(robot, &mut network, &clock, kept, besides).await;
-            let (loss, up_since) = ended;
+            let Ended {
+                loss,
+                up_since,
+                forgotten,
+            } = ended;
+            if forgotten {
+                backoff.session_forgotten();
+            }
             let now = clock.now();
             let lasted = up_since.map_or(Duration::ZERO, |since| now - since);
             let wait = match loss {
@@ -271,18 +278,33 @@ fn run<H: Hold, M: RawMutex, N: Network, R: Rng, C: Clock>(
     }
 }
 
-/// One connection: why it ended, and since when it had been up, if it had.
+/// How a connection ended.
+struct Ended {
+    loss: Loss,
+    /// Since when it had been up, if it had.
+    up_since: Option<crawler_hal::Instant>,
+    /// The broker did not know the session that was to go on.
+    forgotten: bool,
+}
+
+/// One connection, to its end.
 async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
     robot: &Robot<M>,
     network: &mut N,
     clock: &C,
     kept: Kept<'_, H>,
     (images, updates): (&mut dyn Images, &dyn UpdatePort),
-) -> (Loss, Option<crawler_hal::Instant>) {
+) -> Ended {
     let monitor = network.monitor();
     let stream = match H::hold(open(robot, network, clock)).await {
         Ok(stream) => stream,
-        Err(loss) => return (loss, None),
+        Err(loss) => {
+            return Ended {
+                loss,
+                up_since: None,
+                forgotten: false,
+            };
+        }
     };
     // In one place for the life of the connection: it is lent, not moved.
     let mut stream = Buffered::new(stream);
@@ -329,7 +351,11 @@ async fn attempt<H: Hold, M: RawMutex, N: Network, C: Clock>(
     };
     let up_since = connection.state.up_since;
     flow.keep(client.session().clone(), clock.now());
-    (loss, up_since)
+    Ended {
+        loss,
+        up_since,
+        forgotten: !clean && matches!(connected, Ok(false)),
+    }
 }
 
 async fn open<'n, M: RawMutex, N: Network, C: Clock>(

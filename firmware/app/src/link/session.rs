@@ -9,6 +9,7 @@ use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_io_async::{Read, Write};
 use rust_mqtt::client::event::Event;
+use rust_mqtt::client::options::TopicReference;
 use rust_mqtt::header::FixedHeader;
 use rust_mqtt::types::PacketIdentifier;
 
@@ -95,7 +96,17 @@ where
         self.state.heard = now;
         self.state.pinged = false;
         match event {
-            Event::Publish(_) => self.open_letter(now),
+            Event::Publish(publish) => {
+                let topic = match publish.topic {
+                    TopicReference::Alias(_) => self.state.alias.clone(),
+                    TopicReference::Mapping(..) => {
+                        self.state.alias = self.topic();
+                        self.state.alias.clone()
+                    }
+                    TopicReference::Name(_) => self.topic(),
+                };
+                self.open_letter(topic, now);
+            }
             Event::Suback(ack) => {
                 let confirmed = ack.packet_identifier;
                 let refused = ack.reason_code.is_erroneous();
@@ -143,13 +154,17 @@ where
         }
     }
 
-    fn open_letter(&mut self, now: Instant) {
+    /// The topic of a message that came with one.
+    fn topic(&self) -> Option<Topic> {
+        let packet = self.packet.borrow();
+        let topic = core::str::from_utf8(packet.topic()).ok()?;
+        Topic::parse(&self.robot.config().fleet, topic).ok()
+    }
+
+    fn open_letter(&mut self, topic: Option<Topic>, now: Instant) {
         let robot = self.robot;
         let config = robot.config();
         let packet = self.packet.borrow();
-        let topic = core::str::from_utf8(packet.topic())
-            .ok()
-            .and_then(|topic| Topic::parse(&config.fleet, topic).ok());
         if matches!(
             topic,
             Some(

@@ -316,26 +316,46 @@ fn a_second_robot_with_the_same_id_does_not_start_a_war() {
     });
 }
 
+/// Closes [`SUSPICIOUS`] sessions soon after they began. Those behind the first go on with one that the broker knows, or
+/// with none. How long the robot waits then, and whether it tells of a second robot with its id.
+async fn closed_again_and_again(broker: &Broker, known: bool) -> (Duration, bool) {
+    for nth in 0..SUSPICIOUS {
+        let mut peer = broker.peer().await;
+        let (connect, _) = peer.accept(known && nth > 0).await;
+        assert_eq!(connect.clean, nth == 0);
+        peer.publish("swarm/status/").await;
+        broker.sleep(SECOND * 2).await;
+        peer.close();
+    }
+    let closed = broker.clock.now();
+    let mut peer = broker.peer().await;
+    let waited = broker.clock.now() - closed;
+    peer.accept(known).await;
+    let records = peer.publishes_for(SECOND).await;
+    let told = records
+        .iter()
+        .filter(|p| p.topic.starts_with("swarm/logs/"))
+        .any(|p| field(&p.json(), "text").contains("another robot with this id"));
+    (waited, told)
+}
+
 #[test]
 fn a_second_robot_with_the_same_id_is_suspected_even_when_the_broker_does_not_say_so() {
     run(async |broker| {
-        for _ in 0..SUSPICIOUS {
-            let peer = broker.connected().await;
-            peer.publish("swarm/status/").await;
-            broker.sleep(SECOND * 2).await;
-            peer.close();
-        }
-        let closed = broker.clock.now();
-        let mut peer = broker.peer().await;
-        let waited = broker.clock.now() - closed;
+        // The session that goes on is the other's.
+        let (waited, told) = closed_again_and_again(&broker, true).await;
         assert!(waited * 2 >= TAKEN_OVER, "{waited:?}");
-        peer.accept(false).await;
-        let records = peer.publishes_for(SECOND).await;
-        let told = records
-            .iter()
-            .filter(|p| p.topic.starts_with("swarm/logs/"))
-            .any(|p| field(&p.json(), "text").contains("another robot with this id"));
-        assert!(told, "{records:?}");
+        assert!(told);
+    });
+}
+
+#[test]
+fn a_broker_that_ends_again_and_again_is_no_second_robot() {
+    run(async |broker| {
+        // What has started anew knows no session.
+        let (waited, told) = closed_again_and_again(&broker, false).await;
+        assert!(waited <= LONGEST, "{waited:?}");
+        assert!(!told);
     });
 }
 

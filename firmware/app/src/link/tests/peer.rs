@@ -209,10 +209,16 @@ impl Peer {
 
     /// Sends a message at QoS 0.
     pub(super) fn throw(&self, topic: &str, payload: &[u8]) {
+        self.throw_with(topic, &[], payload);
+    }
+
+    /// The same with fewer than 128 bytes of properties.
+    pub(super) fn throw_with(&self, topic: &str, properties: &[u8], payload: &[u8]) {
         let mut body = Vec::new();
         body.extend((topic.len() as u16).to_be_bytes());
         body.extend(topic.as_bytes());
-        body.push(0);
+        body.push(properties.len() as u8);
+        body.extend(properties);
         body.extend(payload);
         self.send(&packet(0x30, &body));
     }

@@ -155,6 +155,47 @@ fn a_chunk_waits_for_its_place_and_nothing_is_lost() {
     });
 }
 
+/// A broker may send a number for a topic that is as long as all else around a chunk (MQTT 5, section 3.3.2.3.4).
+#[test]
+fn a_topic_may_come_as_a_number_and_the_number_may_change() {
+    const ALIAS: [u8; 3] = [0x23, 0, 1];
+    let updates = updates();
+    run_updated(&updates, async |broker| {
+        let mut peer = connected(&broker).await;
+        updates.ask(Want::window(RELEASE.tag(), Part::Image, 0, 16));
+        for (index, topic) in [(0, TOPIC), (1, ""), (2, TOPIC), (3, ""), (4, "")] {
+            // Between them what comes with its topic, which leaves the number alone.
+            peer.deliver_time();
+            peer.throw_with(topic, &ALIAS, &chunk(index));
+            broker.sleep(Duration::from_millis(50)).await;
+            assert_eq!(updates.chunk(), Some((index, PAYLOAD)));
+            updates.make_room();
+        }
+        peer.throw_with("swarm/somewhere/else", &ALIAS, &chunk(5));
+        peer.throw_with("", &ALIAS, &chunk(6));
+        broker.sleep(Duration::from_millis(50)).await;
+        assert_eq!(
+            updates.chunk(),
+            None,
+            "the number stands for no topic of ours"
+        );
+        peer.throw(TOPIC, &chunk(5));
+        broker.sleep(Duration::from_millis(50)).await;
+        assert_eq!(updates.chunk(), Some((5, PAYLOAD)));
+        assert_eq!(broker.health(), LinkHealth::Up);
+        updates.make_room();
+
+        // A number that nobody has explained ends the connection, and what one explained ends with it.
+        peer.close();
+        let mut peer = broker.peer().await;
+        peer.accept_with(true, 6).await;
+        peer.throw_with("", &ALIAS, &chunk(7));
+        broker.sleep(Duration::from_millis(50)).await;
+        assert_eq!(updates.chunk(), None);
+        assert_eq!(broker.health(), LinkHealth::Lost);
+    });
+}
+
 /// A flash that does not come back must not make the robot deaf.
 #[test]
 fn a_place_that_is_never_free_keeps_nobody_waiting_for_long() {
