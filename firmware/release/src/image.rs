@@ -73,7 +73,7 @@ impl core::error::Error for ImageError {}
 /// The hash of one block as its bytes arrive, so that a transfer can go on at any block; or of the whole image, as if
 /// it were one.
 ///
-/// A call takes as long as the slice it is given is: 66 instructions a byte on RISC-V.
+/// A call takes as long as the slice it is given is: about 105 instructions a byte on RISC-V.
 #[derive(Debug, Clone)]
 pub struct BlockHasher {
     /// `None` of the whole image.
