@@ -114,16 +114,42 @@ pub(crate) fn falling(first: f64, last: f64, round: u64, rounds: u64) -> f64 {
 /// Most samples in a round.
 const SAMPLES: usize = 1 << 24;
 
-/// Checks how many samples a round has.
-pub(crate) fn samples(
-    steps: usize,
-    interface: &Interface,
-    environments: usize,
-) -> Result<(), ConfigError> {
-    let samples = steps
-        .checked_mul(environments * interface.agents)
-        .is_some_and(|samples| (2..=SAMPLES).contains(&samples));
-    check(samples, "steps", "2 to 2²⁴ samples in a round")
+/// What configurations of both algorithms have.
+pub(crate) struct Shared<'a> {
+    pub(crate) hidden: &'a Hidden,
+    pub(crate) rounds: u64,
+    pub(crate) steps: usize,
+    pub(crate) minibatch: usize,
+    pub(crate) rate: f64,
+    pub(crate) final_rate: f64,
+    pub(crate) gamma: f32,
+    pub(crate) gradient: f32,
+}
+
+impl Shared<'_> {
+    /// Checks it against `interface` and the number of environments.
+    pub(crate) fn validate(
+        &self,
+        interface: &Interface,
+        environments: usize,
+    ) -> Result<(), ConfigError> {
+        self.hidden.validate()?;
+        check(self.rounds > 0, "rounds", "at least 1")?;
+        let samples = self
+            .steps
+            .checked_mul(environments * interface.agents)
+            .is_some_and(|samples| (2..=SAMPLES).contains(&samples));
+        check(samples, "steps", "2 to 2²⁴ samples in a round")?;
+        let minibatch = (1..=65_536).contains(&self.minibatch);
+        check(minibatch, "minibatch", "1 to 65,536")?;
+        let rate = self.rate > 0.0 && self.rate <= 1.0;
+        check(rate, "rate", "above 0, at most 1")?;
+        let final_rate = (0.0..=1.0).contains(&self.final_rate);
+        check(final_rate, "final_rate", "0 to 1")?;
+        check((0.0..=1.0).contains(&self.gamma), "gamma", "0 to 1")?;
+        let gradient = self.gradient > 0.0 && self.gradient.is_finite();
+        check(gradient, "gradient", "above 0")
+    }
 }
 
 impl Interface {

@@ -1,7 +1,7 @@
 //! What a run of DQN is made of.
 
 use crate::checkpoint::Writer;
-use crate::config::{ConfigError, Hidden, check, samples};
+use crate::config::{ConfigError, Hidden, Shared, check};
 use crate::environment::Interface;
 
 /// What a run of DQN is made of. Together with the environments it determines every byte of the result.
@@ -74,17 +74,20 @@ impl Config {
         interface: &Interface,
         environments: usize,
     ) -> Result<(), ConfigError> {
-        self.hidden.validate()?;
-        samples(self.steps, interface, environments)?;
-        check(self.rounds > 0, "rounds", "at least 1")?;
+        let shared = Shared {
+            hidden: &self.hidden,
+            rounds: self.rounds,
+            steps: self.steps,
+            minibatch: self.minibatch,
+            rate: self.rate,
+            final_rate: self.final_rate,
+            gamma: self.gamma,
+            gradient: self.gradient,
+        };
+        shared.validate(interface, environments)?;
         check(
             (1..=65_536).contains(&self.updates),
             "updates",
-            "1 to 65,536",
-        )?;
-        check(
-            (1..=65_536).contains(&self.minibatch),
-            "minibatch",
             "1 to 65,536",
         )?;
         let memory = self
@@ -100,20 +103,7 @@ impl Config {
             "exploration",
             "0 to 1",
         )?;
-        check(self.target > 0, "target", "at least 1")?;
-        check(
-            self.rate > 0.0 && self.rate <= 1.0,
-            "rate",
-            "above 0, at most 1",
-        )?;
-        check(
-            (0.0..=1.0).contains(&self.final_rate),
-            "final_rate",
-            "0 to 1",
-        )?;
-        check((0.0..=1.0).contains(&self.gamma), "gamma", "0 to 1")?;
-        let gradient = self.gradient > 0.0 && self.gradient.is_finite();
-        check(gradient, "gradient", "above 0")
+        check(self.target > 0, "target", "at least 1")
     }
 
     pub(crate) fn write(&self, writer: &mut Writer) {

@@ -1,7 +1,7 @@
 //! What a run of PPO is made of.
 
 use crate::checkpoint::Writer;
-use crate::config::{ConfigError, Hidden, check, samples};
+use crate::config::{ConfigError, Hidden, Shared, check};
 use crate::environment::Interface;
 
 /// Whose view the critic has. It is not needed once learning is over.
@@ -77,32 +77,24 @@ impl Config {
         interface: &Interface,
         environments: usize,
     ) -> Result<(), ConfigError> {
-        self.hidden.validate()?;
+        let shared = Shared {
+            hidden: &self.hidden,
+            rounds: self.rounds,
+            steps: self.steps,
+            minibatch: self.minibatch,
+            rate: self.rate,
+            final_rate: self.final_rate,
+            gamma: self.gamma,
+            gradient: self.gradient,
+        };
+        shared.validate(interface, environments)?;
         let state = self.critic == Critic::Own || interface.state > 0;
         check(
             state,
             "critic",
             "`Central` where the environment has a state",
         )?;
-        check(self.rounds > 0, "rounds", "at least 1")?;
-        samples(self.steps, interface, environments)?;
-        check(
-            (1..=65_536).contains(&self.minibatch),
-            "minibatch",
-            "1 to 65,536",
-        )?;
         check((1..=100).contains(&self.epochs), "epochs", "1 to 100")?;
-        check(
-            self.rate > 0.0 && self.rate <= 1.0,
-            "rate",
-            "above 0, at most 1",
-        )?;
-        check(
-            (0.0..=1.0).contains(&self.final_rate),
-            "final_rate",
-            "0 to 1",
-        )?;
-        check((0.0..=1.0).contains(&self.gamma), "gamma", "0 to 1")?;
         check((0.0..=1.0).contains(&self.lambda), "lambda", "0 to 1")?;
         check(
             self.clip > 0.0 && self.clip < 1.0,
@@ -110,8 +102,6 @@ impl Config {
             "between 0 and 1",
         )?;
         check((0.0..=10.0).contains(&self.entropy), "entropy", "0 to 10")?;
-        let gradient = self.gradient > 0.0 && self.gradient.is_finite();
-        check(gradient, "gradient", "above 0")?;
         let divergence = self.divergence >= 0.0 && self.divergence.is_finite();
         check(divergence, "divergence", "0, or above")
     }
