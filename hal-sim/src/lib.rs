@@ -19,9 +19,6 @@
 
 /// Version of this crate.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// SHA-256, in hexadecimal digits, of the sources of simulator and robot program: where it is the same, the same
-/// scenario and seed give the same history.
-pub const SOURCES: &str = env!("SIMULATOR_SOURCES");
 
 pub mod devices;
 pub mod evaluate;

@@ -15,7 +15,6 @@ mod radio;
 mod scene;
 
 use std::net::{SocketAddr, ToSocketAddrs};
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -46,7 +45,7 @@ pub use scene::LiveScene;
 use bookmarks::Bookmarks;
 use control::{MAX_ORDERS, Order, Watch};
 use driver::{Beginning, Driver};
-use log::Log;
+use log::{Log, RecordTo};
 
 /// Most virtual time that is run at once, and most that is made up for.
 pub const MAX_BATCH: Duration = Duration::from_millis(100);
@@ -177,11 +176,11 @@ pub fn start(config: LiveConfig) -> Result<LiveHandle, LiveError> {
 /// # Errors
 /// See [`LiveError`]; also when the file cannot be written at all.
 #[cfg(feature = "recording")]
-pub fn start_recorded(config: LiveConfig, file: PathBuf) -> Result<LiveHandle, LiveError> {
-    start_with(config, Some(file))
+pub fn start_recorded(config: LiveConfig, to: RecordTo) -> Result<LiveHandle, LiveError> {
+    start_with(config, Some(to))
 }
 
-fn start_with(config: LiveConfig, record: Option<PathBuf>) -> Result<LiveHandle, LiveError> {
+fn start_with(config: LiveConfig, record: Option<RecordTo>) -> Result<LiveHandle, LiveError> {
     let host = heapless::String::<64>::try_from(config.broker_host.as_str())
         .map_err(|_| LiveError::Host(config.broker_host.clone(), None))?;
     let broker: Vec<_> = (config.broker_host.as_str(), config.broker_port)
@@ -371,7 +370,7 @@ fn run(
     broker: BrokerAddress,
     (addresses, radio): Brokers,
     board: &Board,
-    (orders, record): (mpsc::Receiver<Order>, Option<PathBuf>),
+    (orders, record): (mpsc::Receiver<Order>, Option<RecordTo>),
     (ready, report): (
         &SyncSender<Result<watch::Receiver<LiveScene>, LiveError>>,
         &SyncSender<LiveReport>,
@@ -390,7 +389,7 @@ fn run(
         }
     };
     let beginning = Beginning::New(Box::new(config.scenario), config.seed);
-    let log = match Log::open(record.as_deref()) {
+    let log = match Log::open(record.as_ref()) {
         Ok(log) => log,
         Err(error) => {
             let _ = ready.send(Err(error));

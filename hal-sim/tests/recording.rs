@@ -1,7 +1,7 @@
 //! Recordings hold what happened, and replaying them finds what a program does otherwise.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::common::{forward, scenario, wander};
 use crawler_detector::BLOB;
@@ -11,7 +11,7 @@ use crawler_sim::faults::Fault;
 use crawler_sim::net::lockstep::Cut;
 use crawler_sim::run::{Link, Simulation};
 use crawler_sim::scenario::Scenario;
-use crawler_sim::tools::recording::Recorder;
+use crawler_sim::tools::recording::{RecordTo, Recorder};
 use crawler_sim::tools::replay::{ProgramAction, Recording, Report, replay};
 
 /// A file that is gone when it is not needed any more.
@@ -74,8 +74,15 @@ const SCRIPT: [(u64, Move); 13] = [
 ];
 const END: u64 = 22_000;
 
+fn to(file: &Path) -> RecordTo {
+    RecordTo {
+        file: file.to_owned(),
+        build: "0.0.0 (tests)".to_owned(),
+    }
+}
+
 fn record(link: Link, file: &Scratch) -> Simulation {
-    let mut recorder = Recorder::create(&file.0).expect("a file");
+    let mut recorder = Recorder::create(&to(&file.0)).expect("a file");
     let mut world = Simulation::recorded(link, mixed(), 5, recorder.event_logs()).expect("sound");
     for (ms, act) in SCRIPT {
         recorder
@@ -276,15 +283,15 @@ fn no_damage_to_a_recording_is_more_than_an_error() {
 
 #[test]
 fn what_is_not_written_is_told_and_the_world_goes_on() {
-    let nowhere = std::path::Path::new("/nowhere/at/all.mcap");
-    let error = Recorder::create(nowhere).expect_err("no such directory");
+    let nowhere = Path::new("/nowhere/at/all.mcap");
+    let error = Recorder::create(&to(nowhere)).expect_err("no such directory");
     assert!(error.to_string().contains("/nowhere"), "{error}");
     // Every write to it fails as on a full disk.
-    let full = std::path::Path::new("/dev/full");
+    let full = Path::new("/dev/full");
     if !full.exists() {
         return;
     }
-    let Ok(mut recorder) = Recorder::create(full) else {
+    let Ok(mut recorder) = Recorder::create(&to(full)) else {
         return;
     };
     let mut world =

@@ -1,12 +1,17 @@
 //! The recording of a live world, where there is one.
 
-use std::path::Path;
 #[cfg(feature = "recording")]
 use std::sync::PoisonError;
 
 use super::{Board, BrokerAddress, LiveError, Simulation};
 #[cfg(feature = "recording")]
+pub(super) use crate::tools::recording::RecordTo;
+#[cfg(feature = "recording")]
 use crate::tools::recording::Recorder;
+
+/// There is nothing to record to.
+#[cfg(not(feature = "recording"))]
+pub(super) enum RecordTo {}
 
 /// See the [module](self).
 pub(super) struct Log {
@@ -16,8 +21,8 @@ pub(super) struct Log {
 
 #[cfg(feature = "recording")]
 impl Log {
-    pub(super) fn open(file: Option<&Path>) -> Result<Self, LiveError> {
-        let recorder = file.map(Recorder::create).transpose();
+    pub(super) fn open(to: Option<&RecordTo>) -> Result<Self, LiveError> {
+        let recorder = to.map(Recorder::create).transpose();
         let recorder = recorder.map_err(|error| LiveError::Record(error.to_string()))?;
         Ok(Self { recorder })
     }
@@ -68,7 +73,7 @@ fn tell(board: &Board, text: String) {
     reason = "there is nothing to record to"
 )]
 impl Log {
-    pub(super) fn open(_file: Option<&Path>) -> Result<Self, LiveError> {
+    pub(super) fn open(_to: Option<&RecordTo>) -> Result<Self, LiveError> {
         Ok(Self {})
     }
 

@@ -12,6 +12,6 @@ mod scene;
 mod schema;
 
 pub use error::RecordError;
-pub use recorder::{Recorded, Recorder};
+pub use recorder::{RecordTo, Recorded, Recorder};
 
 pub(crate) use file::{START, topics};

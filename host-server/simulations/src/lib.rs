@@ -6,13 +6,13 @@
 mod listener;
 mod view;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_sim::live::{
     ControlError, LiveConfig, LiveDone, LiveHandle, LiveScene, LiveState, start, start_recorded,
 };
+use crawler_sim::tools::recording::RecordTo;
 use crawler_sim::world::Arena;
 use crawler_sim_protocol::SimulatorCommand;
 use tokio::sync::watch;
@@ -83,14 +83,14 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Sets the world up and lets its robots connect to their broker; what happens goes into the MCAP file
-    /// `record`, where one is named.
+    /// Sets the world up and lets its robots connect to their broker; what happens is recorded, where `record` says
+    /// to what file.
     ///
     /// # Errors
     /// One line saying what is wrong with the scenario or the system.
-    pub async fn start(config: LiveConfig, record: Option<PathBuf>) -> Result<Self, String> {
+    pub async fn start(config: LiveConfig, record: Option<RecordTo>) -> Result<Self, String> {
         let start = move || match record {
-            Some(file) => start_recorded(config, file),
+            Some(to) => start_recorded(config, to),
             None => start(config),
         };
         let world = tokio::task::spawn_blocking(start)

@@ -10,9 +10,10 @@ use crawler_sim::evaluate::{self, Trial};
 use crawler_sim::run::{Instant, Link, Simulation};
 use crawler_sim::scenario::Scenario;
 use crawler_sim::tools::debugger::{Debugger, Step};
-use crawler_sim::tools::recording::{Recorded, Recorder};
+use crawler_sim::tools::recording::{RecordError, RecordTo, Recorded, Recorder};
 use crawler_sim::tools::snapshot::{self, Snapshot};
 
+use crawler_experiments::BUILD;
 use crawler_experiments::scenarios::DETECTOR;
 
 /// Real time between two looks at the clock, while a world runs at a pace.
@@ -38,6 +39,14 @@ fn text(error: impl std::fmt::Display) -> String {
     error.to_string()
 }
 
+/// Records to a file, with the name of this build.
+fn recorder(path: &Path) -> Result<Recorder, RecordError> {
+    Recorder::create(&RecordTo {
+        file: path.to_owned(),
+        build: BUILD.to_owned(),
+    })
+}
+
 impl Session {
     /// A world that has not begun; a recording of it has `words` for the command line that made it.
     pub(super) fn new(
@@ -46,7 +55,7 @@ impl Session {
         record: Option<&Path>,
         words: String,
     ) -> Result<Self, String> {
-        let mut recorder = record.map(Recorder::create).transpose().map_err(text)?;
+        let mut recorder = record.map(recorder).transpose().map_err(text)?;
         if let Some(recorder) = &mut recorder {
             recorder.say("command", words);
         }
@@ -85,7 +94,7 @@ impl Session {
     }
 
     pub(super) fn restored(snapshot: &Snapshot, record: Option<&Path>) -> Result<Self, String> {
-        let mut recorder = record.map(Recorder::create).transpose().map_err(text)?;
+        let mut recorder = record.map(recorder).transpose().map_err(text)?;
         let simulation = match &mut recorder {
             Some(recorder) => snapshot.restore_recorded(recorder),
             None => snapshot.restore(),
@@ -182,7 +191,7 @@ impl Session {
             return Err("it is being recorded already".to_owned());
         }
         let kept = self.debugger.snapshot().map_err(text)?;
-        let mut recorder = Recorder::create(path).map_err(text)?;
+        let mut recorder = recorder(path).map_err(text)?;
         let simulation = kept.restore_recorded(&mut recorder).map_err(text)?;
         self.debugger.replace(simulation);
         self.recorder = Some(recorder);

@@ -1,7 +1,9 @@
 //! The simulated world that the settings ask for.
 
+use crawler_experiments::BUILD;
 use crawler_experiments::scenarios::scenario;
 use crawler_sim::live::LiveConfig;
+use crawler_sim::tools::recording::RecordTo;
 use crawler_simulations::Simulation;
 
 use super::StartError;
@@ -16,7 +18,11 @@ pub(super) async fn start(
     broker: &BrokerUrl,
 ) -> Result<Simulation, StartError> {
     let config = config(settings, broker).map_err(StartError::Simulation)?;
-    let started = Simulation::start(config, settings.record.clone()).await;
+    let record = settings.record.as_ref().map(|file| RecordTo {
+        file: file.clone(),
+        build: BUILD.to_owned(),
+    });
+    let started = Simulation::start(config, record).await;
     started.map_err(StartError::Simulation)
 }
 

@@ -83,7 +83,7 @@ fn thresholds_decide_and_files_are_written() {
     assert_eq!(rows.len(), 4);
     let head = head.join("\n");
     for part in [
-        crawler_sim::SOURCES,
+        crawler_experiments::BUILD,
         "--seeds 3 --seed 1",
         "randomisation none",
         "#   duration_s = 25.0",
@@ -189,7 +189,7 @@ fn runs_are_held_against_earlier_ones_of_the_same_seeds() {
     let text = said(&evaluate(scenario, &near).stdout);
     assert!(
         text.contains("0 of them with the same history")
-            && text.contains("differing in: text\n")
+            && text.contains("differing in: the scenario\n")
             && text
                 .lines()
                 .any(|line| line.starts_with("  time_to_goal_s") && line.ends_with("  better")),
@@ -231,7 +231,7 @@ fn a_replay_goes_to_the_failure_or_to_the_end() {
     assert!(text.contains("\nsucceeded\n"), "{text}");
     let bytes = std::fs::read(&recording).expect("a recording");
     let command = format!("replay --scenario {scenario} --seed 3");
-    for part in [command.as_str(), crawler_sim::SOURCES] {
+    for part in [command.as_str(), crawler_experiments::BUILD] {
         let part = part.as_bytes();
         assert!(bytes.windows(part.len()).any(|window| window == part));
     }

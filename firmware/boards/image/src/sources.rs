@@ -1,5 +1,5 @@
 //! Which sources a robot program is made of, as one hash: the same for the program in an image and for the one that a
-//! simulator is compiled with, where both come from the same tree. The image tool, and the builds of the simulator, of
+//! simulator is compiled with, where both come from the same tree. The image tool, and the builds of
 //! experiments and of the server's command line, include this file.
 
 use std::fmt::Write as _;

@@ -1,7 +1,7 @@
 //! Writing a recording while a world runs.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crawler_app::perception::Sight;
 use crawler_hal::{Duration, Instant};
@@ -9,11 +9,10 @@ use serde_json::{Value, json};
 
 use super::file::{RecordFile, topics};
 use super::{RecordError, scene};
-use crate::SOURCES;
+use crate::VERSION;
 use crate::run::Simulation;
 use crate::run::event_log::{Event, EventLogs, Track, What};
 use crate::run::journal::{Entry, Input};
-use crate::tools::snapshot::BUILD;
 
 /// How often what is on the event logs is taken, and a small fleet is looked at.
 const PERIOD: Duration = Duration::from_millis(100);
@@ -23,6 +22,16 @@ const ROBOTS_PER_LOOK: usize = 100;
 const PERIODS_PER_CHUNK: u64 = 20;
 /// Longest journal that goes into the metadata as well.
 const MAX_JOURNAL: usize = 1024 * 1024;
+
+/// Where a recording goes, and who makes it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordTo {
+    /// The file.
+    pub file: PathBuf,
+    /// What tells this build of the whole program from others: where it is the same, the same scenario and seed give
+    /// the same history.
+    pub build: String,
+}
 
 /// What became of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -70,11 +79,11 @@ impl Recorder {
     ///
     /// # Errors
     /// [`RecordError`] when the file cannot be written.
-    pub fn create(path: &Path) -> Result<Self, RecordError> {
+    pub fn create(to: &RecordTo) -> Result<Self, RecordError> {
         Ok(Self {
-            file: RecordFile::create(path)?,
+            file: RecordFile::create(&to.file)?,
             event_logs: EventLogs::default(),
-            words: BTreeMap::new(),
+            words: BTreeMap::from([("build".to_owned(), to.build.clone())]),
             begun: false,
             next: Instant::BOOT + PERIOD,
             periods: 0,
@@ -189,8 +198,7 @@ impl Recorder {
         };
         let words = BTreeMap::from([
             ("format", "1".to_owned()),
-            ("build", BUILD.to_owned()),
-            ("sources", SOURCES.to_owned()),
+            ("version", VERSION.to_owned()),
             (
                 "randomisation",
                 simulation.scenario().randomisation.name().to_owned(),

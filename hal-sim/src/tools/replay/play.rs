@@ -15,7 +15,6 @@ use crate::run::event_log::{Event, played};
 use crate::run::eyes::DetectorInstance;
 use crate::run::machine;
 use crate::sched::{Scheduler, SimClock};
-use crate::tools::snapshot::BUILD;
 
 /// What the replay of one robot came to.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,7 +98,7 @@ pub fn replay(
     if !parameters.is_empty() {
         except.topics.push("/parameters/");
     }
-    if recording.words.get("build").map(String::as_str) != Some(BUILD) {
+    if recording.words.get("version").map(String::as_str) != Some(crate::VERSION) {
         except.fields.push("firmware");
     }
     let mut reports = Vec::new();

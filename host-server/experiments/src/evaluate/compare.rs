@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crawler_sim::evaluate::{Estimate, Trial, of_mean, of_paired_shares};
+use crawler_sim::evaluate::{Driver, Estimate, Trial, of_mean, of_paired_shares};
 use crawler_sim::scenario::{Better, Metric};
 use crawler_system::text::read_text_up_to;
 use serde::Deserialize;
@@ -86,9 +86,9 @@ impl Baseline {
             // Writing to a String does not fail.
             let _ = writeln!(text, "  it is of another scenario: {}", self.scenario);
         }
-        let differing: Vec<&str> = KEYS
+        let differing: Vec<String> = KEYS
             .into_iter()
-            .filter(|key| self.provenance.get(*key) != provenance.get(*key))
+            .filter_map(|key| differing(key, self.provenance.get(key), provenance.get(key)))
             .collect();
         if !differing.is_empty() {
             let _ = writeln!(text, "  differing in: {}", differing.join(", "));
@@ -114,7 +114,24 @@ impl Baseline {
 }
 
 /// What of the provenance may explain a difference.
-const KEYS: [&str; 4] = ["version", "sources", "randomisation", "text"];
+const KEYS: [&str; 4] = ["driver", "build", "randomisation", "text"];
+
+/// What differs in `key`, where something does; what fits into the line is told with what it was and is.
+fn differing(key: &str, before: Option<&Value>, now: Option<&Value>) -> Option<String> {
+    // Files from before there were drivers do not name any.
+    let program = Value::from(Driver::Program.name());
+    let before = before.or((key == "driver").then_some(&program));
+    if before == now {
+        return None;
+    }
+    let shown = |value: Option<&Value>| value.and_then(Value::as_str).map(str::to_owned);
+    let (before, now) = (shown(before), shown(now)?);
+    Some(match before {
+        _ if key == "text" => "the scenario".to_owned(),
+        Some(before) => format!("{key} ({before}, now {now})"),
+        None => format!("{key} (now {now})"),
+    })
+}
 
 /// One metric of the pairs of which both have it.
 fn line(metric: Metric, pairs: &[(&Earlier, &Trial)]) -> Option<String> {
@@ -167,6 +184,28 @@ fn verdict(better: Better, change: &Estimate) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_differs_is_named_with_what_it_was() {
+        let text = |text: &str| Value::from(text);
+        let of = |key, before: Option<&str>, now: &str| {
+            differing(key, before.map(text).as_ref(), Some(&text(now)))
+        };
+        assert_eq!(of("driver", Some("wander"), "wander"), None);
+        assert_eq!(of("driver", None, "program"), None);
+        let driver = of("driver", Some("wander"), "program");
+        assert_eq!(driver.as_deref(), Some("driver (wander, now program)"));
+        assert_eq!(
+            of("driver", None, "ideal").as_deref(),
+            Some("driver (program, now ideal)")
+        );
+        assert_eq!(
+            of("build", None, "0.3.0 (a-b)").as_deref(),
+            Some("build (now 0.3.0 (a-b))")
+        );
+        let scenario = of("text", Some("a\nb"), "a\nc");
+        assert_eq!(scenario.as_deref(), Some("the scenario"));
+    }
 
     #[test]
     fn a_change_counts_where_its_interval_has_one_sign() {

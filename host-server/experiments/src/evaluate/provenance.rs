@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 
 use crawler_sim::evaluate::Driver;
 use crawler_sim::scenario::Scenario;
-use crawler_sim::{SOURCES, VERSION};
 use serde_json::{Value, json};
 
 use super::{EvaluateArgs, repeat};
+use crate::BUILD;
 
 /// The program, and what it was asked for.
 pub(super) struct Provenance<'a> {
@@ -50,7 +50,7 @@ impl<'a> Provenance<'a> {
     /// Lines that begin with `#`, for the head of a table.
     pub(super) fn comment(&self) -> String {
         let mut text = format!(
-            "# terracrawler {VERSION}, sources {SOURCES}\n# terracrawler evaluate{}\n# randomisation {}; the \
+            "# terracrawler {BUILD}\n# terracrawler evaluate{}\n# randomisation {}; the \
              scenario as it ran:\n",
             self.options, self.scenario.randomisation
         );
@@ -66,8 +66,7 @@ impl<'a> Provenance<'a> {
         let args = self.args;
         let sweep: Vec<_> = args.sweep.iter().map(ToString::to_string).collect();
         json!({
-            "version": VERSION,
-            "sources": SOURCES,
+            "build": BUILD,
             "options": self.options.trim_start(),
             "scenario": args.scenario,
             "robots": args.robots,
