@@ -205,7 +205,10 @@ pub(super) async fn page(
     ApiQuery(wanted): ApiQuery<AuditQuery>,
 ) -> Result<Json<AuditList>, Problem> {
     if wanted.before.is_some_and(|before| before > LARGEST_NUMBER) {
-        return Err(bad_query(format!("`before` must be 0 to {LARGEST_NUMBER}")));
+        return Err(bad_query(
+            "before",
+            format!("must be 0 to {LARGEST_NUMBER}"),
+        ));
     }
     let limit = query::page(wanted.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
     let stored = records

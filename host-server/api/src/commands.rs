@@ -19,7 +19,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::access::Caller;
 use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::{Code, Problem};
+use super::problem::{self, Code, FieldError, Problem};
 use super::query::ApiQuery;
 use super::state::ApiState;
 use crawler_cluster::ClusterMembership;
@@ -108,6 +108,8 @@ const fn is_halt(action: &Action) -> bool {
 #[derive(Debug, Clone)]
 pub(super) struct Asked {
     action: Result<Action, Reason>,
+    /// The parts that are wrong, where it is no command.
+    wrong: Vec<FieldError>,
     /// As it was written, for the audit log; `null` where it is no command, and anybody's guess.
     text: Value,
 }
@@ -116,11 +118,35 @@ impl Asked {
     pub(super) fn read(body: &[u8]) -> Self {
         let action = Action::parse(body);
         // What was parsed is small and says nothing but a command.
-        let text = match &action {
-            Ok(_) => serde_json::from_slice(body).unwrap_or_default(),
-            Err(_) => Value::Null,
+        let (text, wrong) = match &action {
+            Ok(_) => (serde_json::from_slice(body).unwrap_or_default(), Vec::new()),
+            Err(reason) => {
+                let reader = |body: &[u8]| Action::parse(body).err();
+                let wrong = problem::locate("command-request", body, *reason, reader);
+                (Value::Null, wrong)
+            }
         };
-        Self { action, text }
+        Self {
+            action,
+            wrong,
+            text,
+        }
+    }
+
+    /// A body that holds what is in the command under `parameters`.
+    pub(super) fn read_parameters(command: &str, body: &[u8]) -> Self {
+        // The strict reader behind this knows no field twice and nothing after the end, so a body
+        // cannot reach beyond the place it is put in.
+        let mut request = format!(r#"{{"command":"{command}","parameters":"#).into_bytes();
+        request.extend_from_slice(body);
+        request.push(b'}');
+        let mut asked = Self::read(&request);
+        for error in &mut asked.wrong {
+            let pointer = error.pointer.as_deref();
+            let own = pointer.and_then(|pointer| pointer.strip_prefix("/parameters"));
+            error.pointer = Some(own.unwrap_or_default().to_owned());
+        }
+        asked
     }
 
     /// The body of a request.
@@ -278,7 +304,8 @@ impl CommandSender {
 
     /// The command, where it is one and may be given now.
     fn allowed(&self, asked: &Asked) -> Result<Action, Problem> {
-        let action = asked.action.clone().map_err(invalid)?;
+        let action = asked.action.clone();
+        let action = action.map_err(|reason| invalid(reason).with(asked.wrong.clone()))?;
         if must_be_audited(&action) {
             self.audit.has_room()?;
         }
@@ -308,7 +335,7 @@ impl CommandSender {
         asked: Asked,
         result: &Result<Accepted, Problem>,
     ) {
-        let Asked { action, text } = asked;
+        let Asked { action, text, .. } = asked;
         let detail = match result {
             Ok(Accepted(view)) => json!({ "id": view.id, "request": text }),
             Err(_) => json!({ "request": text }),

@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 
 use super::access::Caller;
 use super::audit::Audit;
-use super::problem::{Code, Problem};
+use super::problem::{Code, FieldError, Problem};
 use super::state::Broker;
 use crawler_broker::Kind;
 use crawler_system::address::BrokerUrl;
@@ -105,10 +105,12 @@ fn address(
 /// Who may have a credential: a robot, or a simulator, whose names are robots' names too.
 fn named(name: &str) -> Result<RobotId, Problem> {
     RobotId::new(name).map_err(|_| {
+        let error = FieldError::of_parameter("id", "must be 1 to 32 of a-z, 0-9 and hyphen");
         Problem::new(
             Code::BadName,
             "a robot's name is 1 to 32 of a-z, 0-9 and hyphen",
         )
+        .with(vec![error])
     })
 }
 

@@ -111,7 +111,7 @@ pub(super) struct EventList {
 fn wanted(asked: EventsQuery) -> Result<EventQuery, Problem> {
     let (from, to) = (asked.from.unwrap_or(0), asked.to.unwrap_or(i64::MAX));
     if to <= from {
-        return Err(bad_query("`from` must be before `to`"));
+        return Err(bad_query("from", "must be before `to`"));
     }
     let limit = query::page(asked.limit.unwrap_or(PAGE), MAX_EVENTS_PAGE)?;
     let robot = asked.robot.map(|robot| RobotId::new(&robot)).transpose();
@@ -120,10 +120,10 @@ fn wanted(asked: EventsQuery) -> Result<EventQuery, Problem> {
         from,
         to,
         level: asked.level.map_or(EventLevel::Info, EventLevel::from),
-        robot: robot.map_err(|_| bad_query("`robot` must be the name of a robot"))?,
+        robot: robot.map_err(|_| bad_query("robot", "must be the name of a robot"))?,
         before: before
             .transpose()
-            .map_err(|_| bad_query("`before` must be what an earlier page said under `next`"))?,
+            .map_err(|_| bad_query("before", "must be what an earlier page said under `next`"))?,
         limit,
     })
 }

@@ -67,7 +67,10 @@ fn number(id: &str) -> Result<i64, Problem> {
 impl From<ControlError> for Problem {
     fn from(error: ControlError) -> Self {
         match error {
-            ControlError::Invalid(errors) => Self::invalid(Code::InvalidExperiment, errors),
+            ControlError::Invalid(errors) => {
+                let errors = errors.into_iter().map(Into::into);
+                Self::invalid(Code::InvalidExperiment, errors.collect())
+            }
             ControlError::Unknown => unknown(),
             ControlError::WrongState(state) => Self::new(
                 Code::WrongState,
@@ -108,7 +111,7 @@ pub(super) async fn list(
 ) -> Result<Json<ExperimentList>, Problem> {
     let limit = query::page(asked.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
     let before = match &asked.before {
-        Some(id) => Some(number(id).map_err(|_| bad_query("`before` must be an id"))?),
+        Some(id) => Some(number(id).map_err(|_| bad_query("before", "must be an id"))?),
         None => None,
     };
     let rows = records.experiments(before, limit).await;
@@ -224,7 +227,7 @@ pub(super) async fn metrics(
 ) -> Result<Json<MetricsView>, Problem> {
     let limit = query::page(asked.limit.unwrap_or(TRIALS), MOST_TRIALS)?;
     if asked.after.is_some_and(|after| after > MAX_SEEDS) {
-        return Err(bad_query(format!("`after` must be 0 to {MAX_SEEDS}")));
+        return Err(bad_query("after", format!("must be 0 to {MAX_SEEDS}")));
     }
     let id = number(&id)?;
     let row = records.experiment(id).await;

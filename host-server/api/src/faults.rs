@@ -13,7 +13,7 @@ use utoipa::ToSchema;
 use super::access::Caller;
 use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::{Code, Problem};
+use super::problem::{Code, FieldError, Problem, locate};
 use super::state::{ApiState, World};
 use crawler_commands::PublishError;
 use crawler_fleet::bus::Bus;
@@ -127,22 +127,38 @@ fn refused(error: DecodeError) -> Problem {
     Problem::new(Code::Command(error.reason()), detail)
 }
 
-/// Reads the body as the rest of an `inject` for this robot.
-fn read(robot: &RobotId, body: &[u8]) -> Result<SimulatorCommand, DecodeError> {
-    let inner = body
-        .trim_ascii()
-        .strip_prefix(b"{")
-        .and_then(|body| body.strip_suffix(b"}"))
-        .ok_or(DecodeError::Malformed)?;
-    if inner.trim_ascii().is_empty() {
-        return Err(DecodeError::MissingField);
-    }
+/// The body as the rest of an `inject` for this robot.
+fn inject_with(robot: &RobotId, body: &[u8]) -> Option<Vec<u8>> {
+    let body = body.trim_ascii().strip_prefix(b"{")?;
+    let inner = body.strip_suffix(b"}")?.trim_ascii();
     // The strict reader behind this knows no field twice and nothing after the end, so a body
     // cannot reach beyond the place it is put in.
-    let mut text = format!(r#"{{"command":"inject","robot":"{robot}","#).into_bytes();
-    text.extend_from_slice(inner);
+    let mut text = format!(r#"{{"command":"inject","robot":"{robot}""#).into_bytes();
+    if !inner.is_empty() {
+        text.push(b',');
+        text.extend_from_slice(inner);
+    }
     text.push(b'}');
-    SimulatorCommand::from_json(&text)
+    Some(text)
+}
+
+/// Reads the body as that.
+///
+/// # Errors
+/// What is wrong, and where.
+fn read(robot: &RobotId, body: &[u8]) -> Result<SimulatorCommand, (DecodeError, Vec<FieldError>)> {
+    let Some(text) = inject_with(robot, body) else {
+        let error = FieldError::at("", "must be an object");
+        return Err((DecodeError::Malformed, vec![error]));
+    };
+    SimulatorCommand::from_json(&text).map_err(|error| {
+        let reader = |body: &[u8]| SimulatorCommand::from_json(body).err();
+        let reader = |body: &[u8]| reader(body).map(DecodeError::reason);
+        (
+            error,
+            locate("simulator-command", &text, error.reason(), reader),
+        )
+    })
 }
 
 /// Breaks something about a robot
@@ -167,7 +183,7 @@ pub(super) async fn inject(
     JsonBody(body): JsonBody,
 ) -> Result<StatusCode, Problem> {
     let robot = RobotId::new(&id).map_err(|_| Problem::unknown_robot(&id))?;
-    let command = read(&robot, &body).map_err(refused)?;
+    let command = read(&robot, &body).map_err(|(error, wrong)| refused(error).with(wrong))?;
     let result = bench.pass_on(&robot, command).await;
     let detail = json!({ "request": serde_json::from_slice::<Value>(&body).unwrap_or_default() });
     audit
@@ -239,7 +255,8 @@ mod tests {
                 DecodeError::UnknownField,
             ),
         ] {
-            assert_eq!(read(&robot, body.as_bytes()), Err(error), "{body}");
+            let refused = read(&robot, body.as_bytes()).expect_err(body);
+            assert_eq!(refused.0, error, "{body}");
         }
     }
 }

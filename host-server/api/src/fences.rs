@@ -14,7 +14,7 @@ use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
 use super::access::Caller;
 use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::{Code, Problem};
+use super::problem::{Code, FieldError, Problem, member};
 use super::state::ApiState;
 use crawler_fleet::enforcement;
 use crawler_fleet::{Fence, FenceAction, FenceKind, Shape, ShapeError, SharedFleet};
@@ -97,16 +97,19 @@ impl NewFence {
 
     fn into_fence(self, id: String, by: String) -> Result<Fence, Problem> {
         if !is_name(&self.name) {
-            return Err(invalid(format!(
-                "`name` must have 1 to {MAX_FENCE_NAME} characters that can be seen, and no space \
-                 at either end"
-            )));
+            let rule = format!(
+                "must have 1 to {MAX_FENCE_NAME} characters that can be seen, and no space at either end"
+            );
+            return Err(invalid("/name", rule));
         }
-        let refused = |error: ShapeError| invalid(error.to_string());
+        // The corners together are none.
+        let refused =
+            |error: ShapeError| Problem::new(Code::InvalidFence, error.to_string()).at("/corners");
         let mut corners = Vec::with_capacity(self.corners.len());
-        for corner in self.corners {
+        for (number, corner) in self.corners.into_iter().enumerate() {
             let Ok(corner) = <[f64; 2]>::try_from(corner) else {
-                return Err(invalid("every corner is two numbers, x and y".to_owned()));
+                let pointer = member("/corners", number);
+                return Err(invalid(&pointer, "must be two numbers, x and y".to_owned()));
             };
             corners.push(corner);
         }
@@ -131,8 +134,9 @@ fn is_name(text: &str) -> bool {
         && !text.chars().any(|c| c.is_control() || turns(c))
 }
 
-fn invalid(detail: String) -> Problem {
-    Problem::new(Code::InvalidFence, detail)
+fn invalid(pointer: &str, detail: String) -> Problem {
+    let error = FieldError::at(pointer, detail);
+    Problem::invalid(Code::InvalidFence, vec![error])
 }
 
 fn unknown() -> Problem {

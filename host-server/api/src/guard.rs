@@ -246,15 +246,9 @@ pub(super) struct JsonBody(pub(super) Bytes);
 impl JsonBody {
     /// The body as what it should be.
     pub(super) fn read<T: serde::de::DeserializeOwned>(&self) -> Result<T, Problem> {
-        serde_json::from_slice(&self.0).map_err(|error| {
-            // The parser's own words may quote the body, which may be a password.
-            match error.classify() {
-                serde_json::error::Category::Data => Problem::new(
-                    Code::InvalidBody,
-                    "a field is missing, is there twice, is unknown, or holds what it must not",
-                ),
-                _ => Problem::new(Code::Malformed, "the body is not one JSON object"),
-            }
+        problem::read(&self.0).map_err(|error| match error {
+            Some(error) => Problem::invalid(Code::InvalidBody, vec![error]),
+            None => Problem::new(Code::Malformed, "the body is not one JSON object"),
         })
     }
 }

@@ -174,7 +174,7 @@ impl TrackView {
 fn named(text: &str) -> Result<BTreeSet<RobotId>, Problem> {
     let names = text.split(',').map(|name| {
         RobotId::new(name)
-            .map_err(|_| bad_query("`robots` must be names of robots with commas between them"))
+            .map_err(|_| bad_query("robots", "must be names of robots with commas between them"))
     });
     names.collect()
 }
@@ -195,7 +195,7 @@ fn step(wanted: Option<i64>, length: i64, robots: usize) -> Result<i64, Problem>
         return Ok(step.max(SHORTEST));
     };
     if step < SHORTEST {
-        return Err(bad_query(format!("`step` must be at least {SHORTEST} ms")));
+        return Err(bad_query("step", format!("must be at least {SHORTEST} ms")));
     }
     let points = length.div_euclid(step);
     if points > MOST_POINTS {

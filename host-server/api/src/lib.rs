@@ -71,7 +71,8 @@ const MAX_BODY: usize = 4 * 1024;
     info(
         title = "Terracrawler",
         description = "Watch and steer a fleet of robots. Errors are problem documents (RFC 9457) \
-                       with a stable `code`."
+                       with a stable `code`; where a body or a query is wrong, `errors` has a JSON \
+                       pointer to each part that is, or the name of the parameter."
     ),
     components(schemas(Problem)),
     tags(

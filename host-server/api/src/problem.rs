@@ -1,6 +1,8 @@
 //! Errors as RFC 9457 problem documents.
 
 mod code;
+mod fields;
+mod schema;
 
 use std::time::Duration;
 
@@ -13,8 +15,9 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 pub(crate) use code::Code;
-use crawler_experiments::FieldError;
 use crawler_updates::release::Fault;
+pub(crate) use fields::{FieldError, member, read, unreadable};
+pub(crate) use schema::locate;
 
 const CONTENT_TYPE: HeaderValue = HeaderValue::from_static("application/problem+json");
 
@@ -39,7 +42,7 @@ pub(crate) struct Problem {
     /// Seconds after which another try may do better; also in `Retry-After`.
     #[serde(skip_serializing_if = "Option::is_none")]
     retry_after: Option<u32>,
-    /// The fields of the body that are wrong, where they are told apart.
+    /// The parts of the request that are wrong: what the statuses 400 and 422 are about.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<FieldError>>)]
     errors: Option<Box<Fields>>,
@@ -113,16 +116,24 @@ impl Problem {
         &self.detail
     }
 
-    /// A body with fields that are wrong.
+    /// A request with parts that are wrong; people are told of each.
     pub(crate) fn invalid(code: Code, errors: Vec<FieldError>) -> Self {
-        let told: Vec<_> = errors
-            .iter()
-            .map(|error| format!("`{}` {}", error.field, error.message))
-            .collect();
+        let told: Vec<_> = errors.iter().map(FieldError::line).collect();
+        Self::new(code, told.join("; ")).with(errors)
+    }
+
+    /// Names the parts of the request that are wrong.
+    pub(crate) fn with(self, errors: Vec<FieldError>) -> Self {
         Self {
-            errors: Some(Box::new(Fields(errors))),
-            ..Self::new(code, told.join("; "))
+            errors: (!errors.is_empty()).then(|| Box::new(Fields(errors))),
+            ..self
         }
+    }
+
+    /// Names the part of the body that is wrong, as `detail` says.
+    pub(crate) fn at(self, pointer: impl Into<String>) -> Self {
+        let error = FieldError::at(pointer, self.detail.clone());
+        self.with(vec![error])
     }
 
     /// A problem that another try after `wait` may not have.

@@ -23,7 +23,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::access::Caller;
 use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::{Code, Problem};
+use super::problem::{Code, FieldError, Problem};
 use super::query::{self, ApiQuery, bad_query};
 use super::state::{ApiState, Uploads};
 use crawler_fleet::{Level, SharedFleet};
@@ -177,7 +177,7 @@ pub(super) async fn list(
 ) -> Result<Json<ReleaseList>, Problem> {
     let limit = query::page(asked.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
     let before = asked.before.as_deref().map(read_id).transpose();
-    let before = before.map_err(|_| bad_query("`before` must be the id of a release"))?;
+    let before = before.map_err(|_| bad_query("before", "must be the id of a release"))?;
     let rows = keeper
         .records
         .releases()
@@ -288,10 +288,11 @@ pub(super) async fn withdraw(
     let WithdrawBody { reason } = body.read()?;
     let why = reason.trim();
     if why.is_empty() || why.len() > MAX_RELEASE_REASON {
-        return Err(Problem::new(
-            Code::InvalidBody,
-            format!("`reason` must have 1 to {MAX_RELEASE_REASON} bytes"),
-        ));
+        let error = FieldError::at(
+            "/reason",
+            format!("must have 1 to {MAX_RELEASE_REASON} bytes"),
+        );
+        return Err(Problem::invalid(Code::InvalidBody, vec![error]));
     }
     let id = read_id(&id)?;
     let withdrawal = Withdrawal {

@@ -373,12 +373,6 @@ pub(super) async fn set_parameters(
     Path(id): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Accepted, Problem> {
-    // The strict reader behind this knows no field twice and nothing after the end, so a body
-    // cannot reach beyond the place it is put in.
-    let mut request = br#"{"command":"set","parameters":"#.to_vec();
-    request.extend_from_slice(&body);
-    request.push(b'}');
-    sender
-        .send_to_robot(caller, id, Asked::read(&request))
-        .await
+    let asked = Asked::read_parameters("set", &body);
+    sender.send_to_robot(caller, id, asked).await
 }

@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use crawler_protocol::RobotId;
 use crawler_records::RecordsError;
 use crawler_rollouts::{Action, NewPlan, Robot, RobotDetail, RolloutError, RolloutView, Rollouts};
-use crawler_updates::rollout::{CommandError, UpdateState};
+use crawler_updates::rollout::{CommandError, PlanError, UpdateState};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use utoipa::{IntoParams, ToSchema};
@@ -17,7 +17,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::access::Caller;
 use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::{Code, Problem};
+use super::problem::{Code, Problem, member, unreadable};
 use super::query::{self, ApiQuery, bad_query};
 
 /// Longest plan, in bytes: one whose groups name each robot of a large fleet.
@@ -94,17 +94,47 @@ fn robot_id(text: &str) -> Result<RobotId, Problem> {
     RobotId::new(text).map_err(|_| Problem::unknown_robot(text))
 }
 
+/// The part of a plan that is to blame.
+fn part_of_plan(error: &PlanError) -> String {
+    let of_phase = |at: &usize| member("/phases", at);
+    match error {
+        PlanError::Count { what, .. } | PlanError::Range { what, .. } => match *what {
+            "releases" | "bytes of a release" | "sequence" => "/releases".to_owned(),
+            what => {
+                let what = what.rsplit(' ').next().unwrap_or_default();
+                match what.split_once('.') {
+                    Some((part @ ("limits" | "retries" | "timeouts" | "window"), field)) => {
+                        member(&member("", part), field)
+                    }
+                    // Of one of them.
+                    _ => "/phases".to_owned(),
+                }
+            }
+        },
+        PlanError::Overlap(..) | PlanError::Mixed(..) | PlanError::Sequence { .. } => {
+            "/releases".to_owned()
+        }
+        PlanError::Repeated(at) | PlanError::Unserved(at) => of_phase(at),
+        PlanError::Share(_) | PlanError::Twice(_) => "/phases".to_owned(),
+        PlanError::NeverOpen => "/window".to_owned(),
+        _ => String::new(),
+    }
+}
+
 impl From<RolloutError> for Problem {
     fn from(error: RolloutError) -> Self {
         let text = error.to_string();
-        match error {
+        let invalid = |pointer: String| Self::new(Code::InvalidRollout, text.clone()).at(pointer);
+        match &error {
             RolloutError::Unknown => unknown(),
-            RolloutError::NoGate(_) => Self::new(Code::GateMissing, text),
-            RolloutError::Override
-            | RolloutError::Release(..)
-            | RolloutError::UnknownRelease(_)
-            | RolloutError::Plan(_)
-            | RolloutError::Start(_) => Self::new(Code::InvalidRollout, text),
+            RolloutError::NoGate(_) => Self::new(Code::GateMissing, text).at("/override_gate"),
+            RolloutError::Override => invalid("/override_gate".to_owned()),
+            RolloutError::Release(..) | RolloutError::UnknownRelease(_) => {
+                invalid("/releases".to_owned())
+            }
+            RolloutError::Plan(error) => invalid(part_of_plan(error)),
+            // All of it together.
+            RolloutError::Start(_) => invalid(String::new()),
             RolloutError::Command(CommandError::UnknownRobot) => {
                 Self::new(Code::UnknownRobot, text)
             }
@@ -113,7 +143,7 @@ impl From<RolloutError> for Problem {
                 Code::TooMany,
                 "there are as many rollouts at work as may be: abort one first",
             ),
-            RolloutError::Records(error) => Self::records(&error),
+            RolloutError::Records(error) => Self::records(error),
             RolloutError::Contended => Self::new(Code::Busy, text),
             RolloutError::Stopping => Self::new(Code::Stopping, text),
             _ => Self::internal("a rollout in the records cannot be read"),
@@ -133,7 +163,7 @@ pub(super) async fn list(
 ) -> Result<Json<RolloutList>, Problem> {
     let limit = query::page(asked.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
     let before = match &asked.before {
-        Some(id) => Some(number(id).map_err(|_| bad_query("`before` must be an id"))?),
+        Some(id) => Some(number(id).map_err(|_| bad_query("before", "must be an id"))?),
         None => None,
     };
     let page = rollouts.list(before, limit).await?;
@@ -164,9 +194,13 @@ pub(super) async fn start(
     body: JsonBody,
 ) -> Result<Response, Problem> {
     let asked: Value = body.read()?;
-    let plan = NewPlan::deserialize(&asked);
-    // What is wrong names the field, and quotes nothing but names and numbers of a plan.
-    let plan = plan.map_err(|error| Problem::new(Code::InvalidRollout, error.to_string()))?;
+    let plan = serde_path_to_error::deserialize(&asked);
+    let plan: NewPlan = plan.map_err(|error| {
+        // It quotes nothing but names and numbers of a plan.
+        let detail = error.inner().to_string();
+        let part = unreadable(error.path(), &detail);
+        Problem::new(Code::InvalidRollout, detail).with(vec![part])
+    })?;
     let begun = rollouts.start(&caller.name(), plan).await;
     let begun = begun.map_err(Problem::from);
     let id = begun
@@ -206,11 +240,11 @@ pub(super) async fn robots(
 ) -> Result<Json<RobotList>, Problem> {
     let limit = query::page(asked.limit.unwrap_or(ROBOTS), MOST_ROBOTS)?;
     let after = asked.after.as_deref().map(RobotId::new).transpose();
-    let after = after.map_err(|_| bad_query("`after` must be the id of a robot"))?;
+    let after = after.map_err(|_| bad_query("after", "must be the id of a robot"))?;
     let named = |name: &str| {
         let mut all = UpdateState::ALL.into_iter();
         let found = all.find(|state| state.name() == name);
-        found.ok_or_else(|| bad_query("`state` must be the name of a state of a robot"))
+        found.ok_or_else(|| bad_query("state", "must be the name of a state of a robot"))
     };
     let state = asked.state.as_deref().map(named).transpose()?;
     let robots = rollouts.robots(number(&id)?, after.as_ref(), state, limit + 1);

@@ -134,9 +134,10 @@ impl From<LoginError> for Problem {
                 Code::BadName,
                 "the invitation needs a name: 1 to 32 of a-z, 0-9, dot, underscore and hyphen, \
                  beginning with a letter; or it is for somebody of another name",
-            ),
+            )
+            .at("/name"),
             LoginError::Exists => Self::new(Code::UserExists, "there is an account of that name"),
-            LoginError::Weak(weak) => Self::weak(weak),
+            LoginError::Weak(weak) => Self::weak(weak, "/password"),
             LoginError::Busy => Self::busy(),
             LoginError::Records(error) => Self::records(&error),
             LoginError::Internal(what) => Self::internal(what),
@@ -145,11 +146,13 @@ impl From<LoginError> for Problem {
 }
 
 impl Problem {
-    pub(super) fn weak(weak: crawler_access::password::Weak) -> Self {
+    /// Of the password that `pointer` points to.
+    pub(super) fn weak(weak: crawler_access::password::Weak, pointer: &str) -> Self {
         Self::new(
             Code::WeakPassword,
             format!("{weak}; {MIN} characters are the least"),
         )
+        .at(pointer)
     }
 
     pub(super) fn busy() -> Self {
@@ -372,7 +375,10 @@ pub(super) async fn password(
     let result = accounts
         .change_password(identity, request.old, request.new, caller.peer.ip())
         .await
-        .map_err(Problem::from);
+        .map_err(|error| match error {
+            LoginError::Weak(weak) => Problem::weak(weak, "/new"),
+            error => error.into(),
+        });
     audit
         .write(
             &caller,

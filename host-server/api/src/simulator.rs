@@ -2,6 +2,7 @@
 
 use axum::Json;
 use axum::extract::State;
+use crawler_protocol::DecodeError;
 use crawler_sim::live::ControlError;
 use crawler_sim_protocol::SimulatorCommand;
 use serde_json::{Value, json};
@@ -10,7 +11,7 @@ use utoipa::ToSchema;
 use super::access::Caller;
 use super::audit::Audit;
 use super::guard::JsonBody;
-use super::problem::{Code, Problem};
+use super::problem::{Code, Problem, locate};
 use super::state::World;
 use crawler_simulations::{SimulatorAnswer, SimulatorView};
 
@@ -72,10 +73,13 @@ pub(super) async fn command(
         return Err(Problem::new(Code::Malformed, "the body is not JSON"));
     }
     let command = SimulatorCommand::from_json(&body).map_err(|error| {
+        let reader = |body: &[u8]| SimulatorCommand::from_json(body).err();
+        let reader = |body: &[u8]| reader(body).map(DecodeError::reason);
         Problem::new(
             Code::InvalidCommand,
             format!("the body is no command to the simulator: {error}"),
         )
+        .with(locate("simulator-command", &body, error.reason(), reader))
     })?;
     let done = simulation.control(command).await.map_err(Problem::from);
     let detail = json!({ "request": serde_json::from_slice::<Value>(&body).unwrap_or_default() });

@@ -112,7 +112,8 @@ pub(super) fn bounds(from: Option<i64>, to: Option<i64>, now: i64) -> Result<(i6
     let from = from.unwrap_or_else(|| to.saturating_sub(HOUR).max(0));
     if from < 0 || to <= from {
         return Err(bad_query(
-            "`from` must be before `to`, and neither before 1970",
+            "from",
+            "must be before `to`, and neither before 1970",
         ));
     }
     Ok((from, to))
@@ -126,9 +127,10 @@ fn stretch(query: &TelemetryQuery, now: i64) -> Result<(i64, i64, i64), Problem>
         .step
         .unwrap_or_else(|| length.div_euclid(POINTS).max(1));
     if step < 1 || length.div_euclid(step) >= MOST_POINTS {
-        return Err(bad_query(format!(
-            "`step` must be at least a {MOST_POINTS}th of the whole"
-        )));
+        return Err(bad_query(
+            "step",
+            format!("must be at least a {MOST_POINTS}th of the whole"),
+        ));
     }
     Ok((from, to, step))
 }
@@ -139,7 +141,7 @@ pub(super) fn problem(error: &HistoryError) -> Problem {
         HistoryError::Engine(failure) => failure,
     };
     match failure {
-        EngineFailure::Invalid(why) => bad_query(why),
+        EngineFailure::Invalid(why) => Problem::new(Code::BadQuery, why),
         EngineFailure::Unreadable => Problem::new(
             Code::HistoryNotReadable,
             "the engine that keeps the history cannot be asked here: use its own tools",

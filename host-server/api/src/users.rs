@@ -37,7 +37,7 @@ impl From<PeopleError> for Problem {
                 Code::TooMany,
                 "there are as many accounts or invitations as may be",
             ),
-            PeopleError::Weak(weak) => Self::weak(weak),
+            PeopleError::Weak(weak) => Self::weak(weak, "/password"),
             PeopleError::Busy => Self::busy(),
             PeopleError::Records(error) => Self::records(&error),
             PeopleError::Internal(what) => Self::internal(what),
@@ -150,7 +150,7 @@ pub(super) async fn add(
     let name: UserName = request
         .name
         .parse()
-        .map_err(|error| Problem::new(Code::BadName, format!("{error}")))?;
+        .map_err(|error| Problem::new(Code::BadName, format!("{error}")).at("/name"))?;
     let detail = json!({ "role": request.role, "invited": request.password.is_none() });
     let result = accounts
         .add(name.clone(), request.role, request.password)

@@ -172,13 +172,13 @@ pub(super) async fn scenario(
     ApiQuery(query): ApiQuery<PreviewQuery>,
 ) -> Result<Json<ScenarioPreview>, Problem> {
     if query.seed.is_some_and(|seed| seed > MAX_SEED) {
-        return Err(bad_query(format!("`seed` must be 0 to {MAX_SEED}")));
+        return Err(bad_query("seed", format!("must be 0 to {MAX_SEED}")));
     }
     if query
         .robots
         .is_some_and(|robots| robots == 0 || robots as usize > MAX_ROBOTS)
     {
-        return Err(bad_query(format!("`robots` must be 1 to {MAX_ROBOTS}")));
+        return Err(bad_query("robots", format!("must be 1 to {MAX_ROBOTS}")));
     }
     draw(drawing, move || preview(&name, &query))
         .await

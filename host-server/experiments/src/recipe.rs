@@ -5,7 +5,6 @@ use crawler_sim::scenario::{Scenario, Threshold};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::ToSchema;
 
 use crate::scenarios::{Change, Changes, Randomisation, built_in, quoted};
 
@@ -23,13 +22,13 @@ const MAX_WORD: usize = 256;
 /// What every reader of JSON can count to.
 pub const MAX_SEED: u64 = (1 << 53) - 1;
 
-/// A field that is wrong, and how.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+/// A part of what was asked that is wrong, and how.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FieldError {
-    /// The field.
-    pub field: String,
+    /// JSON pointer (RFC 6901) to it.
+    pub pointer: String,
     /// What is wrong with it, for people.
-    pub message: String,
+    pub detail: String,
 }
 
 /// What was asked for.
@@ -74,11 +73,26 @@ struct Form {
 }
 
 impl Form {
-    fn wrong(&mut self, field: &str, message: impl Into<String>) {
+    fn wrong(&mut self, field: &str, detail: impl Into<String>) {
+        let name = field.replace('~', "~0").replace('/', "~1");
         self.errors.push(FieldError {
-            field: field.to_owned(),
-            message: message.into(),
+            pointer: format!("/{name}"),
+            detail: detail.into(),
         });
+    }
+
+    /// The same for the entry of that number in a list.
+    fn wrong_entry(&mut self, field: &str, number: usize, detail: impl Into<String>) {
+        self.errors.push(FieldError {
+            pointer: format!("/{field}/{number}"),
+            detail: detail.into(),
+        });
+    }
+
+    /// Whether something is wrong with that field.
+    fn is_wrong(&self, field: &str) -> bool {
+        let mut pointers = self.errors.iter().map(|error| error.pointer.as_str());
+        pointers.any(|pointer| pointer.strip_prefix('/') == Some(field))
     }
 
     /// The field of that name; `null` is as good as nothing.
@@ -121,9 +135,8 @@ impl Form {
         }
         let words: Vec<String> = words.iter().map(|word| word.trim().to_owned()).collect();
         if let Some(odd) = words.iter().position(|word| !is_word(word)) {
-            let rule =
-                format!("entry {odd} is longer than {MAX_WORD} bytes, or has control characters");
-            self.wrong(field, rule);
+            let rule = format!("is longer than {MAX_WORD} bytes, or has control characters");
+            self.wrong_entry(field, odd, rule);
             return Vec::new();
         }
         words
@@ -131,7 +144,7 @@ impl Form {
 
     /// The scenario, with as many of the changes as it takes.
     fn scenario(&mut self, recipe: &Recipe) -> Option<Scenario> {
-        if self.errors.iter().any(|error| error.field == "scenario") {
+        if self.is_wrong("scenario") {
             return None;
         }
         let scenario = match built_in(&recipe.scenario) {
@@ -143,14 +156,17 @@ impl Form {
         };
         let (scenario, refused) = recipe.changes().apply_all(scenario);
         for (change, why) in refused {
-            let (field, message) = match change {
-                Change::Difficulty => ("difficulty", why),
-                Change::Robots => ("robots", why),
-                Change::Randomisation => ("randomisation", why),
-                Change::Set(number) => ("set", format!("{}: {why}", recipe.set[number])),
-                Change::All => ("scenario", why),
-            };
-            self.wrong(field, message.trim_end());
+            let why = why.trim_end();
+            match change {
+                Change::Difficulty => self.wrong("difficulty", why),
+                Change::Robots => self.wrong("robots", why),
+                Change::Randomisation => self.wrong("randomisation", why),
+                Change::Set(number) => {
+                    let detail = format!("{}: {why}", recipe.set[number]);
+                    self.wrong_entry("set", number, detail);
+                }
+                Change::All => self.wrong("scenario", why),
+            }
         }
         if !(1..=MAX_ROBOTS).contains(&scenario.robots) {
             let rule = format!("must be 1 to {MAX_ROBOTS}, not {}", scenario.robots);
@@ -177,8 +193,7 @@ pub(super) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>
     };
     let name: String = form.need("name", TEXT).unwrap_or_default();
     let name = name.trim().to_owned();
-    let has_name = !form.errors.iter().any(|error| error.field == "name");
-    if has_name && (name.is_empty() || name.chars().count() > MAX_NAME) {
+    if !form.is_wrong("name") && (name.is_empty() || name.chars().count() > MAX_NAME) {
         form.wrong("name", format!("must have 1 to {MAX_NAME} characters"));
     } else if name.contains(char::is_control) {
         form.wrong("name", "has control characters");
@@ -200,9 +215,9 @@ pub(super) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>
     }
     let set = form.words("set", MAX_SET);
     let thresholds = form.words("thresholds", MAX_THRESHOLDS);
-    for threshold in &thresholds {
+    for (number, threshold) in thresholds.iter().enumerate() {
         if let Err(why) = threshold.parse::<Threshold>() {
-            form.wrong("thresholds", why);
+            form.wrong_entry("thresholds", number, why);
         }
     }
     let start = form.take("start", "must be true or false").unwrap_or(true);
@@ -244,8 +259,8 @@ impl Wanted {
         let built = Simulation::lockstep(self.scenario.clone(), self.recipe.first_seed);
         built.map(drop).map_err(|error| {
             vec![FieldError {
-                field: "scenario".to_owned(),
-                message: error.to_string(),
+                pointer: "/scenario".to_owned(),
+                detail: error.to_string(),
             }]
         })
     }

@@ -14,9 +14,10 @@ fn fields(value: Value) -> Map<String, Value> {
 
 fn wrong(value: Value) -> Vec<(String, String)> {
     let errors = read(fields(value)).expect_err("refused");
+    let field = |pointer: &str| pointer.split('/').nth(1).unwrap_or_default().to_owned();
     errors
         .into_iter()
-        .map(|error| (error.field, error.message))
+        .map(|error| (field(&error.pointer), error.detail))
         .collect()
 }
 
@@ -144,6 +145,18 @@ fn what_only_the_scenario_knows_is_named_too() {
 }
 
 #[test]
+fn entries_and_odd_names_are_pointed_at() {
+    let errors = read(fields(json!({
+        "name": "x", "scenario": "empty", "seeds": 1, "set": ["robots=2", "colour=1"],
+        "thresholds": ["success >= 0.5", "luck >= 1"], "a/b~c": 1,
+    })));
+    let errors = errors.expect_err("refused");
+    let mut pointers: Vec<_> = errors.iter().map(|error| error.pointer.as_str()).collect();
+    pointers.sort_unstable();
+    assert_eq!(pointers, ["/a~1b~0c", "/set/1", "/thresholds/1"]);
+}
+
+#[test]
 fn a_world_that_cannot_be_built_is_refused() {
     let crowded = json!({
         "name": "x", "scenario": "empty", "seeds": 1, "robots": 2_000,
@@ -152,7 +165,7 @@ fn a_world_that_cannot_be_built_is_refused() {
     match read(fields(crowded)) {
         Ok(wanted) => {
             let errors = wanted.build().expect_err("there is no room");
-            assert_eq!(errors[0].field, "scenario");
+            assert_eq!(errors[0].pointer, "/scenario");
         }
         Err(errors) => assert!(!errors.is_empty()),
     }
@@ -221,7 +234,7 @@ proptest! {
             .collect();
         if let Err(errors) = read(body) {
             prop_assert!(!errors.is_empty());
-            prop_assert!(errors.iter().all(|error| !error.message.is_empty()));
+            prop_assert!(errors.iter().all(|error| !error.detail.is_empty()));
         }
     }
 }

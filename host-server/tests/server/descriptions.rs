@@ -212,6 +212,127 @@ async fn descriptions_fit_what_is_there() {
     fixture.stop().await;
 }
 
+/// No body has such a field, and no query such a parameter.
+const NO_FIELD: &str = "no such/field";
+const NO_PARAMETER: &str = "no_such_parameter";
+
+/// What `schema` refers to.
+fn resolved<'a>(document: &'a Value, schema: &'a Value) -> &'a Value {
+    match schema["$ref"].as_str() {
+        Some(place) => {
+            let place = place.trim_start_matches('#');
+            resolved(document, document.pointer(place).expect("there"))
+        }
+        None => schema,
+    }
+}
+
+/// Wrong bodies for a schema, each with the beginning of the pointer to what is wrong.
+fn wrong_bodies(document: &Value, schema: &Value) -> Vec<(Value, String)> {
+    let schema = resolved(document, schema);
+    // One of several: any of them will do.
+    let schema = schema["oneOf"].as_array().map_or(schema, |ways| &ways[0]);
+    let fields = schema["properties"].as_object();
+    let fields: Vec<_> = fields.into_iter().flatten().collect();
+    // What says which of several it is.
+    let mut right = Map::new();
+    for (name, field) in &fields {
+        if let Some(only) = field.get("const") {
+            right.insert((*name).clone(), only.clone());
+        }
+    }
+    let with = |name: &str, value: Value| {
+        let mut body = right.clone();
+        body.insert(name.to_owned(), value);
+        Value::Object(body)
+    };
+    let mut bodies = vec![(with(NO_FIELD, json!(1)), "/no such~1field".to_owned())];
+    for (name, field) in fields {
+        let field = resolved(document, field);
+        let object = field["type"] == "object" || field["oneOf"].is_array();
+        let wrong = if object {
+            json!(7)
+        } else {
+            json!({ NO_FIELD: 1 })
+        };
+        bodies.push((with(name, wrong), format!("/{name}")));
+    }
+    bodies
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_call_points_at_what_is_wrong_in_its_body() {
+    let fixture = Fixture::world(false).await;
+    let document = fixture.get("/api/v1/openapi.json").await.json();
+    let mut tried = BTreeSet::new();
+    for (path, item) in document["paths"].as_object().expect("paths") {
+        for (method, call) in item.as_object().expect("methods") {
+            let schema = &call["requestBody"]["content"]["application/json"]["schema"];
+            if schema.is_null() {
+                continue;
+            }
+            let address = path.replace("{id}", "sim-0001").replace("{name}", "ada");
+            let method: Method = method.to_uppercase().parse().expect("a method");
+            let json_type = [("content-type", "application/json")];
+            for (body, pointer) in wrong_bodies(&document, schema) {
+                let told = format!("{method} {path} {body}");
+                let answer = fixture
+                    .call(method.clone(), &address, &json_type, body.to_string())
+                    .await;
+                assert_eq!(answer.status, 422, "{told}: {}", answer.text());
+                let problem = answer.json();
+                let errors = problem["errors"].as_array();
+                let errors = errors.unwrap_or_else(|| panic!("{told}: {problem}"));
+                let named = errors.iter().any(|error| {
+                    let at = error["pointer"].as_str().expect("a pointer");
+                    let detail = error["detail"].as_str().expect("words");
+                    at.starts_with(&pointer) && !detail.is_empty()
+                });
+                assert!(named, "{told}: nothing at {pointer}: {problem}");
+            }
+            tried.insert(format!("{method} {path}"));
+        }
+    }
+    assert_eq!(tried.len(), 15, "{tried:?}");
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_query_names_what_is_wrong_in_it() {
+    let fixture = Fixture::world(false).await;
+    let document = fixture.get("/api/v1/openapi.json").await.json();
+    let mut tried = 0;
+    for (path, item) in document["paths"].as_object().expect("paths") {
+        let parameters = item["get"]["parameters"].as_array();
+        let mut parameters = parameters
+            .into_iter()
+            .flatten()
+            .filter(|parameter| parameter["in"] == "query")
+            .peekable();
+        // The ticket of a live feed is no business of anybody who reads over a shoulder.
+        if parameters.peek().is_none() || path == "/api/v1/live" {
+            continue;
+        }
+        let address = path.replace("{id}", "sim-0001").replace("{name}", "empty");
+        let mut wrong = vec![(NO_PARAMETER.to_owned(), "1")];
+        for parameter in parameters {
+            let name = parameter["name"].as_str().expect("a name").to_owned();
+            if parameter["schema"].to_string().contains("integer") {
+                wrong.push((name, "x"));
+            }
+        }
+        for (name, value) in wrong {
+            let answer = fixture.get(&format!("{address}?{name}={value}")).await;
+            answer.is_problem(400, "bad_query");
+            let errors = answer.json()["errors"].clone();
+            assert_eq!(errors[0]["parameter"], name, "{path}: {errors}");
+            tried += 1;
+        }
+    }
+    assert!(tried > 20, "{tried}");
+    fixture.stop().await;
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn errors_are_problem_documents_everywhere() {
     let fixture = Fixture::start().await;

@@ -350,10 +350,14 @@ async fn a_wrong_recipe_is_told_field_by_field() {
         "start",
         "colour",
     ] {
-        let named = errors.iter().find(|error| error["field"] == field);
+        let at = |error: &&serde_json::Value| {
+            let pointer = error["pointer"].as_str().expect("a pointer");
+            pointer.split('/').nth(1) == Some(field)
+        };
+        let named = errors.iter().find(at);
         let named = named.unwrap_or_else(|| panic!("{field} is not in {errors:?}"));
         assert!(
-            named["message"]
+            named["detail"]
                 .as_str()
                 .is_some_and(|text| !text.is_empty())
         );
@@ -365,7 +369,7 @@ async fn a_wrong_recipe_is_told_field_by_field() {
     let errors = answer.json()["errors"].clone();
     assert_eq!(errors.as_array().map(Vec::len), Some(1), "{errors}");
     assert!(
-        errors[0]["message"]
+        errors[0]["detail"]
             .as_str()
             .expect("why")
             .contains("arena.colour")

@@ -1,5 +1,14 @@
 /** One way to call the HTTP interface, and its errors as the server words them. */
 
+/** A part of a request that the server does not take. */
+export interface WrongPart {
+  /** JSON pointer into the body; empty for all of it, `null` for a parameter of the query. */
+  readonly pointer: string | null
+  /** Name of the parameter of the query. */
+  readonly parameter: string | null
+  readonly detail: string
+}
+
 /** What went wrong, in words that can be shown. */
 export class ApiError extends Error {
   constructor(
@@ -17,6 +26,27 @@ export class ApiError extends Error {
   ) {
     super(message)
   }
+
+  /** The parts of the request that are wrong, where the server tells them apart. */
+  get parts(): readonly WrongPart[] {
+    const errors = fields(this.problem)['errors']
+    if (!Array.isArray(errors)) return []
+    return errors.flatMap((one: unknown) => {
+      const told = fields(one)
+      const detail = text(told['detail'])
+      const pointer = typeof told['pointer'] === 'string' ? told['pointer'] : null
+      return detail === null ? [] : [{ pointer, parameter: text(told['parameter']), detail }]
+    })
+  }
+}
+
+/** What the server says of a part of the body, or of a part of that; `null` when it says nothing. */
+export function wrongAt(error: unknown, pointer: string): string | null {
+  if (!(error instanceof ApiError)) return null
+  const told = error.parts
+    .filter((part) => part.pointer === pointer || part.pointer?.startsWith(`${pointer}/`))
+    .map(({ detail }) => detail)
+  return told.length === 0 ? null : told.join('; ')
 }
 
 const BASE = '/api/v1'

@@ -226,6 +226,17 @@ impl Answer {
             problem["title"].is_string() && problem["detail"].is_string(),
             "{problem}"
         );
+        // What is wrong with a release or its gate is no part of a JSON body.
+        if (status == 422 || code == "bad_query") && problem["faults"].is_null() {
+            let errors = problem["errors"].as_array().expect("the parts");
+            let one = |error: &Value| {
+                (error["pointer"].is_string() != error["parameter"].is_string())
+                    && error["detail"]
+                        .as_str()
+                        .is_some_and(|text| !text.is_empty())
+            };
+            assert!(!errors.is_empty() && errors.iter().all(one), "{problem}");
+        }
     }
 }
 

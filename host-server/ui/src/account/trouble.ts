@@ -14,6 +14,16 @@ export function trouble(error: unknown): string {
     case 'bad_invitation':
       return words.failure.invitation
     default:
-      return error.detail ?? error.message
+      return withParts(error)
   }
+}
+
+/** What went wrong, and where, as far as the words do not say so already. */
+function withParts(error: ApiError): string {
+  const told = error.detail ?? error.message
+  const parts = error.parts
+    .map(({ pointer, parameter, detail }) => ({ at: pointer ?? parameter ?? '', detail }))
+    .filter(({ at, detail }) => at !== '' && !(told.includes(detail) && told.includes(at)))
+    .map(({ at, detail }) => (told === detail ? at : `${at} ${detail}`))
+  return parts.length === 0 ? told : `${told} (${parts.join('; ')})`
 }

@@ -123,9 +123,9 @@ export function bodyOf(draft: Draft, name: string): NewExperiment {
   }
 }
 
-/** The field that a server means by `set[3]`, `/set/3` or `set.3`; `null` for one not in the form. */
-export function fieldOf(told: string): Field | null {
-  const name = /^[/.]?([a-z_]+)/.exec(told)?.[1]
+/** The field that the pointer `/set/3` is about; `null` for one not in the form. */
+export function fieldOf(pointer: string): Field | null {
+  const name = /^\/([^/]+)/.exec(pointer)?.[1]
   return FIELDS.find((field) => field === name) ?? null
 }
 

@@ -1,5 +1,7 @@
 import { describe, expect, it } from 'vitest'
+import { trouble } from '../../src/account/trouble'
 import { ApiError, createApi, problemText, picturePath } from '../../src/api'
+import { wrongAt } from '../../src/http'
 import { sighting } from '../../src/strings'
 
 function answering(status: number, body: unknown) {
@@ -38,6 +40,41 @@ describe('the API', () => {
   it('falls back to the status without a problem document', () => {
     expect(problemText(null, 502)).toBe('the server answered 502')
     expect(problemText({ title: 5 }, 502)).toBe('the server answered 502')
+  })
+})
+
+describe('parts that are wrong', () => {
+  const refused = (detail: string, errors: unknown) =>
+    new ApiError('x', 422, 'out_of_range', null, detail, { errors })
+
+  it('are found at their fields', () => {
+    const error = refused('two things', [
+      { pointer: '/name', detail: 'is missing' },
+      { pointer: '/corners/1', detail: 'must be two numbers' },
+      { parameter: 'limit', detail: 'must be 1' },
+      { pointer: '/name' },
+      5,
+    ])
+    expect(error.parts).toHaveLength(3)
+    expect(wrongAt(error, '/name')).toBe('is missing')
+    expect(wrongAt(error, '/corners')).toBe('must be two numbers')
+    expect(wrongAt(error, '/corner')).toBe(null)
+    expect(wrongAt(new Error('x'), '/name')).toBe(null)
+    expect(refused('x', 'many').parts).toEqual([])
+  })
+
+  it('are named where the words do not say so', () => {
+    const range = [{ pointer: '/parameters/v', detail: 'must be -1 to 1' }]
+    expect(trouble(refused('a value is out of range', range))).toBe(
+      'a value is out of range (/parameters/v must be -1 to 1)',
+    )
+    expect(trouble(refused('`/parameters/v` must be -1 to 1', range))).toBe(
+      '`/parameters/v` must be -1 to 1',
+    )
+    expect(trouble(refused('too short', [{ pointer: '/new', detail: 'too short' }]))).toBe(
+      'too short (/new)',
+    )
+    expect(trouble(refused('all of it', [{ pointer: '', detail: 'all of it' }]))).toBe('all of it')
   })
 })
 

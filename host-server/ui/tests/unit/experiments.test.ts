@@ -242,10 +242,14 @@ describe('the form', () => {
   })
 
   it('finds the field that the server means', () => {
-    expect(['set[3]', 'set.3', '/set/3', 'set'].map(fieldOf)).toEqual(['set', 'set', 'set', 'set'])
-    expect(fieldOf('first_seed')).toBe('first_seed')
-    expect(fieldOf('weather')).toBe(null)
-    expect(fieldOf('')).toBe(null)
+    expect(['/set/3', '/set', '/first_seed'].map(fieldOf)).toEqual(['set', 'set', 'first_seed'])
+    expect(['/weather', '/sets', 'set', '', '/'].map(fieldOf)).toEqual([
+      null,
+      null,
+      null,
+      null,
+      null,
+    ])
   })
 })
 

@@ -4,21 +4,11 @@ import type { Experiment, ExperimentMetrics, NewExperiment, ScenarioSummary } fr
 import type { Act } from '../../experiments/shown'
 import { createClient } from '../../client'
 import type { Send } from '../../http'
-import { ApiError, fields, text } from '../../http'
+import { ApiError } from '../../http'
 
 /** The most that a server gives of them at once. */
 const TRIALS_AT_ONCE = 5_000
 const LISTED_AT_ONCE = 50
-
-/** The server has looked at a form and does not take it: what is wrong with which field. */
-export class FormRefused extends ApiError {
-  constructor(
-    from: ApiError,
-    readonly errors: readonly { field: string; message: string }[],
-  ) {
-    super(from.message, from.status, from.code, from.retryAfter, from.detail, from.problem)
-  }
-}
 
 export interface ExperimentsApi {
   /** The newest ones, `pages` times as many as the server gives at once. */
@@ -50,16 +40,7 @@ export function experimentsApi(send: Send): ExperimentsApi {
       return { experiments: found, more: before !== null }
     },
     one: (id) => ask('get', '/experiments/{id}', { path: { id } }),
-    async create(experiment) {
-      try {
-        return await ask('post', '/experiments', { body: experiment })
-      } catch (error) {
-        const errors = error instanceof ApiError ? wrongFields(error.problem) : []
-        throw error instanceof ApiError && errors.length > 0
-          ? new FormRefused(error, errors)
-          : error
-      }
-    },
+    create: (experiment) => ask('post', '/experiments', { body: experiment }),
     act: (id, act) => ask('post', `/experiments/{id}/${act}`, { path: { id } }),
     async remove(id) {
       await ask('delete', '/experiments/{id}', { path: { id } })
@@ -82,13 +63,4 @@ export function experimentsApi(send: Send): ExperimentsApi {
 /** Whether a server knows nothing of experiments: a little older, or without a simulator. */
 export function isWithout(error: unknown): boolean {
   return error instanceof ApiError && error.status === 404
-}
-
-function wrongFields(payload: unknown): { field: string; message: string }[] {
-  const errors = fields(payload)['errors']
-  if (!Array.isArray(errors)) return []
-  return errors.flatMap((one: unknown) => {
-    const [field, message] = [text(fields(one)['field']), text(fields(one)['message'])]
-    return message === null ? [] : [{ field: field ?? '', message }]
-  })
 }
