@@ -13,6 +13,7 @@ mod driver;
 mod found;
 mod judge;
 mod metrics;
+mod missions;
 mod pattern;
 mod report;
 mod shrink;

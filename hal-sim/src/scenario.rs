@@ -52,7 +52,7 @@ pub(crate) use passable::apart;
 pub(crate) use timeline::Times;
 
 /// The scenarios that come with the crate: name and file.
-const BUILT_IN: [(&str, &str); 22] = [
+const BUILT_IN: [(&str, &str); 26] = [
     ("arena", include_str!("../scenarios/arena.toml")),
     ("corridor", include_str!("../scenarios/corridor.toml")),
     ("empty", include_str!("../scenarios/empty.toml")),
@@ -90,6 +90,10 @@ const BUILT_IN: [(&str, &str); 22] = [
     ("disperse", include_str!("../scenarios/disperse.toml")),
     ("flock", include_str!("../scenarios/flock.toml")),
     ("formation", include_str!("../scenarios/formation.toml")),
+    ("follow", include_str!("../scenarios/follow.toml")),
+    ("patrol", include_str!("../scenarios/patrol.toml")),
+    ("consensus", include_str!("../scenarios/consensus.toml")),
+    ("allocate", include_str!("../scenarios/allocate.toml")),
 ];
 
 /// A recipe for worlds, see the [module](self).

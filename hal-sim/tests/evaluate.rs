@@ -119,6 +119,37 @@ fn a_run_goes_on_to_its_end_where_that_is_asked() {
     assert_eq!(criteria, [Criterion::Alive, Criterion::Stranded]);
 }
 
+#[test]
+fn who_has_finished_its_rounds_is_not_stranded() {
+    let patrol = "
+name = \"rounds\"
+duration_s = 90.0
+[arena]
+width = 4.0
+height = 4.0
+[spawn]
+poses = [{ x = 0.0, y = 0.0 }]
+[command]
+command = \"behave\"
+parameters = { behaviour = \"patrol\", waypoints = [[0.5, 0.0], [0.5, 0.5], [0.0, 0.5]], laps = 1 }
+[success]
+alive = \"all\"
+stranded = 0
+command_success = 1.0
+distance_m = 1.0
+";
+    let trial = run_trial(&parse(patrol), 1);
+    assert_eq!(trial.failures, []);
+    assert_eq!(trial.measured.get(Metric::Stranded), Some(0.0));
+    assert_eq!(trial.measured.get(Metric::Dropouts), Some(0.0));
+    // One that breaks down on its rounds is.
+    let broken = "[[faults]]\nat_s = 12.0\nfor_s = 500.0\nfault = \"ranger-dead\"\n";
+    let trial = run_trial(&parse(&format!("{patrol}{broken}")), 1);
+    let stranded =
+        |failure: &crawler_sim::evaluate::Failure| failure.criterion == Criterion::Stranded;
+    assert!(trial.failures.iter().any(stranded), "{:?}", trial.failures);
+}
+
 /// Four robots that stand in a square of 0.8 m, and one in a corner far away.
 const STANDING: &str = "
 name = \"standing\"

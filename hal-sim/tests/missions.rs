@@ -2,7 +2,10 @@
 
 use crate::common::{lockstep, settle};
 use crawler_hal::Duration;
-use crawler_protocol::{Action, BehaviourName, BehaviourSpec, Places, RobotId, RobotState};
+use crawler_protocol::{
+    Action, BehaviourName, BehaviourSpec, Measure, Places, RobotId, RobotState,
+};
+use crawler_sim::net::lockstep::Cut;
 use crawler_sim::run::Simulation;
 
 fn place(simulation: &Simulation, robot: usize) -> [f32; 2] {
@@ -79,6 +82,120 @@ fn a_leader_is_followed_by_ten() {
     // As many as robots of 0.42 m and more fill a half disc behind it.
     let room = 0.6 + 0.55 * (robots as f32).sqrt();
     assert!(reach < room, "{reach} m of {room}: {ways:?}");
+}
+
+#[test]
+fn a_leader_is_followed_by_fifty_over_each_other() {
+    let mut simulation = gathered(50, 30);
+    let action = follow(0, &simulation);
+    simulation.submit_all(action);
+    let far = |simulation: &Simulation| {
+        let leader = place(simulation, 0);
+        let ways = (1..simulation.robots()).map(|robot| apart(leader, place(simulation, robot)));
+        ways.fold(0.0, f32::max)
+    };
+    let before = far(&simulation);
+    assert!(before > 6.0, "farther than anybody hears: {before}");
+    simulation.run_for(Duration::from_secs(90));
+    let count = following(&simulation);
+    assert!(count >= 45, "{count}");
+    // Not all of them hear the leader itself.
+    let hops = (1..50).filter_map(|robot| {
+        says(&simulation, robot, BehaviourName::Follow)
+            .get(1)
+            .copied()
+    });
+    assert!(hops.max() > Some(1));
+    let mut ways: Vec<f32> = (1..50)
+        .map(|robot| apart(place(&simulation, 0), place(&simulation, robot)))
+        .collect();
+    ways.sort_by(f32::total_cmp);
+    let room = 0.6 + 0.55 * 50_f32.sqrt();
+    assert!(ways[44] < room, "{} m of {room}", ways[44]);
+}
+
+/// What an honest robot begins with.
+fn begins(robot: usize) -> f32 {
+    20.0 + robot as f32 * 0.5
+}
+
+#[test]
+fn robots_agree_although_two_lie_and_one_fails() {
+    let (robots, honest) = (14, 12);
+    let mut simulation = lockstep("empty", robots, 5);
+    settle(&mut simulation);
+    simulation.submit_all(Action::Behave(BehaviourSpec::Gather { x: 0.0, y: 0.0 }));
+    simulation.run_for(Duration::from_secs(45));
+    let agree = |value: f32, f: u8| {
+        let measure = Measure::Value(value);
+        Action::Behave(BehaviourSpec::Consensus { measure, f })
+    };
+    for robot in 0..honest {
+        simulation.submit(robot, agree(begins(robot), 2));
+    }
+    let failed = 3;
+    for second in 0..60 {
+        // One says too much and the other too little, then both change their minds.
+        let lie = if second % 7 < 4 { 900.0 } else { -900.0 };
+        simulation.submit(honest, agree(lie, 7));
+        simulation.submit(honest + 1, agree(-lie, 7));
+        if second == 5 {
+            simulation.cut(failed, Cut::Radio);
+        }
+        simulation.run_for(Duration::from_secs(1));
+    }
+    let said: Vec<Vec<i32>> = (0..honest)
+        .filter(|robot| *robot != failed)
+        .map(|robot| says(&simulation, robot, BehaviourName::Consensus))
+        .collect();
+    let values: Vec<i32> = said.iter().map(|said| said[0]).collect();
+    let (least, most) = (values.iter().min().unwrap(), values.iter().max().unwrap());
+    assert!(most - least <= 20, "{values:?}");
+    let range = [begins(0), begins(honest - 1)].map(|value| (value * 1_000.0) as i32);
+    assert!(*least >= range[0] && *most <= range[1], "{values:?}");
+    assert!(said.iter().all(|said| said[2] == 1), "settled: {said:?}");
+}
+
+fn tasks() -> Places {
+    Places::new(&[
+        [-2.0, -1.5],
+        [0.0, -1.5],
+        [2.0, -1.5],
+        [-2.0, 1.5],
+        [0.0, 1.5],
+        [2.0, 1.5],
+    ])
+    .expect("six places")
+}
+
+/// The robot that is at each task, where there is one.
+fn at_tasks(simulation: &Simulation) -> Vec<Option<usize>> {
+    let tasks = tasks();
+    let near = |task: [f32; 2]| {
+        let mut robots = (0..simulation.robots()).filter(|robot| simulation.pose(*robot).is_some());
+        robots.find(|robot| apart(place(simulation, *robot), task) < 0.35)
+    };
+    tasks.as_slice().iter().map(|task| near(*task)).collect()
+}
+
+#[test]
+fn tasks_are_shared_out_and_what_a_lost_robot_leaves_is_taken_over() {
+    let mut simulation = lockstep("empty", 9, 5);
+    settle(&mut simulation);
+    simulation.submit_all(Action::Behave(BehaviourSpec::Allocate { tasks: tasks() }));
+    simulation.run_for(Duration::from_secs(90));
+    let at = at_tasks(&simulation);
+    let mut who: Vec<usize> = at.iter().flatten().copied().collect();
+    who.sort_unstable();
+    who.dedup();
+    assert_eq!(who.len(), 6, "{at:?}");
+    // Its body is gone, and so is its word.
+    let gone = at[4].expect("somebody");
+    simulation.remove(gone);
+    simulation.run_for(Duration::from_secs(90));
+    let after = at_tasks(&simulation);
+    assert!(after.iter().all(Option::is_some), "{after:?}");
+    assert_ne!(after[4], Some(gone));
 }
 
 #[test]

@@ -35,6 +35,13 @@ impl Behaving {
         (self.wanted, self.fell_out) = (false, None);
     }
 
+    /// It says that it came to the end of what it was to do: from now on it may stand. When it stands already, that is
+    /// why.
+    pub(super) fn completed(&mut self) {
+        self.dropouts -= u32::from(self.fell_out.is_some());
+        self.told();
+    }
+
     /// Whether it ever did.
     pub(super) const fn ever(&self) -> bool {
         self.ever
@@ -73,5 +80,17 @@ mod tests {
         robot.see(true, false, at(15));
         robot.see(false, true, at(16));
         assert!(robot.dropouts() == 1 && !robot.is_stranded(at(60)));
+    }
+
+    #[test]
+    fn who_comes_to_its_end_may_stand() {
+        let at = |seconds: u64| Instant::from_millis(1_000 * seconds);
+        let mut robot = Behaving::default();
+        robot.see(true, true, at(1));
+        // That it stands is seen in the look that hears of the end, or in the one before.
+        robot.see(false, true, at(2));
+        robot.completed();
+        robot.see(false, true, at(3));
+        assert!(robot.dropouts() == 0 && !robot.is_stranded(at(60)));
     }
 }

@@ -14,7 +14,8 @@ const OVERDUE: Duration = Duration::from_secs(10);
 #[derive(Debug)]
 struct Given {
     issued: Issued,
-    first: Option<Instant>,
+    /// Its first answer, and when that came.
+    first: Option<(ResponseStatus, Instant)>,
     last: Option<(ResponseStatus, Instant)>,
     /// How long it has waited for its first answer while the robot could hear, microseconds.
     waited_us: u64,
@@ -30,6 +31,8 @@ pub(super) struct Commands {
     longest: Option<(u64, Issued)>,
     /// Robots that were told since the last look what to do from now on.
     pub(super) told: Vec<usize>,
+    /// Robots that said since the last look that they came to the end of what they were last told to do.
+    pub(super) over: Vec<usize>,
     /// For each robot: since when it has to stand.
     standing: Vec<Option<Instant>>,
 }
@@ -97,16 +100,27 @@ impl Commands {
         let Some(given) = self.given.get_mut(&(robot, seq)) else {
             return;
         };
-        given.first.get_or_insert(at);
-        if status.is_final() && given.last.is_none() {
-            given.last = Some((status, at));
-            if is_halt(given.issued.command) && status == ResponseStatus::Completed {
-                let newest = self.given.range((robot, 0)..=(robot, u64::MAX)).next_back();
-                let is_newest = newest.is_some_and(|(&(_, newest), _)| newest == seq);
-                if is_newest && let Some(standing) = self.standing.get_mut(robot) {
-                    standing.get_or_insert(at);
-                }
+        let (first, _) = *given.first.get_or_insert((status, at));
+        if !status.is_final() || given.last.is_some() {
+            return;
+        }
+        given.last = Some((status, at));
+        let command = given.issued.command;
+        if status != ResponseStatus::Completed {
+            return;
+        }
+        if is_halt(command) {
+            let newest = self.given.range((robot, 0)..=(robot, u64::MAX)).next_back();
+            let is_newest = newest.is_some_and(|(&(_, newest), _)| newest == seq);
+            if is_newest && let Some(standing) = self.standing.get_mut(robot) {
+                standing.get_or_insert(at);
             }
+        }
+        // What is completed at once has no end: it has begun.
+        let had_end = decides_motion(command) && first == ResponseStatus::Accepted;
+        let mut later = self.given.range((robot, seq + 1)..=(robot, u64::MAX));
+        if had_end && !later.any(|(_, given)| decides_motion(given.issued.command)) {
+            self.over.push(robot);
         }
     }
 

@@ -169,6 +169,10 @@ impl<'a> Shrinking<'a> {
             Criterion::LatticeDegree => success.lattice_degree = stated.lattice_degree,
             Criterion::SpacingError => success.spacing_error_m = stated.spacing_error_m,
             Criterion::Found => success.found = stated.found,
+            Criterion::Agreement => success.agreement = stated.agreement,
+            Criterion::Served => success.served = stated.served,
+            Criterion::Following => success.following = stated.following,
+            Criterion::Idle => success.idle_s = stated.idle_s,
             // What it is to settle to stands beside it.
             Criterion::Settle => {
                 success = Success {

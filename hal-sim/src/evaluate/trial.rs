@@ -11,6 +11,7 @@ use super::clearance::{LIMIT_M, Near};
 use super::commands::{Commands, number};
 use super::found::Found;
 use super::metrics::{Measured, Recovery, mean, path_optimality, share};
+use super::missions::Missions;
 use super::swarm::{EVERY_S, Swarm};
 use super::verdict::{Criterion, Failure};
 use crate::faults::Fault;
@@ -177,6 +178,7 @@ pub(super) struct Observer<'a> {
     pub(super) least_m: f32,
     /// One robot is none.
     swarm: Option<Swarm>,
+    missions: Missions,
     /// Where robots can see, and there is something to find.
     found: Option<Found>,
     looks: u32,
@@ -219,6 +221,7 @@ impl<'a> Observer<'a> {
             bodies: arena.movers.iter().map(|mover| mover.body).collect(),
             radius,
             swarm,
+            missions: Missions::new(scenario),
             found,
             looks: 0,
             least_m: LIMIT_M,
@@ -285,10 +288,12 @@ impl<'a> Observer<'a> {
             }
         }
         self.looks += 1;
-        if self.looks.is_multiple_of(LOOKS_AT_SWARM)
-            && let Some(swarm) = &mut self.swarm
-        {
-            swarm.look(&at_work, &headings);
+        if self.looks.is_multiple_of(LOOKS_AT_SWARM) {
+            if let Some(swarm) = &mut self.swarm {
+                swarm.look(&at_work, &headings);
+            }
+            let works = |number: usize| self.robots[number].works;
+            self.missions.look(&self.simulation, works, seconds(now));
         }
         let movers = self.movers();
         let least = self.near.least(&places, &movers, self.radius);
@@ -303,6 +308,11 @@ impl<'a> Observer<'a> {
         for number in std::mem::take(&mut self.commands.told) {
             if let Some(robot) = self.robots.get_mut(number) {
                 robot.behaving.told();
+            }
+        }
+        for number in std::mem::take(&mut self.commands.over) {
+            if let Some(robot) = self.robots.get_mut(number) {
+                robot.behaving.completed();
             }
         }
         for number in 0..self.robots.len() {
@@ -523,6 +533,7 @@ impl<'a> Observer<'a> {
                 Some(100.0 * dropouts.sum::<f64>() / hours),
             );
         }
+        self.missions.measure(&mut measured);
         measured.set(Metric::Found, self.found.as_ref().map(Found::share));
         if let Some(swarm) = &self.swarm {
             swarm.measure(&mut measured);

@@ -54,11 +54,19 @@ pub enum Criterion {
     Settle,
     /// Things that no camera has found.
     Found,
+    /// Robots that do not agree.
+    Agreement,
+    /// Tasks that nobody is at.
+    Served,
+    /// Robots that do not follow.
+    Following,
+    /// Places that were left alone for too long.
+    Idle,
 }
 
 impl Criterion {
     /// All of them.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 28] = [
         Self::SetUp,
         Self::Panic,
         Self::Reach,
@@ -83,6 +91,10 @@ impl Criterion {
         Self::SpacingError,
         Self::Settle,
         Self::Found,
+        Self::Agreement,
+        Self::Served,
+        Self::Following,
+        Self::Idle,
     ];
 
     /// The criterion of this name.
@@ -121,6 +133,10 @@ impl Criterion {
             Self::SpacingError => "spacing_error_m",
             Self::Settle => "settle_s",
             Self::Found => "found",
+            Self::Agreement => "agreement",
+            Self::Served => "served",
+            Self::Following => "following",
+            Self::Idle => "idle_s",
         }
     }
 }

@@ -57,6 +57,14 @@ pub enum Metric {
     SettleS,
     /// Share of the coloured things that robots have found with their cameras.
     Found,
+    /// Largest share of the robots at a consensus that have one value.
+    Agreement,
+    /// Share of the tasks at which a robot is.
+    Served,
+    /// Share of the robots sent to follow that follow their leader, over others or not.
+    Following,
+    /// The longest that a place of a patrol was left alone, seconds.
+    IdleS,
 }
 
 impl Metric {
@@ -64,7 +72,7 @@ impl Metric {
     pub const COUNT: usize = Self::ALL.len();
 
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 28] = [
         Self::Success,
         Self::Reached,
         Self::TimeToGoalS,
@@ -89,6 +97,10 @@ impl Metric {
         Self::SpacingErrorM,
         Self::SettleS,
         Self::Found,
+        Self::Agreement,
+        Self::Served,
+        Self::Following,
+        Self::IdleS,
     ];
 
     /// Name in tables, files and thresholds.
@@ -119,6 +131,10 @@ impl Metric {
             Self::SpacingErrorM => "spacing_error_m",
             Self::SettleS => "settle_s",
             Self::Found => "found",
+            Self::Agreement => "agreement",
+            Self::Served => "served",
+            Self::Following => "following",
+            Self::IdleS => "idle_s",
         }
     }
 
@@ -140,8 +156,11 @@ impl Metric {
             | Self::Order
             | Self::LargestCluster
             | Self::Coverage
-            | Self::Found => "share",
-            Self::TimeToGoalS | Self::RecoveryS | Self::SettleS => "s",
+            | Self::Found
+            | Self::Agreement
+            | Self::Served
+            | Self::Following => "share",
+            Self::TimeToGoalS | Self::RecoveryS | Self::SettleS | Self::IdleS => "s",
             Self::EnergyJ => "J",
             Self::Collisions => "contacts",
             Self::MinClearanceM | Self::DistanceM | Self::PairDistanceM | Self::SpacingErrorM => {
@@ -168,7 +187,10 @@ impl Metric {
             | Self::CommandSuccess
             | Self::Order
             | Self::Coverage
-            | Self::Found => Better::More,
+            | Self::Found
+            | Self::Agreement
+            | Self::Served
+            | Self::Following => Better::More,
             Self::TimeToGoalS
             | Self::EnergyJ
             | Self::Collisions
@@ -178,7 +200,8 @@ impl Metric {
             | Self::Dropouts
             | Self::ContactsPerMinute
             | Self::SpacingErrorM
-            | Self::SettleS => Better::Less,
+            | Self::SettleS
+            | Self::IdleS => Better::Less,
             // To drive far is the task of one scenario and a detour in another, and so is to stand
             // close together.
             Self::DistanceM

@@ -85,6 +85,18 @@ pub struct Success {
     /// Least share of the coloured things that robots have found with their cameras.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub found: Option<f32>,
+    /// Least share of the robots at a consensus that have one value at the end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub agreement: Option<f32>,
+    /// Least share of the tasks at which a robot is at the end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub served: Option<f32>,
+    /// Least share of the robots sent to follow that do so at the end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub following: Option<f32>,
+    /// The longest that a place of a patrol may be left alone, in the second half of the run, seconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub idle_s: Option<f32>,
 }
 
 impl Success {
@@ -119,6 +131,10 @@ impl Success {
             (Metric::ContactsPerMinute, false, self.contacts_per_minute),
             (Metric::SettleS, false, self.settle_s),
             (Metric::Found, true, self.found),
+            (Metric::Agreement, true, self.agreement),
+            (Metric::Served, true, self.served),
+            (Metric::Following, true, self.following),
+            (Metric::IdleS, false, self.idle_s),
         ];
         let stated = stated.into_iter();
         stated
@@ -152,6 +168,10 @@ impl Success {
             ("spacing_error_m", self.spacing_error_m, 100.0),
             ("settle_s", self.settle_s, LONGEST_S),
             ("found", self.found, 1.0),
+            ("agreement", self.agreement, 1.0),
+            ("served", self.served, 1.0),
+            ("following", self.following, 1.0),
+            ("idle_s", self.idle_s, LONGEST_S),
         ] {
             let value = value.unwrap_or(0.0);
             if !(0.0..=most).contains(&value) {
