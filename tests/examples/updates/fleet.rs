@@ -15,8 +15,9 @@ pub(crate) const BYTES: u64 = 608_000;
 pub(crate) const BLOCK: u64 = 64 * 1_024;
 /// Bytes in front of each chunk.
 pub(crate) const CHUNK_HEADER: u64 = 16;
-/// The build of every release.
+/// The build of every release that is the first of its fleet, and the version of all.
 pub(crate) const BUILD: &str = "the-next-one";
+const VERSION: &str = "9.9.9";
 /// The states in which a robot is at work.
 pub(crate) const AT_WORK: [&str; 6] = [
     "offered",
@@ -105,18 +106,35 @@ impl Fleet {
 
     /// Makes a release with these defects, and gives it to the server.
     pub(crate) fn release(&self, defects: &[&str]) -> String {
-        let [image, file] = ["image", "release"].map(|name| path(&self.folder, name));
-        let named = ["--version", "9.9.9", "--build", BUILD];
-        let mut words = vec!["bundle", "--out", &image];
-        words.extend(named);
+        let image = self.bundle(BUILD, defects);
+        self.add(&image, BUILD, 1)
+    }
+
+    /// Makes the image of a program.
+    pub(crate) fn bundle(&self, build: &str, defects: &[&str]) -> Vec<u8> {
+        let image = path(&self.folder, build);
+        let mut words = vec!["bundle", "--out", &image, "--version", VERSION];
+        words.extend(["--build", build]);
         for defect in defects {
             words.extend(["--defect", defect]);
         }
         release(&words);
-        let key = path(&self.folder, "keys/release-key.pem");
-        let mut words = vec!["sign", "--key", &key, "--image", &image, "--out", &file];
-        words.extend(["--board", "sim", "--sequence", "1"]);
-        words.extend(named);
+        std::fs::read(PathBuf::from(&image)).expect("an image")
+    }
+
+    /// Signs an image, and gives it to the server.
+    pub(crate) fn add(&self, image: &[u8], build: &str, sequence: u32) -> String {
+        let [from, file] = ["image", "release"].map(|name| path(&self.folder, name));
+        std::fs::write(&from, image).expect("room");
+        // The command writes over nothing.
+        let _ = std::fs::remove_file(&file);
+        let (key, sequence) = (
+            path(&self.folder, "keys/release-key.pem"),
+            sequence.to_string(),
+        );
+        let mut words = vec!["sign", "--key", &key, "--image", &from, "--out", &file];
+        words.extend(["--board", "sim", "--sequence", &sequence]);
+        words.extend(["--version", VERSION, "--build", build]);
         release(&words);
         let bytes = std::fs::read(PathBuf::from(&file)).expect("a release");
         let url = format!("{}/api/v1/releases", self.server.url());

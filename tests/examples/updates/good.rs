@@ -65,11 +65,13 @@ pub(crate) fn run(size: &Size) -> Vec<String> {
         took.as_secs_f64()
     );
     println!(
-        "| `stop` answered; not (10 s) | {}; {} | {}; {} |",
+        "| `stop` answered; not within 10 s; of those by robots that restarted meanwhile | {}; {}; {} | {}; {}; {} |",
         quiet.answered(),
         quiet.unanswered,
+        quiet.restarting,
         during.answered(),
-        during.unanswered
+        during.unanswered,
+        during.restarting
     );
     for percent in [50, 99] {
         let (without, with) = (quiet.at(percent), during.at(percent));

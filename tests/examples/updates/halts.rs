@@ -16,7 +16,7 @@ use serde_json::json;
 
 /// Pause between two halts.
 const PAUSE: Duration = Duration::from_millis(50);
-/// For an answer. What takes longer was given to a robot that restarted.
+/// For an answer.
 const ANSWER: Duration = Duration::from_secs(10);
 /// Robots whose telemetry is listened to, at most.
 const LISTENED: usize = 50;
@@ -30,11 +30,20 @@ pub(crate) struct Halts {
 
 #[derive(Default)]
 struct Shared {
-    open: Mutex<HashMap<u64, Instant>>,
+    open: Mutex<HashMap<u64, Open>>,
+    /// When each robot was last heard to have restarted, and how often it has started.
+    restarts: Mutex<HashMap<String, (Instant, u64)>>,
     measured: Mutex<Measured>,
     telemetry: Mutex<BTreeMap<String, u64>>,
     stop: AtomicBool,
     seq: AtomicU64,
+}
+
+/// A halt that is not answered yet.
+#[derive(Debug)]
+struct Open {
+    sent: Instant,
+    robot: String,
 }
 
 /// What has been measured since it was last taken.
@@ -42,8 +51,10 @@ struct Shared {
 pub(crate) struct Measured {
     /// From the publish of a halt to its `completed`.
     took: Vec<Duration>,
-    /// Halts that were not answered.
+    /// Halts that were not answered, and of those the ones of robots that have restarted meanwhile: a robot begins a
+    /// session anew then, which what waits in the one before does not outlive, and stands.
     pub(crate) unanswered: usize,
+    pub(crate) restarting: usize,
     /// Telemetry that came, of the robots listened to, and what is missing between.
     pub(crate) telemetry: u64,
     pub(crate) lost: u64,
@@ -53,6 +64,17 @@ pub(crate) struct Measured {
 struct Answer {
     seq: u64,
     status: String,
+}
+
+#[derive(Deserialize)]
+struct Status {
+    robot: String,
+    boot: Boot,
+}
+
+#[derive(Deserialize)]
+struct Boot {
+    count: u64,
 }
 
 #[derive(Deserialize)]
@@ -71,7 +93,8 @@ impl Halts {
         options.set_network_options(network);
         let (client, mut connection) = Client::new(options, 4_096);
         let listened = listened(robots).map(|robot| format!("swarm/telemetry/sim-{robot:04}"));
-        for filter in listened.chain(["swarm/response/robot/+".to_owned()]) {
+        let of_all = ["swarm/response/robot/+", "swarm/status/+"].map(str::to_owned);
+        for filter in listened.chain(of_all) {
             client.subscribe(filter, QoS::AtLeastOnce).expect("room");
         }
         let shared = Arc::new(Shared::default());
@@ -84,6 +107,8 @@ impl Halts {
                         let now = Instant::now();
                         if publish.topic.starts_with(b"swarm/telemetry/") {
                             hearing.sample(&publish.payload);
+                        } else if publish.topic.starts_with(b"swarm/status/") {
+                            hearing.status(&publish.payload, now);
                         } else {
                             hearing.answer(&publish.payload, now);
                         }
@@ -113,11 +138,18 @@ impl Halts {
     /// What was measured since this was called last. Halts that are still open are left to the next time.
     pub(crate) fn take(&self) -> Measured {
         let mut open = self.shared.open.lock().expect("open");
-        let before = open.len();
-        open.retain(|_, sent| sent.elapsed() < ANSWER);
-        let late = before - open.len();
+        let late: Vec<Open> = open
+            .extract_if(|_, open| open.sent.elapsed() >= ANSWER)
+            .map(|(_, open)| open)
+            .collect();
+        let restarts = self.shared.restarts.lock().expect("restarts");
+        let restarting = late.iter().filter(|open| {
+            let restart = restarts.get(&open.robot);
+            restart.is_some_and(|(at, _)| *at >= open.sent)
+        });
         let mut measured = std::mem::take(&mut *self.shared.measured.lock().expect("measured"));
-        measured.unanswered += late;
+        measured.unanswered += late.len();
+        measured.restarting += restarting.count();
         measured.took.sort_unstable();
         measured
     }
@@ -145,9 +177,12 @@ impl Shared {
         let command = json!({
             "command": "stop", "timestamp": unix_ms(), "seq": seq, "source": "bench"
         });
-        let topic = format!("swarm/command/robot/sim-{robot:04}");
+        let robot = format!("sim-{robot:04}");
+        let topic = format!("swarm/command/robot/{robot}");
         let payload = command.to_string();
-        self.open.lock().expect("open").insert(seq, Instant::now());
+        let sent = Instant::now();
+        let open = Open { sent, robot };
+        self.open.lock().expect("open").insert(seq, open);
         let sent = client.publish(topic, QoS::AtLeastOnce, false, payload);
         sent.expect("the session holds");
     }
@@ -159,10 +194,22 @@ impl Shared {
         if answer.status != "completed" {
             return;
         }
-        let sent = self.open.lock().expect("open").remove(&answer.seq);
-        if let Some(sent) = sent {
+        let open = self.open.lock().expect("open").remove(&answer.seq);
+        if let Some(open) = open {
             let mut measured = self.measured.lock().expect("measured");
-            measured.took.push(now - sent);
+            measured.took.push(now - open.sent);
+        }
+    }
+
+    /// Notes a robot that has started once more.
+    fn status(&self, payload: &[u8], now: Instant) {
+        let Ok(Status { robot, boot }) = serde_json::from_slice(payload) else {
+            return;
+        };
+        let mut restarts = self.restarts.lock().expect("restarts");
+        let known = restarts.get(&robot).map(|(_, count)| *count);
+        if known != Some(boot.count) {
+            restarts.insert(robot, (now, boot.count));
         }
     }
 
