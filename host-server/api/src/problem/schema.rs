@@ -214,15 +214,14 @@ fn check_ways(root: &Value, ways: &[Value], value: &Value, at: &str, wrong: &mut
             wrong
         })
         .min_by_key(Vec::len);
-    match least {
-        Some(found) => wrong.extend(found),
-        None => {
-            let names: BTreeSet<String> = ways.iter().map(|way| name_of(way).to_string()).collect();
-            let names: Vec<String> = names.into_iter().collect();
-            let detail = format!("must be one of {}", names.join(", "));
-            wrong.push(FieldError::at(member(at, tag), detail));
-        }
+    if let Some(found) = least {
+        wrong.extend(found);
+        return;
     }
+    let names: BTreeSet<String> = ways.iter().map(|way| name_of(way).to_string()).collect();
+    let names: Vec<String> = names.into_iter().collect();
+    let detail = format!("must be one of {}", names.join(", "));
+    wrong.push(FieldError::at(member(at, tag), detail));
 }
 
 /// A bound as it was written: those of numbers with four bytes are not quite there.
