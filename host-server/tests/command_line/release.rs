@@ -453,7 +453,74 @@ fn a_release_that_does_not_pass_has_a_report_that_says_so() {
     );
 }
 
-/// `release add` keeps a report beside its release, also later.
+/// A robot that stands and looks at a thing.
+const LOOKS: &str = "
+name = \"looks\"
+duration_s = 12.0
+[arena]
+width = 3.0
+height = 2.0
+paint = \"blue\"
+objects = [{ shape = \"cylinder\", x = 0.0, y = 0.0, size = 0.16, colour = \"red\" }]
+[spawn]
+camera_share = 1.0
+poses = [{ x = -1.0, y = 0.0, theta = 0.0 }]
+[[commands]]
+at_s = 7.0
+command = \"set\"
+parameters = { vision_always = true }
+[success]
+alive = \"all\"
+";
+
+/// A model of the same shape that says the same of everything: that it is nothing.
+fn blind(model: &[u8]) -> Vec<u8> {
+    // By `models/micromodel/src/blob.rs`: the last of the layers behind the header, whose highest output becomes its
+    // lowest, and the CRC-32 (ISO-HDLC) of all behind it.
+    let mut blind = model.to_vec();
+    let layers = usize::from(u16::from_le_bytes([blind[6], blind[7]]));
+    let last = 32 + 32 * (layers - 1);
+    blind[last + 7] = blind[last + 6];
+    let crc = blind[16..].iter().fold(u32::MAX, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+            (crc >> 1) ^ (0xEDB8_8320 * (crc & 1))
+        })
+    });
+    blind[12..16].copy_from_slice(&(!crc).to_le_bytes());
+    blind
+}
+
+#[test]
+fn a_gate_tells_a_model_that_finds_things_from_one_that_does_not() {
+    let folder = Folder::new();
+    let shipped = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../models/detector/detector.tcmm"
+    );
+    let model = std::fs::read(shipped).expect("the model that is shipped");
+    folder.write("looks.toml", LOOKS.as_bytes());
+    folder.write(
+        "gate.toml",
+        b"[[evaluate]]\nscenario = \"looks.toml\"\nseeds = 1\nthresholds = [\"found >= 1\"]\n",
+    );
+    for (image, outcome, code) in [
+        (model.clone(), "passed", 0),
+        (blind(&model), "NOT PASSED", 1),
+    ] {
+        folder.write("eyes.model", &image);
+        let _ = std::fs::remove_file(folder.path("release"));
+        folder.ok(
+            "sign --key keys/release-key.pem --image eyes.model --kind model --name eyes \
+             --board sim --version 2 --sequence 2 --out release",
+        );
+        let _ = std::fs::remove_file(folder.path("eyes.gate"));
+        let output = folder.run(&format!("{GATE} --out eyes.gate"));
+        let said = String::from_utf8(output.stdout).expect("UTF-8");
+        assert!(row(&said, "outcome").ends_with(outcome), "{said}");
+        assert_eq!(output.status.code(), Some(code), "{said}");
+    }
+}
+
 #[test]
 fn a_model_is_tried_by_robots_that_see_with_it() {
     let folder = Folder::new();
@@ -490,6 +557,7 @@ fn a_model_is_tried_by_robots_that_see_with_it() {
     assert_eq!(faults, ["gate_failed"]);
 }
 
+/// `release add` keeps a report beside its release, also later.
 #[test]
 fn a_gate_is_added_with_its_release() {
     let place = Place::with_admin();
