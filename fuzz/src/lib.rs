@@ -1,7 +1,7 @@
 //! The bodies of the fuzz targets, by name.
 //!
 //! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `bundle`, `delta`, `gate`,
-//! `models`, `policies`, `release`, `simulator` and `tls`.
+//! `models`, `policies`, `release`, `simulator`, `tls` and `twins`.
 
 mod access;
 mod board;
@@ -15,6 +15,7 @@ mod release;
 mod simulator;
 mod targets;
 mod tls;
+mod twins;
 
 pub use targets::{TARGETS, Target};
 
@@ -36,6 +37,7 @@ pub fn run(target: &str, data: &[u8]) {
         .chain(&release::TARGETS)
         .chain(&simulator::TARGETS)
         .chain(&tls::TARGETS)
+        .chain(&twins::TARGETS)
         .find(|(name, _)| *name == target)
         .expect("a target of this name");
     body(data);

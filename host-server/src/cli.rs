@@ -18,6 +18,7 @@ use crate::console::{
 use crate::release::{ReleaseArgs, ReleaseTask};
 use crate::replay::ReplayArgs;
 use crate::rollout::RolloutArgs;
+use crate::twin::TwinArgs;
 
 /// A swarm of robots, simulated or real: broker, API, control room.
 ///
@@ -71,6 +72,8 @@ pub enum Command {
     Evaluate(Box<EvaluateArgs>),
     /// Runs a recording, or a seed, through the program once more
     Replay(Box<ReplayArgs>),
+    /// Models of robots: identifies their bodies from drives, and certifies them
+    Twin(Box<TwinArgs>),
     /// Signs programs and models for updates, verifies them, and adds them to those of a server
     Release(ReleaseArgs),
     /// Brings releases to robots, over the API of a running server
@@ -144,6 +147,9 @@ impl Cli {
             Command::Replay(_) => {
                 return Err(ConfigError::Conflict("`replay` has options of its own"));
             }
+            Command::Twin(_) => {
+                return Err(ConfigError::Conflict("`twin` has options of its own"));
+            }
             Command::Release(ReleaseArgs {
                 task: ReleaseTask::Add(args),
             }) => return Ok((Role::Serve, args.layer(), args.place.config)),
@@ -187,6 +193,7 @@ impl Command {
             | Self::Worker(_)
             | Self::Evaluate(_)
             | Self::Replay(_)
+            | Self::Twin(_)
             | Self::Release(_) => None,
         }
     }

@@ -6,7 +6,7 @@
 //! say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts; `addresses`, where a running server is.
-//! The command line: `cli`, `console`, `release`, `replay`, and `rollout`, which speaks to a running server through
+//! The command line: `cli`, `console`, `release`, `replay`, `twin`, and `rollout`, which speaks to a running server through
 //! `client`.
 
 pub mod cli;
@@ -17,6 +17,7 @@ pub mod replay;
 pub mod rollout;
 pub mod run;
 pub mod server;
+pub mod twin;
 
 mod addresses;
 mod client;

@@ -5,11 +5,12 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use crawler_experiments::evaluate;
 use crawler_server::cli::{Cli, Command};
-use crawler_server::{console, release, replay, run};
+use crawler_server::{console, release, replay, run, twin};
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     match &cli.command {
+        Command::Twin(args) => return twin::run(args),
         Command::Evaluate(args) => return evaluate::run(args),
         Command::Replay(args) => return replay::run(args),
         Command::Release(args) => {

@@ -100,6 +100,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-simulations",
             "crawler-system",
             "crawler-timeseries",
+            "crawler-twin",
             "crawler-updates",
         ],
     ),
@@ -193,6 +194,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     ("crawler-database", &[]),
+    ("crawler-twin", &[]),
     ("crawler-history", &["crawler-database", "crawler-protocol"]),
     (
         "crawler-records",

@@ -24,6 +24,7 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
         "disk" => bench_server::disk(rest),
         "soak" => bench_server::soak(rest),
         "updates" => bench_server::updates(rest),
+        "twin" => twin(rest),
         "all" => bench_sim::table(&[])
             .and_then(|()| fleet(&[]))
             .and_then(|()| bench_vision::tables(&[]))
@@ -31,10 +32,11 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
             .and_then(|()| bench_server::load(&[]))
             .and_then(|()| bench_server::chaos(&[]))
             .and_then(|()| bench_server::disk(&[]))
-            .and_then(|()| bench_server::updates(&[])),
+            .and_then(|()| bench_server::updates(&[]))
+            .and_then(|()| twin(&[])),
         other => Err(Failure(format!(
             "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos, disk, soak, \
-             updates"
+             updates, twin"
         ))),
     }
 }
@@ -51,6 +53,14 @@ fn fleet(arguments: &[String]) -> Outcome {
     ])?;
     let bench = "bench --locked --quiet --package crawler-tests --bench fleet --";
     let mut line: Vec<&str> = bench.split(' ').collect();
+    line.extend(arguments.iter().map(String::as_str));
+    run::cargo(&line)
+}
+
+/// Twins of hidden robots: what they are found to be, and how well what they do is foretold.
+fn twin(arguments: &[String]) -> Outcome {
+    let mut line = vec!["run", "--release", "--locked", "--quiet", "--package"];
+    line.extend(["crawler-twin", "--example", "study", "--"]);
     line.extend(arguments.iter().map(String::as_str));
     run::cargo(&line)
 }

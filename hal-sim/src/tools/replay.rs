@@ -7,9 +7,11 @@
 //! robots, and what the devices of one say means nothing to the other; so that is what is told.
 
 mod compare;
+mod messages;
 mod play;
 mod read;
 
 pub use compare::{Difference, ProgramAction};
+pub use messages::{Message, messages};
 pub use play::{ReplayError, Report, replay};
 pub use read::{ReadError, Recording};

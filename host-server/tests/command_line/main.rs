@@ -26,3 +26,4 @@ mod newcomer;
 mod program;
 mod release;
 mod replay;
+mod twin;

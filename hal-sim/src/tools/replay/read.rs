@@ -63,7 +63,7 @@ impl fmt::Display for ReadError {
 
 impl std::error::Error for ReadError {}
 
-fn wrong(text: impl Into<String>) -> ReadError {
+pub(super) fn wrong(text: impl Into<String>) -> ReadError {
     ReadError(text.into())
 }
 
@@ -113,39 +113,9 @@ impl Recording {
     ///
     /// # Errors
     /// [`ReadError`] with what is wrong.
-    pub fn read(mut source: impl Read) -> Result<Self, ReadError> {
-        let options = LinearReaderOptions::default()
-            .with_skip_end_magic(true)
-            .with_emit_chunks(true)
-            .with_record_length_limit(MAX_RECORD);
-        let mut reader = LinearReader::new_with_options(options);
+    pub fn read(source: impl Read) -> Result<Self, ReadError> {
         let mut reading = Reading::default();
-        loop {
-            let event = match reader.next_event() {
-                Some(Ok(event)) => event,
-                // The end, also of a file that was cut off.
-                None | Some(Err(mcap::McapError::UnexpectedEof)) => break,
-                Some(Err(error)) => return Err(wrong(error.to_string())),
-            };
-            match event {
-                LinearReadEvent::ReadRequest(need) => {
-                    let target = reader.insert(need);
-                    let taken = source
-                        .read(target)
-                        .map_err(|error| wrong(error.to_string()))?;
-                    reader.notify_read(taken);
-                }
-                LinearReadEvent::Record { data, opcode } => {
-                    let record = mcap::parse_record(opcode, data)
-                        .map_err(|error| wrong(error.to_string()))?;
-                    if let Record::Chunk { header, data } = &record {
-                        reading.chunk(header, data)?;
-                    } else {
-                        reading.take(&record)?;
-                    }
-                }
-            }
-        }
+        scan(source, |record| reading.take(record))?;
         reading.finish()
     }
 
@@ -161,6 +131,92 @@ impl Recording {
     }
 }
 
+pub(super) fn check_profile(profile: &str) -> Result<(), ReadError> {
+    if profile == "terracrawler" {
+        return Ok(());
+    }
+    Err(wrong("it is an MCAP file of another program"))
+}
+
+pub(super) fn check_format(words: &BTreeMap<String, String>) -> Result<(), ReadError> {
+    match words.get("format").map(String::as_str) {
+        Some("1") => Ok(()),
+        other => Err(wrong(format!(
+            "it has format {}, and this program reads 1",
+            other.unwrap_or("none")
+        ))),
+    }
+}
+
+/// Hands out the records of a file, those of its chunks one by one.
+pub(super) fn scan(
+    mut source: impl Read,
+    mut take: impl FnMut(&Record<'_>) -> Result<(), ReadError>,
+) -> Result<(), ReadError> {
+    let options = LinearReaderOptions::default()
+        .with_skip_end_magic(true)
+        .with_emit_chunks(true)
+        .with_record_length_limit(MAX_RECORD);
+    let mut reader = LinearReader::new_with_options(options);
+    loop {
+        let event = match reader.next_event() {
+            Some(Ok(event)) => event,
+            // The end, also of a file that was cut off.
+            None | Some(Err(mcap::McapError::UnexpectedEof)) => return Ok(()),
+            Some(Err(error)) => return Err(wrong(error.to_string())),
+        };
+        match event {
+            LinearReadEvent::ReadRequest(need) => {
+                let target = reader.insert(need);
+                let taken = source
+                    .read(target)
+                    .map_err(|error| wrong(error.to_string()))?;
+                reader.notify_read(taken);
+            }
+            LinearReadEvent::Record { data, opcode } => {
+                let record =
+                    mcap::parse_record(opcode, data).map_err(|error| wrong(error.to_string()))?;
+                if let Record::Chunk { header, data } = &record {
+                    chunk(header, data, &mut take)?;
+                } else {
+                    take(&record)?;
+                }
+            }
+        }
+    }
+}
+
+/// The records of a chunk, which end where it does.
+fn chunk(
+    header: &ChunkHeader,
+    data: &[u8],
+    take: &mut impl FnMut(&Record<'_>) -> Result<(), ReadError>,
+) -> Result<(), ReadError> {
+    if !header.compression.is_empty() {
+        return Err(wrong(format!("it is compressed ({})", header.compression)));
+    }
+    // The reader of chunks trusts lengths: a record that is longer than what is left of its
+    // chunk, or a chunk of another length than it says, makes it count below zero.
+    let length = data.len() as u64;
+    if (header.compressed_size, header.uncompressed_size) != (length, length) {
+        return Err(wrong("a chunk does not have the length that it says"));
+    }
+    let mut rest = data;
+    while !rest.is_empty() {
+        let record = rest.split_first_chunk::<RECORD_HEAD>();
+        let (head, body) = record.ok_or_else(|| wrong("a record is cut off by its chunk"))?;
+        let [_, length @ ..] = *head;
+        let length = usize::try_from(u64::from_le_bytes(length)).ok();
+        let after = length.and_then(|length| body.get(length..));
+        rest = after.ok_or_else(|| wrong("a record is longer than its chunk"))?;
+    }
+    let records = ChunkReader::new(header.clone(), data);
+    for record in records.map_err(|error| wrong(error.to_string()))? {
+        take(&record.map_err(|error| wrong(error.to_string()))?)?;
+    }
+    Ok(())
+}
+
 #[derive(Default)]
 struct Reading {
     recording: Recording,
@@ -171,38 +227,9 @@ struct Reading {
 }
 
 impl Reading {
-    /// The records of a chunk, which end where it does.
-    fn chunk(&mut self, header: &ChunkHeader, data: &[u8]) -> Result<(), ReadError> {
-        if !header.compression.is_empty() {
-            return Err(wrong(format!("it is compressed ({})", header.compression)));
-        }
-        // The reader of chunks trusts lengths: a record that is longer than what is left of its
-        // chunk, or a chunk of another length than it says, makes it count below zero.
-        let length = data.len() as u64;
-        if (header.compressed_size, header.uncompressed_size) != (length, length) {
-            return Err(wrong("a chunk does not have the length that it says"));
-        }
-        let mut rest = data;
-        while !rest.is_empty() {
-            let record = rest.split_first_chunk::<RECORD_HEAD>();
-            let (head, body) = record.ok_or_else(|| wrong("a record is cut off by its chunk"))?;
-            let [_, length @ ..] = *head;
-            let length = usize::try_from(u64::from_le_bytes(length)).ok();
-            let after = length.and_then(|length| body.get(length..));
-            rest = after.ok_or_else(|| wrong("a record is longer than its chunk"))?;
-        }
-        let records = ChunkReader::new(header.clone(), data);
-        for record in records.map_err(|error| wrong(error.to_string()))? {
-            self.take(&record.map_err(|error| wrong(error.to_string()))?)?;
-        }
-        Ok(())
-    }
-
     fn take(&mut self, record: &Record<'_>) -> Result<(), ReadError> {
         match record {
-            Record::Header(header) if header.profile != "terracrawler" => {
-                Err(wrong("it is an MCAP file of another program"))
-            }
+            Record::Header(header) => check_profile(&header.profile),
             Record::Channel(channel) => {
                 let known = topics::ALL
                     .iter()
@@ -214,13 +241,7 @@ impl Reading {
             }
             Record::Metadata(metadata) if metadata.name == START => {
                 self.recording.words.clone_from(&metadata.metadata);
-                match self.recording.words.get("format").map(String::as_str) {
-                    Some("1") => Ok(()),
-                    other => Err(wrong(format!(
-                        "it has format {}, and this program reads 1",
-                        other.unwrap_or("none")
-                    ))),
-                }
+                check_format(&self.recording.words)
             }
             Record::Message { header, data } => {
                 let Some(&topic) = self.channels.get(&header.channel_id) else {

@@ -1,0 +1,108 @@
+//! A certificate as parameters of a scenario.
+
+use crawler_sim::world::Parameters as World;
+use crawler_twin::body::Parameters;
+use crawler_twin::certificate::Certificate;
+
+/// The section of a scenario that gives all its robots this body. A scenario has one body for all of its
+/// robots: the left and the right motor are their mean.
+pub(super) fn scenario(certificate: &Certificate) -> String {
+    let world = body(&certificate.parameters);
+    let (chassis, pack) = (&world.chassis, &world.pack);
+    format!(
+        "# The body of {} by its certificate {}; left and right motor are their mean.\n\
+         [parameters.chassis]\n\
+         track_m = {:.5}\nspeed_per_volt = {:.5}\nrunning_v = {:.4}\nbreakaway_v = {:.4}\n\
+         rotor_kg = {:.4}\ngyration_m = {:.4}\ndrag_share = {:.3}\n\n\
+         [parameters.pack]\ninternal_ohm = {:.3}\n\n\
+         [parameters.spread]\nmotor = 0.0\ntrack = 0.0\nfriction = 0.0\nmass = 0.0\ncells = 0.0\n",
+        certificate.about.robot,
+        certificate.id(),
+        chassis.track_m,
+        chassis.speed_per_volt,
+        chassis.running_v,
+        chassis.breakaway_v,
+        chassis.rotor_kg,
+        chassis.gyration_m,
+        chassis.drag_share,
+        pack.internal_ohm,
+    )
+}
+
+/// The simulator's body that moves like this one. Masses, windings and forces enter a drive as two time
+/// constants: the mass of the robot stays as it is, and rotors and gyration make up for it.
+pub(super) fn body(twin: &Parameters) -> World {
+    let mut world = World::default();
+    let mean = |pair: [f64; 2]| (pair[0] + pair[1]) * 0.5;
+    let chassis = &mut world.chassis;
+    let speed = mean(twin.speed_per_volt);
+    let mass = f64::from(chassis.mass_kg);
+    let damping = f64::from(chassis.force_per_amp) / (f64::from(chassis.winding_ohm) * speed);
+    let rotor = (twin.lag_straight_s * damping - mass * 0.5).clamp(0.01, 5.0);
+    let turning = (2.0 * (twin.lag_turn_s * damping - rotor)).max(0.0);
+    let gyration = ((turning / mass).sqrt() * twin.track_m * 0.5).clamp(0.01, 0.1);
+    let running = mean(twin.friction_v).clamp(0.0, 3.0);
+    chassis.track_m = twin.track_m.clamp(0.02, 0.3) as f32;
+    chassis.speed_per_volt = speed.clamp(0.01, 0.25) as f32;
+    chassis.running_v = running as f32;
+    chassis.breakaway_v = (running * twin.breakaway).clamp(running, 4.0) as f32;
+    chassis.rotor_kg = rotor as f32;
+    chassis.gyration_m = gyration as f32;
+    chassis.drag_share = twin.coast.clamp(0.0, 0.8) as f32;
+    world.pack.internal_ohm = twin.internal_ohm.clamp(0.0, 2.0) as f32;
+    world
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nominal_body_is_that_of_the_simulator_both_ways() {
+        let (own, world) = (Parameters::NOMINAL, World::default());
+        let exported = body(&own);
+        let close = |name: &str, a: f32, b: f32| {
+            assert!((a - b).abs() <= 0.01 * b.abs(), "{name}: {a} and {b}");
+        };
+        close("track", exported.chassis.track_m, world.chassis.track_m);
+        close(
+            "speed",
+            exported.chassis.speed_per_volt,
+            world.chassis.speed_per_volt,
+        );
+        close(
+            "running",
+            exported.chassis.running_v,
+            world.chassis.running_v,
+        );
+        close(
+            "breakaway",
+            exported.chassis.breakaway_v,
+            world.chassis.breakaway_v,
+        );
+        close("rotor", exported.chassis.rotor_kg, world.chassis.rotor_kg);
+        close(
+            "gyration",
+            exported.chassis.gyration_m,
+            world.chassis.gyration_m,
+        );
+        close(
+            "drag",
+            exported.chassis.drag_share,
+            world.chassis.drag_share,
+        );
+        close("pack", exported.pack.internal_ohm, world.pack.internal_ohm);
+        close(
+            "lag",
+            own.lag_straight_s as f32,
+            world.chassis.time_constant(),
+        );
+        close(
+            "bridge",
+            own.bridge_drop_v as f32,
+            world.chassis.bridge_drop_v,
+        );
+        close("winding", own.winding_ohm as f32, world.chassis.winding_ohm);
+        close("quiescent", own.quiescent_a as f32, world.pack.quiescent_a);
+    }
+}

@@ -1,0 +1,142 @@
+//! What a robot published of a drive, and what its tracker told it, from a recording.
+//!
+//! The truth that recordings of simulated robots have beside it is not looked at.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use crawler_protocol::open::StatusMessage;
+use crawler_protocol::{PoseFix, TelemetryEncoding, open};
+use crawler_sim::tools::replay::{Message, messages};
+use crawler_twin::evidence::{Duty, Evidence, Fix, Supply};
+
+use super::told;
+
+/// A drive.
+pub(super) struct Recorded {
+    pub(super) robot: String,
+    pub(super) build: String,
+    pub(super) made_ms: u64,
+    pub(super) evidence: Evidence,
+}
+
+/// What one boot of a robot said.
+#[derive(Default)]
+struct Boot {
+    evidence: Evidence,
+    build: String,
+    /// Unix milliseconds that its seconds count from.
+    base_ms: Option<u64>,
+    samples: usize,
+    /// Telemetry repeats a voltage until there is another one.
+    battery_mv: u16,
+}
+
+/// Reads the drive of a robot; that of its boot with most telemetry.
+pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Recorded, String> {
+    let file = File::open(path).map_err(|error| told(path, error))?;
+    let mut boots: BTreeMap<String, BTreeMap<u32, Boot>> = BTreeMap::new();
+    messages(BufReader::new(file), |message| {
+        if robot.is_none_or(|robot| robot == message.robot) {
+            let boots = boots.entry(message.robot.clone()).or_default();
+            boots.entry(message.boot).or_default().take(&message);
+        }
+    })
+    .map_err(|error| told(path, error))?;
+    if boots.len() > 1 {
+        let names: Vec<&str> = boots.keys().take(5).map(String::as_str).collect();
+        let text = format!(
+            "there are several robots in it, like {}: say --robot",
+            names.join(", ")
+        );
+        return Err(told(path, text));
+    }
+    let (robot, boots) = boots
+        .pop_first()
+        .ok_or_else(|| told(path, "no such robot is in it"))?;
+    let boot = boots.into_values().max_by_key(|boot| boot.samples);
+    let boot = boot.filter(|boot| boot.samples > 0);
+    let boot = boot.ok_or_else(|| told(path, "the robot told nothing of itself"))?;
+    Ok(Recorded {
+        robot,
+        build: boot.build,
+        made_ms: boot.base_ms.unwrap_or(0),
+        evidence: boot.evidence,
+    })
+}
+
+impl Boot {
+    /// What is refused is counted in the evidence, and what cannot be read is not of this drive.
+    fn take(&mut self, message: &Message) {
+        let kind = message.topic.split('/').nth(1).unwrap_or_default();
+        let payload = message.payload.bytes();
+        let arrived_s = Some(message.at_us as f64 * 1e-6);
+        match (message.delivered, kind) {
+            (false, "telemetry") => {
+                let encoding = match payload.first() {
+                    Some(b'{') => TelemetryEncoding::Json,
+                    Some(0x1e) => TelemetryEncoding::JsonSeq,
+                    _ => TelemetryEncoding::CborSeq,
+                };
+                for sample in encoding.open_samples(payload).map_while(Result::ok) {
+                    let sample = sample.message;
+                    // Before its clock is set a robot has no time to tell.
+                    if sample.timestamp == 0 {
+                        continue;
+                    }
+                    self.samples += 1;
+                    let at_s = self.seconds(sample.timestamp);
+                    let duty = [
+                        f64::from(sample.wheels.left),
+                        f64::from(sample.wheels.right),
+                    ];
+                    let _ = self.evidence.duty(Duty {
+                        at_s,
+                        arrived_s,
+                        duty,
+                    });
+                    let mv = sample.battery.mv;
+                    if mv != 0 && mv != self.battery_mv {
+                        self.battery_mv = mv;
+                        let volts = f64::from(mv) * 1e-3;
+                        let _ = self.evidence.supply(Supply {
+                            at_s,
+                            arrived_s,
+                            volts,
+                        });
+                    }
+                }
+            }
+            (true, "pose") => {
+                let Ok(fix) = PoseFix::from_json(payload) else {
+                    return;
+                };
+                let fix = Fix {
+                    at_s: self.seconds(fix.timestamp),
+                    arrived_s,
+                    x: f64::from(fix.pose.x),
+                    y: f64::from(fix.pose.y),
+                    theta: f64::from(fix.pose.theta),
+                    sigma_m: f64::from(fix.pose.sigma),
+                };
+                let _ = self.evidence.fix(fix);
+            }
+            (false, "status") => {
+                if let Ok(status) = open::read::<StatusMessage>(payload)
+                    && status.message.online
+                {
+                    let status = status.message;
+                    status.firmware.as_str().clone_into(&mut self.build);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn seconds(&mut self, unix_ms: u64) -> f64 {
+        let base_ms = *self.base_ms.get_or_insert(unix_ms);
+        (i128::from(unix_ms) - i128::from(base_ms)) as f64 * 1e-3
+    }
+}

@@ -1,0 +1,20 @@
+//! A model of each robot that is held against what it does.
+//!
+//! Evidence goes in, results come out; nothing here reads a clock, a file or a socket. A twin sees what a
+//! robot publishes and what its tracker says, and nothing else.
+//!
+//! Reading order: [`body`], the model; [`evidence`], what is known of a drive, and what of it is refused; [`drive`],
+//! duties between samples, and where a body goes by them; [`identify`], parameters from a drive, by the small
+//! systems of `linear`; [`predict`], predictions against what happened; [`certificate`], a body with the proof
+//! of what it is worth. Beside them: [`script`], the drive to calibrate on, and [`table`], drives of other robots.
+
+pub mod body;
+pub mod certificate;
+pub mod drive;
+pub mod evidence;
+pub mod identify;
+pub mod predict;
+pub mod script;
+pub mod table;
+
+mod linear;

@@ -1,0 +1,7 @@
+//! Twins against a reference reality: bodies whose parameters they cannot read, and effects that their
+//! model does not have.
+
+mod certificates;
+mod corpus;
+mod hostile;
+mod reference;
