@@ -84,7 +84,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<ExitCode, String> {
         robot: drive.robot,
         build: drive.build,
         floor: args.common.floor.clone().unwrap_or_default(),
-        made_ms: drive.made_ms,
+        made_ms: now_ms(),
     };
     finish(
         &args.file,

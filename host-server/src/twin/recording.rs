@@ -18,7 +18,6 @@ use super::told;
 pub(super) struct Recorded {
     pub(super) robot: String,
     pub(super) build: String,
-    pub(super) made_ms: u64,
     pub(super) evidence: Evidence,
 }
 
@@ -62,7 +61,6 @@ pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Recorded, String>
     Ok(Recorded {
         robot,
         build: boot.build,
-        made_ms: boot.base_ms.unwrap_or(0),
         evidence: boot.evidence,
     })
 }

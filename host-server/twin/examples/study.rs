@@ -56,7 +56,7 @@ fn study(odd: f64, rates: Rates) -> Table {
             table.ratio.push((left / right - 1.0).abs());
         }
         table.track.push((p.track_m / hidden.track - 1.0).abs());
-        let late = p.latency_s + made.delay_s.unwrap_or(0.0);
+        let late = p.latency_s + made.behind_s.unwrap_or(0.0);
         table.clock_ms.push((late - hidden.late_s).abs() * 1e3);
         let other = Hidden {
             seed: hidden.seed ^ 0xd1ff,

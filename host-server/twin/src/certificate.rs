@@ -96,8 +96,8 @@ pub struct Certificate {
     pub residual: f64,
     /// How much the heading wanders beyond what the body explains, radians for the root of a metre.
     pub wander: f64,
-    /// Seconds from the robot's stamps to their arrival at least, as they were then.
-    pub delay_s: Option<f64>,
+    /// Seconds that the robot's clock was behind the tracker's, by arrivals.
+    pub behind_s: Option<f64>,
     /// What was odd about the evidence.
     pub counts: Counts,
     /// Jumps of the tracker or of the robot.
@@ -297,7 +297,7 @@ pub fn certify_on(
         validation,
         residual: found.residual,
         wander: found.wander,
-        delay_s: known.delay_s(),
+        behind_s: known.behind_s(),
         counts,
         jumps: found.jumps,
     })

@@ -270,9 +270,12 @@ impl<'a> Drive<'a> {
     pub fn new(evidence: &'a Evidence) -> Option<Self> {
         let rows = evidence.duties().iter();
         let alignment = Alignment::of(rows.map(|row| (row.at_s, row.arrived_s)));
+        // Both clocks are told by arrivals: what is left between them is `latency_s`.
+        let tracker = evidence.tracker_delay_s().unwrap_or(0.0);
+        let aligned = |at_s: f64| alignment.of_stamp(at_s) - tracker;
         let mut duties: Vec<Duty> = Vec::with_capacity(evidence.duties().len());
         for row in evidence.duties() {
-            let at_s = alignment.of_stamp(row.at_s);
+            let at_s = aligned(row.at_s);
             // A clock that is set may put two samples in one place.
             if duties.last().is_none_or(|last| last.at_s < at_s) {
                 duties.push(Duty { at_s, ..*row });
@@ -285,7 +288,7 @@ impl<'a> Drive<'a> {
             return None;
         }
         let volts = evidence.volts().iter().map(|row| Supply {
-            at_s: alignment.of_stamp(row.at_s),
+            at_s: aligned(row.at_s),
             ..*row
         });
         let near = |row: &Supply| (span.0 - PACK_S..=span.1 + PACK_S).contains(&row.at_s);

@@ -11,6 +11,8 @@ const REORDERED_S: f64 = 3.0;
 const JUMP_S: f64 = 0.5;
 /// Delays of so many seconds before and after a stamp say how late its clock is, seconds.
 const ALIGNED_S: f64 = 3.0;
+/// Latest stamp, seconds: some thousand years.
+const LATEST_S: f64 = 1e11;
 /// Longest drive, seconds.
 const LONGEST_S: f64 = 24.0 * 3_600.0;
 /// Farthest place, metres along each axis.
@@ -124,9 +126,12 @@ impl Evidence {
     /// [`Refusal`]; it is counted.
     pub fn duty(&mut self, row: Duty) -> Result<(), Refusal> {
         let sound = row.duty.iter().all(|duty| duty.abs() <= 1.0);
-        let taken = check(&[row.at_s, row.duty[0], row.duty[1]], sound)
-            .and_then(|()| self.robot_clock.check(row.at_s, row.arrived_s))
-            .and_then(|()| put(&mut self.duties, row, |row| row.at_s));
+        let taken = check(
+            &[row.at_s, row.duty[0], row.duty[1]],
+            sound && row.at_s.abs() <= LATEST_S,
+        )
+        .and_then(|()| self.robot_clock.check(row.at_s, row.arrived_s))
+        .and_then(|()| put(&mut self.duties, row, |row| row.at_s));
         self.counted(taken)
     }
 
@@ -136,7 +141,7 @@ impl Evidence {
     /// [`Refusal`]; it is counted.
     pub fn supply(&mut self, row: Supply) -> Result<(), Refusal> {
         let sound = (1.0..=60.0).contains(&row.volts);
-        let taken = check(&[row.at_s, row.volts], sound)
+        let taken = check(&[row.at_s, row.volts], sound && row.at_s.abs() <= LATEST_S)
             .and_then(|()| self.robot_clock.check(row.at_s, row.arrived_s))
             .and_then(|()| put(&mut self.supply, row, |row| row.at_s));
         self.counted(taken)
@@ -151,9 +156,12 @@ impl Evidence {
             && row.y.abs() <= FARTHEST_M
             && row.theta.abs() <= 1e4
             && (0.0..=1.0).contains(&row.sigma_m);
-        let taken = check(&[row.at_s, row.x, row.y, row.theta, row.sigma_m], sound)
-            .and_then(|()| self.tracker_clock.check(row.at_s, row.arrived_s))
-            .and_then(|()| put(&mut self.fixes, row, |row| row.at_s));
+        let taken = check(
+            &[row.at_s, row.x, row.y, row.theta, row.sigma_m],
+            sound && row.at_s.abs() <= LATEST_S,
+        )
+        .and_then(|()| self.tracker_clock.check(row.at_s, row.arrived_s))
+        .and_then(|()| put(&mut self.fixes, row, |row| row.at_s));
         self.counted(taken)
     }
 
@@ -181,10 +189,16 @@ impl Evidence {
         self.counts
     }
 
-    /// Least time from a stamp of the robot to its arrival, seconds, where arrivals are known.
+    /// How far the robot's clock is behind the tracker's by the quickest messages of both, seconds, where
+    /// arrivals are known.
     #[must_use]
-    pub fn delay_s(&self) -> Option<f64> {
-        self.robot_clock.least
+    pub fn behind_s(&self) -> Option<f64> {
+        Some(self.robot_clock.least? - self.tracker_clock.least?)
+    }
+
+    /// Least time from a stamp of the tracker to its arrival, seconds, where both clocks' arrivals are known.
+    pub(crate) fn tracker_delay_s(&self) -> Option<f64> {
+        self.robot_clock.least.and(self.tracker_clock.least)
     }
 
     /// Stamps of the tracker between which everything is known.

@@ -63,7 +63,7 @@ fn hidden_robots_are_found_out() {
             ratio.push((left / right - 1.0).abs());
         }
         track.push((p.track_m / hidden.track - 1.0).abs());
-        let late = p.latency_s + made.delay_s.expect("arrivals are known");
+        let late = p.latency_s + made.behind_s.expect("arrivals are known");
         clock.push((late - hidden.late_s).abs());
         let (mine, theirs) = ten_seconds_on(&hidden, &p);
         own.extend(mine);
