@@ -45,6 +45,11 @@ const NOISY: f64 = 1.02;
 const MOST_NOISE: f64 = 0.12;
 /// Seconds of a window.
 const WINDOW_S: f64 = 6.0;
+/// No parameter goes further from its prior than so many deviations.
+const FARTHEST: f64 = 3.5;
+/// Parameters that every drive tells: speeds, frictions, track and latency. Of one of them that ends up at its bound
+/// nobody can say where it would go.
+const CERTAIN: [usize; 6] = [0, 1, 2, 3, 8, 9];
 /// Fewest fixes that make a window.
 const FEWEST_FIXES: usize = 6;
 /// Fewest windows that make a result.
@@ -215,7 +220,7 @@ pub fn identify(drive: &Drive<'_>, prior: &Parameters) -> Result<Identified, Uni
         // One that goes to and fro over the edge of a standstill is halved.
         let scale = (1.0 / longest).min(if rounds > 8 { 0.5 } else { 1.0 });
         for (x, step) in x.iter_mut().zip(step) {
-            *x += step * scale;
+            *x = (*x + step * scale).clamp(-FARTHEST, FARTHEST);
         }
         for (window, start) in windows.iter_mut().zip(starts) {
             window.start.x += start[0];
@@ -234,7 +239,7 @@ pub fn identify(drive: &Drive<'_>, prior: &Parameters) -> Result<Identified, Uni
         }
     }
     let parameters = at(prior, &x);
-    if !parameters.is_sound() || x.iter().any(|x| x.abs() > 4.0) {
+    if !parameters.is_sound() || CERTAIN.iter().any(|k| x[*k].abs() >= FARTHEST) {
         return Err(Unidentified::Implausible);
     }
     let residual = system.residual();
