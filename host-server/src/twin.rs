@@ -1,8 +1,9 @@
 //! `terracrawler twin`: identifies a robot's body from a drive, certifies it on a part that was held out,
-//! shows and exports what came of it.
+//! shows and exports what came of it, and lets it follow the robot through a recording.
 
 mod args;
 mod export;
+mod follow;
 mod recording;
 mod show;
 
@@ -33,6 +34,7 @@ pub fn run(args: &TwinArgs) -> ExitCode {
         }
         TwinTask::Calibrate(args) => calibrate(args),
         TwinTask::Import(args) => import(args),
+        TwinTask::Follow(args) => follow::run(args),
         TwinTask::Show { file } => read_certificate(file).map(|certificate| {
             print!("{}", show::certificate(&certificate, now_ms()));
             ExitCode::SUCCESS
@@ -77,22 +79,17 @@ fn read_certificate(path: &Path) -> Result<Certificate, String> {
 fn calibrate(args: &CalibrateArgs) -> Result<ExitCode, String> {
     let drive = recording::read(&args.file, args.robot.as_deref())?;
     let held = match &args.validate {
-        Some(file) => Some(recording::read(file, Some(&drive.robot))?.evidence),
+        Some(file) => Some(recording::read(file, Some(&drive.robot))?.evidence()),
         None => None,
     };
+    let evidence = drive.evidence();
     let about = About {
         robot: drive.robot,
         build: drive.build,
         floor: args.common.floor.clone().unwrap_or_default(),
         made_ms: now_ms(),
     };
-    finish(
-        &args.file,
-        &drive.evidence,
-        held.as_ref(),
-        about,
-        &args.common,
-    )
+    finish(&args.file, &evidence, held.as_ref(), about, &args.common)
 }
 
 fn import(args: &ImportArgs) -> Result<ExitCode, String> {

@@ -140,6 +140,10 @@ fn worlds_of_the_examples_can_be_run() {
         block("docs/scenarios.md", "[arena.scatter]"),
     )
     .expect("a scenario");
+    // What a twin is calibrated on is printed by the program itself.
+    let script = ["twin", "script"].map(str::to_owned);
+    let script = programs::output(program(folder.path(), &script));
+    std::fs::write(folder.path().join("calibration.toml"), script.stdout).expect("a scenario");
     let mut count = 0;
     for page in Page::all() {
         for example in examples(&page) {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[command(
     after_help = "calibrate and import end with 0 and a certificate when a part of the drive that was held out \
     is predicted better than by the nominal body, and than by the certificate before; with 1 and the reason when \
-    not; with 2 when a file cannot be used."
+    not; with 2 when a file cannot be used. follow ends with 1 when it names a fault."
 )]
 pub struct TwinArgs {
     /// What to do
@@ -24,6 +24,8 @@ pub enum TwinTask {
     Calibrate(CalibrateArgs),
     /// Identifies the body of a robot from a table of comma-separated values
     Import(ImportArgs),
+    /// Lets a twin follow a robot through a recording: what it foretells, and what is wrong with the robot
+    Follow(FollowArgs),
     /// Prints a certificate for people
     Show {
         /// Certificate
@@ -53,6 +55,20 @@ pub struct CalibrateArgs {
     /// What is the same for recordings and tables.
     #[command(flatten)]
     pub common: Common,
+}
+
+/// What `twin follow` takes.
+#[derive(Debug, clap::Args)]
+pub struct FollowArgs {
+    /// Recording
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Which robot of it [default: the only one]
+    #[arg(long, value_name = "ID")]
+    pub robot: Option<String>,
+    /// Certificate of the robot [default: the nominal body]
+    #[arg(long, value_name = "CERTIFICATE")]
+    pub certificate: Option<PathBuf>,
 }
 
 /// What `twin import` takes.

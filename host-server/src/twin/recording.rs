@@ -10,7 +10,7 @@ use std::path::Path;
 use crawler_protocol::open::StatusMessage;
 use crawler_protocol::{PoseFix, TelemetryEncoding, open};
 use crawler_sim::tools::replay::{Message, messages};
-use crawler_twin::evidence::{Duty, Evidence, Fix, Supply};
+use crawler_twin::evidence::{Duty, Evidence, Fix, Row, Supply};
 
 use super::told;
 
@@ -18,13 +18,25 @@ use super::told;
 pub(super) struct Recorded {
     pub(super) robot: String,
     pub(super) build: String,
-    pub(super) evidence: Evidence,
+    /// In the order in which they came.
+    pub(super) rows: Vec<Row>,
+}
+
+impl Recorded {
+    /// All of it; what is refused is counted there.
+    pub(super) fn evidence(&self) -> Evidence {
+        let mut evidence = Evidence::default();
+        for row in &self.rows {
+            let _ = evidence.take(*row);
+        }
+        evidence
+    }
 }
 
 /// What one boot of a robot said.
 #[derive(Default)]
 struct Boot {
-    evidence: Evidence,
+    rows: Vec<Row>,
     build: String,
     /// Unix milliseconds that its seconds count from.
     base_ms: Option<u64>,
@@ -61,12 +73,12 @@ pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Recorded, String>
     Ok(Recorded {
         robot,
         build: boot.build,
-        evidence: boot.evidence,
+        rows: boot.rows,
     })
 }
 
 impl Boot {
-    /// What is refused is counted in the evidence, and what cannot be read is not of this drive.
+    /// What cannot be read is not of this drive.
     fn take(&mut self, message: &Message) {
         let kind = message.topic.split('/').nth(1).unwrap_or_default();
         let payload = message.payload.bytes();
@@ -90,20 +102,20 @@ impl Boot {
                         f64::from(sample.wheels.left),
                         f64::from(sample.wheels.right),
                     ];
-                    let _ = self.evidence.duty(Duty {
+                    self.rows.push(Row::Duty(Duty {
                         at_s,
                         arrived_s,
                         duty,
-                    });
+                    }));
                     let mv = sample.battery.mv;
                     if mv != 0 && mv != self.battery_mv {
                         self.battery_mv = mv;
                         let volts = f64::from(mv) * 1e-3;
-                        let _ = self.evidence.supply(Supply {
+                        self.rows.push(Row::Supply(Supply {
                             at_s,
                             arrived_s,
                             volts,
-                        });
+                        }));
                     }
                 }
             }
@@ -119,7 +131,7 @@ impl Boot {
                     theta: f64::from(fix.pose.theta),
                     sigma_m: f64::from(fix.pose.sigma),
                 };
-                let _ = self.evidence.fix(fix);
+                self.rows.push(Row::Fix(fix));
             }
             (false, "status") => {
                 if let Ok(status) = open::read::<StatusMessage>(payload)

@@ -93,6 +93,16 @@ fn a_simulated_robot_is_calibrated_shown_and_exported() {
     let (code, said) = run(&["replay", "--scenario", &own, "--seed", "1", "--until", "1"]);
     assert_eq!(code, Some(0), "{said}");
 
+    // A healthy robot is followed without a word, whatever is said by another's body.
+    let follow = ["twin", "follow", &file];
+    let (code, said) = run(&[&follow[..], &["--certificate", &certificate]].concat());
+    assert_eq!(code, Some(0), "{said}");
+    let ahead = said.lines().find(|line| line.contains("10 s ahead"));
+    let (_, errors) = ahead.expect("residuals").rsplit_once(": ").expect("errors");
+    assert!(before(errors, " cm") < 8.0, "{said}");
+    let (_, said) = run(&follow);
+    assert!(said.contains("by the nominal body"), "{said}");
+
     // The same drive once more is no better than itself.
     let (code, said) = run(&[&calibrate[..], &["--previous", &certificate]].concat());
     assert_eq!(code, Some(1), "{said}");

@@ -70,7 +70,7 @@ impl Timeline {
     }
 
     /// Both wheels' duties from here on, one moment after the other.
-    fn walk(&self) -> [Walk<'_>; 2] {
+    pub(crate) fn walk(&self) -> [Walk<'_>; 2] {
         [0, 1].map(|k: usize| Walk {
             knots: &self.wheels[k],
             next: 0,
@@ -101,13 +101,13 @@ impl Timeline {
 
 /// Goes along a timeline, forward only.
 #[derive(Debug, Clone)]
-struct Walk<'a> {
+pub(crate) struct Walk<'a> {
     knots: &'a [(f64, f64)],
     next: usize,
 }
 
 impl Walk<'_> {
-    fn at(&mut self, at_s: f64) -> f64 {
+    pub(crate) fn at(&mut self, at_s: f64) -> f64 {
         while self.knots.get(self.next).is_some_and(|knot| knot.0 <= at_s) {
             self.next += 1;
         }

@@ -12,7 +12,7 @@ const JUMP_S: f64 = 0.5;
 /// Delays of so many seconds before and after a stamp say how late its clock is, seconds.
 const ALIGNED_S: f64 = 3.0;
 /// Latest stamp, seconds: some thousand years.
-const LATEST_S: f64 = 1e11;
+pub(crate) const LATEST_S: f64 = 1e11;
 /// Longest drive, seconds.
 const LONGEST_S: f64 = 24.0 * 3_600.0;
 /// Farthest place, metres along each axis.
@@ -57,6 +57,29 @@ pub struct Fix {
     pub theta: f64,
     /// One standard deviation of the position along each axis, metres; 0 is not known.
     pub sigma_m: f64,
+}
+
+/// Anything of these.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Row {
+    /// What the motors were told.
+    Duty(Duty),
+    /// What the gauge shows.
+    Supply(Supply),
+    /// Where the tracker saw the robot.
+    Fix(Fix),
+}
+
+impl Row {
+    /// When it came, seconds; `None` where nobody looked.
+    #[must_use]
+    pub const fn arrived_s(&self) -> Option<f64> {
+        match self {
+            Self::Duty(row) => row.arrived_s,
+            Self::Supply(row) => row.arrived_s,
+            Self::Fix(row) => row.arrived_s,
+        }
+    }
 }
 
 /// Why something was not taken in.
@@ -120,6 +143,18 @@ pub struct Evidence {
 }
 
 impl Evidence {
+    /// Takes in a row of any kind.
+    ///
+    /// # Errors
+    /// [`Refusal`]; it is counted.
+    pub fn take(&mut self, row: Row) -> Result<(), Refusal> {
+        match row {
+            Row::Duty(row) => self.duty(row),
+            Row::Supply(row) => self.supply(row),
+            Row::Fix(row) => self.fix(row),
+        }
+    }
+
     /// Takes in a duty.
     ///
     /// # Errors

@@ -6,15 +6,18 @@
 //! Reading order: [`body`], the model; [`evidence`], what is known of a drive, and what of it is refused; [`drive`],
 //! duties between samples, and where a body goes by them; [`identify`], parameters from a drive, by the small
 //! systems of `linear`; [`predict`], predictions against what happened; [`certificate`], a body with the proof
-//! of what it is worth. Beside them: [`script`], the drive to calibrate on, and [`table`], drives of other robots.
+//! of what it is worth; [`shadow`], a body that follows a robot, and [`detect`], what is wrong with the robot. Beside
+//! them: [`script`], the drive to calibrate on, and [`table`], drives of other robots.
 
 pub mod body;
 pub mod certificate;
+pub mod detect;
 pub mod drive;
 pub mod evidence;
 pub mod identify;
 pub mod predict;
 pub mod script;
+pub mod shadow;
 pub mod table;
 
 mod linear;

@@ -5,3 +5,4 @@ mod certificates;
 mod corpus;
 mod hostile;
 mod reference;
+mod shadows;

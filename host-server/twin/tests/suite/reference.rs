@@ -1,7 +1,7 @@
 //! The reference reality: forces on masses in steps of a millisecond, and what a twin does not model.
 
 use crawler_twin::body::Pose;
-use crawler_twin::evidence::{Duty, Evidence, Fix, Supply};
+use crawler_twin::evidence::{Duty, Evidence, Fix, Row, Supply};
 
 /// Numbers from a seed: `SplitMix64`.
 #[derive(Debug, Clone)]
@@ -159,6 +159,18 @@ pub(crate) struct Story {
 }
 
 impl Story {
+    /// All of it in the order in which it arrives.
+    #[allow(dead_code, reason = "not everybody who has this file follows a robot")]
+    pub(crate) fn rows(&self) -> Vec<Row> {
+        let mut rows: Vec<Row> = Vec::new();
+        rows.extend(self.duties.iter().copied().map(Row::Duty));
+        rows.extend(self.supply.iter().copied().map(Row::Supply));
+        rows.extend(self.fixes.iter().copied().map(Row::Fix));
+        let at = |row: &Row| row.arrived_s().unwrap_or(0.0);
+        rows.sort_by(|a, b| at(a).total_cmp(&at(b)));
+        rows
+    }
+
     /// All of it, in order, as evidence.
     pub(crate) fn evidence(&self) -> Evidence {
         let mut evidence = Evidence::default();

@@ -1,0 +1,299 @@
+//! Shadows: they stick to their robots, and name what is wrong with them.
+
+use crawler_twin::body::Parameters;
+use crawler_twin::certificate::{About, certify};
+use crawler_twin::detect::{Fault, FaultName};
+use crawler_twin::evidence::{Duty, Fix, Row, Supply};
+use crawler_twin::predict::quantile;
+use crawler_twin::shadow::Shadow;
+use proptest::prelude::*;
+
+use crate::reference::{Hidden, Random, Rates, Story, anyhow, baseline, drive};
+
+const RATES: Rates = Rates {
+    telemetry: 5,
+    fixes: 2,
+};
+
+/// Hands a story to a shadow in the order in which it arrives, and looks after each fix.
+fn follow(shadow: &mut Shadow, story: &Story, look: impl FnMut(f64, &mut Shadow)) {
+    assert_eq!(follow_any(shadow, story, look), 0, "rows were refused");
+}
+
+/// The same with rows that may be refused; how many were.
+fn follow_any(shadow: &mut Shadow, story: &Story, mut look: impl FnMut(f64, &mut Shadow)) -> usize {
+    let mut refused = 0;
+    for row in story.rows() {
+        refused += usize::from(shadow.take(row).is_err());
+        if let (Row::Fix(_), Some(at_s)) = (row, row.arrived_s()) {
+            look(at_s, shadow);
+        }
+    }
+    refused
+}
+
+/// A shadow of a hidden robot that was calibrated.
+fn shadow(hidden: &Hidden) -> Shadow {
+    let mut script = baseline();
+    script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
+    let rates = Rates {
+        telemetry: 20,
+        fixes: 10,
+    };
+    let healthy = Hidden {
+        weak: None,
+        ..hidden.clone()
+    };
+    let evidence = drive(&healthy, &script, rates).evidence();
+    let made = certify(&evidence, About::default(), None).expect("a certificate");
+    Shadow::new(made.parameters, made.wander)
+}
+
+#[test]
+fn it_sticks_to_its_robot_and_knows_how_well() {
+    let (mut off, mut ahead, mut within, mut looks) = (Vec::new(), Vec::new(), 0, 0);
+    for seed in 0..6 {
+        let hidden = Hidden::draw(4_000 + seed, 0.0);
+        let mut shadow = shadow(&hidden);
+        let story = drive(&hidden, &anyhow(120.0, &mut Random::new(seed)), RATES);
+        follow(&mut shadow, &story, |_, shadow| {
+            let Some(view) = shadow.view() else { return };
+            // Its time is the tracker's, which is the world's.
+            let truth = story.truth[(view.at_s * 1e3) as usize];
+            let error = view.now.pose.distance(truth);
+            off.push(error);
+            looks += 1;
+            within += usize::from(error < 2.5 * view.now.sigma_m);
+        });
+        let view = shadow.view().expect("something is known");
+        assert!(
+            view.faults.is_empty() && view.gaps == 0 && view.jumps == 0,
+            "{view:?}"
+        );
+        assert!(
+            (0.5..2.0).contains(&view.consistency) && view.coverage > 0.8,
+            "{view:?}"
+        );
+        ahead.push(view.residuals[1].median_m);
+        let forecast = shadow.forecast();
+        let sigmas: Vec<f64> = forecast
+            .iter()
+            .map(|forecast| forecast.at.sigma_m)
+            .collect();
+        assert!(sigmas.len() == 2 && view.now.sigma_m < sigmas[0] && sigmas[0] < sigmas[1]);
+    }
+    assert!(
+        quantile(&mut off, 0.5) < 0.01,
+        "off by {}",
+        quantile(&mut off, 0.5)
+    );
+    assert!(quantile(&mut ahead, 0.5) < 0.08, "{ahead:?}");
+    assert!(within * 100 > looks * 90, "{within} of {looks}");
+}
+
+/// When which fault was named first.
+fn first_fault(shadow: &mut Shadow, story: &Story) -> Option<(f64, Fault)> {
+    let mut found = None;
+    follow_any(shadow, story, |at_s, shadow| {
+        let view = shadow.view().filter(|_| found.is_none());
+        let fault = view.and_then(|view| view.faults.first().copied());
+        found = found.or(fault.map(|fault| (at_s, fault)));
+    });
+    found
+}
+
+#[test]
+fn a_weak_motor_is_named_by_its_side_within_seconds() {
+    for (share, within_s) in [(0.8, 3.0), (0.9, 5.0), (0.95, 20.0)] {
+        let mut delays = Vec::new();
+        for seed in 0..6 {
+            let wheel = seed as usize % 2;
+            let hidden = Hidden {
+                weak: Some((wheel, 60.0, share)),
+                ..Hidden::draw(5_000 + seed, 0.0)
+            };
+            let story = drive(&hidden, &anyhow(90.0, &mut Random::new(seed)), RATES);
+            let (at_s, fault) = first_fault(&mut shadow(&hidden), &story).expect("found");
+            let side = [FaultName::LeftWeak, FaultName::RightWeak][wheel];
+            assert_eq!(fault.fault, side, "{share} {seed}: {fault:?}");
+            assert!(
+                (60.0..60.0 + within_s).contains(&at_s),
+                "{share} {seed}: {at_s}"
+            );
+            // A tenth less voltage is more than a tenth less speed: friction takes its part first.
+            assert!(
+                (1.0 - share) * 0.7 < fault.amount,
+                "{share} {seed}: {fault:?}"
+            );
+            delays.push(at_s - 60.0);
+        }
+        println!("{share}: {:.1} s", quantile(&mut delays, 0.5));
+    }
+}
+
+#[test]
+fn who_is_stuck_or_elsewhere_or_late_is_told_so() {
+    let hidden = Hidden::draw(5_101, 0.0);
+    let story = drive(&hidden, &anyhow(60.0, &mut Random::new(1)), RATES);
+    // From half a minute on it stands although its wheels are told to turn.
+    let stuck = story.fixes[60];
+    let held = Story {
+        fixes: (0..story.fixes.len())
+            .map(|i| {
+                let fix = story.fixes[i];
+                let noise = story.fixes[i % 60];
+                let there = Fix {
+                    x: stuck.x,
+                    y: stuck.y,
+                    theta: stuck.theta,
+                    ..fix
+                };
+                if i > 60 {
+                    Fix {
+                        x: there.x + noise.x * 1e-3,
+                        ..there
+                    }
+                } else {
+                    fix
+                }
+            })
+            .collect(),
+        duties: story.duties.clone(),
+        supply: story.supply.clone(),
+        truth: Vec::new(),
+        way: Vec::new(),
+    };
+    let (at_s, fault) = first_fault(&mut shadow(&hidden), &held).expect("found");
+    assert_eq!(fault.fault, FaultName::Stuck, "{fault:?}");
+    assert!((30.0..36.0).contains(&at_s), "{at_s}");
+
+    // A tracker that takes another robot for it now and then.
+    let swapped = Story {
+        fixes: (0..story.fixes.len())
+            .map(|i| {
+                let fix = story.fixes[i];
+                if (i / 4) % 3 == 2 {
+                    Fix {
+                        x: fix.x + 3.0,
+                        ..fix
+                    }
+                } else {
+                    fix
+                }
+            })
+            .collect(),
+        ..held
+    };
+    let mut jumpy = shadow(&hidden);
+    let (_, fault) = first_fault(&mut jumpy, &swapped).expect("found");
+    assert_eq!(fault.fault, FaultName::TrackerWrong, "{fault:?}");
+    assert!(jumpy.view().is_some_and(|view| view.jumps > 5));
+
+    // A network that holds everything up by half a second after a while.
+    let late = Story {
+        duties: story
+            .duties
+            .iter()
+            .enumerate()
+            .map(|(i, row)| {
+                let held_s = if i > 150 {
+                    0.3 + 0.4 * ((i % 3) as f64)
+                } else {
+                    0.0
+                };
+                Duty {
+                    arrived_s: row.arrived_s.map(|at| at + held_s),
+                    ..*row
+                }
+            })
+            .collect(),
+        fixes: story.fixes.clone(),
+        ..swapped
+    };
+    let (_, fault) = first_fault(&mut shadow(&hidden), &late).expect("found");
+    assert_eq!(fault.fault, FaultName::Late, "{fault:?}");
+}
+
+#[test]
+fn after_a_gap_or_a_new_clock_it_begins_where_the_robot_is() {
+    let hidden = Hidden::draw(5_201, 0.0);
+    let story = drive(&hidden, &anyhow(60.0, &mut Random::new(2)), RATES);
+    let mut broken = Story {
+        duties: story.duties.clone(),
+        supply: story.supply.clone(),
+        fixes: story.fixes.clone(),
+        truth: Vec::new(),
+        way: Vec::new(),
+    };
+    // Five seconds of silence, and later a robot that boots with another clock.
+    broken
+        .duties
+        .retain(|row| !(20.0..25.0).contains(&row.at_s));
+    for row in broken.duties.iter_mut().filter(|row| row.at_s > 40.0) {
+        row.at_s += 1_000.0;
+    }
+    let mut shadow = shadow(&hidden);
+    let mut off = Vec::new();
+    let mut rows = 0;
+    follow_any(&mut shadow, &broken, |_, shadow| {
+        rows += 1;
+        if let Some(view) = shadow.view() {
+            off.push(
+                view.now
+                    .pose
+                    .distance(story.truth[(view.at_s * 1e3) as usize]),
+            );
+        }
+    });
+    let view = shadow.view().expect("something is known");
+    assert!(view.gaps >= 2 && view.faults.is_empty(), "{view:?}");
+    assert!(off.len() * 10 > rows * 6, "{} of {rows}", off.len());
+    assert!(
+        quantile(&mut off, 0.9) < 0.03,
+        "{}",
+        quantile(&mut off, 0.9)
+    );
+}
+
+#[test]
+fn nothing_is_named_in_hours_of_health() {
+    for seed in 0..16 {
+        let hidden = Hidden::draw(6_000 + seed, 0.0);
+        let story = drive(&hidden, &anyhow(900.0, &mut Random::new(seed)), RATES);
+        let found = first_fault(&mut shadow(&hidden), &story);
+        println!("{seed} {found:?}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn whatever_comes_what_it_says_are_numbers(
+        rows in prop::collection::vec((0..3_u8, 0.0..40.0, -0.2..0.5, -2.0..2.0, -2.0..2.0, any::<f64>()), 0..300),
+    ) {
+        let mut shadow = Shadow::new(Parameters::NOMINAL, 0.0);
+        let mut at = 0.0;
+        for (kind, jump, late, a, b, odd) in rows {
+            // Mostly one after the other, now and then anywhere.
+            at = if jump > 39.0 { odd } else { at + jump * 0.01 };
+            let arrived_s = Some(at + late);
+            let _ = match kind {
+                0 => shadow.duty(Duty { at_s: at, arrived_s, duty: [a, b] }),
+                1 => shadow.supply(Supply { at_s: at, arrived_s, volts: a * 8.0 }),
+                _ => shadow.fix(Fix { at_s: at, arrived_s, x: a, y: b, theta: a + b, sigma_m: 0.01 }),
+            };
+            if !at.is_finite() {
+                at = 0.0;
+            }
+            if let Some(view) = shadow.view() {
+                let pose = view.now.pose;
+                let numbers = [pose.x, pose.y, pose.theta, view.now.sigma_m, view.v, view.w, view.gains[0]];
+                prop_assert!(numbers.iter().all(|number| number.is_finite()), "{:?}", view);
+            }
+        }
+        for forecast in shadow.forecast() {
+            prop_assert!(forecast.at.pose.x.is_finite() && forecast.at.sigma_m.is_finite());
+        }
+    }
+}
