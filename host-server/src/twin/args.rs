@@ -74,7 +74,7 @@ pub struct FollowArgs {
 /// What `twin import` takes.
 #[derive(Debug, clap::Args)]
 pub struct ImportArgs {
-    /// Table of the drive: t, duty_left, duty_right, voltage, x, y, theta
+    /// Table of the drive; `docs/twin.md` has its columns
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Which robot it is of
