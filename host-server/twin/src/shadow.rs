@@ -423,7 +423,12 @@ impl Shadow {
             self.marks.clear();
         }
         self.advance(fix.at_s, timeline);
-        let (sigma, heading) = (fix.sigma_m.max(0.5 * SIGMA_M), SIGMA_RAD);
+        // What says nothing of its noise has that of any camera; nothing has none.
+        let sigma = match fix.sigma_m {
+            0.0 => SIGMA_M,
+            sigma => sigma.max(0.1 * SIGMA_M),
+        };
+        let heading = SIGMA_RAD;
         let Some(mut state) = self.state else {
             self.state = Some(State::at(&fix, sigma));
             return;
