@@ -77,6 +77,17 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "crawler-learning",
+        &[
+            "crawler-app",
+            "crawler-hal",
+            "crawler-micromodel",
+            "crawler-policy",
+            "crawler-protocol",
+            "crawler-sim",
+        ],
+    ),
+    (
         "crawler-server",
         &[
             "crawler-access",

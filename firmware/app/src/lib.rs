@@ -22,7 +22,7 @@
 //!
 //! 1. What activities share, and who may write which part of it: `context`.
 //! 2. A command: `link`, `intake` with `ledger`, `memory` and `timesync`, `order`, `controller`, called by `control`.
-//! 3. What it comes to: `state`, `goal`, `behaviour`, `motion`.
+//! 3. What it comes to: `state`, `goal`, `behaviour`, `motion`; on the side `policy`, which robots are trained with.
 //! 4. What the robot knows: `sense`, `perception`, `power`, `tracking`, `neighbours`, `observe`, `camera`,
 //!    `vision`.
 //! 5. What it tells: `outbox`, `trouble`, `lamp`.
@@ -56,6 +56,7 @@ pub mod order;
 pub mod outbox;
 pub mod parameters;
 pub mod perception;
+pub mod policy;
 pub mod power;
 #[cfg(test)]
 mod rules;

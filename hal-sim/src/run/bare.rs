@@ -228,6 +228,21 @@ impl BareWorld {
         self.space.observe(robot.get() as usize)
     }
 
+    /// The truth about where a robot is, how fast it drives ahead (m/s) and how fast it turns (rad/s); `None` when it
+    /// never existed.
+    pub fn motion(&self, robot: RobotIndex) -> Option<(Pose, [f32; 2])> {
+        let i = robot.get() as usize;
+        let seen = &self.space.bodies.published;
+        let forward = seen.velocity.get(i)?.dot(*seen.heading.get(i)?);
+        let pose = self.space.observe(i)?.pose;
+        Some((pose, [forward, *seen.spin.get(i)?]))
+    }
+
+    /// What robots believe of their drive.
+    pub const fn tuning(&self) -> &Tuning {
+        &self.tuning
+    }
+
     /// Draws what the camera of a robot sees; see [`crate::devices::World::render`].
     pub fn render(&mut self, robot: RobotIndex, frame: &mut Frame) -> bool {
         render::view(&mut self.space, robot.get() as usize, frame)

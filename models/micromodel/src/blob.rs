@@ -65,7 +65,8 @@ pub(crate) const HEADER: usize = 32;
 pub(crate) const LAYER: usize = 32;
 
 /// CRC-32 (ISO-HDLC), four bits at a time: 64 bytes of table.
-pub(crate) fn checksum(bytes: &[u8]) -> u32 {
+#[must_use]
+pub fn checksum(bytes: &[u8]) -> u32 {
     const TABLE: [u32; 16] = {
         let mut table = [0; 16];
         let mut n = 0;

@@ -13,7 +13,8 @@ use crate::layer::{Layer, Shape};
 
 pub(crate) use dense::convolution;
 pub(crate) use depthwise::depthwise;
-use finish::{Range, rounded};
+use finish::Range;
+pub(crate) use finish::rounded;
 pub(crate) use wide::{SCRATCH, Scratch, VECTORS};
 
 /// Output channels whose weights for an input lie side by side.

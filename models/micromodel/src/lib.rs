@@ -26,7 +26,7 @@
 //! No heap, no `unsafe`, no panic for any blob and any input.
 //!
 //! Reading order: `blob`, `layer` and `model`, which read; `plan`, which places rows; `run` with its `kernels`,
-//! and `output`. `write` is for whoever makes blobs, `error` says what can be wrong.
+//! and `output`. `vector` has layers for what is no picture. `write` is for whoever makes blobs, `error` says what can be wrong.
 #![no_std]
 #![forbid(unsafe_code)]
 // On hosts all is inlined into whoever calls, with the vectors that the caller is compiled for.
@@ -43,6 +43,7 @@ mod model;
 mod output;
 mod plan;
 mod run;
+pub mod vector;
 mod write;
 
 pub use error::ModelError;

@@ -46,5 +46,5 @@ pub use checkpoint::CheckpointError;
 pub use compute::Compute;
 pub use config::{ConfigError, Diverged, Hidden};
 pub use environment::{Environment, Episode, Interface, Seed, Status};
-pub use network::{Activation, Network, Shape};
+pub use network::{Activation, Network, Shape, Weights};
 pub use policy::{Choice, Policy};

@@ -55,6 +55,30 @@ impl Layer {
     }
 }
 
+/// One layer of a network, to read.
+#[derive(Debug, Clone, Copy)]
+pub struct Weights<'a> {
+    /// Numbers that it looks at.
+    pub inputs: usize,
+    /// Numbers that it has.
+    pub outputs: usize,
+    stride: usize,
+    matrix: &'a [f32],
+    biases: &'a [f32],
+}
+
+impl Weights<'_> {
+    /// With what `input` is multiplied for `output`.
+    pub fn weight(&self, input: usize, output: usize) -> f32 {
+        self.matrix[input * self.stride + output]
+    }
+
+    /// What is added to `output`.
+    pub fn bias(&self, output: usize) -> f32 {
+        self.biases[output]
+    }
+}
+
 /// A multilayer perceptron.
 #[derive(Debug, Clone)]
 pub struct Network {
@@ -135,6 +159,17 @@ impl Network {
             parameters: vec![0.0; at],
             turned: vec![0.0; turned],
         }
+    }
+
+    /// Its layers, from the inputs on.
+    pub fn layers(&self) -> impl Iterator<Item = Weights<'_>> {
+        self.layers.iter().map(|layer| Weights {
+            inputs: layer.inputs,
+            outputs: layer.outputs,
+            stride: layer.stride,
+            matrix: &self.parameters[layer.weights.clone()],
+            biases: &self.parameters[layer.biases.clone()],
+        })
     }
 
     /// Its shape.

@@ -7,7 +7,7 @@ use crate::model::Numbers;
 
 /// Division by a power of two, rounding half to even. `shift` is 1 to 24 and `|value| < 2^31 − 2^24`.
 #[inline]
-pub(super) fn rounded(value: i32, shift: u32) -> i32 {
+pub(crate) fn rounded(value: i32, shift: u32) -> i32 {
     (value + half(shift) + ((value >> shift) & 1)) >> shift
 }
 

@@ -1,0 +1,55 @@
+//! Driving by a policy that was learned: a small network in int8 that chooses one of a few motions ten times a second.
+//!
+//! | | |
+//! |---|---|
+//! | what it sees | an [`Observation`]: [`WIDTH`] numbers of 8 bits, from what the robot remembers of its surroundings and knows of others |
+//! | what it chooses | an [`Action`], which is a twist |
+//! | what it may do | what the [`shield`] leaves of it: no twist drives into what is known |
+//! | what it is | a [`Policy`]: a blob with the network and what it was trained for |
+//!
+//! All of it is in whole numbers, so that host, board and browser decide alike, bit for bit. A [`Pilot`] has the memory,
+//! makes the observations and holds the shield in every control step; whoever runs the network is elsewhere. A decision
+//! that was made for the observation of one control step counts from the next one on. Without one for
+//! [`DECIDED_WITHIN`] the robot stands.
+//!
+//! It is what policies are trained with. The behaviour `policy` of a robot is not there yet: nothing of this is in the
+//! program of a board.
+//!
+//! Reading order: `action` and `shield`; `memory`, what is remembered of the surroundings, with `angle`; `observation`,
+//! what a network sees of that; `blob`, `network` and `table`, which choose; `pilot`, which puts it together.
+
+mod action;
+mod angle;
+mod blob;
+mod memory;
+mod network;
+mod observation;
+mod pilot;
+mod shield;
+mod table;
+
+use crawler_hal::Duration;
+
+pub use action::Action;
+pub use blob::{
+    FORMAT_VERSION, HEADER, LAYERS, MAGIC, MAX_BYTES, Mode, NO_SCORE, Policy, PolicyError,
+};
+pub use network::{LOGIT_STEPS, Scratch, choose};
+pub use observation::{Observation, WIDTH};
+pub use pilot::{Asked, Decision, Known, Near, Pilot};
+pub use shield::{Around, shield};
+pub use table::{PRE_STEPS, squeezed};
+
+/// Counts changes of what the numbers of an observation mean.
+pub const OBSERVATION_VERSION: u8 = 1;
+/// Counts changes of the actions.
+pub const ACTIONS_VERSION: u8 = 1;
+/// Counts changes of what the shield takes away.
+pub const SHIELD_VERSION: u8 = 1;
+/// Control steps from one decision to the next.
+pub const STEPS: u8 = 5;
+/// How long a decision counts.
+pub const DECIDED_WITHIN: Duration = Duration::from_millis(300);
+
+#[cfg(test)]
+mod tests;

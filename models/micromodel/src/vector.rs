@@ -1,0 +1,243 @@
+//! Layers that look at one vector: what small policies are made of.
+//!
+//! A picture has many pixels that go through the same weights, so [`crate::Runner`] takes several at once. Of a vector
+//! there is one, and everything is loaded for it alone: inputs one after the other, each multiplied with the weights
+//! of [`LANES`] outputs that lie side by side.
+//!
+//! | bytes | of a layer with `n` inputs and `m` outputs, `m` rounded up to a multiple of [`LANES`] |
+//! |---:|---|
+//! | 4·m | `bias`, i32, little-endian |
+//! | m | multipliers, 1 to 255 |
+//! | m | shifts, 1 to [`MAX_SHIFT`] |
+//! | n·m | weights, i8: group by group of [`LANES`] outputs, within it input by input |
+//!
+//! An output is `RHE((bias + Σ w·x)·m / 2^s)`, as in [the crate](crate) with zero points of 0, in 32 bits: what it
+//! is squeezed through is the business of whoever has the next layer.
+
+use crate::blob::MAX_SHIFT;
+use crate::error::ModelError;
+use crate::kernels::rounded;
+
+/// Outputs that are summed at once: with their sums, an input and a weight the registers of a chip are not full yet.
+pub const LANES: usize = 4;
+/// Most inputs of a layer, and most outputs.
+pub const MAX_WIDTH: usize = 128;
+/// Products stay below this, so that rounding them cannot overflow.
+const MOST: i64 = (1 << 31) - (1 << 24);
+
+/// A layer all of whose outputs look at all of its inputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Dense<'a> {
+    inputs: usize,
+    outputs: usize,
+    biases: &'a [[u8; 4]],
+    multipliers: &'a [u8],
+    shifts: &'a [u8],
+    weights: &'a [[u8; LANES]],
+}
+
+impl<'a> Dense<'a> {
+    /// Bytes of a layer with so many inputs and outputs.
+    #[must_use]
+    pub const fn bytes(inputs: usize, outputs: usize) -> usize {
+        outputs.next_multiple_of(LANES) * (4 + 1 + 1 + inputs)
+    }
+
+    /// Reads a layer, which is all of `bytes`, where it lies. `number` is its own, for errors.
+    ///
+    /// # Errors
+    /// When the bytes are too few or too many, or sums could overflow.
+    pub fn new(
+        bytes: &'a [u8],
+        inputs: usize,
+        outputs: usize,
+        number: u16,
+    ) -> Result<Self, ModelError> {
+        let width = 1..=MAX_WIDTH;
+        if !width.contains(&inputs) || !width.contains(&outputs) {
+            return Err(ModelError::Layer(number));
+        }
+        if bytes.len() != Self::bytes(inputs, outputs) {
+            return Err(ModelError::Truncated);
+        }
+        let padded = outputs.next_multiple_of(LANES);
+        let (biases, rest) = bytes.split_at(4 * padded);
+        let (multipliers, rest) = rest.split_at(padded);
+        let (shifts, weights) = rest.split_at(padded);
+        let it = Self {
+            inputs,
+            outputs,
+            biases: biases.as_chunks().0,
+            multipliers,
+            shifts,
+            weights: weights.as_chunks().0,
+        };
+        let shift = |shift: &u8| (1..=MAX_SHIFT).contains(shift);
+        if multipliers.contains(&0) || !shifts.iter().all(shift) {
+            return Err(ModelError::Layer(number));
+        }
+        if it.could_overflow() {
+            return Err(ModelError::Overflow(number));
+        }
+        Ok(it)
+    }
+
+    /// Whether there are inputs for which a product leaves 32 bits.
+    fn could_overflow(&self) -> bool {
+        let groups = self.weights.chunks_exact(self.inputs);
+        groups.enumerate().any(|(group, weights)| {
+            (0..LANES).any(|lane| {
+                let output = group * LANES + lane;
+                let sum: i64 = weights
+                    .iter()
+                    .map(|of_input| i64::from(weight(*of_input, lane)).abs() * 128)
+                    .sum();
+                let most = sum + i64::from(self.bias(output)).abs();
+                most * i64::from(self.multiplier(output)) >= MOST
+            })
+        })
+    }
+
+    /// How many values it looks at.
+    #[must_use]
+    pub const fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// How many values it has.
+    #[must_use]
+    pub const fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    fn bias(&self, output: usize) -> i32 {
+        self.biases
+            .get(output)
+            .map_or(0, |bytes| i32::from_le_bytes(*bytes))
+    }
+
+    fn multiplier(&self, output: usize) -> i32 {
+        self.multipliers.get(output).map_or(0, |m| i32::from(*m))
+    }
+
+    /// Hands each output to `put`, with its number. Inputs that are missing are 0, further ones are not looked at.
+    #[cfg_attr(target_pointer_width = "64", inline(always))]
+    pub fn run(&self, input: &[i8], mut put: impl FnMut(usize, i32)) {
+        let groups = self.weights.chunks_exact(self.inputs);
+        for (first, weights) in (0..self.outputs).step_by(LANES).zip(groups) {
+            let mut sums = [0; LANES];
+            for (value, of_input) in input.iter().zip(weights) {
+                let value = i32::from(*value);
+                for (lane, sum) in sums.iter_mut().enumerate() {
+                    *sum += value * weight(*of_input, lane);
+                }
+            }
+            for (output, sum) in (first..self.outputs).zip(sums) {
+                let shift = self.shifts.get(output).map_or(1, |s| u32::from(*s));
+                let product = (sum + self.bias(output)) * self.multiplier(output);
+                put(output, rounded(product, shift));
+            }
+        }
+    }
+}
+
+#[inline]
+fn weight(of_input: [u8; LANES], lane: usize) -> i32 {
+    i32::from(of_input[lane].cast_signed())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A layer as numbers: for each output its bias, multiplier, shift and weights.
+    type Numbers = Vec<(i32, u8, u8, Vec<i8>)>;
+
+    fn written(layer: &Numbers, inputs: usize) -> Vec<u8> {
+        let nothing = (0, 1, 1, std::vec![0; inputs]);
+        let padded = layer.len().next_multiple_of(LANES);
+        let all: Vec<_> = (0..padded)
+            .map(|n| layer.get(n).unwrap_or(&nothing))
+            .collect();
+        let mut bytes = Vec::new();
+        for output in &all {
+            bytes.extend(output.0.to_le_bytes());
+        }
+        bytes.extend(all.iter().map(|output| output.1));
+        bytes.extend(all.iter().map(|output| output.2));
+        for group in all.chunks(LANES) {
+            for input in 0..inputs {
+                bytes.extend(group.iter().map(|output| output.3[input].cast_unsigned()));
+            }
+        }
+        bytes
+    }
+
+    fn layer() -> impl Strategy<Value = (Numbers, Vec<i8>)> {
+        (1..70_usize).prop_flat_map(|inputs| {
+            let weights = prop::collection::vec(any::<i8>(), inputs);
+            let output = (-60_000..60_000_i32, 1..=255_u8, 1..=24_u8, weights);
+            (
+                prop::collection::vec(output, 1..20),
+                prop::collection::vec(any::<i8>(), inputs),
+            )
+        })
+    }
+
+    proptest! {
+        /// Against the rule in whole numbers without limits, and in halves.
+        #[test]
+        fn outputs_are_what_the_rule_says((layer, input) in layer()) {
+            let bytes = written(&layer, input.len());
+            let dense = Dense::new(&bytes, input.len(), layer.len(), 1).unwrap();
+            let mut outputs = Vec::new();
+            dense.run(&input, |output, value| {
+                assert_eq!(output, outputs.len());
+                outputs.push(value);
+            });
+            let expected: Vec<i32> = layer.iter().map(|(bias, multiplier, shift, weights)| {
+                let sum: i64 = weights.iter().zip(&input).map(|(w, x)| i64::from(*w) * i64::from(*x)).sum();
+                let product = (sum + i64::from(*bias)) * i64::from(*multiplier);
+                (product as f64 / f64::from(1 << shift)).round_ties_even() as i32
+            }).collect();
+            prop_assert_eq!(outputs, expected);
+        }
+
+        #[test]
+        fn no_bytes_and_no_input_make_it_panic(
+            bytes in prop::collection::vec(any::<u8>(), 0..400),
+            inputs in 0..20_usize,
+            outputs in 0..20_usize,
+            input in prop::collection::vec(any::<i8>(), 0..40),
+        ) {
+            let mut bytes = bytes;
+            let wanted = Dense::bytes(inputs, outputs);
+            if wanted <= 400 && bytes.len() % 2 == 0 {
+                bytes.resize(wanted, 1);
+            }
+            if let Ok(dense) = Dense::new(&bytes, inputs, outputs, 1) {
+                let mut seen = 0;
+                dense.run(&input, |_, _| seen += 1);
+                prop_assert_eq!(seen, outputs);
+            }
+        }
+    }
+
+    #[test]
+    fn what_could_overflow_is_refused() {
+        let inputs = 128;
+        let with = |bias, multiplier| {
+            let output = (bias, multiplier, 1, std::vec![-128; inputs]);
+            Dense::new(&written(&std::vec![output], inputs), inputs, 1, 3).map(|_| ())
+        };
+        // 128 · 128 · 128 · 255 is 535 million.
+        assert_eq!(with(0, 255), Ok(()));
+        assert_eq!(with(8_000_000, 255), Err(ModelError::Overflow(3)));
+        assert_eq!(with(i32::MIN, 1), Err(ModelError::Overflow(3)));
+        assert_eq!(with(0, 0), Err(ModelError::Layer(3)));
+    }
+}
