@@ -48,7 +48,7 @@ const CRATES: &[Crate] = &[
             ],
             &["config", "memory", "neighbours"],
             &["motion"],
-            &["goal", "vision"],
+            &["goal", "policy", "vision"],
             &["order", "state"],
             &["behaviour", "trouble"],
             &["controller", "outbox"],
