@@ -15,7 +15,7 @@ use crate::motion::Twist;
 use crate::state::{Escape, Side};
 
 pub use detour::Detour;
-pub use goto::goto_twist;
+pub use goto::{goto_twist, place_twist};
 pub use mission::{MissionNews, Scene as MissionScene, Underway, Wish};
 pub use progress::Progress;
 pub use scan::{HalfRecognised, HalfScan, SECTORS, Scan, ScanResult, Sector};

@@ -128,6 +128,7 @@ pub struct ControlLoop {
     looking: bool,
     /// The robot itself, as neighbours have it.
     own: u32,
+    near: Near,
 }
 
 impl ControlLoop {
@@ -140,6 +141,7 @@ impl ControlLoop {
             reboot_asked: None,
             looking: false,
             own: name_of(&robot.config().id),
+            near: Near::new(),
         }
     }
 
@@ -200,11 +202,12 @@ impl ControlLoop {
             self.controller.set_tuning(tuning_of(&robot));
         }
         let battery = robot.battery();
-        let near = if self.controller.wants_neighbours() {
-            robot.near(now)
-        } else {
-            Near::new()
-        };
+        let asks = self.controller.wants_neighbours() && !self.controller.looks_around();
+        if !self.controller.wants_neighbours() {
+            self.near.forget();
+        } else if !asks {
+            robot.look_around(&mut self.near, now);
+        }
         if let Some(goal) = robot.take_goal_before_restart()
             && robot.boot().was_asked_for()
         {
@@ -214,9 +217,10 @@ impl ControlLoop {
             reading: robot.reading(),
             charge: battery.charge,
             voltage: battery.voltage,
-            fix: robot.take_fix(),
+            // It says when it is of, so that a step later is no worse; with the rule it would be too much for one.
+            fix: if asks { None } else { robot.take_fix() },
             view: view.as_ref(),
-            near: &near,
+            near: self.near.as_slice(),
             own: self.own,
             link: robot.link_health(),
             loaded: robot.is_loaded(),

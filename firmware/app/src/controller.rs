@@ -4,6 +4,10 @@
 //! [`PERIOD`], and so do the tests of the safety rules. One call does, in this order: odometry and
 //! its correction, faults, failsafes, the end of the goal, halts, one order, a look ahead, wanted motion, ramps.
 //!
+//! What goes by others is reckoned in turns: in one step where they are, in the next one what the behaviour wants for it,
+//! which holds for both. So neither is added to the other, and no step takes longer than a board has for it
+//! (docs/counts.md). View, failsafes and ramps count in every step.
+//!
 //! # How motion ends
 //! | cause | duties |
 //! |---|---|
@@ -39,7 +43,7 @@ use rand_core::Rng;
 
 use crate::behaviour::{Detour, MissionNews, Progress, Scan, ScanResult, Underway};
 use crate::goal::Goal;
-use crate::motion::{Correction, Odometry, Ramp};
+use crate::motion::{Correction, Odometry, Ramp, Twist};
 use crate::neighbours::Neighbour;
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender, UpdateWish};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
@@ -202,6 +206,10 @@ pub struct Controller {
     told_jump: Option<Instant>,
     /// By the newest view of the camera.
     in_the_way: Option<InTheWay>,
+    /// Whether this step is one in which a rule that goes by others is asked.
+    rules: bool,
+    /// What that wanted last.
+    wanted: Option<Twist>,
 }
 
 impl Controller {
@@ -226,6 +234,8 @@ impl Controller {
             update_begun: false,
             told_jump: None,
             in_the_way: None,
+            rules: false,
+            wanted: None,
         }
     }
 
@@ -291,6 +301,7 @@ impl Controller {
     ) {
         let elapsed = now - self.last_step;
         self.last_step = now;
+        self.rules = !self.rules;
         let duties = self.duties();
         self.tuning.set_voltage(inputs.voltage);
         self.odometry

@@ -1,5 +1,6 @@
 //! From wanted motion to duty, and from duty to where the robot should be by now.
 
+pub mod angle;
 #[cfg(test)]
 mod correction_tests;
 mod odometry;

@@ -16,6 +16,7 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
 
+use crate::motion::angle::{Angle, ONE_BITS, millimetres};
 use crate::tracking::{AHEAD, FARTHEST};
 
 /// Most neighbours that are kept: what happens behind the sixteen nearest matters to nobody.
@@ -26,76 +27,229 @@ pub const FRESH_FOR: Duration = Duration::from_millis(1_500);
 const MARGIN: f32 = 0.25;
 /// Cells that a robot listens to.
 pub const CELLS: usize = 9;
-/// Fastest a neighbour is taken to be, in metres and radians per second.
+/// Fastest a neighbour is taken to be, in metres per second.
 const FASTEST: f32 = 5.0;
+/// The same in millimetres per second; in 1/1024 rad/s it is the fastest turn.
+const FASTEST_MM_S: i32 = 5_000;
 
 /// Column and row of a cell.
 pub type Cell = (i16, i16);
 
-/// Where another robot is, in the coordinates of position references.
+/// Another robot, in the coordinates of position references. All in whole numbers: what is reckoned for sixteen of
+/// them in every control step must not need floats.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Neighbour {
     /// Stands for its id where only sameness counts: see [`name_of`].
     pub who: u32,
-    /// Metres along the x axis.
-    pub x: f32,
-    /// Metres along the y axis.
-    pub y: f32,
-    /// Its velocity along both axes, in metres per second.
-    pub velocity: [f32; 2],
-    /// How fast it turns, in radians per second.
-    pub turn: f32,
+    /// Where it should be, in millimetres along both axes.
+    pub at: [i32; 2],
+    /// Where it heads, as a direction in 1/[`ONE`](crate::motion::angle::ONE).
+    pub ahead: [i16; 2],
+    /// How fast it drives there, in millimetres per second.
+    pub speed: i16,
+    /// How fast it turns, in 1/1024 rad/s.
+    pub turn: i16,
     /// What it says.
     pub says: Option<Says>,
+    pub(crate) told: Told,
+}
+
+/// How a neighbour was last told of.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Told {
+    cell: Cell,
+    ahead: [i16; 2],
+    seen: Instant,
+    at: [i32; 2],
+    /// Number of the message.
+    message: u32,
 }
 
 impl Neighbour {
-    /// Where it should be `age` seconds later.
-    #[must_use]
-    pub(crate) fn after(self, age: f32) -> Self {
-        let [vx, vy] = self.velocity;
-        // To first order: in half a second at the rates at which a flock turns that is off by a fiftieth.
-        let turned = (self.turn * age).clamp(-1.0, 1.0);
+    /// One at a place in metres, with its heading in radians, its speed in metres and its rate of turning in radians per
+    /// second.
+    pub fn new([x, y]: [f32; 2], theta: f32, speed: f32, turn: f32) -> Self {
+        // At most 1.4 times [`ONE`], when it has been turned on.
+        let ahead = Angle::from_radians(theta)
+            .direction()
+            .map(|along| along as i16);
+        let at = [x, y].map(millimetres);
+        let bounded = |rate: i32| rate.clamp(-FASTEST_MM_S, FASTEST_MM_S) as i16;
         Self {
-            x: self.x + vx * age,
-            y: self.y + vy * age,
-            velocity: [vx - vy * turned, vy + vx * turned],
-            ..self
+            at,
+            ahead,
+            speed: bounded(millimetres(speed)),
+            turn: bounded((turn * 1_024.0) as i32),
+            told: Told {
+                at,
+                ahead,
+                ..Told::default()
+            },
+            ..Self::NOBODY
+        }
+    }
+
+    /// What stands in a place that is free: too far away for anybody to reckon with.
+    pub(crate) const NOBODY: Self = Self {
+        who: 0,
+        at: [i32::MAX / 2; 2],
+        ahead: [0; 2],
+        speed: 0,
+        turn: 0,
+        says: None,
+        told: Told {
+            cell: (0, 0),
+            ahead: [0; 2],
+            seen: Instant::BOOT,
+            at: [i32::MAX / 2; 2],
+            message: 0,
+        },
+    };
+
+    const fn is_nobody(&self) -> bool {
+        self.at[0] == Self::NOBODY.at[0]
+    }
+
+    /// Whether what is known of it is still worth something.
+    fn is_fresh(&self, now: Instant) -> bool {
+        !self.is_nobody() && now - self.told.seen <= FRESH_FOR
+    }
+
+    /// The same, seen then.
+    #[cfg(test)]
+    pub(crate) fn seen(mut self, at: Instant) -> Self {
+        self.told.seen = at;
+        self
+    }
+
+    /// Its velocity in millimetres per second along both axes.
+    pub fn velocity(&self) -> [i32; 2] {
+        let speed = i32::from(self.speed);
+        self.ahead
+            .map(|along| (i32::from(along) * speed) >> ONE_BITS)
+    }
+
+    /// Moves it on to where it should be at `now`, unless what is known of it is worth nothing any more.
+    pub(crate) fn advance(&mut self, now: Instant) -> bool {
+        let age = now - self.told.seen;
+        if age > FRESH_FOR {
+            return false;
+        }
+        // Of a second 1/1024; exact to a five-thousandth.
+        let share = (((age.as_micros() as u32) >> 4) * 1_074 >> 16) as i32;
+        let way = (i32::from(self.speed) * share) >> 10;
+        let [x, y] = self.told.ahead.map(i32::from);
+        self.at = [
+            self.told.at[0] + ((x * way) >> ONE_BITS),
+            self.told.at[1] + ((y * way) >> ONE_BITS),
+        ];
+        // To first order: in half a second at the rates at which a flock turns that is off by a fiftieth.
+        let turned = ((i32::from(self.turn) * share) >> 10).clamp(-1_024, 1_024);
+        self.ahead = [
+            (x - ((y * turned) >> 10)) as i16,
+            (y + ((x * turned) >> 10)) as i16,
+        ];
+        true
+    }
+}
+
+/// Neighbours as control has them.
+#[derive(Debug)]
+pub struct Near {
+    robots: [Neighbour; MOST],
+    /// Number of the last message that all of them are of; `None` before that.
+    message: Option<u32>,
+    /// Whether anybody may be among them.
+    used: bool,
+}
+
+impl Default for Near {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Near {
+    /// So many at most are taken over in one look: a message about all of them would otherwise make one step
+    /// of control dearer than any other.
+    const TAKEN: usize = 4;
+
+    /// Nobody yet.
+    pub const fn new() -> Self {
+        Self {
+            robots: [Neighbour::NOBODY; MOST],
+            message: None,
+            used: false,
+        }
+    }
+
+    /// Where they should be, with somebody who is nowhere in places that are free.
+    pub const fn as_slice(&self) -> &[Neighbour] {
+        if self.used { &self.robots } else { &[] }
+    }
+
+    /// Knows of nobody until the next look.
+    pub(crate) fn forget(&mut self) {
+        if self.used {
+            *self = Self::new();
+        }
+    }
+
+    fn take(&mut self, heard: &Heard) {
+        if self.message == Some(heard.message) {
+            return;
+        }
+        self.used = true;
+        let mut taken = 0;
+        for (known, told) in self.robots.iter_mut().zip(&heard.robots) {
+            if known.told.message != told.told.message {
+                if taken == Self::TAKEN {
+                    return;
+                }
+                *known = *told;
+                taken += 1;
+            }
+        }
+        self.message = Some(heard.message);
+    }
+
+    fn advance(&mut self, now: Instant) {
+        for known in &mut self.robots {
+            if !known.is_nobody() && !known.advance(now) {
+                let message = known.told.message;
+                *known = Neighbour::NOBODY;
+                known.told.message = message;
+            }
         }
     }
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Seen {
-    cell: Cell,
-    at: Instant,
-    is: Neighbour,
+/// All that was told.
+struct Heard {
+    robots: [Neighbour; MOST],
+    /// Rises with every message.
+    message: u32,
 }
 
-/// Neighbours as control sees them.
-pub type Near = Vec<Neighbour, MOST>;
-
-/// The hand-over of neighbours from link to control: 1.1 KB.
+/// The hand-over of neighbours from link to control: 1.3 KB.
 pub(crate) struct Neighbours<M: RawMutex> {
-    seen: Mutex<M, RefCell<Vec<Seen, MOST>>>,
+    heard: Mutex<M, RefCell<Heard>>,
 }
 
 impl<M: RawMutex> Neighbours<M> {
     pub(crate) const fn new() -> Self {
         Self {
-            seen: Mutex::new(RefCell::new(Vec::new())),
+            heard: Mutex::new(RefCell::new(Heard {
+                robots: [Neighbour::NOBODY; MOST],
+                message: 0,
+            })),
         }
     }
 
-    /// Where the neighbours should be at `now`.
-    pub(crate) fn at(&self, now: Instant) -> Near {
-        self.seen.lock(|seen| {
-            let seen = seen.borrow();
-            let fresh = seen.iter().filter(|known| now - known.at <= FRESH_FOR);
-            fresh
-                .map(|known| known.is.after((now - known.at).as_secs_f32()))
-                .collect()
-        })
+    /// Brings `near` nearer to what is known, and to where they should be at `now`.
+    pub(crate) fn look(&self, near: &mut Near, now: Instant) {
+        self.heard.lock(|heard| near.take(&heard.borrow()));
+        near.advance(now);
     }
 
     /// Takes in the payload of a message on the topic of `cell`, for the robot `own` that is `here`
@@ -121,16 +275,31 @@ impl<M: RawMutex> Neighbours<M> {
         if (digest.x, digest.y) != cell || age > FRESH_FOR.as_millis() {
             return false;
         }
-        let at = Instant::from_micros(now.as_micros().saturating_sub(age * 1_000));
+        let seen = Instant::from_micros(now.as_micros().saturating_sub(age * 1_000));
         let own = name_of(own);
-        self.seen.lock(|seen| {
-            let seen = &mut *seen.borrow_mut();
-            if seen.iter().any(|known| known.cell == cell && known.at > at) {
+        let here = [here.x, here.y].map(millimetres);
+        self.heard.lock(|heard| {
+            let Heard { robots, message } = &mut *heard.borrow_mut();
+            let of_cell = |known: &Neighbour| known.told.cell == cell && known.is_fresh(now);
+            let mut before = robots.iter().filter(|known| of_cell(known));
+            if before.any(|known| known.told.seen > seen) {
                 return false;
             }
+            *message = message.wrapping_add(1);
+            let free = Neighbour {
+                told: Told {
+                    message: *message,
+                    ..Neighbour::NOBODY.told
+                },
+                ..Neighbour::NOBODY
+            };
             // Those of a full cell take turns: who is not named now may still be there.
             let all = usize::from(digest.count) <= digest.robots.len();
-            seen.retain(|known| (known.cell != cell || !all) && now - known.at <= FRESH_FOR);
+            for known in robots.iter_mut() {
+                if !known.is_nobody() && (!known.is_fresh(now) || (all && of_cell(known))) {
+                    *known = free;
+                }
+            }
             for robot in &digest.robots {
                 let who = name_of(&robot.id);
                 let fits = |value: f32, most: f32| libm::fabsf(value) <= most;
@@ -142,18 +311,13 @@ impl<M: RawMutex> Neighbours<M> {
                 if who == own || !sane {
                     continue;
                 }
-                let is = Neighbour {
-                    who,
-                    x: robot.x,
-                    y: robot.y,
-                    velocity: [
-                        robot.v * libm::cosf(robot.theta),
-                        robot.v * libm::sinf(robot.theta),
-                    ],
-                    turn: robot.w,
-                    says: robot.says,
-                };
-                keep(seen, Seen { cell, at, is }, here);
+                let mut new = Neighbour::new([robot.x, robot.y], robot.theta, robot.v, robot.w);
+                new.who = who;
+                new.says = robot.says;
+                new.told.cell = cell;
+                new.told.seen = seen;
+                new.told.message = *message;
+                keep(robots, new, here);
             }
             true
         })
@@ -162,19 +326,24 @@ impl<M: RawMutex> Neighbours<M> {
 
 /// Puts `new` among the known unless a newer word of the same robot is there, or only nearer ones
 /// than there is room for.
-fn keep(seen: &mut Vec<Seen, MOST>, new: Seen, here: &Pose) {
-    if let Some(known) = seen.iter_mut().find(|known| known.is.who == new.is.who) {
-        if known.at <= new.at {
+fn keep(all: &mut [Neighbour; MOST], new: Neighbour, here: [i32; 2]) {
+    let same = |known: &&mut Neighbour| known.who == new.who && !known.is_nobody();
+    if let Some(known) = all.iter_mut().find(same) {
+        if known.told.seen <= new.told.seen {
             *known = new;
         }
         return;
     }
-    let Err(new) = seen.push(new) else { return };
-    let away = |robot: &Seen| {
-        let (dx, dy) = (robot.is.x - here.x, robot.is.y - here.y);
+    let away = |robot: &Neighbour| {
+        let [dx, dy] =
+            [0, 1].map(|axis: usize| i64::from(robot.told.at[axis]) - i64::from(here[axis]));
         dx * dx + dy * dy
     };
-    let farthest = seen.iter_mut().max_by(|a, b| away(a).total_cmp(&away(b)));
+    if let Some(free) = all.iter_mut().find(|known| known.is_nobody()) {
+        *free = new;
+        return;
+    }
+    let farthest = all.iter_mut().max_by_key(|known| away(known));
     if let Some(farthest) = farthest
         && away(farthest) > away(&new)
     {

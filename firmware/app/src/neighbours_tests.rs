@@ -6,7 +6,9 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::{CellDigest, Neighbour as Told, RobotId, Says};
 use proptest::prelude::*;
 
-use super::{AHEAD, CELLS, FARTHEST, FRESH_FOR, MOST, around, cell_at, centre, name_of};
+use super::{
+    AHEAD, CELLS, FARTHEST, FRESH_FOR, MOST, Near, Neighbour, around, cell_at, centre, name_of,
+};
 use crate::testing::{TestRobot, robot};
 
 const BOOTED_MS: u64 = 1_700_000_000_000;
@@ -44,6 +46,20 @@ fn synchronised() -> TestRobot {
     robot
 }
 
+fn near(robot: &TestRobot, at: Instant) -> Vec<Neighbour> {
+    let mut near = Near::new();
+    all_of(robot, &mut near, at)
+}
+
+/// As many looks as it takes to know of everybody.
+fn all_of(robot: &TestRobot, near: &mut Near, at: Instant) -> Vec<Neighbour> {
+    for _ in 0..MOST / Near::TAKEN {
+        robot.control_handle().look_around(near, at);
+    }
+    let all = near.as_slice().iter();
+    all.filter(|other| !other.is_nobody()).copied().collect()
+}
+
 #[test]
 fn a_cell_tells_all_of_itself_and_nothing_of_others() {
     let robot = synchronised();
@@ -51,20 +67,13 @@ fn a_cell_tells_all_of_itself_and_nothing_of_others() {
     assert!(robot.observe_cell((0, 0), &json((0, 0), NOW_MS - 100, &here), NOW));
     let there = [told("b", 3.0, 0.0, 0.0)];
     assert!(robot.observe_cell((1, 0), &json((1, 0), NOW_MS - 90, &there), NOW));
-    let xs = |at| -> Vec<f32> {
-        robot
-            .control_handle()
-            .near(at)
-            .iter()
-            .map(|n| n.x)
-            .collect()
-    };
-    assert_eq!(xs(NOW), [1.0, 3.0], "without itself");
+    let xs = |at| -> Vec<i32> { near(&robot, at).iter().map(|n| n.at[0]).collect() };
+    assert_eq!(xs(NOW), [1_000, 3_000], "without itself");
     // a has crossed the border: the newer word counts, whichever cell it is of.
     let crossed = [told("a", 2.1, 0.0, 0.0), told("b", 3.0, 0.0, 0.0)];
     assert!(robot.observe_cell((1, 0), &json((1, 0), NOW_MS, &crossed), NOW));
-    assert_eq!(robot.control_handle().near(NOW).len(), 2);
-    assert!(xs(NOW).contains(&2.1), "{:?}", xs(NOW));
+    assert_eq!(near(&robot, NOW).len(), 2);
+    assert!(xs(NOW).contains(&2_100), "{:?}", xs(NOW));
     assert!(robot.observe_cell((1, 0), &json((1, 0), NOW_MS, &[]), NOW));
     assert!(xs(NOW).is_empty(), "everybody left");
 }
@@ -74,13 +83,44 @@ fn neighbours_move_on_and_are_forgotten() {
     let robot = synchronised();
     let moving = [told("a", 1.0, 0.0, 0.4)];
     assert!(robot.observe_cell((0, 0), &json((0, 0), NOW_MS, &moving), NOW));
-    let later = robot
-        .control_handle()
-        .near(NOW + Duration::from_millis(500));
-    assert!((later[0].x - 1.2).abs() < 1e-4, "{later:?}");
-    assert_eq!(robot.control_handle().near(NOW + FRESH_FOR).len(), 1);
+    let later = near(&robot, NOW + Duration::from_millis(500));
+    assert!((later[0].at[0] - 1_200).abs() <= 1, "{later:?}");
+    assert_eq!(near(&robot, NOW + FRESH_FOR).len(), 1);
     let after = NOW + FRESH_FOR + Duration::from_millis(1);
-    assert!(robot.control_handle().near(after).is_empty());
+    assert!(near(&robot, after).is_empty());
+}
+
+#[test]
+fn a_look_goes_on_from_the_one_before_and_takes_in_what_is_new() {
+    let robot = synchronised();
+    let mut looks = Near::new();
+    let mut at = |ms| {
+        let now = NOW + Duration::from_millis(ms);
+        let all = all_of(&robot, &mut looks, now);
+        all.iter().map(|n| n.at).collect::<Vec<_>>()
+    };
+    assert!(at(0).is_empty());
+    let message = |ms: u64, robots: &[Told]| json((0, 0), NOW_MS + ms, robots);
+    let first = message(0, &[told_turning("a", 0.4, 0.5)]);
+    assert!(robot.observe_cell((0, 0), &first, NOW));
+    // However often it has been moved on, it is where it was told to be, plus the way since.
+    for ms in (20..=1_500).step_by(20) {
+        let [x, y] = at(ms)[0];
+        let way = 400.0 * ms as f32 / 1_000.0;
+        let off = (x as f32 - 1_000.0 - way).hypot(y as f32);
+        assert!(off <= 2.0, "after {ms} ms {x} {y}");
+    }
+    assert!(at(1_520).is_empty());
+    let other = message(1_540, &[told("b", 0.5, 0.0, 0.0)]);
+    assert!(robot.observe_cell((0, 0), &other, NOW + Duration::from_millis(1_540)));
+    assert_eq!(at(1_560), [[500, 0]]);
+}
+
+fn told_turning(id: &str, v: f32, w: f32) -> Told {
+    Told {
+        w,
+        ..told(id, 1.0, 0.0, v)
+    }
 }
 
 #[test]
@@ -102,7 +142,7 @@ fn robots_of_a_full_cell_are_kept_while_others_are_named() {
         let len = digest.to_json(&mut buffer).expect("fits");
         let now = NOW + Duration::from_millis(ms);
         assert!(robot.observe_cell((0, 0), &buffer[..len], now));
-        robot.control_handle().near(now)
+        near(&robot, now)
     };
     assert_eq!(named("a", &[8, 1], 0).len(), 1);
     let both = named("b", &[], 500);
@@ -127,14 +167,14 @@ fn what_makes_no_sense_is_dropped() {
     assert!(!judge((0, 0), &json((0, 0), future, &one)));
     assert!(judge((0, 0), &json((0, 0), NOW_MS, &one)));
     assert!(!judge((0, 0), &json((0, 0), NOW_MS - 1, &[])), "older");
-    assert_eq!(robot.control_handle().near(NOW).len(), 1);
+    assert_eq!(near(&robot, NOW).len(), 1);
     let absurd = [
         told("b", 2_000.0, 0.0, 0.0),
         told("c", 0.0, 0.0, 80.0),
         told("d", 0.5, 0.0, 0.0),
     ];
     assert!(judge((0, 0), &json((0, 0), NOW_MS, &absurd)));
-    assert_eq!(robot.control_handle().near(NOW).len(), 1, "d alone");
+    assert_eq!(near(&robot, NOW).len(), 1, "d alone");
 }
 
 #[test]
@@ -151,11 +191,11 @@ fn the_nearest_are_kept() {
         let cell = (2 - column, 0);
         assert!(robot.observe_cell(cell, &json(cell, NOW_MS, &far), NOW));
     }
-    let near = robot.control_handle().near(NOW);
+    let near = near(&robot, NOW);
     assert_eq!(near.len(), MOST);
-    let farthest = near.iter().fold(0.0_f32, |most, n| most.max(n.x));
-    assert!(farthest < 4.0, "{farthest}");
-    assert_eq!(near.iter().filter(|n| n.x < 2.0).count(), 10);
+    let farthest = near.iter().fold(0, |most, n| most.max(n.at[0]));
+    assert!(farthest < 4_000, "{farthest}");
+    assert_eq!(near.iter().filter(|n| n.at[0] < 2_000).count(), 10);
 }
 
 #[test]
@@ -182,6 +222,6 @@ proptest! {
     fn any_payload_is_taken_or_dropped(payload in prop::collection::vec(any::<u8>(), 0..300)) {
         let robot = synchronised();
         robot.observe_cell((0, 0), &payload, NOW);
-        prop_assert!(robot.control_handle().near(NOW).len() <= MOST);
+        prop_assert!(near(&robot, NOW).len() <= MOST);
     }
 }

@@ -51,8 +51,8 @@ pub struct Scene<'a> {
 pub enum Wish {
     /// To stand.
     Rest,
-    /// To move with this velocity along both axes, as a share of the permitted speed.
-    Velocity([f32; 2]),
+    /// To move with this velocity along both axes, in 1/1024 of the permitted speed.
+    Velocity([i32; 2]),
     /// To go to a place, at this share of the speed.
     Place([f32; 2], f32),
     /// Nothing any more.

@@ -181,9 +181,9 @@ impl<'a, M: RawMutex> ControlHandle<'a, M> {
         self.0.tracking.take()
     }
 
-    /// Who is near.
-    pub(crate) fn near(self, now: Instant) -> Near {
-        self.0.neighbours.at(now)
+    /// Brings `near` up to who is near, and where they should be at `now`.
+    pub(crate) fn look_around(self, near: &mut Near, now: Instant) {
+        self.0.neighbours.look(near, now);
     }
 
     /// Takes the behaviour that the restart before this boot interrupted.

@@ -6,10 +6,12 @@ use rand_core::Rng;
 
 use super::{Controller, FAILSAFE, HOLD, Inputs, Note, Outputs, PERIOD};
 use crate::behaviour::{
-    Detour, MissionNews, MissionScene, Scene, Wish, escape_twist, goto_twist, steer, swarm_twist,
+    Detour, MissionNews, MissionScene, Scene, Wish, escape_twist, goto_twist, place_twist, steer,
+    swarm_twist,
 };
 use crate::goal::Goal;
 use crate::motion::Twist;
+use crate::motion::angle::{PoseMm, millimetres};
 use crate::perception::{Charge, Sight};
 use crate::state::{Event, Side, State};
 use crate::tracking::TOLD_EVERY;
@@ -111,6 +113,11 @@ impl Controller {
             self.state.goal(),
             Some(Goal::Swarm(_) | Goal::Mission { .. })
         )
+    }
+
+    /// Whether where others are is to be brought up to date for the next step.
+    pub fn looks_around(&self) -> bool {
+        self.rules || self.wanted.is_none()
     }
 
     /// Takes in what the camera has shown.
@@ -219,7 +226,13 @@ impl Controller {
     /// Wanted motion. Ends what has arrived or is complete.
     pub(super) fn wanted(&mut self, inputs: &Inputs<'_>, out: &mut Outputs, now: Instant) -> Twist {
         let mut wish = Wish::Rest;
-        if let Some(Goal::Mission { .. }) = self.state.goal() {
+        if !matches!(self.state, State::Moving(_) | State::Caution(_)) {
+            self.wanted = None;
+        }
+        let asked = self.rules || self.wanted.is_none();
+        if let Some(Goal::Mission { .. }) = self.state.goal()
+            && asked
+        {
             wish = self.go_on(inputs, out, now);
             if wish == Wish::Done {
                 self.finish(Ok(()), out);
@@ -231,11 +244,21 @@ impl Controller {
                 return Twist::ZERO;
             }
             State::Moving(Goal::Mission { .. }) | State::Caution(Goal::Mission { .. }) => {
-                let twist = self.mission_twist(wish, now);
+                let twist = match self.wanted {
+                    Some(twist) if !asked => twist,
+                    Some(_) | None => self.mission_twist(wish, now),
+                };
+                self.wanted = Some(twist);
                 self.slow_down(twist, inputs, now)
             }
             State::Moving(goal) | State::Caution(goal) => {
-                let twist = self.goal_twist(&goal, inputs, now);
+                let twist = match self.wanted {
+                    Some(twist) if !asked => Some(twist),
+                    Some(_) | None => self.goal_twist(&goal, inputs, now),
+                };
+                if matches!(goal, Goal::Swarm(_)) {
+                    self.wanted = twist;
+                }
                 let Some(twist) = twist else {
                     self.finish(Ok(()), out);
                     self.state = self.state.step(Event::End, now);
@@ -304,16 +327,21 @@ impl Controller {
         let (max_speed, max_turn) = (self.tuning.max_speed, self.tuning.max_turn);
         match wish {
             Wish::Rest | Wish::Done => Twist::ZERO,
-            Wish::Velocity(wish) => steer(wish, &self.pose(), max_speed, max_turn),
+            Wish::Velocity(wish) => {
+                let here = PoseMm::new(&self.pose());
+                steer(wish, &here, max_speed, max_turn)
+            }
             Wish::Place(place, pace) => {
-                let tolerance = self.tuning.arrive_tolerance.max(THERE);
+                let tolerance = millimetres(self.tuning.arrive_tolerance.max(THERE));
                 let speed = pace * self.tuning.goto_speed * max_speed;
-                self.place_twist(place, tolerance, speed, now)
-                    .unwrap_or_else(|| {
-                        self.mission.arrived();
-                        self.detour = None;
-                        Twist::ZERO
-                    })
+                let here = PoseMm::new(&self.pose());
+                let twist = place_twist(&here, place.map(millimetres), tolerance, speed, max_turn);
+                let twist = twist.map(|twist| self.or_straight(twist, speed, now));
+                twist.unwrap_or_else(|| {
+                    self.mission.arrived();
+                    self.detour = None;
+                    Twist::ZERO
+                })
             }
         }
     }
@@ -327,22 +355,14 @@ impl Controller {
         }
     }
 
-    /// The way to `place`, and past what has been in the way; `None` within `tolerance` metres of it.
-    fn place_twist(
-        &self,
-        place: [f32; 2],
-        tolerance: f32,
-        speed: f32,
-        now: Instant,
-    ) -> Option<Twist> {
-        let turn = self.tuning.max_turn;
-        let twist = goto_twist(&self.pose(), place, tolerance, speed, turn)?;
-        Some(match self.last_escape {
+    /// `twist` on the way to a place, or straight on past what has been in the way.
+    fn or_straight(&self, twist: Twist, speed: f32, now: Instant) -> Twist {
+        match self.last_escape {
             Some((_, left)) if now - left < Detour::straight(self.detour.as_ref()) => {
                 Twist { v: speed, w: 0.0 }
             }
             Some(_) | None => twist,
-        })
+        }
     }
 
     /// What `goal` wants on a free way; `None` when it has arrived.
@@ -356,8 +376,10 @@ impl Controller {
             }),
             Goal::Swarm(swarm) => {
                 let speed = self.tuning.goto_speed * max_speed;
+                let pose = self.pose();
                 let scene = Scene {
-                    pose: &self.pose(),
+                    here: PoseMm::new(&pose),
+                    sigma: pose.sigma,
                     near: inputs.near,
                     ahead_mm: inputs.reading.fresh(now).map(Sight::distance_mm),
                     speed,
@@ -367,7 +389,9 @@ impl Controller {
             }
             Goal::Goto { x, y, .. } => {
                 let speed = self.tuning.goto_speed * max_speed;
-                self.place_twist([x, y], self.tuning.arrive_tolerance, speed, now)
+                let (tolerance, turn) = (self.tuning.arrive_tolerance, self.tuning.max_turn);
+                let twist = goto_twist(&self.pose(), [x, y], tolerance, speed, turn)?;
+                Some(self.or_straight(twist, speed, now))
             }
             // It has been asked already: see `mission_twist`.
             Goal::Mission { .. } => Some(Twist::ZERO),
@@ -392,7 +416,12 @@ impl Controller {
     /// Moves the duties towards `twist`, by the ramp; faster towards zero where the wheels would not
     /// stand by the end of continuous driving otherwise.
     pub(super) fn drive(&mut self, twist: Twist, elapsed: Duration, now: Instant) {
-        let share = (elapsed.as_secs_f32() / PERIOD.as_secs_f32()).min(1.0);
+        // Nearly always it is a period or more.
+        let share = if elapsed >= PERIOD {
+            1.0
+        } else {
+            elapsed.as_secs_f32() / PERIOD.as_secs_f32()
+        };
         let step = self.tuning.ramp_step * share;
         let left = self.steps_left(now);
         for (ramp, duty) in self.ramps.iter_mut().zip(self.tuning.duties(twist)) {

@@ -208,6 +208,7 @@ impl Controller {
         if !renewed {
             self.take_over(out);
         }
+        self.wanted = None;
         self.state = self.state.step(Event::Begin(goal), now);
     }
 

@@ -78,8 +78,8 @@ pub struct Odometry {
     /// One standard deviation of the heading, in radians.
     turn_sigma: f32,
     speeds: [f32; 2],
-    /// `1 − exp(−dt/τ)` for the last `dt`: the period hardly ever changes.
-    lag: (Duration, f32),
+    /// The last `dt`, its seconds, and `1 − exp(−dt/τ)`: the period hardly ever changes.
+    lag: (Duration, f32, f32),
     /// Metres driven and radians turned since the last fix that was believed; `None` before the
     /// first one. A robot held up by a wall is off by just that.
     since_fix: Option<[f32; 2]>,
@@ -92,7 +92,7 @@ impl Default for Odometry {
             pose: Pose::default(),
             turn_sigma: 0.0,
             speeds: [0.0; 2],
-            lag: (Duration::ZERO, 0.0),
+            lag: (Duration::ZERO, 0.0, 0.0),
             since_fix: None,
             doubt: None,
         }
@@ -121,12 +121,12 @@ impl Odometry {
             self.speeds = [0.0; 2];
             return;
         }
-        let seconds = dt.as_secs_f32();
         if self.lag.0 != dt {
+            let seconds = dt.as_secs_f32();
             let lag = 1.0 - libm::expf(-seconds / geometry.time_constant_s);
-            self.lag = (dt, lag);
+            self.lag = (dt, seconds, lag);
         }
-        let lag = self.lag.1;
+        let (_, seconds, lag) = self.lag;
         let mut way = [0.0; 2];
         for ((way, speed), duty) in way.iter_mut().zip(&mut self.speeds).zip(duties) {
             let settled = settled_speed(duty, geometry);
@@ -222,16 +222,16 @@ impl Odometry {
         }
         let (way, angle) = (libm::fabsf(forward), libm::fabsf(turn));
         // A heading that is off by more than a radian says nothing of the direction.
-        let per_m = SIGMA_PER_M + self.turn_sigma.min(1.0);
+        let per_m = SIGMA_PER_M + less(self.turn_sigma, 1.0);
         self.pose = Pose {
-            sigma: (pose.sigma + per_m * way + SIGMA_PER_RAD * angle).min(SIGMA_MAX),
+            sigma: less(pose.sigma + per_m * way + SIGMA_PER_RAD * angle, SIGMA_MAX),
             ..pose
         };
-        self.turn_sigma = (self.turn_sigma + TURN_SIGMA_PER_M * way + TURN_SIGMA_PER_RAD * angle)
-            .min(TURN_SIGMA_MAX);
+        let turn_sigma = self.turn_sigma + TURN_SIGMA_PER_M * way + TURN_SIGMA_PER_RAD * angle;
+        self.turn_sigma = less(turn_sigma, TURN_SIGMA_MAX);
         if let Some([driven, turned]) = &mut self.since_fix {
-            *driven = (*driven + way).min(SIGMA_MAX);
-            *turned = (*turned + angle).min(PI);
+            *driven = less(*driven + way, SIGMA_MAX);
+            *turned = less(*turned + angle, PI);
         }
         if let Some(doubt) = &mut self.doubt {
             doubt.pose = moved(doubt.pose, forward, turn);
@@ -239,12 +239,17 @@ impl Odometry {
     }
 }
 
+/// The less of two numbers: a board has to call a function for `min`, which reckons with what is none.
+fn less(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
 /// `pose` after an arc of `forward` metres that turns by `turn` radians.
 fn moved(pose: Pose, forward: f32, turn: f32) -> Pose {
-    let heading = pose.theta + turn * 0.5;
+    let (sin, cos) = libm::sincosf(pose.theta + turn * 0.5);
     Pose {
-        x: pose.x + forward * libm::cosf(heading),
-        y: pose.y + forward * libm::sinf(heading),
+        x: pose.x + forward * cos,
+        y: pose.y + forward * sin,
         theta: wrap(pose.theta + turn),
         ..pose
     }

@@ -15,6 +15,7 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::{BehaviourName, MAX_PLACES, Places, Says};
 
 use super::{MissionNews, Scene, Wish};
+use crate::motion::angle::{length, millimetres};
 
 /// Time between two rounds: neighbours are told about as often.
 const ROUND: Duration = Duration::from_millis(500);
@@ -22,8 +23,8 @@ const ROUND: Duration = Duration::from_millis(500);
 const LEAST: Duration = Duration::from_secs(20);
 /// And beside that so many times the straight way at full speed.
 const TIMES: f32 = 8.0;
-/// Within so many metres of its task a robot that has been there stays.
-const STAY: f32 = 0.5;
+/// Within so many millimetres of its task a robot that has been there stays.
+const STAY_MM: i32 = 500;
 /// Bids that are remembered as those of robots that are lost.
 const FORGOTTEN: usize = 8;
 
@@ -128,7 +129,7 @@ impl Allocate {
         let Some(place) = self.mine.and_then(|task| self.place(task)) else {
             return (Wish::Rest, news);
         };
-        if self.there && distance(scene, place) <= STAY {
+        if self.there && distance(scene, place) <= STAY_MM {
             return (Wish::Rest, news);
         }
         self.there = false;
@@ -261,7 +262,7 @@ impl Allocate {
 
     /// Claims the nearest task of those for which it is the best, as far as it knows.
     fn claim(&mut self, scene: &Scene<'_>) {
-        let mut best: Option<(u16, u8, f32)> = None;
+        let mut best: Option<(u16, u8, i32)> = None;
         for task in 0..self.tasks.count() {
             let Some(place) = self.place(task) else {
                 continue;
@@ -279,7 +280,7 @@ impl Allocate {
         if let Some((cost, task, away)) = best {
             self.mine = Some(task);
             self.there = false;
-            let seconds = TIMES * away / scene.speed.max(0.01);
+            let seconds = TIMES * (away as f32 * 0.001) / scene.speed.max(0.01);
             // Saturating cast.
             let span = LEAST + Duration::from_millis((seconds * 1_000.0) as u64);
             self.deadline = Some(scene.now + span);
@@ -349,13 +350,14 @@ const fn is_newer(a: u8, b: u8) -> bool {
     ahead != 0 && ahead < 128
 }
 
-fn distance(scene: &Scene<'_>, [x, y]: [f32; 2]) -> f32 {
-    libm::hypotf(x - scene.pose.x, y - scene.pose.y)
+/// In millimetres.
+fn distance(scene: &Scene<'_>, [x, y]: [f32; 2]) -> i32 {
+    length([x - scene.pose.x, y - scene.pose.y].map(millimetres))
 }
 
-/// Saturating cast.
-const fn centimetres(metres: f32) -> u16 {
-    (metres * 100.0) as u16
+/// As many as there is room for.
+fn centimetres(mm: i32) -> u16 {
+    u16::try_from(mm / 10).unwrap_or(u16::MAX)
 }
 
 #[cfg(test)]

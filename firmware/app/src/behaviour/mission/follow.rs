@@ -5,20 +5,21 @@
 //! goes behind others, without being told whom. Hops are a function of what the neighbours said last; when
 //! the leader is gone, they rise with every round until nobody has fewer than [`MOST_HOPS`], and all rest.
 
-use crawler_protocol::{BehaviourName, Pose, Says};
+use crawler_protocol::{BehaviourName, Says};
 
 use super::{MissionNews, Scene, Wish};
-use crate::behaviour::swarm::VAGUE;
+use crate::behaviour::swarm::{FULL, VAGUE, from};
+use crate::motion::angle::{ONE, PoseMm, length, millimetres, unit};
 use crate::neighbours::Neighbour;
 
 /// Longest chain: robots that are farther from the leader than this do not follow it.
 const MOST_HOPS: u8 = 16;
-/// Others are kept off from this distance on, in metres: a body has 0.16 m across.
-const SPACE: f32 = 0.42;
-/// With this much more than its distance to go a robot hurries, in metres.
-const FAR: f32 = 0.5;
+/// Others are kept off from this distance on, in millimetres: a body has 160 mm across.
+const SPACE_MM: i32 = 420;
+/// With this much more than its distance to go a robot hurries, in millimetres.
+const FAR_MM: i32 = 500;
 /// How strongly those who are too near are kept off, at no distance at all.
-const SEPARATION: f32 = 1.5;
+const SEPARATION: i32 = FULL * 3 / 2;
 
 /// A robot that follows another one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,23 +56,27 @@ impl Follow {
         let Some((ahead, _)) = ahead.filter(|_| scene.pose.sigma <= VAGUE) else {
             return (Wish::Rest, news);
         };
-        let (direction, distance) = towards(scene.pose, ahead);
-        let mut wish = [0.0; 2];
-        let behind = distance - self.distance;
-        if behind > 0.0 {
-            let pull = (behind / FAR).min(1.0);
-            for ((wish, direction), velocity) in wish.iter_mut().zip(direction).zip(ahead.velocity)
-            {
-                *wish = direction * pull + velocity / scene.speed.max(0.01);
+        let here = PoseMm::new(scene.pose);
+        let mut wish = [0; 2];
+        if let Some((direction, distance)) = towards(&here, ahead, i32::MAX) {
+            let behind = distance - millimetres(self.distance);
+            if behind > 0 {
+                let pull = behind.min(FAR_MM) * FULL / FAR_MM;
+                let speed = millimetres(scene.speed).max(10);
+                for ((wish, direction), velocity) in
+                    wish.iter_mut().zip(direction).zip(ahead.velocity())
+                {
+                    *wish = direction * pull / ONE + velocity * FULL / speed;
+                }
             }
         }
         for other in scene.near {
-            let (direction, distance) = towards(scene.pose, other);
-            let inside = (SPACE - distance) / SPACE;
-            if inside > 0.0 {
-                for (wish, direction) in wish.iter_mut().zip(direction) {
-                    *wish -= SEPARATION * inside * direction;
-                }
+            let Some((direction, distance)) = towards(&here, other, SPACE_MM) else {
+                continue;
+            };
+            let push = SEPARATION * (SPACE_MM - distance) / SPACE_MM;
+            for (wish, direction) in wish.iter_mut().zip(direction) {
+                *wish -= push * direction / ONE;
             }
         }
         (Wish::Velocity(wish), news)
@@ -79,16 +84,16 @@ impl Follow {
 
     /// The neighbour to go behind, and how many hops it has: the fewest, and of those the nearest.
     fn ahead<'a>(&self, scene: &Scene<'a>) -> Option<(&'a Neighbour, u8)> {
-        let away = |other: &Neighbour| {
-            let (dx, dy) = (other.x - scene.pose.x, other.y - scene.pose.y);
-            dx * dx + dy * dy
-        };
-        let mut best: Option<(&Neighbour, u8, f32)> = None;
+        let own = [scene.pose.x, scene.pose.y].map(millimetres);
+        let mut best: Option<(&Neighbour, u8, i32)> = None;
         for other in scene.near {
             let Some(hops) = self.hops_of(other) else {
                 continue;
             };
-            let away = away(other);
+            let Some([x, y]) = from(own, other) else {
+                continue;
+            };
+            let away = x * x + y * y;
             if best.is_none_or(|(_, least, nearest)| (hops, away) < (least, nearest)) {
                 best = Some((other, hops, away));
             }
@@ -101,7 +106,7 @@ impl Follow {
         if other.who == self.leader {
             return Some(0);
         }
-        let [leader, hops] = *other.says?.by(BehaviourName::Follow)? else {
+        let [leader, hops] = *other.says.as_ref()?.by(BehaviourName::Follow)? else {
             return None;
         };
         let hops = u8::try_from(hops).ok()?;
@@ -109,13 +114,18 @@ impl Follow {
     }
 }
 
-/// From the robot to `other`: direction, and distance in metres. Two in one place are apart by noise alone, so any
-/// direction will do.
-fn towards(pose: &Pose, other: &Neighbour) -> ([f32; 2], f32) {
-    let [dx, dy] = [other.x - pose.x, other.y - pose.y];
-    let distance = libm::hypotf(dx, dy);
-    if distance < 1e-3 {
-        return ([libm::cosf(pose.theta), libm::sinf(pose.theta)], 0.0);
+/// From the robot to `other`: direction, and distance in millimetres, unless that is more than `most`. Two in one place
+/// are apart by noise alone, so any direction will do.
+fn towards(here: &PoseMm, other: &Neighbour, most: i32) -> Option<([i32; 2], i32)> {
+    let [x, y] = from(here.at, other)?;
+    if x.abs() > most || y.abs() > most {
+        return None;
     }
-    ([dx / distance, dy / distance], distance)
+    let distance = length([x, y]);
+    let direction = if distance == 0 {
+        here.ahead
+    } else {
+        unit([x, y])
+    };
+    (distance <= most).then_some((direction, distance))
 }

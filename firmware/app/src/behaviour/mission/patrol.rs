@@ -10,6 +10,7 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::{BehaviourName, Places, Pose, Says};
 
 use super::{MissionNews, Scene, Wish};
+use crate::motion::angle::{length, millimetres};
 
 /// Least share of the speed.
 const SLOWEST: f32 = 0.3;
@@ -117,7 +118,9 @@ impl Patrol {
         let Some(place) = self.aim else {
             return (Wish::Done, None);
         };
-        let away = || libm::hypotf(place[0] - scene.pose.x, place[1] - scene.pose.y);
+        let to = [place[0] - scene.pose.x, place[1] - scene.pose.y];
+        // In metres, to the millimetre.
+        let away = || length(to.map(millimetres)) as f32 * 0.001;
         let Some(deadline) = self.deadline else {
             let seconds = TIMES * away() / scene.speed.max(0.01);
             // Saturating cast.

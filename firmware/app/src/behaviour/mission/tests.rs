@@ -10,14 +10,15 @@ use proptest::prelude::*;
 use super::{MissionNews, Scene, Underway, Wish};
 use crate::behaviour::{goto_twist, steer};
 use crate::goal::Mission;
+use crate::motion::angle::{PoseMm, length};
 use crate::neighbours::{MOST, Neighbour};
 use crate::perception::Reading;
 
 const SPEED: f32 = 0.3;
 const TURN: f32 = 3.0;
 const STEP_MS: u64 = 20;
-/// How far a robot hears, in metres: the cells around it reach no less.
-const HEARS: f32 = 2.0;
+/// How far a robot hears, in millimetres: the cells around it reach no less.
+const HEARS_MM: i32 = 2_000;
 const LEADER: u32 = 77;
 
 fn pose(x: f32, y: f32, theta: f32) -> Pose {
@@ -51,17 +52,12 @@ impl Robot {
         }
     }
 
-    fn seen(&self) -> Neighbour {
+    fn seen(&self, at: Instant) -> Neighbour {
+        let Pose { x, y, theta, .. } = self.pose;
         Neighbour {
             who: self.who,
-            x: self.pose.x,
-            y: self.pose.y,
-            velocity: [
-                self.v * self.pose.theta.cos(),
-                self.v * self.pose.theta.sin(),
-            ],
-            turn: 0.0,
             says: self.mission.says(),
+            ..Neighbour::new([x, y], theta, self.v, 0.0).seen(at)
         }
     }
 
@@ -86,7 +82,7 @@ impl Robot {
         self.news.extend(news);
         let twist = match wish {
             Wish::Rest => crate::motion::Twist::ZERO,
-            Wish::Velocity(wish) => steer(wish, &self.pose, SPEED, TURN),
+            Wish::Velocity(wish) => steer(wish, &PoseMm::new(&self.pose), SPEED, TURN),
             Wish::Place(place, pace) => {
                 let twist = goto_twist(&self.pose, place, 0.2, SPEED * pace, TURN);
                 twist.unwrap_or_else(|| {
@@ -109,30 +105,27 @@ fn run(robots: &mut [Robot], begun: u64, seconds: u64, lead: impl Fn(u64) -> (f3
     let mut told: Vec<Neighbour> = Vec::new();
     for step in 0..seconds * 1_000 / STEP_MS {
         let ms = begun + step * STEP_MS;
+        let now = Instant::BOOT + Duration::from_millis(ms);
         if step % 25 == 0 {
-            told = robots.iter().map(Robot::seen).collect();
+            told = robots.iter().map(|robot| robot.seen(now)).collect();
         }
-        let age = ((step % 25) * STEP_MS) as f32 / 1_000.0;
         for robot in &mut *robots {
             if robot.mission == Underway::None {
                 let (v, w) = lead(ms);
                 robot.drive(v, w);
                 continue;
             }
-            let here = robot.pose;
-            let away = |other: &Neighbour| (other.x - here.x).hypot(other.y - here.y);
+            let here = PoseMm::new(&robot.pose).at;
+            let away = |other: &Neighbour| length([other.at[0] - here[0], other.at[1] - here[1]]);
             let mut near: Vec<Neighbour> = told
                 .iter()
-                .filter(|other| other.who != robot.who && away(other) <= HEARS)
-                .map(|other| Neighbour {
-                    x: other.x + other.velocity[0] * age,
-                    y: other.y + other.velocity[1] * age,
-                    ..*other
-                })
+                .filter(|other| other.who != robot.who && away(other) <= HEARS_MM)
+                .copied()
                 .collect();
-            near.sort_by(|a, b| away(a).total_cmp(&away(b)));
+            near.retain_mut(|other| other.advance(now));
+            near.sort_by_key(away);
             near.truncate(MOST);
-            robot.step(&near, Instant::BOOT + Duration::from_millis(ms));
+            robot.step(&near, now);
         }
     }
 }
@@ -362,11 +355,8 @@ proptest! {
                 .iter()
                 .map(|(who, x, y, says)| Neighbour {
                     who: *who,
-                    x: *x,
-                    y: *y,
-                    velocity: [0.1, -0.1],
-                    turn: 0.0,
                     says: *says,
+                    ..Neighbour::new([*x, *y], -0.8, 0.14, 0.0)
                 })
                 .collect();
             let now = Instant::BOOT + Duration::from_millis(round as u64 * 700);
@@ -374,8 +364,7 @@ proptest! {
             match underway.step(&scene).0 {
                 Wish::Rest | Wish::Done => {}
                 Wish::Velocity([x, y]) => {
-                    prop_assert!(x.is_finite() && y.is_finite());
-                    let twist = steer([x, y], &pose, SPEED, TURN);
+                    let twist = steer([x, y], &PoseMm::new(&pose), SPEED, TURN);
                     prop_assert!(twist.v.abs() <= SPEED && twist.w.abs() <= TURN);
                 }
                 Wish::Place([x, y], pace) => {

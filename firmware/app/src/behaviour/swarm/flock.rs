@@ -9,8 +9,9 @@
 //! Who sees something that is no neighbour turns to the left, and its neighbours with it; where they turn to
 //! the right already, to the right.
 
-use super::{HEADING_GAIN, Scene};
-use crate::motion::{Twist, wrap};
+use super::{FULL, HEADING_GAIN, Scene};
+use crate::motion::Twist;
+use crate::motion::angle::{Angle, length, turned};
 
 /// Nearer than this others are kept off, in millimetres. So a flock has three robots in a cell or so: a
 /// message about a cell tells sixteen, and nobody keeps off those that it is not told.
@@ -22,101 +23,105 @@ const MIDDLE_MM: i32 = 500;
 /// Tenths of the way to the middle that are wished for.
 const TOGETHER: i32 = 8;
 /// Slower than this somebody has no course, in millimetres per second.
-const SLOW_MM_S: i32 = 50;
-/// Bounds of how far the course is bent, in radians.
-const BEND: f32 = 0.3;
-/// Radians by which it is bent for each metre of wish to the side.
-const BEND_PER_M: f32 = 0.5;
+const SLOW_MM_S: i16 = 50;
+/// Milliradians by which the course is bent for each metre of wish to the side, and at most.
+const BEND_PER_M: i32 = 500;
+const BEND: i32 = 300;
 /// Share of the speed that is left in any case; the other half depends on who is ahead and behind.
-const LEAST: f32 = 0.5;
-/// Share of the mean rate of turning that is taken over.
-const TURN_SHARE: f32 = 0.9;
-/// Turning that is taken over at most, in radians per second.
-const MOST_TURN: f32 = 0.5;
-/// Turning rate per radian of heading error, per second.
-const GAIN: f32 = 0.6 * HEADING_GAIN;
+const LEAST: i32 = FULL / 2;
+/// Tenths of the mean rate of turning that are taken over.
+const TURN_SHARE: i32 = 9;
+/// Turning that is taken over at most, in 1/1024 rad/s like all rates here.
+const MOST_TURN: i32 = 512;
+/// Turning rate per radian of heading error, per second, in 1/10.
+const GAIN: i32 = (6.0 * HEADING_GAIN) as i32;
 /// Nearer than this what is ahead is turned away from, in millimetres.
 const SEEN_MM: i32 = 2_200;
-/// Whose course is off by more than this, in radians, takes what is ahead for one of the others.
-const STRAY: f32 = 0.7;
-/// Rate of turning away from what is at hand, in radians per second, and from what is at [`SEEN_MM`].
-const AWAY: [f32; 2] = [1.4, 0.2];
+/// Whose course is off by more than this, in milliradians, takes what is ahead for one of the others.
+const STRAY: i32 = 700;
+/// Rate of turning away from what is at hand, and from what is at [`SEEN_MM`].
+const AWAY: [i32; 2] = [1_434, 205];
+/// Neighbours that turn to the right by more than this are turned with.
+const RIGHT: i32 = -51;
 
 /// Wanted motion.
 pub(super) fn flock(scene: &Scene<'_>) -> Twist {
-    let theta = if scene.pose.theta.is_finite() {
-        scene.pose.theta
-    } else {
-        0.0
-    };
+    let here = &scene.here;
     // Its own course is one of them.
-    let mut course = [libm::cosf(theta), libm::sinf(theta)].map(|along| (along * 1_024.0) as i32);
+    let mut course = here.ahead;
     let mut turn = 0;
     let (mut count, mut moving) = (0, 0);
     let (mut middle, mut apart) = ([0_i32; 2], [0_i32; 2]);
-    for other in scene.others() {
+    for other in scene.near {
+        let Some(other) = scene.other(other) else {
+            continue;
+        };
         count += 1;
-        let [vx, vy] = other.velocity;
-        let speed = (vx * vx + vy * vy).isqrt();
-        if speed > SLOW_MM_S {
+        let [x, y] = other.is.ahead.map(i32::from);
+        if other.is.speed > SLOW_MM_S {
             moving += 1;
-            turn += other.turn;
-            course[0] += vx * 1_024 / speed;
-            course[1] += vy * 1_024 / speed;
+            turn += i32::from(other.is.turn);
+            course = [course[0] + x, course[1] + y];
+        } else if other.is.speed < -SLOW_MM_S {
+            moving += 1;
+            turn += i32::from(other.is.turn);
+            course = [course[0] - x, course[1] - y];
         }
         middle[0] += other.at[0];
         middle[1] += other.at[1];
         if other.square < KEPT_MM * KEPT_MM {
-            let distance = other.square.isqrt().max(1);
+            let distance = length(other.at).max(1);
             let push = OFF * (KEPT_MM - distance);
             apart[0] -= push * other.at[0] / distance;
             apart[1] -= push * other.at[1] / distance;
         }
     }
     let angle = if course == [0; 2] {
-        theta
+        here.heading
     } else {
-        libm::atan2f(course[1] as f32, course[0] as f32)
+        Angle::of(course)
     };
-    let error = wrap(angle - theta);
+    let error = angle.minus(here.heading).milliradians();
     let turning = if moving > 0 {
-        ((turn / moving) as f32 * 0.001).clamp(-MOST_TURN, MOST_TURN)
+        (turn / moving).clamp(-MOST_TURN, MOST_TURN)
     } else {
-        0.0
+        0
     };
-    // Along the course and to its left, in 1/1024.
-    let [cos, sin] = [libm::cosf(angle), libm::sinf(angle)].map(|along| (along * 1_024.0) as i32);
+    let direction = angle.direction();
     let together = |sum: i32| (sum / count.max(1)).clamp(-MIDDLE_MM, MIDDLE_MM) * TOGETHER / 10;
     let wish = [
         apart[0] + together(middle[0]),
         apart[1] + together(middle[1]),
     ];
-    let ahead = ((wish[0] * cos + wish[1] * sin) >> 10) as f32 * 0.001;
-    let aside = ((wish[1] * cos - wish[0] * sin) >> 10) as f32 * 0.001;
-    let bend = (aside * BEND_PER_M).clamp(-BEND, BEND);
-    let mut w = TURN_SHARE * turning + GAIN * wrap(error + bend);
-    if let Some(distance) = wall(scene, [cos, sin], error) {
-        let near = 1.0 - distance as f32 * (1.0 / SEEN_MM as f32);
-        let away = AWAY[1] + (AWAY[0] - AWAY[1]) * near;
-        w += if turning < -0.05 { -away } else { away };
+    let [ahead, aside] = turned(wish.map(|along| along.clamp(-40_000, 40_000)), direction);
+    let bend = (aside * BEND_PER_M / 1_000).clamp(-BEND, BEND);
+    let bent = Angle::from_milliradians(error + bend).milliradians();
+    let mut w = TURN_SHARE * turning / 10 + GAIN * bent * 1_024 / 10_000;
+    if let Some(distance) = wall(scene, direction, error) {
+        let away = AWAY[1] + (AWAY[0] - AWAY[1]) * (SEEN_MM - distance) / SEEN_MM;
+        w += if turning < RIGHT { -away } else { away };
     }
-    let share = (0.5 * (1.0 + LEAST) + 0.5 * (1.0 - LEAST) * ahead.clamp(-1.0, 1.0)).min(1.0);
+    let share = (FULL + LEAST) / 2 + (FULL - LEAST) / 2 * ahead.clamp(-1_000, 1_000) / 1_000;
     Twist {
-        v: scene.speed * share,
-        w: w.clamp(-scene.max_turn, scene.max_turn),
+        v: scene.speed * (share as f32 * (1.0 / FULL as f32)),
+        w: (w as f32 * (1.0 / 1_024.0)).clamp(-scene.max_turn, scene.max_turn),
     }
 }
 
 /// Distance of what is ahead and no neighbour, in millimetres.
-fn wall(scene: &Scene<'_>, [cos, sin]: [i32; 2], error: f32) -> Option<i32> {
+fn wall(scene: &Scene<'_>, direction: [i32; 2], error: i32) -> Option<i32> {
     let distance = i32::from(scene.ahead_mm?);
-    if distance >= SEEN_MM || libm::fabsf(error) > STRAY {
+    if distance >= SEEN_MM || error.abs() > STRAY {
         return None;
     }
-    let hides = scene.others().any(|other| {
-        let [x, y] = other.at;
-        let (ahead, aside) = ((x * cos + y * sin) >> 10, (y * cos - x * sin) >> 10);
-        ahead > 0 && aside.abs() < 200 + ahead / 3 && ahead < distance + 500
-    });
-    (!hides).then_some(distance)
+    for other in scene.near {
+        let Some(other) = scene.other(other) else {
+            continue;
+        };
+        let [ahead, aside] = turned(other.at, direction);
+        if ahead > 0 && aside.abs() < 200 + ahead / 3 && ahead < distance + 500 {
+            return None;
+        }
+    }
+    Some(distance)
 }

@@ -10,7 +10,8 @@
 //! that is at it: those who rest are one cluster, however they came. Everyone else moves towards the
 //! place.
 
-use super::Scene;
+use super::{FULL, Scene};
+use crate::motion::angle::{ONE, ONE_BITS, length, unit};
 
 /// `gather` rests behind somebody who is nearer than this, in metres. A body has 0.16 m across, the
 /// critical distance of 0.25 m lies between two of them, and a message about a cell has room for all who
@@ -19,45 +20,46 @@ pub const BESIDE: f32 = 0.6;
 /// So near to the place a robot is there, in metres.
 pub const THERE: f32 = 0.3;
 const BESIDE_MM: i32 = (BESIDE * 1_000.0) as i32;
+const THERE_MM: i32 = (THERE * 1_000.0) as i32;
 /// Slower than this somebody rests, in millimetres per second.
-const RESTS_MM_S: i32 = 50;
+const RESTS_MM_S: i16 = 50;
 /// Nearer than this others are kept off, in millimetres.
 const ROOM_MM: i32 = 500;
-/// Somebody nearer than that by this pushes as hard as the place pulls, in metres.
-const GIVE: f32 = 0.25;
-
+/// Somebody nearer than that by this pushes as hard as the place pulls, in millimetres.
+const GIVE_MM: i32 = 250;
 /// Who waits behind somebody that its ranger sees is nearer to it than this, in millimetres.
 const QUEUE_MM: i32 = 1_200;
 
-/// Wanted velocity, as a share of the permitted speed, and whether what is ahead may be somebody who goes to the
-/// place as well: then the robot waits and does not turn aside.
-pub(super) fn gather(scene: &Scene<'_>, place: [f32; 2]) -> ([f32; 2], bool) {
-    const REST: ([f32; 2], bool) = ([0.0; 2], false);
-    let to = [place[0] - scene.pose.x, place[1] - scene.pose.y];
-    let left = libm::hypotf(to[0], to[1]);
-    if left.is_nan() || left < THERE {
+/// Wanted velocity, in 1/[`FULL`] of the permitted speed, and whether what is ahead may be somebody who goes to the
+/// place as well: then the robot waits and does not turn aside. The place is in millimetres.
+pub(super) fn gather(scene: &Scene<'_>, place: [i32; 2]) -> ([i32; 2], bool) {
+    const REST: ([i32; 2], bool) = ([0; 2], false);
+    let to = [0, 1].map(|axis: usize| place[axis].saturating_sub(scene.here.at[axis]));
+    let left = length(to);
+    if left < THERE_MM {
         return REST;
     }
-    let way = to.map(|along| along / left);
-    let [ahead_x, ahead_y] = way.map(|along| (along * 1_024.0) as i32);
-    let left_mm = super::thousandths(left).min(super::FARTHEST_MM);
+    let way = unit(to);
+    let left = left.min(super::FARTHEST_MM);
     let (mut push, mut queue) = ([0_i32; 2], false);
-    for other in scene.others() {
+    for other in scene.near {
+        let Some(other) = scene.other(other) else {
+            continue;
+        };
         if other.square >= QUEUE_MM * QUEUE_MM {
             continue;
         }
-        let distance = other.square.isqrt().max(1);
-        let ahead = (other.at[0] * ahead_x + other.at[1] * ahead_y) >> 10;
+        let distance = length(other.at).max(1);
+        let ahead = (other.at[0] * way[0] + other.at[1] * way[1]) >> ONE_BITS;
         // On the way is within 60° of it.
         let on_the_way = 2 * ahead > distance;
         queue |= on_the_way;
         if distance >= BESIDE_MM {
             continue;
         }
-        let [vx, vy] = other.velocity;
-        let rests = vx * vx + vy * vy < RESTS_MM_S * RESTS_MM_S;
+        let rests = other.is.speed.abs() < RESTS_MM_S;
         // The last is the law of cosines: nearer to the place.
-        if rests && on_the_way && other.square < 2 * ahead * left_mm {
+        if rests && on_the_way && other.square < 2 * ahead * left {
             return REST;
         }
         let inside = ROOM_MM - distance;
@@ -66,6 +68,6 @@ pub(super) fn gather(scene: &Scene<'_>, place: [f32; 2]) -> ([f32; 2], bool) {
             push[1] -= other.at[1] * inside / distance;
         }
     }
-    let [x, y] = push.map(|mm| mm as f32 * (0.001 / GIVE));
-    ([way[0] + x, way[1] + y], queue)
+    let wish = |axis: usize| way[axis] * FULL / ONE + push[axis] * FULL / GIVE_MM;
+    ([wish(0), wish(1)], queue)
 }

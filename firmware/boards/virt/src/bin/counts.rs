@@ -9,6 +9,8 @@
 
 #[path = "counts/handshake.rs"]
 mod handshake;
+#[path = "counts/swarm.rs"]
+mod swarm;
 
 use core::cell::{Cell, UnsafeCell};
 use core::convert::Infallible;
@@ -385,6 +387,7 @@ fn measure(robot: &Robot<CriticalSectionRawMutex>, rig: &mut Rig<'_, '_>) {
     tell("control_wandering", most);
     order(rig, Action::Stop);
     rig.run(1_000);
+    swarm::measure(robot, rig, &mut order);
 
     rig.taken = 0;
     rig.run(READINGS as u64 * 200);

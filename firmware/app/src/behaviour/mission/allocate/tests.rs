@@ -8,6 +8,7 @@ use proptest::prelude::*;
 
 use super::{Allocate, ROUND, centimetres};
 use crate::behaviour::mission::{Scene, Wish};
+use crate::motion::angle::millimetres;
 use crate::neighbours::Neighbour;
 use crate::perception::Reading;
 
@@ -91,10 +92,8 @@ impl Fleet {
                     let robot = robot.as_ref()?;
                     Some(Neighbour {
                         who: robot.who,
-                        x: robot.at[0],
-                        y: robot.at[1],
                         says: Some(robot.auction.says()),
-                        ..Neighbour::default()
+                        ..Neighbour::new(robot.at, 0.0, 0.0, 0.0)
                     })
                 })
                 .collect();
@@ -125,7 +124,7 @@ impl Fleet {
             .as_ref()
             .map_or([0.0; 2], |robot| robot.at);
         let [to_x, to_y] = self.tasks.as_slice()[task];
-        i64::from(centimetres((to_x - x).hypot(to_y - y)))
+        i64::from(centimetres(millimetres((to_x - x).hypot(to_y - y))))
     }
 
     /// The best score there is, when each task taken counts `most` less its cost.

@@ -9,12 +9,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::vec::Vec;
 
+use crawler_hal::Instant;
 use crawler_protocol::Pose;
 
 use super::super::{Scene, swarm_twist};
 use crate::goal::Swarm;
+use crate::motion::angle::{PoseMm, length, millimetres};
 use crate::motion::{Twist, wrap};
-use crate::neighbours::{MOST, Neighbour, cell_at};
+use crate::neighbours::{Cell, MOST, Neighbour, cell_at};
 
 /// Time of a step, in seconds: that of control.
 const STEP: f32 = 0.02;
@@ -43,6 +45,7 @@ const SIGMA: [f32; 3] = [0.01, 0.01, 0.015];
 #[derive(Debug, Clone, Copy)]
 struct Told {
     who: usize,
+    cell: Cell,
     at: u32,
     is: Neighbour,
 }
@@ -164,14 +167,9 @@ impl Fleet {
             if body.off_until <= self.step && there.len() < MOST {
                 there.push(Told {
                     who,
+                    cell: cell(&body.pose),
                     at: self.step,
-                    is: Neighbour {
-                        x,
-                        y,
-                        velocity: [v * theta.cos(), v * theta.sin()],
-                        turn,
-                        ..Neighbour::default()
-                    },
+                    is: Neighbour::new([x, y], theta, v, turn).seen(at(self.step)),
                 });
             }
         }
@@ -184,7 +182,7 @@ impl Fleet {
                 if self.uniform() < LOSS {
                     continue;
                 }
-                told.retain(|known| cell_at(known.is.x, known.is.y) != Some(at));
+                told.retain(|known| known.cell != at);
                 for new in cells.get(&at).into_iter().flatten() {
                     if new.who != own {
                         told.retain(|known| known.who != new.who);
@@ -194,8 +192,9 @@ impl Fleet {
             }
             let fresh = self.step.saturating_sub((1.5 / STEP) as u32);
             told.retain(|known| known.at >= fresh);
-            let away = |t: &Told| (t.is.x - here[0]).hypot(t.is.y - here[1]);
-            told.sort_by(|a, b| away(a).total_cmp(&away(b)));
+            let here = [here[0], here[1]].map(millimetres);
+            let away = |t: &Told| length([t.is.at[0] - here[0], t.is.at[1] - here[1]]);
+            told.sort_by_key(away);
             told.truncate(MOST);
             self.bodies[own].told = told;
             for (axis, sigma) in SIGMA.into_iter().enumerate() {
@@ -273,7 +272,10 @@ impl Fleet {
         let near: Vec<Neighbour> = body
             .told
             .iter()
-            .map(|told| told.is.after((step - told.at) as f32 * STEP))
+            .filter_map(|told| {
+                let mut is = told.is;
+                is.advance(at(step)).then_some(is)
+            })
             .collect();
         let [x, y, theta] = [0, 1, 2].map(|axis| body.pose[axis] + body.off[axis]);
         let pose = Pose {
@@ -283,7 +285,8 @@ impl Fleet {
             sigma: 0.02,
         };
         let scene = Scene {
-            pose: &pose,
+            here: PoseMm::new(&pose),
+            sigma: pose.sigma,
             near: &near,
             ahead_mm: Some((body.range * 1_000.0) as u16),
             speed: SPEED,
@@ -339,6 +342,11 @@ impl Body {
         self.pose[1] = (self.pose[1] + STEP * *v * middle.sin()).clamp(-reach, reach);
         self.pose[2] = wrap(self.pose[2] + STEP * *w);
     }
+}
+
+/// When a step is taken.
+fn at(step: u32) -> Instant {
+    Instant::from_millis(u64::from(step) * 20)
 }
 
 fn apart(a: &[f32; 3], b: &[f32; 3]) -> f32 {
