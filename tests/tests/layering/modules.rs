@@ -40,6 +40,7 @@ const CRATES: &[Crate] = &[
                 "hold",
                 "injected",
                 "ledger",
+                "motion::angle",
                 "parameters",
                 "perception",
                 "timesync",
