@@ -81,8 +81,8 @@ impl Neighbour {
             speed: bounded(millimetres(speed)),
             turn: bounded((turn * 1_024.0) as i32),
             told: Told {
-                at,
                 ahead,
+                at,
                 ..Told::default()
             },
             ..Self::NOBODY
@@ -136,7 +136,7 @@ impl Neighbour {
             return false;
         }
         // Of a second 1/1024; exact to a five-thousandth.
-        let share = (((age.as_micros() as u32) >> 4) * 1_074 >> 16) as i32;
+        let share = ((((age.as_micros() as u32) >> 4) * 1_074) >> 16) as i32;
         let way = (i32::from(self.speed) * share) >> 10;
         let [x, y] = self.told.ahead.map(i32::from);
         self.at = [

@@ -137,8 +137,8 @@ pub const fn length(vector: [i32; 2]) -> i32 {
         guess = long;
     }
     let square = x * x + y * y;
-    guess = (guess + square / guess) / 2;
-    guess = (guess + square / guess) / 2;
+    guess = (guess + square / guess) >> 1;
+    guess = (guess + square / guess) >> 1;
     saturated(guess, halved)
 }
 

@@ -27,8 +27,8 @@ const SLOW_MM_S: i16 = 50;
 /// Milliradians by which the course is bent for each metre of wish to the side, and at most.
 const BEND_PER_M: i32 = 500;
 const BEND: i32 = 300;
-/// Share of the speed that is left in any case; the other half depends on who is ahead and behind.
-const LEAST: i32 = FULL / 2;
+/// Share of the speed where nobody is ahead or behind; a quarter more or less depends on who is.
+const MIDDLE: i32 = FULL * 3 / 4;
 /// Tenths of the mean rate of turning that are taken over.
 const TURN_SHARE: i32 = 9;
 /// Turning that is taken over at most, in 1/1024 rad/s like all rates here.
@@ -101,7 +101,7 @@ pub(super) fn flock(scene: &Scene<'_>) -> Twist {
         let away = AWAY[1] + (AWAY[0] - AWAY[1]) * (SEEN_MM - distance) / SEEN_MM;
         w += if turning < RIGHT { -away } else { away };
     }
-    let share = (FULL + LEAST) / 2 + (FULL - LEAST) / 2 * ahead.clamp(-1_000, 1_000) / 1_000;
+    let share = MIDDLE + (FULL - MIDDLE) * ahead.clamp(-1_000, 1_000) / 1_000;
     Twist {
         v: scene.speed * (share as f32 * (1.0 / FULL as f32)),
         w: (w as f32 * (1.0 / 1_024.0)).clamp(-scene.max_turn, scene.max_turn),
