@@ -4,7 +4,7 @@
 //! |---|---|
 //! | what it sees | an [`Observation`]: [`WIDTH`] numbers of 8 bits, from what the robot remembers of its surroundings and knows of others |
 //! | what it chooses | an [`Action`], which is a twist |
-//! | what it may do | what the [`shield`] leaves of it: no twist drives into what is known |
+//! | what it may do | what the [`shield()`] leaves of it: no twist drives into what is known |
 //! | what it is | a [`Policy`]: a blob with the network and what it was trained for |
 //!
 //! All of it is in whole numbers, so that host, board and browser decide alike, bit for bit. A [`Pilot`] has the memory,

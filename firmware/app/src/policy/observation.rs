@@ -22,7 +22,7 @@ const ROWS: usize = 3;
 /// Robots that are seen one by one.
 const SEEN: usize = 3;
 
-/// What a network sees: see the [module](self).
+/// What a network sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Observation([[i8; 16]; ROWS]);

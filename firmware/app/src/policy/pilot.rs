@@ -72,7 +72,7 @@ pub struct Known<'a> {
 /// Most others that are reckoned with.
 const MOST: usize = 16;
 
-/// See the [module](self).
+/// Driving by a policy, as far as it takes no network.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pilot {
