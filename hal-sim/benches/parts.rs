@@ -152,6 +152,7 @@ fn control_step(criterion: &mut Criterion) {
         let inputs = Inputs {
             near: &[],
             own: 0,
+            guide: None,
             reading: Reading {
                 sight: Some((Sight::Range(Millimeters(1_500)), now)),
                 health: SensorHealth::Good,

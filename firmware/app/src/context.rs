@@ -22,6 +22,7 @@ use crate::goal::Goal;
 use crate::injected::Injected;
 use crate::ledger::{Answer, SourceNumber};
 use crate::memory::CommandMemory;
+use crate::navigation::{Destination, Guide};
 use crate::neighbours::Neighbours;
 use crate::order::{Captures, Halts, Order, Sender, SetRequest, Task, UpdateWish};
 use crate::outbox::{Outbox, Outgoing};
@@ -145,7 +146,11 @@ pub struct Robot<M: RawMutex> {
     tracking: Tracking<M>,
     /// Link → control: who is near.
     neighbours: Neighbours<M>,
-    /// Control → link, lamp.
+    /// Control → sense: where the robot is to go.
+    going: Mutex<M, Cell<Option<Destination>>>,
+    /// Sense → control: which way.
+    guide: Mutex<M, Cell<Option<Guide>>>,
+    /// Control → link, lamp, sense.
     snapshot: Mutex<M, Cell<Snapshot>>,
     /// Store → everyone.
     parameters: Mutex<M, RefCell<Parameters>>,
@@ -192,6 +197,8 @@ impl<M: RawMutex> Robot<M> {
             link_trouble: Mutex::new(Cell::new(None)),
             tracking: Tracking::new(),
             neighbours: Neighbours::new(),
+            going: Mutex::new(Cell::new(None)),
+            guide: Mutex::new(Cell::new(None)),
             snapshot: Mutex::new(Cell::new(Snapshot::default())),
             parameters: Mutex::new(RefCell::new(Parameters::default())),
             parameters_changed: Signal::new(),
@@ -271,6 +278,16 @@ impl<M: RawMutex> Robot<M> {
     /// Newest reading of the ranger.
     pub(crate) fn reading(&self) -> Reading {
         self.reading.lock(Cell::get)
+    }
+
+    /// Where the robot is to go, if it is to go anywhere.
+    pub(crate) fn going(&self) -> Option<Destination> {
+        self.going.lock(Cell::get)
+    }
+
+    /// The newest plan.
+    pub(crate) fn guide(&self) -> Option<Guide> {
+        self.guide.lock(Cell::get)
     }
 
     /// Newest word on the battery.

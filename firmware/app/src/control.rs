@@ -222,6 +222,7 @@ impl ControlLoop {
             view: view.as_ref(),
             near: self.near.as_slice(),
             own: self.own,
+            guide: robot.guide(),
             link: robot.link_health(),
             loaded: robot.is_loaded(),
             motor_fault,
@@ -230,6 +231,7 @@ impl ControlLoop {
             update: robot.update_wish(),
         };
         self.controller.step_into(&inputs, rng, now, outputs);
+        robot.go(self.controller.going());
         let state = self.controller.state();
         robot.publish(&Snapshot {
             state: state.reported(),

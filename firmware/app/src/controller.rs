@@ -31,6 +31,7 @@
 
 mod ahead;
 mod ends;
+mod guided;
 mod orders;
 mod resume;
 mod tuning;
@@ -44,6 +45,7 @@ use rand_core::Rng;
 use crate::behaviour::{Detour, MissionNews, Progress, Scan, ScanResult, Underway};
 use crate::goal::Goal;
 use crate::motion::{Correction, Odometry, Ramp, Twist};
+use crate::navigation::Guide;
 use crate::neighbours::Neighbour;
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender, UpdateWish};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
@@ -51,6 +53,7 @@ use crate::state::{Event, Fault, Side, State};
 use crate::tracking::{Fix, TOLD_EVERY};
 use crate::vision::{InTheWay, View};
 
+use guided::Guided;
 pub use resume::CALM;
 use resume::Resumption;
 pub use tuning::Tuning;
@@ -94,6 +97,8 @@ pub struct Inputs<'a> {
     pub near: &'a [Neighbour],
     /// The robot itself, as [`Neighbour::who`].
     pub own: u32,
+    /// The newest plan; see [`Controller::going`].
+    pub guide: Option<Guide>,
     /// Whether the session with the broker holds.
     pub link: LinkHealth,
     /// Whether the parameters are loaded, or given up.
@@ -194,6 +199,7 @@ pub struct Controller {
     /// leads nowhere.
     last_escape: Option<(Side, Instant)>,
     detour: Option<Detour>,
+    guided: Guided,
     mission: Underway,
     /// When it was noted last that the leader is lost.
     told_lost: Option<Instant>,
@@ -227,6 +233,7 @@ impl Controller {
             link_lost_since: None,
             last_escape: None,
             detour: None,
+            guided: Guided::default(),
             mission: Underway::None,
             told_lost: None,
             resumption: Resumption::default(),

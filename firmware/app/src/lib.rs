@@ -23,8 +23,8 @@
 //! 1. What activities share, and who may write which part of it: `context`.
 //! 2. A command: `link`, `intake` with `ledger`, `memory` and `timesync`, `order`, `controller`, called by `control`.
 //! 3. What it comes to: `state`, `goal`, `behaviour`, `motion`; on the side `policy`, which robots are trained with.
-//! 4. What the robot knows: `sense`, `perception`, `power`, `tracking`, `neighbours`, `observe`, `camera`,
-//!    `vision`.
+//! 4. What the robot knows: `sense`, `perception`, `power`, `tracking`, `neighbours`, `navigation`, `observe`,
+//!    `camera`, `vision`.
 //! 5. What it tells: `outbox`, `trouble`, `lamp`.
 //! 6. What it keeps: `config`, `parameters`, `store`; what replaces it: `update`; and on the side `hold`, memory of rare steps, and
 //!    `injected`, faults that are put in on purpose.
@@ -50,6 +50,7 @@ pub mod ledger;
 pub mod link;
 mod memory;
 pub mod motion;
+pub mod navigation;
 pub mod neighbours;
 mod observe;
 pub mod order;
@@ -86,7 +87,7 @@ pub use link::{
     link_with_updates_held,
 };
 pub use power::power;
-pub use sense::sense;
+pub use sense::{sense, sense_held};
 pub use store::{store, store_held};
 pub use update::{
     ASK_AFTER, ASK_AFTER_MOST, LoadError, ModelHost, ModelLooks, SILENT_AFTER, UpdateIdentity,

@@ -252,6 +252,18 @@ impl<M: RawMutex> Neighbours<M> {
         near.advance(now);
     }
 
+    /// Where everybody should be at `now`, one after the other.
+    pub(crate) fn each(&self, now: Instant, mut tell: impl FnMut(&Neighbour)) {
+        self.heard.lock(|heard| {
+            for known in &heard.borrow().robots {
+                let mut known = *known;
+                if !known.is_nobody() && known.advance(now) {
+                    tell(&known);
+                }
+            }
+        });
+    }
+
     /// Takes in the payload of a message on the topic of `cell`, for the robot `own` that is `here`
     /// at `now`, and by its clock at `unix` ms. Whether it was of use.
     pub(crate) fn observe(
@@ -367,7 +379,8 @@ pub(crate) fn hash(bytes: impl Iterator<Item = u8>) -> u32 {
 /// Whether whoever behaves so has to know who is near.
 pub const fn needed_for(behaviour: BehaviourName) -> bool {
     match behaviour {
-        BehaviourName::Disperse
+        BehaviourName::Goto
+        | BehaviourName::Disperse
         | BehaviourName::Gather
         | BehaviourName::Flock
         | BehaviourName::Formation
@@ -375,10 +388,7 @@ pub const fn needed_for(behaviour: BehaviourName) -> bool {
         | BehaviourName::Patrol
         | BehaviourName::Consensus
         | BehaviourName::Allocate => true,
-        BehaviourName::Manual
-        | BehaviourName::Wander
-        | BehaviourName::Goto
-        | BehaviourName::Policy => false,
+        BehaviourName::Manual | BehaviourName::Wander | BehaviourName::Policy => false,
     }
 }
 

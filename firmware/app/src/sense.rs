@@ -1,6 +1,7 @@
 //! The sense activity: the ranger, and whether it can be believed.
 
 mod filter;
+mod pilot;
 #[cfg(test)]
 mod tests;
 
@@ -10,15 +11,19 @@ use core::ops::Deref;
 use crawler_drivers::us100::{RangeError, TemperatureError, Us100};
 use crawler_hal::{Celsius, Clock, Duration, Instant, Millimeters, RangerPort, Ticker};
 use crawler_protocol::Level;
+use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal_async::digital::Wait;
 use embedded_io_async::{Read, Write};
 
 use crate::context::{Robot, Snapshot};
+use crate::hold::{Hold, Inline};
+use crate::navigation::{Navigator, Planned};
 use crate::perception::{Reading, SensorHealth};
 
 pub use filter::RangeFilter;
+use pilot::{Pilot, look_of};
 
 /// Time between two measurements: the driver's own time-out of 65 ms and a rest, so that a late
 /// echo of one does not answer the next.
@@ -32,6 +37,9 @@ const ROOM: Celsius = Celsius(20);
 ///
 /// An absent ranger costs the ranger: its state is published as dead, and it is asked again every
 /// period until it answers.
+///
+/// While the robot is on its way to a place, it also keeps the map and plans, in slices between which others run:
+/// see [`navigation`](crate::navigation).
 ///
 /// # Cancellation Safety
 /// As safe as the driver's: dropping it loses the measurement under way.
@@ -47,11 +55,30 @@ where
     E: InputPin + Wait,
     C: Clock,
 {
+    sense_held::<Inline, _, _, _, _, _>(robot, port, clock)
+}
+
+/// As [`sense`], which keeps map and plan the way of `H` while they are not needed.
+pub fn sense_held<H, M, U, T, E, C>(
+    robot: impl Deref<Target = Robot<M>>,
+    port: RangerPort<U, T, E>,
+    clock: C,
+) -> impl Future<Output = Infallible>
+where
+    H: Hold,
+    M: RawMutex,
+    U: Read + Write,
+    T: OutputPin,
+    E: InputPin + Wait,
+    C: Clock,
+{
     let mut ranger = Us100::new(port);
     async move {
         let mut ticker = Ticker::every(PERIOD, clock.now());
         let mut monitor = RangeMonitor::new(clock.now());
+        let mut pilot = Pilot::<H::Room<Navigator>>::new();
         loop {
+            let looked_from = robot.snapshot().pose;
             let measured = ranger.measure(&clock, monitor.air()).await;
             let now = clock.now();
             let measured = robot.injected.range(measured, now);
@@ -74,6 +101,20 @@ where
             }
             if monitor.wants_temperature(measured, now) {
                 monitor.set_air_temperature(ranger.temperature(&clock).await);
+            }
+            if let Some(going) = robot.going() {
+                let look = look_of(measured).filter(|_| reading.health == SensorHealth::Good);
+                let others = robot.sense_handle().others(now);
+                pilot.look(&looked_from, going, look, &others);
+                loop {
+                    yield_now().await;
+                    if let Planned::Guide(guide) = pilot.plan() {
+                        robot.sense_handle().guide_to(guide);
+                        break;
+                    }
+                }
+            } else {
+                pilot.rest();
             }
             ticker.tick(&clock).await;
         }

@@ -102,6 +102,8 @@ pub enum Reason {
     LowBattery,
     /// The way is blocked.
     Blocked,
+    /// There is no way to the place, as far as the robot knows.
+    Unreachable,
     /// Another command took over.
     Interrupted,
     /// The link was lost meanwhile.
@@ -116,7 +118,7 @@ pub enum Reason {
 
 impl Reason {
     /// Every reason.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::Malformed,
         Self::TooLarge,
         Self::UnknownCommand,
@@ -135,6 +137,7 @@ impl Reason {
         Self::NoRange,
         Self::LowBattery,
         Self::Blocked,
+        Self::Unreachable,
         Self::Interrupted,
         Self::LinkLost,
         Self::Timeout,
@@ -164,6 +167,7 @@ impl Reason {
             Self::NoRange => "no_range",
             Self::LowBattery => "low_battery",
             Self::Blocked => "blocked",
+            Self::Unreachable => "unreachable",
             Self::Interrupted => "interrupted",
             Self::LinkLost => "link_lost",
             Self::Timeout => "timeout",

@@ -237,6 +237,7 @@ fn words_on_the_wire_are_stable() {
             "no_range",
             "low_battery",
             "blocked",
+            "unreachable",
             "interrupted",
             "link_lost",
             "timeout",

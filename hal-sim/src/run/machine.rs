@@ -177,22 +177,23 @@ pub(crate) fn launch(
         updates: updates.as_ref().map(|(updates, ..)| Rc::clone(updates)),
     };
     let mut tasks = vec![
-        launcher.control(crawler_app::control(own(), left, right, system, rng, now())),
-        launcher.other({
-            let (robot, clock) = (own(), now());
-            async move {
-                clock.sleep(ranger_after).await;
-                match crawler_app::sense(&*robot, ranger, clock).await {}
-            }
-        }),
-        launcher.other(crawler_app::power(own(), battery, now())),
-        launcher.other(crawler_app::lamp(own(), lamp, now())),
-        launcher.other(crawler_app::store_held::<Heap, _, _, _>(
-            own(),
-            flash,
-            now(),
-        )),
-    ];
+            launcher.control(crawler_app::control(own(), left, right, system, rng, now())),
+            launcher.other({
+                let (robot, clock) = (own(), now());
+                async move {
+                    clock.sleep(ranger_after).await;
+                    match crawler_app::sense_held::<Heap, _, _, _, _, _>(&*robot, ranger, clock)
+                        .await {}
+                }
+            }),
+            launcher.other(crawler_app::power(own(), battery, now())),
+            launcher.other(crawler_app::lamp(own(), lamp, now())),
+            launcher.other(crawler_app::store_held::<Heap, _, _, _>(
+                own(),
+                flash,
+                now(),
+            )),
+        ];
     tasks.reserve_exact(1 + usize::from(updates.is_some()));
     let mut model = None;
     if robot.config().camera {

@@ -41,6 +41,7 @@ const CRATES: &[Crate] = &[
                 "injected",
                 "ledger",
                 "motion::angle",
+                "navigation",
                 "parameters",
                 "perception",
                 "timesync",

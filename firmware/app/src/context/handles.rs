@@ -9,11 +9,13 @@ use core::ops::Deref;
 use crawler_hal::{Duration, Instant, PANIC_TEXT, ResetCause};
 use crawler_protocol::Level;
 use embassy_sync::blocking_mutex::raw::RawMutex;
+use heapless::Vec;
 
 use super::{BootRecord, Robot, Snapshot, cut};
 use crate::controller::PERIOD;
 use crate::goal::Goal;
-use crate::neighbours::{Cell, Near};
+use crate::navigation::{Destination, Guide, Other};
+use crate::neighbours::{Cell, MOST, Near};
 use crate::order::{Halt, Order, Sender, SetRequest, UpdateWish};
 use crate::parameters::Parameters;
 use crate::perception::{Battery, LinkHealth, Reading};
@@ -110,6 +112,24 @@ impl<M: RawMutex> SenseHandle<'_, M> {
     pub(crate) fn publish(self, reading: &Reading) {
         self.0.reading.lock(|cell| cell.set(*reading));
     }
+
+    /// Publishes which way to go.
+    pub(crate) fn guide_to(self, guide: Guide) {
+        self.0.guide.lock(|cell| cell.set(Some(guide)));
+    }
+
+    /// Who is near at `now`.
+    pub(crate) fn others(self, now: Instant) -> Vec<Other, MOST> {
+        let mut others = Vec::new();
+        self.0.neighbours.each(now, |known| {
+            // There is room for all.
+            let _ = others.push(Other {
+                at: known.at,
+                velocity: known.velocity(),
+            });
+        });
+        others
+    }
 }
 
 impl<M: RawMutex> PowerHandle<'_, M> {
@@ -184,6 +204,11 @@ impl<'a, M: RawMutex> ControlHandle<'a, M> {
     /// Brings `near` up to who is near, and where they should be at `now`.
     pub(crate) fn look_around(self, near: &mut Near, now: Instant) {
         self.0.neighbours.look(near, now);
+    }
+
+    /// Publishes where the robot is to go.
+    pub(crate) fn go(self, going: Option<Destination>) {
+        self.0.going.lock(|cell| cell.set(going));
     }
 
     /// Takes the behaviour that the restart before this boot interrupted.

@@ -12,6 +12,7 @@ use crate::behaviour::{
 use crate::goal::Goal;
 use crate::motion::Twist;
 use crate::motion::angle::{PoseMm, millimetres};
+use crate::navigation::Way;
 use crate::perception::{Charge, Sight};
 use crate::state::{Event, Side, State};
 use crate::tracking::TOLD_EVERY;
@@ -168,6 +169,9 @@ impl Controller {
             match goal {
                 Goal::Manual { twist, .. } if twist.v <= 0.0 => return Event::Near,
                 Goal::Manual { .. } => return Event::Blocked(Side::Left),
+                Goal::Goto { .. } if self.way(inputs).is_some() => {
+                    return self.held_up(goal, rng, now);
+                }
                 Goal::Wander { .. } | Goal::Goto { .. } | Goal::Swarm(_) | Goal::Mission { .. } => {
                     return Event::Blocked(self.way_round(goal, rng, now));
                 }
@@ -180,6 +184,7 @@ impl Controller {
                 self.progress.reset();
             } else if self.progress.observe(sight, now) {
                 self.progress.reset();
+                self.guided.bump();
                 return Event::Stuck(side(rng));
             }
         }
@@ -200,7 +205,7 @@ impl Controller {
         }
     }
 
-    fn way_round<R: Rng>(&mut self, goal: &Goal, rng: &mut R, now: Instant) -> Side {
+    pub(super) fn way_round<R: Rng>(&mut self, goal: &Goal, rng: &mut R, now: Instant) -> Side {
         if let Some([x, y]) = self.destination(goal) {
             let pose = self.pose();
             let distance = libm::hypotf(x - pose.x, y - pose.y);
@@ -238,6 +243,10 @@ impl Controller {
                 self.finish(Ok(()), out);
                 self.state = self.state.step(Event::End, now);
             }
+        }
+        if self.way(inputs) == Some(Way::Nowhere) {
+            self.finish(Err(Reason::Unreachable), out);
+            self.state = self.state.step(Event::End, now);
         }
         let twist = match self.state {
             State::Initializing | State::Idle | State::Error(_) | State::Updating => {
@@ -366,7 +375,7 @@ impl Controller {
     }
 
     /// What `goal` wants on a free way; `None` when it has arrived.
-    fn goal_twist(&self, goal: &Goal, inputs: &Inputs<'_>, now: Instant) -> Option<Twist> {
+    fn goal_twist(&mut self, goal: &Goal, inputs: &Inputs<'_>, now: Instant) -> Option<Twist> {
         let max_speed = self.tuning.max_speed;
         match *goal {
             Goal::Manual { twist, .. } => Some(twist),
@@ -389,6 +398,13 @@ impl Controller {
             }
             Goal::Goto { x, y, .. } => {
                 let speed = self.tuning.goto_speed * max_speed;
+                if let Some(Way::To(point)) = self.way(inputs)
+                    && !self.is_leaving_with_a_plan(now)
+                {
+                    let distance = inputs.reading.fresh(now).map_or(0, Sight::distance_mm);
+                    let is_near = distance < self.tuning.critical_mm;
+                    return self.follow(point, [x, y], speed, is_near);
+                }
                 let (tolerance, turn) = (self.tuning.arrive_tolerance, self.tuning.max_turn);
                 let twist = goto_twist(&self.pose(), [x, y], tolerance, speed, turn)?;
                 Some(self.or_straight(twist, speed, now))

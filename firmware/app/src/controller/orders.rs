@@ -209,6 +209,7 @@ impl Controller {
             self.take_over(out);
         }
         self.wanted = None;
+        self.guided.set_out(&goal);
         self.state = self.state.step(Event::Begin(goal), now);
     }
 

@@ -16,6 +16,7 @@ use super::meaning::{Meaning, Sent};
 use crate::control::ControlLoop;
 use crate::controller::{CALM, Note, Outputs};
 use crate::motion::DEAD_TIME;
+use crate::navigation::{Guide, Way};
 use crate::neighbours::cell_at;
 use crate::order::Halt;
 use crate::parameters::{Parameter, Parameters};
@@ -124,6 +125,7 @@ impl Bench {
             Happening::Avoidance(on) => self.set_avoidance(*on),
             Happening::MotorFault(fault) => self.motor_fault = *fault,
             Happening::Fix { pose, age } => self.see(*pose, *age),
+            Happening::Guide(to, own) => self.guide(*to, *own),
             Happening::Neighbour(there, says) => self.meet(*there, *says),
         }
         Ok(())
@@ -166,6 +168,14 @@ impl Bench {
         let len = digest.to_json(&mut buffer).expect("fits");
         self.robot
             .observe_cell((column, row), &buffer[..len], self.now);
+    }
+
+    fn guide(&self, to: Option<[i32; 2]>, own: bool) {
+        let number = self.robot.going().map_or(0, |going| going.number);
+        self.robot.sense_handle().guide_to(Guide {
+            number: if own { number } else { number.wrapping_sub(1) },
+            way: to.map_or(Way::Nowhere, Way::To),
+        });
     }
 
     fn set_avoidance(&mut self, on: bool) {

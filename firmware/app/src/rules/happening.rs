@@ -49,6 +49,8 @@ pub(super) enum Happening {
     MotorFault(bool),
     /// Another robot is said to be there, with this speed, and to say this.
     Neighbour([f32; 3], Option<Says>),
+    /// The plan leads there, in millimetres, or nowhere; it is of the present order, or of another one.
+    Guide(Option<[i32; 2]>, bool),
     /// An outside reference puts the robot there, so many milliseconds ago.
     Fix {
         pose: Pose,
@@ -136,6 +138,9 @@ pub(super) fn happening() -> impl Strategy<Value = Happening> {
         .prop_map(|(x, y, theta, sigma)| Pose { x, y, theta, sigma });
     let fix = (pose, -1_000_i64..1_500).prop_map(|(pose, age)| Happening::Fix { pose, age });
     let near = (-3.0_f32..3.0, -3.0_f32..3.0, -1.0_f32..1.0);
+    let point = || prop_oneof![8 => -3_000..3_000_i32, 1 => any::<i32>()];
+    let point = prop::option::weighted(0.8, (point(), point()).prop_map(|(x, y)| [x, y]));
+    let guide = (point, prop::bool::weighted(0.9)).prop_map(|(to, own)| Happening::Guide(to, own));
     let word = || prop_oneof![4 => 0_i32..1_001, 1 => any::<i32>()];
     let says = (8_i32..12, word(), word(), word())
         .prop_map(|(kind, a, b, c)| Says::of_numbers(&[kind, a, b, c]).expect("four"));
@@ -144,6 +149,7 @@ pub(super) fn happening() -> impl Strategy<Value = Happening> {
     prop_oneof![
         4 => fix,
         4 => near,
+        4 => guide,
         12 => (1_u8..40).prop_map(Happening::Run),
         2 => (1_u16..3_000).prop_map(Happening::Starve),
         12 => (action(), 0_u8..3, number, age).prop_map(|(action, source, number, age)| {

@@ -109,6 +109,7 @@ proptest! {
                     view: None,
                     near: &[],
                     own: 0,
+                    guide: None,
                     reading: Reading {
                         sight: sees.then_some((Sight::Clear, now)),
                         health: SensorHealth::Good,

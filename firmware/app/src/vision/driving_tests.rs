@@ -55,6 +55,7 @@ impl Bench {
             view,
             near: &[],
             own: 0,
+            guide: None,
             link: LinkHealth::Up,
             loaded: true,
             motor_fault: false,

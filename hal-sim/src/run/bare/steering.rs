@@ -167,6 +167,7 @@ impl SteeringState {
             view: None,
             near: &[],
             own: 0,
+            guide: None,
             link: LinkHealth::Absent,
             loaded: true,
             motor_fault: false,

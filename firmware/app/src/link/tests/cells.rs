@@ -91,7 +91,6 @@ fn whoever_need_not_know_asks_for_no_cell() {
     for behaviour in [
         BehaviourName::Manual,
         BehaviourName::Wander,
-        BehaviourName::Goto,
         BehaviourName::Policy,
     ] {
         run(async |broker| {

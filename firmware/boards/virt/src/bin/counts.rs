@@ -23,7 +23,7 @@ use crawler_app::{Config, Robot};
 use crawler_board::model::{Bench, GEOMETRY, Line, LineFault, ModelEcho, Side};
 use crawler_hal::{Clock, Instant, MotorPort, RangerPort, ResetCause, System};
 use crawler_protocol::{
-    Action, Battery, BehaviourSpec, Command, Direction, Fleet, Kind, RobotId, RobotState, Source,
+    Action, Battery, BehaviourName, BehaviourSpec, Command, Direction, Fleet, Kind, RobotId, RobotState, Source,
     Telemetry, Wheels,
 };
 use crawler_virt::machine::{self, ExitCode};
@@ -213,6 +213,10 @@ impl Rig<'_, '_> {
 
     fn step(&mut self, which: usize) {
         let instructions = self.subjects[which].poll();
+        if which == SENSE && self.subjects[SENSE].wake_us.get() == NEVER {
+            // It has let others run between two slices of its plan, and goes on at once.
+            self.subjects[SENSE].wake_us.set(self.now_us.get());
+        }
         self.most[which] = self.most[which].max(instructions);
         if which == SENSE {
             let wait_us = self.subjects[SENSE].wake_us.get() - self.now_us.get();
@@ -388,6 +392,21 @@ fn measure(robot: &Robot<CriticalSectionRawMutex>, rig: &mut Rig<'_, '_>) {
     order(rig, Action::Stop);
     rig.run(1_000);
     swarm::measure(robot, rig, &mut order);
+
+    order(rig, Action::Goto { x: 4.0, y: 3.0 });
+    rig.run(100);
+    let (mut most, mut slice) = (0, 0);
+    for _ in 0..16 {
+        most = most.max(rig.most_of(CONTROL, 500));
+        slice = slice.max(rig.most[SENSE]);
+        if robot.snapshot().behaviour != BehaviourName::Goto {
+            fail("the robot did not stay on its way");
+        }
+    }
+    tell("control_going", most);
+    tell("navigate_slice", slice);
+    order(rig, Action::Stop);
+    rig.run(1_000);
 
     rig.taken = 0;
     rig.run(READINGS as u64 * 200);
