@@ -1,4 +1,4 @@
-//! How fast worlds to learn in are, without a learner: `cargo run --release -p crawler-learning --example speed`.
+//! How fast worlds to learn in are, without a learner: `cargo run --release -p crawler-learning --example decisions`.
 //! Actions are drawn evenly, so that episodes end as they may.
 
 use std::error::Error;
