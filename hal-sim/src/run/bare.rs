@@ -18,6 +18,8 @@
 //! * no brown-out happens: a robot whose supply comes back starts at the next whole control step
 //!   here, and at the physics step under the firmware;
 //! * no fault is injected and nobody sets parameters: there is neither here;
+//! * nobody is sent to a place: the program plans its ways over a map of 4 KB
+//!   ([`navigation`](crawler_app::navigation)), which robots here do without: they drive straight there and turn aside;
 //! * no two events of one robot fall on the same microsecond in another order than the scheduler's
 //!   (control before sense before power).
 //!

@@ -23,8 +23,8 @@ use crawler_app::{Config, Robot};
 use crawler_board::model::{Bench, GEOMETRY, Line, LineFault, ModelEcho, Side};
 use crawler_hal::{Clock, Instant, MotorPort, RangerPort, ResetCause, System};
 use crawler_protocol::{
-    Action, Battery, BehaviourName, BehaviourSpec, Command, Direction, Fleet, Kind, RobotId, RobotState, Source,
-    Telemetry, Wheels,
+    Action, Battery, BehaviourName, BehaviourSpec, Command, Direction, Fleet, Kind, RobotId,
+    RobotState, Source, Telemetry, Wheels,
 };
 use crawler_virt::machine::{self, ExitCode};
 use crawler_virt::{log, system, time};
