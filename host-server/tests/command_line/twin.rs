@@ -131,9 +131,10 @@ fn files_that_cannot_be_used_are_named() {
     }
     // Nobody moved: no certificate, and no error.
     let head = "t,duty_left,duty_right,voltage,x,y,theta\n";
-    let rows: String = (0..600)
+    let rows = (0..600)
         .map(|i| format!("{},0,0,7.4,1,1,0\n", f64::from(i) * 0.1))
-        .collect();
+        .collect::<Vec<_>>()
+        .concat();
     std::fs::write(&file, format!("{head}{rows}")).expect("written");
     let (code, said) = run(&["twin", "import", &file, "--robot", "lab-3"]);
     assert_eq!(code, Some(1), "{said}");
