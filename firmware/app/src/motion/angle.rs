@@ -123,7 +123,7 @@ const fn fitted([mut x, mut y]: [i32; 2]) -> ([i32; 2], u32) {
     ([x, y], halved)
 }
 
-/// The length of a vector, to one of its last digits: of one that is longer than [`LONGEST`] to 1/6,000.
+/// The length of a vector, to one of its last digits: of one that is longer than `LONGEST` to 1/6,000.
 pub const fn length(vector: [i32; 2]) -> i32 {
     let ([x, y], halved) = fitted(vector);
     let (x, y) = (x.unsigned_abs(), y.unsigned_abs());
