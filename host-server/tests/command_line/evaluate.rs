@@ -296,10 +296,11 @@ fn what_a_search_finds_fails_again() {
         .expect("how to see it again");
     let options: Vec<&str> = again.split_whitespace().skip(2).collect();
     let output = evaluate(out, &options);
+    // How few robots it takes is the search's to find.
+    let text = said(&output.stdout);
     assert!(
-        said(&output.stdout).contains("reach: 0 of 1 robots"),
-        "{}",
-        said(&output.stdout)
+        text.contains("failed: 1 of 1 runs") && text.contains(" robots reached their goals"),
+        "{text}"
     );
 }
 
