@@ -70,26 +70,31 @@ fn a_fleet_that_disperses_leaves_each_other_room_and_rests() {
 
 #[test]
 fn a_fleet_gathers_in_one_cluster_and_stays() {
-    for (robots, area, within) in [
-        (3, 4.0, 60),
-        (50, 3.0, 120),
-        (50, 8.0, 120),
-        (200, 3.0, 120),
+    // Which of two hundred close ranks at last is chance: there several seeds count together.
+    let alone = [7].as_slice();
+    for (robots, area, within, seeds) in [
+        (3, 4.0, 60, alone),
+        (50, 3.0, 120, alone),
+        (50, 8.0, 120, alone),
+        (200, 3.0, 120, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9]),
     ] {
-        let mut fleet = Fleet::new(robots, area, 7);
-        let mut together = 0;
-        fleet.run_with(GATHER, within, |fleet| {
-            let all = clusters(&fleet.poses(), 1.2)[0] * 20 >= robots * 19;
-            together = if all { together + 1 } else { 0 };
-        });
-        assert!(
-            together > 20,
-            "{robots} robots have been together for {together} s"
-        );
-        // At some seeds a tenth of two hundred still close ranks.
-        let moving = moving(&mut fleet, GATHER);
-        assert!(moving <= 0.12, "{robots}: {moving} of them move");
-        assert!(fleet.contacts() <= 0.05, "{}", fleet.contacts());
+        let mut moved = 0.0;
+        for seed in seeds {
+            let mut fleet = Fleet::new(robots, area, *seed);
+            let mut together = 0;
+            fleet.run_with(GATHER, within, |fleet| {
+                let all = clusters(&fleet.poses(), 1.2)[0] * 20 >= robots * 19;
+                together = if all { together + 1 } else { 0 };
+            });
+            assert!(
+                together > 20,
+                "{robots} robots have been together for {together} s"
+            );
+            moved += moving(&mut fleet, GATHER);
+            assert!(fleet.contacts() <= 0.05, "{}", fleet.contacts());
+        }
+        let moving = moved / seeds.len() as f32;
+        assert!(moving <= 0.05, "{robots}: {moving} of them move");
     }
 }
 
