@@ -15,6 +15,7 @@ use crate::motion::Twist;
 use crate::state::{Escape, Side};
 
 pub use detour::Detour;
+pub(crate) use goto::{HEADING_GAIN, SLOW_WITHIN, SLOWEST};
 pub use goto::{goto_twist, place_twist};
 pub use mission::{MissionNews, Scene as MissionScene, Underway, Wish};
 pub use progress::Progress;

@@ -7,13 +7,13 @@ use crate::motion::{Twist, wrap};
 
 /// Turning rate per radian of heading error, per second. The wheels follow with a lag of about
 /// 0.1 s, so that 2.5/s comes in without overshoot.
-const HEADING_GAIN: f32 = 2.5;
+pub(crate) const HEADING_GAIN: f32 = 2.5;
 /// Beyond this heading error the robot turns in place: an arc would lead it away first.
 const TURN_IN_PLACE: f32 = 1.0;
 /// Within this distance the robot slows down, in metres.
-const SLOW_WITHIN: f32 = 0.4;
+pub(crate) const SLOW_WITHIN: f32 = 0.4;
 /// Share of the speed it keeps at the end.
-const SLOWEST: f32 = 0.3;
+pub(crate) const SLOWEST: f32 = 0.3;
 
 /// As [`goto_twist`], in whole millimetres: for a robot that reckons with neighbours in the same step.
 pub fn place_twist(

@@ -18,6 +18,7 @@ mod flock;
 mod formation;
 mod gather;
 
+use super::HEADING_GAIN;
 use crate::goal::Swarm;
 use crate::motion::Twist;
 use crate::motion::angle::{Angle, PoseMm, length, millimetres};
@@ -33,8 +34,6 @@ pub(super) const FULL: i32 = 1_024;
 const REST: i32 = FULL * 8 / 100;
 /// Longest coordinate of a wish that is reckoned with.
 const LONGEST_WISH: i32 = 30 * FULL;
-/// Turning rate per radian of heading error, per second; see [`super::goto_twist`].
-const HEADING_GAIN: f32 = 2.5;
 /// Beyond this heading error the robot turns in place, in milliradians.
 const TURN_IN_PLACE: i32 = 1_000;
 /// How little sure of its place a robot may be to move by others, in metres of sigma.

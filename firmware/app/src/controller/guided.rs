@@ -5,21 +5,16 @@ use crawler_protocol::Pose;
 use rand_core::Rng;
 
 use super::{Controller, Inputs};
+use crate::behaviour::{HEADING_GAIN, SLOW_WITHIN, SLOWEST};
 use crate::goal::Goal;
 use crate::motion::{Twist, wrap};
 use crate::navigation::{Destination, Way};
 use crate::state::Event;
 
-/// Turning rate per radian of heading error, per second, as in `goto`.
-const HEADING_GAIN: f32 = 2.5;
 /// Beyond this heading error the robot turns in place: what is planned are straight lines.
 const TURN_IN_PLACE: f32 = 0.6;
 /// Within this heading error what is near ahead is on the way.
 const ON_THE_WAY: f32 = 0.35;
-/// Within this distance of the end the robot slows down, in metres.
-const SLOW_WITHIN: f32 = 0.4;
-/// Share of the speed it keeps at the end.
-const SLOWEST: f32 = 0.3;
 /// How long a robot with a plan drives straight on after it has turned aside.
 const STRAIGHT: Duration = Duration::from_millis(400);
 
