@@ -20,6 +20,7 @@ mod console_revokes;
 mod crowds;
 mod doctor;
 mod evaluate;
+mod folder;
 mod guesses;
 mod hostile_names;
 mod newcomer;

@@ -1,29 +1,9 @@
 //! `terracrawler replay`, as a person calls it.
 
 use std::io::Write as _;
-use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
-/// A folder that goes away with the value.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let folder = std::env::temp_dir().join(format!("replay-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        Self(folder)
-    }
-
-    fn file(&self, name: &str) -> String {
-        self.0.join(name).to_str().expect("UTF-8").to_owned()
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
+use crate::folder::Folder;
 
 fn replay(words: &[&str]) -> (Option<i32>, String) {
     piped(words, b"")
@@ -52,7 +32,7 @@ fn piped(words: &[&str], input: &[u8]) -> (Option<i32>, String) {
 
 #[test]
 fn a_recorded_world_does_the_same_and_with_other_parameters_something_else() {
-    let folder = Folder::new("recorded");
+    let folder = Folder::new();
     let file = folder.file("world.mcap");
     let world = ["--scenario", "arena", "--robots", "2", "--seed", "5"];
     let (code, said) = replay(&[&world[..], &["--until", "12", "--record", &file]].concat());
@@ -98,7 +78,7 @@ fn a_recorded_world_does_the_same_and_with_other_parameters_something_else() {
 
 #[test]
 fn a_world_obeys_what_comes_through_a_pipe() {
-    let folder = Folder::new("piped");
+    let folder = Folder::new();
     let kept = folder.file("kept.snapshot");
     let world = ["--scenario", "resilience", "--seed", "17"];
     let world = [&world[..], &["--until", "6", "--interactive"]].concat();

@@ -1,28 +1,8 @@
 //! `terracrawler twin`, as a person calls it.
 
-use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// A folder that goes away with the value.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let folder = std::env::temp_dir().join(format!("twin-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        Self(folder)
-    }
-
-    fn file(&self, name: &str) -> String {
-        self.0.join(name).to_str().expect("UTF-8").to_owned()
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
+use crate::folder::Folder;
 
 fn run(words: &[&str]) -> (Option<i32>, String) {
     let Output {
@@ -46,7 +26,7 @@ fn before(line: &str, text: &str) -> f64 {
 
 #[test]
 fn a_simulated_robot_is_calibrated_shown_and_exported() {
-    let folder = Folder::new("calibrated");
+    let folder = Folder::new();
     let (scenario, file) = (folder.file("calibration.toml"), folder.file("run.mcap"));
     let (code, said) = run(&["twin", "script"]);
     assert_eq!(code, Some(0), "{said}");
@@ -116,7 +96,7 @@ fn a_simulated_robot_is_calibrated_shown_and_exported() {
 
 #[test]
 fn files_that_cannot_be_used_are_named() {
-    let folder = Folder::new("unusable");
+    let folder = Folder::new();
     let file = folder.file("drive.csv");
     std::fs::write(&file, "t,x,y\n1,2,3\n").expect("written");
     for words in [
