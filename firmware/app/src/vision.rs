@@ -25,7 +25,7 @@ mod view;
 
 pub use cells::{LEAST_MARGIN, MAX_CELLS, MAX_SPOTS, Spot, Spots, spots};
 pub use class::{Class, Classes};
-pub use crawler_micromodel::arena_bytes;
+pub use crawler_micromodel::{ModelError, arena_bytes};
 pub use eyes::{Detector, DetectorError, Eyes, Finder, Look, NoEyes, NoLook, OwnEyes, OwnLook};
 pub use lens::Lens;
 pub use picture::{LARGEST, Picture, PictureError, frame_bytes};

@@ -16,6 +16,7 @@
 //! | [`settings`] | what a person tells a robot once, and the flash that keeps it |
 //! | [`provision`] | the page where a person enters it |
 //! | [`model`] | a body in software, for boards that have none |
+//! | [`models`] | models of a detector that are changed while it runs |
 //! | [`sight`] | frames for a detector, and what it saw in them as text |
 #![no_std]
 // The futures of a board are polled by the executor that owns their peripherals.
@@ -31,6 +32,7 @@ pub mod clock;
 pub mod devicetree;
 pub mod guard;
 pub mod model;
+pub mod models;
 pub mod network;
 pub mod provision;
 pub mod settings;

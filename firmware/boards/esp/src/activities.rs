@@ -3,7 +3,9 @@
 //! Control runs in an interrupt of its own, above everything else; the rest shares the main
 //! thread. On the chip with two cores the camera has the second one (see `vision`).
 
-use crawler_app::{Robot, Updates};
+#[cfg(feature = "esp32s3")]
+use crawler_app::Inline;
+use crawler_app::Robot;
 use crawler_board::EmbassyClock;
 use crawler_hal::SlotPort;
 use embassy_executor::{SendSpawner, SpawnError, Spawner};
@@ -16,12 +18,15 @@ use rand_pcg::Pcg32;
 use static_cell::StaticCell;
 
 use crate::battery::Battery;
+#[cfg(feature = "esp32s3")]
+use crate::camera::ModelLoader;
 use crate::flash::Region;
 use crate::lamp::Lamp;
 use crate::motors::Motor;
 use crate::own_stack::OnOwnStack;
 use crate::ranger;
 use crate::system::Chip;
+use crate::update::Updates;
 
 /// The context that all activities share, across interrupts and cores.
 pub(crate) type Context = Robot<CriticalSectionRawMutex>;
@@ -50,7 +55,10 @@ pub(crate) struct Parts {
     /// The slots for programs, where the partition table has them.
     pub(crate) slots: Option<SlotPort<Region>>,
     /// What the update activity and the link share.
-    pub(crate) updates: &'static Updates<CriticalSectionRawMutex>,
+    pub(crate) updates: &'static Updates,
+    /// What loads models for the detector, where there is room for them.
+    #[cfg(feature = "esp32s3")]
+    pub(crate) models: Option<ModelLoader>,
     /// Randomness of the update activity.
     pub(crate) rng: Rng,
 }
@@ -84,6 +92,17 @@ pub(crate) fn spawn(
     spawner.spawn(lamp(robot, parts.lamp)?);
     spawner.spawn(store(robot, parts.parameters)?);
     if let Some(slots) = parts.slots {
+        #[cfg(feature = "esp32s3")]
+        if let Some(models) = parts.models {
+            spawner.spawn(update_with_models(
+                robot,
+                parts.updates,
+                slots,
+                models,
+                parts.rng,
+            )?);
+            return Ok(());
+        }
         spawner.spawn(update(robot, parts.updates, slots, parts.rng)?);
     }
     Ok(())
@@ -118,9 +137,22 @@ async fn store(robot: &'static Context, flash: Region) {
 #[embassy_executor::task]
 async fn update(
     robot: &'static Context,
-    updates: &'static Updates<CriticalSectionRawMutex>,
+    updates: &'static Updates,
     slots: SlotPort<Region>,
     rng: Rng,
 ) {
     match crawler_app::update(robot, updates, slots, rng, EmbassyClock).await {}
+}
+
+#[cfg(feature = "esp32s3")]
+#[embassy_executor::task]
+async fn update_with_models(
+    robot: &'static Context,
+    updates: &'static Updates,
+    slots: SlotPort<Region>,
+    models: ModelLoader,
+    rng: Rng,
+) {
+    let update = crawler_app::update_with_models_held::<Inline, _, _, _, _, _>;
+    match update(robot, updates, slots, models, rng, EmbassyClock).await {}
 }

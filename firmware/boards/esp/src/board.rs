@@ -45,6 +45,9 @@ pub(crate) struct Chip {
     pub(crate) flash: peripherals::FLASH<'static>,
     /// Radio.
     pub(crate) wifi: peripherals::WIFI<'static>,
+    /// Memory outside of the chip.
+    #[cfg(feature = "esp32s3")]
+    pub(crate) psram: peripherals::PSRAM<'static>,
     /// What only the chip with a camera has.
     #[cfg(feature = "esp32s3")]
     pub(crate) vision: VisionChip,
@@ -80,6 +83,8 @@ macro_rules! chip {
             rng: $p.RNG,
             flash: $p.FLASH,
             wifi: $p.WIFI,
+            #[cfg(feature = "esp32s3")]
+            psram: $p.PSRAM,
             #[cfg(feature = "esp32s3")]
             vision: super::VisionChip {
                 cores: $p.CPU_CTRL,

@@ -6,6 +6,8 @@
 
 use core::cell::RefCell;
 
+#[cfg(feature = "esp32s3")]
+use crawler_hal::ModelRegion;
 use crawler_hal::{SlotPort, SlotRegion};
 use crawler_release::Chip;
 use embassy_sync::blocking_mutex::Mutex;
@@ -27,7 +29,8 @@ const DATA: u8 = 1;
 const OTA_0: u8 = 0x10;
 const OTA_1: u8 = 0x11;
 const OTADATA: u8 = 0;
-const SECTOR: u32 = FlashStorage::SECTOR_SIZE;
+/// Bytes that are erased at a time.
+pub(crate) const SECTOR: u32 = FlashStorage::SECTOR_SIZE;
 /// The chip in the header of an image.
 const CHIP: Chip = if cfg!(feature = "esp32c3") {
     Chip::ESP32_C3
@@ -49,6 +52,10 @@ pub(crate) struct Regions {
     pub(crate) settings: Region,
     /// Two programs; `None` when the partition table has no two slots, or the program runs from neither.
     pub(crate) slots: Option<SlotPort<Region>>,
+    /// Where models for the detector are, in the flash of the slots; `None` when the partition table has no room for
+    /// them, as that of a board which was flashed before there were any.
+    #[cfg(feature = "esp32s3")]
+    pub(crate) models: Option<ModelRegion>,
 }
 
 /// Reads the partition table. What it lacks becomes a region without flash, whose every use is
@@ -64,7 +71,29 @@ pub(crate) fn regions(flash: FLASH<'static>) -> Regions {
         parameters: Region::find(shared, "params"),
         settings: Region::find(shared, "settings"),
         slots: slots(shared),
+        #[cfg(feature = "esp32s3")]
+        models: models(shared),
     }
+}
+
+/// The places for models: behind two sectors of select entries two halves of what is left.
+#[cfg(feature = "esp32s3")]
+fn models(shared: &'static Shared) -> Option<ModelRegion> {
+    let found = shared.lock(|flash| place(&mut flash.borrow_mut(), "models"));
+    let region = found.ok().flatten().and_then(|(select, length)| {
+        let start = select + 2 * SECTOR;
+        let half = length.checked_sub(2 * SECTOR)? / 2;
+        let length = half - half % SECTOR;
+        // A journal, and at least one sector of a model.
+        (length >= 2 * SECTOR).then(|| ModelRegion {
+            select,
+            places: [start, start + length].map(|start| SlotRegion { start, length }),
+        })
+    });
+    if region.is_none() {
+        defmt::warn!("flash: no partition 'models', so updates bring none");
+    }
+    region
 }
 
 /// The slots, as the partition table has them.

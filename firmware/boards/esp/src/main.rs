@@ -101,6 +101,8 @@ async fn main(spawner: Spawner) {
         "control",
     );
     let updates = update::updates();
+    #[cfg(feature = "esp32s3")]
+    let (models, loader) = camera::models(chip.psram, regions.models);
     let mode = settings.map_or(RangerMode::default(), |settings| settings.ranger);
     let (trigger, echo) = (pins.ranger_tx.into(), pins.ranger_rx.into());
     let parts = activities::Parts {
@@ -110,11 +112,13 @@ async fn main(spawner: Spawner) {
         parameters: regions.parameters,
         slots: regions.slots,
         updates,
+        #[cfg(feature = "esp32s3")]
+        models: loader,
         rng: esp_hal::rng::Rng::new(),
     };
     expect(activities::spawn(spawner, robot, parts), "activities");
     #[cfg(feature = "esp32s3")]
-    camera::start(robot, camera, chip.vision);
+    camera::start(robot, camera, models, chip.vision);
     let asked = button::held(pins.button.into()).await;
     let radio = wifi::Start {
         wifi: chip.wifi,

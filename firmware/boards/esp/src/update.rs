@@ -3,7 +3,6 @@
 use core::fmt::Write as _;
 use core::hint::black_box;
 
-use crawler_app::Updates;
 use crawler_board::boot_record::{BootRecord, End};
 use crawler_board::guard::{self, Next};
 use crawler_board::update_identity;
@@ -17,6 +16,12 @@ use static_cell::StaticCell;
 use crate::flash::Region;
 use crate::system::Start;
 use crate::{ESP_APP_DESC, kept, system};
+
+/// How many models updates may bring: the one of the detector, on the chip that has it.
+const MODELS: usize = if cfg!(feature = "esp32s3") { 1 } else { 0 };
+
+/// What the link and the update activity share.
+pub(crate) type Updates = crawler_app::Updates<CriticalSectionRawMutex, MODELS>;
 
 /// The keys that releases must be signed with. Whoever packs the program writes them in.
 #[used]
@@ -51,8 +56,8 @@ pub(crate) async fn guard(slots: Option<&mut SlotPort<Region>>, start: Start) {
 }
 
 /// What the link and the update activity share. There may be one call.
-pub(crate) fn updates() -> &'static Updates<CriticalSectionRawMutex> {
-    static UPDATES: StaticCell<Updates<CriticalSectionRawMutex>> = StaticCell::new();
+pub(crate) fn updates() -> &'static Updates {
+    static UPDATES: StaticCell<Updates> = StaticCell::new();
     UPDATES.init_with(|| Updates::new(update_identity::identity(build(), &RELEASE_KEYS)))
 }
 

@@ -9,7 +9,7 @@ mod access_point;
 mod medium;
 mod station;
 
-use crawler_app::{Inline, Updates};
+use crawler_app::Inline;
 use crawler_board::provision::fallback::Role;
 use crawler_board::settings::{AccessPointPassword, Kept, Settings, Vault};
 use crawler_board::{EmbassyClock, StackNetwork};
@@ -17,7 +17,6 @@ use crawler_hal::Clock;
 use crawler_tls::{Authority, Buffers, Secured, Security};
 use embassy_executor::Spawner;
 use embassy_net::{Config, DhcpConfig, Runner, Stack, StackResources};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use esp_hal::peripherals::WIFI;
 use esp_hal::rng::{Rng, Trng};
 use esp_radio::wifi::{ControllerConfig, Interface, WifiController};
@@ -27,6 +26,7 @@ use crate::activities::Context;
 use crate::flash::Region;
 use crate::identity;
 use crate::randomness::Noise;
+use crate::update::Updates;
 use medium::{Antenna, Shared};
 
 /// Bytes under way in each direction of the connection to the broker.
@@ -43,7 +43,7 @@ pub(crate) struct Start {
     /// What all activities share.
     pub(crate) robot: &'static Context,
     /// What the link and the update activity share.
-    pub(crate) updates: &'static Updates<CriticalSectionRawMutex>,
+    pub(crate) updates: &'static Updates,
     /// Where settings are kept.
     pub(crate) vault: Vault<Region>,
     /// What it held at the start.
@@ -190,7 +190,7 @@ async fn net(mut runner: Runner<'static, Interface>) -> ! {
 #[embassy_executor::task]
 async fn link(
     robot: &'static Context,
-    updates: &'static Updates<CriticalSectionRawMutex>,
+    updates: &'static Updates,
     network: StackNetwork<'static, Antenna>,
     authority: Option<Authority>,
 ) {

@@ -1,8 +1,13 @@
 //! The detector and its memory.
 
-use crawler_app::vision::{Detector, Lens, OwnEyes, arena_bytes};
+use crawler_app::vision::{Lens, arena_bytes};
+use crawler_board::EmbassyClock;
+use crawler_board::models::ChangingEyes;
 use crawler_detector::BLOB;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use static_cell::ConstStaticCell;
+
+use super::models::Models;
 
 /// How the camera sits, as long as nobody has measured it: a lens that sees 65° over the whole
 /// width of the sensor, of which frames for vision take 288 of 400 columns (half of theirs is
@@ -15,20 +20,22 @@ pub(crate) const LENS: Lens = Lens {
 };
 /// Bytes of a frame for vision: 96 × 96 pixels of RGB565.
 const FRAME_BYTES: usize = 96 * 96 * 2;
-/// Bytes that the model runs in.
-const ARENA_BYTES: usize = match arena_bytes(BLOB) {
+/// Bytes that a model runs in, which are what that of the program needs.
+pub(super) const ARENA_BYTES: usize = match arena_bytes(BLOB) {
     Ok(bytes) => bytes,
     Err(_) => panic!("the detector is no model"),
 };
 
-/// Places the detector. A model that is none is a mistake of this crate: the console says so, and
-/// the robot goes on as one that does not look. To be called once, for the memory is a static.
-pub(super) fn open() -> Option<OwnEyes<'static, 'static>> {
+/// The eyes of this board.
+type Eyes = ChangingEyes<'static, 'static, CriticalSectionRawMutex, EmbassyClock>;
+
+/// Places the detector, which looks with what `models` says. A model of the program that is none is a mistake of this
+/// crate: the console says so, and the robot goes on as one that does not look. To be called once, for the memory is
+/// a static.
+pub(super) fn open(models: &'static Models) -> Option<Eyes> {
     static ARENA: ConstStaticCell<[i8; ARENA_BYTES]> = ConstStaticCell::new([0; ARENA_BYTES]);
     static FRAME: ConstStaticCell<[u8; FRAME_BYTES]> = ConstStaticCell::new([0; FRAME_BYTES]);
-    let finder = Detector::new(BLOB)
-        .and_then(|detector| detector.run_in(ARENA.take()))
+    ChangingEyes::new(models, BLOB, ARENA.take(), FRAME.take(), EmbassyClock)
         .inspect_err(|error| defmt::error!("detector: {}", defmt::Debug2Format(error)))
-        .ok()?;
-    Some(OwnEyes::new(finder, FRAME.take()))
+        .ok()
 }

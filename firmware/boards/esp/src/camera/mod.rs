@@ -2,12 +2,15 @@
 //!
 //! The sensor's driver is `crawler_drivers::ov2640`; this is its bus, its port (see [`port`]) and
 //! its place. The second core runs nothing else: looking at the port every millisecond, copying
-//! pixels, and finding things in frames (see [`eyes`]) delay neither control nor the radio.
+//! pixels, and finding things in frames (see [`eyes`]) delay neither control nor the radio. Models
+//! that updates bring come from the first core (see [`models`](mod@models)).
 //!
 //! Memory: 20 KB that the port gathers into, 16 KB for the still that travels to the broker, 18 KB
-//! for a frame, what the detector runs in, and the stack of the second core.
+//! for a frame, what the detector runs in, and the stack of the second core. Models that updates bring
+//! are in PSRAM.
 
 mod eyes;
+mod models;
 mod port;
 
 use crawler_app::ImageSlot;
@@ -27,6 +30,8 @@ use static_cell::{ConstStaticCell, StaticCell};
 use crate::activities::Context;
 use crate::board::{CameraPins, VisionChip};
 pub(crate) use eyes::LENS;
+use models::Models;
+pub(crate) use models::{ModelLoader, models};
 use port::Port;
 
 /// Bytes for a still. The sensor is set to make 6 to 14 KB of it.
@@ -55,7 +60,12 @@ pub(crate) fn images() -> &'static Images {
 /// What goes wrong with the sensor is the activity's to tell. Should the bus or the interface
 /// refuse its configuration, a mistake of this crate, the console says so and the robot goes on
 /// as one whose sensor is absent.
-pub(crate) fn start(robot: &'static Context, pins: CameraPins, chip: VisionChip) {
+pub(crate) fn start(
+    robot: &'static Context,
+    pins: CameraPins,
+    models: &'static Models,
+    chip: VisionChip,
+) {
     static CORE_STACK: StaticCell<Stack<STACK>> = StaticCell::new();
     let stack = CORE_STACK.init_with(Stack::new);
     let (cores, switch) = (chip.cores, chip.switch);
@@ -65,7 +75,7 @@ pub(crate) fn start(robot: &'static Context, pins: CameraPins, chip: VisionChip)
         static EXECUTOR: StaticCell<Executor> = StaticCell::new();
         EXECUTOR.init_with(Executor::new).run(move |spawner| {
             let spawned = match sensor(pins, interface, dma, bus) {
-                Some(sensor) => camera(robot, sensor).map(|task| spawner.spawn(task)),
+                Some(sensor) => camera(robot, sensor, models).map(|task| spawner.spawn(task)),
                 None => no_camera(robot).map(|task| spawner.spawn(task)),
             };
             if spawned.is_err() {
@@ -112,8 +122,9 @@ fn sensor(
 }
 
 #[embassy_executor::task]
-async fn camera(robot: &'static Context, sensor: Sensor) {
-    match crawler_app::camera_with_eyes(robot, sensor, images(), eyes::open(), EmbassyClock).await {}
+async fn camera(robot: &'static Context, sensor: Sensor, models: &'static Models) {
+    let eyes = eyes::open(models);
+    match crawler_app::camera_with_eyes(robot, sensor, images(), eyes, EmbassyClock).await {}
 }
 
 #[embassy_executor::task]
