@@ -24,8 +24,10 @@ mod tracker;
 mod validate;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
-use crawler_protocol::Action;
+use crawler_app::policy::{Named, Policy, SPREAD};
+use crawler_protocol::{Action, PolicyName};
 use serde::{Deserialize, Serialize};
 
 use crate::net::lockstep::LinkModel;
@@ -52,7 +54,7 @@ pub(crate) use passable::apart;
 pub(crate) use timeline::Times;
 
 /// The scenarios that come with the crate: name and file.
-const BUILT_IN: [(&str, &str); 26] = [
+const BUILT_IN: [(&str, &str); 27] = [
     ("arena", include_str!("../scenarios/arena.toml")),
     ("corridor", include_str!("../scenarios/corridor.toml")),
     ("empty", include_str!("../scenarios/empty.toml")),
@@ -88,6 +90,7 @@ const BUILT_IN: [(&str, &str); 26] = [
     ("crowd", include_str!("../scenarios/crowd.toml")),
     ("gather", include_str!("../scenarios/gather.toml")),
     ("disperse", include_str!("../scenarios/disperse.toml")),
+    ("spread", include_str!("../scenarios/spread.toml")),
     ("flock", include_str!("../scenarios/flock.toml")),
     ("formation", include_str!("../scenarios/formation.toml")),
     ("follow", include_str!("../scenarios/follow.toml")),
@@ -166,6 +169,54 @@ pub struct Scenario {
     /// reads it. Whoever runs the scenario gives it; no file does.
     #[serde(skip)]
     pub detector: Option<&'static [u8]>,
+    /// The policy that robots can drive by in place of the one that comes with their program. Whoever runs the scenario
+    /// gives it; no file does.
+    #[serde(skip)]
+    pub policy: Option<Trained>,
+}
+
+/// A policy, and what it is called.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Trained {
+    /// Its name, as `behave` gives it.
+    pub name: PolicyName,
+    /// A blob as `crawler_app::policy::Policy` reads it.
+    pub blob: Arc<[u8]>,
+}
+
+impl Trained {
+    /// The policy in `blob` under this name.
+    ///
+    /// # Errors
+    /// When robots would refuse it, or the name is none; in one line.
+    pub fn new(name: &str, blob: Vec<u8>) -> Result<Self, String> {
+        let name = PolicyName::new(name).map_err(|error| error.to_string())?;
+        Policy::new(&blob).map_err(|error| error.to_string())?;
+        let blob = blob.into();
+        Ok(Self { name, blob })
+    }
+
+    /// The policy of this name that comes with the robot program.
+    #[must_use]
+    pub fn shipped(name: &str) -> Option<Self> {
+        (name == SPREAD.name).then(|| Self::new(name, SPREAD.blob.to_vec()).ok())?
+    }
+
+    /// The same as robots take it.
+    #[must_use]
+    pub fn named(&self) -> Named<'_> {
+        Named {
+            name: self.name.as_str(),
+            blob: &self.blob,
+        }
+    }
+
+    /// The checksum that its blob has, to tell it from others.
+    #[must_use]
+    pub fn checksum(&self) -> String {
+        let sum = self.blob.get(8..12).and_then(|sum| sum.try_into().ok());
+        format!("{:08x}", u32::from_le_bytes(sum.unwrap_or_default()))
+    }
 }
 
 /// Longest text of a scenario, bytes.
@@ -269,6 +320,7 @@ impl Scenario {
             parameters: Parameters::default(),
             randomisation: Profile::None,
             detector: None,
+            policy: None,
         }
     }
 
@@ -284,6 +336,21 @@ impl Scenario {
     #[must_use]
     pub fn drawn_parameters(&self, seed: u64) -> Parameters {
         self.parameters.randomised(self.randomisation, seed)
+    }
+
+    /// The same for robots that drive by this policy from the beginning on.
+    #[must_use]
+    pub fn driven_by(mut self, policy: Trained) -> Self {
+        let behave = [
+            ("behaviour".to_owned(), serde_json::json!("policy")),
+            ("policy".to_owned(), serde_json::json!(policy.name.as_str())),
+        ];
+        self.command = Some(Start {
+            command: "behave".to_owned(),
+            parameters: behave.into_iter().collect(),
+        });
+        self.policy = Some(policy);
+        self
     }
 
     /// The initial command, when there is one.

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crawler_sim::evaluate::{
     Criterion, Evaluation, Job, Line, Search, run_all, run_trial, run_unless, shrink,
 };
-use crawler_sim::scenario::{Metric, Scenario};
+use crawler_sim::scenario::{Metric, Scenario, Trained};
 
 /// One robot, two metres to go, straight ahead.
 const STRAIGHT: &str = "
@@ -399,4 +399,26 @@ fn a_robot_gets_round_a_wide_box() {
         let trial = run_trial(&scenario, seed);
         assert_eq!(trial.failures, [], "seed {seed}");
     }
+}
+
+/// What robots are shipped to drive by does what it was trained for, in the whole program, on seeds that it never saw; and
+/// its decisions are the same on any thread.
+#[test]
+fn robots_get_apart_by_the_policy_that_comes_with_their_program() {
+    let scenario = Scenario::built_in("spread").unwrap();
+    let shipped = Trained::shipped("spread").expect("it comes with the program");
+    assert_eq!(Trained::shipped("other"), None);
+    let driven = scenario.clone().driven_by(shipped);
+    let jobs: Vec<_> = (2_001..=2_012)
+        .map(|seed| Job {
+            scenario: &driven,
+            seed,
+        })
+        .collect();
+    let go = AtomicBool::new(false);
+    let trials = run_all(&jobs, 2, &go, &|_| {});
+    let trials: Vec<_> = trials.into_iter().flatten().collect();
+    let apart = trials.iter().filter(|trial| trial.failures.is_empty());
+    assert!(apart.count() >= 8, "{trials:?}");
+    assert_eq!(trials[0].history, run_trial(&driven, 2_001).history);
 }

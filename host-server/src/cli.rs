@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 use crawler_experiments::evaluate::EvaluateArgs;
+use crawler_learning::train::TrainArgs;
 
 use crate::config::{
     Common, ConfigError, Layer, RobotOptions, Role, ServerOptions, Settings, WorkerOptions,
@@ -70,6 +71,8 @@ pub enum Command {
     Worker(WorkerOptions),
     /// Runs a scenario on many seeds and tells what comes of it
     Evaluate(Box<EvaluateArgs>),
+    /// Trains a policy for robots, from nothing
+    Train(Box<TrainArgs>),
     /// Runs a recording, or a seed, through the program once more
     Replay(Box<ReplayArgs>),
     /// Models of robots: identifies their bodies from drives, and certifies them
@@ -144,6 +147,9 @@ impl Cli {
             Command::Evaluate(_) => {
                 return Err(ConfigError::Conflict("`evaluate` has options of its own"));
             }
+            Command::Train(_) => {
+                return Err(ConfigError::Conflict("`train` has options of its own"));
+            }
             Command::Replay(_) => {
                 return Err(ConfigError::Conflict("`replay` has options of its own"));
             }
@@ -192,6 +198,7 @@ impl Command {
             | Self::Sim { .. }
             | Self::Worker(_)
             | Self::Evaluate(_)
+            | Self::Train(_)
             | Self::Replay(_)
             | Self::Twin(_)
             | Self::Release(_) => None,

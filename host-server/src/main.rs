@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use crawler_experiments::evaluate;
+use crawler_learning::train;
 use crawler_server::cli::{Cli, Command};
 use crawler_server::{console, release, replay, run, twin};
 
@@ -12,6 +13,7 @@ fn main() -> ExitCode {
     match &cli.command {
         Command::Twin(args) => return twin::run(args),
         Command::Evaluate(args) => return evaluate::run(args),
+        Command::Train(args) => return train::run(args),
         Command::Replay(args) => return replay::run(args),
         Command::Release(args) => {
             if let Some(code) = release::run(args) {

@@ -101,6 +101,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-experiments",
             "crawler-fleet",
             "crawler-history",
+            "crawler-learning",
             "crawler-metrics",
             "crawler-protocol",
             "crawler-records",

@@ -20,6 +20,7 @@ pub use goto::{goto_twist, place_twist};
 pub use mission::{MissionNews, Scene as MissionScene, Underway, Wish};
 pub use progress::Progress;
 pub use scan::{HalfRecognised, HalfScan, SECTORS, Scan, ScanResult, Sector};
+pub(crate) use swarm::VAGUE;
 pub use swarm::{APART, BESIDE, LATTICE, Scene, THERE, steer, swarm_twist};
 
 /// Rate of turning when turning aside, in radians per second, unless the permitted one is less.

@@ -28,6 +28,8 @@ use crate::order::{Captures, Halts, Order, Sender, SetRequest, Task, UpdateWish}
 use crate::outbox::{Outbox, Outgoing};
 use crate::parameters::{Changes, Parameters};
 use crate::perception::{Battery, LinkHealth, Reading};
+use crate::policy::Installed;
+use crate::policy::decisions::Decisions;
 use crate::state::Fault;
 use crate::timesync::TimeSync;
 use crate::tracking::Tracking;
@@ -164,6 +166,8 @@ pub struct Robot<M: RawMutex> {
     loaded: Mutex<M, Cell<bool>>,
     /// Link → control, sense, link: what is broken on purpose.
     pub(crate) injected: Injected<M>,
+    /// Control ↔ policy: observations, and what was decided for them.
+    decisions: Decisions<M>,
     /// Update → control.
     update_wish: Mutex<M, Cell<UpdateWish>>,
     /// Control → update: periods that were missed since the start.
@@ -210,6 +214,7 @@ impl<M: RawMutex> Robot<M> {
             panic: Mutex::new(RefCell::new(String::new())),
             loaded: Mutex::new(Cell::new(false)),
             injected: Injected::new(),
+            decisions: Decisions::new(),
             update_wish: Mutex::new(Cell::new(UpdateWish::None)),
             missed: Mutex::new(Cell::new(0)),
             lamp_changed: Signal::new(),
@@ -305,6 +310,11 @@ impl<M: RawMutex> Robot<M> {
         self.update_wish.lock(Cell::get)
     }
 
+    /// What there is to drive by.
+    pub fn installed_policy(&self) -> Installed {
+        self.decisions.installed()
+    }
+
     /// Periods of control that were missed since the start.
     pub(crate) fn missed_periods(&self) -> u32 {
         self.missed.lock(Cell::get)
@@ -314,6 +324,12 @@ impl<M: RawMutex> Robot<M> {
     #[cfg(test)]
     pub(crate) fn orders_waiting(&self) -> usize {
         self.orders.len()
+    }
+
+    /// What control waits for a decision on.
+    #[cfg(test)]
+    pub(crate) fn policy_asked(&self) -> Option<crate::policy::Asked> {
+        self.decisions.waiting()
     }
 
     /// Outside position references refused so far.

@@ -202,10 +202,9 @@ impl ControlLoop {
             self.controller.set_tuning(tuning_of(&robot));
         }
         let battery = robot.battery();
-        let asks = self.controller.wants_neighbours() && !self.controller.looks_around();
         if !self.controller.wants_neighbours() {
             self.near.forget();
-        } else if !asks {
+        } else if self.controller.looks_around() {
             robot.look_around(&mut self.near, now);
         }
         if let Some(goal) = robot.take_goal_before_restart()
@@ -217,8 +216,11 @@ impl ControlLoop {
             reading: robot.reading(),
             charge: battery.charge,
             voltage: battery.voltage,
-            // It says when it is of, so that a step later is no worse; with the rule it would be too much for one.
-            fix: if asks { None } else { robot.take_fix() },
+            fix: if self.controller.takes_fix() {
+                robot.take_fix()
+            } else {
+                None
+            },
             view: view.as_ref(),
             near: self.near.as_slice(),
             own: self.own,
@@ -229,9 +231,14 @@ impl ControlLoop {
             halt: woken_by.or(taken.as_ref()),
             order: order.as_ref(),
             update: robot.update_wish(),
+            policy: robot.installed_policy(),
+            decision: robot.take_decision(),
         };
         self.controller.step_into(&inputs, rng, now, outputs);
         robot.go(self.controller.going());
+        if let Some(asked) = self.controller.asked() {
+            robot.ask_policy(asked);
+        }
         let state = self.controller.state();
         robot.publish(&Snapshot {
             state: state.reported(),

@@ -49,6 +49,7 @@ use crate::navigation::Guide;
 use crate::neighbours::Neighbour;
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender, UpdateWish};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
+use crate::policy::{Decision, Installed, Pilot};
 use crate::state::{Event, Fault, Side, State};
 use crate::tracking::{Fix, TOLD_EVERY};
 use crate::vision::{InTheWay, View};
@@ -111,6 +112,10 @@ pub struct Inputs<'a> {
     pub order: Option<&'a Order>,
     /// What an update wants.
     pub update: UpdateWish,
+    /// What there is to drive by.
+    pub policy: Installed,
+    /// What was decided since the last step, while a policy drives.
+    pub decision: Option<Decision>,
 }
 
 /// An answer to a command.
@@ -201,6 +206,7 @@ pub struct Controller {
     detour: Option<Detour>,
     guided: Guided,
     mission: Underway,
+    pilot: Pilot,
     /// When it was noted last that the leader is lost.
     told_lost: Option<Instant>,
     resumption: Resumption,
@@ -235,6 +241,7 @@ impl Controller {
             detour: None,
             guided: Guided::default(),
             mission: Underway::None,
+            pilot: Pilot::new(),
             told_lost: None,
             resumption: Resumption::default(),
             rebooting: false,
@@ -338,6 +345,7 @@ impl Controller {
         self.resume(inputs, out, now);
         self.follow_update(inputs, out, now);
         cut |= self.look_ahead(inputs, rng, out, now);
+        self.follow_policy(inputs, now);
         let twist = self.wanted(inputs, out, now);
         cut |= !self.permits_motion(inputs, now);
         if !cut {

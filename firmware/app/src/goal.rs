@@ -34,6 +34,11 @@ pub enum Goal {
     },
     /// `disperse`, `gather`, `flock` and `formation`.
     Swarm(Swarm),
+    /// `policy`: the controller has the rest of it.
+    Policy {
+        /// Stands for the name of the policy.
+        name: u32,
+    },
     /// `follow`, `patrol`, `consensus` and `allocate`: the controller has the rest of it.
     Mission {
         /// Which.
@@ -48,7 +53,11 @@ impl Goal {
     pub const fn is_autonomous(&self) -> bool {
         match self {
             Self::Manual { .. } => false,
-            Self::Wander { .. } | Self::Goto { .. } | Self::Swarm(_) | Self::Mission { .. } => true,
+            Self::Wander { .. }
+            | Self::Goto { .. }
+            | Self::Swarm(_)
+            | Self::Policy { .. }
+            | Self::Mission { .. } => true,
         }
     }
 
@@ -61,7 +70,10 @@ impl Goal {
     pub const fn is_behaviour(&self) -> bool {
         matches!(
             self,
-            Self::Wander { .. } | Self::Swarm(_) | Self::Mission { ends: false, .. }
+            Self::Wander { .. }
+                | Self::Swarm(_)
+                | Self::Policy { .. }
+                | Self::Mission { ends: false, .. }
         )
     }
 
@@ -72,6 +84,7 @@ impl Goal {
             Self::Wander { .. } => BehaviourName::Wander,
             Self::Goto { .. } => BehaviourName::Goto,
             Self::Swarm(swarm) => swarm.behaviour(),
+            Self::Policy { .. } => BehaviourName::Policy,
             Self::Mission { kind, .. } => kind.behaviour(),
         }
     }

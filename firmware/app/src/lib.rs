@@ -16,13 +16,14 @@
 //! | [`store()`] | flash | on demand |
 //! | [`link()`] | network | events |
 //! | [`update()`] | both slots, where the program can be replaced | on demand |
+//! | [`decide()`] | the network of a policy, where there is one | 100 ms while the robot drives by it |
 //! | [`camera()`] | camera, where there is one | on demand; `vision_period_ms` while it looks |
 //!
 //! # Reading order
 //!
 //! 1. What activities share, and who may write which part of it: `context`.
 //! 2. A command: `link`, `intake` with `ledger`, `memory` and `timesync`, `order`, `controller`, called by `control`.
-//! 3. What it comes to: `state`, `goal`, `behaviour`, `motion`; on the side `policy`, which robots are trained with.
+//! 3. What it comes to: `state`, `goal`, `behaviour`, `motion`; `policy`, whose network `decide` runs.
 //! 4. What the robot knows: `sense`, `perception`, `power`, `tracking`, `neighbours`, `navigation`, `observe`,
 //!    `camera`, `vision`.
 //! 5. What it tells: `outbox`, `trouble`, `lamp`.
@@ -41,6 +42,7 @@ mod config;
 mod context;
 pub mod control;
 pub mod controller;
+mod decide;
 pub mod goal;
 mod hold;
 mod injected;
@@ -80,6 +82,7 @@ pub use camera::{ImageSlot, camera, camera_with_eyes};
 pub use config::{Config, Credentials, Geometry};
 pub use context::{BootRecord, Echo, Robot, Routed, Snapshot};
 pub use control::control;
+pub use decide::decide;
 pub use hold::{Always, Blank, Hold, Inline, Room};
 pub use lamp::lamp;
 pub use link::{

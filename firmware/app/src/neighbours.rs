@@ -387,8 +387,9 @@ pub const fn needed_for(behaviour: BehaviourName) -> bool {
         | BehaviourName::Follow
         | BehaviourName::Patrol
         | BehaviourName::Consensus
-        | BehaviourName::Allocate => true,
-        BehaviourName::Manual | BehaviourName::Wander | BehaviourName::Policy => false,
+        | BehaviourName::Allocate
+        | BehaviourName::Policy => true,
+        BehaviourName::Manual | BehaviourName::Wander => false,
     }
 }
 

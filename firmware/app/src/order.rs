@@ -13,6 +13,7 @@ use heapless::Vec;
 use crate::goal::{Mission, Swarm};
 use crate::neighbours::name_of;
 use crate::parameters::Changes;
+use crate::policy::decisions::named;
 
 /// What an update wants of control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -72,6 +73,11 @@ pub enum Task {
     Swarm(Swarm),
     /// Do what takes a memory.
     Mission(Mission),
+    /// Drive by a policy that was learned.
+    Policy {
+        /// Stands for its name.
+        name: u32,
+    },
     /// Go to a place in the odometry frame.
     Goto {
         /// Metres along the axis the robot faced at boot.
@@ -138,11 +144,10 @@ impl Task {
             Action::Behave(BehaviourSpec::Allocate { tasks }) => {
                 Self::Mission(Mission::Allocate { tasks: *tasks })
             }
-            Action::Behave(BehaviourSpec::Policy)
-            | Action::Capture
-            | Action::Stop
-            | Action::Estop
-            | Action::Set(_) => return None,
+            Action::Behave(BehaviourSpec::Policy { policy }) => Self::Policy {
+                name: named(policy.as_str()),
+            },
+            Action::Capture | Action::Stop | Action::Estop | Action::Set(_) => return None,
             Action::Reset => Self::Reset,
             Action::Identify => Self::Identify,
             Action::Reboot => Self::Reboot,
@@ -160,6 +165,7 @@ impl Task {
             | Self::Wander { .. }
             | Self::Swarm(_)
             | Self::Mission(_)
+            | Self::Policy { .. }
             | Self::Goto { .. } => true,
             Self::Manual | Self::Reset | Self::Identify | Self::Reboot => false,
         }

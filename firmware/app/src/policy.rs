@@ -8,23 +8,22 @@
 //! | what it is | a [`Policy`]: a blob with the network and what it was trained for |
 //!
 //! All of it is in whole numbers, so that host, board and browser decide alike, bit for bit. A [`Pilot`] has the memory,
-//! makes the observations and holds the shield in every control step; whoever runs the network is elsewhere. A decision
-//! that was made for the observation of one control step counts from the next one on. Without one for
-//! [`DECIDED_WITHIN`] the robot stands.
+//! makes the observations and holds the shield in every control step; whoever runs the network is elsewhere: the activity
+//! [`decide()`](crate::decide()) on a robot, a learner in training. A decision that was made for the observation of one
+//! control step counts from the next one on. Without one for [`DECIDED_WITHIN`] the robot stands.
 //!
-//! It is what policies are trained with. The behaviour `policy` of a robot is not there yet: nothing of this is in the
-//! program of a board.
-//!
-//! Reading order: `action` and `shield`; `memory`, what is remembered of the surroundings, with `angle`; `observation`,
-//! what a network sees of that; `blob`, `network` and `table`, which choose; `pilot`, which puts it together.
+//! Reading order: `action` and `shield`; `memory`, what is remembered of the surroundings, with `sector`; `observation`,
+//! what a network sees of that; `blob`, `network` and `table`, which choose; `pilot`, which puts it together for
+//! the controller; `decisions`, what is handed over to the activity and back.
 
 mod action;
-mod angle;
 mod blob;
+pub(crate) mod decisions;
 mod memory;
 mod network;
 mod observation;
 mod pilot;
+mod sector;
 mod shield;
 mod table;
 
@@ -34,9 +33,10 @@ pub use action::Action;
 pub use blob::{
     FORMAT_VERSION, HEADER, LAYERS, MAGIC, MAX_BYTES, Mode, NO_SCORE, Policy, PolicyError,
 };
+pub use decisions::Installed;
 pub use network::{LOGIT_STEPS, Scratch, choose};
 pub use observation::{Observation, WIDTH};
-pub use pilot::{Asked, Decision, Known, Near, Pilot};
+pub use pilot::{Asked, Decision, Known, Pilot};
 pub use shield::{Around, shield};
 pub use table::{PRE_STEPS, squeezed};
 
@@ -51,5 +51,23 @@ pub const STEPS: u8 = 5;
 /// How long a decision counts.
 pub const DECIDED_WITHIN: Duration = Duration::from_millis(300);
 
+/// A policy by what it is called.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Named<'a> {
+    /// Its name, as `behave` gives it.
+    pub name: &'a str,
+    /// Bytes that [`Policy::new`] reads.
+    pub blob: &'a [u8],
+}
+
+/// The policy that comes with the program: it gets apart from others and touches nothing. `docs/learning.md` says how it
+/// was trained, `policies/spread.json` what came of that.
+pub const SPREAD: Named<'static> = Named {
+    name: "spread",
+    blob: include_bytes!("../policies/spread.tcpo"),
+};
+
+#[cfg(test)]
+mod driving_tests;
 #[cfg(test)]
 mod tests;

@@ -175,6 +175,10 @@ identifier!(
     Fleet, MAX_ID, is_id_byte, "a fleet name: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
 );
 identifier!(
+    /// The name of a policy: same alphabet as [`RobotId`].
+    PolicyName, MAX_ID, is_id_byte, "the name of a policy: 1 to 32 characters of a-z, 0-9 and -", "^[a-z0-9-]+$"
+);
+identifier!(
     /// Who sent a command, such as `operator:ada`: 1 to 48 characters of printable ASCII
     /// without quotation mark and backslash.
     Source, MAX_SOURCE, is_source_byte,

@@ -61,7 +61,7 @@ pub use fault::{
     FaultCommand, FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS,
     MAX_NOISE_MM, MAX_PACKETS_PER_S, MAX_SAG_OHM, Wheel,
 };
-pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, RobotId, Source};
+pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, PolicyName, RobotId, Source};
 pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
     Battery, BehaviourName, Boot, BootCause, BuildId, Capability, CellDigest, Detection,

@@ -114,11 +114,17 @@ pub enum Reason {
     StorageFailed,
     /// A fault of the robot.
     Fault,
+    /// The robot has no policy of this name.
+    NoPolicy,
+    /// The robot's policy is damaged, or of a kind that its program does not read.
+    BadPolicy,
+    /// The robot's policy was trained with another kind of observation, other actions or another shield.
+    OtherObservation,
 }
 
 impl Reason {
     /// Every reason.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 27] = [
         Self::Malformed,
         Self::TooLarge,
         Self::UnknownCommand,
@@ -143,6 +149,9 @@ impl Reason {
         Self::Timeout,
         Self::StorageFailed,
         Self::Fault,
+        Self::NoPolicy,
+        Self::BadPolicy,
+        Self::OtherObservation,
     ];
 
     /// The name on the wire.
@@ -173,6 +182,9 @@ impl Reason {
             Self::Timeout => "timeout",
             Self::StorageFailed => "storage_failed",
             Self::Fault => "fault",
+            Self::NoPolicy => "no_policy",
+            Self::BadPolicy => "bad_policy",
+            Self::OtherObservation => "other_observation",
         }
     }
 }

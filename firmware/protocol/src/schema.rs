@@ -10,8 +10,8 @@ use crate::{
     Action, BehaviourName, CellDigest, Command, CommandName, Detections, Direction,
     FOLLOW_DISTANCE, Heartbeat, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS,
     MAX_LIARS, MAX_MOVE_MS, MAX_PLACES, MAX_SET, MAX_VALUE, ParameterValue, ParametersMessage,
-    PoseFix, Response, RobotId, Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage,
-    UpdateCommand, UpdateReport,
+    PolicyName, PoseFix, Response, RobotId, Source, StatusMessage, SwarmResponse, Telemetry,
+    TimeMessage, UpdateCommand, UpdateReport,
 };
 
 /// Name and JSON Schema (2020-12) of every message, and of the request for a command.
@@ -223,6 +223,13 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
                             places(1, "Where there is something to do."),
                             true,
                         )),
+                        BehaviourName::Policy => {
+                            members.push((
+                                "policy",
+                                generator.subschema_for::<PolicyName>(),
+                                true,
+                            ));
+                        }
                         BehaviourName::Patrol => members.extend([
                             (
                                 "waypoints",
@@ -241,8 +248,7 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
                         BehaviourName::Manual
                         | BehaviourName::Disperse
                         | BehaviourName::Flock
-                        | BehaviourName::Formation
-                        | BehaviourName::Policy => {}
+                        | BehaviourName::Formation => {}
                     }
                     object(members)
                 })

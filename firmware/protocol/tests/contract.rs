@@ -243,6 +243,9 @@ fn words_on_the_wire_are_stable() {
             "timeout",
             "storage_failed",
             "fault",
+            "no_policy",
+            "bad_policy",
+            "other_observation",
         ],
     );
     words(

@@ -249,6 +249,7 @@ impl Driver<'_> {
             return Err(refused(text));
         }
         scenario.detector = running.detector;
+        scenario.policy.clone_from(&running.policy);
         if let Some(robots) = robots {
             scenario.robots = robots;
         }

@@ -7,6 +7,7 @@ mod either;
 use std::pin::Pin;
 use std::rc::Rc;
 
+use crawler_app::policy::SPREAD;
 use crawler_app::{Blank, Config, Geometry, Hold, ImageSlot, Robot, Room, Updates};
 use crawler_hal::{Body, Clock as _, Duration, Parts};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
@@ -20,6 +21,7 @@ use super::eyes::{DetectorInstance, SimEyes};
 use super::journal::Payload;
 use crate::devices::BodyParts;
 use crate::net::network::SimNetwork;
+use crate::scenario::Trained;
 use crate::sched::{Scheduler, SimClock, TaskId};
 use crate::world::Chassis;
 
@@ -101,14 +103,14 @@ pub(crate) struct Program {
     event_log: Option<Rc<EventLog>>,
 }
 
-/// Runs the activities of `robot` on `parts`, as a board does at boot.
+/// Runs the activities of `robot` on `parts`, as a board does at boot; `policy` in place of the one that comes with it.
 pub(crate) fn start(
     sched: &mut Scheduler,
     robot: &Rc<SimRobot>,
     parts: BodyParts,
     network: SimNetwork,
     detector: Option<&Rc<DetectorInstance>>,
-    updates: Option<Rc<SimUpdates>>,
+    (updates, policy): (Option<Rc<SimUpdates>>, Option<Trained>),
     #[cfg(feature = "recording")] event_log: Option<Rc<EventLog>>,
 ) -> Program {
     let ranger_after = parts.ranger_after;
@@ -117,6 +119,7 @@ pub(crate) fn start(
     let extras = Extras {
         faulty: faulty.as_ref(),
         updates,
+        policy,
     };
     #[cfg(feature = "recording")]
     {
@@ -162,10 +165,16 @@ pub(crate) fn launch(
     } = parts;
     // Two activities want randomness; neither may depend on how much the other draws.
     let link_rng = Pcg32::new(rng.next_u64(), 0x6C69_6E6B);
+    // Nothing is drawn for it from what the others share: robots that drive by no policy do as they always did.
+    let policy_rng = Pcg32::new(link_rng.clone().next_u64(), 0x706F_6C69);
     // Each is given what it needs and nothing around it: a task that awaited it would keep it all a
     // second time.
     let (own, now) = (|| Rc::clone(robot), || clock.clone());
-    let Extras { faulty, updates } = extras;
+    let Extras {
+        faulty,
+        updates,
+        policy,
+    } = extras;
     // Without updates nothing is drawn for them.
     let updates = updates.zip(slots).map(|(updates, slots)| {
         let rng = Pcg32::new(rng.next_u64(), 0x7570_6461);
@@ -194,7 +203,7 @@ pub(crate) fn launch(
                 now(),
             )),
         ];
-    tasks.reserve_exact(1 + usize::from(updates.is_some()));
+    tasks.reserve_exact(2 + usize::from(updates.is_some()));
     let mut model = None;
     if robot.config().camera {
         let pair = {
@@ -241,6 +250,13 @@ pub(crate) fn launch(
             }
         });
     }
+    tasks.push(launcher.other({
+        let robot = own();
+        async move {
+            let policy = policy.as_ref().map_or(SPREAD, Trained::named);
+            match crawler_app::decide(robot, policy, policy_rng).await {}
+        }
+    }));
     if let Some(faulty) = faulty {
         tasks.extend(faulty.spawn(sched, robot, &clock));
     }

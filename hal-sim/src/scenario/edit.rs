@@ -44,6 +44,7 @@ impl Scenario {
         })?;
         Ok(Self {
             detector: self.detector,
+            policy: self.policy.clone(),
             ..changed
         })
     }

@@ -7,6 +7,7 @@ mod progress;
 mod provenance;
 mod study;
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -16,7 +17,7 @@ use clap::Args;
 use crawler_sim::evaluate::{
     Axis, Criterion, Driver, Evaluation, Job, Trial, ideal, run_all, wandering,
 };
-use crawler_sim::scenario::{Scenario, Threshold};
+use crawler_sim::scenario::{Scenario, Threshold, Trained};
 
 use crate::scenarios::{self, Changes, Randomisation, quoted};
 use compare::Baseline;
@@ -28,6 +29,8 @@ use provenance::Provenance;
 const MOST_RUNS: u64 = 1_000_000;
 /// Most runs with parameters of their own: each has a scenario of its own until the end.
 const MOST_DRAWN: u64 = 100_000;
+/// What a policy is called that is given as a file.
+const GIVEN: &str = "given";
 /// Failing seeds that are named on the terminal; the files have all.
 const NAMED: usize = 10;
 
@@ -65,6 +68,10 @@ pub struct EvaluateArgs {
     /// and nothing else; `ideal`, nobody: the least time that the ways to the goals take
     #[arg(long, value_name = "DRIVER", default_value = "program", value_parser = parse_driver, conflicts_with_all = ["sweep", "monte_carlo", "adversarial"])]
     pub driver: Driver,
+    /// Robots drive by a policy from the beginning on: `spread`, which comes with their program, or a file that `train`
+    /// has written
+    #[arg(long, value_name = "POLICY", conflicts_with_all = ["driver", "adversarial"])]
+    pub policy: Option<PathBuf>,
     /// File for a table with a line for each run
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
@@ -166,8 +173,8 @@ fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, String> {
         let table = baseline.table(&scenario.name, &provenance.json(), &evaluation.trials);
         print!("{table}");
     }
-    // No replay shows what the program did not do.
-    if args.driver == Driver::Program {
+    // No replay shows what the program did not do, nor has it the policy.
+    if args.driver == Driver::Program && args.policy.is_none() {
         explain(&repeat(args, args.randomisation, &[]), &evaluation, NAMED);
     }
     if let Some(path) = &args.csv {
@@ -210,6 +217,10 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
     if scenario.robots == 0 {
         return Err("a world without robots cannot fail: there is nothing to evaluate".into());
     }
+    let scenario = match &args.policy {
+        Some(path) => driven_by(path, scenario)?,
+        None => scenario,
+    };
     match args.driver {
         Driver::Program => Ok(scenario),
         Driver::Wander => Ok(wandering(scenario)),
@@ -222,6 +233,18 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
             ..scenario
         }),
     }
+}
+
+/// The scenario for robots that drive by the policy of this name, or in this file.
+fn driven_by(path: &Path, scenario: Scenario) -> Result<Scenario, String> {
+    let told = |why: &dyn Display| format!("--policy {}: {why}", shown(path));
+    let policy = if let Some(shipped) = path.to_str().and_then(Trained::shipped) {
+        shipped
+    } else {
+        let blob = std::fs::read(path).map_err(|error| told(&error))?;
+        Trained::new(GIVEN, blob).map_err(|error| told(&error))?
+    };
+    Ok(scenario.driven_by(policy))
 }
 
 /// Runs jobs, telling whoever waits how far it is.

@@ -2,7 +2,8 @@
 
 use crawler_app::controller::{PERIOD, Tuning};
 use crawler_app::motion::Odometry;
-use crawler_app::policy::{Decision, Known, Near, Observation, Pilot};
+use crawler_app::neighbours::Neighbour;
+use crawler_app::policy::{Decision, Known, Observation, Pilot};
 use crawler_app::tracking::Fix;
 use crawler_sim::run::bare::{Drive, Senses};
 
@@ -21,7 +22,7 @@ pub(crate) struct Agent {
     /// To be taken in at the next control step.
     pub(crate) action: Option<u8>,
     /// Who is near.
-    pub(crate) near: Vec<Near>,
+    pub(crate) near: Vec<Neighbour>,
     /// The newest observation, and its number.
     seen: (Observation, u16),
 }

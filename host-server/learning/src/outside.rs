@@ -1,7 +1,6 @@
 //! What comes to robots from outside: fixes of the tracker, and digests of who is near.
 
-use crawler_app::neighbours::FRESH_FOR;
-use crawler_app::policy::Near;
+use crawler_app::neighbours::{FRESH_FOR, Neighbour};
 use crawler_app::tracking::Fix;
 use crawler_hal::{Duration, Instant};
 use crawler_sim::run::bare::BareWorld;
@@ -71,14 +70,12 @@ impl Outside {
         }
     }
 
-    /// Tells every robot at once where it is and who is near: what it knew before the order came.
+    /// Tells every robot at once where it is: what it knew before the order came. Who is near it asks for from then on.
     pub(crate) fn begin(&mut self, world: &BareWorld, agents: &mut [Agent]) {
         let now = world.now();
         for (robot, agent) in agents.iter_mut().enumerate() {
             agent.fix = self.fix(world, robot, now);
         }
-        self.tell(world, now);
-        self.known.fill(Some(self.told.len() - 1));
     }
 
     /// Hands over what has come by now.
@@ -187,15 +184,11 @@ impl Outside {
 
 impl Sighting {
     /// As the robot that was told reckons it: straight on.
-    fn after(&self, at: Instant) -> Near {
-        let age = (at - self.seen).as_secs_f32();
+    fn after(&self, at: Instant) -> Neighbour {
+        let way = self.v * (at - self.seen).as_secs_f32();
         let (sin, cos) = libm::sincosf(self.theta);
-        let velocity = [self.v * cos, self.v * sin];
-        let whole = |metres: f32| (metres * 1_000.0) as i32;
-        Near {
-            at: [0, 1].map(|axis| whole(self.at[axis] + velocity[axis] * age)),
-            velocity: velocity.map(whole),
-        }
+        let [x, y] = self.at;
+        Neighbour::new([x + way * cos, y + way * sin], self.theta, self.v, 0.0)
     }
 }
 

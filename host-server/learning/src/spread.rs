@@ -25,7 +25,7 @@ use crate::agent::Agent;
 use crate::outside::{Outside, index};
 
 /// The scenario of the task.
-const SCENARIO: &str = include_str!("../spread.toml");
+const SCENARIO: &str = "spread";
 /// Time from the beginning of a world to the order.
 const BOOT: Duration = Duration::from_millis(1_200);
 /// Most decisions of an episode.
@@ -96,7 +96,7 @@ impl Spread {
     /// # Errors
     /// Never: it is a part of this program, and a test reads it.
     pub fn scenario() -> Result<Scenario, ScenarioError> {
-        Scenario::parse(SCENARIO)
+        Scenario::built_in(SCENARIO)
     }
 
     /// How the last episode went, or has gone so far.
@@ -141,7 +141,7 @@ impl Episode {
         for agent in &mut episode.agents {
             agent.begin();
         }
-        episode.control_step(true);
+        episode.until_observed();
         episode.contacts = episode.counted();
         episode.least_m = episode.least();
         Some(episode)
@@ -157,14 +157,17 @@ impl Episode {
         });
     }
 
-    /// Lets a control step pass; `looks` where observations are due at its end.
-    fn control_step(&mut self, looks: bool) {
-        self.outside.pass(&self.world, &mut self.agents);
-        if looks {
-            let at = self.world.now() + PERIOD;
-            self.outside.say_who_is_near(&mut self.agents, at);
+    /// Lets control steps pass until there are observations.
+    fn until_observed(&mut self) {
+        for step in 0..STEPS {
+            self.outside.pass(&self.world, &mut self.agents);
+            // The first one takes it in.
+            if step == 0 {
+                let at = self.world.now() + PERIOD;
+                self.outside.say_who_is_near(&mut self.agents, at);
+            }
+            self.let_pass(PERIOD);
         }
-        self.let_pass(PERIOD);
     }
 
     fn counted(&self) -> Vec<u32> {
@@ -196,9 +199,7 @@ impl Episode {
         for (agent, action) in self.agents.iter_mut().zip(actions) {
             agent.action = Some(*action);
         }
-        for step in 1..=STEPS {
-            self.control_step(step == STEPS);
-        }
+        self.until_observed();
         self.steps += 1;
         let least = self.least();
         let gain = worth(least) - worth(self.least_m);

@@ -1,4 +1,4 @@
-//! A policy for robots, from nothing: what a command line has for it.
+//! `terracrawler train`: a policy for robots, from nothing.
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use crawler_sim::world::Profile;
 use crate::run::{Line, Options, Run, RunError};
 use crate::spread::Spread;
 
-/// Options of training.
+/// Options of `train`.
 #[derive(Debug, Args)]
 pub struct TrainArgs {
     /// Folder for what comes of it; a run whose checkpoint is there goes on

@@ -27,4 +27,5 @@ mod newcomer;
 mod program;
 mod release;
 mod replay;
+mod train;
 mod twin;

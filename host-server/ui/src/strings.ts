@@ -41,6 +41,9 @@ const reasons: Readonly<Record<string, string>> = {
   link_lost: 'it lost its link',
   timeout: 'it took too long',
   fault: 'it reports a fault',
+  no_policy: 'it has no policy of this name',
+  bad_policy: 'its policy cannot be read',
+  other_observation: 'its policy was trained for another program',
 }
 
 /** Why a robot did not do it; nothing where it gave no reason. */

@@ -56,8 +56,8 @@ const CRATES: &[Crate] = &[
             &["controller", "outbox"],
             &["context"],
             &[
-                "camera", "control", "intake", "lamp", "observe", "power", "sense", "store",
-                "update",
+                "camera", "control", "decide", "intake", "lamp", "observe", "power", "sense",
+                "store", "update",
             ],
             &[
                 "link::backoff",

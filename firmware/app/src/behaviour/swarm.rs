@@ -37,7 +37,7 @@ const LONGEST_WISH: i32 = 30 * FULL;
 /// Beyond this heading error the robot turns in place, in milliradians.
 const TURN_IN_PLACE: i32 = 1_000;
 /// How little sure of its place a robot may be to move by others, in metres of sigma.
-pub(super) const VAGUE: f32 = 0.5;
+pub(crate) const VAGUE: f32 = 0.5;
 /// Farther than this nobody is reckoned with, in millimetres, so that no product overflows.
 const FARTHEST_MM: i32 = 10_000;
 /// Who would rather be where something is rests this far from it, in millimetres: out of the critical

@@ -19,6 +19,7 @@ use crate::neighbours::{Cell, MOST, Near};
 use crate::order::{Halt, Order, Sender, SetRequest, UpdateWish};
 use crate::parameters::Parameters;
 use crate::perception::{Battery, LinkHealth, Reading};
+use crate::policy::{Asked, Decision, Installed};
 use crate::tracking::{Fix, Refusal};
 use crate::trouble::{LinkTrouble, PANIC};
 use crate::vision::View;
@@ -94,6 +95,32 @@ handle!(
     UpdateHandle,
     update_handle
 );
+
+handle!(
+    /// What [`decide()`](crate::decide()) may take and write.
+    PolicyHandle,
+    policy_handle
+);
+
+impl<'a, M: RawMutex> PolicyHandle<'a, M> {
+    /// Tells control what there is to drive by.
+    pub(crate) fn install(self, installed: Installed) {
+        self.0.decisions.install(installed);
+    }
+
+    /// Waits for an observation.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call misses nothing.
+    pub(crate) fn asked(self) -> impl Future<Output = Asked> + use<'a, M> {
+        self.0.decisions.asked()
+    }
+
+    /// Hands control what was decided.
+    pub(crate) fn decide(self, decision: Decision) {
+        self.0.decisions.decide(decision);
+    }
+}
 
 impl<M: RawMutex> UpdateHandle<'_, M> {
     /// Tells control what the update wants.
@@ -184,6 +211,16 @@ impl<'a, M: RawMutex> ControlHandle<'a, M> {
     /// Takes the next order.
     pub(crate) fn take_order(self) -> Option<Order> {
         self.0.orders.try_receive().ok()
+    }
+
+    /// Takes what was decided, if it was not taken yet.
+    pub(crate) fn take_decision(self) -> Option<Decision> {
+        self.0.decisions.take()
+    }
+
+    /// Asks for a decision.
+    pub(crate) fn ask_policy(self, asked: Asked) {
+        self.0.decisions.ask(asked);
     }
 
     /// Takes the newest view of the camera, if it was not taken yet.

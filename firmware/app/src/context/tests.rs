@@ -8,7 +8,7 @@ use std::{format, vec};
 
 /// Who may ask for which handle: files below `src`, by the beginning of their paths. `observe` is
 /// what the link has heard.
-const ASKED_FOR_BY: [(&str, &[&str]); 8] = [
+const ASKED_FOR_BY: [(&str, &[&str]); 9] = [
     ("sense_handle", &["sense"]),
     ("power_handle", &["power"]),
     ("control_handle", &["control."]),
@@ -17,6 +17,7 @@ const ASKED_FOR_BY: [(&str, &[&str]); 8] = [
     ("lamp_handle", &["lamp"]),
     ("link_handle", &["link", "observe"]),
     ("update_handle", &["update"]),
+    ("policy_handle", &["decide"]),
 ];
 
 /// Source files below `folder` that are no tests, as paths from there.

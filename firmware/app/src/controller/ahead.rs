@@ -6,14 +6,15 @@ use rand_core::Rng;
 
 use super::{Controller, FAILSAFE, HOLD, Inputs, Note, Outputs, PERIOD};
 use crate::behaviour::{
-    Detour, MissionNews, MissionScene, Scene, Wish, escape_twist, goto_twist, place_twist, steer,
-    swarm_twist,
+    Detour, MissionNews, MissionScene, Scene, VAGUE, Wish, escape_twist, goto_twist, place_twist,
+    steer, swarm_twist,
 };
 use crate::goal::Goal;
 use crate::motion::Twist;
 use crate::motion::angle::{PoseMm, millimetres};
 use crate::navigation::Way;
 use crate::perception::{Charge, Sight};
+use crate::policy::{Asked, Known};
 use crate::state::{Event, Side, State};
 use crate::tracking::TOLD_EVERY;
 use crate::vision::View;
@@ -112,13 +113,50 @@ impl Controller {
     pub fn wants_neighbours(&self) -> bool {
         matches!(
             self.state.goal(),
-            Some(Goal::Swarm(_) | Goal::Mission { .. })
+            Some(Goal::Swarm(_) | Goal::Policy { .. } | Goal::Mission { .. })
         )
     }
 
     /// Whether where others are is to be brought up to date for the next step.
     pub fn looks_around(&self) -> bool {
-        self.rules || self.wanted.is_none()
+        match self.state.goal() {
+            Some(Goal::Policy { .. }) => self.pilot.looks_around(),
+            Some(_) | None => self.rules || self.wanted.is_none(),
+        }
+    }
+
+    /// Whether the next step has time for a position reference: it says when it is of, so that it is no worse a few steps
+    /// later, and with what is reckoned of others it would be too much for one.
+    pub(crate) fn takes_fix(&self) -> bool {
+        match self.state.goal() {
+            Some(Goal::Policy { .. }) => self.pilot.has_time(),
+            Some(Goal::Swarm(_) | Goal::Mission { .. }) => self.looks_around(),
+            Some(Goal::Manual { .. } | Goal::Wander { .. } | Goal::Goto { .. }) | None => true,
+        }
+    }
+
+    /// What a decision is wanted for since the last step, while the robot drives by a policy.
+    pub fn asked(&self) -> Option<Asked> {
+        self.pilot.asked()
+    }
+
+    /// Takes in what was decided, and makes the observations that decisions are wanted for.
+    pub(super) fn follow_policy(&mut self, inputs: &Inputs<'_>, now: Instant) {
+        let Some(Goal::Policy { .. }) = self.state.goal() else {
+            self.pilot.rest();
+            return;
+        };
+        let pose = self.pose();
+        let known = Known {
+            pose,
+            duties: self.duties(),
+            reading: &inputs.reading,
+            critical_mm: self.tuning.critical_mm,
+            // Not sure of its place it would see others where they are not.
+            near: if pose.sigma > VAGUE { &[] } else { inputs.near },
+            now,
+        };
+        self.pilot.step(&known, inputs.decision);
     }
 
     /// Takes in what the camera has shown.
@@ -172,13 +210,15 @@ impl Controller {
                 Goal::Goto { .. } if self.way(inputs).is_some() => {
                     return self.held_up(goal, rng, now);
                 }
+                // It finds its own way round, and its shield does not drive on.
+                Goal::Policy { .. } => return Event::Near,
                 Goal::Wander { .. } | Goal::Goto { .. } | Goal::Swarm(_) | Goal::Mission { .. } => {
                     return Event::Blocked(self.way_round(goal, rng, now));
                 }
             }
         } else if let Some(side) = self.low_way_round(goal, now) {
             return Event::Blocked(side);
-        } else if goal.is_autonomous() {
+        } else if goal.is_autonomous() && !matches!(goal, Goal::Policy { .. }) {
             let forward = self.ramps.iter().all(|ramp| ramp.duty() > 0.0);
             if !forward {
                 self.progress.reset();
@@ -273,7 +313,15 @@ impl Controller {
                     self.state = self.state.step(Event::End, now);
                     return Twist::ZERO;
                 };
-                self.slow_down(twist, inputs, now)
+                match goal {
+                    // Its shield has seen to that.
+                    Goal::Policy { .. } => twist,
+                    Goal::Manual { .. }
+                    | Goal::Wander { .. }
+                    | Goal::Goto { .. }
+                    | Goal::Swarm(_)
+                    | Goal::Mission { .. } => self.slow_down(twist, inputs, now),
+                }
             }
             State::Avoiding(_, escape) => {
                 escape_twist(&escape, self.tuning.max_speed, self.tuning.max_turn, now)
@@ -360,7 +408,9 @@ impl Controller {
         match *goal {
             Goal::Goto { x, y, .. } => Some([x, y]),
             Goal::Mission { .. } => self.mission.destination(),
-            Goal::Manual { .. } | Goal::Wander { .. } | Goal::Swarm(_) => None,
+            Goal::Manual { .. } | Goal::Wander { .. } | Goal::Swarm(_) | Goal::Policy { .. } => {
+                None
+            }
         }
     }
 
@@ -409,6 +459,7 @@ impl Controller {
                 let twist = goto_twist(&self.pose(), [x, y], tolerance, speed, turn)?;
                 Some(self.or_straight(twist, speed, now))
             }
+            Goal::Policy { .. } => Some(self.pilot.twist()),
             // It has been asked already: see `mission_twist`.
             Goal::Mission { .. } => Some(Twist::ZERO),
         }

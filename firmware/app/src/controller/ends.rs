@@ -95,6 +95,7 @@ impl Controller {
                 | Goal::Goto { .. }
                 | Goal::Wander { .. }
                 | Goal::Swarm(_)
+                | Goal::Policy { .. }
                 | Goal::Mission { .. } => None,
             },
             State::Scanning { deadline } if now >= deadline => Some(Err(Reason::Timeout)),

@@ -126,6 +126,7 @@ mod tests {
     use crate::navigation::Guide;
     use crate::order::{Order, Sender, Task, UpdateWish};
     use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
+    use crate::policy::Installed;
     use crate::state::State;
     use crate::testing::{TestRng, source};
 
@@ -180,6 +181,8 @@ mod tests {
                 halt: None,
                 order: order.as_ref(),
                 update: UpdateWish::None,
+                policy: Installed::None,
+                decision: None,
             };
             self.controller.step(&inputs, &mut TestRng(7), self.now)
         }

@@ -78,6 +78,7 @@ impl Controller {
             {
                 Err(Reason::OutOfRange)
             }
+            Task::Policy { name } => inputs.policy.check(name),
             Task::Mission(mission) if !is_possible(&mission, inputs.own) => Err(Reason::OutOfRange),
             Task::Move { .. } | Task::Drive { .. } => {
                 let near = view.is_some_and(|v| v.distance_mm() < self.tuning.critical_mm);
@@ -145,6 +146,10 @@ impl Controller {
                 self.start_goal(Goal::Swarm(swarm), out, now);
                 Answering::Now
             }
+            Task::Policy { name } => {
+                self.start_goal(Goal::Policy { name }, out, now);
+                Answering::Now
+            }
             Task::Mission(mission) => {
                 self.mission = Underway::begin(&mission, &self.pose());
                 let goal = mission.goal();
@@ -210,6 +215,9 @@ impl Controller {
         }
         self.wanted = None;
         self.guided.set_out(&goal);
+        if let Goal::Policy { .. } = goal {
+            self.pilot.begin(&self.odometry.pose());
+        }
         self.state = self.state.step(Event::Begin(goal), now);
     }
 
@@ -244,6 +252,7 @@ impl Controller {
             | Task::Wander { .. }
             | Task::Swarm(_)
             | Task::Mission(_)
+            | Task::Policy { .. }
             | Task::Goto { .. }
             | Task::Manual
             | Task::Reset

@@ -17,6 +17,7 @@ const LONGEST: u32 = 1 << 15;
 /// An angle as a binary fraction of a full turn, counter-clockwise from the x axis: sums and differences wrap by
 /// themselves. One unit is 0.0055°.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Angle(i16);
 
 /// Units of a radian.
@@ -24,6 +25,21 @@ const PER_RADIAN: f32 = 32_768.0 / PI;
 const QUARTER: i32 = 1 << 14;
 
 impl Angle {
+    /// The angle of so many units.
+    pub const fn from_units(units: i16) -> Self {
+        Self(units)
+    }
+
+    /// Units, from −2¹⁵ up to below 2¹⁵.
+    pub const fn units(self) -> i16 {
+        self.0
+    }
+
+    /// Which of `parts` equal parts of a full turn it is in, counted counter-clockwise from the x axis.
+    pub const fn part(self, parts: u16) -> usize {
+        (self.0.cast_unsigned() as usize * parts as usize) >> 16
+    }
+
     /// The angle of so many radians; 0 for what is no number.
     pub const fn from_radians(radians: f32) -> Self {
         // Saturating, then around as often as it takes.

@@ -9,16 +9,15 @@
 use crawler_hal::Millimeters;
 use heapless::Vec;
 
-use super::angle::{direction, sector};
+use super::sector::{SECTORS, sector};
 use super::shield::Around;
+use crate::motion::angle::{Angle, ONE_BITS, turned};
 use crate::perception::Sight;
 
-/// Sectors of what is around a robot; the first one is ahead, then counter-clockwise.
-pub(super) const SECTORS: usize = 12;
 /// Echoes that are kept.
 const POINTS: usize = 64;
 /// Directions of looks.
-const DIRECTIONS: usize = 24;
+const DIRECTIONS: u16 = 24;
 
 /// Radius of the body, in millimetres.
 const RADIUS: i32 = 85;
@@ -28,8 +27,14 @@ const MOUNT: i32 = 60;
 const FARTHEST: i32 = 1_300;
 /// Echoes within this of each other along both axes are of one thing, in millimetres.
 const SAME: i32 = 90;
-/// Points of an echo: in the middle of the cone, and 8° to both sides, as part of a turn in 2⁻¹⁶.
-const ACROSS: [i32; 3] = [0, 1_456, -1_456];
+/// Points of an echo: in the middle of the cone, and 8° to both sides.
+const ACROSS: [Angle; 3] = [
+    Angle::from_units(0),
+    Angle::from_units(1_456),
+    Angle::from_units(-1_456),
+];
+/// 7.5°.
+const HALFWAY: Angle = Angle::from_units(1_365);
 /// An echo so near to somebody along both axes is theirs, in millimetres.
 const THEIRS: i32 = 250;
 /// What stands nearer than the echo by more than this is not there any more, in millimetres.
@@ -59,26 +64,20 @@ const BESIDE: i32 = 20;
 pub(super) struct Place {
     /// Millimetres along both axes.
     pub(super) at: [i32; 2],
-    /// Part of a turn, in 2⁻¹⁶.
-    pub(super) heading: u16,
-}
-
-impl Place {
-    /// What is at `to`, relative to the robot along both axes of the world, ahead and to its left.
-    pub(super) fn ahead([cosine, sine]: [i32; 2], [x, y]: [i32; 2]) -> [i32; 2] {
-        [(x * cosine + y * sine) >> 14, (y * cosine - x * sine) >> 14]
-    }
+    /// Heading.
+    pub(super) heading: Angle,
 }
 
 /// Somebody near, relative to the robot.
 #[derive(Debug, Clone, Copy, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Other {
     /// Millimetres along both axes of the world.
-    pub(super) at: [i32; 2],
+    pub(super) at: [i16; 2],
     /// Their distance.
-    pub(super) distance: i32,
+    pub(super) distance: i16,
     /// Millimetres per second along both axes of the world.
-    pub(super) velocity: [i32; 2],
+    pub(super) velocity: [i16; 2],
 }
 
 /// Where an echo came from.
@@ -106,7 +105,7 @@ struct Look {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Memory {
     points: Vec<Point, POINTS>,
-    looks: [Look; DIRECTIONS],
+    looks: [Look; DIRECTIONS as usize],
     /// Where it begins, in millimetres.
     origin: [i32; 2],
     /// Driven so far, in millimetres.
@@ -117,6 +116,7 @@ pub(super) struct Memory {
 
 /// What is around a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Survey {
     /// How near the nearest thing is in each sector: 127 at the rim, 0 from 1.5 m on.
     pub(super) things: [i8; SECTORS],
@@ -124,6 +124,15 @@ pub(super) struct Survey {
     pub(super) looks: [i8; SECTORS],
     /// What is in the way.
     pub(super) around: Around,
+}
+
+impl Survey {
+    /// Nothing is there.
+    pub(super) const EMPTY: Self = Self {
+        things: [0; SECTORS],
+        looks: [0; SECTORS],
+        around: Around::CLEAR,
+    };
 }
 
 impl Memory {
@@ -134,7 +143,7 @@ impl Memory {
             looks: [Look {
                 at: 0u16.wrapping_sub(LONG),
                 way: 0,
-            }; DIRECTIONS],
+            }; DIRECTIONS as usize],
             origin: [0; 2],
             way: 0,
             decision: 0,
@@ -169,14 +178,14 @@ impl Memory {
 
     /// Takes in what the ranger saw from `place`.
     pub(super) fn see(&mut self, place: &Place, sight: Sight, others: &[Other]) {
-        let towards = direction(place.heading);
+        let towards = place.heading.direction();
         let distance = match sight {
             Sight::Range(Millimeters(mm)) => i32::from(mm),
             Sight::Touching => 0,
             Sight::Clear => i32::MAX / 2,
         };
         let way = self.centimetres();
-        if let Some(look) = self.looks.get_mut(bin(place.heading)) {
+        if let Some(look) = self.looks.get_mut(place.heading.part(DIRECTIONS)) {
             *look = Look {
                 at: self.decision,
                 way,
@@ -186,24 +195,25 @@ impl Memory {
         let free = distance.min(FARTHEST) + MOUNT - THROUGH;
         self.points.retain(|point| {
             let [px, py] = point.at.map(i32::from);
-            let [along, across] = Place::ahead(towards, [px - x, py - y]);
+            let [along, across] = turned([px - x, py - y], towards);
             !(along > RADIUS && along < free && across.abs() * BEAM < along)
         });
         if distance > FARTHEST {
             return;
         }
-        let along = |towards: [i32; 2], distance: i32| towards.map(|part| (distance * part) >> 14);
+        let along =
+            |towards: [i32; 2], distance: i32| towards.map(|part| (distance * part) >> ONE_BITS);
         let echo = along(towards, distance + MOUNT);
         let theirs = |other: &Other| {
-            let off = |axis: usize| (other.at[axis] - echo[axis]).abs();
-            off(0) < THEIRS && off(1) < THEIRS
+            let [x, y] = other.at.map(i32::from);
+            (x - echo[0]).abs() < THEIRS && (y - echo[1]).abs() < THEIRS
         };
         if others.iter().any(theirs) {
             return;
         }
         let mount = along(towards, MOUNT);
         for off in ACROSS {
-            let across = direction(place.heading.wrapping_add(off as u16));
+            let across = place.heading.plus(off).direction();
             let [ex, ey] = along(across, distance);
             self.keep([x + mount[0] + ex, y + mount[1] + ey]);
         }
@@ -238,36 +248,34 @@ impl Memory {
         [along(0), along(1)]
     }
 
-    /// What is around `place`, where `others` are too.
-    pub(super) fn survey(&self, place: &Place, others: &[Other]) -> Survey {
-        let towards = direction(place.heading);
+    /// The things around `place`: the first half of a survey.
+    pub(super) fn things(&self, place: &Place) -> Survey {
+        let towards = place.heading.direction();
         let [x, y] = self.own(place);
-        let mut survey = Survey {
-            things: [0; SECTORS],
-            looks: [0; SECTORS],
-            around: Around::CLEAR,
-        };
+        let mut survey = Survey::EMPTY;
         for point in &self.points {
             let [px, py] = point.at.map(i32::from);
-            let there = Place::ahead(towards, [px - x, py - y]);
+            let there = turned([px - x, py - y], towards);
             if let Some(thing) = survey.things.get_mut(sector(there)) {
                 *thing = (*thing).max(nearness(distance(there)));
             }
             block(&mut survey.around, there, RADIUS);
         }
+        survey
+    }
+
+    /// Who is around `place`, and how well it is known what is: the other half.
+    pub(super) fn complete(&self, survey: &mut Survey, place: &Place, others: &[Other]) {
+        let towards = place.heading.direction();
         for other in others {
-            block(
-                &mut survey.around,
-                Place::ahead(towards, other.at),
-                2 * RADIUS,
-            );
+            let there = turned(other.at.map(i32::from), towards);
+            block(&mut survey.around, there, 2 * RADIUS);
         }
         for (number, look) in survey.looks.iter_mut().enumerate() {
             // The middle of the sector, and 7.5° to both sides.
-            let middle = place
-                .heading
-                .wrapping_add((number * 65_536 / SECTORS) as u16);
-            let [right, left] = [middle.wrapping_sub(1_365), middle.wrapping_add(1_365)];
+            let middle = (number * 65_536 / SECTORS) as u16;
+            let middle = place.heading.plus(Angle::from_units(middle.cast_signed()));
+            let [right, left] = [middle.minus(HALFWAY), middle.plus(HALFWAY)];
             *look = self.freshness(right).min(self.freshness(left));
         }
         let known = |sectors: [usize; 3]| {
@@ -282,12 +290,11 @@ impl Memory {
         if !known([5, 6, 7]) {
             survey.around.behind = 0;
         }
-        survey
     }
 
     /// How well it is known what is in this direction.
-    fn freshness(&self, towards: u16) -> i8 {
-        let Some(look) = self.looks.get(bin(towards)) else {
+    fn freshness(&self, towards: Angle) -> i8 {
+        let Some(look) = self.looks.get(towards.part(DIRECTIONS)) else {
             return 0;
         };
         let age = i32::from(self.decision.wrapping_sub(look.at).min(LOOKED));
@@ -295,11 +302,6 @@ impl Memory {
         let left = 127 - age * 127 / i32::from(LOOKED) - way * 127 / i32::from(DRIVEN);
         left.max(0) as i8
     }
-}
-
-/// The direction of looks that a heading is in.
-fn bin(heading: u16) -> usize {
-    (usize::from(heading) * DIRECTIONS) >> 16
 }
 
 /// A distance without a root: too long by at most a fifteenth.
@@ -338,12 +340,20 @@ mod tests {
     const fn at(x: i32, y: i32, heading: u16) -> Place {
         Place {
             at: [x, y],
-            heading,
+            heading: Angle::from_units(heading.cast_signed()),
         }
     }
 
     fn range(mm: u16) -> Sight {
         Sight::Range(Millimeters(mm))
+    }
+
+    impl Memory {
+        fn survey(&self, place: &Place, others: &[Other]) -> Survey {
+            let mut survey = self.things(place);
+            self.complete(&mut survey, place, others);
+            survey
+        }
     }
 
     /// Looks everywhere but to the left.
@@ -390,7 +400,7 @@ mod tests {
             "the middle one of three"
         );
         let behind = memory.survey(&at(0, 500, 0xC000), &[]).around;
-        assert_eq!((behind.ahead, behind.behind), (u16::MAX, 415));
+        assert_eq!((behind.ahead, behind.behind), (u16::MAX, 416));
         let beside = memory.survey(&at(400, 500, 0x4000), &[]).around;
         assert_eq!(beside, Around::CLEAR);
     }
@@ -475,7 +485,7 @@ mod tests {
             let mut memory = Memory::new();
             for (near, (there, heading, mm, way, x, y)) in steps.into_iter().enumerate() {
                 let place = at(there[0] >> (near % 31), there[1] >> (near % 29), heading);
-                let other = Other { at: [x, y], distance: distance([x, y]), velocity: [0; 2] };
+                let other = Other { at: [x, y].map(|along| along as i16), distance: distance([x, y]) as i16, velocity: [0; 2] };
                 let sight = if mm < 100 { Sight::Clear } else { range(mm) };
                 memory.pass(&place, way);
                 memory.see(&place, sight, &[other]);

@@ -13,8 +13,10 @@
 //! | 46 | 127 where the shield has taken something from the last decision |
 //! | 47 | where the last decision turned: 127 left, −127 right |
 
-use super::memory::{Other, Place, SECTORS, Survey};
+use super::memory::{Other, Place, Survey};
+use super::sector::SECTORS;
 use super::shield::Around;
+use crate::motion::angle::turned;
 
 /// Numbers of an observation.
 pub const WIDTH: usize = ROWS * 16;
@@ -73,6 +75,22 @@ fn within(value: i32) -> i8 {
     value.clamp(-127, 127) as i8
 }
 
+/// The nearest ones, nearest first; of those at the same distance the first.
+fn nearest(others: &[Other]) -> [Option<&Other>; SEEN] {
+    let mut found: [Option<&Other>; SEEN] = [None; SEEN];
+    for other in others {
+        let mut next = Some(other);
+        for place in &mut found {
+            let is_nearer =
+                |other: &Other| place.is_none_or(|known| other.distance < known.distance);
+            if next.is_some_and(is_nearer) {
+                core::mem::swap(place, &mut next);
+            }
+        }
+    }
+    found
+}
+
 impl Seen<'_> {
     pub(super) fn observation(&self) -> Observation {
         let [left, right] = self.duties;
@@ -93,16 +111,17 @@ impl Seen<'_> {
         add(&self.survey.things);
         add(&self.survey.looks);
         add(&[ahead, behind].map(|free| scaled(i32::from(free), 500)));
-        let towards = super::angle::direction(self.place.heading);
-        for rank in 0..SEEN {
-            add(&self.others.get(rank).map_or([0; 4], |other| {
-                let there = Place::ahead(towards, other.at);
-                let far = other.distance.max(1);
-                let [x, y] = other.at;
-                let [vx, vy] = other.velocity;
+        let towards = self.place.heading.direction();
+        for other in nearest(self.others) {
+            add(&other.map_or([0; 4], |other| {
+                let [x, y] = other.at.map(i32::from);
+                let there = turned([x, y], towards);
+                let distance = i32::from(other.distance);
+                let far = distance.max(1);
+                let [vx, vy] = other.velocity.map(i32::from);
                 let nearer = -(vx * x + vy * y) / far;
                 [
-                    scaled(other.distance, 3_000),
+                    scaled(distance, 3_000),
                     within(there[0] * 127 / far),
                     within(there[1] * 127 / far),
                     within(nearer * 127 / 1_000),

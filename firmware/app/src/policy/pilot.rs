@@ -1,20 +1,33 @@
 //! Driving by a policy without the network: memory, observations in turn, and what was decided.
+//!
+//! A control step has no time for a whole observation, so each does a part of it:
+//!
+//! | step | |
+//! |---:|---|
+//! | 1 | who is near, and how far the robot has come since it did this last |
+//! | 2 | what the ranger sees is taken into memory |
+//! | 3 | what is remembered of things around the robot |
+//! | 4 | what is known of the ways ahead and behind, for the shield as well |
+//! | 5 | the observation, for which a decision is wanted |
 
 use crawler_hal::Instant;
 use crawler_protocol::Pose;
 use heapless::Vec;
 
 use super::action::Action;
-use super::angle::turns;
-use super::memory::{Memory, Other, Place, distance};
+use super::memory::{Memory, Other, Place, Survey, distance};
 use super::observation::{Observation, Seen, range};
 use super::shield::{Around, shield};
 use super::{DECIDED_WITHIN, STEPS};
 use crate::motion::Twist;
+use crate::motion::angle::{Angle, length, millimetres};
+use crate::neighbours::{MOST, Neighbour};
 use crate::perception::{Reading, Sight};
 
 /// Farther than this nobody is reckoned with, in millimetres, so that no product overflows.
 const FARTHEST_MM: i32 = 8_000;
+/// Nor faster, in millimetres per second.
+const FASTEST_MMPS: i32 = 5_000;
 /// What the median of three measurements and the sound make of an echo: it is older than it says, in milliseconds.
 const ECHO_AGE_MS: i32 = 95;
 /// Milliseconds from one decision to the next.
@@ -43,15 +56,6 @@ pub struct Asked {
     pub number: u16,
 }
 
-/// Another robot, in the coordinates of position references.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Near {
-    /// Millimetres along both axes.
-    pub at: [i32; 2],
-    /// Millimetres per second along both axes.
-    pub velocity: [i32; 2],
-}
-
 /// What a control step knows.
 #[derive(Debug, Clone, Copy)]
 pub struct Known<'a> {
@@ -63,26 +67,60 @@ pub struct Known<'a> {
     pub reading: &'a Reading,
     /// Nothing drives ahead where the ranger sees something nearer than this.
     pub critical_mm: u16,
-    /// Who is near; nobody while the robot is not sure of its own place.
-    pub near: &'a [Near],
+    /// Who is near, in steps that [`Pilot::looks_around`]; nobody while the robot is not sure of its own place.
+    pub near: &'a [Neighbour],
     /// The time.
     pub now: Instant,
 }
 
-/// Most others that are reckoned with.
-const MOST: usize = 16;
+/// What a control step does of an observation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+enum Part {
+    Others,
+    Sight,
+    Things,
+    Ways,
+    Whole,
+}
+
+impl Part {
+    /// All of them, in their order.
+    const ALL: [Self; 5] = [
+        Self::Others,
+        Self::Sight,
+        Self::Things,
+        Self::Ways,
+        Self::Whole,
+    ];
+
+    const fn next(self) -> Self {
+        match self {
+            Self::Others => Self::Sight,
+            Self::Sight => Self::Things,
+            Self::Things => Self::Ways,
+            Self::Ways => Self::Whole,
+            Self::Whole => Self::Others,
+        }
+    }
+}
+
+const _: () = assert!(Part::ALL.len() == STEPS as usize);
 
 /// Driving by a policy, as far as it takes no network.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pilot {
     memory: Memory,
+    /// Where it was at the first part of the last observation.
     place: Place,
     /// By how much it turned from one decision to the next, the last one first.
     turned: [i16; TURNS],
+    others: Vec<Other, MOST>,
+    survey: Survey,
     ranges: [i8; 4],
-    /// Control steps until the next observation.
-    wait: u8,
+    /// Of the next control step.
+    part: Part,
     /// Observations of this behaviour so far.
     decisions: u16,
     /// Observations so far.
@@ -110,11 +148,13 @@ impl Pilot {
             memory: Memory::new(),
             place: Place {
                 at: [0; 2],
-                heading: 0,
+                heading: Angle::from_units(0),
             },
             turned: [0; TURNS],
+            others: Vec::new(),
+            survey: Survey::EMPTY,
             ranges: [0; 4],
-            wait: 0,
+            part: Part::Others,
             decisions: 0,
             number: 0,
             observation: Observation::NOTHING,
@@ -132,6 +172,21 @@ impl Pilot {
         *self = Self::new();
         self.number = number;
         self.place = place(pose);
+    }
+
+    /// Another behaviour, or none, has this control step.
+    pub(crate) const fn rest(&mut self) {
+        self.asks = false;
+    }
+
+    /// Whether the next control step takes in who is near.
+    pub const fn looks_around(&self) -> bool {
+        matches!(self.part, Part::Others)
+    }
+
+    /// Whether the next control step has time for a position reference.
+    pub(crate) const fn has_time(&self) -> bool {
+        matches!(self.part, Part::Ways | Part::Whole)
     }
 
     /// What a decision is wanted for since this control step.
@@ -153,12 +208,19 @@ impl Pilot {
             self.decided = Some((action, known.now));
             self.less = false;
         }
-        self.asks = self.wait == 0;
-        if self.asks {
-            self.wait = STEPS;
-            self.observe(known);
+        let place = place(&known.pose);
+        match self.part {
+            Part::Others => self.go_on(place, known.near),
+            Part::Sight => self.see(&place, known),
+            Part::Things => self.survey = self.memory.things(&place),
+            Part::Ways => {
+                self.memory.complete(&mut self.survey, &place, &self.others);
+                self.around = self.survey.around;
+            }
+            Part::Whole => self.observe(&place, known),
         }
-        self.wait -= 1;
+        self.asks = self.part == Part::Whole;
+        self.part = self.part.next();
         self.twist = match self.decided {
             Some((action, at)) if known.now - at <= DECIDED_WITHIN => {
                 let seen = known.reading.fresh(known.now);
@@ -184,9 +246,8 @@ impl Pilot {
         Twist { v, w }
     }
 
-    fn observe(&mut self, known: &Known<'_>) {
+    fn go_on(&mut self, place: Place, near: &[Neighbour]) {
         let before = self.place;
-        let place = place(&known.pose);
         self.place = place;
         let off = |axis: usize| {
             let way = place.at[axis].saturating_sub(before.at[axis]);
@@ -194,31 +255,41 @@ impl Pilot {
         };
         let way = distance([off(0), off(1)]).min(LONGEST_MM);
         self.turned.rotate_right(1);
-        self.turned[0] = place.heading.wrapping_sub(before.heading).cast_signed();
+        self.turned[0] = place.heading.minus(before.heading).units();
         self.memory.pass(&place, way as u16);
-        let others = others(&place, known.near);
-        let seen = known.reading.fresh(known.now);
+        self.others.clear();
+        self.others.extend(
+            near.iter()
+                .filter_map(|other| relative(&place, other))
+                .take(MOST),
+        );
+    }
+
+    fn see(&mut self, place: &Place, known: &Known<'_>) {
         if let Some((sight, at)) = known.reading.sight
-            && seen.is_some()
+            && known.reading.fresh(known.now).is_some()
         {
             let age = (known.now - at).as_micros() as u32 / 1_000;
-            let heading = self.headed(age as i32 + ECHO_AGE_MS);
-            self.memory.see(&Place { heading, ..place }, sight, &others);
+            let heading = self.headed(place.heading, age as i32 + ECHO_AGE_MS);
+            let then = Place { heading, ..*place };
+            self.memory.see(&then, sight, &self.others);
         }
+    }
+
+    fn observe(&mut self, place: &Place, known: &Known<'_>) {
+        let seen = known.reading.fresh(known.now);
         self.ranges.rotate_right(1);
         self.ranges[0] = range(seen.map_or(0, Sight::distance_mm));
         if self.decisions == 0 {
             self.ranges = [self.ranges[0]; 4];
         }
-        let survey = self.memory.survey(&place, &others);
-        self.around = survey.around;
         let turned = self.decided.map_or(0, |(action, _)| action.twist()[1]);
         self.observation = Seen {
             ranges: self.ranges,
             duties: known.duties,
-            survey: &survey,
-            place: &place,
-            others: &others,
+            survey: &self.survey,
+            place,
+            others: &self.others,
             decisions: self.decisions,
             less: self.less,
             turned,
@@ -229,13 +300,13 @@ impl Pilot {
     }
 
     /// Where the robot headed so many milliseconds ago.
-    fn headed(&self, ms: i32) -> u16 {
-        let mut heading = self.place.heading;
+    fn headed(&self, now: Angle, ms: i32) -> Angle {
+        let mut heading = now;
         let mut left = ms;
         for turned in self.turned {
             let part = left.clamp(0, DECISION_MS);
             let turned = i32::from(turned) * part / DECISION_MS;
-            heading = heading.wrapping_sub(turned as u16);
+            heading = heading.minus(Angle::from_units(turned as i16));
             left -= part;
         }
         heading
@@ -244,37 +315,22 @@ impl Pilot {
 
 fn place(pose: &Pose) -> Place {
     Place {
-        at: [pose.x, pose.y].map(thousandths),
-        heading: turns(pose.theta),
+        at: [pose.x, pose.y].map(millimetres),
+        heading: Angle::from_radians(pose.theta),
     }
 }
 
-/// In thousandths; casts saturate, and no number is 0.
-fn thousandths(value: f32) -> i32 {
-    (value * 1_000.0) as i32
-}
-
-/// Who is near, nearest first.
-fn others(place: &Place, near: &[Near]) -> Vec<Other, MOST> {
-    let mut others: Vec<Other, MOST> = Vec::new();
-    for neighbour in near {
-        let at = [
-            neighbour.at[0].saturating_sub(place.at[0]),
-            neighbour.at[1].saturating_sub(place.at[1]),
-        ];
-        if at.iter().any(|along| along.saturating_abs() > FARTHEST_MM) {
-            continue;
-        }
-        let other = Other {
-            at,
-            distance: ((at[0] * at[0] + at[1] * at[1]).cast_unsigned().isqrt()) as i32,
-            velocity: neighbour.velocity.map(|along| along.clamp(-5_000, 5_000)),
-        };
-        let rank = others
-            .iter()
-            .filter(|known| known.distance <= other.distance)
-            .count();
-        let _ = others.insert(rank, other);
-    }
-    others
+/// Where a neighbour is, unless that is too far away.
+fn relative(place: &Place, neighbour: &Neighbour) -> Option<Other> {
+    let off = |axis: usize| {
+        let off = neighbour.at[axis].saturating_sub(place.at[axis]);
+        (off.saturating_abs() <= FARTHEST_MM).then_some(off)
+    };
+    let at = [off(0)?, off(1)?];
+    let bounded = |rate: i32| rate.clamp(-FASTEST_MMPS, FASTEST_MMPS) as i16;
+    Some(Other {
+        at: at.map(|off| off as i16),
+        distance: length(at) as i16,
+        velocity: neighbour.velocity().map(bounded),
+    })
 }

@@ -188,6 +188,16 @@ fn what_is_no_policy_is_refused_with_a_reason() {
     assert_eq!(Policy::new(&unscored).map(|policy| policy.score), Ok(None));
 }
 
+#[test]
+fn a_robot_says_why_it_does_not_drive_by_a_policy() {
+    use crawler_protocol::Reason;
+    assert_eq!(Installed::Policy(7).check(7), Ok(()));
+    assert_eq!(Installed::Policy(7).check(8), Err(Reason::NoPolicy));
+    assert_eq!(Installed::None.check(8), Err(Reason::NoPolicy));
+    assert_eq!(Installed::Bad.check(8), Err(Reason::BadPolicy));
+    assert_eq!(Installed::Other.check(8), Err(Reason::OtherObservation));
+}
+
 proptest! {
     /// Whatever the weights are: an action, and no panic.
     #[test]

@@ -10,6 +10,7 @@ use crawler_protocol::{
     RobotState, Says,
 };
 use proptest::prelude::*;
+use rand_core::Rng;
 
 use super::happening::{Happening, Number, Sensor};
 use super::meaning::{Meaning, Sent};
@@ -21,6 +22,8 @@ use crate::neighbours::cell_at;
 use crate::order::Halt;
 use crate::parameters::{Parameter, Parameters};
 use crate::perception::{Battery, Charge, LinkHealth, Reading, SensorHealth, Sight};
+use crate::policy::decisions::named;
+use crate::policy::{Decision, Installed};
 use crate::testing::{TestRng, TestRobot, robot, source};
 
 /// Unix time at boot.
@@ -64,6 +67,8 @@ impl Bench {
         let robot = robot("rules");
         robot.time.observe(BOOTED_MS, Instant::BOOT);
         robot.store_handle().set_loaded();
+        let installed = Installed::Policy(named("trained"));
+        robot.policy_handle().install(installed);
         let control_loop = ControlLoop::new(&robot);
         let mut bench = Self {
             robot,
@@ -285,12 +290,31 @@ impl Bench {
             Sensor::Broken(health) => self.reading.health = health,
         }
         self.robot.sense_handle().publish(&self.reading);
+        self.decide();
         let fault = self.motor_fault;
         let out = self
             .control_loop
             .turn(&self.robot, woken_by, fault, &mut self.rng, self.now);
         self.judge(&out)?;
         Ok(out)
+    }
+
+    /// Whatever a network may do: any action or none at all, in turn or for another observation, now and then
+    /// nothing for a while.
+    fn decide(&mut self) {
+        let (asked, chance) = (self.robot.policy_asked(), self.rng.next_u32());
+        if chance & 0x300 == 0 {
+            return;
+        }
+        let number = match asked {
+            Some(asked) => asked.number,
+            None if chance & 0xF000 == 0 => (chance >> 16) as u16,
+            None => return,
+        };
+        self.robot.policy_handle().decide(Decision {
+            action: (chance & 0xF) as u8 % 9,
+            number,
+        });
     }
 
     fn judge(&mut self, out: &Outputs) -> Result<(), TestCaseError> {

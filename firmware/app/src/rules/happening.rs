@@ -4,7 +4,9 @@ use std::vec;
 use std::vec::Vec;
 
 use crawler_hal::Millimeters;
-use crawler_protocol::{Action, BehaviourSpec, Direction, Measure, Places, Pose, RobotId, Says};
+use crawler_protocol::{
+    Action, BehaviourSpec, Direction, Measure, Places, PolicyName, Pose, RobotId, Says,
+};
 use proptest::prelude::*;
 
 use crate::perception::{Charge, LinkHealth, SensorHealth, Sight};
@@ -81,7 +83,10 @@ fn action() -> impl Strategy<Value = Action> {
         1 => Just(Action::Behave(BehaviourSpec::Disperse)),
         1 => Just(Action::Behave(BehaviourSpec::Gather { x: 1.0, y: -2.0 })),
         1 => Just(Action::Behave(BehaviourSpec::Formation)),
-        1 => Just(Action::Behave(BehaviourSpec::Policy)),
+        3 => prop_oneof![3 => Just("trained"), 1 => Just("other")].prop_map(|name| {
+            let policy = PolicyName::new(name).expect("legal");
+            Action::Behave(BehaviourSpec::Policy { policy })
+        }),
         2 => prop_oneof![Just("other"), Just("rules")].prop_map(|leader| {
             let leader = RobotId::new(leader).expect("legal");
             Action::Behave(BehaviourSpec::Follow { leader, distance: 0.5 })

@@ -3,7 +3,9 @@
 use std::vec::Vec;
 
 use crawler_hal::{Duration, Millimeters};
-use crawler_protocol::{Action, BehaviourSpec, Direction, Pose, RobotState};
+use crawler_protocol::{
+    Action, BehaviourName, BehaviourSpec, Direction, PolicyName, Pose, RobotState,
+};
 use proptest::prelude::*;
 
 use super::bench::Bench;
@@ -39,6 +41,22 @@ proptest! {
         bench.send(&wander, 0, Number::Next, 0)?;
         bench.happen(&Happening::Run(30))?;
         prop_assert!(bench.robot.snapshot().wheels[0] > 0.0, "on its way");
+        for happening in &happenings {
+            bench.happen(happening)?;
+        }
+    }
+
+    /// The same for a robot that drives by a policy, whatever its network decides.
+    #[test]
+    fn whatever_a_network_decides_the_rules_hold(
+        seed in any::<u64>(),
+        happenings in prop::collection::vec(happening(), 1..60),
+    ) {
+        let mut bench = Bench::new(seed);
+        let policy = PolicyName::new("trained").expect("legal");
+        bench.send(&Action::Behave(BehaviourSpec::Policy { policy }), 0, Number::Next, 0)?;
+        bench.happen(&Happening::Run(30))?;
+        prop_assert_eq!(bench.robot.snapshot().behaviour, BehaviourName::Policy);
         for happening in &happenings {
             bench.happen(happening)?;
         }

@@ -36,7 +36,6 @@ impl Meaning {
                 lasting: true,
             },
             Action::Behave(BehaviourSpec::Manual) => Self::Rest,
-            Action::Behave(BehaviourSpec::Policy) => Self::Other,
             Action::Behave(_) => Self::Motion {
                 until: Instant::FAR_FUTURE,
                 lasting: false,

@@ -16,6 +16,7 @@ use crate::goal::{Mission, Swarm};
 use crate::order::{Halt, Order, Sender, Task, UpdateWish};
 use crate::parameters::Parameters;
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
+use crate::policy::Installed;
 use crate::testing::{TestRng, source};
 
 /// Order, halt, whether it sees, whether it is linked, milliseconds.
@@ -122,6 +123,8 @@ proptest! {
                     halt: halt.as_ref(),
                     order: order.as_ref(),
                     update: UpdateWish::None,
+            policy: Installed::None,
+            decision: None,
                 };
                 let out: Outputs = controller.step(&inputs, &mut rng, now);
                 for answer in &out.answers {

@@ -22,7 +22,10 @@ pub(super) fn encode(goal: &Goal) -> [u8; ENCODED] {
         Goal::Swarm(Swarm::Gather { x, y }) => (3, [x, y]),
         Goal::Swarm(Swarm::Flock) => (4, [0.0; NUMBERS]),
         Goal::Swarm(Swarm::Formation) => (5, [0.0; NUMBERS]),
-        Goal::Manual { .. } | Goal::Goto { .. } | Goal::Mission { .. } => return NOTHING,
+        // Which policy there will be after the restart is not known.
+        Goal::Manual { .. } | Goal::Goto { .. } | Goal::Policy { .. } | Goal::Mission { .. } => {
+            return NOTHING;
+        }
     };
     let mut bytes = NOTHING;
     let all = core::iter::once(kind).chain(numbers.into_iter().flat_map(f32::to_le_bytes));
@@ -80,6 +83,7 @@ mod tests {
             deadline: Instant::BOOT,
         };
         assert_eq!(encode(&goto), NOTHING);
+        assert_eq!(encode(&Goal::Policy { name: 7 }), NOTHING);
         let wander = encode(&Goal::Wander { speed: 0.5 });
         for bytes in [
             &NOTHING[..],

@@ -7,6 +7,7 @@ use crate::controller::{Controller, Inputs, Outputs, PERIOD};
 use crate::order::{Order, Sender, Task, UpdateWish};
 use crate::parameters::Parameters;
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
+use crate::policy::Installed;
 use crate::state::{Side, State};
 use crate::testing::{TestRng, source};
 
@@ -62,6 +63,8 @@ impl Bench {
             halt: None,
             order: order.as_ref(),
             update: UpdateWish::None,
+            policy: Installed::None,
+            decision: None,
         };
         self.controller.step(&inputs, &mut self.rng, self.now)
     }

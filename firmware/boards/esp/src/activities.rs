@@ -6,6 +6,7 @@
 #[cfg(feature = "esp32s3")]
 use crawler_app::Inline;
 use crawler_app::Robot;
+use crawler_app::policy::SPREAD;
 use crawler_board::EmbassyClock;
 use crawler_hal::SlotPort;
 use embassy_executor::{SendSpawner, SpawnError, Spawner};
@@ -59,7 +60,7 @@ pub(crate) struct Parts {
     /// What loads models for the detector, where there is room for them.
     #[cfg(feature = "esp32s3")]
     pub(crate) models: Option<ModelLoader>,
-    /// Randomness of the update activity.
+    /// Randomness of the activities of updates and policies.
     pub(crate) rng: Rng,
 }
 
@@ -91,6 +92,7 @@ pub(crate) fn spawn(
     spawner.spawn(power(robot, parts.battery)?);
     spawner.spawn(lamp(robot, parts.lamp)?);
     spawner.spawn(store(robot, parts.parameters)?);
+    spawner.spawn(decide(robot, parts.rng)?);
     if let Some(slots) = parts.slots {
         #[cfg(feature = "esp32s3")]
         if let Some(models) = parts.models {
@@ -132,6 +134,11 @@ async fn lamp(robot: &'static Context, lamp: Lamp) {
 #[embassy_executor::task]
 async fn store(robot: &'static Context, flash: Region) {
     match crawler_app::store(robot, flash, EmbassyClock).await {}
+}
+
+#[embassy_executor::task]
+async fn decide(robot: &'static Context, rng: Rng) {
+    match crawler_app::decide(robot, SPREAD, rng).await {}
 }
 
 #[embassy_executor::task]

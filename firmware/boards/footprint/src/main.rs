@@ -13,11 +13,12 @@ use core::mem::MaybeUninit;
 use core::pin::Pin;
 use core::task::{Context, Waker};
 
+use crawler_app::policy::SPREAD;
 use crawler_app::{Config, Inline, Robot, UpdateIdentity, Updates};
 use crawler_hal::{MotorPort, RangerPort, SlotPort, SlotRegion};
 use crawler_protocol::{BuildId, Fleet, Kind, RobotId};
 use crawler_release::{PublicKey, PublicKeys};
-use embassy_futures::join::{join3, join5};
+use embassy_futures::join::{join4, join5};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use seam::Port;
 
@@ -61,6 +62,7 @@ async fn program(robot: &'static Shared, updates: &'static SharedUpdates) {
         crawler_app::lamp(robot, Port(14), Port(8)),
         crawler_app::store(robot, Port(15), Port(8)),
     );
+    let decide = crawler_app::decide(robot, SPREAD, Port(7));
     let slot = |start| SlotRegion {
         start,
         length: 0x10_0000,
@@ -80,7 +82,7 @@ async fn program(robot: &'static Shared, updates: &'static SharedUpdates) {
         Port(7),
         Port(8),
     );
-    join3(body, link, update).await;
+    join4(body, link, update, decide).await;
 }
 
 /// Where the link begins to look for what is used.

@@ -3,6 +3,7 @@
 #![no_main]
 
 use chacha20::ChaCha20Rng;
+use crawler_app::policy::SPREAD;
 use crawler_app::{Config, Inline, Robot, Updates};
 use crawler_board::arguments::{Arguments, Faults};
 use crawler_board::model::{Bench, GEOMETRY, Line, LineFault, ModelEcho, Side, seed};
@@ -119,6 +120,7 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     let update_rng = Pcg32::new(rng.next_u64(), 0x7570_6474);
     let updates = update::updates();
     let (network, runner) = make_network(rng.next_u64());
+    let policy_rng = Pcg32::new(rng.next_u64(), 0x706F_6C69);
     let secret = arguments
         .authority
         .map(|authority| (authority, secret_rng(description)));
@@ -130,6 +132,7 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     spawner.spawn(power(robot, body).expect(FIRST));
     spawner.spawn(lamp(robot, body).expect(FIRST));
     spawner.spawn(store(robot, flash, noise).expect(FIRST));
+    spawner.spawn(decide(robot, policy_rng).expect(FIRST));
     spawner.spawn(net(runner).expect(FIRST));
     spawner.spawn(link(robot, updates, network, link_rng, secret).expect(FIRST));
     if let Some(slots) = update::slots() {
@@ -280,6 +283,11 @@ async fn store(robot: &'static Context, mut flash: ParameterFlash, noise: Option
         }
     }
     match crawler_app::store(robot, flash, EmbassyClock).await {}
+}
+
+#[embassy_executor::task]
+async fn decide(robot: &'static Context, rng: Pcg32) -> ! {
+    match crawler_app::decide(robot, SPREAD, rng).await {}
 }
 
 #[embassy_executor::task]

@@ -75,11 +75,11 @@ impl Serialize for Parameters<'_> {
                         map.serialize_entry("f", f)?;
                     }
                     BehaviourSpec::Allocate { tasks } => map.serialize_entry("tasks", tasks)?,
+                    BehaviourSpec::Policy { policy } => map.serialize_entry("policy", policy)?,
                     BehaviourSpec::Manual
                     | BehaviourSpec::Disperse
                     | BehaviourSpec::Flock
-                    | BehaviourSpec::Formation
-                    | BehaviourSpec::Policy => {}
+                    | BehaviourSpec::Formation => {}
                 }
             }
             Action::Set(values) => {

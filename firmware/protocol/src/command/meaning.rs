@@ -9,7 +9,7 @@ use super::{
     DEFAULT_WANDER_SPEED, Direction, FOLLOW_DISTANCE, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W,
     MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_VALUE, Measure, ParameterValue, ParameterValues, Places,
 };
-use crate::{BehaviourName, Reason, RobotId};
+use crate::{BehaviourName, PolicyName, Reason, RobotId};
 
 /// Makes a command of a frame. Takes `source` out of it only where nothing is wrong.
 pub(super) fn command(frame: &mut Frame) -> Result<Command, Reason> {
@@ -161,7 +161,12 @@ fn behave(given: Given<'_>) -> Result<BehaviourSpec, Reason> {
         }
         BehaviourName::Flock => alone(BehaviourSpec::Flock),
         BehaviourName::Formation => alone(BehaviourSpec::Formation),
-        BehaviourName::Policy => alone(BehaviourSpec::Policy),
+        BehaviourName::Policy => {
+            given.only(&["behaviour", "policy"])?;
+            Ok(BehaviourSpec::Policy {
+                policy: PolicyName::new(given.text("policy")?).map_err(|_| Reason::OutOfRange)?,
+            })
+        }
     }
 }
 

@@ -16,7 +16,7 @@ pub use places::{MAX_PLACES, Places};
 pub use value::{MAX_SET, ParameterValue, ParameterValues};
 
 use crate::words::words;
-use crate::{BehaviourName, EncodeError, Reason, RobotId, Source, json};
+use crate::{BehaviourName, EncodeError, PolicyName, Reason, RobotId, Source, json};
 
 words! {
     /// The name of a command.
@@ -119,7 +119,10 @@ pub enum BehaviourSpec {
     /// Keep a place among other robots.
     Formation,
     /// Follow a trained policy.
-    Policy,
+    Policy {
+        /// Its name.
+        policy: PolicyName,
+    },
     /// Keep behind a robot.
     Follow {
         /// The robot to follow.
@@ -172,7 +175,7 @@ impl BehaviourSpec {
             Self::Gather { .. } => BehaviourName::Gather,
             Self::Flock => BehaviourName::Flock,
             Self::Formation => BehaviourName::Formation,
-            Self::Policy => BehaviourName::Policy,
+            Self::Policy { .. } => BehaviourName::Policy,
             Self::Follow { .. } => BehaviourName::Follow,
             Self::Patrol { .. } => BehaviourName::Patrol,
             Self::Consensus { .. } => BehaviourName::Consensus,

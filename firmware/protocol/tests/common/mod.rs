@@ -9,8 +9,8 @@ use crawler_protocol::{
     Command, CommandName, Detection, Detections, Direction, FOLLOW_DISTANCE, Heartbeat, Kind,
     Level, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS, MAX_LIARS, MAX_MOVE_MS,
     MAX_PLACES, MAX_SAYS, MAX_VALUE, Measure, Neighbour, Outcomes, ParameterReport, ParameterValue,
-    ParametersMessage, Places, Pose, PoseFix, Reason, Response, ResponseStatus, RobotState, Says,
-    Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
+    ParametersMessage, Places, PolicyName, Pose, PoseFix, Reason, Response, ResponseStatus,
+    RobotState, Says, Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
 };
 use heapless::String as Text;
 use proptest::collection::vec;
@@ -100,6 +100,9 @@ fn behaviour() -> impl Strategy<Value = BehaviourSpec> {
         )
             .prop_map(|(measure, f)| BehaviourSpec::Consensus { measure, f }),
         places(1).prop_map(|tasks| BehaviourSpec::Allocate { tasks }),
+        "[a-z0-9-]{1,32}".prop_map(|name| BehaviourSpec::Policy {
+            policy: PolicyName::new(&name).unwrap(),
+        }),
         (places(2), 0..=MAX_LAPS)
             .prop_map(|(waypoints, laps)| BehaviourSpec::Patrol { waypoints, laps }),
         select(vec![
@@ -107,7 +110,6 @@ fn behaviour() -> impl Strategy<Value = BehaviourSpec> {
             BehaviourSpec::Disperse,
             BehaviourSpec::Flock,
             BehaviourSpec::Formation,
-            BehaviourSpec::Policy,
         ]),
     ]
 }

@@ -13,7 +13,7 @@ use crate::world::{Arena, Parameters, Space, SpaceState};
 const MAGIC: [u8; 4] = *b"TCBW";
 /// Counts changes of what is stored, and of what worlds do with it: a state is gone on with by the
 /// code that wrote it, or not at all.
-const VERSION: u16 = 2;
+const VERSION: u16 = 3;
 /// Magic, version, and a check over the rest.
 const HEAD: usize = 4 + 2 + 8;
 

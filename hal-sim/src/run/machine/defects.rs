@@ -14,6 +14,7 @@ use crawler_protocol::{ParameterValue, ParameterValues};
 
 use super::{SimRobot, SimUpdates};
 use crate::devices::{Resetter, Started};
+use crate::scenario::Trained;
 use crate::sched::{Scheduler, SimClock, TaskId};
 
 /// How long control stands still that misses its periods: three of them, and within what the watchdog allows.
@@ -167,6 +168,8 @@ pub(crate) struct Extras<'a> {
     pub(super) faulty: Option<&'a Faulty>,
     /// By what it takes updates.
     pub(super) updates: Option<Rc<SimUpdates>>,
+    /// By what it can drive in place of what comes with the program.
+    pub(super) policy: Option<Trained>,
 }
 
 /// Runs the activities of a program, under what is wrong with it.

@@ -135,7 +135,7 @@ impl Simulation {
             parts,
             network,
             detector,
-            updates,
+            (updates, self.scenario.policy.clone()),
             #[cfg(feature = "recording")]
             event_log,
         )

@@ -89,6 +89,7 @@ impl Snapshot {
             Ok(mut read) => {
                 // Files hold no detector; whoever restores the world gives it one.
                 read.detector = self.scenario.detector;
+                read.policy.clone_from(&self.scenario.policy);
                 if read != self.scenario {
                     return Err(SnapshotError::Scenario("a number changes".to_owned()));
                 }

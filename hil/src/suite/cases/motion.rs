@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crawler_protocol::open::{Response, Telemetry};
 use crawler_protocol::{
-    Action, BehaviourName, BehaviourSpec, Direction, Reason, ResponseStatus, RobotState,
+    Action, BehaviourName, BehaviourSpec, Direction, PolicyName, Reason, ResponseStatus, RobotState,
 };
 use serde_json::json;
 use tokio::time::Instant;
@@ -395,4 +395,22 @@ pub(in super::super) async fn wander(bench: &mut Bench) -> Verdict {
     let end = Action::Behave(BehaviourSpec::Manual);
     completed(&bench.ask(end).await?)?;
     bench.rests(STOPS).await
+}
+
+pub(in super::super) async fn policy(bench: &mut Bench) -> Verdict {
+    bench.synchronised().await?;
+    let policy = PolicyName::new("spread").map_err(|error| Failure::Failed(error.to_string()))?;
+    let drive = Action::Behave(BehaviourSpec::Policy { policy });
+    completed(&bench.ask(drive).await?)?;
+    bench
+        .until("the robot drives by its policy", ANSWER, |telemetry| {
+            telemetry.behaviour == BehaviourName::Policy && is_moving(telemetry)
+        })
+        .await?;
+    completed(&bench.ask(Action::Stop).await?)?;
+    bench.rests(STOPS).await?;
+    let manual = |telemetry: &Telemetry| {
+        is_standing(telemetry) && telemetry.behaviour == BehaviourName::Manual
+    };
+    bench.stays("it stood, manual", 2, manual).await
 }

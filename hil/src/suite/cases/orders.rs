@@ -1,7 +1,8 @@
 //! Commands that do not set a robot in motion.
 
-use crawler_protocol::{Action, BehaviourSpec, Capability, Reason, ResponseStatus};
+use crawler_protocol::{Action, BehaviourSpec, Capability, PolicyName, Reason, ResponseStatus};
 
+use super::super::Failure;
 use super::super::case::Verdict;
 use super::super::{ANSWER, Bench, Word, is_standing};
 use super::{check, completed, is};
@@ -63,8 +64,11 @@ pub(in super::super) async fn capture(bench: &mut Bench) -> Verdict {
     )
 }
 
-pub(in super::super) async fn unsupported(bench: &mut Bench) -> Verdict {
-    let answer = bench.ask(Action::Behave(BehaviourSpec::Policy)).await?;
-    is(&answer, ResponseStatus::Rejected, Some(Reason::Unsupported))?;
+pub(in super::super) async fn no_policy(bench: &mut Bench) -> Verdict {
+    let policy =
+        PolicyName::new("none-of-this-name").map_err(|error| Failure::Failed(error.to_string()))?;
+    let behave = Action::Behave(BehaviourSpec::Policy { policy });
+    let answer = bench.ask(behave).await?;
+    is(&answer, ResponseStatus::Rejected, Some(Reason::NoPolicy))?;
     bench.stays("it stood", 2, is_standing).await
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crawler_sim::evaluate::Driver;
-use crawler_sim::scenario::Scenario;
+use crawler_sim::scenario::{Scenario, Trained};
 use serde_json::{Value, json};
 
 use super::{EvaluateArgs, repeat};
@@ -33,6 +33,10 @@ impl<'a> Provenance<'a> {
         let _ = write!(options, " --seed {}", args.seed);
         if args.driver != Driver::Program {
             let _ = write!(options, " --driver {}", args.driver.name());
+        }
+        if let Some(path) = &args.policy {
+            let path = path.display().to_string();
+            let _ = write!(options, " --policy {}", super::quoted(&path));
         }
         Self {
             args,
@@ -76,6 +80,7 @@ impl<'a> Provenance<'a> {
             "randomisation": self.scenario.randomisation.name(),
             "seed": args.seed,
             "driver": args.driver.name(),
+            "policy": self.scenario.policy.as_ref().map(Trained::checksum),
             "text": self.text(),
         })
     }

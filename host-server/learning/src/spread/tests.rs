@@ -41,6 +41,15 @@ fn an_episode_follows_from_its_seed_and_the_actions() {
 fn robots_observe_each_other_and_do_what_is_decided() {
     let mut world = world();
     world.reset(Seed::evaluation(1));
+    let mut rewards = [0.0; 3];
+    assert_eq!(
+        world.observation(0).numbers()[32],
+        0,
+        "nobody was told of yet"
+    );
+    for _ in 0..7 {
+        world.step(&[Action::Stand as u8; 3], &mut rewards);
+    }
     for agent in 0..3 {
         let observation = world.observation(agent);
         let numbers = observation.numbers();
@@ -55,7 +64,6 @@ fn robots_observe_each_other_and_do_what_is_decided() {
         episode.world.observe(index(0)).unwrap().pose.theta
     };
     let before = heading(&world);
-    let mut rewards = [0.0; 3];
     for _ in 0..5 {
         world.step(
             &[Action::Left as u8, Action::Stand as u8, Action::Stand as u8],

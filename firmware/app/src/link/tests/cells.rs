@@ -88,11 +88,7 @@ fn whoever_has_to_know_who_is_near_listens_around_itself() {
 
 #[test]
 fn whoever_need_not_know_asks_for_no_cell() {
-    for behaviour in [
-        BehaviourName::Manual,
-        BehaviourName::Wander,
-        BehaviourName::Policy,
-    ] {
+    for behaviour in [BehaviourName::Manual, BehaviourName::Wander] {
         run(async |broker| {
             let peer = broker.connected().await;
             behave(&broker, behaviour);

@@ -19,6 +19,7 @@ use core::pin::{Pin, pin};
 use core::task::{Context, Poll, Waker};
 
 use crawler_app::perception::LinkHealth;
+use crawler_app::policy::SPREAD;
 use crawler_app::{Config, Robot};
 use crawler_board::model::{Bench, GEOMETRY, Line, LineFault, ModelEcho, Side};
 use crawler_hal::{Clock, Instant, MotorPort, RangerPort, ResetCause, System};
@@ -175,6 +176,11 @@ const SENSE: usize = 1;
 const POWER: usize = 2;
 const STORE: usize = 3;
 const LAMP: usize = 4;
+const DECIDE: usize = 5;
+/// How many there are.
+const SUBJECTS: usize = 6;
+/// How often the activity of a policy goes on for a decision: once for each layer of the network, and once more.
+const LAYERS: u32 = 4;
 
 /// Readings of sense whose middle is told.
 const READINGS: usize = 25;
@@ -183,9 +189,13 @@ const READINGS: usize = 25;
 struct Rig<'a, 'b> {
     now_us: &'a Cell<u64>,
     body: &'b Bench<CriticalSectionRawMutex>,
-    subjects: [Subject<'a>; 5],
+    subjects: [Subject<'a>; SUBJECTS],
     /// Most instructions of one poll, by subject, since last asked.
-    most: [u64; 5],
+    most: [u64; SUBJECTS],
+    /// Policy: how often it goes on yet, instructions of this decision, and of the dearest one.
+    layers: u32,
+    decision: u64,
+    decisions: u64,
     /// Sense: instructions from the moment its request is out, and those of past readings.
     reading: u64,
     readings: [u64; READINGS],
@@ -218,6 +228,23 @@ impl Rig<'_, '_> {
             self.subjects[SENSE].wake_us.set(self.now_us.get());
         }
         self.most[which] = self.most[which].max(instructions);
+        if which == CONTROL {
+            // It may have asked for a decision.
+            self.layers = LAYERS;
+            self.decision = 0;
+        } else if which == DECIDE {
+            self.layers -= 1;
+            self.decision += instructions;
+            self.decisions = self.decisions.max(self.decision);
+        }
+        if which == CONTROL || which == DECIDE {
+            let again = if self.layers > 0 {
+                self.now_us.get()
+            } else {
+                NEVER
+            };
+            self.subjects[DECIDE].wake_us.set(again);
+        }
         if which == SENSE {
             let wait_us = self.subjects[SENSE].wake_us.get() - self.now_us.get();
             let period_us = crawler_app::sense::PERIOD.as_micros();
@@ -243,7 +270,7 @@ impl Rig<'_, '_> {
 
     /// Most instructions of one poll of `which` in the next `ms`.
     fn most_of(&mut self, which: usize, ms: u64) -> u64 {
-        self.most = [0; 5];
+        self.most = [0; SUBJECTS];
         self.run(ms);
         self.most[which]
     }
@@ -262,7 +289,7 @@ fn main(_hart: usize, _tree: usize) -> ! {
     time::init();
     system::end_on_panic();
     let now_us = Cell::new(0);
-    let wakes = [const { Cell::new(0) }; 5];
+    let wakes = [const { Cell::new(0) }; SUBJECTS];
     let clock = |which: usize| HandClock {
         now_us: &now_us,
         wake_us: &wakes[which],
@@ -293,7 +320,8 @@ fn main(_hart: usize, _tree: usize) -> ! {
     let power = pin!(crawler_app::power(&robot, body.gauge(), clock(POWER)));
     let store = pin!(crawler_app::store(&robot, RamFlash(memory), clock(STORE)));
     let lamp = pin!(crawler_app::lamp(&robot, body.pin(Line::Lamp), clock(LAMP)));
-    let activities: [Activity<'_>; 5] = [control, sense, power, store, lamp];
+    let decide = pin!(crawler_app::decide(&robot, SPREAD, Pcg32::new(3, 4)));
+    let activities: [Activity<'_>; SUBJECTS] = [control, sense, power, store, lamp, decide];
     let mut number = 0;
     let subjects = activities.map(|activity| {
         number += 1;
@@ -307,7 +335,10 @@ fn main(_hart: usize, _tree: usize) -> ! {
         now_us: &now_us,
         body: &body,
         subjects,
-        most: [0; 5],
+        most: [0; SUBJECTS],
+        layers: LAYERS,
+        decision: 0,
+        decisions: 0,
         reading: 0,
         readings: [0; READINGS],
         taken: 0,

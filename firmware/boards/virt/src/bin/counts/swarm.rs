@@ -1,14 +1,15 @@
 //! Control steps of a robot among others: sixteen neighbours, the most that it knows of, all within a metre.
 
 use crawler_app::Robot;
+use crawler_app::policy::SPREAD;
 use crawler_hal::Instant;
 use crawler_protocol::{
     Action, BehaviourName, BehaviourSpec, CellDigest, MAX_MESSAGE, Measure, Neighbour, Places,
-    Pose, PoseFix, RobotId, Says,
+    PolicyName, Pose, PoseFix, RobotId, Says,
 };
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 
-use super::{CONTROL, Rig, fail, tell};
+use super::{CONTROL, DECIDE, Rig, fail, tell};
 
 /// Neighbours that a message tells.
 const EACH: usize = 8;
@@ -29,6 +30,7 @@ pub(super) fn measure<'a, 'b>(
     let round = places(&[[here.x - 1.0, here.y], [here.x + 1.0, here.y + 0.5]]);
     let tasks = [0, 1, 2, 3, 4, 5, 6, 7].map(|n| [here.x + 3.0, here.y + 0.3 * n as f32 - 1.0]);
     let tasks = places(&tasks);
+    let policy = PolicyName::new(SPREAD.name).unwrap_or_else(|_| fail("policy"));
     let leader = RobotId::new(LEADER).unwrap_or_else(|_| fail("id"));
     for (name, spec) in [
         ("control_flocking", BehaviourSpec::Flock),
@@ -60,6 +62,7 @@ pub(super) fn measure<'a, 'b>(
             },
         ),
         ("control_allocating", BehaviourSpec::Allocate { tasks }),
+        ("control_by_policy", BehaviourSpec::Policy { policy }),
     ] {
         let behaviour = spec.behaviour();
         locate(robot, rig);
@@ -67,10 +70,12 @@ pub(super) fn measure<'a, 'b>(
         tell_neighbours(robot, rig, behaviour, 1);
         order(rig, Action::Behave(spec));
         rig.run(TOLD_EVERY_MS);
-        let mut most = 0;
+        let (mut most, mut layer) = (0, 0);
+        rig.decisions = 0;
         for message in 0..MESSAGES {
             tell_neighbours(robot, rig, behaviour, message);
             most = most.max(rig.most_of(CONTROL, TOLD_EVERY_MS));
+            layer = layer.max(rig.most[DECIDE]);
             if message % 10 == 9 {
                 locate(robot, rig);
                 rig.run(TOLD_EVERY_MS);
@@ -80,6 +85,10 @@ pub(super) fn measure<'a, 'b>(
             fail(name);
         }
         tell(name, most);
+        if behaviour == BehaviourName::Policy {
+            tell("policy_decision", rig.decisions);
+            tell("policy_layer", layer);
+        }
         order(rig, Action::Stop);
         rig.run(1_000);
     }
