@@ -1,7 +1,7 @@
 //! The bodies of the fuzz targets, by name.
 //!
 //! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `bundle`, `delta`, `gate`,
-//! `models`, `policies`, `release`, `simulator`, `tls` and `twins`.
+//! `models`, `policies`, `release`, `robots`, `simulator`, `tls` and `twins`.
 
 mod access;
 mod board;
@@ -12,6 +12,7 @@ mod gate;
 mod models;
 mod policies;
 mod release;
+mod robots;
 mod simulator;
 mod targets;
 mod tls;
@@ -35,6 +36,7 @@ pub fn run(target: &str, data: &[u8]) {
         .chain(&models::TARGETS)
         .chain(&policies::TARGETS)
         .chain(&release::TARGETS)
+        .chain(&robots::TARGETS)
         .chain(&simulator::TARGETS)
         .chain(&tls::TARGETS)
         .chain(&twins::TARGETS)

@@ -1,0 +1,73 @@
+//! `terracrawler train`, and robots that drive by what comes of it.
+
+use std::fs;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn terracrawler(words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_terracrawler"))
+        .args(words)
+        .output()
+        .expect("it runs")
+}
+
+fn said(output: &Output) -> String {
+    let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
+    text(&output.stdout) + &text(&output.stderr)
+}
+
+#[test]
+fn a_policy_is_trained_and_robots_drive_by_it() {
+    let folder = std::env::temp_dir().join(format!("train-{}", std::process::id()));
+    let _ = fs::remove_dir_all(&folder);
+    let path = |name: &str| folder.join(name).to_str().expect("UTF-8").to_owned();
+    let out = path("trained");
+    let few = ["--steps", "1", "--worlds", "1", "--units", "4"];
+    let output = terracrawler(&[&["train", "--out", &out], &few[..]].concat());
+    let text = said(&output);
+    assert!(output.status.success(), "{text}");
+    assert!(text.contains("policy.tcpo: "), "{text}");
+
+    let (policy, json) = (path("trained/policy.tcpo"), path("result.json"));
+    let words = [
+        "evaluate",
+        "--scenario",
+        "spread",
+        "--seeds",
+        "1",
+        "--json",
+        &json,
+    ];
+    let evaluated = |options: &[&str]| {
+        let output = terracrawler(&[&words, options].concat());
+        // One that has learned next to nothing may well fail.
+        assert!(
+            matches!(output.status.code(), Some(0 | 1)),
+            "{}",
+            said(&output)
+        );
+        let text = fs::read_to_string(&json).expect("it was written");
+        serde_json::from_str::<Value>(&text).expect("JSON")
+    };
+    let (driven, again) = (
+        evaluated(&["--policy", &policy]),
+        evaluated(&["--policy", &policy]),
+    );
+    assert_eq!(driven["trials"], again["trials"], "the same every time");
+    assert!(driven["provenance"]["policy"].is_string(), "{driven}");
+    let without = evaluated(&[]);
+    assert_ne!(
+        driven["trials"], without["trials"],
+        "it makes no difference"
+    );
+
+    let mut damaged = fs::read(&policy).expect("a policy");
+    *damaged.last_mut().expect("bytes") ^= 1;
+    fs::write(&policy, damaged).expect("a file");
+    let output = terracrawler(&[&words[..], &["--policy", &policy]].concat());
+    let text = said(&output);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("the policy is damaged"), "{text}");
+    fs::remove_dir_all(&folder).expect("a folder");
+}
