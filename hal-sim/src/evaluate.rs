@@ -16,6 +16,7 @@ mod metrics;
 mod missions;
 mod pattern;
 mod report;
+mod shape;
 mod shrink;
 mod statistics;
 mod swarm;

@@ -54,7 +54,7 @@ pub(crate) use passable::apart;
 pub(crate) use timeline::Times;
 
 /// The scenarios that come with the crate: name and file.
-const BUILT_IN: [(&str, &str); 27] = [
+const BUILT_IN: [(&str, &str); 31] = [
     ("arena", include_str!("../scenarios/arena.toml")),
     ("corridor", include_str!("../scenarios/corridor.toml")),
     ("empty", include_str!("../scenarios/empty.toml")),
@@ -97,6 +97,10 @@ const BUILT_IN: [(&str, &str); 27] = [
     ("patrol", include_str!("../scenarios/patrol.toml")),
     ("consensus", include_str!("../scenarios/consensus.toml")),
     ("allocate", include_str!("../scenarios/allocate.toml")),
+    ("cover", include_str!("../scenarios/cover.toml")),
+    ("line", include_str!("../scenarios/line.toml")),
+    ("wedge", include_str!("../scenarios/wedge.toml")),
+    ("circle", include_str!("../scenarios/circle.toml")),
 ];
 
 /// A recipe for worlds, see the [module](self).

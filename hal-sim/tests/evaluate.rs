@@ -165,7 +165,7 @@ poses = [{ x = 0.0, y = 0.0 }, { x = 0.8, y = 0.0 }, { x = 0.0, y = 0.8 }, { x =
 #[test]
 fn a_swarm_is_measured_and_judged() {
     let wanted = "[success]\norder = 0.9\nclusters = 2\nlargest_cluster = 0.8\n\
-                  pair_distance_m = 0.79\ncoverage = 0.2\nlattice_degree = 1.5\n\
+                  pair_distance_m = 0.79\ncoverage = 0.2\nevenness = 0.1\nlattice_degree = 1.5\n\
                   spacing_error_m = 0.02\nsettle_s = 12.0\ncontacts_per_minute = 0.0\n";
     let text = format!("{STANDING}{wanted}");
     let trial = run_trial(&parse(&text), 1);
@@ -212,7 +212,7 @@ fn a_swarm_is_measured_and_judged() {
     // One robot is no swarm.
     let alone = parse(&text.replace("robots = 5", "robots = 1"));
     let trial = run_trial(&alone, 1);
-    assert_eq!(trial.failures.len(), 8, "{:?}", trial.failures);
+    assert_eq!(trial.failures.len(), 9, "{:?}", trial.failures);
     assert_eq!(trial.measured.get(Metric::ContactsPerMinute), Some(0.0));
 }
 

@@ -3,7 +3,7 @@
 use crate::common::{lockstep, settle};
 use crawler_hal::Duration;
 use crawler_protocol::{
-    Action, BehaviourName, BehaviourSpec, Measure, Places, RobotId, RobotState,
+    Action, BehaviourName, BehaviourSpec, Formation, Measure, Places, RobotId, RobotState, Shape,
 };
 use crawler_sim::net::lockstep::Cut;
 use crawler_sim::run::Simulation;
@@ -196,6 +196,95 @@ fn tasks_are_shared_out_and_what_a_lost_robot_leaves_is_taken_over() {
     let after = at_tasks(&simulation);
     assert!(after.iter().all(Option::is_some), "{after:?}");
     assert_ne!(after[4], Some(gone));
+}
+
+/// The mean square of the distance from a square of `side` metres to the nearest robot.
+fn floor_to_robot(simulation: &Simulation, side: f32) -> f32 {
+    let robots: Vec<[f32; 2]> = (0..simulation.robots())
+        .filter(|robot| simulation.pose(*robot).is_some())
+        .map(|robot| place(simulation, robot))
+        .collect();
+    let along = |step: i32| side * ((step as f32 + 0.5) / 40.0 - 0.5);
+    let squares = (0..1_600).map(|step| {
+        let at = [along(step / 40), along(step % 40)];
+        let ways = robots.iter().map(|robot| apart(*robot, at).powi(2));
+        ways.fold(f32::INFINITY, f32::min)
+    });
+    squares.sum::<f32>() / 1_600.0
+}
+
+#[test]
+fn an_area_is_covered_and_what_a_lost_robot_leaves_is_too() {
+    let (robots, half) = (9, 2.5);
+    let mut simulation = lockstep("empty", robots, 5);
+    settle(&mut simulation);
+    let area = [[-half, -half], [half, -half], [half, half], [-half, half]];
+    let area = Places::new(&area).expect("four corners");
+    simulation.submit_all(Action::Behave(BehaviourSpec::Cover { area }));
+    simulation.run_for(Duration::from_secs(120));
+    // What nine hexagons would have.
+    let best = |robots: u32| 0.160_375 * (2.0 * half).powi(2) / robots as f32;
+    let covered = floor_to_robot(&simulation, 2.0 * half);
+    assert!(covered < 1.25 * best(robots), "{covered}");
+    let said = (0..9).map(|robot| says(&simulation, robot, BehaviourName::Cover));
+    let rest = said.filter(|said| said[1] == 1).count();
+    assert!(rest >= 8, "{rest} are in their middles");
+    // Its body is gone, and so is its word.
+    simulation.remove(4);
+    let lost = floor_to_robot(&simulation, 2.0 * half);
+    simulation.run_for(Duration::from_secs(90));
+    let after = floor_to_robot(&simulation, 2.0 * half);
+    assert!(
+        after < lost && after < 1.35 * best(robots - 1),
+        "{covered}, {lost}, {after}"
+    );
+}
+
+/// Where robots are that are there, from left to right.
+fn from_left(simulation: &Simulation) -> Vec<[f32; 2]> {
+    let robots = 0..simulation.robots();
+    let there = robots.filter(|robot| simulation.pose(*robot).is_some());
+    let mut places: Vec<_> = there.map(|robot| place(simulation, robot)).collect();
+    places.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    places
+}
+
+/// Whether robots stand in a line across the room at `y`, one next to the other.
+fn in_line(places: &[[f32; 2]], y: f32) -> bool {
+    let near = |a: f32, b: f32| (a - b).abs() < 0.2;
+    let gaps = places.windows(2).map(|two| two[1][0] - two[0][0]);
+    places.iter().all(|place| near(place[1], y)) && gaps.into_iter().all(|gap| near(gap, 0.8))
+}
+
+#[test]
+fn a_line_is_formed_and_moves_on_and_closes_up() {
+    let mut simulation = lockstep("empty", 7, 5);
+    settle(&mut simulation);
+    // They face along the y axis, and go there.
+    let path = Places::new(&[[0.0, -1.5], [0.0, 1.5]]).expect("two places");
+    simulation.submit_all(Action::Behave(BehaviourSpec::Shaped(Formation {
+        shape: Shape::Line,
+        size: Formation::DEFAULT_SPACING,
+        heading: core::f32::consts::FRAC_PI_2,
+        path,
+    })));
+    let mut on_the_move = 0;
+    for _ in 0..120 {
+        simulation.run_for(Duration::from_secs(1));
+        let along = says(&simulation, 0, BehaviourName::Formation)[1];
+        let y = -1.5 + along as f32 * 0.001;
+        let moves = (500..2_500).contains(&along);
+        on_the_move += usize::from(moves && in_line(&from_left(&simulation), y));
+    }
+    assert!(on_the_move >= 10, "{on_the_move} seconds in line");
+    let places = from_left(&simulation);
+    assert!(in_line(&places, 1.5), "{places:?}");
+    // One that is neither in the middle nor at an end.
+    let gone = (0..7).find(|robot| place(&simulation, *robot) == places[1]);
+    simulation.remove(gone.expect("one of them"));
+    simulation.run_for(Duration::from_secs(40));
+    let places = from_left(&simulation);
+    assert!(places.len() == 6 && in_line(&places, 1.5), "{places:?}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! What a robot is to do.
 
 use crawler_hal::Instant;
-use crawler_protocol::{BehaviourName, Measure, Places};
+use crawler_protocol::{BehaviourName, Formation, Measure, Places};
 
 use crate::motion::Twist;
 
@@ -39,7 +39,7 @@ pub enum Goal {
         /// Stands for the name of the policy.
         name: u32,
     },
-    /// `follow`, `patrol`, `consensus` and `allocate`: the controller has the rest of it.
+    /// `follow`, `patrol`, `consensus`, `allocate`, `cover` and `formation` with a shape: the controller has the rest of it.
     Mission {
         /// Which.
         kind: MissionKind,
@@ -133,6 +133,10 @@ pub enum MissionKind {
     Consensus,
     /// Share tasks out.
     Allocate,
+    /// Cover a part of an area.
+    Cover,
+    /// Keep a place in a shape.
+    Shaped,
 }
 
 impl MissionKind {
@@ -143,6 +147,8 @@ impl MissionKind {
             Self::Patrol => BehaviourName::Patrol,
             Self::Consensus => BehaviourName::Consensus,
             Self::Allocate => BehaviourName::Allocate,
+            Self::Cover => BehaviourName::Cover,
+            Self::Shaped => BehaviourName::Formation,
         }
     }
 }
@@ -177,6 +183,13 @@ pub enum Mission {
         /// Where they are.
         tasks: Places,
     },
+    /// Cover a part of an area.
+    Cover {
+        /// Its corners.
+        area: Places,
+    },
+    /// Keep a place in a shape.
+    Shaped(Formation),
 }
 
 impl Mission {
@@ -187,6 +200,8 @@ impl Mission {
             Self::Patrol { laps, .. } => (MissionKind::Patrol, *laps > 0),
             Self::Consensus { .. } => (MissionKind::Consensus, false),
             Self::Allocate { .. } => (MissionKind::Allocate, false),
+            Self::Cover { .. } => (MissionKind::Cover, false),
+            Self::Shaped(_) => (MissionKind::Shaped, false),
         };
         Goal::Mission { kind, ends }
     }
@@ -197,6 +212,8 @@ impl Mission {
             Self::Follow { .. } | Self::Consensus { .. } => &[],
             Self::Patrol { waypoints, .. } => waypoints.as_slice(),
             Self::Allocate { tasks } => tasks.as_slice(),
+            Self::Cover { area } => area.as_slice(),
+            Self::Shaped(formation) => formation.path.as_slice(),
         }
     }
 }

@@ -388,6 +388,7 @@ pub const fn needed_for(behaviour: BehaviourName) -> bool {
         | BehaviourName::Patrol
         | BehaviourName::Consensus
         | BehaviourName::Allocate
+        | BehaviourName::Cover
         | BehaviourName::Policy => true,
         BehaviourName::Manual | BehaviourName::Wander => false,
     }

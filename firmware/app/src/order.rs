@@ -144,6 +144,12 @@ impl Task {
             Action::Behave(BehaviourSpec::Allocate { tasks }) => {
                 Self::Mission(Mission::Allocate { tasks: *tasks })
             }
+            Action::Behave(BehaviourSpec::Shaped(formation)) => {
+                Self::Mission(Mission::Shaped(*formation))
+            }
+            Action::Behave(BehaviourSpec::Cover { area }) => {
+                Self::Mission(Mission::Cover { area: *area })
+            }
             Action::Behave(BehaviourSpec::Policy { policy }) => Self::Policy {
                 name: named(policy.as_str()),
             },

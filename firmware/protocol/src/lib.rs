@@ -53,9 +53,9 @@ mod words;
 
 pub use command::{
     Action, BehaviourSpec, Command, CommandError, CommandName, DEFAULT_FOLLOW_DISTANCE,
-    DEFAULT_LIARS, DEFAULT_WANDER_SPEED, Direction, FOLLOW_DISTANCE, MAX_COORDINATE, MAX_DRIVE_V,
-    MAX_DRIVE_W, MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_PLACES, MAX_SET, MAX_VALUE, Measure,
-    ParameterValue, ParameterValues, Places,
+    DEFAULT_LIARS, DEFAULT_WANDER_SPEED, Direction, FOLLOW_DISTANCE, Formation, MAX_COORDINATE,
+    MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_PLACES, MAX_SET, MAX_VALUE,
+    Measure, ParameterValue, ParameterValues, Places, Shape,
 };
 pub use fault::{
     FaultCommand, FaultName, FaultRange, FaultSpec, LinkCut, MAX_CLOCK_STEP_MS, MAX_LASTING_MS,

@@ -2,16 +2,17 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::format;
 use std::vec::Vec;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 
 use crate::{
     Action, BehaviourName, CellDigest, Command, CommandName, Detections, Direction,
-    FOLLOW_DISTANCE, Heartbeat, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS,
-    MAX_LIARS, MAX_MOVE_MS, MAX_PLACES, MAX_SET, MAX_VALUE, ParameterValue, ParametersMessage,
-    PolicyName, PoseFix, Response, RobotId, Source, StatusMessage, SwarmResponse, Telemetry,
-    TimeMessage, UpdateCommand, UpdateReport,
+    FOLLOW_DISTANCE, Formation, Heartbeat, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W,
+    MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_PLACES, MAX_SET, MAX_VALUE, ParameterValue,
+    ParametersMessage, PolicyName, PoseFix, Response, RobotId, Shape, Source, StatusMessage,
+    SwarmResponse, Telemetry, TimeMessage, UpdateCommand, UpdateReport,
 };
 
 /// Name and JSON Schema (2020-12) of every message, and of the request for a command.
@@ -154,8 +155,13 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
             let behaviours: Vec<Schema> = BehaviourName::ALL
                 .iter()
                 .flat_map(|behaviour| {
-                    // A number of its own, or one that is measured.
-                    let ways = 1 + usize::from(*behaviour == BehaviourName::Consensus);
+                    let ways = match behaviour {
+                        // A number of its own, or one that is measured.
+                        BehaviourName::Consensus => 2,
+                        // The lattice round the origin, a shape with a spacing, or one with a radius.
+                        BehaviourName::Formation => 3,
+                        _ => 1,
+                    };
                     (0..ways).map(move |way| (behaviour, way))
                 })
                 .map(|(behaviour, way)| {
@@ -230,6 +236,12 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
                                 true,
                             ));
                         }
+                        BehaviourName::Formation if way > 0 => members.extend(shaped(way == 2)),
+                        BehaviourName::Cover => members.push((
+                            "area",
+                            places(3, "The corners of the area, one after the other."),
+                            true,
+                        )),
                         BehaviourName::Patrol => members.extend([
                             (
                                 "waypoints",
@@ -270,6 +282,44 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
         | CommandName::Identify
         | CommandName::Reboot => None,
     }
+}
+
+/// The parameters of a formation with a shape.
+fn shaped(round: bool) -> [(&'static str, Schema, bool); 4] {
+    let shapes = Shape::ALL.iter().copied();
+    let shapes = shapes.filter(|shape| (*shape == Shape::Circle) == round);
+    let names: Vec<_> = shapes.map(Shape::name).collect();
+    let shape = if round { Shape::Circle } else { Shape::Line };
+    let (size, [least, most], usual) = Formation::size_of(shape);
+    [
+        ("shape", json_schema!({ "enum": names }), true),
+        (
+            size,
+            json_schema!({
+                "description": format!("Metres; {usual} where it is not given."),
+                "type": "number",
+                "minimum": least,
+                "maximum": most,
+            }),
+            false,
+        ),
+        (
+            "heading",
+            within(
+                Formation::MOST_HEADING,
+                "Where it faces, in radians from the x axis; 0 where it is not given.",
+            ),
+            false,
+        ),
+        (
+            "path",
+            places(
+                1,
+                "Where its middle goes, one place after the other; the origin where it is not given.",
+            ),
+            false,
+        ),
+    ]
 }
 
 /// An object of these members: name, schema, and whether it must be there.

@@ -224,6 +224,42 @@ fn every_reason_a_command_can_be_refused_for() {
             Reason::OutOfRange,
         ),
         (
+            r#""command":"behave","parameters":{"behaviour":"formation","shape":"star"}"#,
+            Reason::OutOfRange,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"formation","spacing":0.8}"#,
+            Reason::UnknownField,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"formation","shape":"line","radius":1}"#,
+            Reason::UnknownField,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"formation","shape":"line","spacing":0.4}"#,
+            Reason::OutOfRange,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"formation","shape":"circle","radius":8.5}"#,
+            Reason::OutOfRange,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"formation","shape":"wedge","heading":7}"#,
+            Reason::OutOfRange,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"formation","shape":"wedge","path":[]}"#,
+            Reason::OutOfRange,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"cover"}"#,
+            Reason::MissingField,
+        ),
+        (
+            r#""command":"behave","parameters":{"behaviour":"cover","area":[[0,0],[1,1]]}"#,
+            Reason::OutOfRange,
+        ),
+        (
             r#""command":"behave","parameters":{"behaviour":"allocate"}"#,
             Reason::MissingField,
         ),

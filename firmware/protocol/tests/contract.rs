@@ -278,6 +278,7 @@ fn words_on_the_wire_are_stable() {
             "patrol",
             "consensus",
             "allocate",
+            "cover",
         ],
     );
     words(

@@ -205,6 +205,8 @@ fn messages_about_missions_are_read() {
         BehaviourName::Patrol,
         BehaviourName::Consensus,
         BehaviourName::Allocate,
+        BehaviourName::Cover,
+        BehaviourName::Formation,
     ];
     assert_eq!(told, BTreeSet::from(missions));
     assert_eq!(said, BTreeSet::from(missions));

@@ -87,7 +87,7 @@ fn bytes_are_those_of_the_contract() {
     let states = "INITIALIZING IDLE MOVING SCANNING CAUTION AVOIDING UPDATING ERROR";
     let names: Vec<_> = RobotState::ALL.iter().map(|state| state.name()).collect();
     assert_eq!(names.join(" "), states);
-    let behaviours = "manual wander goto disperse gather flock formation policy follow patrol consensus allocate";
+    let behaviours = "manual wander goto disperse gather flock formation policy follow patrol consensus allocate cover";
     let names: Vec<_> = BehaviourName::ALL.iter().map(|name| name.name()).collect();
     assert_eq!(names.join(" "), behaviours);
 }

@@ -166,8 +166,10 @@ impl<'a> Shrinking<'a> {
             Criterion::LargestCluster => success.largest_cluster = stated.largest_cluster,
             Criterion::PairDistance => success.pair_distance_m = stated.pair_distance_m,
             Criterion::Coverage => success.coverage = stated.coverage,
+            Criterion::Evenness => success.evenness = stated.evenness,
             Criterion::LatticeDegree => success.lattice_degree = stated.lattice_degree,
             Criterion::SpacingError => success.spacing_error_m = stated.spacing_error_m,
+            Criterion::ShapeError => success.shape_error_m = stated.shape_error_m,
             Criterion::Found => success.found = stated.found,
             Criterion::Agreement => success.agreement = stated.agreement,
             Criterion::Served => success.served = stated.served,
@@ -181,8 +183,10 @@ impl<'a> Shrinking<'a> {
                     largest_cluster: stated.largest_cluster,
                     pair_distance_m: stated.pair_distance_m,
                     coverage: stated.coverage,
+                    evenness: stated.evenness,
                     lattice_degree: stated.lattice_degree,
                     spacing_error_m: stated.spacing_error_m,
+                    shape_error_m: stated.shape_error_m,
                     settle_s: stated.settle_s,
                     ..success
                 };

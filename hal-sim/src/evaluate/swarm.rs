@@ -2,8 +2,11 @@
 
 use std::collections::VecDeque;
 
+use crawler_protocol::{Action, BehaviourSpec, Formation};
+
 use super::metrics::{Measured, mean};
 use super::pattern::{Pattern, order};
+use super::shape::shape_error;
 use crate::scenario::{Measure, Metric, Passable, Scenario, Threshold};
 use crate::world::Arena;
 
@@ -12,15 +15,20 @@ pub(super) const EVERY_S: u32 = 1;
 /// From when a swarm has settled, it is as it should be in this share of all looks.
 const STEADY: f64 = 0.95;
 
+/// The mean square of the distance to the middle of a hexagon, as a share of its area: 5 / (18 √3).
+const HEXAGON: f64 = 0.160_375;
+
 /// What is measured of a swarm as it is at one moment.
-const SEEN: [Metric; 7] = [
+const SEEN: [Metric; 9] = [
     Metric::Order,
     Metric::Clusters,
     Metric::LargestCluster,
     Metric::PairDistanceM,
     Metric::Coverage,
+    Metric::Evenness,
     Metric::LatticeDegree,
     Metric::SpacingErrorM,
+    Metric::ShapeErrorM,
 ];
 
 /// What one look showed, in the order of [`SEEN`].
@@ -31,6 +39,8 @@ type Look = [Option<f64>; SEEN.len()];
 pub(super) struct Swarm {
     measure: Measure,
     floor: Floor,
+    /// What robots are told to form, where it has a shape.
+    shape: Option<Formation>,
     /// What the scenario states of a swarm.
     wanted: Vec<Threshold>,
     /// The last looks, as many as fit the window.
@@ -45,6 +55,7 @@ impl Swarm {
         Self {
             measure: scenario.measure,
             floor: Floor::new(arena, radius, scenario.robots),
+            shape: shape_of(scenario),
             wanted: scenario.success.of_swarm(),
             window: VecDeque::new(),
             held: Vec::new(),
@@ -83,8 +94,12 @@ impl Swarm {
             Some(pattern.largest as f64 / robots),
             Some(pattern.least_m),
             self.floor.coverage(places),
+            self.floor.evenness(places),
             Some(2.0 * links / robots),
             (pattern.links > 0).then(|| pattern.off_m / links),
+            self.shape
+                .as_ref()
+                .and_then(|shape| shape_error(shape, places)),
         ]
     }
 
@@ -100,6 +115,18 @@ impl Swarm {
             measured.set(Metric::SettleS, settled.map(|at| f64::from(after_s(at))));
         }
     }
+}
+
+/// The shape that the robots of `scenario` are told to form last.
+fn shape_of(scenario: &Scenario) -> Option<Formation> {
+    let first = scenario.action().ok().flatten();
+    let timed = scenario.commands.iter().rev();
+    let timed = timed.filter_map(|timed| timed.action().ok());
+    let mut shapes = timed.chain(first).filter_map(|action| match action {
+        Action::Behave(BehaviourSpec::Shaped(formation)) => Some(formation),
+        _ => None,
+    });
+    shapes.next()
 }
 
 /// The first of these looks from which on nearly all are good, itself and the last one too.
@@ -139,6 +166,14 @@ impl Floor {
 
     fn coverage(&mut self, places: &[[f32; 2]]) -> Option<f64> {
         self.map.share_near(places, self.near_m, &mut self.seen)
+    }
+
+    /// The least mean square of the distance from the floor to the nearest of so many robots that there can be (that of
+    /// a floor of hexagons: Fejes Tóth 1953), divided by what it is.
+    fn evenness(&self, places: &[[f32; 2]]) -> Option<f64> {
+        let share = f64::from(self.map.free_area()) / places.len() as f64;
+        let square = self.map.mean_square(places)?;
+        Some(HEXAGON * share / square)
     }
 }
 
@@ -201,6 +236,16 @@ mod tests {
         assert!((0.88..0.93).contains(&apart), "{apart}");
         assert!((0.4..0.6).contains(&together), "{together}");
         assert!((cover(&APART[..2]) * 2.0 - apart).abs() < 0.03);
+    }
+
+    #[test]
+    fn who_spreads_evenly_is_nearer_to_the_floor() {
+        let even = |places| measured("", &[places]).get(Metric::Evenness).unwrap();
+        // The middles of four squares of 2 m: the mean square is 4 m² / 6, and hexagons would have 0.160375 of 4 m².
+        let apart = even(APART);
+        assert!((apart - HEXAGON * 6.0).abs() < 0.02, "{apart}");
+        let together = even(TOGETHER);
+        assert!(together < 0.6 * apart, "{together}");
     }
 
     #[test]

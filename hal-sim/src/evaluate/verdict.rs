@@ -46,10 +46,14 @@ pub enum Criterion {
     PairDistance,
     /// Too much of the floor without a robot near.
     Coverage,
+    /// Robots spread unevenly.
+    Evenness,
     /// Too few neighbours in the lattice.
     LatticeDegree,
     /// Neighbours too far from the spacing of the lattice.
     SpacingError,
+    /// Robots too far from the places of their shape.
+    ShapeError,
     /// A swarm that is not in time as it should be.
     Settle,
     /// Things that no camera has found.
@@ -66,7 +70,7 @@ pub enum Criterion {
 
 impl Criterion {
     /// All of them.
-    pub const ALL: [Self; 28] = [
+    pub const ALL: [Self; 30] = [
         Self::SetUp,
         Self::Panic,
         Self::Reach,
@@ -87,8 +91,10 @@ impl Criterion {
         Self::LargestCluster,
         Self::PairDistance,
         Self::Coverage,
+        Self::Evenness,
         Self::LatticeDegree,
         Self::SpacingError,
+        Self::ShapeError,
         Self::Settle,
         Self::Found,
         Self::Agreement,
@@ -129,8 +135,10 @@ impl Criterion {
             Self::LargestCluster => "largest_cluster",
             Self::PairDistance => "pair_distance_m",
             Self::Coverage => "coverage",
+            Self::Evenness => "evenness",
             Self::LatticeDegree => "lattice_degree",
             Self::SpacingError => "spacing_error_m",
+            Self::ShapeError => "shape_error_m",
             Self::Settle => "settle_s",
             Self::Found => "found",
             Self::Agreement => "agreement",

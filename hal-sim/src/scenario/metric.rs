@@ -49,10 +49,14 @@ pub enum Metric {
     PairDistanceM,
     /// Share of the free floor that has a robot near.
     Coverage,
+    /// How evenly robots are spread over the free floor: 1 is the best that there can be.
+    Evenness,
     /// Neighbours at the spacing of the lattice, for each robot.
     LatticeDegree,
     /// How far neighbours in the lattice are from its spacing, metres.
     SpacingErrorM,
+    /// How far robots are from the places of the shape that they form, metres.
+    ShapeErrorM,
     /// From when on the swarm is as the scenario wants it, seconds.
     SettleS,
     /// Share of the coloured things that robots have found with their cameras.
@@ -72,7 +76,7 @@ impl Metric {
     pub const COUNT: usize = Self::ALL.len();
 
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 28] = [
+    pub const ALL: [Self; 30] = [
         Self::Success,
         Self::Reached,
         Self::TimeToGoalS,
@@ -93,8 +97,10 @@ impl Metric {
         Self::LargestCluster,
         Self::PairDistanceM,
         Self::Coverage,
+        Self::Evenness,
         Self::LatticeDegree,
         Self::SpacingErrorM,
+        Self::ShapeErrorM,
         Self::SettleS,
         Self::Found,
         Self::Agreement,
@@ -127,8 +133,10 @@ impl Metric {
             Self::LargestCluster => "largest_cluster",
             Self::PairDistanceM => "pair_distance_m",
             Self::Coverage => "coverage",
+            Self::Evenness => "evenness",
             Self::LatticeDegree => "lattice_degree",
             Self::SpacingErrorM => "spacing_error_m",
+            Self::ShapeErrorM => "shape_error_m",
             Self::SettleS => "settle_s",
             Self::Found => "found",
             Self::Agreement => "agreement",
@@ -156,6 +164,7 @@ impl Metric {
             | Self::Order
             | Self::LargestCluster
             | Self::Coverage
+            | Self::Evenness
             | Self::Found
             | Self::Agreement
             | Self::Served
@@ -163,9 +172,11 @@ impl Metric {
             Self::TimeToGoalS | Self::RecoveryS | Self::SettleS | Self::IdleS => "s",
             Self::EnergyJ => "J",
             Self::Collisions => "contacts",
-            Self::MinClearanceM | Self::DistanceM | Self::PairDistanceM | Self::SpacingErrorM => {
-                "m"
-            }
+            Self::MinClearanceM
+            | Self::DistanceM
+            | Self::PairDistanceM
+            | Self::SpacingErrorM
+            | Self::ShapeErrorM => "m",
             Self::MessagesPerTask => "messages",
             Self::Stranded => "robots",
             Self::Dropouts => "dropouts",
@@ -187,6 +198,7 @@ impl Metric {
             | Self::CommandSuccess
             | Self::Order
             | Self::Coverage
+            | Self::Evenness
             | Self::Found
             | Self::Agreement
             | Self::Served
@@ -200,6 +212,7 @@ impl Metric {
             | Self::Dropouts
             | Self::ContactsPerMinute
             | Self::SpacingErrorM
+            | Self::ShapeErrorM
             | Self::SettleS
             | Self::IdleS => Better::Less,
             // To drive far is the task of one scenario and a detour in another, and so is to stand

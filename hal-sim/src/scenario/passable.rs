@@ -148,6 +148,31 @@ impl Passable {
         (free > 0).then(|| f64::from(near) / f64::from(free))
     }
 
+    /// The mean square of the distance from the free floor to the nearest of `places`, as the crow flies, in square
+    /// metres; `None` where there is no floor or no place.
+    ///
+    /// Of four by four squares one is looked at: that is as good a mean, and robots are many.
+    pub(crate) fn mean_square(&self, places: &[[f32; 2]]) -> Option<f64> {
+        const EACH: usize = 4;
+        let (mut sum, mut count) = (0.0, 0_u32);
+        for row in (2..self.rows).step_by(EACH) {
+            for column in (2..self.columns).step_by(EACH) {
+                let square = row * self.columns + column;
+                if !self.free[square as usize] {
+                    continue;
+                }
+                let [x, y] = self.centre(square);
+                let away = places.iter().map(|at| {
+                    let (dx, dy) = (at[0] - x, at[1] - y);
+                    dx * dx + dy * dy
+                });
+                sum += f64::from(away.fold(f32::INFINITY, f32::min));
+                count += 1;
+            }
+        }
+        (count > 0 && !places.is_empty()).then(|| sum / f64::from(count))
+    }
+
     /// The free place nearest to `place`; `None` when there is none near.
     #[must_use]
     pub fn nearest_free(&self, place: [f32; 2]) -> Option<[f32; 2]> {

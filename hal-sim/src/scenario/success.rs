@@ -72,12 +72,18 @@ pub struct Success {
     /// Least share of the free floor that has a robot near.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<f32>,
+    /// How evenly robots are spread over the free floor at least, 0 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub evenness: Option<f32>,
     /// Fewest neighbours at the spacing of the lattice, for each robot.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lattice_degree: Option<f32>,
     /// How far neighbours in the lattice are from its spacing at most, metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spacing_error_m: Option<f32>,
+    /// How far robots are from the places of the shape that they form at most, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shape_error_m: Option<f32>,
     /// From when on all that is stated of the swarm holds at the latest, seconds since the
     /// beginning of the world.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -115,8 +121,10 @@ impl Success {
             (Metric::LargestCluster, true, self.largest_cluster),
             (Metric::PairDistanceM, true, self.pair_distance_m),
             (Metric::Coverage, true, self.coverage),
+            (Metric::Evenness, true, self.evenness),
             (Metric::LatticeDegree, true, self.lattice_degree),
             (Metric::SpacingErrorM, false, self.spacing_error_m),
+            (Metric::ShapeErrorM, false, self.shape_error_m),
         ];
         let stated = stated.into_iter();
         stated
@@ -164,8 +172,10 @@ impl Success {
             ("largest_cluster", self.largest_cluster, 1.0),
             ("pair_distance_m", self.pair_distance_m, 1e3),
             ("coverage", self.coverage, 1.0),
+            ("evenness", self.evenness, 1.0),
             ("lattice_degree", self.lattice_degree, 100.0),
             ("spacing_error_m", self.spacing_error_m, 100.0),
+            ("shape_error_m", self.shape_error_m, 100.0),
             ("settle_s", self.settle_s, LONGEST_S),
             ("found", self.found, 1.0),
             ("agreement", self.agreement, 1.0),

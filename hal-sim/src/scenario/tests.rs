@@ -22,7 +22,8 @@ fn built_in_scenarios_are_sound_and_named_like_their_files() {
         "no scenario is called \"labyrinth\"; there are arena, corridor, empty, search, \
          simple-navigation, dynamic-environment, multi-robot-coordination, resilience, \
          long-duration, maze, rooms, u-trap, head-on, doorway, warehouse, long-corridor, find, crowd, \
-         gather, disperse, spread, flock, formation, follow, patrol, consensus, allocate"
+         gather, disperse, spread, flock, formation, follow, patrol, consensus, allocate, cover, \
+         line, wedge, circle"
     );
 }
 

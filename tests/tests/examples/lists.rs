@@ -109,6 +109,12 @@ pub(crate) fn faults(pages: &[Page]) -> Vec<String> {
         "measure",
         "f",
         "tasks",
+        "area",
+        "shape",
+        "spacing",
+        "radius",
+        "heading",
+        "path",
     ];
     let told = names(&row[1]).into_iter();
     compare(

@@ -7,12 +7,16 @@
 //! | `patrol` | from place to place, slower when the next one is near and the last one is far | Pasqualetti, Franchi and Bullo, "On cooperative patrolling: optimal trajectories, complexity analysis, and approximation algorithms", IEEE TRO 28(3), 2012 |
 //! | `consensus` | the mean of what is left without the most extreme neighbours | W-MSR: `LeBlanc`, Zhang, Koutsoukos and Sundaram, "Resilient asymptotic consensus in robust networks", IEEE JSAC 31(4), 2013 |
 //! | `allocate` | the nearest task of which nobody is nearer, and to it | CBAA: Choi, Brunet and How, "Consensus-based decentralized auctions for robust task allocation", IEEE TRO 25(4), 2009 |
+//! | `cover` | to the centroid of what is nearer to it than to anybody else | Lloyd, "Least squares quantization in PCM", IEEE Trans. Information Theory 28(2), 1982; Cortés, Martínez, Karataş and Bullo, "Coverage control for mobile sensing networks", IEEE TRA 20(2), 2004 |
+//! | `formation` with a shape | to the free place next to it that is nearest to the middle, which moves along a path as fast as all of them | virtual structure: Lewis and Tan, "High precision formation control of mobile robots using virtual structures", Autonomous Robots 4, 1997 |
 //!
 //! Each is a value that is stepped with what the robot knows; it does no I/O.
 
 mod allocate;
 mod consensus;
+mod cover;
 mod follow;
+mod formation;
 mod patrol;
 #[cfg(test)]
 mod tests;
@@ -26,7 +30,9 @@ use crate::perception::Reading;
 
 use allocate::Allocate;
 use consensus::Consensus;
+use cover::Cover;
 use follow::Follow;
+use formation::Shaped;
 use patrol::Patrol;
 
 /// What a mission goes by.
@@ -85,6 +91,10 @@ pub enum Underway {
     Consensus(Consensus),
     /// `allocate`.
     Allocate(Allocate),
+    /// `cover`.
+    Cover(Cover),
+    /// `formation` with a shape.
+    Shaped(Shaped),
 }
 
 impl Underway {
@@ -96,6 +106,8 @@ impl Underway {
             Mission::Patrol { waypoints, laps } => Self::Patrol(Patrol::new(waypoints, laps, pose)),
             Mission::Consensus { measure, f } => Self::Consensus(Consensus::new(measure, f)),
             Mission::Allocate { tasks } => Self::Allocate(Allocate::new(tasks)),
+            Mission::Cover { area } => Self::Cover(Cover::new(area)),
+            Mission::Shaped(formation) => Self::Shaped(Shaped::new(formation)),
         }
     }
 
@@ -107,6 +119,8 @@ impl Underway {
             Self::Patrol(patrol) => patrol.step(scene),
             Self::Consensus(consensus) => consensus.step(scene),
             Self::Allocate(allocate) => allocate.step(scene),
+            Self::Cover(cover) => cover.step(scene),
+            Self::Shaped(shaped) => shaped.step(scene),
         }
     }
 
@@ -115,7 +129,11 @@ impl Underway {
         match self {
             Self::Patrol(patrol) => patrol.arrived(),
             Self::Allocate(allocate) => allocate.arrived(),
-            Self::None | Self::Follow(_) | Self::Consensus(_) => {}
+            Self::None
+            | Self::Follow(_)
+            | Self::Consensus(_)
+            | Self::Cover(_)
+            | Self::Shaped(_) => {}
         }
     }
 
@@ -125,7 +143,8 @@ impl Underway {
         match self {
             Self::Patrol(patrol) => patrol.destination(),
             Self::Allocate(allocate) => allocate.destination(),
-            Self::None | Self::Follow(_) | Self::Consensus(_) => None,
+            Self::Cover(cover) => cover.destination(),
+            Self::None | Self::Follow(_) | Self::Consensus(_) | Self::Shaped(_) => None,
         }
     }
 
@@ -138,6 +157,8 @@ impl Underway {
             Self::Patrol(patrol) => Some(patrol.says()),
             Self::Consensus(consensus) => consensus.says(),
             Self::Allocate(allocate) => Some(allocate.says()),
+            Self::Cover(cover) => Some(cover.says()),
+            Self::Shaped(shaped) => Some(shaped.says()),
         }
     }
 }

@@ -17,6 +17,7 @@ mod disperse;
 mod flock;
 mod formation;
 mod gather;
+pub(super) mod lattice;
 
 use super::HEADING_GAIN;
 use crate::goal::Swarm;

@@ -23,6 +23,8 @@ pub struct Angle(i16);
 /// Units of a radian.
 const PER_RADIAN: f32 = 32_768.0 / PI;
 const QUARTER: i32 = 1 << 14;
+/// Units of a turn.
+pub const TURN: i32 = 1 << 16;
 
 impl Angle {
     /// The angle of so many units.

@@ -5,7 +5,8 @@ use std::vec::Vec;
 
 use crawler_hal::Millimeters;
 use crawler_protocol::{
-    Action, BehaviourSpec, Direction, Measure, Places, PolicyName, Pose, RobotId, Says,
+    Action, BehaviourSpec, Direction, Formation, Measure, Places, PolicyName, Pose, RobotId, Says,
+    Shape,
 };
 use proptest::prelude::*;
 
@@ -95,6 +96,15 @@ fn action() -> impl Strategy<Value = Action> {
         2 => (-2.0_f32..2.0, -2.0_f32..2.0).prop_map(|(x, y)| {
             let tasks = Places::new(&[[0.0, 0.0], [x, y]]).expect("two places");
             Action::Behave(BehaviourSpec::Allocate { tasks })
+        }),
+        2 => (-2.0_f32..2.0, -2.0_f32..2.0).prop_map(|(x, y)| {
+            let area = Places::new(&[[-2.0, -2.0], [2.0, -2.0], [x, y]]).expect("three corners");
+            Action::Behave(BehaviourSpec::Cover { area })
+        }),
+        2 => (prop::sample::select(Shape::ALL), -2.0_f32..2.0, -2.0_f32..2.0).prop_map(|(shape, x, y)| {
+            let path = Places::new(&[[0.0, 0.0], [x, y]]).expect("two places");
+            let (_, _, size) = Formation::size_of(shape);
+            Action::Behave(BehaviourSpec::Shaped(Formation { shape, size, heading: x, path }))
         }),
         2 => (-2.0_f32..2.0, -2.0_f32..2.0, 0_u16..2).prop_map(|(x, y, laps)| {
             let waypoints = Places::new(&[[0.0, 0.0], [x, y]]).expect("two places");

@@ -6,7 +6,7 @@ use std::string::String;
 use std::vec;
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Direction, Measure, Places, ResponseStatus};
+use crawler_protocol::{Direction, Formation, Measure, Places, ResponseStatus, Shape};
 use heapless::Vec;
 use proptest::prelude::*;
 
@@ -51,6 +51,22 @@ fn task() -> impl Strategy<Value = Task> {
             Task::Mission(Mission::Allocate {
                 tasks: tasks.expect("two places"),
             })
+        }),
+        (-2_000.0_f32..2_000.0).prop_map(|far| {
+            let area = Places::new(&[[0.0, 0.0], [1.0, 0.0], [0.0, far]]);
+            Task::Mission(Mission::Cover {
+                area: area.expect("three corners"),
+            })
+        }),
+        (prop::sample::select(Shape::ALL), -2_000.0_f32..2_000.0).prop_map(|(shape, far)| {
+            let path = Places::new(&[[0.0, 0.0], [far, 0.0]]).expect("two places");
+            let (_, _, size) = Formation::size_of(shape);
+            Task::Mission(Mission::Shaped(Formation {
+                shape,
+                size,
+                heading: 1.0,
+                path,
+            }))
         }),
         (0_u16..2, -2_000.0_f32..2_000.0).prop_map(|(laps, far)| {
             let waypoints = Places::new(&[[0.0, 0.0], [0.1, 0.0], [0.0, far]]);

@@ -3,7 +3,7 @@
 use serde::ser::{SerializeMap, SerializeStruct};
 use serde::{Serialize, Serializer};
 
-use super::{Action, BehaviourSpec, Command, Measure, ParameterValue};
+use super::{Action, BehaviourSpec, Command, Formation, Measure, ParameterValue};
 
 /// The parameters of an action as the flat object they are on the wire.
 struct Parameters<'a>(&'a Action);
@@ -76,6 +76,16 @@ impl Serialize for Parameters<'_> {
                     }
                     BehaviourSpec::Allocate { tasks } => map.serialize_entry("tasks", tasks)?,
                     BehaviourSpec::Policy { policy } => map.serialize_entry("policy", policy)?,
+                    BehaviourSpec::Shaped(formation) => {
+                        let (size, _, usual) = Formation::size_of(formation.shape);
+                        map.serialize_entry("shape", &formation.shape)?;
+                        unless(&mut map, size, formation.size, usual)?;
+                        unless(&mut map, "heading", formation.heading, 0.0)?;
+                        if formation.path.as_slice() != [[0.0; 2]] {
+                            map.serialize_entry("path", &formation.path)?;
+                        }
+                    }
+                    BehaviourSpec::Cover { area } => map.serialize_entry("area", area)?,
                     BehaviourSpec::Manual
                     | BehaviourSpec::Disperse
                     | BehaviourSpec::Flock

@@ -6,8 +6,9 @@ use super::frame::{Frame, Scalar};
 use super::value::is_text;
 use super::{
     Action, BehaviourSpec, Command, CommandName, DEFAULT_FOLLOW_DISTANCE, DEFAULT_LIARS,
-    DEFAULT_WANDER_SPEED, Direction, FOLLOW_DISTANCE, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W,
-    MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_VALUE, Measure, ParameterValue, ParameterValues, Places,
+    DEFAULT_WANDER_SPEED, Direction, FOLLOW_DISTANCE, Formation, MAX_COORDINATE, MAX_DRIVE_V,
+    MAX_DRIVE_W, MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_VALUE, Measure, ParameterValue,
+    ParameterValues, Places, Shape,
 };
 use crate::{BehaviourName, PolicyName, Reason, RobotId};
 
@@ -150,6 +151,12 @@ fn behave(given: Given<'_>) -> Result<BehaviourSpec, Reason> {
                 tasks: given.places("tasks", 1)?,
             })
         }
+        BehaviourName::Cover => {
+            given.only(&["behaviour", "area"])?;
+            Ok(BehaviourSpec::Cover {
+                area: given.places("area", 3)?,
+            })
+        }
         BehaviourName::Manual => alone(BehaviourSpec::Manual),
         BehaviourName::Disperse => alone(BehaviourSpec::Disperse),
         BehaviourName::Gather => {
@@ -160,7 +167,8 @@ fn behave(given: Given<'_>) -> Result<BehaviourSpec, Reason> {
             })
         }
         BehaviourName::Flock => alone(BehaviourSpec::Flock),
-        BehaviourName::Formation => alone(BehaviourSpec::Formation),
+        BehaviourName::Formation if given.get("shape").is_none() => alone(BehaviourSpec::Formation),
+        BehaviourName::Formation => shaped(given).map(BehaviourSpec::Shaped),
         BehaviourName::Policy => {
             given.only(&["behaviour", "policy"])?;
             Ok(BehaviourSpec::Policy {
@@ -168,6 +176,27 @@ fn behave(given: Given<'_>) -> Result<BehaviourSpec, Reason> {
             })
         }
     }
+}
+
+/// A formation with a shape.
+fn shaped(given: Given<'_>) -> Result<Formation, Reason> {
+    let shape = Shape::from_name(given.text("shape")?).ok_or(Reason::OutOfRange)?;
+    let (name, [least, most], usual) = Formation::size_of(shape);
+    given.only(&["behaviour", "shape", name, "heading", "path"])?;
+    let size = given.within_or(name, most, usual)?;
+    if size < least {
+        return Err(Reason::OutOfRange);
+    }
+    let path = match given.get("path") {
+        Some(_) => given.places("path", 1)?,
+        None => Places::new(&[[0.0; 2]]).unwrap_or_default(),
+    };
+    Ok(Formation {
+        shape,
+        size,
+        heading: given.within_or("heading", Formation::MOST_HEADING, 0.0)?,
+        path,
+    })
 }
 
 /// Which parameters there are is the robot's business; here they only must look like some.

@@ -5,6 +5,7 @@
 //! robot can answer `rejected`. `meaning` turns the frame into an [`Action`].
 
 mod encode;
+mod formation;
 mod frame;
 mod meaning;
 mod places;
@@ -12,6 +13,7 @@ mod value;
 
 use core::fmt;
 
+pub use formation::{Formation, Shape};
 pub use places::{MAX_PLACES, Places};
 pub use value::{MAX_SET, ParameterValue, ParameterValues};
 
@@ -116,8 +118,10 @@ pub enum BehaviourSpec {
     },
     /// Move along with other robots.
     Flock,
-    /// Keep a place among other robots.
+    /// Keep a place among other robots, in a lattice round the origin.
     Formation,
+    /// Keep a place in a shape.
+    Shaped(Formation),
     /// Follow a trained policy.
     Policy {
         /// Its name.
@@ -149,6 +153,11 @@ pub enum BehaviourSpec {
         /// Where there is something to do: at least one.
         tasks: Places,
     },
+    /// Cover a part of an area, as evenly as others do.
+    Cover {
+        /// Its corners: at least three.
+        area: Places,
+    },
 }
 
 /// What a robot begins to agree with.
@@ -174,12 +183,13 @@ impl BehaviourSpec {
             Self::Disperse => BehaviourName::Disperse,
             Self::Gather { .. } => BehaviourName::Gather,
             Self::Flock => BehaviourName::Flock,
-            Self::Formation => BehaviourName::Formation,
+            Self::Formation | Self::Shaped(_) => BehaviourName::Formation,
             Self::Policy { .. } => BehaviourName::Policy,
             Self::Follow { .. } => BehaviourName::Follow,
             Self::Patrol { .. } => BehaviourName::Patrol,
             Self::Consensus { .. } => BehaviourName::Consensus,
             Self::Allocate { .. } => BehaviourName::Allocate,
+            Self::Cover { .. } => BehaviourName::Cover,
         }
     }
 

@@ -100,5 +100,7 @@ words! {
         Consensus = "consensus",
         /// Shares tasks out among others and itself, and goes to its own.
         Allocate = "allocate",
+        /// Covers its part of an area.
+        Cover = "cover",
     }
 }

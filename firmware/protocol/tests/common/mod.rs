@@ -6,11 +6,12 @@ mod updates;
 
 use crawler_protocol::{
     Action, Battery, BehaviourName, BehaviourSpec, Boot, BootCause, Capability, CellDigest,
-    Command, CommandName, Detection, Detections, Direction, FOLLOW_DISTANCE, Heartbeat, Kind,
-    Level, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS, MAX_LIARS, MAX_MOVE_MS,
-    MAX_PLACES, MAX_SAYS, MAX_VALUE, Measure, Neighbour, Outcomes, ParameterReport, ParameterValue,
-    ParametersMessage, Places, PolicyName, Pose, PoseFix, Reason, Response, ResponseStatus,
-    RobotState, Says, Source, StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
+    Command, CommandName, Detection, Detections, Direction, FOLLOW_DISTANCE, Formation, Heartbeat,
+    Kind, Level, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS, MAX_LIARS,
+    MAX_MOVE_MS, MAX_PLACES, MAX_SAYS, MAX_VALUE, Measure, Neighbour, Outcomes, ParameterReport,
+    ParameterValue, ParametersMessage, Places, PolicyName, Pose, PoseFix, Reason, Response,
+    ResponseStatus, RobotState, Says, Shape, Source, StatusMessage, SwarmResponse, Telemetry,
+    TimeMessage, Wheels,
 };
 use heapless::String as Text;
 use proptest::collection::vec;
@@ -82,6 +83,29 @@ fn places(least: usize) -> impl Strategy<Value = Places> {
         .prop_map(|places| Places::new(&places).unwrap())
 }
 
+fn formation() -> impl Strategy<Value = Formation> {
+    let origin = Places::new(&[[0.0; 2]]).unwrap();
+    (
+        select(Shape::ALL),
+        prop_oneof![Just(None), (0.0_f32..=1.0).prop_map(Some)],
+        prop_oneof![
+            Just(0.0),
+            -Formation::MOST_HEADING..=Formation::MOST_HEADING
+        ],
+        prop_oneof![Just(origin), places(1)],
+    )
+        .prop_map(|(shape, share, heading, path)| {
+            let (_, [least, most], usual) = Formation::size_of(shape);
+            let size = share.map_or(usual, |share| least + (most - least) * share);
+            Formation {
+                shape,
+                size: size.min(most),
+                heading,
+                path,
+            }
+        })
+}
+
 fn behaviour() -> impl Strategy<Value = BehaviourSpec> {
     prop_oneof![
         (0..=100_u8).prop_map(|speed| BehaviourSpec::Wander { speed }),
@@ -103,6 +127,8 @@ fn behaviour() -> impl Strategy<Value = BehaviourSpec> {
         "[a-z0-9-]{1,32}".prop_map(|name| BehaviourSpec::Policy {
             policy: PolicyName::new(&name).unwrap(),
         }),
+        places(3).prop_map(|area| BehaviourSpec::Cover { area }),
+        formation().prop_map(BehaviourSpec::Shaped),
         (places(2), 0..=MAX_LAPS)
             .prop_map(|(waypoints, laps)| BehaviourSpec::Patrol { waypoints, laps }),
         select(vec![

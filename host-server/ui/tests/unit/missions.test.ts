@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest'
-import { bounded, places } from '../../src/fleet/missions'
+import { asText, bounded, cornersOf, places } from '../../src/fleet/missions'
 
 describe('what a person types for a mission', () => {
   it('takes places in the usual ways of writing', () => {
@@ -12,6 +12,13 @@ describe('what a person types for a mission', () => {
       [-1.5, 2],
       [3, 4],
     ])
+  })
+
+  it('writes corners as it reads them', () => {
+    const corners = cornersOf(6, 4.5)
+    expect(asText(corners)).toBe('-2.9 -2.15; 2.9 -2.15; 2.9 2.15; -2.9 2.15')
+    expect(places(asText(corners))).toEqual(corners)
+    expect(asText([[0.123456, -1]])).toBe('0.12 -1')
   })
 
   it('takes nothing else', () => {

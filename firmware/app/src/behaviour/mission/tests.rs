@@ -4,7 +4,9 @@
 use std::vec::Vec;
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{BehaviourName, MAX_PLACES, MAX_SAYS, Measure, Places, Pose, Says};
+use crawler_protocol::{
+    BehaviourName, Formation, MAX_PLACES, MAX_SAYS, Measure, Places, Pose, Says, Shape,
+};
 use proptest::prelude::*;
 
 use super::{MissionNews, Scene, Underway, Wish};
@@ -21,7 +23,7 @@ const STEP_MS: u64 = 20;
 const HEARS_MM: i32 = 2_000;
 const LEADER: u32 = 77;
 
-fn pose(x: f32, y: f32, theta: f32) -> Pose {
+pub(super) fn pose(x: f32, y: f32, theta: f32) -> Pose {
     Pose {
         x,
         y,
@@ -31,17 +33,17 @@ fn pose(x: f32, y: f32, theta: f32) -> Pose {
 }
 
 /// A robot without a ranger, on a floor without walls.
-struct Robot {
-    who: u32,
-    pose: Pose,
+pub(super) struct Robot {
+    pub(super) who: u32,
+    pub(super) pose: Pose,
     v: f32,
-    mission: Underway,
+    pub(super) mission: Underway,
     over: bool,
     news: Vec<MissionNews>,
 }
 
 impl Robot {
-    fn new(who: u32, pose: Pose, mission: Option<Mission>) -> Self {
+    pub(super) fn new(who: u32, pose: Pose, mission: Option<Mission>) -> Self {
         Self {
             who,
             pose,
@@ -101,7 +103,12 @@ impl Robot {
 
 /// Lets `robots` do what they do for so many seconds, told of each other as the cells would tell them:
 /// twice a second, and moved on meanwhile. `lead` drives the robots that are on no mission.
-fn run(robots: &mut [Robot], begun: u64, seconds: u64, lead: impl Fn(u64) -> (f32, f32)) {
+pub(super) fn run(
+    robots: &mut [Robot],
+    begun: u64,
+    seconds: u64,
+    lead: impl Fn(u64) -> (f32, f32),
+) {
     let mut told: Vec<Neighbour> = Vec::new();
     for step in 0..seconds * 1_000 / STEP_MS {
         let ms = begun + step * STEP_MS;
@@ -312,6 +319,20 @@ fn places() -> impl Strategy<Value = Places> {
         .prop_map(|places| Places::new(&places).expect("in bounds"))
 }
 
+fn formation() -> impl Strategy<Value = Formation> {
+    let shape = prop::sample::select(Shape::ALL);
+    (shape, 0.0_f32..=1.0, -6.3_f32..6.3, places()).prop_map(|(shape, share, heading, path)| {
+        let (_, [least, most], _) = Formation::size_of(shape);
+        let size = least + share * (most - least);
+        Formation {
+            shape,
+            size,
+            heading,
+            path,
+        }
+    })
+}
+
 pub(super) fn mission() -> impl Strategy<Value = Mission> {
     prop_oneof![
         (0_u32..4, 0.3_f32..2.0)
@@ -321,13 +342,15 @@ pub(super) fn mission() -> impl Strategy<Value = Mission> {
             f,
         }),
         places().prop_map(|tasks| Mission::Allocate { tasks }),
+        places().prop_map(|area| Mission::Cover { area }),
+        formation().prop_map(Mission::Shaped),
         (places(), 0_u16..3).prop_map(|(waypoints, laps)| Mission::Patrol { waypoints, laps }),
     ]
 }
 
 fn says() -> impl Strategy<Value = Says> {
     let number = prop_oneof![4 => -2_i32..20, 2 => 0_i32..1_001, 1 => any::<i32>()];
-    let kind = prop_oneof![8 => 8_i32..12, 1 => any::<i32>()];
+    let kind = prop_oneof![8 => 8_i32..13, 2 => Just(6_i32), 1 => any::<i32>()];
     (kind, prop::collection::vec(number, 0..MAX_SAYS)).prop_map(|(kind, mut rest)| {
         rest.insert(0, kind);
         Says::of_numbers(&rest).expect("one to six")

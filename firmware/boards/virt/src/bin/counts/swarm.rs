@@ -4,8 +4,8 @@ use crawler_app::Robot;
 use crawler_app::policy::SPREAD;
 use crawler_hal::Instant;
 use crawler_protocol::{
-    Action, BehaviourName, BehaviourSpec, CellDigest, MAX_MESSAGE, Measure, Neighbour, Places,
-    PolicyName, Pose, PoseFix, RobotId, Says,
+    Action, BehaviourName, BehaviourSpec, CellDigest, Formation, MAX_MESSAGE, Measure, Neighbour,
+    Places, PolicyName, Pose, PoseFix, RobotId, Says, Shape,
 };
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 
@@ -31,7 +31,26 @@ pub(super) fn measure<'a, 'b>(
     let tasks = [0, 1, 2, 3, 4, 5, 6, 7].map(|n| [here.x + 3.0, here.y + 0.3 * n as f32 - 1.0]);
     let tasks = places(&tasks);
     let policy = PolicyName::new(SPREAD.name).unwrap_or_else(|_| fail("policy"));
+    let area = [
+        [-4.0, -3.0],
+        [0.0, -4.0],
+        [3.0, -4.0],
+        [5.0, -1.0],
+        [5.0, 2.0],
+        [3.0, 4.0],
+        [0.0, 4.0],
+        [-4.0, 3.0],
+    ];
+    let area = places(&area.map(|[x, y]| [here.x + x, here.y + y]));
     let leader = RobotId::new(LEADER).unwrap_or_else(|_| fail("id"));
+    let shaped = |shape| {
+        BehaviourSpec::Shaped(Formation {
+            shape,
+            size: 1.0,
+            heading: 0.7,
+            path: round,
+        })
+    };
     for (name, spec) in [
         ("control_flocking", BehaviourSpec::Flock),
         (
@@ -63,6 +82,11 @@ pub(super) fn measure<'a, 'b>(
         ),
         ("control_allocating", BehaviourSpec::Allocate { tasks }),
         ("control_by_policy", BehaviourSpec::Policy { policy }),
+        ("control_covering", BehaviourSpec::Cover { area }),
+        ("control_in_a_line", shaped(Shape::Line)),
+        ("control_in_a_wedge", shaped(Shape::Wedge)),
+        ("control_in_a_lattice", shaped(Shape::Lattice)),
+        ("control_in_a_circle", shaped(Shape::Circle)),
     ] {
         let behaviour = spec.behaviour();
         locate(robot, rig);
