@@ -99,6 +99,31 @@ fn a_flock_keeps_moving_and_nobody_is_run_into_for_long() {
     assert!(mean(&ways) > 0.3, "{ways:?}");
 }
 
+/// Thirty on nine square metres, of whom each had six contacts in a minute before they kept off each other.
+#[test]
+fn who_wanders_in_a_crowd_gets_on_and_hardly_touches_anybody() {
+    let (mut contacts, mut driven) = (0, 0.0);
+    for seed in [1, 2] {
+        let mut simulation = Simulation::lockstep(scenario("crowd", 30), seed).expect("a world");
+        settle(&mut simulation);
+        let mut before = poses(&simulation);
+        for _ in 0..120 {
+            simulation.run_for(Duration::from_millis(500));
+            let after = poses(&simulation);
+            let ways = before.iter().zip(&after);
+            driven += ways
+                .map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))
+                .sum::<f32>();
+            before = after;
+        }
+        let each = (0..simulation.robots()).filter_map(|robot| simulation.observe(robot));
+        contacts += each.map(|seen| seen.contacts).sum::<u32>();
+    }
+    // Measured: 0.25 contacts each, nearly all with walls, and 6 m.
+    assert!(contacts <= 60, "{contacts} contacts of sixty robots");
+    assert!(driven > 60.0 * 4.0, "{driven} m");
+}
+
 #[test]
 fn the_history_of_a_swarm_is_the_same_on_two_threads() {
     let arena: Scenario = scenario("arena", 16);

@@ -30,6 +30,7 @@
 //! meanwhile; so does one that `reboot` has ended. Nothing else resumes by itself.
 
 mod ahead;
+mod aside;
 mod ends;
 mod guided;
 mod orders;
@@ -42,7 +43,7 @@ use crawler_protocol::{BehaviourName, Pose, Reason, ResponseStatus, Says};
 use heapless::Vec;
 use rand_core::Rng;
 
-use crate::behaviour::{Detour, MissionNews, Progress, Scan, ScanResult, Underway};
+use crate::behaviour::{Detour, Leeway, MissionNews, Progress, Scan, ScanResult, Underway};
 use crate::goal::Goal;
 use crate::motion::{Correction, Odometry, Ramp, Twist};
 use crate::navigation::Guide;
@@ -222,6 +223,8 @@ pub struct Controller {
     rules: bool,
     /// What that wanted last.
     wanted: Option<Twist>,
+    /// How fast others let it go on, when that was asked last.
+    leeway: Leeway,
 }
 
 impl Controller {
@@ -250,6 +253,7 @@ impl Controller {
             in_the_way: None,
             rules: false,
             wanted: None,
+            leeway: Leeway::ALL,
         }
     }
 
@@ -344,6 +348,7 @@ impl Controller {
         }
         self.resume(inputs, out, now);
         self.follow_update(inputs, out, now);
+        self.look_aside(inputs, now);
         cut |= self.look_ahead(inputs, rng, out, now);
         self.follow_policy(inputs, now);
         let twist = self.wanted(inputs, out, now);

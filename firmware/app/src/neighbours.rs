@@ -23,6 +23,8 @@ use crate::tracking::{AHEAD, FARTHEST};
 pub const MOST: usize = 16;
 /// Age from which a neighbour is forgotten: three messages at two a second.
 pub const FRESH_FOR: Duration = Duration::from_millis(1_500);
+/// Within this of a robot that only keeps off others a cell is listened to, in metres; beyond the second it is left.
+pub const CLOSE: [f32; 2] = [0.8, 1.0];
 /// How far outside its cell a robot may be before it is in the next one, in metres.
 const MARGIN: f32 = 0.25;
 /// Cells that a robot listens to.
@@ -379,7 +381,8 @@ pub(crate) fn hash(bytes: impl Iterator<Item = u8>) -> u32 {
 /// Whether whoever behaves so has to know who is near.
 pub const fn needed_for(behaviour: BehaviourName) -> bool {
     match behaviour {
-        BehaviourName::Goto
+        BehaviourName::Wander
+        | BehaviourName::Goto
         | BehaviourName::Disperse
         | BehaviourName::Gather
         | BehaviourName::Flock
@@ -390,8 +393,23 @@ pub const fn needed_for(behaviour: BehaviourName) -> bool {
         | BehaviourName::Allocate
         | BehaviourName::Cover
         | BehaviourName::Policy => true,
-        BehaviourName::Manual | BehaviourName::Wander => false,
+        BehaviourName::Manual => false,
     }
+}
+
+/// Whether that is only to keep off them, so that those of cells farther than [`CLOSE`] away matter to nobody: a fleet that
+/// wanders hears a third of what it would otherwise.
+pub const fn only_close(behaviour: BehaviourName) -> bool {
+    matches!(behaviour, BehaviourName::Wander)
+}
+
+/// How far a cell is from a robot at `x`, `y` metres: 0 where it is in it.
+pub fn away_from((column, row): Cell, [x, y]: [f32; 2]) -> f32 {
+    let along = |at: f32, cell: i16| {
+        let from = f32::from(cell) * CellDigest::EDGE_M;
+        (from - at).max(at - from - CellDigest::EDGE_M)
+    };
+    along(x, column).max(along(y, row)).max(0.0)
 }
 
 /// The cell of a robot at `x`, `y` metres that was in `before`: that one as long as the robot is no

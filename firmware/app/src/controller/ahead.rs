@@ -111,16 +111,18 @@ impl Controller {
 
     /// Whether what the robot does goes by where others are.
     pub fn wants_neighbours(&self) -> bool {
-        matches!(
+        let by_others = matches!(
             self.state.goal(),
             Some(Goal::Swarm(_) | Goal::Policy { .. } | Goal::Mission { .. })
-        )
+        );
+        by_others || self.keeps_off()
     }
 
     /// Whether where others are is to be brought up to date for the next step.
     pub fn looks_around(&self) -> bool {
         match self.state.goal() {
             Some(Goal::Policy { .. }) => self.pilot.looks_around(),
+            Some(Goal::Wander { .. }) => self.rules,
             Some(_) | None => self.rules || self.wanted.is_none(),
         }
     }
@@ -130,8 +132,10 @@ impl Controller {
     pub(crate) fn takes_fix(&self) -> bool {
         match self.state.goal() {
             Some(Goal::Policy { .. }) => self.pilot.has_time(),
-            Some(Goal::Swarm(_) | Goal::Mission { .. }) => self.looks_around(),
-            Some(Goal::Manual { .. } | Goal::Wander { .. } | Goal::Goto { .. }) | None => true,
+            Some(Goal::Wander { .. } | Goal::Swarm(_) | Goal::Mission { .. }) => {
+                self.looks_around()
+            }
+            Some(Goal::Manual { .. } | Goal::Goto { .. }) | None => true,
         }
     }
 
@@ -200,7 +204,7 @@ impl Controller {
             }
             // Clear is halfway to safe, so that the way out is one.
             let low = self.low_way_round(goal, now).is_some();
-            if low || distance < critical.midpoint(safe) {
+            if low || distance < critical.midpoint(safe) || self.is_held_up() {
                 return Event::Blocked(escape.side);
             }
         } else if distance < critical {
@@ -218,6 +222,8 @@ impl Controller {
             }
         } else if let Some(side) = self.low_way_round(goal, now) {
             return Event::Blocked(side);
+        } else if let Some(side) = self.way_round_others() {
+            return Event::Blocked(self.same_corner(now).unwrap_or(side));
         } else if goal.is_autonomous() && !matches!(goal, Goal::Policy { .. }) {
             let forward = self.ramps.iter().all(|ramp| ramp.duty() > 0.0);
             if !forward {
@@ -262,10 +268,13 @@ impl Controller {
                 Side::Right
             };
         }
-        match self.last_escape {
-            Some((side, at)) if now - at < SAME_CORNER => side,
-            Some(_) | None => side(rng),
-        }
+        self.same_corner(now).unwrap_or_else(|| side(rng))
+    }
+
+    /// The side turned to last, if that was in this corner.
+    fn same_corner(&self, now: Instant) -> Option<Side> {
+        let (side, at) = self.last_escape?;
+        (now - at < SAME_CORNER).then_some(side)
     }
 
     /// Wanted motion. Ends what has arrived or is complete.
@@ -324,7 +333,12 @@ impl Controller {
                 }
             }
             State::Avoiding(_, escape) => {
-                escape_twist(&escape, self.tuning.max_speed, self.tuning.max_turn, now)
+                let (speed, turn) = (self.tuning.max_speed, self.tuning.max_turn);
+                let twist = escape_twist(&escape, speed, turn, now);
+                Twist {
+                    v: self.left_by_others(twist.v),
+                    ..twist
+                }
             }
             State::Scanning { .. } => {
                 let heading = self.pose().theta;
@@ -475,7 +489,7 @@ impl Controller {
         let room = f32::from(distance.saturating_sub(self.tuning.critical_mm));
         let full = f32::from(self.tuning.safe_mm - self.tuning.critical_mm);
         Twist {
-            v: twist.v * (room / full).clamp(SLOWEST, 1.0),
+            v: self.left_by_others(twist.v * (room / full).clamp(SLOWEST, 1.0)),
             ..twist
         }
     }

@@ -8,7 +8,7 @@ use crawler_hal::Instant;
 use heapless::Vec;
 use rust_mqtt::types::PacketIdentifier;
 
-use crate::neighbours::{self, CELLS, Cell};
+use crate::neighbours::{self, CELLS, CLOSE, Cell};
 
 /// A cell that the broker was asked about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,11 +54,19 @@ impl Cells {
         self.known.clear();
     }
 
-    /// What to ask for next, so that the broker sends the cells around `place` and no others.
-    pub(super) fn wish(&mut self, place: Option<[f32; 2]>) -> Option<Wish> {
+    /// What to ask for next, so that the broker sends the cells around `place` and no others; of these only those
+    /// that are `close`, where nobody else matters.
+    pub(super) fn wish(&mut self, place: Option<[f32; 2]>, close: bool) -> Option<Wish> {
         let wanted = if let Some([x, y]) = place {
             self.centre = neighbours::centre(self.centre, x, y);
-            self.centre.map(neighbours::around).unwrap_or_default()
+            let mut wanted = self.centre.map(neighbours::around).unwrap_or_default();
+            if close {
+                wanted.retain(|cell| {
+                    let listens = self.known.iter().any(|known| known.cell == *cell);
+                    neighbours::away_from(*cell, [x, y]) <= CLOSE[usize::from(listens)]
+                });
+            }
+            wanted
         } else {
             self.centre = None;
             Vec::new()
@@ -101,8 +109,12 @@ mod tests {
 
     /// Asks until nothing is left to ask, and counts.
     fn follow(cells: &mut Cells, place: Option<[f32; 2]>) -> std::vec::Vec<Wish> {
+        follow_all(cells, place, false)
+    }
+
+    fn follow_all(cells: &mut Cells, place: Option<[f32; 2]>, close: bool) -> std::vec::Vec<Wish> {
         let mut asked = std::vec::Vec::new();
-        while let Some(wish) = cells.wish(place) {
+        while let Some(wish) = cells.wish(place, close) {
             asked.push(wish);
             cells.settle(wish);
             assert!(asked.len() < 40, "no end: {asked:?}");
@@ -127,13 +139,37 @@ mod tests {
     }
 
     #[test]
+    fn who_only_keeps_off_others_listens_to_cells_that_are_close() {
+        let mut cells = Cells::new();
+        let mut follow = |x, y| follow_all(&mut cells, Some([x, y]), true);
+        assert_eq!(follow(1.0, 1.0), [Wish::Listen((0, 0))]);
+        // Towards a border, and then towards a corner.
+        assert_eq!(follow(1.5, 1.0), [Wish::Listen((1, 0))]);
+        assert_eq!(follow(1.5, 1.5).len(), 2);
+        // Back and forth on the threshold nothing is left or joined.
+        for x in [1.1, 1.3, 1.1, 1.3] {
+            assert!(follow(x, 1.5).is_empty(), "{x}");
+        }
+        assert_eq!(follow(0.9, 1.5).len(), 2, "both to the right are left");
+        assert_eq!(
+            follow(2.1, 1.5).len(),
+            2,
+            "and joined again across the border"
+        );
+    }
+
+    #[test]
     fn what_was_not_answered_is_asked_again() {
         let mut cells = Cells::new();
-        let lost = cells.wish(Some([0.5, 0.5])).expect("something");
-        assert_eq!(cells.wish(Some([0.5, 0.5])), Some(lost), "asked again");
+        let lost = cells.wish(Some([0.5, 0.5]), false).expect("something");
+        assert_eq!(
+            cells.wish(Some([0.5, 0.5]), false),
+            Some(lost),
+            "asked again"
+        );
         follow(&mut cells, Some([0.5, 0.5]));
         // An UNSUBSCRIBE whose answer was lost may or may not have come through.
-        let Some(Wish::Leave(left)) = cells.wish(None) else {
+        let Some(Wish::Leave(left)) = cells.wish(None, false) else {
             panic!("something to leave");
         };
         let again = follow(&mut cells, Some([0.5, 0.5]));

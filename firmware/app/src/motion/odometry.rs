@@ -111,6 +111,11 @@ impl Odometry {
         self.turn_sigma
     }
 
+    /// Whether it is in the frame of the fixes.
+    pub const fn is_placed(&self) -> bool {
+        self.since_fix.is_some()
+    }
+
     /// Lets `dt` pass with `duties` on the wheels.
     ///
     /// Within the step the model is solved exactly; the path is taken as an arc through its

@@ -30,7 +30,8 @@ where
         }
         let known = self.robot.snapshot();
         let place = neighbours::needed_for(known.behaviour).then_some([known.pose.x, known.pose.y]);
-        let Some(wish) = self.flow.cells.wish(place) else {
+        let close = neighbours::only_close(known.behaviour);
+        let Some(wish) = self.flow.cells.wish(place, close) else {
             return Ok(());
         };
         let (Wish::Listen((x, y)) | Wish::Leave((x, y))) = wish;

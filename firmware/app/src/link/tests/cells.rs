@@ -43,8 +43,12 @@ async fn request(peer: &Peer) -> (u8, [u8; 2], String) {
 
 /// Grants as many requests as there are cells around a robot, all of one kind.
 async fn requests(peer: &Peer, wanted: u8) -> BTreeSet<String> {
+    some_requests(peer, wanted, CELLS).await
+}
+
+async fn some_requests(peer: &Peer, wanted: u8, count: usize) -> BTreeSet<String> {
     let mut filters = BTreeSet::new();
-    for _ in 0..CELLS {
+    for _ in 0..count {
         let (kind, id, filter) = request(peer).await;
         assert_eq!(kind, wanted, "{filter}");
         let answer = if kind == SUBSCRIBE { 0x90 } else { 0xb0 };
@@ -87,16 +91,28 @@ fn whoever_has_to_know_who_is_near_listens_around_itself() {
 }
 
 #[test]
+fn whoever_wanders_listens_to_cells_that_are_close() {
+    run(async |broker| {
+        let peer = broker.connected().await;
+        behave(&broker, BehaviourName::Wander);
+        let asked = some_requests(&peer, SUBSCRIBE, 4).await;
+        let close = ["-1/-1", "-1/0", "0/-1", "0/0"];
+        let close = close.map(|cell| std::format!("swarm/cell/{cell} [32]"));
+        assert_eq!(asked, BTreeSet::from(close));
+        // Ends at a request: a peer has no other answer to it.
+        peer.publishes_for(Duration::from_secs(3)).await;
+    });
+}
+
+#[test]
 fn whoever_need_not_know_asks_for_no_cell() {
-    for behaviour in [BehaviourName::Manual, BehaviourName::Wander] {
-        run(async |broker| {
-            let peer = broker.connected().await;
-            behave(&broker, behaviour);
-            // Ends at a request: a peer has no other answer to it.
-            let all = peer.publishes_for(Duration::from_secs(3)).await;
-            assert!(!all.is_empty(), "{behaviour:?}: the session lives");
-        });
-    }
+    run(async |broker| {
+        let peer = broker.connected().await;
+        behave(&broker, BehaviourName::Manual);
+        // Ends at a request: a peer has no other answer to it.
+        let all = peer.publishes_for(Duration::from_secs(3)).await;
+        assert!(!all.is_empty(), "the session lives");
+    });
 }
 
 #[test]

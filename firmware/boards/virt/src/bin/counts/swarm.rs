@@ -87,6 +87,10 @@ pub(super) fn measure<'a, 'b>(
         ("control_in_a_wedge", shaped(Shape::Wedge)),
         ("control_in_a_lattice", shaped(Shape::Lattice)),
         ("control_in_a_circle", shaped(Shape::Circle)),
+        (
+            "control_wandering_among",
+            BehaviourSpec::Wander { speed: 60 },
+        ),
     ] {
         let behaviour = spec.behaviour();
         locate(robot, rig);

@@ -1,0 +1,98 @@
+//! How fast a robot may go on without running into those near.
+//!
+//! Whatever gap there is between two robots, it may shrink by no more than all of it within [`WITHIN`]: a barrier that two
+//! who keep to it never reach, since what is left falls like an exponential (Wang, Ames and Egerstedt, "Safety barrier
+//! certificates for collisions-free multirobot systems", IEEE TRO 33(3), 2017). What the other one does of it counts, so of
+//! two who drive towards each other each does half, and one behind another that drives on may drive as fast. Whoever is
+//! passed by with room to spare, when both go on, is not in the way (Fiorini and Shiller, "Motion planning in dynamic
+//! environments using velocity obstacles", IJRR 17(7), 1998). Nobody is told anything beside where the others are.
+//!
+//! What is told is half a second old, and the speed falls with the gap, so that in that half second nobody covers more than
+//! half of it.
+
+use super::swarm::from;
+use crate::motion::angle::{ONE_BITS, PoseMm, length, turned};
+use crate::neighbours::Neighbour;
+use crate::state::Side;
+
+/// Farther than this along an axis nobody is reckoned with, in millimetres.
+const REACH_MM: i32 = 800;
+/// Between the middles of two robots that touch, in millimetres, and what they are not to come nearer by, for noise.
+const BODIES_MM: i32 = 170 + 30;
+/// Nearer than this nobody can be: somebody is not where it is told to be.
+const NOBODY_MM: i32 = 110;
+/// With so much between the middles others are passed by at any speed, in millimetres.
+const CLEAR_MM: i32 = 260;
+/// The time in which the gap may shrink by all of it, in 1/1024 s.
+const WITHIN: i32 = 1_024;
+/// So much of the speed, in 1/1024, has to lead towards another one for it to count.
+const TOWARDS: i32 = 300;
+/// No robot is faster, in millimetres per second.
+const FASTEST: i32 = 5_000;
+
+/// How fast it may be, and for whose sake.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Leeway {
+    /// Millimetres per second.
+    pub speed: i32,
+    /// The side on which whoever keeps it from being faster is.
+    pub side: Side,
+}
+
+impl Leeway {
+    /// Nobody is near.
+    pub const ALL: Self = Self {
+        speed: FASTEST,
+        side: Side::Left,
+    };
+
+    /// Of a robot at `here`, known to `sigma` millimetres, that would drive at `wanted` millimetres per second, back where
+    /// that is negative.
+    pub fn of(here: &PoseMm, sigma: i32, wanted: i32, near: &[Neighbour]) -> Self {
+        let way = if wanted < 0 {
+            here.ahead.map(|along| -along)
+        } else {
+            here.ahead
+        };
+        let wanted = wanted.abs().min(FASTEST);
+        let own = way.map(|along| (along * wanted) >> ONE_BITS);
+        let mut least = Self::ALL;
+        for other in near {
+            let Some([x, y]) = from(here.at, other) else {
+                continue;
+            };
+            if x.abs().max(y.abs()) > REACH_MM {
+                continue;
+            }
+            let [ahead, left] = turned([x, y], way);
+            if ahead <= 0 {
+                continue;
+            }
+            let far = length([x, y]);
+            if far < NOBODY_MM {
+                continue;
+            }
+            let towards = (ahead << 10) / far;
+            let [vx, vy] = other.velocity();
+            let relative = [own[0] - vx, own[1] - vy];
+            // Twice the area between both, by how fast they go past each other, is how far apart they pass.
+            let area = (x * relative[1] - y * relative[0]).abs();
+            if towards < TOWARDS || area > CLEAR_MM * length(relative) {
+                continue;
+            }
+            let gap = far - BODIES_MM - sigma;
+            let away = (x * vx + y * vy) / far;
+            let closing = (gap << 10) / WITHIN + away;
+            let speed = (closing.max(0) << 10) / towards;
+            if speed < least.speed {
+                let side = if left > 0 { Side::Left } else { Side::Right };
+                least = Self { speed, side };
+            }
+        }
+        least
+    }
+}
+
+#[cfg(test)]
+mod tests;
