@@ -113,6 +113,8 @@ fn motion_contacts_faults_commands_and_removals_are_the_same_on_any_number_of_th
     crowd.arena.area_per_robot = 0.5;
     crowd.arena.least_side = 2.5;
     crowd.arena.scatter.per_square_metre = 0.0;
+    // And told nothing about where they are, or they would keep off each other.
+    crowd.tracker.on = false;
     // They share one channel, and half of them lose it for a while.
     crowd.radio = Some(Radio {
         partitions: vec![Partition {

@@ -23,7 +23,9 @@ impl Controller {
 
     /// Asks how fast others let the robot go on.
     pub(super) fn look_aside(&mut self, inputs: &Inputs<'_>, now: Instant) {
-        let pose = self.pose();
+        if self.leeway == Leeway::ALL && inputs.near.is_empty() {
+            return;
+        }
         let share = match self.state {
             State::Avoiding(Goal::Wander { .. }, escape) if now < escape.back_until => -BACK_SPEED,
             State::Moving(Goal::Wander { speed })
@@ -36,11 +38,14 @@ impl Controller {
             | State::Idle
             | State::Scanning { .. }
             | State::Error(_)
-            | State::Updating => 0.0,
+            | State::Updating => {
+                self.leeway = Leeway::ALL;
+                return;
+            }
         };
+        let pose = self.pose();
         // Without a fix, or long after the last one, others are anywhere.
-        let knows = self.odometry.is_placed() && pose.sigma <= VAGUE && !inputs.near.is_empty();
-        if !knows || share == 0.0 {
+        if inputs.near.is_empty() || !self.odometry.is_placed() || pose.sigma > VAGUE {
             self.leeway = Leeway::ALL;
         } else if self.rules {
             let wanted = millimetres(share * self.tuning.max_speed);
@@ -61,6 +66,9 @@ impl Controller {
 
     /// What of a speed others leave.
     pub(super) fn left_by_others(&self, v: f32) -> f32 {
+        if self.leeway == Leeway::ALL {
+            return v;
+        }
         let most = self.leeway.speed as f32 * 0.001;
         v.clamp(-most, most)
     }

@@ -135,7 +135,7 @@ fn who_drives_behind_another_is_not_slowed_and_who_passes_is_not_stopped() {
     assert!(least > 0.1 && driven > 5.5, "{least} {driven}");
     let mut meeting = [
         robot([0.0, 0.0, 0.0], 0.0, SPEED),
-        robot([2.0, 0.3, 3.14], 0.0, SPEED),
+        robot([2.0, 0.3, core::f32::consts::PI], 0.0, SPEED),
     ];
     let (least, driven) = run(&mut meeting, 10, true);
     assert!(least > 0.1 && driven > 4.5, "{least} {driven}");
