@@ -348,7 +348,7 @@ impl Controller {
         }
         self.resume(inputs, out, now);
         self.follow_update(inputs, out, now);
-        self.look_aside(inputs, now);
+        self.leeway = aside::leeway(self, inputs, now);
         cut |= self.look_ahead(inputs, rng, out, now);
         self.follow_policy(inputs, now);
         let twist = self.wanted(inputs, out, now);

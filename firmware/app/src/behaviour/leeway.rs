@@ -30,6 +30,11 @@ const TOWARDS: i32 = 300;
 /// No robot is faster, in millimetres per second.
 const FASTEST: i32 = 5_000;
 
+/// Where others leave no more than this a robot turns aside, in millimetres per second.
+const HELD_UP: i32 = 60;
+/// Where they leave as much as this it goes on in the direction that it has turned to.
+const FREE: i32 = 120;
+
 /// How fast it may be, and for whose sake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -91,6 +96,25 @@ impl Leeway {
             }
         }
         least
+    }
+
+    /// Where to turn because others do not let the robot go on.
+    pub fn way_round(self) -> Option<Side> {
+        (self.speed < HELD_UP).then(|| self.side.other())
+    }
+
+    /// Whether a robot that turns aside would not get on where it looks.
+    pub const fn holds_up(self) -> bool {
+        self.speed < FREE
+    }
+
+    /// What of a speed others leave, in metres per second.
+    pub fn left_of(self, v: f32) -> f32 {
+        if self == Self::ALL {
+            return v;
+        }
+        let most = self.speed as f32 * 0.001;
+        v.clamp(-most, most)
     }
 }
 

@@ -4,6 +4,7 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::Reason;
 use rand_core::Rng;
 
+use super::aside::keeps_off;
 use super::{Controller, FAILSAFE, HOLD, Inputs, Note, Outputs, PERIOD};
 use crate::behaviour::{
     Detour, MissionNews, MissionScene, Scene, VAGUE, Wish, escape_twist, goto_twist, place_twist,
@@ -115,7 +116,7 @@ impl Controller {
             self.state.goal(),
             Some(Goal::Swarm(_) | Goal::Policy { .. } | Goal::Mission { .. })
         );
-        by_others || self.keeps_off()
+        by_others || keeps_off(&self.state)
     }
 
     /// Whether where others are is to be brought up to date for the next step.
@@ -204,7 +205,7 @@ impl Controller {
             }
             // Clear is halfway to safe, so that the way out is one.
             let low = self.low_way_round(goal, now).is_some();
-            if low || distance < critical.midpoint(safe) || self.is_held_up() {
+            if low || distance < critical.midpoint(safe) || self.leeway.holds_up() {
                 return Event::Blocked(escape.side);
             }
         } else if distance < critical {
@@ -222,7 +223,7 @@ impl Controller {
             }
         } else if let Some(side) = self.low_way_round(goal, now) {
             return Event::Blocked(side);
-        } else if let Some(side) = self.way_round_others() {
+        } else if let Some(side) = self.leeway.way_round() {
             return Event::Blocked(self.same_corner(now).unwrap_or(side));
         } else if goal.is_autonomous() && !matches!(goal, Goal::Policy { .. }) {
             let forward = self.ramps.iter().all(|ramp| ramp.duty() > 0.0);
@@ -336,7 +337,7 @@ impl Controller {
                 let (speed, turn) = (self.tuning.max_speed, self.tuning.max_turn);
                 let twist = escape_twist(&escape, speed, turn, now);
                 Twist {
-                    v: self.left_by_others(twist.v),
+                    v: self.leeway.left_of(twist.v),
                     ..twist
                 }
             }
@@ -489,7 +490,7 @@ impl Controller {
         let room = f32::from(distance.saturating_sub(self.tuning.critical_mm));
         let full = f32::from(self.tuning.safe_mm - self.tuning.critical_mm);
         Twist {
-            v: self.left_by_others(twist.v * (room / full).clamp(SLOWEST, 1.0)),
+            v: self.leeway.left_of(twist.v * (room / full).clamp(SLOWEST, 1.0)),
             ..twist
         }
     }
