@@ -81,7 +81,6 @@ pub(super) fn measure<'a, 'b>(
             },
         ),
         ("control_allocating", BehaviourSpec::Allocate { tasks }),
-        ("control_by_policy", BehaviourSpec::Policy { policy }),
         ("control_covering", BehaviourSpec::Cover { area }),
         ("control_in_a_line", shaped(Shape::Line)),
         ("control_in_a_wedge", shaped(Shape::Wedge)),
@@ -91,6 +90,8 @@ pub(super) fn measure<'a, 'b>(
             "control_wandering_among",
             BehaviourSpec::Wander { speed: 60 },
         ),
+        // Last, for it goes where it likes: the areas and places of the others are around where they began.
+        ("control_by_policy", BehaviourSpec::Policy { policy }),
     ] {
         let behaviour = spec.behaviour();
         locate(robot, rig);
