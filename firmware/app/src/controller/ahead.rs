@@ -490,7 +490,9 @@ impl Controller {
         let room = f32::from(distance.saturating_sub(self.tuning.critical_mm));
         let full = f32::from(self.tuning.safe_mm - self.tuning.critical_mm);
         Twist {
-            v: self.leeway.left_of(twist.v * (room / full).clamp(SLOWEST, 1.0)),
+            v: self
+                .leeway
+                .left_of(twist.v * (room / full).clamp(SLOWEST, 1.0)),
             ..twist
         }
     }
