@@ -1,7 +1,7 @@
 //! Starting is all or nothing: whichever part fails, nothing of the others is left.
 
 use std::collections::BTreeMap;
-use std::net::TcpListener;
+use std::net::{Ipv4Addr, TcpListener};
 use std::num::NonZeroU8;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -38,9 +38,12 @@ fn threads() -> BTreeMap<String, usize> {
     threads
 }
 
-/// Ports that nobody has.
+/// Ports that nobody has, nor will have when a server is to start there once more: they are of a loopback address that
+/// belongs to this process, while whoever connects or listens elsewhere does so from 127.0.0.1.
 fn free_ports<const N: usize>() -> [SocketAddr; N] {
-    let held = [(); N].map(|()| TcpListener::bind("127.0.0.1:0").expect("a port"));
+    let [_, high, middle, low] = std::process::id().to_be_bytes();
+    let own = Ipv4Addr::new(127, 64 | (high & 63), middle, low);
+    let held = [(); N].map(|()| TcpListener::bind((own, 0)).expect("a port"));
     held.each_ref()
         .map(|held| held.local_addr().expect("bound"))
 }
