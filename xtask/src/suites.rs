@@ -121,9 +121,8 @@ impl Selection {
         let in_time = run::output("chrt", &["--rr", "1", "true"]).is_some();
         let for_each_core = if in_time { 3 } else { 2 };
         let cores = if self.one_core { 1 } else { cores() };
-        // A test that works takes two of them, one that waits one (.config/nextest.toml).
-        let slots = (2 * for_each_core * cores).to_string();
-        let mut more = vec!["run", "--profile", "slots", "--test-threads", &slots];
+        let at_once = (for_each_core * cores).to_string();
+        let mut more = vec!["run", "--test-threads", &at_once];
         if let Some(filter) = &filter {
             more.extend(["--filterset", filter.as_str()]);
         }
@@ -131,7 +130,7 @@ impl Selection {
             more.extend(["--stress-count", count.as_str()]);
         }
         // Wherever cargo builds; what an earlier run left must not be taken for this one.
-        let path = run::root().join("target/nextest/slots/junit.xml");
+        let path = run::root().join("target/nextest/default/junit.xml");
         let _ = fs::remove_file(&path);
         let outcome = run::run_command(self.command(&more, self.one_core));
         if let Ok(text) = fs::read_to_string(path) {
