@@ -20,7 +20,7 @@ pub enum Installed {
     Bad,
     /// A policy for another kind of observation.
     Other,
-    /// The policy whose name this stands for: see [`named`].
+    /// The policy whose name this stands for: see `named`.
     Policy(u32),
 }
 
