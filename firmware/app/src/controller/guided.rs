@@ -124,11 +124,10 @@ mod tests {
     use super::super::{Outputs, PERIOD, Tuning};
     use super::*;
     use crate::navigation::Guide;
-    use crate::order::{Order, Sender, Task, UpdateWish};
-    use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
-    use crate::policy::Installed;
+    use crate::order::Task;
+    use crate::perception::Sight;
     use crate::state::State;
-    use crate::testing::{TestRng, source};
+    use crate::testing::{TestRng, asked, inputs};
 
     struct Bench {
         controller: Controller,
@@ -153,36 +152,12 @@ mod tests {
 
         fn step(&mut self, task: Option<Task>) -> Outputs {
             self.now += PERIOD;
-            let order = task.map(|task| Order {
-                task,
-                sender: Sender {
-                    source: source("operator:ada"),
-                    seq: 1,
-                },
-                arrived: self.now,
-            });
+            let order = task.map(|task| asked(task, self.now));
             let number = self.controller.going().map_or(0, |going| going.number);
             let inputs = Inputs {
-                reading: Reading {
-                    sight: Some((self.sight, self.now)),
-                    health: SensorHealth::Good,
-                    temperature: None,
-                },
-                charge: Charge::Good,
-                voltage: None,
-                fix: None,
-                view: None,
-                near: &[],
                 own: 3,
                 guide: self.way.map(|way| Guide { number, way }),
-                link: LinkHealth::Up,
-                loaded: true,
-                motor_fault: false,
-                halt: None,
-                order: order.as_ref(),
-                update: UpdateWish::None,
-                policy: Installed::None,
-                decision: None,
+                ..inputs(self.sight, self.now, order.as_ref())
             };
             self.controller.step(&inputs, &mut TestRng(7), self.now)
         }

@@ -5,10 +5,10 @@ use crawler_protocol::{BehaviourName, Reason, ResponseStatus};
 
 use super::{Action, Asked, DECIDED_WITHIN, Decision, Installed};
 use crate::controller::{Controller, Inputs, Outputs, PERIOD, Tuning};
-use crate::order::{Order, Sender, Task, UpdateWish};
-use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
+use crate::order::Task;
+use crate::perception::Sight;
 use crate::state::State;
-use crate::testing::{TestRng, source};
+use crate::testing::{TestRng, asked, inputs};
 
 const NAME: u32 = 7;
 
@@ -46,39 +46,15 @@ impl Bench {
     /// A control step, with what a network decides for the observation of the step before.
     fn step(&mut self, task: Option<Task>, action: Option<Action>) -> Outputs {
         self.now += PERIOD;
-        let order = task.map(|task| Order {
-            task,
-            sender: Sender {
-                source: source("operator:ada"),
-                seq: 1,
-            },
-            arrived: self.now,
-        });
+        let order = task.map(|task| asked(task, self.now));
         let decision = self.asked.zip(action).map(|(asked, action)| Decision {
             action: action as u8,
             number: asked.number,
         });
         let inputs = Inputs {
-            reading: Reading {
-                sight: Some((self.sight, self.now)),
-                health: SensorHealth::Good,
-                temperature: None,
-            },
-            charge: Charge::Good,
-            voltage: None,
-            fix: None,
-            view: None,
-            near: &[],
-            own: 0,
-            guide: None,
-            link: LinkHealth::Up,
-            loaded: true,
-            motor_fault: false,
-            halt: None,
-            order: order.as_ref(),
-            update: UpdateWish::None,
             policy: self.installed,
             decision,
+            ..inputs(self.sight, self.now, order.as_ref())
         };
         let out = self.controller.step(&inputs, &mut self.rng, self.now);
         self.asked = self.controller.asked();

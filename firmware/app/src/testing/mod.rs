@@ -23,6 +23,10 @@ use rand_core::TryRng;
 
 use crate::config::{Config, Geometry};
 use crate::context::Robot;
+use crate::controller::Inputs;
+use crate::order::{self, Order, Sender, UpdateWish};
+use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
+use crate::policy::Installed;
 
 pub(crate) type TestRobot = Robot<NoopRawMutex>;
 
@@ -52,6 +56,44 @@ pub(crate) fn robot_with(id: &str, change: impl FnOnce(&mut Config)) -> TestRobo
 
 pub(crate) fn source(name: &str) -> Source {
     Source::new(name).expect("legal")
+}
+
+/// What an operator asks for now.
+pub(crate) fn asked(task: order::Task, now: Instant) -> Order {
+    Order {
+        task,
+        sender: Sender {
+            source: source("operator:ada"),
+            seq: 1,
+        },
+        arrived: now,
+    }
+}
+
+/// A control step of a robot that nothing is wrong with and that sees this.
+pub(crate) fn inputs(sight: Sight, now: Instant, order: Option<&Order>) -> Inputs<'_> {
+    Inputs {
+        reading: Reading {
+            sight: Some((sight, now)),
+            health: SensorHealth::Good,
+            temperature: None,
+        },
+        charge: Charge::Good,
+        voltage: None,
+        fix: None,
+        view: None,
+        near: &[],
+        own: 0,
+        guide: None,
+        link: LinkHealth::Up,
+        loaded: true,
+        motor_fault: false,
+        halt: None,
+        order,
+        update: UpdateWish::None,
+        policy: Installed::None,
+        decision: None,
+    }
 }
 
 /// Marsaglia's xorshift64.

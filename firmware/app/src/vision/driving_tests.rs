@@ -4,12 +4,11 @@ use crawler_hal::{Duration, Instant, Millimeters};
 
 use super::{Class, Lens, Spot, View};
 use crate::controller::{Controller, Inputs, Outputs, PERIOD};
-use crate::order::{Order, Sender, Task, UpdateWish};
+use crate::order::Task;
 use crate::parameters::Parameters;
-use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
-use crate::policy::Installed;
+use crate::perception::Sight;
 use crate::state::{Side, State};
-use crate::testing::{TestRng, source};
+use crate::testing::{TestRng, asked, inputs};
 
 struct Bench {
     controller: Controller,
@@ -36,35 +35,10 @@ impl Bench {
 
     fn step(&mut self, task: Option<Task>, view: Option<&View>) -> Outputs {
         self.now += PERIOD;
-        let order = task.map(|task| Order {
-            task,
-            sender: Sender {
-                source: source("operator:ada"),
-                seq: 1,
-            },
-            arrived: self.now,
-        });
+        let order = task.map(|task| asked(task, self.now));
         let inputs = Inputs {
-            reading: Reading {
-                sight: Some((self.sight, self.now)),
-                health: SensorHealth::Good,
-                temperature: None,
-            },
-            charge: Charge::Good,
-            voltage: None,
-            fix: None,
             view,
-            near: &[],
-            own: 0,
-            guide: None,
-            link: LinkHealth::Up,
-            loaded: true,
-            motor_fault: false,
-            halt: None,
-            order: order.as_ref(),
-            update: UpdateWish::None,
-            policy: Installed::None,
-            decision: None,
+            ..inputs(self.sight, self.now, order.as_ref())
         };
         self.controller.step(&inputs, &mut self.rng, self.now)
     }
