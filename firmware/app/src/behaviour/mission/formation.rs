@@ -18,6 +18,8 @@
 //! is not takes over the farthest that it hears. Who is goes on while nobody near is out of place, and is never more
 //! than [`LEAD_MM`] ahead of the hindmost that it hears: so all wait for who is held up, for [`PATIENCE`] at most.
 
+mod arms;
+
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{BehaviourName, Formation, Says, Shape};
 
@@ -25,6 +27,7 @@ use super::{MissionNews, Scene, Wish};
 use crate::behaviour::swarm::{FULL, VAGUE, from, lattice};
 use crate::motion::angle::{Angle, ONE_BITS, TURN, length, millimetres, turned, unit};
 use crate::neighbours::Neighbour;
+use arms::Arms;
 
 /// Others that are looked at in one step.
 const EACH: usize = 4;
@@ -49,7 +52,7 @@ const PACE: u32 = 1;
 /// Farthest from the middle that is reckoned with, in millimetres.
 const FARTHEST_MM: i32 = 28_000;
 /// Distances in a shape are in 1/256 of its spacing.
-const UNIT: i32 = 256;
+const UNIT: i32 = lattice::ONE;
 /// Within this of a place somebody stands in it.
 const STANDS_IN: i32 = UNIT * 3 / 10;
 /// So far beside them robots pass by others in their places.
@@ -107,65 +110,6 @@ struct Way {
     span: [i32; 2],
     /// Its number.
     number: u8,
-}
-
-/// How long the arms of a line or a wedge are, as far as a robot knows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-struct Arms {
-    /// Robots beyond this one.
-    beyond: u8,
-    /// Robots of the arms on the side of place 1 and on that of place −1.
-    both: [u8; 2],
-    /// Whether one may go over.
-    settled: bool,
-}
-
-impl Arms {
-    /// As it is said.
-    const fn word(self) -> i32 {
-        let [left, right] = self.both;
-        (self.settled as i32) << 24 | (left as i32) << 16 | (right as i32) << 8 | self.beyond as i32
-    }
-
-    const fn of_word(word: i32) -> Self {
-        let [settled, left, right, beyond] = word.to_be_bytes();
-        Self {
-            beyond,
-            both: [left, right],
-            settled: settled == 1,
-        }
-    }
-
-    /// The side to which the robot in place `number` goes over, if it is at the end of the longer arm.
-    const fn other_side(self, number: i32) -> Option<i8> {
-        let side = if number > 0 { 1 } else { -1 };
-        let [own, other] = if side > 0 {
-            self.both
-        } else {
-            [self.both[1], self.both[0]]
-        };
-        // Who moves up to the end is none as long as the news is of another one.
-        let is_last = self.beyond == 0 && number.unsigned_abs() == own as u32;
-        if self.settled && is_last && own > other.saturating_add(1) {
-            Some(-side)
-        } else {
-            None
-        }
-    }
-
-    /// The side of the arm to which somebody goes who has no place, and is at that of this number: the other one, if that
-    /// is shorter.
-    const fn shorter(self, number: i32) -> Option<i8> {
-        let [left, right] = self.both;
-        if number >= 0 && right < left {
-            Some(-1)
-        } else if number <= 0 && left < right {
-            Some(1)
-        } else {
-            None
-        }
-    }
 }
 
 /// What another robot of the same formation says.
