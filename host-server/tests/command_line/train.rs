@@ -5,6 +5,8 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
+use crate::folder::Folder;
+
 fn terracrawler(words: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_terracrawler"))
         .args(words)
@@ -19,17 +21,18 @@ fn said(output: &Output) -> String {
 
 #[test]
 fn a_policy_is_trained_and_robots_drive_by_it() {
-    let folder = std::env::temp_dir().join(format!("train-{}", std::process::id()));
-    let _ = fs::remove_dir_all(&folder);
-    let path = |name: &str| folder.join(name).to_str().expect("UTF-8").to_owned();
-    let out = path("trained");
+    let folder = Folder::new();
+    let out = folder.file("trained");
     let few = ["--steps", "1", "--worlds", "1", "--units", "4"];
     let output = terracrawler(&[&["train", "--out", &out], &few[..]].concat());
     let text = said(&output);
     assert!(output.status.success(), "{text}");
     assert!(text.contains("policy.tcpo: "), "{text}");
 
-    let (policy, json) = (path("trained/policy.tcpo"), path("result.json"));
+    let (policy, json) = (
+        folder.file("trained/policy.tcpo"),
+        folder.file("result.json"),
+    );
     let words = [
         "evaluate",
         "--scenario",
@@ -69,5 +72,4 @@ fn a_policy_is_trained_and_robots_drive_by_it() {
     let text = said(&output);
     assert_eq!(output.status.code(), Some(2), "{text}");
     assert!(text.contains("the policy is damaged"), "{text}");
-    fs::remove_dir_all(&folder).expect("a folder");
 }
