@@ -5,6 +5,7 @@ mod bench;
 mod bench_server;
 mod bench_sim;
 mod bench_vision;
+mod beside;
 mod boards;
 mod bogo;
 mod check_s3;
@@ -182,6 +183,8 @@ const TASKS: &[Task] = &[
 ];
 
 fn main() -> ExitCode {
+    // While it lies where it was started.
+    let _ = run::this_program();
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let Some((name, rest)) = arguments.split_first() else {
         print_tasks();
@@ -191,12 +194,20 @@ fn main() -> ExitCode {
         suites::keep_a_core_busy();
         return ExitCode::SUCCESS;
     }
+    if let Some(outcome) = beside::command(name) {
+        return told(name, outcome);
+    }
     let Some(task) = TASKS.iter().find(|task| task.name == name) else {
         eprintln!("xtask: there is no command '{name}'\n");
         print_tasks();
         return ExitCode::from(2);
     };
-    match (task.run)(rest) {
+    told(name, (task.run)(rest))
+}
+
+/// What the shell is told of `outcome`, and the person.
+fn told(name: &str, outcome: Outcome) -> ExitCode {
+    match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure(reason)) => {
             eprintln!("xtask {name}: {reason}");

@@ -4,6 +4,7 @@ use std::env;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// One line for the person at the terminal: what failed and what to do about it.
@@ -19,6 +20,19 @@ pub(crate) fn root() -> PathBuf {
         .parent()
         .expect("xtask lies in the repository")
         .to_owned()
+}
+
+/// This program, for another process of it. `main` asks first: once cargo has built it anew beside the tests, the
+/// system may say of the file that runs that it is deleted.
+///
+/// # Errors
+/// When the system does not tell.
+pub(crate) fn this_program() -> Outcome<&'static Path> {
+    static PROGRAM: OnceLock<Option<PathBuf>> = OnceLock::new();
+    let program = PROGRAM.get_or_init(|| env::current_exe().ok());
+    program
+        .as_deref()
+        .ok_or_else(|| Failure("the system does not tell where this program lies".to_owned()))
 }
 
 /// Where cargo puts what it builds.

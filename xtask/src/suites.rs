@@ -2,7 +2,6 @@
 //! machine or a busy one.
 
 use std::collections::BTreeMap;
-use std::env;
 use std::fs;
 use std::io::Read as _;
 use std::process::{Child, Command, Stdio};
@@ -106,13 +105,21 @@ impl Selection {
         }
     }
 
+    /// Builds the tests, and what they start.
+    ///
+    /// # Errors
+    /// When one does not compile, or cargo-nextest is missing.
+    pub(crate) fn build(&self) -> Outcome {
+        run::run_command(self.command(&["run", "--no-run"], false))
+    }
+
     /// Runs the tests, and tells `report` how long each program took.
     ///
     /// # Errors
     /// When a test fails, or cargo-nextest is missing.
     pub(crate) fn run(&self, report: &mut Report) -> Outcome {
-        // What the tests start is built with them, before other processes take the cores.
-        run::run_command(self.command(&["run", "--no-run"], false))?;
+        // Before other processes take the cores.
+        self.build()?;
         let filter = self.filter()?;
         let _load = self.under_load.then(Load::start).transpose()?;
         let count = self.repeat.to_string();
@@ -235,11 +242,11 @@ struct Load(Vec<Child>);
 impl Load {
     fn start() -> Outcome<Self> {
         let failed = |error| Failure(format!("cannot keep the cores busy: {error}"));
-        let program = env::current_exe().map_err(failed)?;
+        let program = run::this_program()?;
         let cores = cores();
         let mut load = Self(Vec::new());
         for _ in 0..cores {
-            let mut command = Command::new(&program);
+            let mut command = Command::new(program);
             command.arg(BUSY).stdin(Stdio::piped());
             load.0.push(command.spawn().map_err(failed)?);
         }

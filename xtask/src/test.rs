@@ -1,12 +1,13 @@
 //! What a change must pass, in three tiers, each one command for laptop and CI.
 
+use crate::beside::{BOARDS, Beside, CONTROL_ROOM};
 use crate::boards::{self, Board, C3, C6, PROGRAM, VIRT};
 use crate::report::Report;
 use crate::run::{self, Failure, Outcome};
 use crate::suites::Selection;
 use crate::{
-    bench_server, bogo, check_s3, counts, cross, detector, docs, fuzz, fuzz_api, histories, image,
-    mixed, mutants, paho, size, tools, ui,
+    bench_server, bogo, counts, cross, detector, docs, fuzz, fuzz_api, histories, image, mixed,
+    mutants, paho, size, tools, ui,
 };
 
 /// Seconds for each fuzz target of the deep tier.
@@ -74,21 +75,27 @@ fn all() -> Outcome {
     let mut report = Report::default();
     report.step("tools", |_| tools::setup());
     report.step("format", |_| format());
-    report.step("control room", |_| ui::check().and_then(|()| ui::build()));
+    let beside = Beside::start(&CONTROL_ROOM);
     // The tests start it in QEMU.
     report.step("emulated board", |_| image::image(&VIRT));
+    report.step("until the steps beside the board end", |report| {
+        beside?.end(report)
+    });
     // Builds the server too, which the end-to-end tests start.
+    report.step("tests: compiling", |_| Selection::default().build());
+    let beside = Beside::start(&BOARDS);
     report.step("tests", |report| Selection::default().run(report));
     report.step("examples in the documentation", |_| doctests());
     // Sends to the server that the tests have built.
     report.step("API from its description", |_| fuzz_api::step());
     report.step("histories on other targets", |_| histories::command(&[]));
+    report.step("until the steps beside the tests end", |report| {
+        beside?.end(report)
+    });
     report.step("instruction counts", |_| counts::command(&[]));
-    // Builds the images of the boards.
+    // The tests have measured the stack of the emulated board.
     report.step("sizes", |_| size::command(&[]));
     report.step("clippy", |_| clippy());
-    report.step("clippy of boards", |_| clippy_of_boards());
-    report.step("check of the S3 board", |_| check_s3::command(&[]));
     report.step("documentation", |_| documentation());
     report.step("advisories", |_| advisories());
     report.close()
@@ -169,9 +176,19 @@ fn clippy_of(boards: &[&Board]) -> Outcome {
     Ok(())
 }
 
+/// The server contains the control room.
+pub(crate) fn control_room() -> Outcome {
+    ui::check().and_then(|()| ui::build())
+}
+
+/// The images that no test starts.
+pub(crate) fn images() -> Outcome {
+    [&PROGRAM, &C3, &C6].into_iter().try_for_each(image::image)
+}
+
 /// What is built for the host there is also tested. The two RISC-V chips differ in a few lines, which the
 /// deep tier looks at.
-fn clippy_of_boards() -> Outcome {
+pub(crate) fn clippy_of_boards() -> Outcome {
     clippy_of(&[&PROGRAM, &VIRT, &C3])?;
     for workspace in ["image", "log"] {
         image::tool(workspace, "test", &[])?;
