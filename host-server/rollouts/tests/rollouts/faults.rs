@@ -40,7 +40,11 @@ async fn a_rollout_whose_image_is_damaged_is_carried_out_without_it() {
     disk.tamper("DELETE FROM release_piece").await;
     let server = Server::start("one", &disk.records);
     eventually("it is carried out", async || server.running() > 0.0).await;
-    assert_eq!(server.said(id, "taken_over").await, 1);
+    // Its log is stored after it is at work.
+    eventually("its log says so", async || {
+        server.said(id, "taken_over").await == 1
+    })
+    .await;
     // It can be ended.
     let ended = server.rollouts.act(id, Action::Abort).await;
     ended.expect("it ends");
