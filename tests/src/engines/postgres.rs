@@ -57,6 +57,8 @@ impl Postgres {
             .arg("--pgdata")
             .arg(server.cluster())
             .args(["--username", USER, "--auth", "scram-sha-256", "--no-sync"])
+            // A log of a megabyte to begin with, in place of sixteen.
+            .args(["--wal-segsize", "1"])
             .args(["--encoding", "UTF8", "--locale", "C.UTF-8", "--pwfile"])
             .arg(&password)
             .output()
