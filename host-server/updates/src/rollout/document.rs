@@ -161,6 +161,12 @@ impl RolloutClock {
         }
     }
 
+    /// It has been so late already. The anchor does not know when only rows were stored since, and the Unix time was
+    /// ahead then: what they wait for would be due when it gets there once more.
+    pub(super) fn has_been(&mut self, elapsed_ms: u64) {
+        self.elapsed_ms = self.elapsed_ms.max(elapsed_ms);
+    }
+
     /// Milliseconds since the rollout began.
     pub(super) const fn read(&self, now: Now) -> u64 {
         let passed = now.monotonic_ms.saturating_sub(self.monotonic_ms);

@@ -142,11 +142,10 @@ impl Rollout {
     ) -> Result<(Self, Step), LoadError> {
         document.check()?;
         let clock = RolloutClock::resume(document.anchor, now);
-        let at = clock.read(now);
-        let grace_ends_ms = at.saturating_add(RESTART_GRACE_MS);
-        let mut rollout = Self::new(document, clock, grace_ends_ms, now);
+        let mut rollout = Self::new(document, clock, 0, now);
         for row in rows {
             rollout.document.check_row(&row)?;
+            rollout.clock.has_been(row.since_ms);
             let robot = row.robot.clone();
             if rollout.roster.len() == MOST_ROBOTS {
                 return Err(LoadError::TooManyRows);
@@ -155,6 +154,7 @@ impl Rollout {
                 return Err(LoadError::Row(robot, "it is there twice"));
             }
         }
+        rollout.grace_ends_ms = rollout.now_ms(now).saturating_add(RESTART_GRACE_MS);
         rollout.send_again();
         rollout.settle(now);
         let step = rollout.step(now);

@@ -103,6 +103,27 @@ fn clocks_that_are_set_time_nothing_out() {
 }
 
 #[test]
+fn what_a_clock_that_was_ahead_put_off_is_not_put_off_for_years() {
+    let mut scene = Scene::of(plan(&[100]), 1);
+    scene.flush();
+    let right = scene.now.unix_ms;
+    // It comes back years ahead: the offer has timed out, and is made again in a while.
+    scene.now.unix_ms += 10 * 365 * 24 * 3_600_000;
+    scene.restart();
+    scene.event(Event::Seen(sighting("a0000")));
+    scene.pass_s(40);
+    assert_eq!(scene.robot("a0000").0, UpdateState::Waiting);
+    // Its clock is set, and it comes back once more.
+    scene.now.unix_ms = right;
+    scene.restart();
+    scene.event(Event::Seen(sighting("a0000")));
+    let wait = scene.rollout.wake_in_ms(scene.now);
+    assert!(wait.is_some_and(|ms| ms <= 60_000), "{wait:?}");
+    scene.pass_s(60);
+    assert_eq!(scene.robot("a0000").0, UpdateState::Offered);
+}
+
+#[test]
 fn what_is_no_rollout_is_not_loaded() {
     let scene = Scene::of(plan(&[100]), 2);
     let (document, rows) = scene.store.read();
