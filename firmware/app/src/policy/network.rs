@@ -33,17 +33,15 @@ impl Scratch {
     /// Runs the next layer.
     #[inline]
     pub fn run(&mut self, layer: &Dense<'_>) {
-        let mut next = [0; MAX_WIDTH];
-        let logits = &mut self.logits;
-        layer.run(&self.values, |output, value| {
-            if let Some(next) = next.get_mut(output) {
-                *next = squeezed(value);
-            }
-            if let Some(logit) = logits.get_mut(output) {
-                *logit = value.clamp(-MOST, MOST);
-            }
-        });
-        self.values = next;
+        let mut outputs = [0; MAX_WIDTH];
+        let room = layer.outputs().min(MAX_WIDTH);
+        layer.run(&self.values, &mut outputs[..room]);
+        for (value, output) in self.values.iter_mut().zip(&outputs[..room]) {
+            *value = squeezed(*output);
+        }
+        for (logit, output) in self.logits.iter_mut().zip(&outputs[..room]) {
+            *logit = (*output).clamp(-MOST, MOST);
+        }
     }
 
     /// What the last layer came to, in [`LOGIT_STEPS`].
