@@ -18,7 +18,7 @@ use crate::state::{Escape, Side};
 pub use detour::Detour;
 pub(crate) use goto::{HEADING_GAIN, SLOW_WITHIN, SLOWEST};
 pub use goto::{goto_twist, place_twist};
-pub use leeway::Leeway;
+pub use leeway::{Course, Leeway};
 pub use mission::{MissionNews, Scene as MissionScene, Underway, Wish};
 pub use progress::Progress;
 pub use scan::{HalfRecognised, HalfScan, SECTORS, Scan, ScanResult, Sector};

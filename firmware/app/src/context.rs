@@ -17,6 +17,7 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use heapless::String;
 
+use crate::behaviour::Leeway;
 use crate::config::Config;
 use crate::goal::Goal;
 use crate::injected::Injected;
@@ -152,6 +153,8 @@ pub struct Robot<M: RawMutex> {
     going: Mutex<M, Cell<Option<Destination>>>,
     /// Sense → control: which way.
     guide: Mutex<M, Cell<Option<Guide>>>,
+    /// Sense → control: what others leave of its speed to a robot on its way.
+    leeway: Mutex<M, Cell<Leeway>>,
     /// Control → link, lamp, sense.
     snapshot: Mutex<M, Cell<Snapshot>>,
     /// Store → everyone.
@@ -203,6 +206,7 @@ impl<M: RawMutex> Robot<M> {
             neighbours: Neighbours::new(),
             going: Mutex::new(Cell::new(None)),
             guide: Mutex::new(Cell::new(None)),
+            leeway: Mutex::new(Cell::new(Leeway::ALL)),
             snapshot: Mutex::new(Cell::new(Snapshot::default())),
             parameters: Mutex::new(RefCell::new(Parameters::default())),
             parameters_changed: Signal::new(),
@@ -293,6 +297,11 @@ impl<M: RawMutex> Robot<M> {
     /// The newest plan.
     pub(crate) fn guide(&self) -> Option<Guide> {
         self.guide.lock(Cell::get)
+    }
+
+    /// What others leave of its speed to a robot on its way to a place.
+    pub(crate) fn leeway(&self) -> Leeway {
+        self.leeway.lock(Cell::get)
     }
 
     /// Newest word on the battery.

@@ -225,6 +225,7 @@ impl ControlLoop {
             near: self.near.as_slice(),
             own: self.own,
             guide: robot.guide(),
+            leeway: robot.leeway(),
             link: robot.link_health(),
             loaded: robot.is_loaded(),
             motor_fault,

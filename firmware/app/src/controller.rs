@@ -101,6 +101,8 @@ pub struct Inputs<'a> {
     pub own: u32,
     /// The newest plan; see [`Controller::going`].
     pub guide: Option<Guide>,
+    /// What others leave of its speed to a robot on its way to a place, who is not told of them otherwise.
+    pub leeway: Leeway,
     /// Whether the session with the broker holds.
     pub link: LinkHealth,
     /// Whether the parameters are loaded, or given up.
@@ -225,6 +227,8 @@ pub struct Controller {
     wanted: Option<Twist>,
     /// How fast others let it go on, when that was asked last.
     leeway: Leeway,
+    /// For how many steps on its way to a place that has been next to nothing.
+    held: u8,
 }
 
 impl Controller {
@@ -254,6 +258,7 @@ impl Controller {
             rules: false,
             wanted: None,
             leeway: Leeway::ALL,
+            held: 0,
         }
     }
 
@@ -348,7 +353,7 @@ impl Controller {
         }
         self.resume(inputs, out, now);
         self.follow_update(inputs, out, now);
-        self.leeway = aside::leeway(self, inputs, now);
+        aside::look_aside(self, inputs, now);
         cut |= self.look_ahead(inputs, rng, out, now);
         self.follow_policy(inputs, now);
         let twist = self.wanted(inputs, out, now);

@@ -6,9 +6,10 @@
 //! what it takes.
 //!
 //! # Reading order
-//! `map`, what is where; `wave`, the way over it; `here`, when to plan anew, and which point of the way is next.
+//! `map`, what is where; `wave`, the way over it; `here`, when to plan anew; `next`, which point of the way is next.
 
 mod map;
+mod next;
 #[cfg(test)]
 mod tests;
 mod wave;
@@ -48,8 +49,6 @@ const TURNED: i32 = 600;
 const HELD_UP_MM: i32 = 280;
 /// For so many looks it may go away by itself.
 const HELD_UP_LOOKS: u8 = 6;
-/// Cells of the way that are tried as the next point, nearest first.
-const TRIED: [u8; 6] = [2, 3, 5, 8, 13, 20];
 
 /// How a way is looked for, one after the other: so many cells away from what is blocked, and round robots that
 /// stand or not.
@@ -60,10 +59,6 @@ const ALL_ROUND: u8 = 3;
 const NEAR_MM: i32 = 3_000;
 /// Slower than this a robot stands, in millimetres per second.
 const STANDING_MM: i32 = 50;
-/// Nearer than this somebody who comes head-on is met, in millimetres, and with so much between the middles
-/// of both they pass each other.
-const MEET_MM: i32 = 1_500;
-const PASS_MM: i32 = 240;
 
 /// Another robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,6 +83,8 @@ pub struct Destination {
     pub number: u16,
     /// Millimetres along both axes.
     pub at: [i32; 2],
+    /// How fast the robot drives there, in millimetres per second.
+    pub speed: i32,
     /// How often something has kept the robot from driving on that the ranger does not see.
     pub bumps: u8,
 }
@@ -412,86 +409,6 @@ impl Navigator {
             return true;
         }
         false
-    }
-
-    /// The farthest point of the way that the robot can drive to in a straight line.
-    fn next_point(&mut self, going: Destination) -> Option<[i32; 2]> {
-        let here = self.map.cell(self.here.at);
-        let goal = self.map.cell(going.at);
-        self.wave.set_start(here);
-        let mut cell = self.wave.nearest(here)?;
-        let mut best = None;
-        let mut tried = TRIED.iter();
-        let mut try_at = *tried.next()?;
-        for step in 1..=TRIED[TRIED.len() - 1] {
-            let next = self.wave.nearer(cell, goal);
-            cell = next.unwrap_or(cell);
-            if step < try_at && next.is_some() {
-                continue;
-            }
-            let point = if cell == goal {
-                going.at
-            } else {
-                self.map.middle(cell)
-            };
-            if best.is_some() && !self.is_straight(point) {
-                break;
-            }
-            best = Some(point);
-            if next.is_none() {
-                break;
-            }
-            try_at = tried.next().copied().unwrap_or(u8::MAX);
-        }
-        best
-    }
-
-    /// The next point, further to the right where somebody comes head-on: so much that both pass each other if
-    /// both do so.
-    fn keep_right(&self, point: [i32; 2]) -> [i32; 2] {
-        let meets = self.others.iter().find_map(|other| {
-            let [ahead, left] = self.here.seen_from(other.at);
-            let [c, s] = self.here.heading;
-            let along = (other.velocity[0] * c + other.velocity[1] * s) >> 12;
-            let is_met = (BODY_MM..MEET_MM).contains(&ahead)
-                && (-MEET_MM / 4..PASS_MM).contains(&left)
-                && along < -STANDING_MM;
-            is_met.then_some([ahead, left])
-        });
-        let Some([ahead, left]) = meets else {
-            return point;
-        };
-        let aside = self.here.point(ahead / 2, (left - PASS_MM) / 2);
-        let [before, _] = self.here.seen_from(point);
-        if before < ahead / 2 || self.map.is_blocked(self.map.cell(aside)) {
-            point
-        } else {
-            aside
-        }
-    }
-
-    /// Whether the straight way to `point` is passable.
-    fn is_straight(&self, point: [i32; 2]) -> bool {
-        let from = self.here.at;
-        let [dx, dy] = [0, 1].map(|axis| point[axis] - from[axis]);
-        let steps = (dx.abs().max(dy.abs()) / (CELL_MM / 2)).max(1);
-        // In 256ths of a millimetre; the way is at most some metres long.
-        let [step_x, step_y] = [dx, dy].map(|along| (along << 8) / steps);
-        let mut last = self.map.cell(from);
-        for step in 1..=steps {
-            let at = [
-                from[0] + ((step_x * step) >> 8),
-                from[1] + ((step_y * step) >> 8),
-            ];
-            let cell = self.map.cell(at);
-            if cell != last {
-                last = cell;
-                if !self.wave.passes(&self.map, cell) {
-                    return false;
-                }
-            }
-        }
-        true
     }
 }
 

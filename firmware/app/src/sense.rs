@@ -17,13 +17,14 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal_async::digital::Wait;
 use embedded_io_async::{Read, Write};
 
+use crate::behaviour::Leeway;
 use crate::context::{Robot, Snapshot};
 use crate::hold::{Hold, Inline};
 use crate::navigation::{Navigator, Planned};
 use crate::perception::{Reading, SensorHealth};
 
 pub use filter::RangeFilter;
-use pilot::{Pilot, look_of};
+use pilot::{Pilot, course_of, look_of};
 
 /// Time between two measurements: the driver's own time-out of 65 ms and a rest, so that a late
 /// echo of one does not answer the next.
@@ -104,6 +105,10 @@ where
             }
             if let Some(going) = robot.going() {
                 let look = look_of(measured).filter(|_| reading.health == SensorHealth::Good);
+                robot
+                    .sense_handle()
+                    .keep_off(&course_of(&robot.snapshot(), going), now);
+                yield_now().await;
                 let others = robot.sense_handle().others(now);
                 pilot.look(&looked_from, going, look, &others);
                 loop {
@@ -114,6 +119,7 @@ where
                     }
                 }
             } else {
+                robot.sense_handle().keep_to(Leeway::ALL);
                 pilot.rest();
             }
             ticker.tick(&clock).await;

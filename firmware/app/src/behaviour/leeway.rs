@@ -21,8 +21,10 @@ const REACH_MM: i32 = 800;
 const BODIES_MM: i32 = 170 + 30;
 /// Nearer than this nobody can be: somebody is not where it is told to be.
 const NOBODY_MM: i32 = 110;
-/// With so much between the middles others are passed by at any speed, in millimetres.
-const CLEAR_MM: i32 = 260;
+/// With so much between the middles of both another one is passed by at any speed, in millimetres: where the robot may go
+/// where it likes, and where doors and corridors leave no more.
+const ROOMY_MM: i32 = 260;
+const NARROW_MM: i32 = 185;
 /// The time in which the gap may shrink by all of it, in 1/1024 s.
 const WITHIN: i32 = 1_024;
 /// So much of the speed, in 1/1024, has to lead towards another one for it to count.
@@ -45,6 +47,44 @@ pub struct Leeway {
     pub side: Side,
 }
 
+/// Where a robot is, and how it would drive on.
+#[derive(Debug, Clone, Copy)]
+pub struct Course {
+    at: [i32; 2],
+    way: [i32; 2],
+    velocity: [i32; 2],
+    sigma: i32,
+    clear: i32,
+}
+
+impl Course {
+    /// That of a robot at `here`, known to `sigma` millimetres, at `wanted` millimetres per second, back where that is negative.
+    pub fn new(here: &PoseMm, sigma: i32, wanted: i32) -> Self {
+        let way = if wanted < 0 {
+            here.ahead.map(|along| -along)
+        } else {
+            here.ahead
+        };
+        let wanted = wanted.abs().min(FASTEST);
+        Self {
+            at: here.at,
+            way,
+            velocity: way.map(|along| (along * wanted) >> ONE_BITS),
+            sigma,
+            clear: ROOMY_MM,
+        }
+    }
+
+    /// The same where there may be little room.
+    #[must_use]
+    pub const fn narrow(self) -> Self {
+        Self {
+            clear: NARROW_MM,
+            ..self
+        }
+    }
+}
+
 impl Leeway {
     /// Nobody is near.
     pub const ALL: Self = Self {
@@ -55,47 +95,45 @@ impl Leeway {
     /// Of a robot at `here`, known to `sigma` millimetres, that would drive at `wanted` millimetres per second, back where
     /// that is negative.
     pub fn of(here: &PoseMm, sigma: i32, wanted: i32, near: &[Neighbour]) -> Self {
-        let way = if wanted < 0 {
-            here.ahead.map(|along| -along)
-        } else {
-            here.ahead
+        let course = Course::new(here, sigma, wanted);
+        near.iter()
+            .fold(Self::ALL, |least, other| least.beside(&course, other))
+    }
+
+    /// What is left when `other` is near as well.
+    #[must_use]
+    pub fn beside(self, course: &Course, other: &Neighbour) -> Self {
+        let Some([x, y]) = from(course.at, other) else {
+            return self;
         };
-        let wanted = wanted.abs().min(FASTEST);
-        let own = way.map(|along| (along * wanted) >> ONE_BITS);
-        let mut least = Self::ALL;
-        for other in near {
-            let Some([x, y]) = from(here.at, other) else {
-                continue;
-            };
-            if x.abs().max(y.abs()) > REACH_MM {
-                continue;
-            }
-            let [ahead, left] = turned([x, y], way);
-            if ahead <= 0 {
-                continue;
-            }
-            let far = length([x, y]);
-            if far < NOBODY_MM {
-                continue;
-            }
-            let towards = (ahead << 10) / far;
-            let [vx, vy] = other.velocity();
-            let relative = [own[0] - vx, own[1] - vy];
-            // Twice the area between both, by how fast they go past each other, is how far apart they pass.
-            let area = (x * relative[1] - y * relative[0]).abs();
-            if towards < TOWARDS || area > CLEAR_MM * length(relative) {
-                continue;
-            }
-            let gap = far - BODIES_MM - sigma;
-            let away = (x * vx + y * vy) / far;
-            let closing = (gap << 10) / WITHIN + away;
-            let speed = (closing.max(0) << 10) / towards;
-            if speed < least.speed {
-                let side = if left > 0 { Side::Left } else { Side::Right };
-                least = Self { speed, side };
-            }
+        if x.abs().max(y.abs()) > REACH_MM {
+            return self;
         }
-        least
+        let [ahead, left] = turned([x, y], course.way);
+        if ahead <= 0 {
+            return self;
+        }
+        let far = length([x, y]);
+        if far < NOBODY_MM {
+            return self;
+        }
+        let towards = (ahead << 10) / far;
+        let [vx, vy] = other.velocity();
+        let relative = [course.velocity[0] - vx, course.velocity[1] - vy];
+        // Twice the area between both, by how fast they go past each other, is how far apart they pass.
+        let area = (x * relative[1] - y * relative[0]).abs();
+        if towards < TOWARDS || area > course.clear * length(relative) {
+            return self;
+        }
+        let gap = far - BODIES_MM - course.sigma;
+        let away = (x * vx + y * vy) / far;
+        let closing = (gap << 10) / WITHIN + away;
+        let speed = (closing.max(0) << 10) / towards;
+        if speed >= self.speed {
+            return self;
+        }
+        let side = if left > 0 { Side::Left } else { Side::Right };
+        Self { speed, side }
     }
 
     /// Where to turn because others do not let the robot go on.

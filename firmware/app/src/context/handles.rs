@@ -12,6 +12,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
 
 use super::{BootRecord, Robot, Snapshot, cut};
+use crate::behaviour::{Course, Leeway};
 use crate::controller::PERIOD;
 use crate::goal::Goal;
 use crate::navigation::{Destination, Guide, Other};
@@ -143,6 +144,20 @@ impl<M: RawMutex> SenseHandle<'_, M> {
     /// Publishes which way to go.
     pub(crate) fn guide_to(self, guide: Guide) {
         self.0.guide.lock(|cell| cell.set(Some(guide)));
+    }
+
+    /// Reckons what those who are near at `now` leave of the speed of a robot on `course`, and publishes it.
+    pub(crate) fn keep_off(self, course: &Course, now: Instant) {
+        let mut leeway = Leeway::ALL;
+        self.0
+            .neighbours
+            .each(now, |known| leeway = leeway.beside(course, known));
+        self.keep_to(leeway);
+    }
+
+    /// Publishes what others leave.
+    pub(crate) fn keep_to(self, leeway: Leeway) {
+        self.0.leeway.lock(|cell| cell.set(leeway));
     }
 
     /// Who is near at `now`.

@@ -4,7 +4,7 @@ use crawler_hal::{Duration, Instant};
 use crawler_protocol::Reason;
 use rand_core::Rng;
 
-use super::aside::keeps_off;
+use super::aside::{keeps_off, way_round_others};
 use super::{Controller, FAILSAFE, HOLD, Inputs, Note, Outputs, PERIOD};
 use crate::behaviour::{
     Detour, MissionNews, MissionScene, Scene, VAGUE, Wish, escape_twist, goto_twist, place_twist,
@@ -223,8 +223,8 @@ impl Controller {
             }
         } else if let Some(side) = self.low_way_round(goal, now) {
             return Event::Blocked(side);
-        } else if let Some(side) = self.leeway.way_round() {
-            return Event::Blocked(self.same_corner(now).unwrap_or(side));
+        } else if let Some(side) = way_round_others(self, goal, now) {
+            return Event::Blocked(side);
         } else if goal.is_autonomous() && !matches!(goal, Goal::Policy { .. }) {
             let forward = self.ramps.iter().all(|ramp| ramp.duty() > 0.0);
             if !forward {
@@ -273,7 +273,7 @@ impl Controller {
     }
 
     /// The side turned to last, if that was in this corner.
-    fn same_corner(&self, now: Instant) -> Option<Side> {
+    pub(super) fn same_corner(&self, now: Instant) -> Option<Side> {
         let (side, at) = self.last_escape?;
         (now - at < SAME_CORNER).then_some(side)
     }

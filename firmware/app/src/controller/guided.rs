@@ -7,6 +7,7 @@ use rand_core::Rng;
 use super::{Controller, Inputs};
 use crate::behaviour::{HEADING_GAIN, SLOW_WITHIN, SLOWEST};
 use crate::goal::Goal;
+use crate::motion::angle::millimetres;
 use crate::motion::{Twist, wrap};
 use crate::navigation::{Destination, Way};
 use crate::state::Event;
@@ -31,7 +32,7 @@ pub(super) struct Guided {
 
 impl Guided {
     /// Notes where `goal` leads.
-    pub(super) fn set_out(&mut self, goal: &Goal) {
+    pub(super) fn set_out(&mut self, goal: &Goal, speed: f32) {
         let Goal::Goto { x, y, .. } = *goal else {
             return;
         };
@@ -40,6 +41,7 @@ impl Guided {
             number: self.number,
             // Casts saturate; a `goto` leads no farther than a kilometre.
             at: [x, y].map(|along| (along * 1_000.0) as i32),
+            speed: millimetres(speed),
             bumps: 0,
         });
     }
@@ -123,17 +125,21 @@ mod tests {
 
     use super::super::{Outputs, PERIOD, Tuning};
     use super::*;
+    use crate::behaviour::Leeway;
     use crate::navigation::Guide;
     use crate::order::Task;
     use crate::perception::Sight;
-    use crate::state::State;
+    use crate::state::{Side, State};
     use crate::testing::{TestRng, asked, inputs};
+    use crate::tracking::Fix;
 
     struct Bench {
         controller: Controller,
         now: Instant,
         sight: Sight,
         way: Option<Way>,
+        leeway: Leeway,
+        fix: Option<Fix>,
     }
 
     impl Bench {
@@ -144,6 +150,8 @@ mod tests {
                 now: Instant::BOOT,
                 sight: Sight::Clear,
                 way: None,
+                leeway: Leeway::ALL,
+                fix: None,
             };
             bench.step(None);
             bench.step(Some(Task::Goto { x: 2.0, y: 0.0 }));
@@ -157,6 +165,8 @@ mod tests {
             let inputs = Inputs {
                 own: 3,
                 guide: self.way.map(|way| Guide { number, way }),
+                leeway: self.leeway,
+                fix: self.fix.take(),
                 ..inputs(self.sight, self.now, order.as_ref())
             };
             self.controller.step(&inputs, &mut TestRng(7), self.now)
@@ -225,6 +235,43 @@ mod tests {
         bench.run(80);
         let back = bench.controller.pose();
         assert!(libm::fabsf(back.theta) < 0.4, "{back:?}");
+    }
+
+    #[test]
+    fn who_is_in_the_way_is_waited_for_and_turned_aside_for_when_that_takes_long() {
+        let mut bench = Bench::going();
+        bench.way = Some(Way::To([2_000, 0]));
+        bench.leeway = Leeway {
+            speed: 30,
+            side: Side::Left,
+        };
+        // Where it does not know its place, others are anywhere.
+        bench.run(50);
+        let x = bench.controller.pose().x;
+        assert!(x > 0.1, "{x}");
+        bench.fix = Some(Fix {
+            pose: Pose {
+                sigma: 0.02,
+                ..Pose::default()
+            },
+            seen: bench.now,
+        });
+        bench.run(25);
+        let from = bench.controller.pose();
+        bench.run(20);
+        let to = bench.controller.pose();
+        assert!(matches!(bench.controller.state(), State::Moving(_)));
+        assert!((to.x - from.x) / 0.4 < 0.05, "{from:?} {to:?}");
+        bench.run(30);
+        let State::Avoiding(_, escape) = bench.controller.state() else {
+            panic!("{:?}", bench.controller.state());
+        };
+        assert_eq!(escape.side, Side::Right);
+        // It goes on as soon as there is room.
+        bench.leeway = Leeway::ALL;
+        bench.run(60);
+        assert!(matches!(bench.controller.state(), State::Moving(_)));
+        assert!(bench.controller.pose().x > to.x + 0.1);
     }
 
     #[test]

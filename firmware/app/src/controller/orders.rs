@@ -214,7 +214,8 @@ impl Controller {
             self.take_over(out);
         }
         self.wanted = None;
-        self.guided.set_out(&goal);
+        let speed = self.tuning.goto_speed * self.tuning.max_speed;
+        self.guided.set_out(&goal, speed);
         if let Goal::Policy { .. } = goal {
             self.pilot.begin(&self.odometry.pose());
         }

@@ -168,7 +168,7 @@ impl Wave {
         if any == 0 {
             return;
         }
-        let closed = self.closed(map, row as i32);
+        let closed = self.closed(map, row as i32, self.margin);
         let code = after(self.code);
         any = 0;
         for word in 0..reach.len() {
@@ -202,11 +202,11 @@ impl Wave {
         ]
     }
 
-    /// Cells of a row that the wave does not pass.
-    fn closed(&self, map: &Map, row: i32) -> Row {
+    /// Cells of a row that a wave which keeps `margin` cells away from what is blocked does not pass.
+    fn closed(&self, map: &Map, row: i32, margin: u8) -> Row {
         let blocked = map.blocked_row(row);
         let mut closed = blocked;
-        let margin = i32::from(self.margin);
+        let margin = i32::from(margin);
         if margin > 0 {
             // Beyond the border of the window there is nothing to keep away from.
             for next in (row - margin).max(0)..=(row + margin).min(ROWS - 1) {
@@ -262,10 +262,30 @@ impl Wave {
         core::iter::once((self.start, START_ROOM)).chain(goal)
     }
 
-    /// Whether the wave could pass a cell.
-    pub(super) fn passes(&self, map: &Map, [column, row]: Cell) -> bool {
+    /// Whether the wave could pass a cell, if it kept `room` cells away from what is blocked.
+    pub(super) fn passes(&self, map: &Map, [column, row]: Cell, room: u8) -> bool {
         let is_open = |closed: Row| closed[column as usize / 32] >> (column % 32) & 1 == 0;
-        is_inside([column, row]) && is_open(self.closed(map, row))
+        is_inside([column, row]) && is_open(self.closed(map, row, self.margin.max(room)))
+    }
+
+    /// The cell that has `room` cells round it, among one and those next to it; that one where none has.
+    pub(super) fn roomiest(&self, map: &Map, [column, row]: Cell, room: u8) -> Cell {
+        /// Nearest first.
+        const NEXT: [Cell; 9] = [
+            [0, 0],
+            [1, 0],
+            [-1, 0],
+            [0, 1],
+            [0, -1],
+            [1, 1],
+            [1, -1],
+            [-1, 1],
+            [-1, -1],
+        ];
+        NEXT.into_iter()
+            .map(|[right, up]| [column + right, row + up])
+            .find(|next| self.passes(map, *next, room))
+            .unwrap_or([column, row])
     }
 
     /// The robot is there by now.

@@ -127,6 +127,7 @@ proptest! {
                     near: &[],
                     own: 0,
                     guide: None,
+        leeway: crate::behaviour::Leeway::ALL,
                     reading: Reading {
                         sight: sees.then_some((Sight::Clear, now)),
                         health: SensorHealth::Good,

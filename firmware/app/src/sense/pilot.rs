@@ -4,7 +4,10 @@ use crawler_drivers::us100::RangeError;
 use crawler_hal::Millimeters;
 use crawler_protocol::Pose;
 
+use crate::behaviour::Course;
+use crate::context::Snapshot;
 use crate::hold::{Blank, Room};
+use crate::motion::angle::{PoseMm, millimetres};
 use crate::navigation::{Destination, Look, Navigator, Other, Place, Planned};
 
 /// Looks without a place to go to after which all is forgotten: half a minute.
@@ -87,6 +90,18 @@ pub(super) fn look_of(measured: Result<Millimeters, RangeError>) -> Option<Look>
         Err(RangeError::NoEcho(_)) => Some(Look::Nothing),
         Err(_) => None,
     }
+}
+
+/// How a robot on its way drives on: along its nose, unless its wheels turn back.
+pub(super) fn course_of(at: &Snapshot, going: Destination) -> Course {
+    let [left, right] = at.wheels;
+    let wanted = if left + right < 0.0 {
+        -going.speed
+    } else {
+        going.speed
+    };
+    let here = PoseMm::new(&at.pose);
+    Course::new(&here, millimetres(at.pose.sigma), wanted).narrow()
 }
 
 fn place_of(pose: &Pose) -> Place {

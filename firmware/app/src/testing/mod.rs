@@ -85,6 +85,7 @@ pub(crate) fn inputs(sight: Sight, now: Instant, order: Option<&Order>) -> Input
         near: &[],
         own: 0,
         guide: None,
+        leeway: crate::behaviour::Leeway::ALL,
         link: LinkHealth::Up,
         loaded: true,
         motor_fault: false,

@@ -169,6 +169,7 @@ impl SteeringState {
             near: &[],
             own: 0,
             guide: None,
+            leeway: crawler_app::behaviour::Leeway::ALL,
             link: LinkHealth::Absent,
             loaded: true,
             motor_fault: false,
