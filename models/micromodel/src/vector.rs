@@ -92,7 +92,7 @@ impl<'a> Dense<'a> {
                 let output = group * LANES + lane;
                 let sum: i64 = weights
                     .iter()
-                    .map(|of_input| i64::from(weight(of_input, lane)).abs() * 128)
+                    .map(|of_input| i64::from(weight(of_input[lane])).abs() * 128)
                     .sum();
                 let most = sum + i64::from(self.bias(output)).abs();
                 most * i64::from(self.multiplier(output)) >= MOST
@@ -151,9 +151,10 @@ impl<'a> Dense<'a> {
 #[inline(always)]
 fn sums(input: &[i8], weights: &[[u8; LANES]], biases: &[[u8; 4]; LANES]) -> [i32; LANES] {
     let mut sums = biases.map(i32::from_le_bytes);
+    // By reference: four bytes that are copied are read as a word, and taken apart again.
     let mut add = |value: i8, of_input: &[u8; LANES]| {
-        for (lane, sum) in sums.iter_mut().enumerate() {
-            *sum += i32::from(value) * weight(of_input, lane);
+        for (sum, byte) in sums.iter_mut().zip(of_input) {
+            *sum += i32::from(value) * weight(*byte);
         }
     };
     let count = input.len().min(weights.len());
@@ -170,10 +171,9 @@ fn sums(input: &[i8], weights: &[[u8; LANES]], biases: &[[u8; 4]; LANES]) -> [i3
     sums
 }
 
-/// By reference: four bytes that are copied are read as one word, byte by byte where they lie anywhere, and taken apart.
 #[inline]
-fn weight(of_input: &[u8; LANES], lane: usize) -> i32 {
-    i32::from(of_input[lane].cast_signed())
+fn weight(byte: u8) -> i32 {
+    i32::from(byte.cast_signed())
 }
 
 #[cfg(test)]
