@@ -6,6 +6,7 @@ use std::hint::black_box;
 use std::time::Duration as Wall;
 
 use crawler_app::Geometry;
+use crawler_app::behaviour::Leeway;
 use crawler_app::controller::{Controller, Inputs, PERIOD, Tuning};
 use crawler_app::order::{Order, Sender, Task, UpdateWish};
 use crawler_app::parameters::Parameters;
@@ -154,6 +155,7 @@ fn control_step(criterion: &mut Criterion) {
             near: &[],
             own: 0,
             guide: None,
+            leeway: Leeway::ALL,
             reading: Reading {
                 sight: Some((Sight::Range(Millimeters(1_500)), now)),
                 health: SensorHealth::Good,
