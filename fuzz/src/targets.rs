@@ -7,16 +7,16 @@
 use crawler_protocol::open::{self, Read, Report};
 use crawler_protocol::{
     Action, CellDigest, Command, DecodeError, Detections, EncodeError, FaultCommand, Fleet,
-    Heartbeat, LogRecord, MAX_BATCH, MAX_DEPTH, MAX_MESSAGE, ParametersMessage, PoseFix, Reason,
-    Response, StatusMessage, SwarmResponse, Telemetry, TelemetryEncoding, TimeMessage, Topic,
-    UpdateCommand,
+    Heartbeat, LogRecord, MAX_BATCH, MAX_DEPTH, MAX_MESSAGE, MapSegment, ParametersMessage,
+    PoseFix, Reason, Response, StatusMessage, SwarmResponse, Telemetry, TelemetryEncoding,
+    TimeMessage, Topic, UpdateCommand,
 };
 
 /// The body of a target. Panics when it finds a fault.
 pub type Target = fn(&[u8]);
 
 /// Name and body of every target.
-pub const TARGETS: [(&str, Target); 19] = [
+pub const TARGETS: [(&str, Target); 20] = [
     ("command", command),
     ("command_request", command_request),
     ("topic", topic),
@@ -28,6 +28,7 @@ pub const TARGETS: [(&str, Target); 19] = [
     ("telemetry_cbor", telemetry_cbor),
     ("detections", detections),
     ("log_record", log_record),
+    ("map_segment", map_segment),
     ("parameters", parameters),
     ("cell_digest", cell_digest),
     ("pose_fix", pose_fix),
@@ -148,6 +149,16 @@ message! {
     heartbeat: Heartbeat, same = PartialEq::eq;
     telemetry: Telemetry, same = PartialEq::eq;
     detections: Detections, same = PartialEq::eq;
+    map_segment: MapSegment, same = |read, again| {
+        // Whatever was read can be looked at.
+        for row in 0..=read.row_count() {
+            for column in 0..=u8::MAX {
+                let inside = read.is_consistent() && row < read.row_count() && column < read.columns;
+                assert!(!inside || read.cell(column, row).is_some());
+            }
+        }
+        read == again
+    };
     pose_fix: PoseFix, same = PartialEq::eq;
     time: TimeMessage, same = PartialEq::eq;
     // Control characters in texts leave as spaces.
@@ -236,6 +247,7 @@ fn open_messages(data: &[u8]) {
     open_message::<open::Telemetry>(data, Telemetry::from_json(data).map(drop));
     open_message::<open::LogRecord>(data, LogRecord::from_json(data).map(drop));
     open_message::<Detections>(data, Detections::from_json(data).map(drop));
+    open_message::<MapSegment>(data, MapSegment::from_json(data).map(drop));
     open_message::<ParametersMessage>(data, ParametersMessage::from_json(data).map(drop));
     for how in TelemetryEncoding::ALL {
         let strict: Result<Vec<_>, _> = how.samples(data).collect();

@@ -13,6 +13,7 @@
 //! | `telemetry/{id}` | [`Telemetry`] |
 //! | `vision/{id}` | [`Detections`] |
 //! | `logs/{id}` | [`LogRecord`] |
+//! | `map/{id}` | [`MapSegment`] |
 //! | `parameters/{id}` | [`ParametersMessage`] |
 //! | `cell/{x}/{y}` | [`CellDigest`] |
 //! | `pose/{id}` | [`PoseFix`] |
@@ -65,12 +66,13 @@ pub use ids::{Fleet, IdError, MAX_ID, MAX_SOURCE, PolicyName, RobotId, Source};
 pub use json::{DecodeError, EncodeError, MAX_DEPTH};
 pub use message::{
     Battery, BehaviourName, Boot, BootCause, BuildId, Capability, CellDigest, Detection,
-    Detections, Heartbeat, Kind, Level, LogRecord, MAX_BATCH, MAX_BUILD, MAX_DETECTIONS, MAX_MODEL,
-    MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, MAX_REASON_CODE, MAX_SAYS, ModelName,
-    Models, Neighbour, Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, ReasonCode,
-    ReleaseId, ReleaseIdError, Reports, Response, RobotState, Samples, Says, StatusMessage,
-    SwarmResponse, Telemetry, TelemetryEncoding, TimeMessage, UpdateCommand, UpdateDelta,
-    UpdateName, UpdateOutcome, UpdatePart, UpdateReport, UpdateStage, Wheels,
+    Detections, Heartbeat, Kind, Level, LogRecord, MAX_BATCH, MAX_BUILD, MAX_DETECTIONS,
+    MAX_MAP_BYTES, MAX_MAP_EDGE, MAX_MODEL, MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS,
+    MAX_REASON_CODE, MAX_SAYS, MAX_WAY, MapCell, MapSegment, ModelName, Models, Neighbour,
+    Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, ReasonCode, ReleaseId,
+    ReleaseIdError, Reports, Response, RobotState, Samples, Says, StatusMessage, SwarmResponse,
+    Telemetry, TelemetryEncoding, TimeMessage, UpdateCommand, UpdateDelta, UpdateName,
+    UpdateOutcome, UpdatePart, UpdateReport, UpdateStage, Wheels,
 };
 pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]

@@ -19,7 +19,7 @@ use crate::json::{self, Tolerant};
 use crate::message::{Sample, cbor};
 use crate::{
     BehaviourName, BootCause, Capability, DecodeError, Detections, Kind, Level, MAX_MESSAGE,
-    ParametersMessage, Reason, ResponseStatus, RobotState,
+    MapSegment, ParametersMessage, Reason, ResponseStatus, RobotState,
 };
 
 pub use crate::words::Words;
@@ -260,6 +260,12 @@ impl Report for LogRecord {
 }
 
 impl Report for Detections {
+    fn unknown_words(&self) -> u32 {
+        0
+    }
+}
+
+impl Report for MapSegment {
     fn unknown_words(&self) -> u32 {
         0
     }

@@ -120,11 +120,13 @@ pub enum Reason {
     BadPolicy,
     /// The robot's policy was trained with another kind of observation, other actions or another shield.
     OtherObservation,
+    /// The robot has no map: it was not on its way to a place for a while.
+    NoMap,
 }
 
 impl Reason {
     /// Every reason.
-    pub const ALL: [Self; 27] = [
+    pub const ALL: [Self; 28] = [
         Self::Malformed,
         Self::TooLarge,
         Self::UnknownCommand,
@@ -152,6 +154,7 @@ impl Reason {
         Self::NoPolicy,
         Self::BadPolicy,
         Self::OtherObservation,
+        Self::NoMap,
     ];
 
     /// The name on the wire.
@@ -185,6 +188,7 @@ impl Reason {
             Self::NoPolicy => "no_policy",
             Self::BadPolicy => "bad_policy",
             Self::OtherObservation => "other_observation",
+            Self::NoMap => "no_map",
         }
     }
 }

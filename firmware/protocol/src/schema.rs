@@ -10,7 +10,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 use crate::{
     Action, BehaviourName, CellDigest, Command, CommandName, Detections, Direction,
     FOLLOW_DISTANCE, Formation, Heartbeat, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W,
-    MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_PLACES, MAX_SET, MAX_VALUE, ParameterValue,
+    MAX_LAPS, MAX_LIARS, MAX_MOVE_MS, MAX_PLACES, MAX_SET, MAX_VALUE, MapSegment, ParameterValue,
     ParametersMessage, PolicyName, PoseFix, Response, RobotId, Shape, Source, StatusMessage,
     SwarmResponse, Telemetry, TimeMessage, UpdateCommand, UpdateReport,
 };
@@ -28,6 +28,7 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("telemetry", schema_for!(Telemetry)),
         ("detections", schema_for!(Detections)),
         ("log-record", schema_for!(LogRecord)),
+        ("map-segment", schema_for!(MapSegment)),
         ("parameters", schema_for!(ParametersMessage)),
         ("cell-digest", schema_for!(CellDigest)),
         ("pose-fix", schema_for!(PoseFix)),
@@ -279,6 +280,7 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
         | CommandName::Reset
         | CommandName::Scan
         | CommandName::Capture
+        | CommandName::ReportMap
         | CommandName::Identify
         | CommandName::Reboot => None,
     }

@@ -70,6 +70,8 @@ pub enum Topic {
     Image(RobotId),
     /// `logs/{id}`: a [`LogRecord`](crate::LogRecord).
     Logs(RobotId),
+    /// `map/{id}`: a [`MapSegment`](crate::MapSegment).
+    Map(RobotId),
     /// `parameters/{id}`: a [`ParametersMessage`](crate::ParametersMessage).
     Parameters(RobotId),
     /// `cell/{x}/{y}`: a [`CellDigest`](crate::CellDigest).
@@ -128,6 +130,7 @@ impl Topic {
             Self::Vision(id) => join(fleet, &["vision", id.as_str()]),
             Self::Image(id) => join(fleet, &["image", id.as_str()]),
             Self::Logs(id) => join(fleet, &["logs", id.as_str()]),
+            Self::Map(id) => join(fleet, &["map", id.as_str()]),
             Self::Parameters(id) => join(fleet, &["parameters", id.as_str()]),
             Self::Cell { x, y } => render(fleet, format_args!("cell/{x}/{y}")),
             Self::Pose(id) => join(fleet, &["pose", id.as_str()]),
@@ -167,6 +170,7 @@ impl Topic {
             ("vision", Some(id), None) => robot(id).map(Self::Vision),
             ("image", Some(id), None) => robot(id).map(Self::Image),
             ("logs", Some(id), None) => robot(id).map(Self::Logs),
+            ("map", Some(id), None) => robot(id).map(Self::Map),
             ("parameters", Some(id), None) => robot(id).map(Self::Parameters),
             ("cell", Some(x), Some(y)) => Ok(Self::Cell {
                 x: cell_number(x)?,
@@ -200,6 +204,7 @@ impl Topic {
             | Self::Telemetry(_)
             | Self::Vision(_)
             | Self::Logs(_)
+            | Self::Map(_)
             | Self::Cell { .. }
             | Self::Pose(_)
             | Self::Time => Qos::AtMostOnce,
@@ -224,6 +229,7 @@ impl Topic {
             | Self::Vision(id)
             | Self::Image(id)
             | Self::Logs(id)
+            | Self::Map(id)
             | Self::Parameters(id)
             | Self::Pose(id)
             | Self::Ota(id) => Some(id),
@@ -273,6 +279,8 @@ pub enum TopicFilter {
     Image,
     /// `logs/+`.
     Logs,
+    /// `map/+`.
+    Map,
     /// `parameters/+`.
     Parameters,
     /// `cell/+/+`.
@@ -289,7 +297,7 @@ pub enum TopicFilter {
 
 impl TopicFilter {
     /// Every filter.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Commands,
         Self::Responses,
         Self::ResponseSwarm,
@@ -299,6 +307,7 @@ impl TopicFilter {
         Self::Vision,
         Self::Image,
         Self::Logs,
+        Self::Map,
         Self::Parameters,
         Self::Cells,
         Self::Pose,
@@ -319,6 +328,7 @@ impl TopicFilter {
             Self::Vision => "vision/+",
             Self::Image => "image/+",
             Self::Logs => "logs/+",
+            Self::Map => "map/+",
             Self::Parameters => "parameters/+",
             Self::Cells => "cell/+/+",
             Self::Pose => "pose/+",
@@ -350,6 +360,7 @@ impl TopicFilter {
                 | (Self::Vision, Topic::Vision(_))
                 | (Self::Image, Topic::Image(_))
                 | (Self::Logs, Topic::Logs(_))
+                | (Self::Map, Topic::Map(_))
                 | (Self::Parameters, Topic::Parameters(_))
                 | (Self::Cells, Topic::Cell { .. })
                 | (Self::Pose, Topic::Pose(_))
@@ -378,6 +389,7 @@ impl TopicFilter {
             | Self::Telemetry
             | Self::Vision
             | Self::Logs
+            | Self::Map
             | Self::Cells
             | Self::Pose
             | Self::Time => Qos::AtMostOnce,

@@ -522,6 +522,7 @@ fn every_command_is_understood() {
         (r#""command":"reset","parameters":null"#, Action::Reset),
         (r#""command":"scan""#, Action::Scan),
         (r#""command":"capture""#, Action::Capture),
+        (r#""command":"report_map""#, Action::ReportMap),
         (r#""command":"identify""#, Action::Identify),
         (r#""command":"reboot""#, Action::Reboot),
     ];

@@ -246,6 +246,7 @@ fn words_on_the_wire_are_stable() {
             "no_policy",
             "bad_policy",
             "other_observation",
+            "no_map",
         ],
     );
     words(
@@ -289,7 +290,9 @@ fn words_on_the_wire_are_stable() {
     words(
         Capability::ALL,
         |w| w.name(),
-        &["drive", "range", "camera", "vision", "faults", "missions"],
+        &[
+            "drive", "range", "camera", "vision", "faults", "missions", "map",
+        ],
     );
     words(
         Direction::ALL,
@@ -305,8 +308,19 @@ fn words_on_the_wire_are_stable() {
         crawler_protocol::CommandName::ALL,
         |w| w.name(),
         &[
-            "move", "drive", "stop", "estop", "reset", "scan", "capture", "behave", "goto", "set",
-            "identify", "reboot",
+            "move",
+            "drive",
+            "stop",
+            "estop",
+            "reset",
+            "scan",
+            "capture",
+            "report_map",
+            "behave",
+            "goto",
+            "set",
+            "identify",
+            "reboot",
         ],
     );
     words(

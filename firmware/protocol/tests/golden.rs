@@ -1,7 +1,7 @@
 //! What robots and servers of every version of the protocol have said is read by this build.
 //!
 //! `hal-sim/tests/golden.rs` writes the file of a version; it never changes from then on. Messages about
-//! updates and about missions, which came later than the rest of version 1, are in files of their own.
+//! updates, missions and maps, which came later than the rest of version 1, are in files of their own.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -9,9 +9,9 @@ use std::path::Path;
 
 use crawler_protocol::open::{self, Read, Report, Update};
 use crawler_protocol::{
-    Action, BehaviourName, CellDigest, Command, CommandName, Detections, Fleet, PROTOCOL_VERSION,
-    ParametersMessage, PoseFix, ResponseStatus, RobotState, TelemetryEncoding, TimeMessage, Topic,
-    UpdateCommand, UpdateOutcome, UpdatePart, UpdateStage,
+    Action, BehaviourName, CellDigest, Command, CommandName, Detections, Fleet, MapSegment,
+    PROTOCOL_VERSION, ParametersMessage, PoseFix, Reason, ResponseStatus, RobotState,
+    TelemetryEncoding, TimeMessage, Topic, UpdateCommand, UpdateOutcome, UpdatePart, UpdateStage,
 };
 use serde_json::Value;
 
@@ -156,7 +156,10 @@ fn messages_of_every_version_are_read() {
         assert_eq!(kinds, BTreeSet::from(expected), "version {version}");
         assert_eq!(encodings.len(), TelemetryEncoding::ALL.len());
         if version == 1 {
-            let all: BTreeSet<_> = CommandName::ALL.iter().map(|name| name.name()).collect();
+            // Nobody could ask for a map then.
+            let first = CommandName::ALL.iter();
+            let first = first.filter(|name| **name != CommandName::ReportMap);
+            let all: BTreeSet<_> = first.map(|name| name.name()).collect();
             assert_eq!(commands, all);
             assert_eq!(answered, all);
             // Nobody could be updated then.
@@ -210,6 +213,41 @@ fn messages_about_missions_are_read() {
     ];
     assert_eq!(told, BTreeSet::from(missions));
     assert_eq!(said, BTreeSet::from(missions));
+}
+
+/// Maps came later than the rest of version 1.
+#[test]
+fn messages_about_maps_are_read() {
+    let (mut asked, mut row, mut ends) = (0, 0, Vec::new());
+    for Golden { topic, payload, .. } in golden("map-1.jsonl") {
+        match topic {
+            Topic::CommandRobot(_) => {
+                let command = Command::parse(&payload).expect("a command");
+                assert_eq!(command.action, Action::ReportMap);
+                asked = command.seq;
+            }
+            Topic::Map(_) => {
+                let segment: MapSegment = known(&payload);
+                assert!(segment.is_consistent());
+                assert_eq!((segment.seq, usize::from(segment.row)), (asked, row));
+                assert_eq!(segment.goal.is_some(), row == 0);
+                row += segment.row_count();
+                assert_eq!(segment.is_last(), row == 80);
+            }
+            Topic::Response(_) => {
+                let answer: open::Response = known(&payload);
+                assert_eq!(answer.seq, asked);
+                ends.push((answer.status, answer.reason));
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    let none = Some(Reason::NoMap.into());
+    let ends_then = [
+        (ResponseStatus::Completed.into(), None),
+        (ResponseStatus::Failed.into(), none),
+    ];
+    assert_eq!(ends, ends_then);
 }
 
 /// Messages about updates came later than the rest of version 1. Both sides read each other's.

@@ -9,6 +9,7 @@ mod faults;
 mod golden;
 mod hostile;
 mod limits;
+mod map;
 mod open;
 mod round_trip;
 #[cfg(feature = "schema")]

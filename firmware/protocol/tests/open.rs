@@ -2,8 +2,8 @@
 
 use crawler_protocol::open::{self, MAX_WORD, Open, Read, Report, UnknownWord};
 use crawler_protocol::{
-    DecodeError, Detections, Kind, MAX_MESSAGE, ParametersMessage, RobotState, StatusMessage,
-    Telemetry, TelemetryEncoding,
+    DecodeError, Detections, Kind, MAX_MESSAGE, MapSegment, ParametersMessage, RobotState,
+    StatusMessage, Telemetry, TelemetryEncoding,
 };
 use minicbor::Encoder;
 use minicbor::encode::write::Cursor;
@@ -76,6 +76,7 @@ passes_over! {
     heartbeat: open::Heartbeat, None;
     log_record: open::LogRecord, None;
     detections: Detections, None;
+    map_segment: MapSegment, None;
     parameters: ParametersMessage, Some("values");
 }
 

@@ -1,8 +1,8 @@
 //! Whatever can be said can be written, and is read as it was said: by us and by others.
 
 use crawler_protocol::{
-    Action, CellDigest, Command, Detections, Heartbeat, LogRecord, MAX_MESSAGE, ParametersMessage,
-    PoseFix, Response, StatusMessage, SwarmResponse, Telemetry, TimeMessage,
+    Action, CellDigest, Command, Detections, Heartbeat, LogRecord, MAX_MESSAGE, MapSegment,
+    ParametersMessage, PoseFix, Response, StatusMessage, SwarmResponse, Telemetry, TimeMessage,
 };
 use proptest::prelude::*;
 
@@ -36,7 +36,7 @@ macro_rules! ordered {
     };
 }
 ordered! {
-    Response SwarmResponse StatusMessage Heartbeat Telemetry Detections LogRecord CellDigest PoseFix
+    Response SwarmResponse StatusMessage Heartbeat Telemetry Detections LogRecord MapSegment CellDigest PoseFix
     TimeMessage
 }
 
@@ -108,6 +108,7 @@ round_trips! {
     telemetry: Telemetry;
     detections: Detections;
     log_record: LogRecord;
+    map_segment: MapSegment;
     parameters: ParametersMessage;
     cell_digest: CellDigest;
     pose_fix: PoseFix;

@@ -47,6 +47,7 @@ fn every_message_has_a_schema_and_its_fields_are_described() {
             "telemetry",
             "detections",
             "log-record",
+            "map-segment",
             "parameters",
             "cell-digest",
             "pose-fix",
@@ -93,6 +94,7 @@ agrees! {
     telemetry: "telemetry";
     detections: "detections";
     log_record: "log-record";
+    map_segment: "map-segment";
     parameters: "parameters";
     cell_digest: "cell-digest";
     pose_fix: "pose-fix";

@@ -51,6 +51,7 @@ fn topics(id: &RobotId) -> Vec<(Topic, String, bool, bool)> {
         ),
         (Topic::Image(id()), format!("image/{}", id()), true, false),
         (Topic::Logs(id()), format!("logs/{}", id()), false, false),
+        (Topic::Map(id()), format!("map/{}", id()), false, false),
         (
             Topic::Parameters(id()),
             format!("parameters/{}", id()),

@@ -21,6 +21,7 @@ impl Parameters<'_> {
             | Action::Reset
             | Action::Scan
             | Action::Capture
+            | Action::ReportMap
             | Action::Identify
             | Action::Reboot => false,
         }
@@ -102,6 +103,7 @@ impl Serialize for Parameters<'_> {
             | Action::Reset
             | Action::Scan
             | Action::Capture
+            | Action::ReportMap
             | Action::Identify
             | Action::Reboot => {}
         }

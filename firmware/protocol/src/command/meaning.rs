@@ -75,6 +75,7 @@ pub(super) fn action(frame: &Frame) -> Result<Action, Reason> {
         CommandName::Reset => given.only(&[]).map(|()| Action::Reset),
         CommandName::Scan => given.only(&[]).map(|()| Action::Scan),
         CommandName::Capture => given.only(&[]).map(|()| Action::Capture),
+        CommandName::ReportMap => given.only(&[]).map(|()| Action::ReportMap),
         CommandName::Identify => given.only(&[]).map(|()| Action::Identify),
         CommandName::Reboot => given.only(&[]).map(|()| Action::Reboot),
     }

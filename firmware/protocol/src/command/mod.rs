@@ -37,6 +37,8 @@ words! {
         Scan = "scan",
         /// See [`Action::Capture`].
         Capture = "capture",
+        /// See [`Action::ReportMap`].
+        ReportMap = "report_map",
         /// See [`Action::Behave`].
         Behave = "behave",
         /// See [`Action::Goto`].
@@ -233,6 +235,8 @@ pub enum Action {
     Scan,
     /// Take a picture.
     Capture,
+    /// Tell the map of what is around, and the plan.
+    ReportMap,
     /// Behave like this from now on.
     Behave(BehaviourSpec),
     /// Go to a place.
@@ -262,6 +266,7 @@ impl Action {
             Self::Reset => CommandName::Reset,
             Self::Scan => CommandName::Scan,
             Self::Capture => CommandName::Capture,
+            Self::ReportMap => CommandName::ReportMap,
             Self::Behave(_) => CommandName::Behave,
             Self::Goto { .. } => CommandName::Goto,
             Self::Set(_) => CommandName::Set,
@@ -289,6 +294,7 @@ impl Action {
             | Self::Estop
             | Self::Reset
             | Self::Capture
+            | Self::ReportMap
             | Self::Set(_)
             | Self::Identify
             | Self::Reboot => false,

@@ -115,10 +115,14 @@ impl<'de, S: Strictness> Deserializer<'de, S> {
             }
             Value::Array => {
                 self.reader.open_array()?;
-                visitor.visit_seq(Elements {
+                let mut elements = Elements {
                     de: self,
                     first: true,
-                })
+                    ended: false,
+                };
+                let value = visitor.visit_seq(&mut elements)?;
+                elements.end()?;
+                Ok(value)
             }
         }
     }
@@ -332,6 +336,18 @@ fn is_one_of(fields: Fields, name: Text<'_>) -> bool {
 struct Elements<'a, 'de, S> {
     de: &'a mut Deserializer<'de, S>,
     first: bool,
+    ended: bool,
+}
+
+impl<S: Strictness> Elements<'_, '_, S> {
+    /// What has a fixed number of elements does not look for more of them.
+    fn end(&mut self) -> Result<(), DecodeError> {
+        if self.ended || !self.de.reader.element(self.first)? {
+            Ok(())
+        } else {
+            Err(DecodeError::OutOfRange)
+        }
+    }
 }
 
 impl<'de, S: Strictness> de::SeqAccess<'de> for Elements<'_, 'de, S> {
@@ -345,6 +361,7 @@ impl<'de, S: Strictness> de::SeqAccess<'de> for Elements<'_, 'de, S> {
             self.first = false;
             seed.deserialize(&mut *self.de).map(Some)
         } else {
+            self.ended = true;
             Ok(None)
         }
     }

@@ -3,6 +3,7 @@
 mod cell;
 mod detections;
 mod log;
+mod map;
 mod parameters;
 mod pose;
 mod response;
@@ -16,6 +17,7 @@ mod update;
 pub use cell::{CellDigest, MAX_NEIGHBOURS, Neighbour};
 pub use detections::{Detection, Detections, MAX_DETECTIONS};
 pub use log::{Level, LogRecord};
+pub use map::{MAX_MAP_BYTES, MAX_MAP_EDGE, MAX_WAY, MapCell, MapSegment};
 pub use parameters::{MAX_PARAMETERS, ParameterReport, ParametersMessage, Reports};
 pub use pose::{Pose, PoseFix};
 pub use response::{Outcomes, Response, SwarmResponse};

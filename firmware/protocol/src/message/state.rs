@@ -52,6 +52,8 @@ words! {
         Faults = "faults",
         /// It knows behaviours that neighbours talk for, and what they say in a digest.
         Missions = "missions",
+        /// It tells its map when it is asked to.
+        Map = "map",
     }
 }
 

@@ -8,10 +8,10 @@ use crawler_protocol::{
     Action, Battery, BehaviourName, BehaviourSpec, Boot, BootCause, Capability, CellDigest,
     Command, CommandName, Detection, Detections, Direction, FOLLOW_DISTANCE, Formation, Heartbeat,
     Kind, Level, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS, MAX_LIARS,
-    MAX_MOVE_MS, MAX_PLACES, MAX_SAYS, MAX_VALUE, Measure, Neighbour, Outcomes, ParameterReport,
-    ParameterValue, ParametersMessage, Places, PolicyName, Pose, PoseFix, Reason, Response,
-    ResponseStatus, RobotState, Says, Shape, Source, StatusMessage, SwarmResponse, Telemetry,
-    TimeMessage, Wheels,
+    MAX_MOVE_MS, MAX_PLACES, MAX_SAYS, MAX_VALUE, MapSegment, Measure, Neighbour, Outcomes,
+    ParameterReport, ParameterValue, ParametersMessage, Places, PolicyName, Pose, PoseFix, Reason,
+    Response, ResponseStatus, RobotState, Says, Shape, Source, StatusMessage, SwarmResponse,
+    Telemetry, TimeMessage, Wheels,
 };
 use heapless::String as Text;
 use proptest::collection::vec;
@@ -168,6 +168,7 @@ pub(crate) fn action() -> impl Strategy<Value = Action> {
             Action::Reset,
             Action::Scan,
             Action::Capture,
+            Action::ReportMap,
             Action::Identify,
             Action::Reboot,
         ]),
@@ -343,6 +344,43 @@ pub(crate) fn detections() -> impl Strategy<Value = Detections> {
             frame,
             objects: objects.into_iter().collect(),
         })
+}
+
+pub(crate) fn map_segment() -> impl Strategy<Value = MapSegment> {
+    let point = || option::of([number(), number()]);
+    (
+        (
+            robot(),
+            any::<u64>(),
+            any::<u64>(),
+            1..=u16::MAX,
+            any::<[i32; 2]>(),
+        ),
+        (select(vec![24, 48, 72, 96]), 1..=96_u8, any::<u8>()),
+        vec(any::<[u8; 3]>(), 1..=128),
+        (point(), point(), vec(any::<[u8; 2]>(), 0..=16)),
+    )
+        .prop_map(
+            |(
+                (robot, seq, timestamp, cell_mm, origin),
+                (columns, rows, row),
+                cells,
+                (goal, next, way),
+            )| MapSegment {
+                robot,
+                seq,
+                timestamp,
+                cell_mm,
+                origin,
+                columns,
+                rows,
+                row,
+                cells: cells.into_iter().flatten().collect(),
+                goal,
+                next,
+                way: way.into_iter().collect(),
+            },
+        )
 }
 
 pub(crate) fn log_record() -> impl Strategy<Value = LogRecord> {
