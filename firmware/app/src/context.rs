@@ -22,6 +22,7 @@ use crate::config::Config;
 use crate::goal::Goal;
 use crate::injected::Injected;
 use crate::ledger::{Answer, SourceNumber};
+use crate::map_report::MapReports;
 use crate::memory::CommandMemory;
 use crate::navigation::{Destination, Guide};
 use crate::neighbours::Neighbours;
@@ -133,6 +134,8 @@ pub struct Robot<M: RawMutex> {
     behaviour_before_restart: Mutex<M, Cell<Option<Goal>>>,
     /// Intake → camera.
     captures: Captures<M>,
+    /// Intake → sense, and sense ↔ link: the map for whoever asked for it.
+    map_reports: MapReports<M>,
     /// Control and update → camera, and camera → control and link.
     sights: Sights<M>,
     /// Sense → control.
@@ -196,6 +199,7 @@ impl<M: RawMutex> Robot<M> {
             behaviour_to_keep: Signal::new(),
             behaviour_before_restart: Mutex::new(Cell::new(None)),
             captures: Captures::new(),
+            map_reports: MapReports::new(),
             sights: Sights::new(),
             reading: Mutex::new(Cell::new(Reading::default())),
             battery: Mutex::new(Cell::new(Battery::default())),
@@ -351,6 +355,11 @@ impl<M: RawMutex> Robot<M> {
         self.sights.has_news()
     }
 
+    /// Whether a part of the map waits to be sent.
+    pub(crate) fn map_waits(&self) -> bool {
+        self.map_reports.waits()
+    }
+
     /// Tells control how the session with the broker is. A loss is acted upon within one
     /// control period.
     pub fn set_link_health(&self, health: LinkHealth) {
@@ -454,6 +463,7 @@ impl<M: RawMutex> Robot<M> {
             Action::Capture if self.config.camera => {
                 self.captures.request(sender).map(|()| Routed::Waiting)
             }
+            Action::ReportMap => self.map_reports.request(sender).map(|()| Routed::Waiting),
             action => {
                 let task = Task::from_action(action).ok_or(Reason::Unsupported)?;
                 let order = Order {

@@ -26,7 +26,7 @@
 //! 3. What it comes to: `state`, `goal`, `behaviour`, `motion`; `policy`, whose network `decide` runs.
 //! 4. What the robot knows: `sense`, `perception`, `power`, `tracking`, `neighbours`, `navigation`, `observe`,
 //!    `camera`, `vision`.
-//! 5. What it tells: `outbox`, `trouble`, `lamp`.
+//! 5. What it tells: `outbox`, `map_report`, `trouble`, `lamp`.
 //! 6. What it keeps: `config`, `parameters`, `store`; what replaces it: `update`; and on the side `hold`, memory of rare steps, and
 //!    `injected`, faults that are put in on purpose.
 #![no_std]
@@ -50,6 +50,7 @@ pub mod intake;
 pub mod lamp;
 pub mod ledger;
 pub mod link;
+mod map_report;
 mod memory;
 pub mod motion;
 pub mod navigation;

@@ -6,14 +6,17 @@
 //! what it takes.
 //!
 //! # Reading order
-//! `map`, what is where; `wave`, the way over it; `here`, when to plan anew; `next`, which point of the way is next.
+//! `map`, what is where; `wave`, the way over it; `here`, when to plan anew; `next`, which point of the way is next;
+//! `excerpt`, what is told of map and plan.
 
+mod excerpt;
 mod map;
 mod next;
 #[cfg(test)]
 mod tests;
 mod wave;
 
+pub use excerpt::{EXCERPT_BYTES, EXCERPT_ROWS, Excerpt, WAY_POINTS};
 use heapless::Vec;
 use map::is_inside;
 pub use map::{CELL_MM, COLUMNS, Cell, Look, Map, Place, ROWS};

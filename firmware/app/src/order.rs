@@ -42,7 +42,8 @@ pub struct Sender {
 
 /// The part of a command that control carries out.
 ///
-/// `stop` and `estop` travel as [`Halt`], `set` goes to the store, `capture` to the camera: what cannot be carried out here cannot be written here.
+/// `stop` and `estop` travel as [`Halt`], `set` goes to the store, `capture` to the camera, `report_map` to
+/// whoever keeps the map: what cannot be carried out here cannot be written here.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Task {
@@ -153,7 +154,9 @@ impl Task {
             Action::Behave(BehaviourSpec::Policy { policy }) => Self::Policy {
                 name: named(policy.as_str()),
             },
-            Action::Capture | Action::Stop | Action::Estop | Action::Set(_) => return None,
+            Action::Capture | Action::ReportMap | Action::Stop | Action::Estop | Action::Set(_) => {
+                return None;
+            }
             Action::Reset => Self::Reset,
             Action::Identify => Self::Identify,
             Action::Reboot => Self::Reboot,

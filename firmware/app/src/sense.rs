@@ -40,7 +40,7 @@ const ROOM: Celsius = Celsius(20);
 /// period until it answers.
 ///
 /// While the robot is on its way to a place, it also keeps the map and plans, in slices between which others run:
-/// see [`navigation`](crate::navigation).
+/// see [`navigation`](crate::navigation). Of both it copies what the link wants to tell.
 ///
 /// # Cancellation Safety
 /// As safe as the driver's: dropping it loses the measurement under way.
@@ -122,6 +122,7 @@ where
                 robot.sense_handle().keep_to(Leeway::ALL);
                 pilot.rest();
             }
+            robot.sense_handle().report_map(pilot.navigator(), now);
             ticker.tick(&clock).await;
         }
     }

@@ -7,7 +7,7 @@ use core::cell::Cell as Value;
 use core::ops::Deref;
 
 use crawler_hal::{Duration, Instant, PANIC_TEXT, ResetCause};
-use crawler_protocol::Level;
+use crawler_protocol::{Level, Reason, ResponseStatus};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
 
@@ -15,7 +15,7 @@ use super::{BootRecord, Robot, Snapshot, cut};
 use crate::behaviour::{Course, Leeway};
 use crate::controller::PERIOD;
 use crate::goal::Goal;
-use crate::navigation::{Destination, Guide, Other};
+use crate::navigation::{Destination, Excerpt, Guide, Navigator, Other};
 use crate::neighbours::{Cell, MOST, Near};
 use crate::order::{Halt, Order, Sender, SetRequest, UpdateWish};
 use crate::parameters::Parameters;
@@ -158,6 +158,25 @@ impl<M: RawMutex> SenseHandle<'_, M> {
     /// Publishes what others leave.
     pub(crate) fn keep_to(self, leeway: Leeway) {
         self.0.leeway.lock(|cell| cell.set(leeway));
+    }
+
+    /// Copies the part of the map that is wanted, if any is; `None` is no map.
+    // Inlined, the copy would lie on the stack of the whole activity.
+    #[inline(never)]
+    pub(crate) fn report_map(self, navigator: Option<&Navigator>, now: Instant) {
+        let reports = &self.0.map_reports;
+        let origin = navigator.map(|navigator| navigator.map().origin());
+        let Some(row) = reports.wanted(origin) else {
+            return;
+        };
+        if let Some(navigator) = navigator {
+            reports.show(&navigator.excerpt(row, self.0.going().is_some()));
+            self.0.outbox.nudge();
+        } else if let Some(Sender { source, seq }) = reports.give_up() {
+            let none = Some(Reason::NoMap);
+            self.0
+                .respond(&source, seq, ResponseStatus::Failed, none, now);
+        }
     }
 
     /// Who is near at `now`.
@@ -433,6 +452,19 @@ impl<'a, M: RawMutex> LinkHandle<'a, M> {
     /// Takes what was seen last, unless that was told already or has waited for too long.
     pub(crate) fn take_news(self, now: Instant) -> Option<View> {
         self.0.sights.take_news(now)
+    }
+
+    /// The part of the map that waits to be sent, and the number of the command that asked for it.
+    pub(crate) fn map_excerpt(self) -> Option<(u64, Excerpt)> {
+        self.0.map_reports.excerpt()
+    }
+
+    /// Notes that it was sent, and answers the command after the last one.
+    pub(crate) fn map_sent(self, now: Instant) {
+        if let Some(Sender { source, seq }) = self.0.map_reports.sent() {
+            let completed = ResponseStatus::Completed;
+            self.0.respond(&source, seq, completed, None, now);
+        }
     }
 
     /// Takes in an outside position reference.

@@ -6,17 +6,20 @@
 use crawler_hal::{Instant, ResetCause};
 use crawler_protocol::{
     Battery, Boot, BootCause, Capability, Detection, Detections, EncodeError, Heartbeat, LogRecord,
-    Models, PROTOCOL_VERSION, ParameterReport, ParameterValue, ParametersMessage, Response,
-    RobotState, StatusMessage, Telemetry, TelemetryEncoding, Wheels,
+    MAX_MAP_BYTES, MAX_WAY, MapSegment, Models, PROTOCOL_VERSION, ParameterReport, ParameterValue,
+    ParametersMessage, Response, RobotState, StatusMessage, Telemetry, TelemetryEncoding, Wheels,
 };
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use heapless::Vec;
 
 use crate::context::{Robot, cut};
+use crate::navigation::{CELL_MM, COLUMNS, EXCERPT_BYTES, ROWS, WAY_POINTS};
 use crate::outbox::{LogEntry, Outgoing};
 use crate::parameters::{Domain, Parameters};
 use crate::update::UpdatePort;
 use crate::vision::Seen;
+
+const _: () = assert!(EXCERPT_BYTES == MAX_MAP_BYTES && WAY_POINTS == MAX_WAY);
 
 const fn cause(cause: ResetCause) -> BootCause {
     match cause {
@@ -39,7 +42,7 @@ pub(super) fn status<M: RawMutex>(
 ) -> Option<usize> {
     let (config, boot) = (robot.config(), robot.boot());
     let mut capabilities = Vec::new();
-    // At most six of eight places.
+    // At most seven of eight places.
     let _ = capabilities.push(Capability::Drive);
     let _ = capabilities.push(Capability::Range);
     if config.camera {
@@ -52,6 +55,7 @@ pub(super) fn status<M: RawMutex>(
         let _ = capabilities.push(Capability::Faults);
     }
     let _ = capabilities.push(Capability::Missions);
+    let _ = capabilities.push(Capability::Map);
     let message = StatusMessage {
         robot: config.id.clone(),
         online,
@@ -165,6 +169,30 @@ pub(super) fn detections<M: RawMutex>(
         timestamp: unix.map_or(0, |unix| unix.saturating_sub(age)),
         frame: view.frame,
         objects: view.things.iter().map(detection).collect(),
+    }
+    .to_json(buf)
+    .ok()
+}
+
+/// `None` also when nothing waits.
+// Inlined, it would lie on the stack of the whole link.
+#[inline(never)]
+pub(super) fn map<M: RawMutex>(robot: &Robot<M>, now: Instant, buf: &mut [u8]) -> Option<usize> {
+    let (seq, excerpt) = robot.link_handle().map_excerpt()?;
+    let metres = |point: [i32; 2]| point.map(|along| along as f32 / 1_000.0);
+    MapSegment {
+        robot: robot.config().id.clone(),
+        seq,
+        timestamp: robot.unix_ms(now).unwrap_or(0),
+        cell_mm: CELL_MM as u16,
+        origin: excerpt.origin,
+        columns: COLUMNS as u8,
+        rows: ROWS as u8,
+        row: excerpt.row,
+        cells: excerpt.cells,
+        goal: excerpt.goal.map(metres),
+        next: excerpt.next.map(metres),
+        way: excerpt.way,
     }
     .to_json(buf)
     .ok()

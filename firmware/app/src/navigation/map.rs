@@ -146,6 +146,16 @@ impl Map {
         }
     }
 
+    /// The higher bits of the levels of a row of the window.
+    pub(super) const fn higher_bits(&self, row: usize) -> Row {
+        self.high[row]
+    }
+
+    /// The lower ones.
+    pub(super) const fn lower_bits(&self, row: usize) -> Row {
+        self.low[row]
+    }
+
     /// Whether a cell is blocked; all outside of the window are.
     pub fn is_blocked(&self, [column, row]: Cell) -> bool {
         !is_inside([column, row]) || bit(&self.high, [column, row])

@@ -420,3 +420,71 @@ fn it_goes_through_a_door_in_the_middle_where_there_is_room_to_either_side() {
     assert!((at[0] - 2.0).abs() < 0.1, "{at:?}");
     assert!(nearest > 200, "{nearest}");
 }
+
+#[test]
+fn an_excerpt_has_rows_of_the_map_and_with_the_first_the_plan() {
+    let mut navigator = Navigator::BLANK;
+    let going = Destination {
+        number: 1,
+        at: [2_550, 50],
+        bumps: 0,
+    };
+    // Something stands in the way, half a metre ahead.
+    for _ in 0..8 {
+        navigator.set_out(place([0.05, 0.05], 0.0), going);
+        navigator.look(Look::Echo(500));
+        planned(&mut navigator);
+    }
+    let map = navigator.map().clone();
+    let mut row = 0;
+    let mut blocked = 0;
+    loop {
+        let excerpt = navigator.excerpt(row, true);
+        assert_eq!((excerpt.row, excerpt.origin), (row, map.origin()));
+        for (at, cells) in excerpt.cells.chunks(24).enumerate() {
+            for column in 0..COLUMNS {
+                let bit = |half: usize| {
+                    let byte = cells[half * 12 + column as usize / 8];
+                    byte >> (column % 8) & 1
+                };
+                let cell = [column, i32::from(row) + at as i32];
+                assert_eq!(bit(0) << 1 | bit(1), map.level(cell), "{cell:?}");
+                blocked += i32::from(bit(0));
+            }
+        }
+        let with_plan = row == 0;
+        assert_eq!(excerpt.goal, with_plan.then_some(going.at));
+        assert_eq!(excerpt.next.is_some(), with_plan);
+        assert_eq!(excerpt.way.is_empty(), !with_plan);
+        match excerpt.row_after() {
+            Some(next) => row = next,
+            None => break,
+        }
+    }
+    assert_eq!((row, blocked), (64, 1));
+    assert_eq!(navigator.excerpt(0, false).goal, None, "on its way no more");
+    // The way goes round what stands there, and ends at the goal.
+    let way = navigator.excerpt(0, true).way;
+    let cells: Vec<_> = way.iter().map(|cell| cell.map(i32::from)).collect();
+    assert!(cells.iter().all(|cell| !map.is_blocked(*cell)), "{cells:?}");
+    let start = map.cell([50, 50]);
+    assert!(cells.iter().any(|cell| cell[1] != start[1]), "{cells:?}");
+    assert_eq!(cells.last(), Some(&map.cell(going.at)));
+}
+
+#[test]
+fn a_long_way_is_told_as_far_as_there_is_room() {
+    let mut navigator = Navigator::BLANK;
+    let going = Destination {
+        number: 1,
+        at: [8_850, 50],
+        bumps: 0,
+    };
+    navigator.set_out(place([0.05, 0.05], 0.0), going);
+    planned(&mut navigator);
+    let way = navigator.excerpt(0, true).way;
+    assert!(way.is_full());
+    let [start, _] = navigator.map().cell([50, 50]);
+    let columns: Vec<_> = way.iter().map(|cell| i32::from(cell[0]) - start).collect();
+    assert_eq!(columns, (1..=16).map(|step| 4 * step).collect::<Vec<_>>());
+}

@@ -52,6 +52,11 @@ impl<R: Room<Navigator>> Pilot<R> {
         }
     }
 
+    /// Map and plan, while they are kept.
+    pub(super) fn navigator(&self) -> Option<&Navigator> {
+        self.navigator.get().filter(|_| self.rested < FORGET_AFTER)
+    }
+
     /// Takes in a look from `pose`.
     pub(super) fn look(
         &mut self,

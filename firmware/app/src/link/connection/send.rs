@@ -149,6 +149,9 @@ where
         if self.state.up_since.is_some() && self.robot.has_news() {
             self.send_detections().await?;
         }
+        if self.state.up_since.is_some() && self.robot.map_waits() {
+            self.send_map().await?;
+        }
         for _ in 0..LOGS_AT_ONCE {
             let now = self.clock.now();
             let timestamp = self.robot.unix_ms(now).unwrap_or(0);
@@ -211,6 +214,17 @@ where
             let topic = Topic::Vision(robot.config().id.clone());
             self.publish(&topic, len, None, None).await?;
         }
+        Ok(())
+    }
+
+    /// Sends the part of the map that waits. One that does not fit would not fit later either.
+    async fn send_map(&mut self) -> Result<(), Loss> {
+        let robot = self.robot;
+        if let Some(len) = self.write(|page| messages::map(robot, self.clock.now(), page)) {
+            let topic = Topic::Map(robot.config().id.clone());
+            self.publish(&topic, len, None, None).await?;
+        }
+        robot.link_handle().map_sent(self.clock.now());
         Ok(())
     }
 

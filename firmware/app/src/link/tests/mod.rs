@@ -4,6 +4,7 @@ mod cells;
 mod harness;
 mod images;
 mod loss;
+mod maps;
 mod peer;
 mod telemetry;
 mod traffic;
