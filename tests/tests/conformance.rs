@@ -135,6 +135,7 @@ const LIES: &[(Lie, &[&str])] = &[
         &["unknown-command", "wrong-type", "oversized"],
     ),
     (Lie::NoRefusals, &["unknown-field"]),
+    (Lie::EmptyMap, &["map"]),
     (Lie::ForgetsSettings, &["set"]),
     (Lie::CarriesOutTwice, &["repeated", "not-again"]),
     (Lie::NoAge, &["expired", "late-move"]),

@@ -51,6 +51,7 @@ impl Bench {
             Topic::Response(id.clone()),
             Topic::Parameters(id.clone()),
             Topic::Logs(id.clone()),
+            Topic::Map(id.clone()),
             Topic::Vision(id.clone()),
             Topic::Image(id.clone()),
             Topic::Time,

@@ -98,6 +98,7 @@ pub const CASES: &[Case] = &[
     moving("swarm-stop", "a stop to the swarm stops the robot", |b| Box::pin(motion::swarm_stop(b))),
     moving("scan", "scan turns the robot around and is completed", |b| Box::pin(motion::scan(b))),
     moving("goto", "goto arrives where it was sent", |b| Box::pin(motion::goto(b))),
+    still("map", "the map is told whole, or the robot has none: no_map", |b| Box::pin(orders::map(b))),
     moving("wander", "wander drives, and stop ends it", |b| Box::pin(motion::wander(b))),
     moving("policy", "the policy that comes with the program drives, and stop ends it", |b| Box::pin(motion::policy(b))),
     still("fault", "a ranger that dies on purpose is ERROR for its time; stop is obeyed meanwhile", |b| Box::pin(faults::dead_ranger(b))),

@@ -7,7 +7,8 @@ use crawler_protocol::open::{
     self, Heartbeat, LogRecord, Read, Response, StatusMessage, Telemetry, Unknown,
 };
 use crawler_protocol::{
-    DecodeError, Detections, Fleet, MAX_MESSAGE, ParametersMessage, RobotId, TimeMessage, Topic,
+    DecodeError, Detections, Fleet, MAX_MESSAGE, MapSegment, ParametersMessage, RobotId,
+    TimeMessage, Topic,
 };
 use tokio::time::Instant;
 
@@ -33,6 +34,8 @@ pub enum Word {
     Parameters(Box<ParametersMessage>),
     /// `logs/{id}`.
     Log(LogRecord),
+    /// `map/{id}`.
+    Map(Box<MapSegment>),
     /// `vision/{id}`.
     Detections(Detections),
     /// `image/{id}`: the bytes.
@@ -171,7 +174,7 @@ impl Book {
                 }
                 self.answers.push_back(response.clone());
             }
-            Word::Log(_) | Word::Detections(_) | Word::Image(_) | Word::Time(_) => {}
+            Word::Log(_) | Word::Map(_) | Word::Detections(_) | Word::Image(_) | Word::Time(_) => {}
         }
     }
 }
@@ -188,6 +191,7 @@ fn read(topic: &Topic, payload: &[u8], unknown: &mut Unknown) -> Result<Option<W
         Topic::Response(_) => told(payload, unknown).map(Word::Response),
         Topic::Parameters(_) => told(payload, unknown).map(Box::new).map(Word::Parameters),
         Topic::Logs(_) => told(payload, unknown).map(Word::Log),
+        Topic::Map(_) => told(payload, unknown).map(Box::new).map(Word::Map),
         Topic::Vision(_) => told(payload, unknown).map(Word::Detections),
         Topic::Image(_) => Ok(Word::Image(payload.to_vec())),
         _ => return Ok(None),
@@ -212,6 +216,7 @@ fn speaker(word: &Word) -> Option<&RobotId> {
         Word::Response(message) => Some(&message.robot),
         Word::Parameters(message) => Some(&message.robot),
         Word::Log(message) => Some(&message.robot),
+        Word::Map(message) => Some(&message.robot),
         Word::Detections(message) => Some(&message.robot),
         Word::Image(_) | Word::Time(_) => None,
     }

@@ -30,6 +30,8 @@ pub(crate) enum Lie {
     YesToEverything,
     /// Nothing is ever refused aloud.
     NoRefusals,
+    /// A map that it has not was told, it says.
+    EmptyMap,
     /// `set` is answered and not carried out.
     ForgetsSettings,
     /// A repeated command is a new one.
@@ -226,6 +228,10 @@ impl Middle {
                 return Some(long);
             }
             (Lie::YesToEverything, "response") if word["status"] == "rejected" => {
+                word["status"] = "completed".into();
+                word["reason"] = Value::Null;
+            }
+            (Lie::EmptyMap, "response") if word["reason"] == "no_map" => {
                 word["status"] = "completed".into();
                 word["reason"] = Value::Null;
             }

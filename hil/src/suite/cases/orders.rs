@@ -1,5 +1,6 @@
 //! Commands that do not set a robot in motion.
 
+use crawler_protocol::open::Response;
 use crawler_protocol::{Action, BehaviourSpec, Capability, PolicyName, Reason, ResponseStatus};
 
 use super::super::Failure;
@@ -71,4 +72,46 @@ pub(in super::super) async fn no_policy(bench: &mut Bench) -> Verdict {
     let answer = bench.ask(behave).await?;
     is(&answer, ResponseStatus::Rejected, Some(Reason::NoPolicy))?;
     bench.stays("it stood", 2, is_standing).await
+}
+
+/// Behind a `goto`, which leaves a map for half a minute.
+pub(in super::super) async fn map(bench: &mut Bench) -> Verdict {
+    let tells = bench
+        .status()
+        .is_some_and(|status| status.capabilities.contains(&Capability::Map.into()));
+    let seq = bench.send(Action::ReportMap)?;
+    if !tells {
+        let answer = bench.outcome(seq, ANSWER).await?;
+        let unknown = Some(Reason::UnknownCommand);
+        return is(&answer, ResponseStatus::Rejected, unknown);
+    }
+    // Map and answer come in either order.
+    let (mut rows, mut whole, mut answer) = (0, false, None);
+    let answer = bench
+        .wait("a whole map and an answer", ANSWER, |message| {
+            match &message.word {
+                Word::Map(segment) if segment.seq == seq && segment.is_consistent() => {
+                    // A window that has moved is told anew.
+                    let first = usize::from(segment.row);
+                    let follows = first == 0 || first == rows;
+                    rows = if follows {
+                        first + segment.row_count()
+                    } else {
+                        0
+                    };
+                    whole = rows == usize::from(segment.rows);
+                }
+                Word::Response(response) if response.seq == seq && response.status.is_final() => {
+                    answer = Some(response.clone());
+                }
+                _ => {}
+            }
+            let refused = |answer: &Response| answer.status != ResponseStatus::Completed;
+            answer.clone().filter(|answer| whole || refused(answer))
+        })
+        .await?;
+    if whole {
+        return completed(&answer);
+    }
+    is(&answer, ResponseStatus::Failed, Some(Reason::NoMap))
 }
