@@ -97,6 +97,7 @@ pub const TABLE: &[Row] = &[
     row(Who::Robot, Publish, "{fleet}/vision/{own}", "what it recognises"),
     row(Who::Robot, Publish, "{fleet}/image/{own}", "what it sees"),
     row(Who::Robot, Publish, "{fleet}/logs/{own}", "its log"),
+    row(Who::Robot, Publish, "{fleet}/map/{own}", "its map, when it is asked for it"),
     row(Who::Robot, Publish, "{fleet}/parameters/{own}", "its parameters"),
     row(Who::Robot, Publish, "{fleet}/ota/{own}", "how an update goes"),
     row(Who::Robot, Subscribe, "{fleet}/command/swarm", "commands to all"),

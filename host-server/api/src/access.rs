@@ -67,6 +67,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/robots/{id}", VIEWER),
     ("GET", "/api/v1/robots/{id}/logs", VIEWER),
     ("GET", "/api/v1/robots/{id}/image", VIEWER),
+    ("GET", "/api/v1/robots/{id}/map", VIEWER),
     ("GET", "/api/v1/robots/{id}/parameters", VIEWER),
     ("GET", "/api/v1/robots/{id}/telemetry", VIEWER),
     ("GET", "/api/v1/history", VIEWER),

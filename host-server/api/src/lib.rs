@@ -5,7 +5,7 @@
 //!
 //! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
 //! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
-//! each subject: `robots`, `images`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
+//! each subject: `robots`, `images`, `maps`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
 //! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
 //! `assets`.
 
@@ -26,6 +26,7 @@ mod history;
 mod images;
 mod latency;
 mod live;
+mod maps;
 mod mqtt;
 mod peer;
 mod problem;
@@ -105,6 +106,7 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 .routes(routes!(robots::one))
                 .routes(routes!(robots::logs))
                 .routes(routes!(images::newest))
+                .routes(routes!(maps::one))
                 .routes(routes!(robots::parameters, robots::set_parameters))
                 .routes(routes!(faults::inject, faults::heal))
                 .routes(routes!(commands::to_robot))

@@ -18,6 +18,7 @@ use crawler_experiments::Experiments;
 use crawler_fleet::SharedFleet;
 use crawler_fleet::bus::Bus;
 use crawler_fleet::feed::Feed;
+use crawler_fleet::maps::Maps;
 use crawler_history::HistoryStore;
 use crawler_metrics::Metrics;
 use crawler_records::audit_log::AuditLog;
@@ -32,6 +33,8 @@ pub struct Parts {
     pub fleet: Arc<SharedFleet>,
     /// Commands, from acceptance to outcome.
     pub commands: Arc<CommandCenter>,
+    /// What robots know of their surroundings.
+    pub maps: Arc<Maps>,
     /// The session with the broker.
     pub bus: Arc<Bus>,
     /// The numbers of the server.
@@ -75,6 +78,7 @@ pub(super) struct ApiState(Arc<Shared>);
 struct Shared {
     fleet: Arc<SharedFleet>,
     commands: Arc<CommandCenter>,
+    maps: Arc<Maps>,
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
     feed: Arc<Feed>,
@@ -102,6 +106,7 @@ impl ApiState {
         Self(Arc::new(Shared {
             fleet: parts.fleet,
             commands: parts.commands,
+            maps: parts.maps,
             bus: parts.bus,
             metrics: parts.metrics,
             feed: parts.feed,
@@ -138,6 +143,7 @@ macro_rules! parts {
 parts! {
     fleet: Arc<SharedFleet>,
     commands: Arc<CommandCenter>,
+    maps: Arc<Maps>,
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
     feed: Arc<Feed>,

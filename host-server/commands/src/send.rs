@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use crawler_delivery::Class;
+use crawler_delivery::{Class, Ms};
 use crawler_protocol::{Action, Command, MAX_MESSAGE, RobotId, Source, Topic};
 
 use super::driver::write;
@@ -212,6 +212,38 @@ impl CommandCenter {
                 Err(SendError::NotShared { sent: true })
             }
         }
+    }
+
+    /// Sends one robot a command of the server's own that nothing depends on: it goes once, is not written down or
+    /// followed, and nobody is told of it. Under a `source` that no other commands go under it is in the way of none.
+    /// Returns its number, under which the robot answers.
+    ///
+    /// # Errors
+    /// [`SendError`]; nothing has gone out then.
+    pub fn ask(
+        &self,
+        source: Source,
+        action: Action,
+        robot: &RobotId,
+        within_ms: Ms,
+    ) -> Result<u64, SendError> {
+        if !self.outlet.is_up() {
+            return Err(SendError::NotConnected);
+        }
+        // The robot takes the commands of one source in the order of their numbers, so they go under one lock.
+        let mut book = self.book();
+        let command = Command {
+            action,
+            timestamp: self.time.now_ms(),
+            seq: book.table.sequence.take(),
+            source,
+        };
+        let mut buffer = [0; MAX_MESSAGE];
+        let length = write(&command, &mut buffer)?;
+        let payload = buffer.get(..length).unwrap_or_default();
+        let topic = Topic::CommandRobot(robot.clone());
+        self.outlet.publish(&topic, payload, within_ms)?;
+        Ok(command.seq)
     }
 
     /// Sends a command of the server's own; see [`Self::send_as`].

@@ -47,7 +47,7 @@ const MESSAGE_EXPIRY: Duration = Duration::from_mins(1);
 /// Of what comes under it each message goes to one of the servers (MQTT 5, 4.8.2).
 const SHARED: &str = "$share/terracrawler/";
 
-const FILTERS: [TopicFilter; 8] = [
+const FILTERS: [TopicFilter; 9] = [
     TopicFilter::Status,
     TopicFilter::Heartbeat,
     TopicFilter::Telemetry,
@@ -55,6 +55,7 @@ const FILTERS: [TopicFilter; 8] = [
     TopicFilter::Responses,
     TopicFilter::Parameters,
     TopicFilter::Logs,
+    TopicFilter::Map,
     TopicFilter::Image,
 ];
 

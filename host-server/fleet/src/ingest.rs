@@ -7,8 +7,8 @@ use crawler_protocol::open::{
     self, Heartbeat, LogRecord, Open, Read, Response, StatusMessage, Telemetry, Unknown,
 };
 use crawler_protocol::{
-    Detection, Detections, MAX_IMAGE, MAX_MESSAGE, ParametersMessage, RobotId, TelemetryEncoding,
-    Topic, TopicError,
+    Detection, Detections, MAX_IMAGE, MAX_MESSAGE, MapSegment, ParametersMessage, RobotId,
+    TelemetryEncoding, Topic, TopicError,
 };
 
 use super::Incoming;
@@ -80,7 +80,7 @@ impl fmt::Display for Rejection {
             Self::Malformed => "not the message that belongs on its topic",
             Self::Mismatch => "names another robot than its topic",
             Self::ContentType => "written in a way that is not known",
-            Self::Absurd => "a position that cannot be one",
+            Self::Absurd => "numbers that cannot be meant",
             Self::Full => "from a robot beyond the largest fleet",
         })
     }
@@ -210,6 +210,17 @@ impl FleetState {
                 }
                 self.spoke(id, now);
                 Received::Noted
+            }
+            Topic::Map(id) => {
+                let message = decode::<MapSegment>(payload, &mut unknown)?;
+                same(id, &message.robot)?;
+                // The reader knows numbers, not which of them fit each other.
+                let points = [message.goal, message.next].into_iter().flatten().flatten();
+                if !message.is_consistent() || points.into_iter().any(is_too_far) {
+                    return Err(Rejection::Absurd);
+                }
+                self.spoke(id, now);
+                Received::Map(Box::new(message))
             }
             Topic::Parameters(_) if payload.is_empty() => Received::Noted,
             Topic::Parameters(id) => {
@@ -375,7 +386,7 @@ fn samples(
         let sample = taken(sample, unknown)?;
         same(id, &sample.robot)?;
         let pose = &sample.pose;
-        if !(pose.x.abs() <= FARTHEST_M && pose.y.abs() <= FARTHEST_M) {
+        if is_too_far(pose.x) || is_too_far(pose.y) {
             return Err(Rejection::Absurd);
         }
         earlier.extend(newest.replace(sample));
@@ -383,6 +394,12 @@ fn samples(
     newest
         .map(|newest| (earlier, newest))
         .ok_or(Rejection::Malformed)
+}
+
+/// Whether no robot can be there, or go there.
+fn is_too_far(along: f32) -> bool {
+    // As what is no number would be.
+    !(along.abs() <= FARTHEST_M)
 }
 
 /// Whether a message of the time `this` is older than one of the time `last` that has come already,

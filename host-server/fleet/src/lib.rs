@@ -5,7 +5,7 @@
 //! and of events, and a bounded weight of images, whatever arrives.
 //!
 //! Reading order: `robot` is what is known of one, `presence` whether it is there, `incoming` a message
-//! and `ingest` what it changes, `images` the newest pictures, `counts` what the metrics tell. `shape`
+//! and `ingest` what it changes, `images` the newest pictures, [`maps`] what robots know of their surroundings, `counts` what the metrics tell. `shape`
 //! and `fence` are what a fence is, `fences` who is on the wrong side of one, [`enforcement`] what happens
 //! then. `events` is what people are told, which [`recorder`] takes to the records, and [`feed`] shows all
 //! of it as it changes. [`bus`] is the session with the broker, over which messages come and go.
@@ -20,6 +20,7 @@ mod fences;
 mod images;
 mod incoming;
 mod ingest;
+pub mod maps;
 mod presence;
 pub mod recorder;
 mod robot;
@@ -34,7 +35,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use crawler_protocol::open::{Response, Telemetry, Unknown};
-use crawler_protocol::{Fleet, RobotId};
+use crawler_protocol::{Fleet, MapSegment, RobotId};
 
 pub use counts::RobotCounts;
 pub use events::{Event, EventLog, Level};
@@ -73,6 +74,8 @@ pub enum Received {
     Telemetry(Vec<Telemetry>),
     /// An answer to a command.
     Response(Response),
+    /// A part of the map of a robot.
+    Map(Box<MapSegment>),
 }
 
 /// All robots of the fleet.

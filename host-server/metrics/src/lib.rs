@@ -379,6 +379,7 @@ const fn topic_kind(topic: &Topic) -> &'static str {
         Topic::Vision(_) => "vision",
         Topic::Image(_) => "image",
         Topic::Logs(_) => "logs",
+        Topic::Map(_) => "map",
         Topic::Parameters(_) => "parameters",
         Topic::Cell { .. } => "cell",
         Topic::Pose(_) => "pose",

@@ -4,7 +4,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use crawler_cluster::ClusterError;
-use crawler_protocol::Source;
+use crawler_protocol::{Action, Source};
 
 use super::StartError;
 use super::cluster::{self, OwnLease};
@@ -17,6 +17,7 @@ use crawler_commands::{CommandCenter, Journal, Outlet};
 use crawler_fleet::SharedFleet;
 use crawler_fleet::bus::Bus;
 use crawler_fleet::feed::Feed;
+use crawler_fleet::maps::{self, Maps};
 use crawler_fleet::recorder::Recorder;
 use crawler_simulations::Simulation;
 use crawler_system::data::DataDir;
@@ -27,6 +28,7 @@ pub(super) struct Hub {
     pub(super) feed: Arc<Feed>,
     pub(super) bus: Arc<Bus>,
     pub(super) commands: Arc<CommandCenter>,
+    pub(super) maps: Arc<Maps>,
     pub(super) recorder: Recorder,
     /// The other servers, where there may be any.
     pub(super) membership: Option<Arc<ClusterMembership>>,
@@ -74,17 +76,29 @@ impl Hub {
             fleet.lock().relayed();
         }
         fleet.lock().events.record_in(recorder.clone());
+        let commands = Arc::new(commands);
         let hub = Self {
             fleet,
             feed: Arc::new(Feed::new(settings.fleet.clone())),
             bus,
-            commands: Arc::new(commands),
+            maps: Arc::new(maps_by(&commands)?),
+            commands,
             recorder,
             membership,
             simulation: Arc::new(OnceLock::new()),
         };
         Ok((hub, lease))
     }
+}
+
+/// Maps that robots are asked for under a source of their own: other commands are in nobody's way.
+fn maps_by(commands: &Arc<CommandCenter>) -> Result<Maps, StartError> {
+    let source = Source::new("map").map_err(|_| StartError::Internal("source"))?;
+    let commands = Arc::clone(commands);
+    let within = maps::PATIENCE.as_millis() as u64;
+    Ok(Maps::new(move |robot| {
+        commands.ask(source.clone(), Action::ReportMap, robot, within)
+    }))
 }
 
 /// Has commands written down.

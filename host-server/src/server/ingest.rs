@@ -13,6 +13,7 @@ use super::outcome_log::OutcomeLog;
 use crawler_commands::CommandCenter;
 use crawler_fleet::bus::Receiver;
 use crawler_fleet::enforcement::Stops;
+use crawler_fleet::maps::Maps;
 use crawler_fleet::{Incoming, Level, Received, SharedFleet};
 use crawler_history::{HistoryStore, Sample};
 use crawler_metrics::{Dropped, Metrics};
@@ -28,6 +29,7 @@ pub(super) struct Ingest {
     pub(super) name: Fleet,
     pub(super) fleet: Arc<SharedFleet>,
     pub(super) commands: Arc<CommandCenter>,
+    pub(super) maps: Arc<Maps>,
     pub(super) history: HistoryStore,
     pub(super) metrics: Arc<Metrics>,
     pub(super) membership: Option<Arc<ClusterMembership>>,
@@ -134,10 +136,15 @@ impl Receiver for Ingest {
                     self.time_wanted.store(true, Ordering::Relaxed);
                 }
                 self.note(&topic, now);
-                if let Received::Response(response) = received
-                    && let Some(over) = self.commands.answer(&response, known, now)
-                {
-                    self.outcomes.tell(&over);
+                match received {
+                    Received::Response(response) => {
+                        self.maps.answer(&response);
+                        if let Some(over) = self.commands.answer(&response, known, now) {
+                            self.outcomes.tell(&over);
+                        }
+                    }
+                    Received::Map(segment) => self.maps.segment(&segment),
+                    Received::Noted | Received::Telemetry(_) => {}
                 }
             }
             Err(rejection) => self.metrics.message_rejected(rejection.name()),

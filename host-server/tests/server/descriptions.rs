@@ -124,6 +124,7 @@ async fn descriptions_fit_what_is_there() {
             "get /api/v1/robots/{id}",
             "get /api/v1/robots/{id}/image",
             "get /api/v1/robots/{id}/logs",
+            "get /api/v1/robots/{id}/map",
             "get /api/v1/robots/{id}/parameters",
             "get /api/v1/robots/{id}/telemetry",
             "get /api/v1/rollouts",

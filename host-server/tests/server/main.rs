@@ -22,6 +22,7 @@ mod images;
 mod link;
 mod live;
 mod live_faults;
+mod maps;
 mod mixed;
 mod mqtt_websocket;
 mod names;

@@ -84,6 +84,7 @@ codes! {
     UnknownUser NOT_FOUND "unknown_user",
     NoGate NOT_FOUND "no_gate",
     NoImage NOT_FOUND "no_image",
+    NoMap NOT_FOUND "no_map",
     NoParameters NOT_FOUND "no_parameters",
     NoSimulator NOT_FOUND "no_simulator",
 
@@ -105,6 +106,7 @@ codes! {
     NoRobots CONFLICT "no_robots",
     RobotOffline CONFLICT "robot_offline",
     TakesNoFaults CONFLICT "takes_no_faults",
+    TellsNoMap CONFLICT "tells_no_map",
     WrongState CONFLICT "wrong_state",
     OtherBuild CONFLICT "other_build",
     Refused CONFLICT "refused",
@@ -127,6 +129,7 @@ codes! {
     SentNotWritten SERVICE_UNAVAILABLE "sent_not_written",
     TooManyClients SERVICE_UNAVAILABLE "too_many_clients",
     TooManyReaders SERVICE_UNAVAILABLE "too_many_readers",
+    NoAnswer GATEWAY_TIMEOUT "no_answer",
 }
 
 impl Serialize for Code {
