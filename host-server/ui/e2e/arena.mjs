@@ -6,8 +6,9 @@ import { byMouse, byThousands, cutOff } from './arena-mouse.mjs'
 import { browser, mock } from './arena-steps.mjs'
 import { fail, finish, guarded } from './checks.mjs'
 import { byFences } from './fences.mjs'
+import { byMaps } from './maps.mjs'
 
-const ALL = [byMouse, byKeyboard, byGamepad, cutOff, byFinger, byThousands, byFences]
+const ALL = [byMouse, byKeyboard, byGamepad, cutOff, byFinger, byThousands, byFences, byMaps]
 /** `ROUND=byFences` takes this alone. */
 const ROUNDS = ALL.filter(({ name }) => [undefined, name].includes(process.env.ROUND))
 

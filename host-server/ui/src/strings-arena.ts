@@ -20,6 +20,9 @@ export const words = {
   layers: 'Layers',
   cones: 'Sensor cones',
   trails: 'Trails',
+  map: 'Map and plan',
+  mapHint: 'What the selected robot has noticed around itself, and the way that it has planned',
+  mapFailed: 'The part of the page that shows maps could not be loaded: reload the page.',
   putIn: 'Put things in…',
   putInHint: 'Obstacles and coloured objects, on the page of the simulation',
   extent: { all: 'All', selected: 'Selected', none: 'None' },
@@ -57,6 +60,7 @@ export const words = {
     patch: 'Hatched floor grips differently; a dashed way is that of something that moves.',
     fence:
       'A fence has its hatching where robots must not be; a whole line stops them, a dashed one warns.',
+    map: 'The map of a robot: filled cells are blocked, hollow ones were looked through since. Dots lead along its planned way; a ring is where it drives to now, a ring with a cross its goal.',
     stale: 'Hatched: not heard of for a while. Hollow: offline.',
   },
   pad: {

@@ -44,6 +44,7 @@ const reasons: Readonly<Record<string, string>> = {
   no_policy: 'it has no policy of this name',
   bad_policy: 'its policy cannot be read',
   other_observation: 'its policy was trained for another program',
+  no_map: 'it has no map',
 }
 
 /** Why a robot did not do it; nothing where it gave no reason. */

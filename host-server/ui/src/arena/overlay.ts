@@ -33,7 +33,8 @@ export type Under = (
 export interface Over {
   camera: Camera
   size: Size
-  under: Under | null
+  /** The lowest first. */
+  unders: Iterable<Under>
   clusters: readonly Cluster[]
   /** Goals, and where their robots are on the screen. */
   goals: readonly { goal: Goal; from: Point | null }[]
@@ -70,7 +71,8 @@ export function drawOver(surface: HTMLCanvasElement, ink: Ink, over: Over): bool
   const ratio = surface.width / Math.max(1, over.size.width)
   context.setTransform(ratio, 0, 0, ratio, 0, 0)
   context.clearRect(0, 0, over.size.width, over.size.height)
-  const under = over.under?.(context, ink, over.camera, over.size) === true
+  let under = false
+  for (const lay of over.unders) under = lay(context, ink, over.camera, over.size) || under
   drawClusters(context, ink, over)
   drawGoals(context, ink, over)
   if (over.lasso.length > 1) drawLasso(context, ink, over.lasso)

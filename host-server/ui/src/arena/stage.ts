@@ -73,12 +73,12 @@ export class Stage {
   lasso: readonly Point[] = []
   cross = false
   goals: readonly Goal[] = []
-  under: Under | null = null
   /** Pictures drawn so far. */
   pictures = 0
   /** Called with each of them. */
   onPicture: (view: View) => void = () => undefined
 
+  private readonly unders = new Set<Under>()
   private surfaces: Surfaces | null = null
   private renderer: Renderer | null = null
   private ink: Ink | null = null
@@ -134,6 +134,16 @@ export class Stage {
   drawOver(): void {
     this.staleOver = true
     this.draw()
+  }
+
+  /** Lays something under goals and lasso, over what was laid there before; the result takes it away. */
+  lay(under: Under): () => void {
+    this.unders.add(under)
+    this.drawOver()
+    return () => {
+      this.unders.delete(under)
+      this.drawOver()
+    }
   }
 
   setArena(): void {
@@ -333,7 +343,7 @@ export class Stage {
     surface.hidden = !drawOver(surface, this.ink, {
       camera: view.camera,
       size: this.size,
-      under: this.under,
+      unders: this.unders,
       clusters: this.clusters.value,
       goals,
       lasso: this.lasso,

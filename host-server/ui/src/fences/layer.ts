@@ -30,6 +30,7 @@ export class FenceLayer {
   private done: (corners: readonly Point[] | null) => void = () => undefined
   private timer: ReturnType<typeof setInterval> | null = null
   private latest = 0
+  private lift: (() => void) | null = null
 
   constructor(
     private readonly room: Room,
@@ -39,13 +40,14 @@ export class FenceLayer {
   ) {}
 
   start(): void {
-    this.stage.under = (context, ink, camera, size) =>
+    this.lift = this.stage.lay((context, ink, camera, size) =>
       paint(context, ink, {
         camera,
         size,
         fences: this.list.value,
         corners: this.corners.value ?? [],
-      })
+      }),
+    )
     this.tools.pen = {
       press: (x, y) => this.press(x, y),
       close: () => this.finish(),
@@ -61,7 +63,8 @@ export class FenceLayer {
   stop(): void {
     if (this.timer !== null) clearInterval(this.timer)
     window.removeEventListener('keydown', this.onKey)
-    this.stage.under = null
+    this.lift?.()
+    this.lift = null
     this.tools.pen = null
   }
 

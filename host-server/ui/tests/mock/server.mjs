@@ -10,6 +10,7 @@ import { Refusal, createAccounts } from './accounts.mjs'
 import { jsonFrame, posesFrame } from './encode.mjs'
 import { createExperiments } from './experiments.mjs'
 import { createFences } from './fences.mjs'
+import { createMaps } from './maps.mjs'
 import { createFleet } from './fleet.mjs'
 import { createRecord } from './record.mjs'
 import { createReleases } from './releases.mjs'
@@ -55,6 +56,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   })
   const experiments = createExperiments({ clock })
   const fences = createFences({ world, clock, crossed })
+  const maps = createMaps({ find: (id) => fleet.find(id), clock })
   const releases = createReleases({ clock })
   const rollouts = createRollouts({ clock, releases: releases.releases, robots: world.robots })
   const record = createRecord({ world, clock, robots, seed })
@@ -163,6 +165,8 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     if (tried !== null) return json(response, tried.status, tried.body)
     const fenced = fences.answer(request.method, parts, body, name)
     if (fenced !== null) return json(response, fenced.status, fenced.body)
+    const mapped = maps.answer(request.method, parts)
+    if (mapped !== null) return json(response, mapped.status, mapped.body)
     const released = releases.answer(request.method, parts, body, name)
     if (released !== null) return json(response, released.status, released.body)
     const rolled = rollouts.answer(request.method, parts, url, body, name)
@@ -270,6 +274,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     faults,
     answering,
     fences: fences.fences,
+    maps,
     accounts,
     experiments,
     releases: releases.releases,
