@@ -52,7 +52,7 @@ const CRATES: &[Crate] = &[
             &["motion"],
             &["goal", "policy", "vision"],
             &["order", "state"],
-            &["behaviour", "trouble"],
+            &["behaviour", "map_report", "trouble"],
             &["controller", "outbox"],
             &["context"],
             &[
