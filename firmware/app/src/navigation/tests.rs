@@ -424,11 +424,7 @@ fn it_goes_through_a_door_in_the_middle_where_there_is_room_to_either_side() {
 #[test]
 fn an_excerpt_has_rows_of_the_map_and_with_the_first_the_plan() {
     let mut navigator = Navigator::BLANK;
-    let going = Destination {
-        number: 1,
-        at: [2_550, 50],
-        bumps: 0,
-    };
+    let going = going(2_550, 50);
     // Something stands in the way, half a metre ahead.
     for _ in 0..8 {
         navigator.set_out(place([0.05, 0.05], 0.0), going);
@@ -475,11 +471,7 @@ fn an_excerpt_has_rows_of_the_map_and_with_the_first_the_plan() {
 #[test]
 fn a_long_way_is_told_as_far_as_there_is_room() {
     let mut navigator = Navigator::BLANK;
-    let going = Destination {
-        number: 1,
-        at: [8_850, 50],
-        bumps: 0,
-    };
+    let going = going(8_850, 50);
     navigator.set_out(place([0.05, 0.05], 0.0), going);
     planned(&mut navigator);
     let way = navigator.excerpt(0, true).way;

@@ -12,6 +12,12 @@ use crate::navigation::{Destination, Navigator, Place, Planned};
 
 const TOPIC: &str = "swarm/map/sim-0001";
 const ANSWERS: &str = "swarm/response/robot/";
+const GOING: Destination = Destination {
+    number: 1,
+    at: [2_000, 500],
+    bumps: 0,
+    speed: 240,
+};
 
 /// What the sense activity does after a look.
 fn look(broker: &Broker, navigator: Option<&Navigator>) {
@@ -45,12 +51,7 @@ fn planned() -> Navigator {
         at: [0, 0],
         heading: [4_096, 0],
     };
-    let going = Destination {
-        number: 1,
-        at: [2_000, 500],
-        bumps: 0,
-    };
-    navigator.set_out(here, going);
+    navigator.set_out(here, GOING);
     while !matches!(navigator.plan(), Planned::Guide(_)) {}
     navigator
 }
@@ -60,11 +61,7 @@ fn a_map_goes_out_in_segments_and_the_answer_after_the_last() {
     run(async |broker| {
         let mut peer = broker.connected().await;
         let navigator = planned();
-        broker.robot.control_handle().go(Some(Destination {
-            number: 1,
-            at: [2_000, 500],
-            bumps: 0,
-        }));
+        broker.robot.control_handle().go(Some(GOING));
         peer.command(7, "report_map", "");
         let mut rows = 0;
         while rows < 80 {
