@@ -1,6 +1,8 @@
 //! A page, held against the program.
 
-use crawler_protocol::{Action, Command, Response, StatusMessage, Telemetry, UpdateCommand, open};
+use crawler_protocol::{
+    Action, Command, MapSegment, Response, StatusMessage, Telemetry, UpdateCommand, open,
+};
 use crawler_sim::scenario::Scenario;
 use crawler_sim_protocol::SimulatorCommand;
 use tempfile::TempDir;
@@ -117,6 +119,7 @@ fn check_json(text: &str) -> Result<(), String> {
             || SimulatorCommand::from_json(bytes).is_ok()
             || Response::from_json(bytes).is_ok()
             || Telemetry::from_json(bytes).is_ok()
+            || MapSegment::from_json(bytes).is_ok_and(|segment| segment.is_consistent())
             || StatusMessage::from_json(bytes).is_ok()
             || matches!(UpdateCommand::from_json(bytes), Ok(Some(_)))
             || open::update(bytes).is_ok_and(|update| {
