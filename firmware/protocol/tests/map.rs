@@ -195,7 +195,7 @@ proptest! {
             .map(|value| char::from(ALPHABET[value]))
             .collect();
         let written = json(&segment(24, bytes));
-        let quoted = format!("\"cells\":\"{}\"", text);
+        let quoted = format!("\"cells\":\"{text}\"");
         prop_assert!(written.contains(&quoted));
         let read = MapSegment::from_json(written.as_bytes()).unwrap();
         prop_assert_eq!(read.cells.as_slice(), bytes);
