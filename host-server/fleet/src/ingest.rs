@@ -398,8 +398,7 @@ fn samples(
 
 /// Whether no robot can be there, or go there.
 fn is_too_far(along: f32) -> bool {
-    // As what is no number would be.
-    !(along.abs() <= FARTHEST_M)
+    along.is_nan() || along.abs() > FARTHEST_M
 }
 
 /// Whether a message of the time `this` is older than one of the time `last` that has come already,

@@ -79,9 +79,12 @@ impl Request {
     }
 }
 
+/// Sends a robot the command, and tells its number.
+type Ask = Box<dyn Fn(&RobotId) -> Result<u64, SendError> + Send + Sync>;
+
 /// See the [module](self).
 pub struct Maps {
-    ask: Box<dyn Fn(&RobotId) -> Result<u64, SendError> + Send + Sync>,
+    ask: Ask,
     requests: Mutex<HashMap<RobotId, Request>>,
 }
 
@@ -157,8 +160,11 @@ impl Maps {
     /// last part comes.
     pub fn answer(&self, response: &Response) {
         let error = match (response.status, response.reason) {
-            (Open::Known(ResponseStatus::Accepted | ResponseStatus::Completed), _)
-            | (Open::Unknown(_), _) => return,
+            (
+                Open::Known(ResponseStatus::Accepted | ResponseStatus::Completed)
+                | Open::Unknown(_),
+                _,
+            ) => return,
             (_, Some(Open::Known(Reason::NoMap))) => MapError::None,
             (_, reason) => MapError::Refused(reason),
         };
