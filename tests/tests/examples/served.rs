@@ -61,10 +61,10 @@ pub(crate) fn requests(pages: &[(Page, Vec<Example>)]) {
             let request = Request::of(&command.words[1..]);
             let request = request.unwrap_or_else(|why| panic!("{}: {why}", page.at(line)));
             let what = format!("{}: {} {}", page.at(line), request.method, request.target);
-            // What the example before has asked for, such as an image, may be on its way.
+            // What the example before has asked for, such as an image, may be on its way, and so may the answer of a robot.
             wait_for(&what, LIMIT, || match send(&server, &request) {
                 (200..300, _) => Some(()),
-                (404, _) if request.method == "GET" => None,
+                (404 | 504, _) if request.method == "GET" => None,
                 (status, text) => panic!("{what}: {status} {text}"),
             });
             // A world that a step left paused answers nobody.
