@@ -115,14 +115,10 @@ impl<'de, S: Strictness> Deserializer<'de, S> {
             }
             Value::Array => {
                 self.reader.open_array()?;
-                let mut elements = Elements {
+                visitor.visit_seq(Elements {
                     de: self,
                     first: true,
-                    ended: false,
-                };
-                let value = visitor.visit_seq(&mut elements)?;
-                elements.end()?;
-                Ok(value)
+                })
             }
         }
     }
@@ -181,6 +177,28 @@ impl<'de, S: Strictness> de::Deserializer<'de> for &mut Deserializer<'de, S> {
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
         let value = self.reader.value()?;
         self.visit(value, None, visitor)
+    }
+
+    /// What has a fixed number of elements does not look for more of them itself.
+    fn deserialize_tuple<V: Visitor<'de>>(
+        self,
+        _: usize,
+        visitor: V,
+    ) -> Result<V::Value, DecodeError> {
+        let value = self.reader.value()?;
+        if !matches!(value, Value::Array) {
+            return self.visit(value, None, visitor);
+        }
+        self.reader.open_array()?;
+        let mut elements = Elements {
+            de: self,
+            first: true,
+        };
+        let value = visitor.visit_seq(&mut elements)?;
+        if elements.de.reader.element(elements.first)? {
+            return Err(DecodeError::OutOfRange);
+        }
+        Ok(value)
     }
 
     fn deserialize_u8<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
@@ -281,7 +299,7 @@ impl<'de, S: Strictness> de::Deserializer<'de> for &mut Deserializer<'de, S> {
     }
 
     forward_to_deserialize_any! {
-        bool i128 u128 f64 char str string bytes byte_buf unit unit_struct seq tuple tuple_struct
+        bool i128 u128 f64 char str string bytes byte_buf unit unit_struct seq tuple_struct
         map identifier
     }
 }
@@ -336,18 +354,6 @@ fn is_one_of(fields: Fields, name: Text<'_>) -> bool {
 struct Elements<'a, 'de, S> {
     de: &'a mut Deserializer<'de, S>,
     first: bool,
-    ended: bool,
-}
-
-impl<S: Strictness> Elements<'_, '_, S> {
-    /// What has a fixed number of elements does not look for more of them.
-    fn end(&mut self) -> Result<(), DecodeError> {
-        if self.ended || !self.de.reader.element(self.first)? {
-            Ok(())
-        } else {
-            Err(DecodeError::OutOfRange)
-        }
-    }
 }
 
 impl<'de, S: Strictness> de::SeqAccess<'de> for Elements<'_, 'de, S> {
@@ -361,7 +367,6 @@ impl<'de, S: Strictness> de::SeqAccess<'de> for Elements<'_, 'de, S> {
             self.first = false;
             seed.deserialize(&mut *self.de).map(Some)
         } else {
-            self.ended = true;
             Ok(None)
         }
     }
