@@ -2,13 +2,12 @@
 
 use core::fmt;
 
-use heapless::{String, Vec};
+use base64ct::{Base64Unpadded, Encoding as _};
+use heapless::Vec;
 use serde::de::{self, Deserializer, Unexpected, Visitor};
 use serde::ser::{Error as _, Serializer};
 
 use super::MAX_MAP_BYTES;
-
-const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
 /// Most characters of it.
 const MAX_TEXT: usize = MAX_MAP_BYTES / 3 * 4;
@@ -17,26 +16,12 @@ pub(super) fn serialize<S: Serializer>(
     cells: &Vec<u8, MAX_MAP_BYTES>,
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
-    let text = encode(cells).ok_or_else(|| S::Error::custom("not whole groups of three bytes"))?;
-    serializer.serialize_str(&text)
-}
-
-fn encode(bytes: &[u8]) -> Option<String<MAX_TEXT>> {
-    let mut text = String::new();
-    let groups = bytes.chunks_exact(3);
-    if !groups.remainder().is_empty() {
-        return None;
+    let mut text = [0; MAX_TEXT];
+    if !cells.len().is_multiple_of(3) {
+        return Err(S::Error::custom("not whole groups of three bytes"));
     }
-    for group in groups {
-        let bits = group
-            .iter()
-            .fold(0, |bits, byte| bits << 8 | u32::from(*byte));
-        for shift in [18, 12, 6, 0] {
-            let character = ALPHABET[(bits >> shift & 63) as usize];
-            text.push(char::from(character)).ok()?;
-        }
-    }
-    Some(text)
+    let text = Base64Unpadded::encode(cells, &mut text).map_err(S::Error::custom)?;
+    serializer.serialize_str(text)
 }
 
 pub(super) fn deserialize<'de, D: Deserializer<'de>>(
@@ -52,38 +37,19 @@ pub(super) fn deserialize<'de, D: Deserializer<'de>>(
         }
 
         fn visit_str<E: de::Error>(self, text: &str) -> Result<Self::Value, E> {
-            decode(text.as_bytes()).ok_or_else(|| E::invalid_value(Unexpected::Str(text), &self))
+            decode(text).ok_or_else(|| E::invalid_value(Unexpected::Str(text), &self))
         }
     }
 
     deserializer.deserialize_str(Text)
 }
 
-fn decode(text: &[u8]) -> Option<Vec<u8, MAX_MAP_BYTES>> {
-    let mut bytes = Vec::new();
-    let groups = text.chunks_exact(4);
-    if text.is_empty() || !groups.remainder().is_empty() {
+fn decode(text: &str) -> Option<Vec<u8, MAX_MAP_BYTES>> {
+    if text.is_empty() || !text.len().is_multiple_of(4) {
         return None;
     }
-    for group in groups {
-        let mut bits = 0;
-        for character in group {
-            bits = bits << 6 | value(*character)?;
-        }
-        let [_, decoded @ ..] = bits.to_be_bytes();
-        bytes.extend_from_slice(&decoded).ok()?;
-    }
+    let mut bytes = Vec::new();
+    bytes.resize_default(text.len() / 4 * 3).ok()?;
+    Base64Unpadded::decode(text, &mut bytes).ok()?;
     Some(bytes)
-}
-
-fn value(character: u8) -> Option<u32> {
-    let (first, offset) = match character {
-        b'A'..=b'Z' => (b'A', 0),
-        b'a'..=b'z' => (b'a', 26),
-        b'0'..=b'9' => (b'0', 52),
-        b'+' => return Some(62),
-        b'/' => return Some(63),
-        _ => return None,
-    };
-    Some(u32::from(character - first) + offset)
 }
