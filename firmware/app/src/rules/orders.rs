@@ -13,11 +13,10 @@ use proptest::prelude::*;
 use crate::config::Geometry;
 use crate::controller::{Controller, Inputs, Outputs, Tuning};
 use crate::goal::{Mission, Swarm};
-use crate::order::{Halt, Order, Sender, Task, UpdateWish};
+use crate::order::{Halt, Order, Sender, Task};
 use crate::parameters::Parameters;
-use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
-use crate::policy::Installed;
-use crate::testing::{TestRng, source};
+use crate::perception::{LinkHealth, Reading, SensorHealth, Sight};
+use crate::testing::{TestRng, inputs, source};
 
 /// Order, halt, whether it sees, whether it is linked, milliseconds.
 type Step = (Option<Task>, Option<bool>, bool, bool, u64);
@@ -121,27 +120,14 @@ proptest! {
                     book.insert((sent.source.as_str().into(), sent.seq), std::vec::Vec::new());
                 }
                 let inputs = Inputs {
-                    voltage: None,
-                    fix: None,
-                    view: None,
-                    near: &[],
-                    own: 0,
-                    guide: None,
-        leeway: crate::behaviour::Leeway::ALL,
                     reading: Reading {
                         sight: sees.then_some((Sight::Clear, now)),
                         health: SensorHealth::Good,
                         temperature: None,
                     },
-                    charge: Charge::Good,
                     link: if *linked { LinkHealth::Up } else { LinkHealth::Lost },
-                    loaded: true,
-                    motor_fault: false,
                     halt: halt.as_ref(),
-                    order: order.as_ref(),
-                    update: UpdateWish::None,
-            policy: Installed::None,
-            decision: None,
+                    ..inputs(Sight::Clear, now, order.as_ref())
                 };
                 let out: Outputs = controller.step(&inputs, &mut rng, now);
                 for answer in &out.answers {
