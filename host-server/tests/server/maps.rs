@@ -1,7 +1,5 @@
 //! Maps, from robots made of an MQTT client and from simulated ones.
 
-use std::time::Duration;
-
 use crawler_protocol::{Action, Reason, ResponseStatus};
 use rumqttc::v5::mqttbytes::QoS;
 use serde_json::{Value, json};
@@ -105,26 +103,33 @@ async fn a_robot_is_asked_once_for_all_who_look() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_robot_says_why_it_tells_none() {
     let fixture = Fixture::start().await;
-    let mut robot = robot(&fixture, "ada-1").await;
-    for (status, reason, expected) in [
-        (ResponseStatus::Failed, Some(Reason::NoMap), (404, "no_map")),
+    // What one said is good for a second, so each is another one.
+    for (id, status, reason, expected) in [
         (
+            "eve-1",
+            ResponseStatus::Failed,
+            Some(Reason::NoMap),
+            (404, "no_map"),
+        ),
+        (
+            "eve-2",
             ResponseStatus::Rejected,
             Some(Reason::Busy),
             (409, "refused"),
         ),
-        (ResponseStatus::Stale, None, (409, "refused")),
+        ("eve-3", ResponseStatus::Stale, None, (409, "refused")),
     ] {
+        let mut robot = robot(&fixture, id).await;
         let answers = async {
             let seq = asked(&mut robot).await;
             robot.answer(seq, status, reason).await;
         };
-        let both = async { tokio::join!(fixture.get(PATH), answers) };
+        let path = format!("/api/v1/robots/{id}/map");
+        let both = async { tokio::join!(fixture.get(&path), answers) };
         let (told, ()) = within("the answer", both).await;
         told.is_problem(expected.0, expected.1);
-        // What it said is good for a second.
-        tokio::time::sleep(Duration::from_millis(1_100)).await;
     }
+    let robot = robot(&fixture, "ada-1").await;
     // One that says nothing is waited for.
     let told = within("the end of patience", fixture.get(PATH)).await;
     told.is_problem(504, "no_answer");
