@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use crawler_twin::body::Parameters;
-use crawler_twin::detect::{Fault, FaultName};
+use crawler_twin::detect::FaultName;
 use crawler_twin::shadow::{Shadow, View};
 
 use super::args::FollowArgs;
@@ -41,7 +41,7 @@ pub(super) fn run(args: &FollowArgs) -> Result<ExitCode, String> {
         let faults = shadow.faults();
         for fault in faults.iter().filter(|fault| !there.contains(&fault.fault)) {
             named += 1;
-            println!("{at_s:8.1} s  {}", text(fault));
+            println!("{at_s:8.1} s  {fault}");
         }
         for name in &there {
             if !faults.iter().any(|fault| fault.fault == *name) {
@@ -55,15 +55,6 @@ pub(super) fn run(args: &FollowArgs) -> Result<ExitCode, String> {
     let view = view.ok_or_else(|| told(&args.file, "duties and fixes are of different times"))?;
     print!("{}", summary(&view, refused));
     Ok(ExitCode::from(u8::from(named > 0)))
-}
-
-fn text(fault: &Fault) -> String {
-    let name = fault.fault.name();
-    match fault.fault {
-        FaultName::Late => format!("{name}: by {:.1} s", fault.amount),
-        FaultName::TrackerWrong => format!("{name}: {:.0} jumps in half a minute", fault.amount),
-        _ => format!("{name}: {:.0} % is missing", fault.amount * 100.0),
-    }
 }
 
 fn summary(view: &View, refused: u64) -> String {

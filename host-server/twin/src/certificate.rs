@@ -371,7 +371,7 @@ impl Certificate {
         if read.format != FORMAT {
             return Err(CertificateError::Format(read.format));
         }
-        if !read.parameters.is_sound() {
+        if !read.parameters.is_sound() || !(0.0..=1.0).contains(&read.wander) {
             return Err(CertificateError::Unsound);
         }
         Ok(read)

@@ -18,6 +18,8 @@ const THRESHOLD: f64 = 20.0;
 const MOST: f64 = 7.0;
 /// Fixes that a name is found from.
 const LOOK_BACK: usize = 40;
+/// Fixes after it was named by which a name may still become another one.
+const UNSETTLED: u32 = 20;
 /// What is less than this is how bodies are, not a fault.
 const LEAST_AMOUNT: f64 = 0.04;
 /// A wheel that is slower than this may as well stand: when it starts nobody knows to the volt. Metres per second.
@@ -73,6 +75,22 @@ impl FaultName {
             Self::Late => "late",
         }
     }
+
+    /// What it means, for people.
+    #[must_use]
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::LeftWeak => "the left motor makes less of its duty than it did",
+            Self::RightWeak => "the right motor makes less of its duty than it did",
+            Self::BothWeak => {
+                "both motors make less of their duty: the battery, or a brake on the floor"
+            }
+            Self::Slipping => "it turns less than its wheels do",
+            Self::Stuck => "it stands although its wheels are told to turn",
+            Self::TrackerWrong => "the tracker sees it now here, now there",
+            Self::Late => "what it says comes late",
+        }
+    }
 }
 
 /// A fault that was found.
@@ -84,6 +102,23 @@ pub struct Fault {
     pub since_s: f64,
     /// How much: the share that is missing; of `late`, seconds.
     pub amount: f64,
+}
+
+impl std::fmt::Display for Fault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = self.fault.name();
+        match self.fault {
+            FaultName::Late => write!(f, "{name}: by {:.1} s", self.amount),
+            FaultName::TrackerWrong => {
+                write!(f, "{name}: {:.0} jumps in half a minute", self.amount)
+            }
+            _ => write!(
+                f,
+                "{name}: {:.0} % is missing",
+                self.amount.min(1.0) * 100.0
+            ),
+        }
+    }
 }
 
 /// What the wheels did between two fixes.
@@ -128,6 +163,14 @@ impl Kind {
         }
     }
 
+    /// The same where the body is not known.
+    const fn coarse_sizes(self) -> &'static [f64] {
+        match self {
+            Self::Both => &[-0.9],
+            Self::Left | Self::Right | Self::Turn => &[],
+        }
+    }
+
     /// Change of what is expected at a fix for a change of one.
     fn direction(self, sight: &Sight, track_m: f64) -> [f64; 3] {
         let (sin, cos) = sight.heading.sin_cos();
@@ -157,12 +200,18 @@ type Look = [Terms; 4];
 /// See the [module](self).
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Detector {
+    /// Whether the body is not known: then only what shows on any body is named.
+    coarse: bool,
     /// Of each kind and size.
     sums: [[f64; 3]; 4],
     looks: VecDeque<Look>,
     named: Option<(Fault, Kind)>,
-    /// How large it is, from ways between fixes.
-    size: (f64, f64),
+    /// How large each would be, from ways between fixes since then.
+    sizes: [(f64, f64); 4],
+    /// Fixes since it was named.
+    since: u32,
+    /// How large it was when it got its name.
+    first: f64,
     /// Evidence that what was named is over.
     over: f64,
     jumps: VecDeque<f64>,
@@ -171,6 +220,14 @@ pub(crate) struct Detector {
 }
 
 impl Detector {
+    /// One for a robot whose body is not known.
+    pub(crate) fn coarse() -> Self {
+        Self {
+            coarse: true,
+            ..Self::default()
+        }
+    }
+
     /// Whether the body does what it should.
     pub(crate) const fn is_quiet(&self) -> bool {
         self.named.is_none()
@@ -259,11 +316,26 @@ impl Detector {
             (size * terms.innovation - 0.5 * size * size * terms.own).clamp(-MOST, MOST)
         };
         if let Some((fault, kind)) = &mut self.named {
+            for (size, terms) in self.sizes.iter_mut().zip(look) {
+                size.0 += terms.moved;
+                size.1 += terms.way;
+            }
+            self.since += 1;
+            if self.since <= UNSETTLED {
+                // A few fixes blur whose it is; more of them tell.
+                let best = best_of(&self.sizes);
+                let named = name_of(best, amount(self.sizes[best as usize]));
+                let renames = named != fault.fault && (!self.coarse || named == FaultName::Stuck);
+                if renames {
+                    (*kind, fault.fault) = (best, named);
+                    self.first = amount(self.sizes[best as usize]);
+                }
+            }
             let there = look[*kind as usize];
-            self.size.0 += there.moved;
-            self.size.1 += there.way;
-            fault.amount = amount(self.size);
-            self.over = (self.over - ratio(there, -fault.amount)).max(0.0);
+            fault.amount = amount(self.sizes[*kind as usize]);
+            // What is over is less and less on the whole, and must not become too little to be told from nothing.
+            let size = fault.amount.max(0.5 * self.first).max(LEAST_AMOUNT);
+            self.over = (self.over - ratio(there, -size)).max(0.0);
             if self.over > THRESHOLD {
                 self.named = None;
                 self.over = 0.0;
@@ -275,7 +347,12 @@ impl Detector {
         let mut alarmed = false;
         for kind in Kind::ALL {
             let sums = &mut self.sums[kind as usize];
-            for (sum, size) in sums.iter_mut().zip(kind.sizes()) {
+            let sizes = if self.coarse {
+                kind.coarse_sizes()
+            } else {
+                kind.sizes()
+            };
+            for (sum, size) in sums.iter_mut().zip(sizes) {
                 *sum = (*sum + ratio(look[kind as usize], *size)).max(0.0);
                 alarmed |= *sum > THRESHOLD;
             }
@@ -318,28 +395,17 @@ impl Detector {
                 .map(|look| look[kind as usize]);
             of.fold((0.0, 0.0), |(a, b), terms| (a + terms.moved, b + terms.way))
         };
-        let explained = |(moved, way): (f64, f64)| {
-            if moved < 0.0 {
-                moved * moved / way.max(1e-9)
-            } else {
-                0.0
-            }
-        };
-        let kinds = Kind::ALL.into_iter().map(|kind| (kind, size(kind)));
-        let (kind, size) =
-            kinds.max_by(|(_, a), (_, b)| explained(*a).total_cmp(&explained(*b)))?;
-        self.size = size;
-        let amount = amount(self.size);
+        let sizes = Kind::ALL.map(size);
+        let kind = best_of(&sizes);
+        let amount = amount(sizes[kind as usize]);
         if amount < LEAST_AMOUNT {
             return None;
         }
-        let fault = match kind {
-            Kind::Left => FaultName::LeftWeak,
-            Kind::Right => FaultName::RightWeak,
-            Kind::Both if amount > 0.7 => FaultName::Stuck,
-            Kind::Both => FaultName::BothWeak,
-            Kind::Turn => FaultName::Slipping,
-        };
+        let fault = name_of(kind, amount);
+        if self.coarse && fault != FaultName::Stuck {
+            return None;
+        }
+        (self.sizes, self.since, self.first) = (sizes, 0, amount);
         Some((
             Fault {
                 fault,
@@ -348,6 +414,32 @@ impl Detector {
             },
             kind,
         ))
+    }
+}
+
+/// The kind that explains ways between fixes best.
+fn best_of(sizes: &[(f64, f64); 4]) -> Kind {
+    let explained = |kind: Kind| {
+        let (moved, way) = sizes[kind as usize];
+        moved.min(0.0).powi(2) / way.max(1e-9)
+    };
+    let more = |best: Kind, kind: Kind| {
+        if explained(kind) > explained(best) {
+            kind
+        } else {
+            best
+        }
+    };
+    Kind::ALL.into_iter().fold(Kind::Left, more)
+}
+
+const fn name_of(kind: Kind, amount: f64) -> FaultName {
+    match kind {
+        Kind::Left => FaultName::LeftWeak,
+        Kind::Right => FaultName::RightWeak,
+        Kind::Both if amount > 0.7 => FaultName::Stuck,
+        Kind::Both => FaultName::BothWeak,
+        Kind::Turn => FaultName::Slipping,
     }
 }
 

@@ -17,7 +17,7 @@ use crate::drive::{RAMP_PER_S, Timeline, residual};
 use crate::evidence::{Duty, Fix, LATEST_S, Refusal, Row, Supply};
 use crate::identify::{SIGMA_M, SIGMA_RAD, jumps_between};
 use crate::predict::quantile;
-use state::{STRETCH, State};
+use state::{Gains, STRETCH, State};
 
 /// Horizons of the forecast, seconds.
 pub const HORIZONS_S: [f64; 2] = [1.0, 10.0];
@@ -34,8 +34,16 @@ const ALIGNED_S: f64 = 6.0;
 const LATE_S: f64 = 0.3;
 /// How many errors a summary is of.
 const REMEMBERED: usize = 128;
+/// Delays of the last so many seconds, and of as many before, say how late the tracker's fixes come.
+const TRACKED_S: f64 = 60.0;
+/// A delay that differs by more is of a clock that was set, seconds.
+const SET_S: f64 = 3.0;
+/// Of clocks that differ by less what was aligned by one is aligned by the other, seconds.
+const CLOSE_S: f64 = 0.1;
 /// What the heading wanders at least, radians for the root of a metre.
 const WANDER: f64 = 0.015;
+/// What it wanders about where nobody knows how far the wheels act apart.
+const WIDE_WANDER: f64 = 0.08;
 /// Ways of a wheel are off by this for a change of duty of one between two samples, metres per second: when
 /// within the pause it began is not known.
 const RAMP_MPS: f64 = 0.12;
@@ -141,18 +149,43 @@ impl Recent {
     }
 }
 
+/// The least delay of late, of which clocks that run apart make another one.
+#[derive(Debug, Clone, Copy, Default)]
+struct Least {
+    now: Option<f64>,
+    before: Option<f64>,
+    since_s: f64,
+}
+
+impl Least {
+    fn take(&mut self, delay: f64, arrived_s: f64) {
+        if self.now.is_none() || arrived_s - self.since_s > TRACKED_S {
+            (self.before, self.now, self.since_s) = (self.now, None, arrived_s);
+        }
+        self.now = Some(self.now.map_or(delay, |least| least.min(delay)));
+    }
+
+    fn get(&self) -> Option<f64> {
+        let [now, before] = [self.now, self.before].map(|least| least.unwrap_or(f64::INFINITY));
+        Some(now.min(before)).filter(|least| least.is_finite())
+    }
+}
+
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct Shadow {
     parameters: Parameters,
     wander: f64,
+    /// What is believed of the gains where it begins.
+    gains: Gains,
+    /// Whether it takes what it has learned of them along when it begins anew.
+    learns: bool,
     /// Aligned.
     duties: VecDeque<Duty>,
     waiting: VecDeque<Fix>,
     delays: VecDeque<(f64, f64)>,
     mean_delay: f64,
-    /// Least of the tracker so far; only a robot's clock is set now and then.
-    tracker_delay: Option<f64>,
+    tracker_delay: Least,
     last_fix: Option<Fix>,
     /// `None` before the first fix, and when the robot was lost.
     state: Option<State>,
@@ -174,11 +207,13 @@ impl Shadow {
         Self {
             parameters,
             wander: wander.max(WANDER),
+            gains: Gains::CALIBRATED,
+            learns: false,
             duties: VecDeque::new(),
             waiting: VecDeque::new(),
             delays: VecDeque::new(),
             mean_delay: 0.0,
-            tracker_delay: None,
+            tracker_delay: Least::default(),
             last_fix: None,
             state: None,
             open_v: None,
@@ -190,6 +225,20 @@ impl Shadow {
             fixes: 0,
             jumps: 0,
             gaps: 0,
+        }
+    }
+
+    /// A shadow of a robot that nobody has calibrated. It learns what the wheels make of their duty from as far off as
+    /// robots are, and names only what shows on any body: a motor that is weaker than that of the nominal
+    /// body is no fault.
+    #[must_use]
+    pub fn uncalibrated() -> Self {
+        Self {
+            wander: WIDE_WANDER,
+            gains: Gains::WIDE,
+            learns: true,
+            detector: Detector::coarse(),
+            ..Self::new(Parameters::NOMINAL, 0.0)
         }
     }
 
@@ -261,7 +310,7 @@ impl Shadow {
     /// Takes in where the tracker saw it.
     ///
     /// # Errors
-    /// [`Refusal`] for what is no number or not newer.
+    /// [`Refusal`] for what is no number, is not newer, or comes from a clock that jumped.
     pub fn fix(&mut self, fix: Fix) -> Result<(), Refusal> {
         let numbers = [fix.at_s, fix.x, fix.y, fix.theta, fix.sigma_m];
         if !numbers.iter().all(|number| number.is_finite()) {
@@ -270,15 +319,31 @@ impl Shadow {
         if fix.at_s.abs() > LATEST_S
             || fix.x.abs() > 1e3
             || fix.y.abs() > 1e3
+            || fix.theta.abs() > 1e4
             || !(0.0..=1.0).contains(&fix.sigma_m)
         {
             return Err(Refusal::OutOfRange);
         }
-        if let Some(delay) = fix.arrived_s.map(|arrived_s| arrived_s - fix.at_s) {
+        if let Some(arrived_s) = fix.arrived_s {
+            let delay = arrived_s - fix.at_s;
             if !delay.is_finite() {
                 return Err(Refusal::NotANumber);
             }
-            self.tracker_delay = Some(self.tracker_delay.map_or(delay, |least| least.min(delay)));
+            let least = self.tracker_delay.get();
+            if least.is_some_and(|least| (delay - least).abs() > SET_S) {
+                // Its clock was set: all that is known is of times that are no more.
+                self.tracker_delay = Least::default();
+                self.last_fix = None;
+                self.duties.clear();
+                self.forget();
+                self.gaps += 1;
+                return Err(Refusal::ClockJumped);
+            }
+            if least.is_none() && delay.abs() > CLOSE_S {
+                // Until now nobody knew what the tracker's time is.
+                self.duties.clear();
+            }
+            self.tracker_delay.take(delay, arrived_s);
         }
         let last = self.waiting.back().or(self.last_fix.as_ref());
         if last.is_some_and(|last| fix.at_s <= last.at_s) {
@@ -331,10 +396,35 @@ impl Shadow {
         self.mean_delay += (delay - least - self.mean_delay) / 16.0;
         self.detector
             .late(self.mean_delay > LATE_S, arrived_s, self.mean_delay);
-        Ok(at_s + least - self.tracker_delay.unwrap_or(0.0))
+        Ok(at_s + least - self.delay_s())
+    }
+
+    /// Least time from a stamp of the tracker to its arrival of late, seconds; 0 where nobody looked.
+    #[must_use]
+    pub fn delay_s(&self) -> f64 {
+        self.tracker_delay.get().unwrap_or(0.0)
+    }
+
+    /// Whether it knows what the motors are told.
+    #[must_use]
+    pub fn has_duties(&self) -> bool {
+        !self.duties.is_empty()
+    }
+
+    /// Begins where a fix says.
+    fn begin(&mut self, fix: &Fix, sigma: f64) {
+        self.state = Some(State::at(fix, sigma, self.gains));
+    }
+
+    /// Keeps what was learned, for when it begins anew.
+    fn remember(&mut self) {
+        if let (true, Some(state)) = (self.learns, &self.state) {
+            self.gains = state.learned();
+        }
     }
 
     fn forget(&mut self) {
+        self.remember();
         self.state = None;
         self.marks.clear();
         self.waiting.clear();
@@ -419,6 +509,7 @@ impl Shadow {
         if jumped {
             // Carried, or another robot: in either case it is there now, and predictions begin anew.
             self.jumps += 1;
+            self.remember();
             self.state = None;
             self.marks.clear();
         }
@@ -430,12 +521,13 @@ impl Shadow {
         };
         let heading = SIGMA_RAD;
         let Some(mut state) = self.state else {
-            self.state = Some(State::at(&fix, sigma));
+            self.begin(&fix, sigma);
             return;
         };
         if fix.at_s - state.at_s > 0.1 || fix.at_s < state.at_s - 0.1 {
             // Not of the time that is known: it begins anew there.
-            self.state = Some(State::at(&fix, sigma));
+            self.remember();
+            self.begin(&fix, sigma);
             self.marks.clear();
             return;
         }
@@ -457,10 +549,14 @@ impl Shadow {
                 residual.push((fix.x - there.x).hypot(fix.y - there.y));
             }
         }
-        let Some(told) = state.correct(innovation, sigma, heading, self.detector.is_quiet()) else {
-            self.state = Some(State::at(&fix, sigma));
+        let was_quiet = self.detector.is_quiet();
+        let Some(told) = state.correct(innovation, sigma, heading, was_quiet) else {
+            self.begin(&fix, sigma);
             return;
         };
+        if self.learns {
+            state.bound_gains();
+        }
         // Where fixes are noisier than they say, or the body less sure, less follows from each. A fault is
         // in fewer than half of what is remembered by the time at which it is named.
         let noisier = match self.innovations.0.len() {
@@ -470,7 +566,10 @@ impl Shadow {
             }
             _ => 2.5,
         };
-        self.innovations.push(told.square);
+        // What a fault makes of them says nothing about the noise.
+        if was_quiet {
+            self.innovations.push(told.square);
+        }
         let sight = Sight {
             heading: pose.theta,
             ..state.since
@@ -504,6 +603,11 @@ impl Shadow {
         .ahead(&self.parameters, rest);
         state.since = Sight::default();
         self.state = Some(state);
+        if self.learns && !was_quiet && self.detector.is_quiet() {
+            // What was learned before a fault was named is of the fault as well.
+            self.gains = Gains::WIDE;
+            self.begin(&fix, sigma);
+        }
     }
 
     /// What is wrong with it, as far as can be told.

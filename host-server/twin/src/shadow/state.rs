@@ -13,8 +13,28 @@ pub(super) const STRETCH: u32 = 10;
 const STRAY_M: f64 = 0.004;
 /// What a gain wanders, for the root of a second.
 const GAIN_WALK: f64 = 4e-4;
-/// What is not known of a gain at the beginning.
-const GAIN_SIGMA: f64 = 0.02;
+/// What a gain of a robot that nobody has calibrated is off by at most, as a logarithm.
+const WIDEST: f64 = 0.4;
+
+/// What is believed of the gains of both wheels at the beginning: their logarithms, and one deviation of each.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Gains {
+    mean: [f64; 2],
+    sigma: [f64; 2],
+}
+
+impl Gains {
+    /// Of a robot that was calibrated.
+    pub(super) const CALIBRATED: Self = Self {
+        mean: [0.0; 2],
+        sigma: [0.02; 2],
+    };
+    /// Of one that was not.
+    pub(super) const WIDE: Self = Self {
+        mean: [0.0; 2],
+        sigma: [0.15; 2],
+    };
+}
 
 /// See the [module](self).
 #[derive(Debug, Clone, Copy)]
@@ -46,14 +66,14 @@ pub(super) struct Told {
 }
 
 impl State {
-    pub(super) fn at(fix: &Fix, sigma: f64) -> Self {
+    pub(super) fn at(fix: &Fix, sigma: f64, gains: Gains) -> Self {
         let pose = Pose {
             x: fix.x,
             y: fix.y,
             theta: fix.theta,
         };
         let mut covariance = [[0.0; 5]; 5];
-        for (i, sigma) in [sigma, sigma, SIGMA_RAD, GAIN_SIGMA, GAIN_SIGMA]
+        for (i, sigma) in [sigma, sigma, SIGMA_RAD, gains.sigma[0], gains.sigma[1]]
             .into_iter()
             .enumerate()
         {
@@ -63,7 +83,7 @@ impl State {
             at_s: fix.at_s,
             pose,
             driven: pose,
-            gains: [0.0; 2],
+            gains: gains.mean,
             wheels: Wheels::default(),
             covariance,
             steps: 0,
@@ -73,6 +93,20 @@ impl State {
             since: Sight::default(),
             seen: pose,
         }
+    }
+
+    /// What is known of the gains, to begin with another time.
+    pub(super) fn learned(&self) -> Gains {
+        let sigma = [3, 4].map(|i: usize| self.covariance[i][i].max(0.0).sqrt());
+        Gains {
+            mean: self.gains,
+            sigma: [0, 1].map(|k: usize| sigma[k].max(Gains::CALIBRATED.sigma[k])),
+        }
+    }
+
+    /// Keeps the gains where those of a robot can be.
+    pub(super) fn bound_gains(&mut self) {
+        self.gains = self.gains.map(|gain| gain.clamp(-WIDEST, WIDEST));
     }
 
     pub(super) fn speeds(&self) -> [f64; 2] {

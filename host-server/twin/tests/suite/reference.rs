@@ -92,6 +92,7 @@ impl Hidden {
         }
     }
 
+    #[allow(dead_code, reason = "not everybody who has this file asks for it")]
     /// Speed at which a wheel settles on a pack of `volts`, metres per second.
     pub(crate) fn settled(&self, wheel: usize, duty: f64, volts: f64) -> f64 {
         let motor = duty * (volts - self.drop) * self.gain[wheel];

@@ -256,6 +256,121 @@ fn after_a_gap_or_a_new_clock_it_begins_where_the_robot_is() {
 }
 
 #[test]
+fn of_a_robot_that_nobody_calibrated_only_what_shows_on_any_body_is_named() {
+    let (mut off, mut nominal_off) = (Vec::new(), Vec::new());
+    for seed in 0..6 {
+        // A wild body that is none of the nominal one, and later has a motor that is weaker still.
+        let hidden = Hidden {
+            weak: Some((0, 60.0, 0.9)),
+            ..Hidden::draw(7_000 + seed, 0.0)
+        };
+        let story = drive(&hidden, &anyhow(120.0, &mut Random::new(seed)), RATES);
+        let mut shadow = Shadow::uncalibrated();
+        follow(&mut shadow, &story, |_, shadow| {
+            let Some(view) = shadow.view() else { return };
+            assert!(view.faults.is_empty(), "{seed}: {view:?}");
+            let truth = story.truth[(view.at_s * 1e3) as usize];
+            off.push(view.now.pose.distance(truth));
+        });
+        let mut nominal = Shadow::new(Parameters::NOMINAL, 0.0);
+        follow(&mut nominal, &story, |_, shadow| {
+            let Some(view) = shadow.view() else { return };
+            let truth = story.truth[(view.at_s * 1e3) as usize];
+            nominal_off.push(view.now.pose.distance(truth));
+        });
+        let gains = shadow.view().expect("something is known").gains;
+        let [left, right] = [0, 1].map(|k| hidden.settled(k, 0.5, 7.4));
+        let truth = Parameters::NOMINAL.settled(0.5, 7.4);
+        let (left, right) = (left * 0.9 / truth[0], right / truth[1]);
+        println!("{seed}: {gains:?} for about {left:.2} {right:.2}");
+    }
+    let (mine, theirs) = (quantile(&mut off, 0.5), quantile(&mut nominal_off, 0.5));
+    assert!(mine < 0.02 && mine < theirs, "{mine} {theirs}");
+}
+
+#[test]
+fn who_is_held_is_stuck_on_any_body_and_free_again() {
+    for (seed, to) in [(5_301, 100), (5_302, 100), (5_303, 72), (5_304, 72)] {
+        held(seed, 60, to);
+    }
+}
+
+/// Lets a robot be held from one fix to another.
+fn held(seed: u64, from: usize, to: usize) {
+    let hidden = Hidden::draw(seed, 0.0);
+    let story = drive(&hidden, &anyhow(100.0, &mut Random::new(3)), RATES);
+    let there = story.fixes[from];
+    let fixes = story.fixes.iter().enumerate().map(|(i, fix)| {
+        // Afterwards it goes on from where it was held.
+        if (from..to).contains(&i) {
+            let Fix { x, y, theta, .. } = there;
+            Fix {
+                x,
+                y,
+                theta,
+                ..*fix
+            }
+        } else if i >= to {
+            let begun = story.fixes[to];
+            let (x, y) = (fix.x - begun.x + there.x, fix.y - begun.y + there.y);
+            Fix { x, y, ..*fix }
+        } else {
+            *fix
+        }
+    });
+    let held = Story {
+        fixes: fixes.collect(),
+        duties: story.duties.clone(),
+        supply: story.supply.clone(),
+        truth: Vec::new(),
+        way: Vec::new(),
+    };
+    let mut shadow = Shadow::uncalibrated();
+    let mut named = Vec::new();
+    follow_any(&mut shadow, &held, |at_s, shadow| {
+        if let Some(fault) = shadow.faults().first() {
+            assert_eq!(fault.fault, FaultName::Stuck, "{fault:?}");
+            named.push(at_s);
+        }
+    });
+    let (first, last) = (named[0], named[named.len() - 1]);
+    let end_s = to as f64 * 0.5;
+    assert!((30.0..35.0).contains(&first), "{seed}: {first}");
+    assert!(
+        (end_s - 5.0..end_s + 15.0).contains(&last),
+        "{seed}: {last}"
+    );
+}
+
+#[test]
+fn a_tracker_whose_clock_was_set_is_believed_again() {
+    let hidden = Hidden::draw(5_401, 0.0);
+    let story = drive(&hidden, &anyhow(60.0, &mut Random::new(2)), RATES);
+    for set_s in [-1_000.0, 1_000.0] {
+        let moved = |fix: &Fix| Fix {
+            at_s: fix.at_s + if fix.at_s > 30.0 { set_s } else { 0.0 },
+            ..*fix
+        };
+        let other = Story {
+            fixes: story.fixes.iter().map(moved).collect(),
+            duties: story.duties.clone(),
+            supply: story.supply.clone(),
+            truth: Vec::new(),
+            way: Vec::new(),
+        };
+        let mut shadow = shadow(&hidden);
+        let refused = follow_any(&mut shadow, &other, |_, _| {});
+        assert!(refused <= 2, "{refused}");
+        let view = shadow.view().expect("something is known");
+        assert!(view.gaps == 1 && view.faults.is_empty(), "{view:?}");
+        assert!((view.at_s - set_s - 59.0).abs() < 2.0, "{view:?}");
+        let truth = story.truth[((view.at_s - set_s) * 1e3) as usize];
+        assert!(view.now.pose.distance(truth) < 0.05, "{view:?}");
+        assert!((shadow.delay_s() - (0.005 - set_s)).abs() < 0.01);
+    }
+}
+
+#[test]
 fn nothing_is_named_in_hours_of_health() {
     for seed in 0..16 {
         let hidden = Hidden::draw(6_000 + seed, 0.0);
