@@ -100,6 +100,8 @@ pub struct Settings {
     pub release_key: Option<KeyFiles>,
     /// Of which releases a rollout demands a gate that has passed.
     pub require_gate: RequireGate,
+    /// Robots that have a twin at a time; none where it is 0.
+    pub twins: usize,
     /// Log filter in the syntax of `tracing_subscriber::EnvFilter`.
     pub log: String,
     /// How log lines are written.
@@ -270,6 +272,7 @@ impl Settings {
             record: merged.record,
             release_key: merged.release_key,
             require_gate: merged.require_gate.unwrap_or_default(),
+            twins: merged.twins.map_or(crawler_twins::MOST, usize::from),
             log: merged
                 .log
                 .unwrap_or_else(|| "info,rmqtt=error,rmqtt_net=error".into()),

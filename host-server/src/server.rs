@@ -22,6 +22,7 @@ mod start_error;
 mod start_tests;
 mod storage;
 mod stores;
+mod twins;
 mod watch;
 mod worker;
 mod world;

@@ -113,6 +113,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-system",
             "crawler-timeseries",
             "crawler-twin",
+            "crawler-twins",
             "crawler-updates",
         ],
     ),
@@ -187,6 +188,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-sim-protocol",
             "crawler-simulations",
             "crawler-system",
+            "crawler-twins",
             "crawler-updates",
         ],
     ),
@@ -207,6 +209,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
     ("crawler-database", &[]),
     ("crawler-twin", &[]),
+    (
+        "crawler-twins",
+        &["crawler-metrics", "crawler-protocol", "crawler-twin"],
+    ),
     ("crawler-history", &["crawler-database", "crawler-protocol"]),
     (
         "crawler-records",

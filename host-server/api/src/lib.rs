@@ -5,7 +5,7 @@
 //!
 //! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
 //! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
-//! each subject: `robots`, `images`, `maps`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
+//! each subject: `robots`, `images`, `maps`, `twins`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
 //! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
 //! `assets`.
 
@@ -42,6 +42,7 @@ mod sessions;
 mod simulator;
 mod state;
 mod telemetry;
+mod twins;
 mod users;
 mod world;
 
@@ -107,6 +108,9 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 .routes(routes!(robots::logs))
                 .routes(routes!(images::newest))
                 .routes(routes!(maps::one))
+                .routes(routes!(twins::state))
+                .routes(routes!(twins::forecast))
+                .routes(routes!(twins::certificates))
                 .routes(routes!(robots::parameters, robots::set_parameters))
                 .routes(routes!(faults::inject, faults::heal))
                 .routes(routes!(commands::to_robot))

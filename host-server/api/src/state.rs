@@ -26,6 +26,7 @@ use crawler_release::PublicKey;
 use crawler_rollouts::Rollouts;
 use crawler_simulations::Simulation;
 use crawler_system::address::BrokerUrl;
+use crawler_twins::Twins;
 
 /// What a server has that the API serves.
 pub struct Parts {
@@ -35,6 +36,8 @@ pub struct Parts {
     pub commands: Arc<CommandCenter>,
     /// What robots know of their surroundings.
     pub maps: Arc<Maps>,
+    /// Models that follow the robots.
+    pub twins: Arc<Twins>,
     /// The session with the broker.
     pub bus: Arc<Bus>,
     /// The numbers of the server.
@@ -79,6 +82,7 @@ struct Shared {
     fleet: Arc<SharedFleet>,
     commands: Arc<CommandCenter>,
     maps: Arc<Maps>,
+    twins: Arc<Twins>,
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
     feed: Arc<Feed>,
@@ -107,6 +111,7 @@ impl ApiState {
             fleet: parts.fleet,
             commands: parts.commands,
             maps: parts.maps,
+            twins: parts.twins,
             bus: parts.bus,
             metrics: parts.metrics,
             feed: parts.feed,
@@ -144,6 +149,7 @@ parts! {
     fleet: Arc<SharedFleet>,
     commands: Arc<CommandCenter>,
     maps: Arc<Maps>,
+    twins: Arc<Twins>,
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
     feed: Arc<Feed>,

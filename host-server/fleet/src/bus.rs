@@ -72,6 +72,8 @@ pub struct Target {
     pub credentials: Option<(String, String)>,
     /// Whether other servers take part of what robots say all the time, and tell it.
     pub shared: bool,
+    /// Whether it is heard where trackers see robots.
+    pub fixes: bool,
 }
 
 impl Target {
@@ -88,6 +90,7 @@ impl Target {
             client_id: format!("server-{}", crawler_system::text::hex(&id)),
             credentials: url.credentials.clone(),
             shared: false,
+            fixes: false,
         })
     }
 
@@ -278,7 +281,8 @@ async fn set_up(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
     options.set_network_options(network);
 
     let (client, mut events) = AsyncClient::new(options, OUTGOING);
-    let filters = FILTERS.map(|filter| {
+    let fixes = target.fixes.then_some(TopicFilter::Pose);
+    let filters = FILTERS.into_iter().chain(fixes).map(|filter| {
         let text = filter.render(fleet).as_str().to_owned();
         let text = match filter {
             TopicFilter::Heartbeat
@@ -294,6 +298,7 @@ async fn set_up(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
         };
         Filter::new(text, quality(filter.qos()))
     });
+    let filters: Vec<Filter> = filters.collect();
     let mut early = Vec::new();
     loop {
         match events.poll().await.map_err(|error| describe(&error))? {

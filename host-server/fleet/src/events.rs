@@ -78,7 +78,7 @@ impl EventLog {
     }
 
     /// Takes an event that every server of the fleet finds out by itself, from what robots say.
-    pub(super) fn heard(&mut self, level: Level, robot: Option<RobotId>, text: String) {
+    pub fn heard(&mut self, level: Level, robot: Option<RobotId>, text: String) {
         self.add(level, robot, text, Known::Everywhere);
     }
 

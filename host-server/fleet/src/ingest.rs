@@ -7,7 +7,7 @@ use crawler_protocol::open::{
     self, Heartbeat, LogRecord, Open, Read, Response, StatusMessage, Telemetry, Unknown,
 };
 use crawler_protocol::{
-    Detection, Detections, MAX_IMAGE, MAX_MESSAGE, MapSegment, ParametersMessage, RobotId,
+    Detection, Detections, MAX_IMAGE, MAX_MESSAGE, MapSegment, ParametersMessage, PoseFix, RobotId,
     TelemetryEncoding, Topic, TopicError,
 };
 
@@ -181,14 +181,20 @@ impl FleetState {
                 let robot = self.entry(id, now).ok_or(Rejection::Full)?;
                 let last = robot.telemetry.as_ref().map(|last| last.timestamp);
                 let overtaken = relayed && was_overtaken(newest.timestamp, last);
-                if !overtaken {
+                let newest = if overtaken {
+                    Some(Box::new(newest))
+                } else {
                     robot.telemetry = Some(newest);
-                }
+                    None
+                };
                 self.spoke(id, now);
                 if !overtaken && !retained {
                     self.check_fences(id, &earlier);
                 }
-                Received::Telemetry(earlier)
+                Received::Telemetry {
+                    earlier,
+                    overtaken: newest,
+                }
             }
             Topic::Vision(id) => {
                 let message = decode::<Detections>(payload, &mut unknown)?;
@@ -222,6 +228,19 @@ impl FleetState {
                 self.spoke(id, now);
                 Received::Map(Box::new(message))
             }
+            Topic::Pose(id) => {
+                let fix = PoseFix::from_json(payload).map_err(|_| Rejection::Malformed)?;
+                same(id, &fix.robot)?;
+                if is_too_far(fix.pose.x) || is_too_far(fix.pose.y) {
+                    return Err(Rejection::Absurd);
+                }
+                // A tracker says nothing of whether a robot is there, and makes none known.
+                if self.indices.contains_key(id) && !retained {
+                    Received::Fix(Box::new(fix))
+                } else {
+                    Received::Noted
+                }
+            }
             Topic::Parameters(_) if payload.is_empty() => Received::Noted,
             Topic::Parameters(id) => {
                 let message = decode::<ParametersMessage>(payload, &mut unknown)?;
@@ -253,7 +272,6 @@ impl FleetState {
             | Topic::CommandExperiment
             | Topic::ResponseSwarm
             | Topic::Cell { .. }
-            | Topic::Pose(_)
             | Topic::Time
             | Topic::Ota(_)
             | Topic::SimulatorCommand

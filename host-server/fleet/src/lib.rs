@@ -35,7 +35,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use crawler_protocol::open::{Response, Telemetry, Unknown};
-use crawler_protocol::{Fleet, MapSegment, RobotId};
+use crawler_protocol::{Fleet, MapSegment, PoseFix, RobotId};
 
 pub use counts::RobotCounts;
 pub use events::{Event, EventLog, Level};
@@ -70,12 +70,19 @@ pub struct Presences {
 pub enum Received {
     /// Nothing for anybody else.
     Noted,
-    /// Samples of a robot, oldest first, but for the newest, which the robot's entry now has.
-    Telemetry(Vec<Telemetry>),
+    /// Samples of a robot.
+    Telemetry {
+        /// Oldest first, but for the newest.
+        earlier: Vec<Telemetry>,
+        /// The newest of them, where a message that is newer has come already; else the robot's entry now has it.
+        overtaken: Option<Box<Telemetry>>,
+    },
     /// An answer to a command.
     Response(Response),
     /// A part of the map of a robot.
     Map(Box<MapSegment>),
+    /// Where a tracker saw a robot that is known.
+    Fix(Box<PoseFix>),
 }
 
 /// All robots of the fleet.

@@ -16,19 +16,22 @@ pub enum Dropped {
     CommandExpired,
     /// Too many lines wait to be written into the audit log.
     AuditFull,
+    /// Too many words of robots and trackers wait for their twins.
+    TwinsFull,
     /// An address or a user asks for too much.
     RateLimited,
 }
 
 impl Dropped {
     /// Every reason.
-    pub(crate) const ALL: [Self; 7] = [
+    pub(crate) const ALL: [Self; 8] = [
         Self::SlowReader,
         Self::HistoryFull,
         Self::OutboxFull,
         Self::CommandsFull,
         Self::CommandExpired,
         Self::AuditFull,
+        Self::TwinsFull,
         Self::RateLimited,
     ];
 
@@ -41,6 +44,7 @@ impl Dropped {
             Self::CommandsFull => "commands_full",
             Self::CommandExpired => "command_expired",
             Self::AuditFull => "audit_full",
+            Self::TwinsFull => "twins_full",
             Self::RateLimited => "rate_limited",
         }
     }

@@ -129,6 +129,7 @@ fn every_key_is_known_in_every_source() {
         ("record", "r.mcap", "\"r.mcap\""),
         ("release_key", "k.pem,n.pem", "\"k.pem, n.pem\""),
         ("require_gate", "all", "\"all\""),
+        ("twins", "20", "20"),
         ("log", "debug", "\"debug\""),
         ("log_format", "json", "\"json\""),
         ("tls", "on", "\"on\""),

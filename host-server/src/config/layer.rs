@@ -76,7 +76,7 @@ impl From<RequireGate> for GateDemand {
 }
 
 /// Every key, as the file spells it.
-pub(crate) const KEYS: [&str; 28] = [
+pub(crate) const KEYS: [&str; 29] = [
     "fleet",
     "broker",
     "mqtt",
@@ -94,6 +94,7 @@ pub(crate) const KEYS: [&str; 28] = [
     "record",
     "release_key",
     "require_gate",
+    "twins",
     "log",
     "log_format",
     "tls",
@@ -145,6 +146,8 @@ pub struct Layer {
     pub release_key: Option<KeyFiles>,
     /// Of which releases a gate is demanded.
     pub require_gate: Option<RequireGate>,
+    /// Robots that have a twin at a time.
+    pub twins: Option<u16>,
     /// Log filter.
     pub log: Option<String>,
     /// How log lines are written.
@@ -245,6 +248,7 @@ impl Layer {
             "record" => self.record = Some(PathBuf::from(value)),
             "release_key" => self.release_key = parse(value)?,
             "require_gate" => self.require_gate = parse(value)?,
+            "twins" => self.twins = parse(value)?,
             "log" => self.log = Some(value.to_owned()),
             "log_format" => self.log_format = parse(value)?,
             "tls" => self.tls = parse(value)?,
@@ -285,6 +289,7 @@ impl Layer {
         fill(&mut self.record, weaker.record.as_ref());
         fill(&mut self.release_key, weaker.release_key.as_ref());
         fill(&mut self.require_gate, weaker.require_gate.as_ref());
+        fill(&mut self.twins, weaker.twins.as_ref());
         fill(&mut self.log, weaker.log.as_ref());
         fill(&mut self.log_format, weaker.log_format.as_ref());
         fill(&mut self.tls, weaker.tls.as_ref());

@@ -84,6 +84,9 @@ pub struct ServerOptions {
     /// all but those for simulated robots [default: boards]
     #[arg(long, value_enum, value_name = "WHICH", hide_possible_values = false)]
     pub require_gate: Option<RequireGate>,
+    /// Robots that have a twin at a time; 0 for none [default: 1000]
+    #[arg(long, value_name = "N")]
+    pub twins: Option<u16>,
     /// Trials of experiments that run at the same time [default: one for every two processors]
     #[arg(long, value_name = "N")]
     pub experiment_threads: Option<NonZeroU8>,
@@ -110,6 +113,7 @@ impl ServerOptions {
         layer.mqtt_plain = self.tls.mqtt_plain;
         layer.open = self.open;
         layer.require_gate = self.require_gate;
+        layer.twins = self.twins;
         layer.experiment_threads = self.experiment_threads;
         layer.worker_name = self.worker_name;
     }

@@ -59,6 +59,7 @@ pub(super) async fn open(
                 broker: None,
                 target: Target {
                     shared: settings.cache.is_some(),
+                    fixes: settings.twins > 0,
                     ..outside(&inside)?
                 },
                 tunnel,
@@ -96,6 +97,7 @@ async fn embedded(
         client_id: server.user.clone(),
         credentials: Some((server.user.clone(), server.password.to_string())),
         shared: false,
+        fixes: settings.twins > 0,
     };
     Ok(BrokerEndpoints {
         broker: Some(broker),

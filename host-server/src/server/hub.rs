@@ -11,6 +11,7 @@ use super::cluster::{self, OwnLease};
 use super::parts::{PATIENCE, Parts};
 use super::storage::{OwnFiles, Storage};
 use super::stores::Stores;
+use super::twins;
 use crate::config::{EngineUrl, Redis, Settings};
 use crawler_cluster::ClusterMembership;
 use crawler_commands::{CommandCenter, Journal, Outlet};
@@ -21,6 +22,7 @@ use crawler_fleet::maps::{self, Maps};
 use crawler_fleet::recorder::Recorder;
 use crawler_simulations::Simulation;
 use crawler_system::data::DataDir;
+use crawler_twins::Twins;
 
 /// What is known of the fleet and told to it, which the parts of a running server share.
 pub(super) struct Hub {
@@ -29,6 +31,7 @@ pub(super) struct Hub {
     pub(super) bus: Arc<Bus>,
     pub(super) commands: Arc<CommandCenter>,
     pub(super) maps: Arc<Maps>,
+    pub(super) twins: Arc<Twins>,
     pub(super) recorder: Recorder,
     /// The other servers, where there may be any.
     pub(super) membership: Option<Arc<ClusterMembership>>,
@@ -77,11 +80,13 @@ impl Hub {
         }
         fleet.lock().events.record_in(recorder.clone());
         let commands = Arc::new(commands);
+        let twins = twins::start(settings, storage, &fleet, parts)?;
         let hub = Self {
             fleet,
             feed: Arc::new(Feed::new(settings.fleet.clone())),
             bus,
             maps: Arc::new(maps_by(&commands)?),
+            twins,
             commands,
             recorder,
             membership,

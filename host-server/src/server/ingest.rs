@@ -2,22 +2,23 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crawler_cluster::ClusterMembership;
 use crawler_cluster::frame::{Message, OutgoingMessage};
 use crawler_protocol::open::Telemetry;
-use crawler_protocol::{Fleet, Topic};
+use crawler_protocol::{Fleet, RobotId, Topic};
 
 use super::outcome_log::OutcomeLog;
 use crawler_commands::CommandCenter;
 use crawler_fleet::bus::Receiver;
 use crawler_fleet::enforcement::Stops;
 use crawler_fleet::maps::Maps;
-use crawler_fleet::{Incoming, Level, Received, SharedFleet};
+use crawler_fleet::{FleetState, Incoming, Level, Received, SharedFleet};
 use crawler_history::{HistoryStore, Sample};
 use crawler_metrics::{Dropped, Metrics};
 use crawler_system::clock;
+use crawler_twins::Twins;
 
 /// What a sample may be older than the newest one of its message, in milliseconds. Robots send
 /// nothing older than 2 s, unless their link is busy.
@@ -30,6 +31,7 @@ pub(super) struct Ingest {
     pub(super) fleet: Arc<SharedFleet>,
     pub(super) commands: Arc<CommandCenter>,
     pub(super) maps: Arc<Maps>,
+    pub(super) twins: Arc<Twins>,
     pub(super) history: HistoryStore,
     pub(super) metrics: Arc<Metrics>,
     pub(super) membership: Option<Arc<ClusterMembership>>,
@@ -56,9 +58,31 @@ impl Ingest {
             content_type: message.content_type.as_deref(),
             properties: &message.properties,
         };
-        let received = self.fleet.lock().receive(&incoming, now);
+        let received = {
+            let mut fleet = self.fleet.lock();
+            let received = fleet.receive(&incoming, now);
+            if let Ok((Topic::Telemetry(robot), Received::Telemetry { earlier, overtaken })) =
+                &received
+                && let Some(newest) = newest(&fleet, robot, overtaken.as_deref())
+            {
+                self.follow(earlier, newest, now);
+            }
+            received
+        };
         if let Ok((topic, _)) = received {
             self.note(&topic, now);
+        }
+    }
+
+    /// Hands samples of a message to the twins, who take them from there. Those that waited in the robot for the newest
+    /// one have not been on their way for so long.
+    fn follow(&self, earlier: &[Telemetry], newest: &Telemetry, now: Instant) {
+        for sample in earlier.iter().chain([newest]) {
+            let waited = Duration::from_millis(age(sample, newest) as u64);
+            let arrived = now.checked_sub(waited).unwrap_or(now);
+            if self.twins.telemetry(sample, arrived).is_err() {
+                self.metrics.dropped(Dropped::TwinsFull);
+            }
         }
     }
 
@@ -89,10 +113,12 @@ impl Receiver for Ingest {
             let received = fleet.receive(message, now);
             let crossings = fleet.take_crossings();
             // A retained one is of long ago.
-            if let Ok((Topic::Telemetry(robot), Received::Telemetry(earlier))) = &received
+            if let Ok((Topic::Telemetry(robot), Received::Telemetry { earlier, overtaken })) =
+                &received
                 && !message.retained
-                && let Some(newest) = fleet.get(robot).and_then(|robot| robot.telemetry.as_ref())
+                && let Some(newest) = newest(&fleet, robot, overtaken.as_deref())
             {
+                self.follow(earlier, newest, now);
                 let now = clock::now_ms();
                 for telemetry in earlier.iter().chain([newest]) {
                     let sample = Sample::of(telemetry, now - age(telemetry, newest));
@@ -144,7 +170,12 @@ impl Receiver for Ingest {
                         }
                     }
                     Received::Map(segment) => self.maps.segment(&segment),
-                    Received::Noted | Received::Telemetry(_) => {}
+                    Received::Fix(fix) => {
+                        if self.twins.fix(&fix, now).is_err() {
+                            self.metrics.dropped(Dropped::TwinsFull);
+                        }
+                    }
+                    Received::Noted | Received::Telemetry { .. } => {}
                 }
             }
             Err(rejection) => self.metrics.message_rejected(rejection.name()),
@@ -161,6 +192,15 @@ impl Receiver for Ingest {
         };
         self.fleet.lock().events.push(level, None, text);
     }
+}
+
+/// The newest sample of a message that was taken in.
+fn newest<'a>(
+    fleet: &'a FleetState,
+    robot: &RobotId,
+    overtaken: Option<&'a Telemetry>,
+) -> Option<&'a Telemetry> {
+    overtaken.or_else(|| fleet.get(robot)?.telemetry.as_ref())
 }
 
 /// How many milliseconds a sample is older than the newest one of its message. The clock of a robot may

@@ -58,6 +58,8 @@ pub enum StartError {
     NoRecords(String),
     /// There are no threads for experiments.
     Experiments(io::Error),
+    /// There is no thread for twins.
+    Twins(io::Error),
     /// A public key by which releases would be believed cannot be used.
     ReleaseKey(String),
     /// Something that cannot happen did.
@@ -155,6 +157,7 @@ impl fmt::Display for StartError {
             Self::Experiments(cause) => {
                 write!(f, "there are no threads for experiments: {cause}")
             }
+            Self::Twins(cause) => write!(f, "there is no thread for twins: {cause}"),
             Self::ReleaseKey(reason) => write!(f, "{reason} (--release-key)"),
             Self::Internal(what) => write!(f, "internal error: {what}"),
         }

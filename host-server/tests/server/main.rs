@@ -37,3 +37,4 @@ mod simulator;
 mod swarm;
 mod telemetry;
 mod tls;
+mod twins;

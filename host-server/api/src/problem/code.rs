@@ -87,6 +87,7 @@ codes! {
     NoMap NOT_FOUND "no_map",
     NoParameters NOT_FOUND "no_parameters",
     NoSimulator NOT_FOUND "no_simulator",
+    NoTwin NOT_FOUND "no_twin",
 
     // What it asks for.
     BadName UNPROCESSABLE_ENTITY "bad_name",

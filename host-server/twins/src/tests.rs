@@ -1,0 +1,530 @@
+//! Twins in virtual time: robots of the reference reality, heard as a server hears them.
+
+#[path = "../../twin/tests/suite/reference.rs"]
+mod reference;
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use crawler_protocol::{Pose, RobotId};
+use crawler_twin::certificate::{About, Certificate, certify};
+use crawler_twin::detect::FaultName;
+use crawler_twin::evidence::{Duty, Fix, Row, Supply};
+use proptest::prelude::*;
+
+use crate::folder::Refusal;
+use crate::inbox::{MOST_WAITING, Word};
+use crate::notice::Notice;
+use crate::{NoTwin, Twins, Worker};
+use reference::{Hidden, Random, Rates, anyhow, baseline, drive};
+
+/// Unix milliseconds at which a test begins.
+const EPOCH_MS: u64 = 1_800_000_000_000;
+const RATES: Rates = Rates {
+    telemetry: 5,
+    fixes: 2,
+};
+
+/// A folder of its own, which goes with it.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new(name: &str) -> Self {
+        let path =
+            std::env::temp_dir().join(format!("crawler-twins-{name}-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&path);
+        fs::create_dir_all(&path).expect("a folder");
+        Self(path)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.0.join(name), text).expect("written");
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Twins, and what they told so far, with the second at which they did.
+struct Stage {
+    twins: Arc<Twins>,
+    worker: Worker,
+    begun: Instant,
+    program: Arc<Mutex<Option<String>>>,
+    told: Vec<(f64, Notice)>,
+    now_s: f64,
+    mv: u16,
+}
+
+impl Stage {
+    fn new(most: usize, folder: PathBuf) -> Self {
+        let begun = Instant::now();
+        let program = Arc::new(Mutex::new(None));
+        let known = Arc::clone(&program);
+        let (twins, worker) = Twins::new(most, folder, (begun, EPOCH_MS), move |_| {
+            known.lock().expect("a program").clone()
+        });
+        Self {
+            twins,
+            worker,
+            begun,
+            program,
+            told: Vec::new(),
+            now_s: 0.0,
+            mv: 0,
+        }
+    }
+
+    /// Without a folder for certificates.
+    fn bare(most: usize) -> Self {
+        Self::new(most, PathBuf::from("/nonexistent/twins"))
+    }
+
+    fn at(&self, second: f64) -> Instant {
+        self.begun + Duration::from_secs_f64(second)
+    }
+
+    /// Lets rounds pass, a quarter of a second each.
+    fn until(&mut self, second: f64) {
+        while self.now_s + 0.25 <= second {
+            self.now_s += 0.25;
+            let now_s = self.now_s;
+            let notices = self.worker.step(self.at(now_s), unix_ms(now_s));
+            let told = notices.into_iter().map(|notice| (now_s, notice));
+            self.told.extend(told);
+        }
+    }
+
+    fn hear(&mut self, robot: &RobotId, row: &Row) {
+        let arrived_s = row.arrived_s().expect("an arrival");
+        self.until(arrived_s);
+        let (at_s, word) = match row {
+            Row::Duty(Duty { at_s, duty, .. }) => {
+                let (duty, mv) = (duty.map(|duty| duty as f32), self.mv);
+                (at_s, Word::Sample { duty, mv })
+            }
+            Row::Supply(Supply { volts, .. }) => {
+                self.mv = (volts * 1e3) as u16;
+                return;
+            }
+            Row::Fix(fix) => (&fix.at_s, Word::Fix(pose(fix))),
+        };
+        let put = self
+            .twins
+            .put(robot, unix_ms(*at_s), self.at(arrived_s), word);
+        put.expect("room");
+    }
+
+    /// Where a robot is, as fixes and telemetry of somebody who stands.
+    fn stands(&mut self, robot: &RobotId, second: f64, x: f64) {
+        let at = self.at(second);
+        let sample = Word::Sample {
+            duty: [0.0; 2],
+            mv: 7_400,
+        };
+        let place = Pose {
+            x: x as f32,
+            y: 0.0,
+            theta: 0.0,
+            sigma: 0.01,
+        };
+        for word in [sample, Word::Fix(place)] {
+            let put = self.twins.put(robot, unix_ms(second), at, word);
+            put.expect("room");
+        }
+    }
+
+    fn texts(&self) -> Vec<&str> {
+        self.told
+            .iter()
+            .map(|(_, notice)| notice.text.as_str())
+            .collect()
+    }
+}
+
+fn unix_ms(second: f64) -> u64 {
+    (EPOCH_MS as f64 + second * 1e3).round() as u64
+}
+
+fn pose(fix: &Fix) -> Pose {
+    Pose {
+        x: fix.x as f32,
+        y: fix.y as f32,
+        theta: fix.theta as f32,
+        sigma: fix.sigma_m as f32,
+    }
+}
+
+fn id(name: &str) -> RobotId {
+    RobotId::new(name).expect("an id")
+}
+
+/// The certificate of a robot whose calibration drive was heard.
+fn certificate(robot: &RobotId, hidden: &Hidden, build: &str) -> Certificate {
+    let mut script = baseline();
+    script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
+    let rates = Rates {
+        telemetry: 20,
+        fixes: 10,
+    };
+    let healthy = Hidden {
+        weak: None,
+        ..hidden.clone()
+    };
+    let about = About {
+        robot: robot.as_str().to_owned(),
+        build: build.to_owned(),
+        ..About::default()
+    };
+    certify(&drive(&healthy, &script, rates).evidence(), about, None).expect("a certificate")
+}
+
+#[test]
+fn a_motor_that_is_weakened_is_told_of_within_seconds() {
+    for seed in [9_001, 9_007, 9_011, 9_013] {
+        weakened(seed);
+    }
+}
+
+fn weakened(seed: u64) {
+    let (scratch, robot) = (Scratch::new("weak"), id("sim-0001"));
+    let hidden = Hidden {
+        weak: Some((1, 60.0, 0.85)),
+        ..Hidden::draw(seed, 0.0)
+    };
+    let made = certificate(&robot, &hidden, "0.3.0");
+    scratch.write("sim-0001.json", &made.write());
+    let mut stage = Stage::new(10, scratch.0.clone());
+    *stage.program.lock().expect("a program") = Some("0.3.0".to_owned());
+    let story = drive(&hidden, &anyhow(80.0, &mut Random::new(4)), RATES);
+    let mut off = Vec::new();
+    for row in story.rows() {
+        stage.hear(&robot, &row);
+        let now_s = stage.now_s;
+        if let Ok(state) = stage.twins.state(&robot, stage.at(now_s), unix_ms(now_s)) {
+            assert!(state.age < Duration::from_millis(800), "{:?}", state.age);
+            let age_ms = state.age.as_millis() as u64;
+            assert_eq!(state.time_ms + age_ms, unix_ms(now_s));
+            let truth = story.truth[(state.view.at_s * 1e3) as usize];
+            off.push(state.view.now.pose.distance(truth));
+            assert_eq!(
+                state.body.map(|body| body.id().to_owned()).as_deref(),
+                Some(made.id())
+            );
+        }
+    }
+    stage.until(80.0);
+    let [(told_s, notice)] = &stage.told[..] else {
+        panic!("{:?}", stage.told);
+    };
+    assert!((61.0..66.0).contains(told_s), "{told_s}");
+    assert_eq!(notice.robot.as_ref(), Some(&robot));
+    assert!(
+        notice.is_bad && notice.text.starts_with("twin: right_weak: "),
+        "{notice:?}"
+    );
+    off.sort_by(f64::total_cmp);
+    assert!(
+        off.len() > 300 && off[off.len() / 2] < 0.012,
+        "{}",
+        off[off.len() / 2]
+    );
+
+    let now = stage.at(stage.now_s);
+    let state = stage
+        .twins
+        .state(&robot, now, unix_ms(stage.now_s))
+        .expect("a state");
+    let (fault, since_ms) = state.faults[0];
+    assert_eq!(fault.fault, FaultName::RightWeak);
+    assert_eq!(since_ms, unix_ms(told_s - 1.0));
+    let ahead = stage
+        .twins
+        .forecast(&robot, now, unix_ms(stage.now_s))
+        .expect("forecasts");
+    let sigmas: Vec<f64> = ahead
+        .forecasts
+        .iter()
+        .map(|ahead| ahead.at.sigma_m)
+        .collect();
+    assert!(sigmas.len() == 2 && sigmas[0] < sigmas[1], "{sigmas:?}");
+    assert!(
+        ahead.errors[0].count > 50 && ahead.errors[0].median_m < 0.05,
+        "{:?}",
+        ahead.errors
+    );
+}
+
+#[test]
+fn of_a_body_that_nobody_knows_weakness_is_not_told() {
+    let robot = id("wild");
+    let mut stage = Stage::bare(10);
+    let hidden = Hidden {
+        weak: Some((0, 40.0, 0.85)),
+        ..Hidden::draw(9_002, 0.0)
+    };
+    for row in drive(&hidden, &anyhow(80.0, &mut Random::new(5)), RATES).rows() {
+        stage.hear(&robot, &row);
+    }
+    let now = stage.at(stage.now_s);
+    let state = stage
+        .twins
+        .state(&robot, now, unix_ms(stage.now_s))
+        .expect("a state");
+    assert!(state.body.is_none() && state.view.fixes > 100, "{state:?}");
+    assert!(stage.told.is_empty(), "{:?}", stage.told);
+}
+
+#[test]
+fn a_tracker_that_errs_is_told_of_and_that_it_is_over() {
+    let mut stage = Stage::bare(100);
+    let robots: Vec<RobotId> = (0..7).map(|n| id(&format!("robot-{n}"))).collect();
+    // Half a second each: to and fro for a while, and then where they are.
+    for tick in 1..160 {
+        let second = f64::from(tick) * 0.5;
+        let x = if tick < 16 && tick % 4 == 0 { 4.0 } else { 0.0 };
+        for (n, robot) in robots.iter().enumerate() {
+            // The last one is seen where it is.
+            stage.stands(robot, second, if n == 6 { 0.0 } else { x });
+        }
+        stage.until(second);
+    }
+    let texts = stage.texts();
+    assert_eq!(
+        texts,
+        [
+            "6 robots: twin: tracker_wrong: the tracker sees it now here, now there",
+            "6 robots: twin: tracker_wrong is over"
+        ]
+    );
+    let (first, last) = (stage.told[0].0, stage.told[1].0);
+    assert!(
+        (4.0..9.0).contains(&first) && (35.0..50.0).contains(&last),
+        "{first} {last}"
+    );
+    assert!(stage.told[0].1.is_bad && !stage.told[1].1.is_bad && stage.told[0].1.robot.is_none());
+
+    // One alone is named.
+    stage.told.clear();
+    for tick in 0..20 {
+        let second = 80.0 + f64::from(tick) * 0.5;
+        stage.stands(&robots[6], second, if tick % 4 == 0 { 4.0 } else { 0.0 });
+        stage.until(second);
+    }
+    let (_, notice) = &stage.told[0];
+    assert_eq!(notice.robot.as_ref(), Some(&robots[6]));
+    assert!(
+        notice.text.starts_with("twin: tracker_wrong: 3 jumps"),
+        "{notice:?}"
+    );
+}
+
+#[test]
+fn twins_are_so_many_and_who_goes_makes_room() {
+    let mut stage = Stage::bare(2);
+    let [a, b, c] = ["a", "b", "c"].map(id);
+    let known = |stage: &Stage, robot: &RobotId| {
+        let state = stage
+            .twins
+            .state(robot, stage.at(stage.now_s), unix_ms(stage.now_s));
+        state.map(|state| state.view.fixes)
+    };
+    assert_eq!(known(&stage, &a), Err(NoTwin::NoFix));
+    for tick in 1..120 {
+        let second = f64::from(tick) * 0.5;
+        // The first one goes after 10 s.
+        if tick <= 20 {
+            stage.stands(&a, second, 0.0);
+        }
+        stage.stands(&b, second, 1.0);
+        stage.stands(&c, second, 2.0);
+        stage.until(second);
+        if tick == 20 {
+            assert!(known(&stage, &a).is_ok_and(|fixes| fixes > 10));
+            assert_eq!(known(&stage, &c), Err(NoTwin::NoRoom(2)));
+        }
+    }
+    assert!(known(&stage, &c).is_ok() && known(&stage, &b).is_ok());
+    assert_eq!(known(&stage, &a), Err(NoTwin::NoRoom(2)));
+    // With room to spare whoever is silent is remembered for ten minutes.
+    let mut stage = Stage::bare(9);
+    for tick in 1..10 {
+        stage.stands(&a, f64::from(tick), 0.0);
+        stage.until(f64::from(tick));
+    }
+    stage.until(500.0);
+    assert!(known(&stage, &a).is_ok());
+    stage.until(700.0);
+    assert_eq!(known(&stage, &a), Err(NoTwin::NoFix));
+
+    // A fix alone says where it is, and not where it goes.
+    let place = Pose::default();
+    let at = stage.at(701.0);
+    let put = stage.twins.put(&b, unix_ms(701.0), at, Word::Fix(place));
+    put.expect("room");
+    stage.until(702.0);
+    assert_eq!(known(&stage, &b), Err(NoTwin::NoTelemetry));
+    let off = Stage::bare(0);
+    assert_eq!(known(&off, &a), Err(NoTwin::Off));
+}
+
+#[test]
+fn words_that_find_no_room_are_let_go() {
+    let mut stage = Stage::bare(1);
+    let (robot, at) = (id("a"), stage.begun);
+    let put = |stage: &Stage| {
+        stage
+            .twins
+            .put(&robot, EPOCH_MS, at, Word::Fix(Pose::default()))
+    };
+    for _ in 0..MOST_WAITING {
+        put(&stage).expect("room");
+    }
+    put(&stage).expect_err("full");
+    stage.until(0.25);
+    put(&stage).expect("room again");
+    let mut metrics = crawler_metrics::Metrics::new().exposition();
+    stage.until(2.0);
+    stage.twins.write_metrics(&mut metrics);
+    let text = metrics.finish();
+    for line in [
+        "terracrawler_twins{body=\"nominal\"} 1\n".to_owned(),
+        format!("terracrawler_twin_words_total {}\n", MOST_WAITING + 1),
+        format!("terracrawler_twin_words_refused_total {MOST_WAITING}\n"),
+        "terracrawler_twin_words_waiting 0\n".to_owned(),
+        "terracrawler_twin_faults{fault=\"stuck\"} 0\n".to_owned(),
+    ] {
+        assert!(text.contains(&line), "{line} is not in {text}");
+    }
+}
+
+#[test]
+fn a_certificate_is_used_or_it_is_said_why_not() {
+    let scratch = Scratch::new("files");
+    let robot = id("sim-0001");
+    let hidden = Hidden::draw(9_003, 0.0);
+    let mut made = certificate(&robot, &hidden, "0.3.0");
+    made.expires_ms = unix_ms(1_000.0);
+    let text = made.write();
+    scratch.write("good.json", &text.replace("sim-0001", "good"));
+    scratch.write("other.json", &text);
+    scratch.write("none.json", "{}");
+    scratch.write("long.json", &format!("{text}{}", " ".repeat(300_000)));
+    scratch.write(
+        "newer.json",
+        &text.replacen("\"format\": 1", "\"format\": 2", 1),
+    );
+    let wander = text.find("\"wander\": ").expect("a wander");
+    let (head, tail) = text.split_at(wander + 10);
+    scratch.write(
+        "absurd.json",
+        &format!("{head}9{tail}").replace("sim-0001", "absurd"),
+    );
+    scratch.write("No Robot.json", &text);
+    fs::create_dir(scratch.0.join("folder.json")).expect("a folder");
+    let mut stage = Stage::new(10, scratch.0.clone());
+    stage.until(1.0);
+    let refused = |stage: &Stage, name: &str| {
+        let found = stage.twins.certificate(&id(name), unix_ms(stage.now_s));
+        found.map(|found| found.refusal.map(|refusal| refusal.name()))
+    };
+    for (name, why) in [
+        ("good", None),
+        ("other", Some("other_robot")),
+        ("none", Some("no_certificate")),
+        ("long", Some("too_long")),
+        ("newer", Some("other_format")),
+        ("absurd", Some("unsound")),
+        ("folder", Some("unreadable")),
+    ] {
+        assert_eq!(refused(&stage, name), Some(why), "{name}");
+    }
+    assert_eq!(refused(&stage, "sim-0001"), None);
+
+    // What comes later is found, and the twin goes on with it; and without it when it goes.
+    let body = |stage: &Stage| {
+        let state = stage
+            .twins
+            .state(&robot, stage.at(stage.now_s), unix_ms(stage.now_s));
+        state.ok().map(|state| state.body.is_some())
+    };
+    let follow = |stage: &mut Stage, to_s: f64| {
+        while stage.now_s < to_s {
+            let second = stage.now_s + 0.25;
+            stage.stands(&robot, second, 0.0);
+            stage.until(second);
+        }
+    };
+    follow(&mut stage, 5.0);
+    assert_eq!(body(&stage), Some(false));
+    scratch.write("sim-0001.json", &text);
+    follow(&mut stage, 17.0);
+    assert_eq!(body(&stage), Some(true));
+    *stage.program.lock().expect("a program") = Some("0.4.0".to_owned());
+    follow(&mut stage, 29.0);
+    assert_eq!(body(&stage), Some(false));
+    let found = stage
+        .twins
+        .certificate(&robot, unix_ms(29.0))
+        .expect("a file");
+    let other = Refusal::OtherBuild {
+        certificate: "0.3.0".to_owned(),
+        robot: "0.4.0".to_owned(),
+    };
+    assert_eq!(found.refusal, Some(other));
+    assert!(found.certificate.is_some());
+    *stage.program.lock().expect("a program") = None;
+    follow(&mut stage, 41.0);
+    assert_eq!(body(&stage), Some(true));
+    fs::remove_file(scratch.0.join("sim-0001.json")).expect("removed");
+    follow(&mut stage, 53.0);
+    assert_eq!(
+        (body(&stage), refused(&stage, "sim-0001")),
+        (Some(false), None)
+    );
+    stage.until(1_001.0);
+    assert_eq!(refused(&stage, "good"), Some(Some("expired")));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn whatever_is_said_what_twins_know_are_numbers(
+        words in prop::collection::vec(
+            (0..3_usize, any::<bool>(), prop_oneof![4 => 0..40_000_u64, 1 => any::<u64>()], 0..400_u64, any::<[f32; 4]>(), any::<u16>()),
+            0..300,
+        ),
+    ) {
+        let mut stage = Stage::bare(2);
+        let robots = ["a", "b", "c"].map(id);
+        for (robot, is_fix, stamp, later, [a, b, c, d], mv) in words {
+            let timestamp = if stamp < 40_000 { EPOCH_MS + stamp } else { stamp };
+            let word = if is_fix {
+                Word::Fix(Pose { x: a, y: b, theta: c, sigma: d })
+            } else {
+                Word::Sample { duty: [a.clamp(-1.1, 1.1), b.clamp(-1.1, 1.1)], mv }
+            };
+            let at = stage.at(stage.now_s + later as f64 * 1e-3);
+            stage.twins.put(&robots[robot], timestamp, at, word).expect("room");
+            stage.until(stage.now_s + 0.25);
+        }
+        for robot in &robots {
+            let now = stage.at(stage.now_s);
+            if let Ok(state) = stage.twins.state(robot, now, unix_ms(stage.now_s)) {
+                let now = state.view.now;
+                let numbers = [now.pose.x, now.pose.y, now.pose.theta, now.sigma_m, state.view.v];
+                prop_assert!(numbers.iter().all(|number| number.is_finite()), "{:?}", state);
+            }
+            let ahead = stage.twins.forecast(robot, now, unix_ms(stage.now_s));
+            for forecast in ahead.map_or_else(|_| Vec::new(), |ahead| ahead.forecasts) {
+                prop_assert!(forecast.at.pose.x.is_finite() && forecast.at.sigma_m.is_finite());
+            }
+        }
+    }
+}

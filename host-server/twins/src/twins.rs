@@ -1,0 +1,477 @@
+//! The twins of a fleet, and the thread that steps them.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use crawler_metrics::Exposition;
+use crawler_protocol::open::Telemetry;
+use crawler_protocol::{PoseFix, RobotId};
+use crawler_twin::certificate::Certificate;
+use crawler_twin::detect::{Fault, FaultName};
+use crawler_twin::shadow::{Estimate, Forecast, Residual, View};
+
+use crate::folder::{Folder, Read, Refusal, judge};
+use crate::inbox::{Heard, Inbox, Word};
+use crate::notice::{Notice, Turn, notices};
+use crate::twin::{Clock, Twin};
+
+/// Robots that have a twin at a time, unless somebody says otherwise.
+pub const MOST: usize = 1_000;
+/// How long words wait at most until a twin hears them.
+const ROUND: Duration = Duration::from_millis(50);
+/// How often faults are looked at, and who has gone.
+const SWEEP_EVERY: Duration = Duration::from_secs(1);
+/// How often certificates are looked for.
+const LOOK_EVERY: Duration = Duration::from_secs(10);
+/// A robot that nothing is heard of for so long has no twin any more.
+const FORGET_AFTER: Duration = Duration::from_mins(10);
+/// The same where there is no room for another.
+const MAKE_ROOM_AFTER: Duration = Duration::from_secs(30);
+
+/// There was no room for a word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Full;
+
+/// Why nothing is known of a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum NoTwin {
+    /// This server keeps none.
+    Off,
+    /// No tracker has told where it is.
+    NoFix,
+    /// Nor may it be followed: so many others are.
+    NoRoom(usize),
+    /// A tracker sees it, and it does not tell what its motors do, or does not know the time.
+    NoTelemetry,
+    /// It was lost; the next fix will do.
+    Lost,
+}
+
+impl fmt::Display for NoTwin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => f.write_str("this server keeps no twins"),
+            Self::NoFix => f.write_str("no tracker has told where the robot is"),
+            Self::NoRoom(most) => write!(f, "{most} other robots are followed, which is all there is room for"),
+            Self::NoTelemetry => {
+                f.write_str("the robot does not tell what its motors do, or does not know the time")
+            }
+            Self::Lost => f.write_str("the robot was not heard of for a moment; it is followed again from the next fix on"),
+        }
+    }
+}
+
+/// What a twin knows.
+#[derive(Debug, Clone)]
+pub struct State {
+    /// What it says itself.
+    pub view: View,
+    /// Unix milliseconds of that, by this server's clock.
+    pub time_ms: u64,
+    /// How long ago that is.
+    pub age: Duration,
+    /// Whose body it has; `None` for the nominal one.
+    pub body: Option<Arc<Certificate>>,
+    /// Faults that people were told of, each with Unix milliseconds since when.
+    pub faults: Vec<(Fault, u64)>,
+    /// Words that were no evidence.
+    pub refused: u64,
+}
+
+/// Where a robot is and will be.
+#[derive(Debug, Clone)]
+pub struct Ahead {
+    /// Unix milliseconds of `now`, by this server's clock.
+    pub time_ms: u64,
+    /// Where it is.
+    pub now: Estimate,
+    /// Where it will be if its duties stay as they are.
+    pub forecasts: Vec<Forecast>,
+    /// How far off forecasts were.
+    pub errors: Vec<Residual>,
+}
+
+/// A certificate that there is of a robot, or of what is in its place.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// `None` where the file has none.
+    pub certificate: Option<Arc<Certificate>>,
+    /// Why it is not used.
+    pub refusal: Option<Refusal>,
+}
+
+/// How it goes.
+#[derive(Debug, Clone, Default)]
+struct Summary {
+    nominal: usize,
+    certified: usize,
+    faults: BTreeMap<FaultName, usize>,
+    refused: u64,
+}
+
+/// Which program a robot says that it runs, where it does.
+type Program = Box<dyn Fn(&RobotId) -> Option<String> + Send + Sync>;
+
+/// See the [module](self).
+pub struct Twins {
+    most: usize,
+    clock: Clock,
+    inbox: Inbox,
+    robots: Mutex<HashMap<RobotId, Arc<Mutex<Twin>>>>,
+    certificates: Mutex<Arc<HashMap<RobotId, Read>>>,
+    program: Program,
+    summary: Mutex<Summary>,
+}
+
+/// What steps the twins; there is one.
+pub struct Worker {
+    twins: Arc<Twins>,
+    folder: Folder,
+    batch: Vec<Heard>,
+    looked: Option<Instant>,
+    swept: Option<Instant>,
+    /// Words that were no evidence, of twins that are gone.
+    refused: u64,
+}
+
+fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Twins {
+    /// At most `most` twins, whose certificates are in `folder`, from `begun` on, which is `begun_ms` in Unix
+    /// milliseconds; and what steps them. `program` tells which program a robot runs.
+    pub fn new(
+        most: usize,
+        folder: PathBuf,
+        (begun, begun_ms): (Instant, u64),
+        program: impl Fn(&RobotId) -> Option<String> + Send + Sync + 'static,
+    ) -> (Arc<Self>, Worker) {
+        let twins = Arc::new(Self {
+            most,
+            clock: Clock { begun, begun_ms },
+            inbox: Inbox::default(),
+            robots: Mutex::default(),
+            certificates: Mutex::default(),
+            program: Box::new(program),
+            summary: Mutex::default(),
+        });
+        let worker = Worker {
+            twins: Arc::clone(&twins),
+            folder: Folder::new(folder),
+            batch: Vec::new(),
+            looked: None,
+            swept: None,
+            refused: 0,
+        };
+        (twins, worker)
+    }
+
+    /// Whether there are any to be.
+    pub const fn are_on(&self) -> bool {
+        self.most > 0
+    }
+
+    /// Takes what a robot told, without waiting.
+    ///
+    /// # Errors
+    /// [`Full`]; it is let go.
+    pub fn telemetry(&self, sample: &Telemetry, arrived: Instant) -> Result<(), Full> {
+        // Before its clock is set a robot has no time to tell.
+        if !self.are_on() || sample.timestamp == 0 {
+            return Ok(());
+        }
+        let duty = [sample.wheels.left, sample.wheels.right];
+        let mv = sample.battery.mv;
+        self.put(
+            &sample.robot,
+            sample.timestamp,
+            arrived,
+            Word::Sample { duty, mv },
+        )
+    }
+
+    /// Takes where a tracker saw a robot, without waiting.
+    ///
+    /// # Errors
+    /// [`Full`]; it is let go.
+    pub fn fix(&self, fix: &PoseFix, arrived: Instant) -> Result<(), Full> {
+        if !self.are_on() {
+            return Ok(());
+        }
+        self.put(&fix.robot, fix.timestamp, arrived, Word::Fix(fix.pose))
+    }
+
+    pub(crate) fn put(
+        &self,
+        robot: &RobotId,
+        timestamp: u64,
+        arrived: Instant,
+        word: Word,
+    ) -> Result<(), Full> {
+        let heard = Heard {
+            robot: robot.clone(),
+            timestamp,
+            arrived,
+            word,
+        };
+        if self.inbox.put(heard) {
+            Ok(())
+        } else {
+            Err(Full)
+        }
+    }
+
+    /// The twin of a robot.
+    fn get(&self, robot: &RobotId) -> Result<Arc<Mutex<Twin>>, NoTwin> {
+        if !self.are_on() {
+            return Err(NoTwin::Off);
+        }
+        let robots = lock(&self.robots);
+        match robots.get(robot) {
+            Some(twin) => Ok(Arc::clone(twin)),
+            None if robots.len() >= self.most => Err(NoTwin::NoRoom(self.most)),
+            None => Err(NoTwin::NoFix),
+        }
+    }
+
+    /// How long ago the twin's time `at_s` is at `now`.
+    fn age(&self, twin: &Twin, at_s: f64, now: Instant) -> Duration {
+        let seconds = self.clock.seconds(now) - (at_s + twin.shadow.delay_s());
+        Duration::try_from_secs_f64(seconds).unwrap_or_default()
+    }
+
+    /// What is known of a robot at `now`, which is `unix_ms`.
+    ///
+    /// # Errors
+    /// [`NoTwin`].
+    pub fn state(&self, robot: &RobotId, now: Instant, unix_ms: u64) -> Result<State, NoTwin> {
+        let twin = self.get(robot)?;
+        let mut twin = lock(&twin);
+        let view = twin.shadow.view().ok_or_else(|| reason(&twin))?;
+        let age = self.age(&twin, view.at_s, now);
+        let before = |moment: Instant| ms(now.saturating_duration_since(moment));
+        let faults = twin.told();
+        Ok(State {
+            time_ms: unix_ms.saturating_sub(ms(age)),
+            age,
+            faults: faults
+                .map(|alarm| (alarm.fault, unix_ms.saturating_sub(before(alarm.since))))
+                .collect(),
+            body: twin.body.clone(),
+            refused: twin.refused,
+            view,
+        })
+    }
+
+    /// Where a robot is at `now`, which is `unix_ms`, and will be.
+    ///
+    /// # Errors
+    /// [`NoTwin`].
+    pub fn forecast(&self, robot: &RobotId, now: Instant, unix_ms: u64) -> Result<Ahead, NoTwin> {
+        let twin = self.get(robot)?;
+        let mut twin = lock(&twin);
+        let view = twin.shadow.view().ok_or_else(|| reason(&twin))?;
+        let age = self.age(&twin, view.at_s, now);
+        Ok(Ahead {
+            time_ms: unix_ms.saturating_sub(ms(age)),
+            now: view.now,
+            forecasts: twin.shadow.forecast(),
+            errors: view.residuals,
+        })
+    }
+
+    /// What there is in the place of the certificate of a robot; `None` where there is nothing.
+    pub fn certificate(&self, robot: &RobotId, unix_ms: u64) -> Option<Found> {
+        let certificates = Arc::clone(&lock(&self.certificates));
+        let read = certificates.get(robot)?;
+        let program = (self.program)(robot);
+        Some(Found {
+            certificate: read.as_ref().ok().cloned(),
+            refusal: judge(read, program.as_deref(), unix_ms).err(),
+        })
+    }
+
+    /// The body that the twin of a robot is to have.
+    fn body(&self, robot: &RobotId, unix_ms: u64) -> Option<Arc<Certificate>> {
+        let found = self.certificate(robot, unix_ms)?;
+        found.certificate.filter(|_| found.refusal.is_none())
+    }
+
+    /// How it goes.
+    pub fn write_metrics(&self, out: &mut Exposition) {
+        let summary = lock(&self.summary).clone();
+        out.gauges(
+            "terracrawler_twins",
+            "Robots that are followed by a twin, by its body",
+            "body",
+            [
+                ("nominal", summary.nominal),
+                ("certificate", summary.certified),
+            ],
+        );
+        let count = |name: FaultName| summary.faults.get(&name).copied().unwrap_or(0);
+        out.gauges(
+            "terracrawler_twin_faults",
+            "Robots that their twin finds something wrong with, by what",
+            "fault",
+            FaultName::ALL.map(|name| (name.name(), count(name))),
+        );
+        out.counter(
+            "terracrawler_twin_words",
+            "Samples of robots and fixes of trackers that twins have heard",
+            self.inbox.taken() as f64,
+        );
+        out.counter(
+            "terracrawler_twin_words_refused",
+            "Those of them that are no evidence: doubled, out of range, or of a clock that was set",
+            summary.refused as f64,
+        );
+        out.gauge(
+            "terracrawler_twin_words_waiting",
+            "Words that twins have not heard yet",
+            self.inbox.len() as f64,
+        );
+    }
+}
+
+impl fmt::Debug for Twins {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let count = lock(&self.robots).len();
+        f.debug_struct("Twins")
+            .field("count", &count)
+            .finish_non_exhaustive()
+    }
+}
+
+fn ms(span: Duration) -> u64 {
+    u64::try_from(span.as_millis()).unwrap_or(u64::MAX)
+}
+
+/// Why a twin knows nothing.
+fn reason(twin: &Twin) -> NoTwin {
+    if twin.shadow.has_duties() {
+        NoTwin::Lost
+    } else {
+        NoTwin::NoTelemetry
+    }
+}
+
+impl Worker {
+    /// Steps the twins until `stops`, and tells what there is to tell.
+    pub fn run(
+        mut self,
+        stops: impl Fn() -> bool,
+        unix_ms: impl Fn() -> u64,
+        tell: impl Fn(Vec<Notice>),
+    ) {
+        while !stops() {
+            let notices = self.step(Instant::now(), unix_ms());
+            if !notices.is_empty() {
+                tell(notices);
+            }
+            std::thread::sleep(ROUND);
+        }
+    }
+
+    /// One round, at `now`, which is `unix_ms`: hears what waits, and does what is due. Returns what there is to tell.
+    pub fn step(&mut self, now: Instant, unix_ms: u64) -> Vec<Notice> {
+        let is_due = |last: Option<Instant>, every: Duration| {
+            last.is_none_or(|last| now.saturating_duration_since(last) >= every)
+        };
+        let mut turns = Vec::new();
+        if is_due(self.looked, LOOK_EVERY) {
+            self.looked = Some(now);
+            self.look(unix_ms, &mut turns);
+        }
+        let mut batch = std::mem::take(&mut self.batch);
+        self.twins.inbox.swap(&mut batch);
+        for heard in &batch {
+            self.hear(heard, unix_ms);
+        }
+        self.batch = batch;
+        if is_due(self.swept, SWEEP_EVERY) {
+            self.swept = Some(now);
+            self.sweep(now, &mut turns);
+        }
+        notices(turns)
+    }
+
+    fn hear(&self, heard: &Heard, unix_ms: u64) {
+        let twins = &self.twins;
+        let known = lock(&twins.robots).get(&heard.robot).cloned();
+        let twin = match (known, heard.word) {
+            (Some(twin), _) => twin,
+            (None, Word::Fix(_)) => {
+                // Whose telemetry alone is heard cannot be followed.
+                if lock(&twins.robots).len() >= twins.most {
+                    return;
+                }
+                let body = twins.body(&heard.robot, unix_ms);
+                let twin = Arc::new(Mutex::new(Twin::new(body, heard.arrived)));
+                lock(&twins.robots).insert(heard.robot.clone(), Arc::clone(&twin));
+                twin
+            }
+            (None, Word::Sample { .. }) => return,
+        };
+        lock(&twin).take(heard, &twins.clock);
+    }
+
+    /// Looks for certificates, and gives twins the bodies that they are to have.
+    fn look(&mut self, unix_ms: u64, turns: &mut Vec<(RobotId, Turn)>) {
+        if self.folder.look() {
+            *lock(&self.twins.certificates) = Arc::new(self.folder.all());
+        }
+        for (robot, twin) in self.all() {
+            let body = self.twins.body(&robot, unix_ms);
+            let mut twin = lock(&twin);
+            if twin.body != body {
+                let lost = twin.set_body(body).into_iter();
+                turns.extend(lost.map(|turn| (robot.clone(), turn)));
+            }
+        }
+    }
+
+    fn all(&self) -> Vec<(RobotId, Arc<Mutex<Twin>>)> {
+        let robots = lock(&self.twins.robots);
+        let all = robots.iter();
+        all.map(|(robot, twin)| (robot.clone(), Arc::clone(twin)))
+            .collect()
+    }
+
+    /// Looks at faults, and forgets who has gone.
+    fn sweep(&mut self, now: Instant, turns: &mut Vec<(RobotId, Turn)>) {
+        let all = self.all();
+        let patience = if all.len() >= self.twins.most {
+            MAKE_ROOM_AFTER
+        } else {
+            FORGET_AFTER
+        };
+        let mut summary = Summary::default();
+        for (robot, twin) in all {
+            let mut twin = lock(&twin);
+            let gone = now.saturating_duration_since(twin.heard) >= patience;
+            let found = if gone { twin.end() } else { twin.look(now) };
+            turns.extend(found.into_iter().map(|turn| (robot.clone(), turn)));
+            if gone {
+                self.refused += twin.refused;
+                lock(&self.twins.robots).remove(&robot);
+                continue;
+            }
+            summary.refused += twin.refused;
+            match twin.body {
+                Some(_) => summary.certified += 1,
+                None => summary.nominal += 1,
+            }
+            for alarm in twin.told() {
+                *summary.faults.entry(alarm.fault.fault).or_default() += 1;
+            }
+        }
+        summary.refused += self.refused;
+        *lock(&self.twins.summary) = summary;
+    }
+}
