@@ -7,8 +7,19 @@ import { browser, mock } from './arena-steps.mjs'
 import { fail, finish, guarded } from './checks.mjs'
 import { byFences } from './fences.mjs'
 import { byMaps } from './maps.mjs'
+import { byTwins } from './twins.mjs'
 
-const ALL = [byMouse, byKeyboard, byGamepad, cutOff, byFinger, byThousands, byFences, byMaps]
+const ALL = [
+  byMouse,
+  byKeyboard,
+  byGamepad,
+  cutOff,
+  byFinger,
+  byThousands,
+  byFences,
+  byMaps,
+  byTwins,
+]
 /** `ROUND=byFences` takes this alone. */
 const ROUNDS = ALL.filter(({ name }) => [undefined, name].includes(process.env.ROUND))
 

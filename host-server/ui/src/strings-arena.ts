@@ -23,6 +23,9 @@ export const words = {
   map: 'Map and plan',
   mapHint: 'What the selected robot has noticed around itself, and the way that it has planned',
   mapFailed: 'The part of the page that shows maps could not be loaded: reload the page.',
+  twin: 'Twin',
+  twinHint: 'Where the selected robot is by what its motors did, and where it will be in a second',
+  twinFailed: 'The part of the page that shows twins could not be loaded: reload the page.',
   putIn: 'Put things in…',
   putInHint: 'Obstacles and coloured objects, on the page of the simulation',
   extent: { all: 'All', selected: 'Selected', none: 'None' },
@@ -61,6 +64,7 @@ export const words = {
     fence:
       'A fence has its hatching where robots must not be; a whole line stops them, a dashed one warns.',
     map: 'The map of a robot: filled cells are blocked, hollow ones were looked through since. Dots lead along its planned way; a ring is where it drives to now, a ring with a cross its goal.',
+    twin: 'The twin of a robot: a dashed outline where it is by what its motors did and a tracker saw, a dotted one where it will be in a second; the discs hold nineteen of twenty.',
     stale: 'Hatched: not heard of for a while. Hollow: offline.',
   },
   pad: {

@@ -15,6 +15,7 @@ import { createFleet } from './fleet.mjs'
 import { createRecord } from './record.mjs'
 import { createReleases } from './releases.mjs'
 import { createRollouts } from './rollouts.mjs'
+import { createTwins } from './twins.mjs'
 import { createWorld } from './world.mjs'
 
 const DIST = fileURLToPath(new URL('../../dist/', import.meta.url))
@@ -57,6 +58,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   const experiments = createExperiments({ clock })
   const fences = createFences({ world, clock, crossed })
   const maps = createMaps({ find: (id) => fleet.find(id), clock })
+  const twins = createTwins({ find: (id) => fleet.find(id), clock })
   const releases = createReleases({ clock })
   const rollouts = createRollouts({ clock, releases: releases.releases, robots: world.robots })
   const record = createRecord({ world, clock, robots, seed })
@@ -167,6 +169,8 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     if (fenced !== null) return json(response, fenced.status, fenced.body)
     const mapped = maps.answer(request.method, parts)
     if (mapped !== null) return json(response, mapped.status, mapped.body)
+    const followed = twins.answer(request.method, parts)
+    if (followed !== null) return json(response, followed.status, followed.body)
     const released = releases.answer(request.method, parts, body, name)
     if (released !== null) return json(response, released.status, released.body)
     const rolled = rollouts.answer(request.method, parts, url, body, name)
@@ -275,6 +279,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     answering,
     fences: fences.fences,
     maps,
+    twins,
     accounts,
     experiments,
     releases: releases.releases,

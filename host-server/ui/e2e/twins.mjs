@@ -1,0 +1,67 @@
+// The twin of the selected robot, against the mock: off at first, asked for only while somebody looks, and only that of
+// the robot that is selected; in words as well as in the picture. And what it finds wrong, on the page of the robot.
+
+import { id, mock, open, soon, standing } from './arena-steps.mjs'
+import { axe, check, expect, pause, picture } from './checks.mjs'
+
+const said = (page) => id(page, 'twin-words').textContent()
+const shown = (page) => id(page, 'twin-words').getAttribute('data-twin')
+
+async function select(page, robot) {
+  await id(page, 'search').fill(robot)
+  await page.locator(`[data-testid=robot-row][data-robot-id="${robot}"]`).click()
+  await id(page, 'search').fill('')
+}
+
+export async function byTwins() {
+  const page = await open()
+  await standing(page)
+  const [one, two] = mock.world.robots.filter(({ presence }) => presence === 'online')
+  mock.twins.asked.length = 0
+
+  await check('twins: nobody is asked for before somebody looks', async () => {
+    await select(page, one.id)
+    await pause(1_000)
+    expect(mock.twins.asked.length === 0, `asked ${mock.twins.asked.join()}`)
+  })
+
+  await check('twins: the layer shows that of the robot that is selected', async () => {
+    await id(page, 'layers').click()
+    await id(page, 'twin').selectOption('selected')
+    await soon('no twin', async () => (await id(page, 'twin-words').count()) === 1)
+    await soon(
+      'not shown',
+      async () => (await shown(page)) === one.id,
+      () => said(page),
+    )
+    const words = await said(page)
+    expect(words.includes('± 1.2 cm') && words.includes('in 1 s'), words)
+    const times = mock.twins.asked.length
+    await soon('it is not asked again', () => mock.twins.asked.length > times + 1)
+    await id(page, 'layers').click()
+    await picture(page, 'twin')
+    await axe(page, 'axe-core, a twin')
+    await select(page, two.id)
+    await soon('still the one before', async () => (await shown(page)) === two.id)
+  })
+
+  await check('twins: nobody is asked for any more when it is switched off', async () => {
+    await id(page, 'layers').click()
+    await id(page, 'twin').selectOption('none')
+    await soon('something is said', async () => (await id(page, 'twin-words').count()) === 0)
+    const before = mock.twins.asked.length
+    await pause(1_000)
+    expect(mock.twins.asked.length <= before + 1, `${mock.twins.asked.length - before} times`)
+  })
+
+  await check('twins: the page of a robot says what is wrong with it', async () => {
+    mock.twins.weak.add(one.id)
+    await page.goto(`${mock.url}/#/robots/${one.id}`)
+    await soon('no fault', async () => (await id(page, 'twin-fault').count()) === 1)
+    const words = await id(page, 'twin-fault').textContent()
+    expect(words.includes('Left motor weak: 12 % is missing'), words)
+    await axe(page, 'axe-core, a fault')
+    mock.twins.weak.delete(one.id)
+    await soon('still there', async () => (await id(page, 'twin-well').count()) === 1)
+  })
+}
