@@ -57,12 +57,16 @@ fn fleet(arguments: &[String]) -> Outcome {
     run::cargo(&line)
 }
 
-/// Twins of hidden robots: what they are found to be, and how well what they do is foretold.
+/// Twins of hidden robots: what they are found to be, how well what they do is foretold, and what those of a large fleet
+/// cost a server.
 fn twin(arguments: &[String]) -> Outcome {
-    let mut line = vec!["run", "--release", "--locked", "--quiet", "--package"];
-    line.extend(["crawler-twin", "--example", "study", "--"]);
-    line.extend(arguments.iter().map(String::as_str));
-    run::cargo(&line)
+    for (package, example) in [("crawler-twin", "study"), ("crawler-twins", "live")] {
+        let mut line = vec!["run", "--release", "--locked", "--quiet", "--package"];
+        line.extend([package, "--example", example, "--"]);
+        line.extend(arguments.iter().map(String::as_str));
+        run::cargo(&line)?;
+    }
+    Ok(())
 }
 
 /// The control room in a real browser: what it costs the page's main thread.
