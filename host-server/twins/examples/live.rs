@@ -213,7 +213,7 @@ fn main() {
     );
     println!("| words that found no room | {refused} |");
     println!(
-        "| twins at the end, with their certificates | {} , {certified} |",
+        "| twins at the end, with their certificates | {}, {certified} |",
         ages.len()
     );
     if let (Some(middle), Some(last)) = (ages.get(ages.len() / 2), ages.last()) {
