@@ -8,7 +8,9 @@ mod targets;
 use std::fs;
 use std::path::Path;
 
-use crawler_protocol::{Command, MAX_DEPTH, MAX_MESSAGE, Reason};
+use crawler_protocol::{
+    CellDigest, Command, DecodeError, FaultCommand, MAX_DEPTH, MAX_MESSAGE, PoseFix, Reason,
+};
 use proptest::prelude::*;
 use targets::TARGETS;
 
@@ -191,7 +193,72 @@ fn what_is_nested_to_the_limit_is_read_and_no_deeper() {
     }
 }
 
+/// What is read in one pass is judged as if its syntax had been proved first.
+#[test]
+fn a_message_that_is_no_json_is_malformed_whatever_else_is_wrong_with_it() {
+    let pose = |text: &str| PoseFix::from_json(text.as_bytes()).unwrap_err();
+    for wrong in [
+        r#""x":true"#,
+        r#""nobody":1"#,
+        r#""x":1,"x":2"#,
+        r#""x":1e999"#,
+        r#""robot":"sim-0001""#,
+    ] {
+        for (whole, end) in [(true, "}"), (false, ""), (false, "}}"), (false, ",}")] {
+            let error = pose(&format!("{{{wrong}{end}"));
+            assert_eq!(
+                error != DecodeError::Malformed,
+                whole,
+                "{wrong}{end}: {error}"
+            );
+        }
+    }
+}
+
+/// Fields that a fault's name is read without may lie no deeper than others.
+#[test]
+fn what_is_passed_over_is_no_deeper_than_what_is_read() {
+    for (levels, malformed) in [(MAX_DEPTH - 1, false), (MAX_DEPTH, true)] {
+        let (open, close) = ("[".repeat(levels.into()), "]".repeat(levels.into()));
+        let text = format!(r#"{{"command":"no such","x":{open}{close}}}"#);
+        let result = FaultCommand::from_json(text.as_bytes());
+        assert_eq!(
+            result == Err(DecodeError::Malformed),
+            malformed,
+            "{levels}: {result:?}"
+        );
+    }
+}
+
 proptest! {
+    /// Digests with a piece cut out, doubled or overwritten.
+    #[test]
+    fn damaged_digests(
+        robots in 0_u8..4,
+        cut in any::<(u16, u8)>(),
+        patch in proptest::collection::vec(proptest::sample::select(br#"{}[]":,\0e-.x "#.to_vec()), 0..6),
+    ) {
+        let one = |i| format!(r#"{{"id":"r{i}","x":1.5,"y":-2,"theta":0.25,"v":0,"w":1e-3}}"#);
+        let robots: Vec<_> = (0..robots).map(one).collect();
+        let text = format!(
+            r#"{{"x":0,"y":-1,"timestamp":17,"count":{},"robots":[{}]}}"#,
+            robots.len(),
+            robots.join(","),
+        );
+        prop_assert!(CellDigest::from_json(text.as_bytes()).is_ok());
+        let mut data = text.into_bytes();
+        let from = usize::from(cut.0) % data.len();
+        let to = (from + usize::from(cut.1 % 24)).min(data.len());
+        data.splice(from..to, patch);
+        let read = CellDigest::from_json(&data);
+        if serde_json::from_slice::<serde::de::IgnoredAny>(&data).is_err() {
+            prop_assert_eq!(read, Err(DecodeError::Malformed));
+        } else if data.iter().filter(|byte| b"{[".contains(byte)).count() < usize::from(MAX_DEPTH) {
+            // Half a pair of surrogates is JSON to others; there is none of them here.
+            prop_assert_ne!(read, Err(DecodeError::Malformed));
+        }
+    }
+
     #[test]
     fn arbitrary_bytes(data in proptest::collection::vec(any::<u8>(), 0..1100)) {
         for (_, body) in TARGETS {

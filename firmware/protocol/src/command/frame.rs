@@ -3,7 +3,7 @@
 use heapless::{String, Vec};
 
 use super::{CommandName, MAX_SET, Places};
-use crate::json::{MAX_DEPTH, Reader, Text, Value};
+use crate::json::{self, MAX_DEPTH, Reader, Text, Value};
 use crate::{DecodeError, MAX_MESSAGE, Reason, Source};
 
 /// A parameter as it stands in the text.
@@ -92,10 +92,9 @@ impl Frame {
         let mut reader = Reader::new(text);
         let Value::Object = reader.value()? else {
             // Some other JSON value: right syntax, wrong type; unless the syntax is wrong too.
-            let mut proof = Reader::new(text);
-            proof.skip(MAX_DEPTH)?;
+            json::prove(text)?;
             self.blame(Reason::WrongType);
-            return proof.end();
+            return Ok(());
         };
         reader.open_object()?;
         let mut met = 0;

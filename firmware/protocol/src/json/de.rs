@@ -1,4 +1,4 @@
-//! A serde deserializer over text whose syntax is already proved.
+//! A serde deserializer over text. What it has read is known to be JSON.
 
 use core::fmt;
 
@@ -82,6 +82,7 @@ type Fields = Option<&'static [&'static str]>;
 
 pub(super) struct Deserializer<'de, S> {
     reader: Reader<'de>,
+    skipped: bool,
     pub(super) strictness: S,
 }
 
@@ -89,8 +90,24 @@ impl<'de, S: Strictness> Deserializer<'de, S> {
     pub(super) const fn new(text: &'de str, strictness: S) -> Self {
         Self {
             reader: Reader::new(text),
+            skipped: false,
             strictness,
         }
+    }
+
+    /// Sees that nothing follows.
+    pub(super) fn end(&mut self) -> Result<(), DecodeError> {
+        self.reader.end()
+    }
+
+    /// Whether values were passed over, which may be too deep.
+    pub(super) const fn has_skipped(&self) -> bool {
+        self.skipped
+    }
+
+    fn skip(&mut self) -> Result<(), DecodeError> {
+        self.skipped = true;
+        self.reader.skip(MAX_DEPTH)
     }
 
     /// Hands over a value that is no number.
@@ -281,7 +298,7 @@ impl<'de, S: Strictness> de::Deserializer<'de> for &mut Deserializer<'de, S> {
     }
 
     fn deserialize_ignored_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, DecodeError> {
-        self.reader.skip(MAX_DEPTH)?;
+        self.skip()?;
         visitor.visit_unit()
     }
 
@@ -320,8 +337,7 @@ impl<'de, S: Strictness> de::MapAccess<'de> for Members<'_, 'de, S> {
         while let Some(name) = self.de.reader.member(self.first)? {
             self.first = false;
             if S::TOLERANT && !is_one_of(self.fields, name) {
-                // The first pass has proved that it is no deeper than this.
-                self.de.reader.skip(MAX_DEPTH)?;
+                self.de.skip()?;
                 self.de.strictness.passed_over();
                 continue;
             }

@@ -1,8 +1,10 @@
 //! JSON without heap.
 //!
 //! Reading is strict: one value, in UTF-8, of at most [`MAX_MESSAGE`] bytes and [`MAX_DEPTH`]
-//! levels, with nothing after it. A first pass proves the syntax, a second gives it meaning, so
-//! that what is not JSON is always called [`DecodeError::Malformed`], whatever it seems to say.
+//! levels, with nothing after it. What is not JSON is always called [`DecodeError::Malformed`],
+//! whatever it seems to say: when a value is refused, a second pass over the whole text tells whether
+//! the syntax is to blame. A value that is taken has been read to its end by the grammar, so that what robots
+//! hear most is read once.
 
 mod de;
 mod read;
@@ -119,10 +121,24 @@ pub(crate) fn read<'de, T: Deserialize<'de>, S: Strictness>(
         return Err(DecodeError::TooLarge);
     }
     let text = core::str::from_utf8(payload).map_err(|_| DecodeError::Malformed)?;
+    let mut deserializer = de::Deserializer::new(text, strictness);
+    let value = T::deserialize(&mut deserializer).and_then(|value| {
+        deserializer.end()?;
+        Ok(value)
+    });
+    // What was passed over is known to be JSON, and not how deep it lay.
+    if value.is_err() || deserializer.has_skipped() {
+        prove(text)?;
+    }
+    Ok((value?, deserializer.strictness))
+}
+
+/// Proves that a text is one value of at most [`MAX_DEPTH`] levels.
+///
+/// # Errors
+/// [`DecodeError::Malformed`] when it is not.
+pub(crate) fn prove(text: &str) -> Result<(), DecodeError> {
     let mut proof = Reader::new(text);
     proof.skip(MAX_DEPTH)?;
-    proof.end()?;
-    let mut deserializer = de::Deserializer::new(text, strictness);
-    let value = T::deserialize(&mut deserializer)?;
-    Ok((value, deserializer.strictness))
+    proof.end()
 }

@@ -3,7 +3,7 @@
 
 use super::{BuildId, ReleaseId, UpdateCommand, UpdateDelta, UpdateName};
 use crate::MAX_MESSAGE;
-use crate::json::{DecodeError, MAX_DEPTH, Reader, Text, Value};
+use crate::json::{DecodeError, MAX_DEPTH, Reader, Text, Value, prove};
 
 /// Longest name of a field, and of a message.
 const MAX_NAME: usize = 16;
@@ -14,9 +14,7 @@ pub(super) fn command(payload: &[u8]) -> Result<Option<UpdateCommand>, DecodeErr
         return Err(DecodeError::TooLarge);
     }
     let text = core::str::from_utf8(payload).map_err(|_| DecodeError::Malformed)?;
-    let mut proof = Reader::new(text);
-    proof.skip(MAX_DEPTH)?;
-    proof.end()?;
+    prove(text)?;
 
     // What it is, whatever stands beside it.
     let mut update = None;
