@@ -9,11 +9,13 @@
 //! to sockets.
 
 use std::pin::{Pin, pin};
+use std::ptr::from_ref;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll, Wake, Waker};
 
+use branches::prefetch_read_data;
 use crawler_hal::Instant;
 
 mod clock;
@@ -33,6 +35,15 @@ const STALE_ENTRIES: usize = 1024;
 /// Polls a task may take on average within one moment. A robot's link, the busiest of all, stays
 /// a hundred times below.
 const POLLS_PER_MOMENT: u64 = 10_000;
+
+/// So many polls ahead a task's place in the list is fetched, which tells where its future is,
+const FAR_AHEAD: usize = 8;
+/// and so many the future itself,
+const AHEAD: usize = 4;
+/// of which no more than this: the rest of a large one is for what seldom happens.
+const MOST_AHEAD: usize = 512;
+/// Bytes that come into a cache at once.
+const CACHE_LINE: usize = 64;
 
 /// A task of a [`Scheduler`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -223,6 +234,7 @@ impl Scheduler {
             let now = shared.now.get();
             let mut idle = !self.ready.any.load(Ordering::Acquire);
             while let Some(entry) = self.timers.pop_due(now) {
+                self.prefetch();
                 if self.stands(entry) {
                     idle = false;
                     // Nothing is queued while nothing is ready: that spares a look at each.
@@ -294,6 +306,22 @@ impl Scheduler {
 
     fn stands(&self, entry: Entry) -> bool {
         matches!(self.tasks.get(entry.task as usize), Some(Some(task)) if task.deadline == entry.at)
+    }
+
+    /// Has the memory of tasks that are due soon come into the cache while others are polled: thousands of robots
+    /// are larger than any, and each poll would begin by waiting for it.
+    fn prefetch(&self) {
+        let task = |places| self.tasks.get(self.timers.ahead(places)? as usize);
+        if let Some(far) = task(FAR_AHEAD) {
+            prefetch_read_data::<_, 0>(from_ref(far));
+        }
+        if let Some(Some(near)) = task(AHEAD) {
+            prefetch_read_data::<_, 0>(Arc::as_ptr(&near.state));
+            let future = from_ref(&*near.future).cast::<u8>();
+            for offset in (0..size_of_val(&*near.future).min(MOST_AHEAD)).step_by(CACHE_LINE) {
+                prefetch_read_data::<_, 0>(future.wrapping_add(offset));
+            }
+        }
     }
 
     fn run_ready(&mut self) {

@@ -161,6 +161,12 @@ impl TimerQueue {
         Some(entry)
     }
 
+    /// The task whose entry lies `places` behind the earliest one, of those that have been sorted.
+    pub(super) fn ahead(&self, places: usize) -> Option<u32> {
+        let place = self.due.len().checked_sub(places + 1)?;
+        self.due.get(place).map(|&key| key as u32)
+    }
+
     fn push_bucket(&mut self, bucket: u64, entry: Entry) {
         let slot = (bucket % BUCKETS) as usize;
         let head = self.heads[slot];
@@ -288,6 +294,25 @@ mod tests {
                 assert_eq!(queue.len(), model.len());
             }
         }
+    }
+
+    #[test]
+    fn what_lies_ahead_is_what_comes() {
+        let mut queue = TimerQueue::new();
+        assert_eq!(queue.ahead(0), None);
+        for task in [3, 1, 2] {
+            queue.push(Entry {
+                at: 2_000 + u64::from(task),
+                task,
+            });
+        }
+        // Nobody has looked into its bucket yet.
+        assert_eq!(queue.ahead(0), None);
+        assert_eq!(queue.peek().map(|entry| entry.task), Some(1));
+        assert_eq!(
+            [0, 1, 2, 3].map(|places| queue.ahead(places)),
+            [Some(1), Some(2), Some(3), None]
+        );
     }
 
     #[test]
