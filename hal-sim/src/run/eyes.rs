@@ -15,7 +15,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::{Rc, Weak};
 
 use crawler_app::vision::{
-    Detector, DetectorError, Eyes, Lens, Look, Picture, PictureError, Spots,
+    Detector, DetectorError, Eyes, Finder, Lens, Look, Picture, PictureError, Spots,
 };
 use crawler_app::{LoadError, ModelHost, ModelLooks};
 use crawler_hal::{Clock as _, Duration, FrameFormat, ModelRegion};
@@ -245,26 +245,53 @@ impl SimLook {
         // The arena is as large as the detector asked for.
         let spots = finder.map_or_else(
             |_| Spots::new(),
-            |mut finder| {
-                on_vectors(
-                    #[inline(always)]
-                    || finder.find(&picture),
-                )
+            |finder| {
+                on_vectors(Find {
+                    finder,
+                    picture: &picture,
+                })
             },
         );
         Ok((spots, takes))
     }
 }
 
-/// Does work that consists of inlined functions with all vectors that the processor has: for a
-/// detector half the time. A closure has to be marked as inlined too, or it is compiled for the least
-/// processor and called.
+/// A detector about to look.
+struct Find<'m, 'a> {
+    finder: Finder<'m, 'a>,
+    picture: &'a Picture<'a>,
+}
+
+impl Find<'_, '_> {
+    // What it is for, see `on_vectors`.
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    fn find(mut self) -> Spots {
+        self.finder.find(self.picture)
+    }
+}
+
+/// A type of its own and no closure: between a closure and its caller the compiler puts a function that is
+/// compiled for the least processor, whenever it likes.
+#[cfg(target_arch = "x86_64")]
+impl pulp::NullaryFnOnce for Find<'_, '_> {
+    type Output = Spots;
+
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    fn call(self) -> Spots {
+        self.find()
+    }
+}
+
+/// Looks with all vectors that the processor has, which takes a third of the instructions: all functions of a
+/// look are inlined here, and compiled for it.
 #[inline]
-fn on_vectors<R>(work: impl FnOnce() -> R) -> R {
+fn on_vectors(find: Find<'_, '_>) -> Spots {
     #[cfg(target_arch = "x86_64")]
-    return pulp::Arch::new().dispatch(work);
+    return pulp::Arch::new().dispatch(find);
     #[cfg(not(target_arch = "x86_64"))]
-    work()
+    find.find()
 }
 
 impl Look for SimLook {
