@@ -147,8 +147,8 @@ pub(crate) fn parse(text: &str) -> Figures {
 
 /// What was counted for each step.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Count {
-    instructions: Option<f64>,
+pub(crate) struct Count {
+    pub(crate) instructions: Option<f64>,
     /// Calls of the allocator that ask for memory. Callgrind alone sees them.
     allocations: Option<f64>,
 }
@@ -239,7 +239,11 @@ fn perf_count(text: &str) -> Option<f64> {
     line.split(',').next()?.parse().ok()
 }
 
-fn callgrind(program: &Path, kind: &str, robots: u32) -> Outcome<Count> {
+/// Counts a step of `robots` robots in `program`, which is the example `sim_bench`.
+///
+/// # Errors
+/// When valgrind or the program fails.
+pub(crate) fn callgrind(program: &Path, kind: &str, robots: u32) -> Outcome<Count> {
     let profile = program.with_extension("callgrind");
     let mut command = Command::new("valgrind");
     command

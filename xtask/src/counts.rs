@@ -10,6 +10,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use crate::boards::{self, VIRT};
+use crate::counts_simulator;
 use crate::cross::{self, Compiler};
 use crate::files;
 use crate::image;
@@ -25,17 +26,17 @@ const LIMIT: Duration = Duration::from_mins(3);
 
 /// One line of the table.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Count {
-    name: String,
-    instructions: u64,
+pub(crate) struct Count {
+    pub(crate) name: String,
+    pub(crate) instructions: u64,
     /// What it may never exceed.
-    limit: Option<u64>,
+    pub(crate) limit: Option<u64>,
 }
 
 /// Where figures stand in a row. std as it is delivered is optimised for speed, std built with the
 /// board for size like the rest: soft floats differ by a tenth, so each has its own figures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Column {
+pub(crate) enum Column {
     /// std of rustup's target.
     Delivered = 2,
     /// std from source.
@@ -63,16 +64,25 @@ fn table_file() -> PathBuf {
     run::root().join("docs/counts.md")
 }
 
-/// `cargo xtask counts [--update]`
+/// `cargo xtask counts [--simulator] [--update]`
 ///
 /// # Errors
 /// When QEMU or a compiler is missing, the program fails, or a figure rose by more than 5 %.
 pub(crate) fn command(arguments: &[String]) -> Outcome {
-    let update = match arguments {
-        [] => false,
-        [option] if option == "--update" => true,
-        _ => return Err(Failure("cargo xtask counts [--update]".to_owned())),
-    };
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    match words[..] {
+        [] => board(false),
+        ["--update"] => board(true),
+        ["--simulator"] => counts_simulator::command(false),
+        ["--simulator", "--update"] => counts_simulator::command(true),
+        _ => Err(Failure(
+            "cargo xtask counts [--simulator] [--update]".to_owned(),
+        )),
+    }
+}
+
+/// What the robot program executes, on the emulated board.
+fn board(update: bool) -> Outcome {
     tools::QEMU.require()?;
     let compiler = cross::compiler(&VIRT)?;
     let column = Column::of(&compiler);
@@ -156,7 +166,7 @@ fn read_lines(text: &str) -> Vec<Count> {
 }
 
 /// Rows of the form ``| `name` | 1,234 | 1,345 | 20,000 | … |``: both columns, limit, words.
-fn read_table(text: &str, column: Column) -> Vec<Count> {
+pub(crate) fn read_table(text: &str, column: Column) -> Vec<Count> {
     text.lines()
         .filter_map(|line| read_row(line, column))
         .collect()
@@ -175,7 +185,7 @@ fn read_row(line: &str, column: Column) -> Option<Count> {
 }
 
 /// The comparison as text, and what must not pass.
-fn compare(committed: &[Count], measured: &[Count]) -> (String, Vec<String>) {
+pub(crate) fn compare(committed: &[Count], measured: &[Count]) -> (String, Vec<String>) {
     let mut report = String::new();
     let mut complaints = Vec::new();
     for old in committed {
@@ -212,7 +222,7 @@ fn compare(committed: &[Count], measured: &[Count]) -> (String, Vec<String>) {
 }
 
 /// The document with its figures replaced; new ones get a row behind the last.
-fn rewritten(text: &str, measured: &[Count], column: Column, compiler: &str) -> String {
+pub(crate) fn rewritten(text: &str, measured: &[Count], column: Column, compiler: &str) -> String {
     let mut lines: Vec<String> = Vec::new();
     let mut last_row = None;
     let mut known = Vec::new();

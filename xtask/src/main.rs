@@ -10,6 +10,7 @@ mod boards;
 mod bogo;
 mod check_s3;
 mod counts;
+mod counts_simulator;
 mod cross;
 mod dataset;
 mod detector;
@@ -104,8 +105,8 @@ const TASKS: &[Task] = &[
     },
     Task {
         name: "counts",
-        arguments: "[--update]",
-        about: "instructions of the robot program in QEMU, against docs/counts.md",
+        arguments: "[--simulator] [--update]",
+        about: "instructions of the robot program in QEMU, against docs/counts.md; with --simulator those of simulated robots",
         run: counts::command,
     },
     Task {

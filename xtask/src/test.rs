@@ -6,8 +6,8 @@ use crate::report::Report;
 use crate::run::{self, Failure, Outcome};
 use crate::suites::Selection;
 use crate::{
-    bench_server, bogo, counts, cross, detector, docs, fuzz, fuzz_api, histories, image, mixed,
-    mutants, paho, size, tools, ui,
+    bench_server, bogo, counts, counts_simulator, cross, detector, docs, fuzz, fuzz_api, histories,
+    image, mixed, mutants, paho, size, tools, ui,
 };
 
 /// Seconds for each fuzz target of the deep tier.
@@ -93,6 +93,9 @@ fn all() -> Outcome {
         beside?.end(report)
     });
     report.step("instruction counts", |_| counts::command(&[]));
+    report.step("instructions of simulated robots", |_| {
+        counts_simulator::step()
+    });
     // The tests have measured the stack of the emulated board.
     report.step("sizes", |_| size::command(&[]));
     report.step("clippy", |_| clippy());
@@ -122,6 +125,9 @@ fn deep() -> Outcome {
     report.step("an earlier version beside this one", |_| mixed::step());
     report.step("clippy of the other RISC-V chip", |_| clippy_of(&[&C6]));
     report.step("tasks that everybody knows", |_| known_tasks());
+    report.step("instructions of simulated robots", |_| {
+        counts_simulator::thorough_step()
+    });
     report.step("another engine", |_| detector::compare(&[]));
     report.step("TLS tests of BoringSSL", |_| bogo::if_there());
     report.step("mutants", |_| mutants::sample(seed));

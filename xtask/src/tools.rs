@@ -77,6 +77,13 @@ pub(crate) const QEMU: Tool = Tool {
     purpose: "running the emulated robot",
 };
 
+/// Counts instructions of programs of this machine.
+pub(crate) const VALGRIND: Tool = Tool {
+    program: "valgrind",
+    package: "valgrind",
+    purpose: "counting what simulated robots execute",
+};
+
 /// Runs WebAssembly.
 pub(crate) const NODE: Tool = Tool {
     program: "node",
