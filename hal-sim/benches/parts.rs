@@ -11,7 +11,7 @@ use crawler_app::controller::{Controller, Inputs, PERIOD, Tuning};
 use crawler_app::order::{Order, Sender, Task, UpdateWish};
 use crawler_app::parameters::Parameters;
 use crawler_app::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
-use crawler_app::policy::Installed;
+use crawler_app::policy::Policies;
 use crawler_hal::{Clock, Duration, Instant, Millimeters, Millivolts};
 use crawler_protocol::{
     Battery, BehaviourName, Command, Pose as Estimate, RobotId, RobotState, Source, Telemetry,
@@ -171,7 +171,7 @@ fn control_step(criterion: &mut Criterion) {
             halt: None,
             order,
             update: UpdateWish::None,
-            policy: Installed::None,
+            policies: Policies::NONE,
             decision: None,
         };
         controller.step(&inputs, &mut rng, now).duties

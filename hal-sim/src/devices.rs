@@ -39,7 +39,8 @@ pub use camera::{CAMERA_SIDE, LensError, STILL_SIZE, SimCamera};
 #[cfg(test)]
 pub(crate) use flash::Operation;
 pub use flash::{
-    Chip, ERASE_BYTES, FlashError, MODELS, OTADATA_AT, SLOTS, SimFlash, SimSlots, WRITE_BYTES,
+    Chip, ERASE_BYTES, FlashError, MODELS, OTADATA_AT, POLICIES, SLOTS, SimFlash, SimSlots,
+    WRITE_BYTES,
 };
 pub use gauge::{GaugeError, SimGauge};
 pub use motor::{DutyError, MAX_DUTY, SimPin, SimPwm};

@@ -13,7 +13,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use crawler_bundle::Bundle;
-use crawler_release::{KeyId, MAX_IMAGE, PublicKey, Requires};
+use crawler_release::{KeyId, Kind, MAX_IMAGE, PublicKey, Requires};
+use crawler_sim::scenario::Trained;
 use crawler_system::clock::unix_ms;
 use crawler_updates::gate::{GATE_MAX, GateFault, GateReport, check, signer};
 use crawler_updates::release::{
@@ -27,6 +28,9 @@ pub use args::{
 /// The files that `keygen` makes.
 const PRIVATE: &str = "release-key.pem";
 const PUBLIC: &str = "release-public.pem";
+
+/// The name of the one model that is no policy.
+const EYES: &str = "eyes";
 
 /// Most bytes of a file with a key.
 const KEY_MAX: usize = 16 * 1_024;
@@ -94,6 +98,9 @@ fn sign(args: &SignArgs) -> Result<ExitCode, String> {
     let text = read_text(&args.key)?;
     let key = SecretKey::from_pem(&text).map_err(|fault| told(&args.key, &fault))?;
     let image = read(&args.image, MAX_IMAGE as usize)?;
+    if args.kind == Kind::Policy {
+        policy(args.name.as_deref(), &image).map_err(|text| told(&args.image, &text))?;
+    }
     let now = unix_ms() / 1_000;
     let expires = args.expires.map(|end| end.unix(now));
     if expires.is_some_and(|end| end <= now) {
@@ -127,6 +134,16 @@ fn sign(args: &SignArgs) -> Result<ExitCode, String> {
     let made = inspect(&file, &[key.public()], &expected).map_err(|fault| fault.to_string())?;
     print!("{}", table::text(&args.out, &made));
     Ok(ExitCode::SUCCESS)
+}
+
+/// Whether robots would drive by an image under this name.
+fn policy(name: Option<&str>, image: &[u8]) -> Result<(), String> {
+    if name == Some(EYES) {
+        return Err(format!(
+            "{EYES} is the name of a detector: call the policy something else"
+        ));
+    }
+    Trained::new(name.unwrap_or_default(), image.to_vec()).map(|_| ())
 }
 
 fn verify(args: &VerifyArgs) -> Result<ExitCode, String> {

@@ -30,7 +30,7 @@ use crate::order::{Captures, Halts, Order, Sender, SetRequest, Task, UpdateWish}
 use crate::outbox::{Outbox, Outgoing};
 use crate::parameters::{Changes, Parameters};
 use crate::perception::{Battery, LinkHealth, Reading};
-use crate::policy::Installed;
+use crate::policy::Policies;
 use crate::policy::decisions::Decisions;
 use crate::state::Fault;
 use crate::timesync::TimeSync;
@@ -324,7 +324,7 @@ impl<M: RawMutex> Robot<M> {
     }
 
     /// What there is to drive by.
-    pub fn installed_policy(&self) -> Installed {
+    pub fn policies(&self) -> Policies {
         self.decisions.installed()
     }
 

@@ -232,13 +232,13 @@ impl ControlLoop {
             halt: woken_by.or(taken.as_ref()),
             order: order.as_ref(),
             update: robot.update_wish(),
-            policy: robot.installed_policy(),
+            policies: robot.policies(),
             decision: robot.take_decision(),
         };
         self.controller.step_into(&inputs, rng, now, outputs);
         robot.go(self.controller.going());
-        if let Some(asked) = self.controller.asked() {
-            robot.ask_policy(asked);
+        if let Some((asked, name)) = self.controller.asked() {
+            robot.ask_policy(asked, name);
         }
         let state = self.controller.state();
         robot.publish(&Snapshot {

@@ -50,7 +50,7 @@ use crate::navigation::Guide;
 use crate::neighbours::Neighbour;
 use crate::order::{HALT_ANSWERS, Halt, Order, Sender, UpdateWish};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth};
-use crate::policy::{Decision, Installed, Pilot};
+use crate::policy::{Decision, Pilot, Policies};
 use crate::state::{Event, Fault, Side, State};
 use crate::tracking::{Fix, TOLD_EVERY};
 use crate::vision::{InTheWay, View};
@@ -116,7 +116,7 @@ pub struct Inputs<'a> {
     /// What an update wants.
     pub update: UpdateWish,
     /// What there is to drive by.
-    pub policy: Installed,
+    pub policies: Policies,
     /// What was decided since the last step, while a policy drives.
     pub decision: Option<Decision>,
 }

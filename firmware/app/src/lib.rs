@@ -83,7 +83,7 @@ pub use camera::{ImageSlot, camera, camera_with_eyes};
 pub use config::{Config, Credentials, Geometry};
 pub use context::{BootRecord, Echo, Robot, Routed, Snapshot};
 pub use control::control;
-pub use decide::decide;
+pub use decide::{decide, decide_with_shelf};
 pub use hold::{Always, Blank, Hold, Inline, Room};
 pub use lamp::lamp;
 pub use link::{
@@ -94,6 +94,6 @@ pub use power::power;
 pub use sense::{sense, sense_held};
 pub use store::{store, store_held};
 pub use update::{
-    ASK_AFTER, ASK_AFTER_MOST, LoadError, ModelHost, ModelLooks, SILENT_AFTER, UpdateIdentity,
-    Updates, update, update_held, update_with_models_held,
+    ASK_AFTER, ASK_AFTER_MOST, LoadError, ModelHost, ModelLooks, NoEyes, PolicyHost, SILENT_AFTER,
+    UpdateIdentity, Updates, update, update_held, update_with_policies_held,
 };

@@ -14,7 +14,8 @@
 //!
 //! Reading order: `action` and `shield`; `memory`, what is remembered of the surroundings, with `sector`; `observation`,
 //! what a network sees of that; `blob`, `network` and `table`, which choose; `pilot`, which puts it together for
-//! the controller; `decisions`, what is handed over to the activity and back.
+//! the controller; `decisions`, what is handed over to the activity and back; `shelf`, where a policy lies that a release
+//! has brought.
 
 mod action;
 mod blob;
@@ -24,6 +25,7 @@ mod network;
 mod observation;
 mod pilot;
 mod sector;
+mod shelf;
 mod shield;
 mod table;
 
@@ -33,10 +35,12 @@ pub use action::Action;
 pub use blob::{
     FORMAT_VERSION, HEADER, LAYERS, MAGIC, MAX_BYTES, Mode, NO_SCORE, Policy, PolicyError,
 };
-pub use decisions::Installed;
+pub use decisions::{Installed, Policies};
 pub use network::{LOGIT_STEPS, Scratch, choose};
 pub use observation::{Observation, WIDTH};
 pub use pilot::{Asked, Decision, Known, Pilot};
+pub use shelf::Shelf;
+pub(crate) use shelf::{Also, NoShelf, Open, Unread};
 pub use shield::{Around, shield};
 pub use table::{PRE_STEPS, squeezed};
 

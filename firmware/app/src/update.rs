@@ -66,6 +66,7 @@ use crate::context::handles::UpdateHandle;
 use crate::hold::{Hold, Inline};
 use crate::order::UpdateWish;
 use crate::perception::Charge;
+use crate::policy::Shelf;
 use crate::state::Fault;
 
 use mailbox::Outcome;
@@ -74,9 +75,10 @@ pub(crate) use mailbox::Word;
 pub(crate) use mailbox::{Have, Progress};
 pub(crate) use mailbox::{NoUpdates, ReportKind, UpdatePort, room};
 pub use mailbox::{UpdateIdentity, Updates};
-pub use models::{LoadError, ModelHost, ModelLooks};
+pub use models::{LoadError, ModelHost, ModelLooks, NoEyes, PolicyHost};
 use models::{ModelStore, NoModels, WithModels};
-use slots::{Slots, Subject};
+use slots::Slots;
+pub(crate) use slots::Subject;
 pub use transfer::{ASK_AFTER, ASK_AFTER_MOST, SILENT_AFTER};
 use transfer::{Blocks, Failed, Refused, Shape, Transfer};
 
@@ -128,24 +130,31 @@ pub fn update_held<
     run::<H, M, F, R, C, _, MODELS>(robot, updates, (port, NoModels), rng, clock)
 }
 
-/// As [`update_held()`], on a body whose detector takes models: `host` says where in the flash of `port` their places
-/// are, and loads them.
+/// As [`update_held()`], on a body that takes policies, and models for its detector where there are `eyes`, of [`NoEyes`]
+/// where there never are: `policies` says where in the flash of `port` their places are, and holds the one that is in use. `MODELS` is how many
+/// of the two it takes.
 ///
 /// # Cancellation Safety
 /// As [`update()`].
-pub fn update_with_models_held<H: Hold, M: RawMutex, F, R: Rng, C: Clock, B: ModelHost>(
+pub fn update_with_policies_held<
+    H: Hold,
+    M: RawMutex,
+    F: MultiwriteNorFlash,
+    R: Rng,
+    C: Clock,
+    B: ModelHost,
+    S: Hold,
+    const MODELS: usize,
+>(
     robot: impl Deref<Target = Robot<M>>,
-    updates: impl Deref<Target = Updates<M, 1>>,
+    updates: impl Deref<Target = Updates<M, MODELS>>,
     port: SlotPort<F>,
-    host: B,
+    (eyes, policies): (Option<B>, PolicyHost<impl Deref<Target = Shelf<M, S>>>),
     rng: R,
     clock: C,
-) -> impl Future<Output = Infallible>
-where
-    F: MultiwriteNorFlash,
-{
-    let flash = (port, WithModels::new(host));
-    run::<H, M, F, R, C, _, 1>(robot, updates, flash, rng, clock)
+) -> impl Future<Output = Infallible> {
+    let flash = (port, WithModels::new(eyes, policies));
+    run::<H, M, F, R, C, _, MODELS>(robot, updates, flash, rng, clock)
 }
 
 // Not an `async fn`, which would keep its arguments twice: as they came and as they are used.
@@ -166,7 +175,9 @@ where
         let Some(slots) = slots.usable() else {
             let text = format_args!("the slots cannot be as the body says");
             robot.log(Level::Error, EVENT, text, clock.now());
-            updates.set_model(None);
+            for subject in Subject::MODELS {
+                updates.set_model(subject, None);
+            }
             return core::future::pending().await;
         };
         let mut activity = Activity {
@@ -209,7 +220,7 @@ enum Next {
     At(Instant),
 }
 
-/// What is installed in the slot that runs, or as the model that is in use.
+/// What is installed in the slot that runs, or as a model that is in use.
 #[derive(Debug, Clone, Copy)]
 struct Installed {
     /// The release, if it came as one.
@@ -371,7 +382,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
             stage: UpdateStage::Deferred,
             reason: Some(why),
             bytes: self.bytes_of(release),
-            of_model: false,
+            of: Subject::Program,
         });
         self.log(Level::Info, release, format_args!("put off: {why}"));
     }
@@ -382,21 +393,21 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
             Some((lying, bytes)) if lying == release => bytes,
             Some(_) | None => 0,
         };
-        of(&self.programs).max(self.models.stock().map_or(0, of))
+        let models = self.models.stocks().iter().map(of);
+        models.fold(of(&self.programs), u32::max)
     }
 
     /// What is known where the release that is at work belongs.
     fn stock(&mut self) -> &mut Stock {
-        if self.is_of_model() {
-            self.models.stock_mut().unwrap_or(&mut self.programs)
-        } else {
-            &mut self.programs
-        }
+        let subject = self.slots.subject();
+        self.models.stock_mut(subject).unwrap_or(&mut self.programs)
     }
 
-    /// Whether the release that is at work is one of a model.
-    fn is_of_model(&self) -> bool {
-        self.slots.subject() == Subject::Model
+    /// What is known of what this replaces.
+    fn stock_of(&self, subject: Subject) -> &Stock {
+        let model = subject.model();
+        let stock = model.and_then(|model| self.models.stocks().get(model));
+        stock.unwrap_or(&self.programs)
     }
 
     fn refuse(&mut self, release: ReleaseId, why: Refused) {
@@ -406,7 +417,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
             came_to: UpdateOutcome::Refused,
             reason: Some(why.code),
             lasting: Some(why.lasting),
-            of_model: false,
+            of: Subject::Program,
         });
         self.log(Level::Warn, release, format_args!("refused: {}", why.code));
     }
@@ -427,7 +438,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
             .installed
             .map_or((0, 0), |installed| (installed.sequence, installed.floor));
         let mut unfinished = self.programs.unfinished;
-        if let Some(stock) = self.models.stock() {
+        for stock in self.models.stocks() {
             unfinished = unfinished.or(stock.unfinished);
         }
         self.updates.tell_have(Have {

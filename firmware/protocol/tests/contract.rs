@@ -291,7 +291,7 @@ fn words_on_the_wire_are_stable() {
         Capability::ALL,
         |w| w.name(),
         &[
-            "drive", "range", "camera", "vision", "faults", "missions", "map",
+            "drive", "range", "camera", "vision", "faults", "missions", "map", "policies",
         ],
     );
     words(

@@ -3,8 +3,8 @@
 //! | key | field | type |
 //! |---|---|---|
 //! | 0 | format | 1 |
-//! | 1 | kind | 0 program, 1 model |
-//! | 2 | name | text; models alone |
+//! | 1 | kind | 0 program, 1 model, 2 policy |
+//! | 2 | name | text; models and policies alone |
 //! | 3 | board | text |
 //! | 4 | chip | unsigned, 16 bits |
 //! | 5 | version | text |

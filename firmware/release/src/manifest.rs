@@ -27,7 +27,7 @@ pub const MAX_BLOCKS: usize = 36;
 /// Most bytes of an image: 4.5 MiB, above the slots of a board with 8 MB of flash (3.5 MiB).
 pub const MAX_IMAGE: u32 = BLOCK_SIZES[1] * MAX_BLOCKS as u32;
 
-/// Most bytes of the name of a board, and of a model.
+/// Most bytes of the name of a board, of a model and of a policy.
 pub const MAX_NAME: usize = 16;
 
 /// Most bytes of a version.
@@ -54,13 +54,15 @@ pub const fn block_size(size: u32) -> Option<u32> {
 pub enum Kind {
     /// A robot program, for an update slot.
     Program,
-    /// A model of a neural network, which the program reads.
+    /// A model of a neural network that looks: what the program's detector runs.
     Model,
+    /// A policy: a model of a neural network that drives.
+    Policy,
 }
 
 impl Kind {
     /// Every kind, in the order of their numbers in a manifest.
-    pub const ALL: [Self; 2] = [Self::Program, Self::Model];
+    pub const ALL: [Self; 3] = [Self::Program, Self::Model, Self::Policy];
 
     /// Its name in JSON, on the command line and in texts.
     #[must_use]
@@ -68,6 +70,7 @@ impl Kind {
         match self {
             Self::Program => "program",
             Self::Model => "model",
+            Self::Policy => "policy",
         }
     }
 }
@@ -146,7 +149,7 @@ pub struct Requires {
 pub struct Manifest<'a> {
     /// What the image is.
     pub kind: Kind,
-    /// Name of the model, of `a-z`, `0-9` and `-`, at most [`MAX_NAME`] bytes; `None` for programs.
+    /// Name of the model or the policy, of `a-z`, `0-9` and `-`, at most [`MAX_NAME`] bytes; `None` for programs.
     pub name: Option<&'a str>,
     /// The board that it is for, as the robot's `status` tells it; written as a name of a model is.
     pub board: &'a str,
@@ -205,7 +208,7 @@ impl<'a> Manifest<'a> {
         fits(
             match (self.kind, self.name) {
                 (Kind::Program, name) => name.is_none(),
-                (Kind::Model, name) => name.is_some_and(is_name),
+                (Kind::Model | Kind::Policy, name) => name.is_some_and(is_name),
             },
             "name",
         )?;

@@ -15,7 +15,7 @@ pub enum Refusal {
     UnknownKey(KeyId),
     /// The signature is not one of that key over this manifest.
     BadSignature,
-    /// It is a model where a program belongs, or the other way round, or another model.
+    /// It is of another kind than what belongs there, as a model where a program does, or another model.
     WrongKind,
     /// It is for another board.
     WrongBoard,

@@ -5,12 +5,12 @@ use crate::keys::PublicKeys;
 use crate::manifest::{Chip, Kind, Manifest};
 use crate::refusal::Refusal;
 
-/// A place for releases in a robot: its update slot, or that of one of its models.
+/// A place for releases in a robot: its update slot, or that of a model or of a policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Target<'a> {
     /// What belongs there.
     pub kind: Kind,
-    /// Which model; `None` for programs.
+    /// Which model; `None` for programs, and where policies of any name are taken.
     pub name: Option<&'a str>,
     /// The robot's board.
     pub board: &'a str,
@@ -41,7 +41,7 @@ impl Manifest<'_> {
         let now = target.now.unwrap_or(0).max(target.built_at);
         let reasons = [
             (
-                self.kind != target.kind || self.name != target.name,
+                self.kind != target.kind || (target.name.is_some() && self.name != target.name),
                 Refusal::WrongKind,
             ),
             (self.board != target.board, Refusal::WrongBoard),

@@ -16,7 +16,7 @@ fn admitted(change: impl FnOnce(&mut Draft, &mut Target<'static>)) -> Result<(),
 #[test]
 fn each_reason_is_told() {
     type Change = fn(&mut Draft, &mut Target<'static>);
-    let cases: [(Result<(), &str>, Change); 23] = [
+    let cases: [(Result<(), &str>, Change); 27] = [
         (Ok(()), |_, _| {}),
         (Err("wrong_kind"), |draft, _| {
             (draft.kind, draft.name) = (Kind::Model, Some("eyes".into()));
@@ -31,6 +31,22 @@ fn each_reason_is_told() {
         (Err("wrong_kind"), |draft, target| {
             (draft.kind, draft.name) = (Kind::Model, Some("ears".into()));
             (target.kind, target.name) = (Kind::Model, Some("eyes"));
+        }),
+        // A place for policies takes them whatever they are called, and nothing else.
+        (Ok(()), |draft, target| {
+            (draft.kind, draft.name) = (Kind::Policy, Some("spread".into()));
+            (target.kind, target.name) = (Kind::Policy, None);
+        }),
+        (Err("wrong_kind"), |draft, target| {
+            (draft.kind, draft.name) = (Kind::Model, Some("spread".into()));
+            (target.kind, target.name) = (Kind::Policy, None);
+        }),
+        (Err("wrong_kind"), |draft, target| {
+            (draft.kind, draft.name) = (Kind::Policy, Some("eyes".into()));
+            (target.kind, target.name) = (Kind::Model, Some("eyes"));
+        }),
+        (Err("wrong_kind"), |draft, _| {
+            (draft.kind, draft.name) = (Kind::Policy, Some("spread".into()));
         }),
         (Err("wrong_board"), |_, target| target.board = "virt"),
         (Err("wrong_chip"), |_, target| target.chip = Chip::ESP32_C6),

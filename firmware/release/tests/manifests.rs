@@ -160,7 +160,9 @@ fn each_fault_has_its_reason() {
         (changed(1, 1), Malformed::MissingField(0)),
         (changed(3, 0), Malformed::FieldOrder(0)),
         (changed(3, 16), Malformed::UnknownField),
-        (changed(4, 2), Malformed::OutOfRange("kind")),
+        (changed(4, 3), Malformed::OutOfRange("kind")),
+        // A policy has a name, as a model has.
+        (changed(4, 2), Malformed::OutOfRange("name")),
         (changed(5, 1), Malformed::FieldOrder(1)),
         (changed(0, 0xAB), Malformed::MissingField(13)),
         (changed(0, 0xAD), Malformed::Cbor),

@@ -132,7 +132,8 @@ pub(crate) fn sign(key: &SigningKey, manifest: &[u8]) -> Vec<u8> {
 pub(crate) fn drafts() -> impl Strategy<Value = Draft> {
     let kind = prop_oneof![
         Just((Kind::Program, None)),
-        "[a-z0-9-]{1,16}".prop_map(|name| (Kind::Model, Some(name)))
+        "[a-z0-9-]{1,16}".prop_map(|name| (Kind::Model, Some(name))),
+        "[a-z0-9-]{1,16}".prop_map(|name| (Kind::Policy, Some(name))),
     ];
     let texts = (
         "[a-z0-9-]{1,16}",

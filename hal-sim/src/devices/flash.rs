@@ -1,8 +1,8 @@
 //! NOR flash that holds the caller to the rules and may lose its power at any byte.
 //!
 //! A chip has two regions, each with addresses of its own: one for parameters ([`SimFlash`]), and one with
-//! the two slots for programs, two places for a model, and the select entries of both ([`SimSlots`]). In the
-//! second one operations take time.
+//! the two slots for programs, two places for a model of the detector, two for a policy, and the select entries of each
+//! ([`SimSlots`]). In the second one operations take time.
 //!
 //! Reading order: `sector` is what a sector holds, and how robots share it; this file is the chip;
 //! `timing` says how long it takes, `handles` are what programs hold of it.
@@ -14,6 +14,7 @@ mod timing;
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use crawler_app::policy::MAX_BYTES;
 use crawler_hal::{Instant, ModelRegion, SlotRegion};
 use embedded_storage_async::nor_flash::{NorFlashError, NorFlashErrorKind};
 use rand_core::Rng;
@@ -48,8 +49,15 @@ const PLACE_BYTES: u32 = 88 * 1_024;
 pub const SLOTS: [SlotRegion; 2] = [slot(0), slot(1)];
 /// Bytes of a slot.
 const SLOT_BYTES: u32 = 768 * 1_024;
-/// Sectors of the region: the slots, behind three blocks of 64 KiB with select entries and models.
-const SLOT_SECTORS: usize = (slot(1).start + SLOT_BYTES) as usize / ERASE_BYTES;
+/// The places for a policy in that region, behind the slots, as those for a model.
+pub const POLICIES: ModelRegion = ModelRegion {
+    select: slot(1).start + SLOT_BYTES,
+    places: [policy(0), policy(1)],
+};
+/// Bytes of a place for a policy: the largest there is, and the journal of its update.
+const POLICY_BYTES: u32 = (MAX_BYTES + ERASE_BYTES) as u32;
+/// Sectors of the region: the slots, behind three blocks of 64 KiB with select entries and models, and policies.
+const SLOT_SECTORS: usize = (policy(1).start + POLICY_BYTES) as usize / ERASE_BYTES;
 
 const fn slot(index: u32) -> SlotRegion {
     SlotRegion {
@@ -65,6 +73,14 @@ const fn place(index: u32) -> SlotRegion {
     }
 }
 
+const fn policy(index: u32) -> SlotRegion {
+    SlotRegion {
+        start: slot(1).start + SLOT_BYTES + 0x2000 + index * POLICY_BYTES,
+        length: POLICY_BYTES,
+    }
+}
+
+const _: () = assert!(MAX_BYTES.is_multiple_of(ERASE_BYTES));
 const _: () = assert!(place(1).start + PLACE_BYTES <= SLOTS[0].start);
 
 /// Why a flash operation failed.

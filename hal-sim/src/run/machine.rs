@@ -7,8 +7,8 @@ mod either;
 use std::pin::Pin;
 use std::rc::Rc;
 
-use crawler_app::policy::SPREAD;
-use crawler_app::{Blank, Config, Geometry, Hold, ImageSlot, Robot, Room, Updates};
+use crawler_app::policy::{SPREAD, Shelf};
+use crawler_app::{Blank, Config, Geometry, Hold, ImageSlot, PolicyHost, Robot, Room, Updates};
 use crawler_hal::{Body, Clock as _, Duration, Parts};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use rand_core::Rng;
@@ -19,7 +19,7 @@ use super::event_log::{EventLog, What, tap};
 use super::eyes::{DetectorInstance, SimEyes};
 #[cfg(feature = "recording")]
 use super::journal::Payload;
-use crate::devices::BodyParts;
+use crate::devices::{BodyParts, POLICIES};
 use crate::net::network::SimNetwork;
 use crate::scenario::Trained;
 use crate::sched::{Scheduler, SimClock, TaskId};
@@ -34,8 +34,8 @@ use defects::{Faulty, Launcher};
 /// The shared context of a simulated robot: everything runs on one thread.
 pub type SimRobot = Robot<NoopRawMutex>;
 
-/// What its link and its updates share.
-pub(crate) type SimUpdates = Updates<NoopRawMutex, 1>;
+/// What its link and its updates share, which may bring a model for its detector, and a policy.
+pub(crate) type SimUpdates = Updates<NoopRawMutex, 2>;
 
 /// Control steps a robot takes in a second.
 pub(crate) const CONTROL_HZ: u64 = 50;
@@ -204,16 +204,14 @@ pub(crate) fn launch(
             )),
         ];
     tasks.reserve_exact(2 + usize::from(updates.is_some()));
+    if let Some(updates) = &launcher.updates {
+        updates.expect_models();
+    }
     let mut model = None;
     if robot.config().camera {
         let pair = {
             let eyes = detector.map(|detector| SimEyes::new(detector, &clock));
             model = eyes.as_ref().and_then(SimEyes::model);
-            if model.is_some()
-                && let Some(updates) = &launcher.updates
-            {
-                updates.expect_model();
-            }
             start_camera(
                 &mut launcher,
                 robot,
@@ -233,28 +231,26 @@ pub(crate) fn launch(
                 launcher.other(link(own(), network, link_rng, clock))
             }
             Some(updates) => {
-                let link = crawler_app::link_with_updates_held::<Heap, _, _, _, _, _>;
-                launcher.other(link(own(), updates, network, link_rng, clock))
+                let robot = own();
+                launcher.other(async move {
+                    updates.models_known().await;
+                    let link = crawler_app::link_with_updates_held::<Heap, _, _, _, _, _>;
+                    match link(robot, updates, network, link_rng, clock).await {}
+                })
             }
         });
     }
+    let shelf: Rc<Shelf<NoopRawMutex, Heap>> = Rc::new(Shelf::new());
     if let Some((updates, slots, rng)) = updates {
-        tasks.push(match model {
-            None => {
-                let update = crawler_app::update_held::<Heap, _, _, _, _, _>;
-                launcher.other(update(own(), updates, slots, rng, now()))
-            }
-            Some(model) => {
-                let update = crawler_app::update_with_models_held::<Heap, _, _, _, _, _>;
-                launcher.other(update(own(), updates, slots, model, rng, now()))
-            }
-        });
+        let policies = PolicyHost::new(Rc::clone(&shelf), Some(POLICIES));
+        let update = crawler_app::update_with_policies_held::<Heap, _, _, _, _, _, _, 2>;
+        tasks.push(launcher.other(update(own(), updates, slots, (model, policies), rng, now())));
     }
     tasks.push(launcher.other({
         let robot = own();
         async move {
             let policy = policy.as_ref().map_or(SPREAD, Trained::named);
-            match crawler_app::decide(robot, policy, policy_rng).await {}
+            match crawler_app::decide_with_shelf(robot, policy, shelf, policy_rng).await {}
         }
     }));
     if let Some(faulty) = faulty {
@@ -289,7 +285,7 @@ fn start_camera(
             match link.await {}
         }),
         Some(updates) => launcher.other(async move {
-            updates.model_known().await;
+            updates.models_known().await;
             let link = crawler_app::link_with_images_and_updates_held::<Heap, _, _, _, _, _, _>(
                 &*own, &pictures, updates, network, rng, time,
             );

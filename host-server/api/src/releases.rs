@@ -157,7 +157,10 @@ impl ReleaseKeeper {
 /// For people: which one it is.
 fn called(release: &KeptRelease) -> String {
     let name = release.name.as_ref();
-    let what = name.map_or_else(|| release.kind.clone(), |name| format!("model {name}"));
+    let kind = release
+        .what()
+        .map_or(release.kind.as_str(), |kind| kind.name());
+    let what = name.map_or_else(|| kind.to_owned(), |name| format!("{kind} {name}"));
     format!(
         "release {} ({what} {} for {})",
         release.id, release.version, release.board

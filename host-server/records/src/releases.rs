@@ -73,7 +73,7 @@ impl NewRelease {
         let manifest = signed.unverified()?;
         Ok(Self {
             id: ReleaseId::new(signed.id()).to_string(),
-            kind: manifest.kind.name().to_owned(),
+            kind: column(manifest.kind).to_owned(),
             name: manifest.name.map(str::to_owned),
             board: manifest.board.to_owned(),
             version: manifest.version.to_owned(),
@@ -103,6 +103,14 @@ impl NewRelease {
             "sequence": self.sequence,
             "size": self.image.len(),
         })
+    }
+}
+
+/// What stands in the column of kinds: a policy is a model there, and its manifest says more.
+const fn column(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Program => "program",
+        Kind::Model | Kind::Policy => "model",
     }
 }
 
@@ -150,6 +158,19 @@ pub struct KeptRelease {
     pub added: i64,
     /// Set once it was withdrawn: its image is gone.
     pub withdrawn: Option<Withdrawal>,
+}
+
+impl KeptRelease {
+    /// What its image is, as its manifest says.
+    #[must_use]
+    pub fn what(&self) -> Option<Kind> {
+        let signed = Signed::parse(&self.envelope).ok();
+        let manifest = signed.and_then(|signed| signed.unverified().ok());
+        let kind = manifest.map(|manifest| manifest.kind);
+        // One whose manifest cannot be read is what the column says.
+        let mut all = kind.into_iter().chain(Kind::ALL);
+        all.find(|kind| column(*kind) == self.kind)
+    }
 }
 
 /// Its columns. A row has at most sixteen, so the last of them holds two.

@@ -7,7 +7,7 @@ use std::time::Instant;
 use crawler_protocol::{ModelName, ReleaseId, RobotId};
 use crawler_release::chunk::{CHUNK_MAX, Chunk, Part};
 use crawler_updates::rollout::{
-    Effect, Grant, Message, Now, ReleaseId as PlannedId, Rollout, UpdateState,
+    Effect, Grant, Message, Now, ReleaseId as PlannedId, Replaced, Rollout, UpdateState,
 };
 
 use crate::image::Blob;
@@ -26,7 +26,12 @@ pub(crate) struct Active {
 }
 
 impl Active {
-    /// The model that it brings; `None` for programs.
+    /// What it replaces.
+    pub(crate) fn replaces(&self) -> Option<Replaced<'_>> {
+        self.rollout.document().plan.replaces()
+    }
+
+    /// The model or the policy that it brings; `None` for programs.
     pub(crate) fn model(&self) -> Option<&ModelName> {
         self.rollout.document().plan.model()
     }
@@ -121,7 +126,7 @@ impl ActiveRollouts {
         self.0.iter().map(|(id, active)| (*id, active))
     }
 
-    /// Whether a newer rollout than `id` serves a robot with the same: programs, or a model.
+    /// Whether a newer rollout than `id` serves a robot with the same: programs, a model, or policies.
     pub(crate) fn newer_has(&self, id: i64, robot: &RobotId) -> bool {
         let Some(own) = self.get(id) else {
             return false;
@@ -130,7 +135,7 @@ impl ActiveRollouts {
         newer.any(|(_, one)| {
             let row = one.rollout.row(robot);
             let serves = row.is_some_and(|row| row.phase.is_some());
-            serves && !one.rollout.document().state.is_over() && one.model() == own.model()
+            serves && !one.rollout.document().state.is_over() && one.replaces() == own.replaces()
         })
     }
 

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crawler_protocol::{Kind, ModelName};
+use crawler_protocol::{Kind as Body, ModelName};
 use crawler_records::{KeptRelease, MAX_ROLLOUTS, Records, RecordsError};
+use crawler_release::Kind;
 use crawler_updates::rollout::{
     BoardName, BuildId, Document, Limits, OWN_MODEL, Phase, Plan, PlannedRelease, ReleaseId,
     Retries, Timeouts, Version, Window,
@@ -25,7 +26,7 @@ pub struct Asked {
     /// The kind of robot that gets it; all on its board without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
-    pub kind: Option<Kind>,
+    pub kind: Option<Body>,
 }
 
 /// What a rollout is to do, with releases that the server has. What is known of those is filled in: [`Plan`].
@@ -105,12 +106,13 @@ fn planned(
     if kept.withdrawn.is_some() {
         return Err(refused("it was withdrawn"));
     }
-    let model = match (kept.kind.as_str(), &kept.name) {
-        ("program", None) => None,
-        ("model", Some(name)) if kept.build != OWN_MODEL => Some(name),
+    let kind = kept.what();
+    let model = match (kind, &kept.name) {
+        (Some(Kind::Program), None) => None,
+        (Some(Kind::Model | Kind::Policy), Some(name)) if kept.build != OWN_MODEL => Some(name),
         _ => {
             return Err(refused(
-                "it is neither a program nor a model that could be rolled out",
+                "it is neither a program nor a model or a policy that could be rolled out",
             ));
         }
     };
@@ -125,6 +127,7 @@ fn planned(
         build: BuildId::new(&kept.build).map_err(unnamed)?,
         version: Version::new(&kept.version).map_err(unnamed)?,
         model: model.map_err(|_| refused("no robot has a model of such a name"))?,
+        policy: kind == Some(Kind::Policy),
         release: asked.release.clone(),
         kind: asked.kind,
         sequence: kept.sequence.into(),
@@ -132,8 +135,8 @@ fn planned(
     })
 }
 
-/// The highest sequence for each board of the releases that were rolled out before, of programs or of the model of the
-/// plan, but for those of the plan: the same release may go to more robots.
+/// The highest sequence for each board of the releases that were rolled out before, of programs, of the model of the plan,
+/// or of policies, but for those of the plan: the same release may go to more robots.
 async fn newest(records: &Records, plan: &Plan) -> Result<BTreeMap<BoardName, u64>, RecordsError> {
     let mut newest = BTreeMap::new();
     for kept in records.rollouts().page(None, MAX_ROLLOUTS as u32).await? {
@@ -143,7 +146,7 @@ async fn newest(records: &Records, plan: &Plan) -> Result<BTreeMap<BoardName, u6
         };
         for one in document.plan.releases {
             let same = plan.releases.iter().any(|own| own.release == one.release);
-            if same || one.model.as_ref() != plan.model() {
+            if same || Some(one.replaces()) != plan.replaces() {
                 continue;
             }
             let sequence = newest.entry(one.board).or_insert(0);

@@ -16,6 +16,8 @@ pub struct RobotView<'a> {
     pub kind: Kind,
     /// Whether it has the capability `vision`.
     pub vision: bool,
+    /// Whether it has the capability `policies`.
+    pub policies: bool,
     /// The build that it runs.
     pub build: &'a str,
     /// The models that it uses, but for those of its program.
@@ -77,6 +79,7 @@ impl RobotView<'_> {
             && self.board == seen.board.as_str()
             && self.kind == seen.kind
             && self.vision == seen.vision
+            && self.policies == seen.policies
             && self.build == seen.build.as_str()
             && self.boot == seen.boot
             && self.online == seen.online
@@ -91,6 +94,7 @@ impl RobotView<'_> {
                 board: BoardName::new(self.board).ok()?,
                 kind: self.kind,
                 vision: self.vision,
+                policies: self.policies,
                 build: BuildId::new(self.build).ok()?,
                 boot: self.boot,
                 online: self.online,
@@ -170,6 +174,7 @@ mod tests {
                     board: "sim",
                     kind: Kind::Simulated,
                     vision: false,
+                    policies: false,
                     build,
                     models: &Models::new(),
                     boot: 1,
@@ -223,6 +228,7 @@ mod tests {
                 board: "sim",
                 kind: Kind::Simulated,
                 vision: true,
+                policies: false,
                 build: "1",
                 models: &self.0,
                 boot: 1,

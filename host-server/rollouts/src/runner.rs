@@ -671,7 +671,7 @@ impl Runner {
         all
     }
 
-    /// Takes the robots of a rollout that begins from earlier ones of the same, programs or a model, whoever carries
+    /// Takes the robots of a rollout that begins from earlier ones of the same, programs, a model or policies, whoever carries
     /// those out; later again, for as long as the records do not let it.
     async fn supersede(&mut self, newest: i64) {
         if let Err(error) = self.take_all_over().await {
@@ -685,17 +685,20 @@ impl Runner {
             let mut step = Step::default();
             {
                 let mut active = self.rollouts.active();
+                let same = active.get(newest).is_none_or(|newest| {
+                    let one = active.get(id);
+                    one.is_some_and(|one| one.replaces() == newest.replaces())
+                });
+                if !same {
+                    continue;
+                }
                 let robots: Vec<RobotId> = active.get(newest).map_or_else(Vec::new, |one| {
                     let rows = one.rollout.rows().filter(|row| row.phase.is_some());
                     rows.map(|row| row.robot.clone()).collect()
                 });
-                let model = active.get(newest).and_then(|one| one.model().cloned());
                 let Some(one) = active.get_mut(id) else {
                     continue;
                 };
-                if one.model() != model.as_ref() {
-                    continue;
-                }
                 let now = self.rollouts.now();
                 for robot in robots {
                     let command = Command::Supersede(robot);

@@ -83,7 +83,7 @@ pub struct SignArgs {
     /// Private key, as `release keygen` makes it
     #[arg(long, value_name = "FILE")]
     pub key: PathBuf,
-    /// Image: a program for an update slot, or a model
+    /// Image: a program for an update slot, a model, or a policy as `train` makes it
     #[arg(long, value_name = "FILE")]
     pub image: PathBuf,
     /// Board that it is for, as the status of a robot names it, like xiao-c3
@@ -106,14 +106,14 @@ pub struct SignArgs {
     /// [default: never]
     #[arg(long, value_name = "DATE|DAYS")]
     pub expires: Option<Expiry>,
-    /// What the image is: program or model
+    /// What the image is: program, model or policy
     #[arg(long, value_name = "KIND", default_value_t = Kind::Program, value_parser = kind)]
     pub kind: Kind,
-    /// Name of the model
+    /// Name of the model or the policy
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
-    /// Build id of the program, by which a robot proves that it runs [default for models: half of its
-    /// SHA-256]
+    /// Build id of the program, by which a robot proves that it runs [default for models and policies:
+    /// half of its SHA-256]
     #[arg(long, value_name = "ID")]
     pub build: Option<String>,
     /// Least sequence that must be installed before
@@ -299,7 +299,7 @@ fn kind(text: &str) -> Result<Kind, String> {
     let mut known = Kind::ALL.into_iter();
     known
         .find(|kind| kind.name() == text)
-        .ok_or_else(|| "must be program or model".to_owned())
+        .ok_or_else(|| "must be program, model or policy".to_owned())
 }
 
 fn setting(text: &str) -> Result<(String, f32), String> {

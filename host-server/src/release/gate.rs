@@ -15,7 +15,7 @@ use crawler_experiments::scenarios::DETECTOR;
 use crawler_protocol::{PROTOCOL_VERSION, ParameterValues};
 use crawler_release::Kind;
 use crawler_sim::evaluate::{Evaluation, Job, Line, run_all};
-use crawler_sim::scenario::Scenario;
+use crawler_sim::scenario::{Scenario, Trained};
 use crawler_sim::tools::replay::{Recording, Report, replay};
 use crawler_system::clock::unix_ms;
 use crawler_updates::gate::{
@@ -75,16 +75,25 @@ pub(super) fn run(args: &GateArgs) -> Result<ExitCode, String> {
             return Err(told(&args.file, &faults.join("; ")));
         }
     };
+    let (_, image) = split(&file).map_err(|fault| told(&args.file, &fault))?;
     let detector = match manifest.kind {
-        Kind::Program => DETECTOR,
+        Kind::Program | Kind::Policy => DETECTOR,
         // Robots that see do so with the model that is tried. It is there until the end of the process.
-        Kind::Model => {
-            let (_, image) = split(&file).map_err(|fault| told(&args.file, &fault))?;
-            Some(&*Box::leak(image.to_vec().into_boxed_slice()))
+        Kind::Model => Some(&*Box::leak(image.to_vec().into_boxed_slice())),
+    };
+    // Robots drive by the policy that is tried, in evaluations: what drives in a recording was recorded.
+    let policy = match (manifest.kind, manifest.name) {
+        (Kind::Policy, Some(name)) => {
+            let policy = Trained::new(name, image.to_vec());
+            Some(policy.map_err(|text| told(&args.file, &text))?)
         }
+        _ => None,
     };
     let mut evaluations = Vec::new();
-    for task in plan.tasks {
+    for mut task in plan.tasks {
+        if let Some(policy) = &policy {
+            task.scenario = task.scenario.driven_by(policy.clone());
+        }
         evaluations.push(evaluate(task, detector, args.threads)?);
     }
     let mut replays = Vec::new();

@@ -36,6 +36,7 @@ fn view(robot: &Robot) -> Option<RobotView<'_>> {
         board: &status.board,
         kind: status.kind.known()?,
         vision: status.capabilities.contains(&Capability::Vision.into()),
+        policies: status.capabilities.contains(&Capability::Policies.into()),
         // Programs from before there were builds tell their version alone.
         build: match &status.build {
             Some(build) => build.as_str(),

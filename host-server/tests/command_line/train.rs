@@ -65,6 +65,51 @@ fn a_policy_is_trained_and_robots_drive_by_it() {
         "it makes no difference"
     );
 
+    // For robots that are there it is signed, under a name.
+    let (keys, release) = (folder.file("keys"), folder.file("few.release"));
+    let output = terracrawler(&["release", "keygen", "--out", &keys]);
+    assert!(output.status.success(), "{}", said(&output));
+    let (private, public) = (
+        folder.file("keys/release-key.pem"),
+        folder.file("keys/release-public.pem"),
+    );
+    let sign = |name: &str| {
+        let words = [
+            "release",
+            "sign",
+            "--key",
+            &private,
+            "--image",
+            &policy,
+            "--kind",
+            "policy",
+            "--name",
+            name,
+            "--board",
+            "sim",
+            "--version",
+            "1",
+            "--sequence",
+            "1",
+            "--out",
+            &release,
+        ];
+        terracrawler(&words)
+    };
+    let output = sign("eyes");
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        said(&output).contains("name of a detector"),
+        "{}",
+        said(&output)
+    );
+    let output = sign("few");
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(said(&output).contains("policy few"), "{}", said(&output));
+    let output = terracrawler(&["release", "verify", &release, "--public", &public]);
+    assert!(output.status.success(), "{}", said(&output));
+    fs::remove_file(&release).expect("it is there");
+
     let mut damaged = fs::read(&policy).expect("a policy");
     *damaged.last_mut().expect("bytes") ^= 1;
     fs::write(&policy, damaged).expect("a file");
@@ -72,4 +117,15 @@ fn a_policy_is_trained_and_robots_drive_by_it() {
     let text = said(&output);
     assert_eq!(output.status.code(), Some(2), "{text}");
     assert!(text.contains("the policy is damaged"), "{text}");
+    let output = sign("few");
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        said(&output).contains("the policy is damaged"),
+        "{}",
+        said(&output)
+    );
+    assert!(
+        !fs::exists(&release).expect("a folder"),
+        "nothing was signed"
+    );
 }

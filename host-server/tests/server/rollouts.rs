@@ -81,9 +81,20 @@ impl Home {
         sequence: u32,
         bytes: usize,
     ) -> Release {
+        let kind = model.map_or(Kind::Program, |_| Kind::Model);
+        self.release_by_kind(kind, model, sequence, bytes).await
+    }
+
+    /// The same of a kind.
+    async fn release_by_kind(
+        &self,
+        kind: Kind,
+        model: Option<&'static str>,
+        sequence: u32,
+        bytes: usize,
+    ) -> Release {
         let image: Vec<u8> = (0..bytes).map(|n| (n * 31 % 251) as u8).collect();
         let build = format!("{}-{sequence}", model.unwrap_or("build"));
-        let kind = model.map_or(Kind::Program, |_| Kind::Model);
         let options = SignOptions {
             kind,
             name: model,

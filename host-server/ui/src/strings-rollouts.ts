@@ -142,6 +142,7 @@ const WORDS: Readonly<Record<string, string>> = {
   already_there: 'it ran this build before',
   no_release: 'no release is for its board',
   no_vision: 'it does not see, and a model is for robots that do',
+  no_policies: 'it has no room for a policy',
   not_selected: 'no phase selects it',
   interrupted: 'it went offline on the way',
   withdrawn: 'it gave the offer up, as it was told',

@@ -22,6 +22,7 @@ fn fleet() -> Vec<Sighting> {
         board: BoardName::new("sim").expect("a board"),
         kind: Kind::Simulated,
         vision: false,
+        policies: false,
         build: BuildId::new("old").expect("a build"),
         boot: 1,
         online: true,

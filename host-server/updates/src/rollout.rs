@@ -49,6 +49,7 @@
 //!     board: BoardName::new("sim")?,
 //!     kind: Kind::Simulated,
 //!     vision: false,
+//!     policies: false,
 //!     build: BuildId::new("b3")?,
 //!     boot: 1,
 //!     online: true,
@@ -104,7 +105,9 @@ pub use event::{
 };
 pub use judge::LEAST_FAILURES;
 pub use names::{BoardName, BuildId, Code, NameError, ReleaseId, RolloutId, ServerId, Version};
-pub use plan::{GateOverride, Limits, Phase, Plan, PlannedRelease, Retries, Selection, Timeouts};
+pub use plan::{
+    GateOverride, Limits, Phase, Plan, PlannedRelease, Replaced, Retries, Selection, Timeouts,
+};
 pub use progress::{PauseReason, PhaseState, RolloutState};
 pub use reports::RESEND_AFTER_MS;
 pub use robot::{Reason, RobotRow, UpdateState};

@@ -59,29 +59,36 @@ impl<'a> Dense<'a> {
         if !width.contains(&inputs) || !width.contains(&outputs) {
             return Err(ModelError::Layer(number));
         }
-        if bytes.len() != Self::bytes(inputs, outputs) {
-            return Err(ModelError::Truncated);
-        }
-        let padded = outputs.next_multiple_of(LANES);
-        let (biases, rest) = bytes.split_at(4 * padded);
-        let (multipliers, rest) = rest.split_at(padded);
-        let (shifts, weights) = rest.split_at(padded);
-        let it = Self {
-            inputs,
-            outputs,
-            biases: biases.as_chunks().0,
-            multipliers,
-            shifts,
-            weights: weights.as_chunks().0,
-        };
+        let it = Self::known(bytes, inputs, outputs).ok_or(ModelError::Truncated)?;
         let shift = |shift: &u8| (1..=MAX_SHIFT).contains(shift);
-        if multipliers.contains(&0) || !shifts.iter().all(shift) {
+        if it.multipliers.contains(&0) || !it.shifts.iter().all(shift) {
             return Err(ModelError::Layer(number));
         }
         if it.could_overflow() {
             return Err(ModelError::Overflow(number));
         }
         Ok(it)
+    }
+
+    /// A layer of bytes that [`Self::new`] has read before, without looking at all of them again. `None` where they cannot
+    /// be the same; with others that have the length of a layer there is no telling what it gives.
+    #[must_use]
+    pub fn known(bytes: &'a [u8], inputs: usize, outputs: usize) -> Option<Self> {
+        if inputs == 0 || bytes.len() != Self::bytes(inputs, outputs) {
+            return None;
+        }
+        let padded = outputs.next_multiple_of(LANES);
+        let (biases, rest) = bytes.split_at(4 * padded);
+        let (multipliers, rest) = rest.split_at(padded);
+        let (shifts, weights) = rest.split_at(padded);
+        Some(Self {
+            inputs,
+            outputs,
+            biases: biases.as_chunks().0,
+            multipliers,
+            shifts,
+            weights: weights.as_chunks().0,
+        })
     }
 
     /// Whether there are inputs for which a product leaves 32 bits.

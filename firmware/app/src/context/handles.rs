@@ -104,7 +104,7 @@ handle!(
 );
 
 impl<'a, M: RawMutex> PolicyHandle<'a, M> {
-    /// Tells control what there is to drive by.
+    /// Tells control what comes with the program to drive by.
     pub(crate) fn install(self, installed: Installed) {
         self.0.decisions.install(installed);
     }
@@ -113,7 +113,7 @@ impl<'a, M: RawMutex> PolicyHandle<'a, M> {
     ///
     /// # Cancellation Safety
     /// A dropped call misses nothing.
-    pub(crate) fn asked(self) -> impl Future<Output = Asked> + use<'a, M> {
+    pub(crate) fn asked(self) -> impl Future<Output = (Asked, u32)> + use<'a, M> {
         self.0.decisions.asked()
     }
 
@@ -132,6 +132,11 @@ impl<M: RawMutex> UpdateHandle<'_, M> {
     /// Has the camera look, or not, for the sake of a model on trial.
     pub(crate) fn try_out_eyes(self, tried: bool) {
         self.0.sights.try_out(tried);
+    }
+
+    /// Tells control what a release has brought to drive by, and what it has brought in vain.
+    pub(crate) fn bring(self, brought: Installed, unfit: Installed) {
+        self.0.decisions.bring(brought, unfit);
     }
 }
 
@@ -252,9 +257,9 @@ impl<'a, M: RawMutex> ControlHandle<'a, M> {
         self.0.decisions.take()
     }
 
-    /// Asks for a decision.
-    pub(crate) fn ask_policy(self, asked: Asked) {
-        self.0.decisions.ask(asked);
+    /// Asks for a decision of the policy whose name that stands for.
+    pub(crate) fn ask_policy(self, asked: Asked, name: u32) {
+        self.0.decisions.ask(asked, name);
     }
 
     /// Takes the newest view of the camera, if it was not taken yet.

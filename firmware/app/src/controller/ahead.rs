@@ -140,9 +140,13 @@ impl Controller {
         }
     }
 
-    /// What a decision is wanted for since the last step, while the robot drives by a policy.
-    pub fn asked(&self) -> Option<Asked> {
-        self.pilot.asked()
+    /// What a decision is wanted for since the last step, and of which policy, while the robot drives by one.
+    pub fn asked(&self) -> Option<(Asked, u32)> {
+        let asked = self.pilot.asked()?;
+        match self.state.goal() {
+            Some(Goal::Policy { name }) => Some((asked, name)),
+            _ => None,
+        }
     }
 
     /// Takes in what was decided, and makes the observations that decisions are wanted for.

@@ -78,7 +78,7 @@ impl Controller {
             {
                 Err(Reason::OutOfRange)
             }
-            Task::Policy { name } => inputs.policy.check(name),
+            Task::Policy { name } => inputs.policies.check(name),
             Task::Mission(mission) if !is_possible(&mission, inputs.own) => Err(Reason::OutOfRange),
             Task::Move { .. } | Task::Drive { .. } => {
                 let near = view.is_some_and(|v| v.distance_mm() < self.tuning.critical_mm);

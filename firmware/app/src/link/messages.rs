@@ -42,7 +42,7 @@ pub(super) fn status<M: RawMutex>(
 ) -> Option<usize> {
     let (config, boot) = (robot.config(), robot.boot());
     let mut capabilities = Vec::new();
-    // At most seven of eight places.
+    // Eight places, and as many of them at most.
     let _ = capabilities.push(Capability::Drive);
     let _ = capabilities.push(Capability::Range);
     if config.camera {
@@ -56,6 +56,9 @@ pub(super) fn status<M: RawMutex>(
     }
     let _ = capabilities.push(Capability::Missions);
     let _ = capabilities.push(Capability::Map);
+    if updates.takes_policies() {
+        let _ = capabilities.push(Capability::Policies);
+    }
     let message = StatusMessage {
         robot: config.id.clone(),
         online,

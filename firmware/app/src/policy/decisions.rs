@@ -10,31 +10,53 @@ use embassy_sync::signal::Signal;
 use super::pilot::{Asked, Decision};
 use crate::neighbours::hash;
 
-/// What there is to drive by.
+/// A policy that is there, or that should be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Installed {
-    /// Nothing.
+    /// There is none.
     #[default]
     None,
-    /// Bytes that are no policy.
-    Bad,
-    /// A policy for another kind of observation.
-    Other,
-    /// The policy whose name this stands for: see `named`.
+    /// What is there under the name that this stands for (see `named`) is none.
+    Bad(u32),
+    /// What is there under it is for another kind of observation.
+    Other(u32),
+    /// The policy whose name this stands for.
     Policy(u32),
 }
 
-impl Installed {
+/// What there is to drive by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Policies {
+    /// What comes with the program.
+    pub own: Installed,
+    /// What a release has brought.
+    pub brought: Installed,
+    /// What a release has brought and is not driven by.
+    pub unfit: Installed,
+}
+
+impl Policies {
+    /// Nothing.
+    pub const NONE: Self = Self {
+        own: Installed::None,
+        brought: Installed::None,
+        unfit: Installed::None,
+    };
+
     /// Whether the policy of this name is there.
     ///
     /// # Errors
     /// The reason for which the behaviour is refused.
-    pub const fn check(self, name: u32) -> Result<(), Reason> {
-        match self {
-            Self::Policy(own) if own == name => Ok(()),
-            Self::None | Self::Policy(_) => Err(Reason::NoPolicy),
-            Self::Bad => Err(Reason::BadPolicy),
-            Self::Other => Err(Reason::OtherObservation),
+    pub fn check(self, name: u32) -> Result<(), Reason> {
+        let all = [self.own, self.brought, self.unfit];
+        if all.contains(&Installed::Policy(name)) {
+            Ok(())
+        } else if all.contains(&Installed::Bad(name)) {
+            Err(Reason::BadPolicy)
+        } else if all.contains(&Installed::Other(name)) {
+            Err(Reason::OtherObservation)
+        } else {
+            Err(Reason::NoPolicy)
         }
     }
 }
@@ -46,12 +68,12 @@ pub(crate) fn named(name: &str) -> u32 {
 
 /// The hand-over between control and the activity.
 pub(crate) struct Decisions<M: RawMutex> {
-    /// Control → activity: the newest observation.
-    asked: Signal<M, Asked>,
+    /// Control → activity: the newest observation, and the name that stands for the policy.
+    asked: Signal<M, (Asked, u32)>,
     /// Activity → control.
     decided: Mutex<M, Cell<Option<Decision>>>,
-    /// Activity → control.
-    installed: Mutex<M, Cell<Installed>>,
+    /// Activities → control.
+    installed: Mutex<M, Cell<Policies>>,
 }
 
 impl<M: RawMutex> Decisions<M> {
@@ -59,20 +81,32 @@ impl<M: RawMutex> Decisions<M> {
         Self {
             asked: Signal::new(),
             decided: Mutex::new(Cell::new(None)),
-            installed: Mutex::new(Cell::new(Installed::None)),
+            installed: Mutex::new(Cell::new(Policies::NONE)),
         }
     }
 
-    pub(crate) fn installed(&self) -> Installed {
+    pub(crate) fn installed(&self) -> Policies {
         self.installed.lock(Cell::get)
     }
 
-    pub(crate) fn install(&self, installed: Installed) {
-        self.installed.lock(|cell| cell.set(installed));
+    pub(crate) fn install(&self, own: Installed) {
+        self.installed
+            .lock(|cell| cell.set(Policies { own, ..cell.get() }));
     }
 
-    pub(crate) fn ask(&self, asked: Asked) {
-        self.asked.signal(asked);
+    pub(crate) fn bring(&self, brought: Installed, unfit: Installed) {
+        self.installed.lock(|cell| {
+            let Policies { own, .. } = cell.get();
+            cell.set(Policies {
+                own,
+                brought,
+                unfit,
+            });
+        });
+    }
+
+    pub(crate) fn ask(&self, asked: Asked, name: u32) {
+        self.asked.signal((asked, name));
     }
 
     pub(crate) fn take(&self) -> Option<Decision> {
@@ -87,13 +121,13 @@ impl<M: RawMutex> Decisions<M> {
     ///
     /// # Cancellation Safety
     /// A dropped call misses nothing.
-    pub(crate) fn asked(&self) -> impl Future<Output = Asked> + use<'_, M> {
+    pub(crate) fn asked(&self) -> impl Future<Output = (Asked, u32)> + use<'_, M> {
         self.asked.wait()
     }
 
     /// The observation that waits.
     #[cfg(test)]
     pub(crate) fn waiting(&self) -> Option<Asked> {
-        self.asked.try_take()
+        self.asked.try_take().map(|(asked, _)| asked)
     }
 }

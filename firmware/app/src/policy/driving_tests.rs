@@ -3,7 +3,7 @@
 use crawler_hal::{Duration, Instant, Millimeters};
 use crawler_protocol::{BehaviourName, Reason, ResponseStatus};
 
-use super::{Action, Asked, DECIDED_WITHIN, Decision, Installed};
+use super::{Action, Asked, DECIDED_WITHIN, Decision, Installed, Policies};
 use crate::controller::{Controller, Inputs, Outputs, PERIOD, Tuning};
 use crate::order::Task;
 use crate::perception::Sight;
@@ -12,12 +12,26 @@ use crate::testing::{TestRng, asked, inputs};
 
 const NAME: u32 = 7;
 
+fn own(own: Installed) -> Policies {
+    Policies {
+        own,
+        ..Policies::NONE
+    }
+}
+
+fn brought(brought: Installed) -> Policies {
+    Policies {
+        brought,
+        ..Policies::NONE
+    }
+}
+
 struct Bench {
     controller: Controller,
     rng: TestRng,
     now: Instant,
     sight: Sight,
-    installed: Installed,
+    installed: Policies,
     /// Of the step before.
     asked: Option<Asked>,
 }
@@ -29,7 +43,7 @@ impl Bench {
             rng: TestRng(7),
             now: Instant::BOOT,
             sight: Sight::Clear,
-            installed: Installed::Policy(NAME),
+            installed: own(Installed::Policy(NAME)),
             asked: None,
         };
         bench.step(None, None);
@@ -52,12 +66,12 @@ impl Bench {
             number: asked.number,
         });
         let inputs = Inputs {
-            policy: self.installed,
+            policies: self.installed,
             decision,
             ..inputs(self.sight, self.now, order.as_ref())
         };
         let out = self.controller.step(&inputs, &mut self.rng, self.now);
-        self.asked = self.controller.asked();
+        self.asked = self.controller.asked().map(|(asked, _)| asked);
         out
     }
 
@@ -113,9 +127,12 @@ fn a_policy_that_is_not_there_is_refused_with_its_reason() {
     for (installed, reason) in [
         (Installed::None, Reason::NoPolicy),
         (Installed::Policy(NAME + 1), Reason::NoPolicy),
-        (Installed::Bad, Reason::BadPolicy),
-        (Installed::Other, Reason::OtherObservation),
-    ] {
+        (Installed::Bad(NAME), Reason::BadPolicy),
+        (Installed::Other(NAME), Reason::OtherObservation),
+    ]
+    .into_iter()
+    .flat_map(|(installed, reason)| [(own(installed), reason), (brought(installed), reason)])
+    {
         let mut bench = Bench::new();
         bench.installed = installed;
         let refused = Some((ResponseStatus::Rejected, Some(reason)));

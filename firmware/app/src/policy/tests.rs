@@ -191,11 +191,30 @@ fn what_is_no_policy_is_refused_with_a_reason() {
 #[test]
 fn a_robot_says_why_it_does_not_drive_by_a_policy() {
     use crawler_protocol::Reason;
-    assert_eq!(Installed::Policy(7).check(7), Ok(()));
-    assert_eq!(Installed::Policy(7).check(8), Err(Reason::NoPolicy));
-    assert_eq!(Installed::None.check(8), Err(Reason::NoPolicy));
-    assert_eq!(Installed::Bad.check(8), Err(Reason::BadPolicy));
-    assert_eq!(Installed::Other.check(8), Err(Reason::OtherObservation));
+    let (none, here) = (Installed::None, Installed::Policy(7));
+    let (bad, other) = (Installed::Bad(7), Installed::Other(7));
+    for (own, brought, name, expected) in [
+        (here, none, 7, Ok(())),
+        (none, here, 7, Ok(())),
+        (here, none, 8, Err(Reason::NoPolicy)),
+        (none, none, 7, Err(Reason::NoPolicy)),
+        (bad, none, 7, Err(Reason::BadPolicy)),
+        (none, bad, 7, Err(Reason::BadPolicy)),
+        (none, bad, 8, Err(Reason::NoPolicy)),
+        (none, other, 7, Err(Reason::OtherObservation)),
+        // The one before it is used, and may be called otherwise.
+        (none, here, 7, Ok(())),
+        // The one of the program is there whatever came under its name.
+        (here, bad, 7, Ok(())),
+        (here, other, 7, Ok(())),
+    ] {
+        let policies = Policies {
+            own,
+            brought,
+            unfit: Installed::None,
+        };
+        assert_eq!(policies.check(name), expected, "{policies:?} {name}");
+    }
 }
 
 proptest! {

@@ -96,6 +96,14 @@ impl Bench {
         bench
     }
 
+    /// Has a release bring the policy that came with the program before.
+    pub(super) fn bring_policy(&mut self) {
+        let name = named("trained");
+        self.robot.policy_handle().install(Installed::None);
+        let brought = Installed::Policy(name);
+        self.robot.update_handle().bring(brought, Installed::None);
+    }
+
     pub(super) fn now(&self) -> Instant {
         self.now
     }

@@ -46,13 +46,18 @@ proptest! {
         }
     }
 
-    /// The same for a robot that drives by a policy, whatever its network decides.
+    /// The same for a robot that drives by a policy, that of its program or one that a release has brought, whatever its
+    /// network decides.
     #[test]
     fn whatever_a_network_decides_the_rules_hold(
         seed in any::<u64>(),
+        brought in any::<bool>(),
         happenings in prop::collection::vec(happening(), 1..60),
     ) {
         let mut bench = Bench::new(seed);
+        if brought {
+            bench.bring_policy();
+        }
         let policy = PolicyName::new("trained").expect("legal");
         bench.send(&Action::Behave(BehaviourSpec::Policy { policy }), 0, Number::Next, 0)?;
         bench.happen(&Happening::Run(30))?;

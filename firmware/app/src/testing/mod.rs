@@ -26,7 +26,7 @@ use crate::context::Robot;
 use crate::controller::Inputs;
 use crate::order::{self, Order, Sender, UpdateWish};
 use crate::perception::{Charge, LinkHealth, Reading, SensorHealth, Sight};
-use crate::policy::Installed;
+use crate::policy::Policies;
 
 pub(crate) type TestRobot = Robot<NoopRawMutex>;
 
@@ -92,7 +92,7 @@ pub(crate) fn inputs(sight: Sight, now: Instant, order: Option<&Order>) -> Input
         halt: None,
         order,
         update: UpdateWish::None,
-        policy: Installed::None,
+        policies: Policies::NONE,
         decision: None,
     }
 }

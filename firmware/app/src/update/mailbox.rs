@@ -20,6 +20,8 @@ use embassy_sync::signal::Signal;
 use embassy_sync::waitqueue::WakerRegistration;
 use heapless::Deque;
 
+use super::slots::Subject;
+
 /// Commands that may wait. A server sends one, and sends it again when nothing comes of it.
 const COMMANDS: usize = 3;
 
@@ -57,8 +59,8 @@ pub(crate) struct Progress {
     pub(crate) stage: UpdateStage,
     pub(crate) reason: Option<&'static str>,
     pub(crate) bytes: u32,
-    /// Whether it is one of a model.
-    pub(crate) of_model: bool,
+    /// What it replaces.
+    pub(crate) of: Subject,
 }
 
 /// What a release came to.
@@ -69,8 +71,8 @@ pub(crate) struct Outcome {
     pub(crate) reason: Option<&'static str>,
     /// Of a refusal: whether it would be the same tomorrow.
     pub(crate) lasting: Option<bool>,
-    /// Whether it is one of a model.
-    pub(crate) of_model: bool,
+    /// What it replaces.
+    pub(crate) of: Subject,
 }
 
 /// A kind of report. Of each the newest counts.
@@ -120,6 +122,8 @@ pub(crate) trait UpdatePort {
     fn add_models(&self, page: &mut [u8], len: usize) -> Option<usize>;
     /// Another number whenever they have changed; `None` while they are not known.
     fn models_revision(&self) -> Option<u8>;
+    /// Whether releases may bring policies.
+    fn takes_policies(&self) -> bool;
 }
 
 /// The updates of a body without any.
@@ -167,6 +171,10 @@ impl UpdatePort for NoUpdates {
     fn models_revision(&self) -> Option<u8> {
         Some(0)
     }
+
+    fn takes_policies(&self) -> bool {
+        false
+    }
 }
 
 struct Inner<const MODELS: usize> {
@@ -192,12 +200,14 @@ struct Inner<const MODELS: usize> {
 
 /// Which model is in use.
 struct InUse {
-    /// What it is called, and what names its contents; `None` for the one of the program.
+    /// What it is called, and what names its contents; `None` for what came with the program.
     model: Option<(ModelName, BuildId)>,
     /// Counts its changes; `None` while it is not known which it is.
     revision: Option<u8>,
     /// Who waits until it is known.
     waits: WakerRegistration,
+    /// Whether it is a policy.
+    drives: bool,
 }
 
 impl InUse {
@@ -205,14 +215,15 @@ impl InUse {
         model: None,
         revision: Some(0),
         waits: WakerRegistration::new(),
+        drives: false,
     };
 }
 
 /// What [`update()`](crate::update()) and the link share: chunks and words of the server one way, reports the other. A board
 /// keeps it in a static beside its [`Robot`](crate::Robot): 1.6 KB.
 ///
-/// `MODELS` is how many models releases may bring: 1 on a body whose detector takes them, and 0 on others, which then
-/// have no code and no memory for it.
+/// `MODELS` is how many models releases may bring: one for a detector and one for a policy, as far as the body takes them;
+/// with 0 it has no code and no memory for it.
 pub struct Updates<M: RawMutex, const MODELS: usize = 0> {
     identity: UpdateIdentity,
     inner: Mutex<M, RefCell<Inner<MODELS>>>,
@@ -360,10 +371,9 @@ impl<M: RawMutex, const MODELS: usize> Updates<M, MODELS> {
         });
     }
 
-    /// Has [`Self::model_known`], and the status, wait until it is known which model is in use: for a body whose
-    /// detector takes models, before the program starts. Who sees a status without a model would think that it was
-    /// given up.
-    pub fn expect_model(&self) {
+    /// Has [`Self::models_known`], and the status, wait until it is known which models are in use: for a body that takes
+    /// models, before the program starts. Who sees a status without a model would think that it was given up.
+    pub fn expect_models(&self) {
         self.with(|inner| {
             for used in &mut inner.models {
                 used.revision = None;
@@ -371,31 +381,40 @@ impl<M: RawMutex, const MODELS: usize> Updates<M, MODELS> {
         });
     }
 
-    /// Returns when it is known which model is in use: at once, unless [`Self::expect_model`] was called. A body whose
-    /// detector takes models begins its link then, whose last will tells it as well.
+    /// Returns when it is known which models are in use: at once, unless [`Self::expect_models`] was called. A body that
+    /// takes models begins its link then, whose last will tells them as well.
     ///
     /// # Cancellation Safety
     /// A dropped call misses nothing.
-    pub async fn model_known(&self) {
+    pub async fn models_known(&self) {
         poll_fn(|context| {
-            self.with(|inner| match inner.models.first_mut() {
-                Some(used) if used.revision.is_none() => {
-                    used.waits.register(context.waker());
-                    Poll::Pending
+            self.with(|inner| {
+                let mut all = inner.models.iter_mut();
+                match all.find(|used| used.revision.is_none()) {
+                    Some(used) => {
+                        used.waits.register(context.waker());
+                        Poll::Pending
+                    }
+                    None => Poll::Ready(()),
                 }
-                Some(_) | None => Poll::Ready(()),
             })
         })
         .await;
     }
 
-    /// Says which model is in use; `None` for the one of the program.
-    pub(crate) fn set_model(&self, model: Option<(ModelName, BuildId)>) {
-        if MODELS == 0 {
+    /// Where it stands which model of `subject` is in use. A body that takes one model has one place for it, whichever it is.
+    fn place(subject: Subject) -> Option<usize> {
+        let last = MODELS.checked_sub(1)?;
+        Some(subject.model()?.min(last))
+    }
+
+    /// Says which model of `subject` is in use; `None` for what came with the program.
+    pub(crate) fn set_model(&self, subject: Subject, model: Option<(ModelName, BuildId)>) {
+        let Some(place) = Self::place(subject) else {
             return;
-        }
+        };
         self.with(|inner| {
-            if let Some(used) = inner.models.first_mut() {
+            if let Some(used) = inner.models.get_mut(place) {
                 let revision = used.revision.unwrap_or(0);
                 let changes = used.model != model;
                 used.revision = Some(revision.wrapping_add(u8::from(changes)));
@@ -405,13 +424,23 @@ impl<M: RawMutex, const MODELS: usize> Updates<M, MODELS> {
         });
     }
 
-    /// What names the contents of the model that is in use.
-    pub(crate) fn model_build(&self) -> Option<BuildId> {
-        if MODELS == 0 {
-            return None;
-        }
+    /// Says that releases may bring policies.
+    pub(crate) fn take_policies(&self) {
+        let Some(place) = Self::place(Subject::Policy) else {
+            return;
+        };
         self.with(|inner| {
-            let (_, build) = inner.models.first()?.model.as_ref()?;
+            if let Some(used) = inner.models.get_mut(place) {
+                used.drives = true;
+            }
+        });
+    }
+
+    /// What names the contents of the model of `subject` that is in use.
+    pub(crate) fn model_build(&self, subject: Subject) -> Option<BuildId> {
+        let place = Self::place(subject)?;
+        self.with(|inner| {
+            let (_, build) = inner.models.get(place)?.model.as_ref()?;
             Some(build.clone())
         })
     }
@@ -527,12 +556,9 @@ impl<M: RawMutex, const MODELS: usize> UpdatePort for Updates<M, MODELS> {
 
     fn compose(&self, kind: ReportKind, robot: &RobotId, page: &mut [u8]) -> Option<usize> {
         let robot = robot.clone();
-        let build = |of_model| {
-            if MODELS > 0 && of_model {
-                self.model_build()
-            } else {
-                Some(self.identity.build.clone())
-            }
+        let build = |of| match Self::place(of) {
+            Some(_) => self.model_build(of),
+            None => Some(self.identity.build.clone()),
         };
         let report: UpdateReport = match kind {
             ReportKind::Have => {
@@ -568,7 +594,7 @@ impl<M: RawMutex, const MODELS: usize> UpdatePort for Updates<M, MODELS> {
                     state: progress.stage,
                     reason: progress.reason.and_then(|code| ReasonCode::new(code).ok()),
                     bytes: progress.bytes,
-                    build: build(progress.of_model),
+                    build: build(progress.of),
                 }
             }
             ReportKind::Outcome => {
@@ -578,7 +604,7 @@ impl<M: RawMutex, const MODELS: usize> UpdatePort for Updates<M, MODELS> {
                     release: outcome.release,
                     outcome: outcome.came_to,
                     reason: outcome.reason.and_then(|code| ReasonCode::new(code).ok()),
-                    build: build(outcome.of_model),
+                    build: build(outcome.of),
                     lasting: outcome.lasting,
                 }
             }
@@ -597,38 +623,46 @@ impl<M: RawMutex, const MODELS: usize> UpdatePort for Updates<M, MODELS> {
         });
     }
 
-    // As the message would, whose models are last in it. A map of JSON takes 2 KB of code, and there is one model.
+    // As the message would, whose models are last in it. A map of JSON takes 2 KB of code, and there are two models at most.
     fn add_models(&self, page: &mut [u8], len: usize) -> Option<usize> {
         if MODELS == 0 {
             return Some(len);
         }
         self.with(|inner| {
-            let model = inner.models.first().and_then(|used| used.model.as_ref());
-            let Some((name, build)) = model else {
+            let models = inner.models.iter();
+            let mut models = models.filter_map(|used| used.model.as_ref()).peekable();
+            if models.peek().is_none() {
                 return Some(len);
-            };
+            }
             // In the place of the brace at the end.
             let mut at = len.checked_sub(1)?;
-            for text in [
-                r#","models":{""#,
-                name.as_str(),
-                r#"":""#,
-                build.as_str(),
-                r#""}}"#,
-            ] {
+            let mut before = r#","models":{""#;
+            let mut add = |text: &str| {
                 let end = at + text.len();
                 page.get_mut(at..end)?.copy_from_slice(text.as_bytes());
                 at = end;
+                Some(())
+            };
+            for (name, build) in models {
+                for text in [before, name.as_str(), r#"":""#, build.as_str()] {
+                    add(text)?;
+                }
+                before = r#"",""#;
             }
+            add(r#""}}"#)?;
             Some(at)
         })
     }
 
     fn models_revision(&self) -> Option<u8> {
-        if MODELS == 0 {
-            return Some(0);
-        }
-        self.with(|inner| inner.models.first().map_or(Some(0), |used| used.revision))
+        self.with(|inner| {
+            let mut revisions = inner.models.iter().map(|used| used.revision);
+            revisions.try_fold(0, |sum: u8, one| Some(sum.wrapping_add(one?)))
+        })
+    }
+
+    fn takes_policies(&self) -> bool {
+        self.with(|inner| inner.models.iter().any(|used| used.drives))
     }
 }
 

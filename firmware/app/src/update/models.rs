@@ -22,22 +22,33 @@
 //! it tells nothing. A body says by [`ModelHost`] where its places are and how a model is loaded. One without has no
 //! code for all this: [`NoModels`].
 //!
-//! `find` says which model is in use, from the flash; `prove` has the trial of one that was activated.
+//! A policy is a model as well, with places of its own ([`PolicyHost`]). Nothing is done by it before somebody asks for the
+//! behaviour, by its name, so there is nothing to observe: it is confirmed in the step in which it is activated. One that
+//! is damaged at a start, or that the program does not drive by any more, stays where it is, and whoever asks for it is
+//! told why: the next program may drive by it.
+//!
+//! `find` says which model is in use, from the flash; `prove` has what follows once one was activated; `policies` holds the
+//! policy.
 
 mod find;
+mod policies;
 mod prove;
 
 use crawler_boot::{ModelTrial, RollbackReason};
 use crawler_hal::{Clock, Duration, ModelRegion};
 use crawler_protocol::{ModelName, ReleaseId, UpdateOutcome};
+use crawler_release::Kind;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::{MultiwriteNorFlash, ReadNorFlash};
 
 use super::mailbox::Outcome;
-use super::slots::{OnlyPrograms, ProgramsAndModel, Seen, Site, Sites, Subject, Work};
+use super::slots::{OnlyPrograms, ProgramsAndModels, Seen, Site, Sites, Subject, Work};
 use super::steps::Planned;
 use super::{Activity, Blocks, Failed, Next, Stock};
 use crate::vision::DetectorError;
+
+pub use policies::PolicyHost;
+pub(super) use policies::PolicyPlace;
 
 /// Why a model is not loaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,8 +106,11 @@ pub(super) trait ModelStore: Sized {
 
     fn sites(&self, programs: Site) -> Self::Sites;
     fn name(&self) -> Option<&str>;
-    fn stock(&self) -> Option<&Stock>;
-    fn stock_mut(&mut self) -> Option<&mut Stock>;
+    /// What a release of this kind replaces, if that can be replaced.
+    fn subject(&self, kind: Kind) -> Option<Subject>;
+    /// What is known of [`Subject::MODELS`].
+    fn stocks(&self) -> &[Stock];
+    fn stock_mut(&mut self, subject: Subject) -> Option<&mut Stock>;
     fn is_on_trial(&self) -> bool;
 
     /// [`Activity::start`], and what runs of models.
@@ -138,11 +152,15 @@ impl ModelStore for NoModels {
         None
     }
 
-    fn stock(&self) -> Option<&Stock> {
+    fn subject(&self, _: Kind) -> Option<Subject> {
         None
     }
 
-    fn stock_mut(&mut self) -> Option<&mut Stock> {
+    fn stocks(&self) -> &[Stock] {
+        &[]
+    }
+
+    fn stock_mut(&mut self, _: Subject) -> Option<&mut Stock> {
         None
     }
 
@@ -183,44 +201,93 @@ impl ModelStore for NoModels {
     }
 }
 
+/// The detector of a body without one that takes models: there is no value of this type, and no code for it.
+#[derive(Debug, Clone, Copy)]
+pub enum NoEyes {}
+
+impl ModelHost for NoEyes {
+    fn name(&self) -> &ModelName {
+        match *self {}
+    }
+
+    fn region(&self) -> ModelRegion {
+        match *self {}
+    }
+
+    async fn load<F: ReadNorFlash>(
+        &mut self,
+        _: &mut F,
+        _: u32,
+        _: u32,
+    ) -> Result<(), LoadError<F::Error>> {
+        match *self {}
+    }
+
+    fn adopt(&mut self) {
+        match *self {}
+    }
+
+    fn use_own(&mut self) {
+        match *self {}
+    }
+
+    fn looks(&self) -> ModelLooks {
+        match *self {}
+    }
+}
+
 /// A body with models.
-pub(super) struct WithModels<B> {
-    host: B,
-    stock: Stock,
-    /// Of the model in use.
+pub(super) struct WithModels<B, P> {
+    eyes: Option<B>,
+    policies: P,
+    stocks: [Stock; Subject::MODELS.len()],
+    /// Of the model of the eyes that is in use.
     trial: Option<ModelTrial>,
     /// An outcome that waits until the one of a program was told.
     later: Option<Outcome>,
 }
 
-impl<B: ModelHost> WithModels<B> {
-    pub(super) fn new(host: B) -> Self {
+impl<B: ModelHost, P: PolicyPlace> WithModels<B, P> {
+    pub(super) fn new(eyes: Option<B>, policies: P) -> Self {
         Self {
-            host,
-            stock: Stock::default(),
+            eyes,
+            policies,
+            stocks: [Stock::default(); Subject::MODELS.len()],
             trial: None,
             later: None,
         }
     }
+
+    /// Those that the body takes.
+    fn subjects(&self) -> impl Iterator<Item = Subject> + use<B, P> {
+        let there = [self.eyes.is_some(), self.policies.region().is_some()];
+        let all = Subject::MODELS.into_iter().zip(there);
+        all.filter_map(|(subject, there)| there.then_some(subject))
+    }
 }
 
-impl<B: ModelHost> ModelStore for WithModels<B> {
-    type Sites = ProgramsAndModel;
+impl<B: ModelHost, P: PolicyPlace> ModelStore for WithModels<B, P> {
+    type Sites = ProgramsAndModels;
 
-    fn sites(&self, programs: Site) -> ProgramsAndModel {
-        ProgramsAndModel::new(programs, &self.host.region())
+    fn sites(&self, programs: Site) -> ProgramsAndModels {
+        let eyes = self.eyes.as_ref().map(ModelHost::region);
+        ProgramsAndModels::new(programs, [eyes, self.policies.region()])
     }
 
     fn name(&self) -> Option<&str> {
-        Some(self.host.name().as_str())
+        self.eyes.as_ref().map(|eyes| eyes.name().as_str())
     }
 
-    fn stock(&self) -> Option<&Stock> {
-        Some(&self.stock)
+    fn subject(&self, kind: Kind) -> Option<Subject> {
+        self.subjects().find(|subject| subject.kind() == kind)
     }
 
-    fn stock_mut(&mut self) -> Option<&mut Stock> {
-        Some(&mut self.stock)
+    fn stocks(&self) -> &[Stock] {
+        &self.stocks
+    }
+
+    fn stock_mut(&mut self, subject: Subject) -> Option<&mut Stock> {
+        self.stocks.get_mut(subject.model()?)
     }
 
     fn is_on_trial(&self) -> bool {
@@ -231,7 +298,18 @@ impl<B: ModelHost> ModelStore for WithModels<B> {
         activity: &mut Activity<'_, M, F, C, Self, MODELS>,
     ) {
         activity.start().await;
-        activity.find_model().await;
+        if activity.models.policies.region().is_some() {
+            activity.updates.take_policies();
+        }
+        let mut there = activity.models.subjects().peekable();
+        for subject in Subject::MODELS {
+            if there.next_if_eq(&subject).is_some() {
+                activity.find_model(subject).await;
+            } else if MODELS >= Subject::MODELS.len() {
+                // A body that takes one model has one place to tell of it.
+                activity.updates.set_model(subject, None);
+            }
+        }
     }
 
     async fn turn<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
@@ -239,10 +317,13 @@ impl<B: ModelHost> ModelStore for WithModels<B> {
     ) -> Next {
         let next = activity.turn().await;
         if activity.is_at_work() {
-            next
-        } else {
-            activity.prove_model().await
+            return next;
         }
+        if activity.models.policies.is_unsettled() {
+            // What was looked at has not come to be used.
+            activity.find_model(Subject::Policy).await;
+        }
+        activity.prove_model().await
     }
 
     async fn run<M: RawMutex, F: MultiwriteNorFlash, C: Clock, const MODELS: usize>(
@@ -252,7 +333,7 @@ impl<B: ModelHost> ModelStore for WithModels<B> {
     ) -> Result<Seen, Failed> {
         let seen = activity.slots.run(works, activity.updates).await?;
         if let Planned::Step(step) = step
-            && activity.is_of_model()
+            && activity.slots.subject() != Subject::Program
         {
             activity.go_on_with_model(step).await?;
         }
@@ -263,7 +344,8 @@ impl<B: ModelHost> ModelStore for WithModels<B> {
         activity: &mut Activity<'_, M, F, C, Self, MODELS>,
         release: ReleaseId,
     ) -> Option<Blocks> {
-        for subject in [Subject::Model, Subject::Program] {
+        let models = activity.models.subjects();
+        for subject in models.chain([Subject::Program]) {
             activity.slots.turn_to(subject);
             let lying = activity.lying(release).await;
             if lying.is_some() {
@@ -280,12 +362,12 @@ impl<B: ModelHost> ModelStore for WithModels<B> {
     }
 }
 
-const fn rolled_back(release: ReleaseId, reason: RollbackReason) -> Outcome {
+const fn rolled_back(release: ReleaseId, reason: RollbackReason, of: Subject) -> Outcome {
     Outcome {
         release,
         came_to: UpdateOutcome::RolledBack,
         reason: Some(reason.code()),
         lasting: None,
-        of_model: true,
+        of,
     }
 }

@@ -91,7 +91,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
                 came_to: UpdateOutcome::RolledBack,
                 reason: Some(reason.code()),
                 lasting: None,
-                of_model: false,
+                of: Subject::Program,
             });
         } else if is_unfinished(&seen.trailer) {
             let bytes = blocks_of(&seen.trailer).bytes(known.shape);
@@ -178,7 +178,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
         let release = installed.release;
         self.tell_have();
         if let Some(release) = release {
-            self.tell_confirmed(release, false);
+            self.tell_confirmed(release, Subject::Program);
             self.log(Level::Info, release, format_args!("is proven"));
         }
     }

@@ -7,7 +7,7 @@ use crawler_boot::flash::{FlashError, Operation, SECTOR, WORD};
 use crawler_boot::otadata::{Bootloader, Goal, Otadata, Slots as Count, Standing};
 use crawler_boot::trailer::{Begin, ENVELOPE_AT, Record, Trailer};
 use crawler_hal::{ModelRegion, SlotPort, SlotRegion};
-use crawler_protocol::{BuildId, ReleaseId};
+use crawler_protocol::{BuildId, ModelName, ReleaseId};
 use crawler_release::{BlockHasher, ENVELOPE_MAX, Kind, Manifest, Signed};
 
 use embassy_futures::yield_now;
@@ -80,11 +80,36 @@ pub(super) struct Seen {
 
 /// What a release replaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Subject {
+pub(crate) enum Subject {
     /// The program, by the one in the other slot.
     Program,
-    /// The model, by the one in the other place, or in either where the program runs its own.
-    Model,
+    /// The model of the detector, by the one in the other place, or in either where the program runs its own.
+    Eyes,
+    /// The policy that a release has brought, in the same way.
+    Policy,
+}
+
+impl Subject {
+    /// Those that lie in places beside the program.
+    pub(super) const MODELS: [Self; 2] = [Self::Eyes, Self::Policy];
+
+    /// Which of [`Self::MODELS`] it is; `None` for the program.
+    pub(super) const fn model(self) -> Option<usize> {
+        match self {
+            Self::Program => None,
+            Self::Eyes => Some(0),
+            Self::Policy => Some(1),
+        }
+    }
+
+    /// The kind of its releases.
+    pub(super) const fn kind(self) -> Kind {
+        match self {
+            Self::Program => Kind::Program,
+            Self::Eyes => Kind::Model,
+            Self::Policy => Kind::Policy,
+        }
+    }
 }
 
 /// Two regions of the flash, and the select entries between them.
@@ -139,29 +164,37 @@ impl Sites for OnlyPrograms {
     }
 }
 
-/// The site of programs, and that of a model.
-pub(super) struct ProgramsAndModel {
+/// The site of programs, and those of models, as far as there are any.
+pub(super) struct ProgramsAndModels {
     programs: Site,
-    model: Site,
+    models: [Option<Site>; Subject::MODELS.len()],
     subject: Subject,
 }
 
-impl ProgramsAndModel {
-    /// Programs are meant; of the model what the program was built with is in use.
-    pub(super) const fn new(programs: Site, model: &ModelRegion) -> Self {
+impl ProgramsAndModels {
+    /// Programs are meant; of models what the program was built with is in use.
+    pub(super) fn new(
+        programs: Site,
+        models: [Option<ModelRegion>; Subject::MODELS.len()],
+    ) -> Self {
+        let site = |model: ModelRegion| Site {
+            otadata: model.select,
+            regions: model.places,
+            running: 0,
+        };
         Self {
             programs,
-            model: Site {
-                otadata: model.select,
-                regions: model.places,
-                running: 0,
-            },
+            models: models.map(|model| model.map(site)),
             subject: Subject::Program,
         }
     }
+
+    fn meant(&self) -> Option<&Site> {
+        self.models.get(self.subject.model()?)?.as_ref()
+    }
 }
 
-impl Sites for ProgramsAndModel {
+impl Sites for ProgramsAndModels {
     fn turn_to(&mut self, subject: Subject) {
         self.subject = subject;
     }
@@ -171,14 +204,13 @@ impl Sites for ProgramsAndModel {
     }
 
     fn site(&self) -> &Site {
-        match self.subject {
-            Subject::Program => &self.programs,
-            Subject::Model => &self.model,
-        }
+        // Nobody turns to what is not there.
+        self.meant().unwrap_or(&self.programs)
     }
 
     fn are_usable(&self) -> bool {
-        self.programs.is_usable() && self.model.is_usable()
+        let mut models = self.models.iter().flatten();
+        self.programs.is_usable() && models.all(Site::is_usable)
     }
 }
 
@@ -207,10 +239,14 @@ impl<F, S> Slots<F, S> {
     }
 }
 
-impl<F> Slots<F, ProgramsAndModel> {
-    /// Has this number in use from now on, of the model.
-    pub(super) const fn use_model(&mut self, running: u8) {
-        self.sites.model.running = running;
+impl<F> Slots<F, ProgramsAndModels> {
+    /// Has this number in use from now on, of the model that is meant.
+    pub(super) fn use_model(&mut self, running: u8) {
+        let meant = self.sites.subject.model();
+        let site = meant.and_then(|model| self.sites.models.get_mut(model));
+        if let Some(Some(site)) = site {
+            site.running = running;
+        }
     }
 }
 
@@ -241,7 +277,7 @@ impl<F: MultiwriteNorFlash, S: Sites> Slots<F, S> {
     fn count(&self) -> Count {
         match self.subject() {
             Subject::Program => Count::TWO,
-            Subject::Model => Count::THREE,
+            Subject::Eyes | Subject::Policy => Count::THREE,
         }
     }
 
@@ -249,7 +285,7 @@ impl<F: MultiwriteNorFlash, S: Sites> Slots<F, S> {
     fn first(&self) -> u8 {
         match self.subject() {
             Subject::Program => 0,
-            Subject::Model => 1,
+            Subject::Eyes | Subject::Policy => 1,
         }
     }
 
@@ -446,7 +482,7 @@ impl<F: MultiwriteNorFlash, S: Sites> Slots<F, S> {
         let otadata = Otadata::read_async(flash, self.sites.site().otadata, count).await;
         let otadata = otadata.map_err(|_| Failed::Flash)?;
         seen.standing = otadata.standing(self.sites.site().running);
-        if self.sites.subject() == Subject::Model {
+        if self.sites.subject() != Subject::Program {
             seen.selected = otadata.select(Bootloader::Plain).slot.unwrap_or(0);
         }
         let Some(at) = at else {
@@ -542,16 +578,17 @@ pub(super) fn known<M: RawMutex, const MODELS: usize>(
     })
 }
 
-/// What names the contents of the model whose envelope was looked at.
+/// What the model is called whose envelope was looked at, and what names its contents.
 #[inline(never)]
-pub(super) fn build_of<M: RawMutex, const MODELS: usize>(
+pub(super) fn model_of<M: RawMutex, const MODELS: usize>(
     place: &Updates<M, MODELS>,
     length: Option<usize>,
-) -> Option<BuildId> {
+) -> Option<(ModelName, BuildId)> {
     let mut envelope = [0; ENVELOPE_MAX];
     place.copy_out(0, &mut envelope);
     let (manifest, _) = unverified(&envelope, length)?;
-    BuildId::new(manifest.build).ok()
+    let name = ModelName::new(manifest.name?).ok()?;
+    Some((name, BuildId::new(manifest.build).ok()?))
 }
 
 // Blocks begin where sectors do, and slices end where they do.

@@ -3,7 +3,7 @@
 use crawler_boot::trailer::{Outcome as Fate, Record, Trailer};
 use crawler_hal::Clock;
 use crawler_protocol::{Level, PROTOCOL_VERSION, ReleaseId, RobotState};
-use crawler_release::{Chip, ENVELOPE_MAX, Kind, Refusal, Signed, Target, verify};
+use crawler_release::{Chip, ENVELOPE_MAX, Refusal, Signed, Target, verify};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
@@ -136,7 +136,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
             }
             (_, done) => done.map(|_| None),
         };
-        let of_model = self.is_of_model();
+        let subject = self.slots.subject();
         let Some(transfer) = &mut self.transfer else {
             return Next::Soon;
         };
@@ -165,7 +165,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
                 return Next::Word;
             }
             (Ok(Some(shape)), Planned::Step(_)) => {
-                if of_model {
+                if subject != Subject::Program {
                     // A patch is of programs.
                     transfer.ignore_patch();
                 }
@@ -201,13 +201,9 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
     fn judge(&mut self) -> Result<Shape, Failed> {
         let refuse = |code, lasting| Err(Failed::Refused(Refused { code, lasting }));
         // Where it belongs is what it says of itself, of which nothing is believed before it was verified.
-        let of_model = self.models.stock().is_some()
-            && known(self.updates, self.envelope).is_some_and(|known| known.kind == Kind::Model);
-        let subject = if of_model {
-            Subject::Model
-        } else {
-            Subject::Program
-        };
+        let says = known(self.updates, self.envelope).map(|known| known.kind);
+        let subject = says.and_then(|kind| self.models.subject(kind));
+        let subject = subject.unwrap_or(Subject::Program);
         self.slots.turn_to(subject);
         let installed = self.stock().installed;
         let (Some(installed), Some(transfer)) = (installed, &self.transfer) else {
@@ -220,19 +216,15 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
         let mut envelope = [0; ENVELOPE_MAX];
         self.updates.copy_out(0, &mut envelope);
         let envelope = envelope.get(..self.envelope.unwrap_or(0)).unwrap_or(&[]);
-        let model = if of_model {
-            self.updates.model_build()
-        } else {
-            None
-        };
+        let model = self.updates.model_build(subject);
         let build = match &model {
             Some(build) => build.as_str(),
-            None if of_model => "",
+            None if subject != Subject::Program => "",
             None => identity.build.as_str(),
         };
         let target = Target {
-            kind: if of_model { Kind::Model } else { Kind::Program },
-            name: self.models.name().filter(|_| of_model),
+            kind: subject.kind(),
+            name: self.models.name().filter(|_| subject == Subject::Eyes),
             board: self.robot.config().board,
             chip: Chip(self.slots.chip()),
             capacity: self.slots.capacity(),
@@ -245,6 +237,10 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
             built_at: 0,
         };
         match verify(envelope, keys, &target) {
+            // Both are told by their names.
+            Ok(manifest) if subject == Subject::Policy && manifest.name == self.models.name() => {
+                refuse("wrong_kind", true)
+            }
             Ok(manifest) => {
                 let signed = Signed::parse(envelope);
                 if signed.is_ok_and(|signed| signed.id() == transfer.release().bytes()) {
@@ -284,7 +280,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
                 stage,
                 reason: transfer.without_patch(),
                 bytes,
-                of_model: self.is_of_model(),
+                of: self.slots.subject(),
             });
         }
     }

@@ -7,7 +7,7 @@ use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 use super::mailbox::{Outcome, Progress, Word};
 use super::models::ModelStore;
-use super::{Activity, Asked, STANDS_WITHIN, Stock};
+use super::{Activity, Asked, STANDS_WITHIN, Subject};
 use crate::order::UpdateWish;
 
 impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: usize>
@@ -20,7 +20,7 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
             transfer.ask_again();
             self.told = None;
         } else if let Some(release) = self.on_trial() {
-            self.tell_trial(release, false);
+            self.tell_trial(release, Subject::Program);
         } else if let Some(outcome) = self.programs.given_up {
             self.tell_outcome(outcome);
         }
@@ -36,13 +36,9 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
             Word::Confirm(release) => {
                 if !self.tell_installed(release) {
                     let is_it = |outcome: &Outcome| outcome.release == release;
-                    let of_model = self.models.stock().and_then(|stock| stock.given_up);
-                    match self
-                        .programs
-                        .given_up
-                        .filter(is_it)
-                        .or(of_model.filter(is_it))
-                    {
+                    let models = self.models.stocks().iter();
+                    let mut all = core::iter::once(&self.programs).chain(models);
+                    match all.find_map(|stock| stock.given_up.filter(is_it)) {
                         Some(outcome) => self.tell_outcome(outcome),
                         None => self.tell_have(),
                     }
@@ -92,25 +88,27 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
             came_to: UpdateOutcome::Withdrawn,
             reason: None,
             lasting: None,
-            of_model: false,
+            of: Subject::Program,
         });
     }
 
     /// Tells where the release stands if it is the one that runs. Whether it is.
     fn tell_installed(&self, release: ReleaseId) -> bool {
-        let of_model = self.models.stock().and_then(Stock::release) == Some(release);
-        if !of_model && self.programs.release() != Some(release) {
+        let mut all = [Subject::Program].into_iter().chain(Subject::MODELS);
+        let of = all.find(|subject| self.stock_of(*subject).release() == Some(release));
+        let Some(of) = of else {
             return false;
-        }
-        let on_trial = if of_model {
-            self.models.is_on_trial()
-        } else {
-            self.trial.is_some()
+        };
+        let on_trial = match of {
+            Subject::Program => self.trial.is_some(),
+            Subject::Eyes => self.models.is_on_trial(),
+            // It is proven when it is there: nothing is done by it before it is asked for.
+            Subject::Policy => false,
         };
         if on_trial {
-            self.tell_trial(release, of_model);
+            self.tell_trial(release, of);
         } else {
-            self.tell_confirmed(release, of_model);
+            self.tell_confirmed(release, of);
         }
         true
     }
@@ -120,23 +118,23 @@ impl<M: RawMutex, F: MultiwriteNorFlash, C: Clock, N: ModelStore, const MODELS: 
         self.programs.release()
     }
 
-    pub(super) fn tell_trial(&self, release: ReleaseId, of_model: bool) {
+    pub(super) fn tell_trial(&self, release: ReleaseId, of: Subject) {
         self.tell(Progress {
             release,
             stage: UpdateStage::Trial,
             reason: None,
             bytes: 0,
-            of_model,
+            of,
         });
     }
 
-    pub(super) fn tell_confirmed(&self, release: ReleaseId, of_model: bool) {
+    pub(super) fn tell_confirmed(&self, release: ReleaseId, of: Subject) {
         self.tell_outcome(Outcome {
             release,
             came_to: UpdateOutcome::Confirmed,
             reason: None,
             lasting: None,
-            of_model,
+            of,
         });
     }
 }

@@ -3,11 +3,15 @@
 //! Control runs in an interrupt of its own, above everything else; the rest shares the main
 //! thread. On the chip with two cores the camera has the second one (see `vision`).
 
-#[cfg(feature = "esp32s3")]
-use crawler_app::Inline;
 use crawler_app::Robot;
 use crawler_app::policy::SPREAD;
+#[cfg(feature = "esp32s3")]
+use crawler_app::policy::Shelf;
+#[cfg(feature = "esp32s3")]
+use crawler_app::{Inline, PolicyHost};
 use crawler_board::EmbassyClock;
+#[cfg(feature = "esp32s3")]
+use crawler_hal::ModelRegion;
 use crawler_hal::SlotPort;
 use embassy_executor::{SendSpawner, SpawnError, Spawner};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -31,6 +35,10 @@ use crate::update::Updates;
 
 /// The context that all activities share, across interrupts and cores.
 pub(crate) type Context = Robot<CriticalSectionRawMutex>;
+
+/// The place of a policy that a release has brought.
+#[cfg(feature = "esp32s3")]
+static SHELF: Shelf<CriticalSectionRawMutex, Inline> = Shelf::new();
 
 /// Above the scheduler and the drivers, which have priority 1.
 const CONTROL_PRIORITY: Priority = Priority::Priority3;
@@ -60,6 +68,9 @@ pub(crate) struct Parts {
     /// What loads models for the detector, where there is room for them.
     #[cfg(feature = "esp32s3")]
     pub(crate) models: Option<ModelLoader>,
+    /// Where policies are, where there is room for them.
+    #[cfg(feature = "esp32s3")]
+    pub(crate) policies: Option<ModelRegion>,
     /// Randomness of the activities of updates and policies.
     pub(crate) rng: Rng,
 }
@@ -95,16 +106,14 @@ pub(crate) fn spawn(
     spawner.spawn(decide(robot, parts.rng)?);
     if let Some(slots) = parts.slots {
         #[cfg(feature = "esp32s3")]
-        if let Some(models) = parts.models {
-            spawner.spawn(update_with_models(
-                robot,
-                parts.updates,
-                slots,
-                models,
-                parts.rng,
-            )?);
-            return Ok(());
-        }
+        spawner.spawn(update_with_models(
+            robot,
+            parts.updates,
+            slots,
+            (parts.models, parts.policies),
+            parts.rng,
+        )?);
+        #[cfg(not(feature = "esp32s3"))]
         spawner.spawn(update(robot, parts.updates, slots, parts.rng)?);
     }
     Ok(())
@@ -138,9 +147,13 @@ async fn store(robot: &'static Context, flash: Region) {
 
 #[embassy_executor::task]
 async fn decide(robot: &'static Context, rng: Rng) {
+    #[cfg(feature = "esp32s3")]
+    match crawler_app::decide_with_shelf(robot, SPREAD, &SHELF, rng).await {}
+    #[cfg(not(feature = "esp32s3"))]
     match crawler_app::decide(robot, SPREAD, rng).await {}
 }
 
+#[cfg(not(feature = "esp32s3"))]
 #[embassy_executor::task]
 async fn update(
     robot: &'static Context,
@@ -157,9 +170,11 @@ async fn update_with_models(
     robot: &'static Context,
     updates: &'static Updates,
     slots: SlotPort<Region>,
-    models: ModelLoader,
+    places: (Option<ModelLoader>, Option<ModelRegion>),
     rng: Rng,
 ) {
-    let update = crawler_app::update_with_models_held::<Inline, _, _, _, _, _>;
+    let (models, policies) = places;
+    let update = crawler_app::update_with_policies_held::<Inline, _, _, _, _, _, Inline, 2>;
+    let models = (models, PolicyHost::new(&SHELF, policies));
     match update(robot, updates, slots, models, rng, EmbassyClock).await {}
 }

@@ -56,6 +56,9 @@ pub(crate) struct Regions {
     /// them, as that of a board which was flashed before there were any.
     #[cfg(feature = "esp32s3")]
     pub(crate) models: Option<ModelRegion>,
+    /// The same of policies.
+    #[cfg(feature = "esp32s3")]
+    pub(crate) policies: Option<ModelRegion>,
 }
 
 /// Reads the partition table. What it lacks becomes a region without flash, whose every use is
@@ -72,14 +75,16 @@ pub(crate) fn regions(flash: FLASH<'static>) -> Regions {
         settings: Region::find(shared, "settings"),
         slots: slots(shared),
         #[cfg(feature = "esp32s3")]
-        models: models(shared),
+        models: models(shared, "models"),
+        #[cfg(feature = "esp32s3")]
+        policies: models(shared, "policies"),
     }
 }
 
-/// The places for models: behind two sectors of select entries two halves of what is left.
+/// The places for models in the partition of this name: behind two sectors of select entries two halves of what is left.
 #[cfg(feature = "esp32s3")]
-fn models(shared: &'static Shared) -> Option<ModelRegion> {
-    let found = shared.lock(|flash| place(&mut flash.borrow_mut(), "models"));
+fn models(shared: &'static Shared, name: &str) -> Option<ModelRegion> {
+    let found = shared.lock(|flash| place(&mut flash.borrow_mut(), name));
     let region = found.ok().flatten().and_then(|(select, length)| {
         let start = select + 2 * SECTOR;
         let half = length.checked_sub(2 * SECTOR)? / 2;
@@ -91,7 +96,7 @@ fn models(shared: &'static Shared) -> Option<ModelRegion> {
         })
     });
     if region.is_none() {
-        defmt::warn!("flash: no partition 'models', so updates bring none");
+        defmt::warn!("flash: no partition '{=str}', so updates bring none", name);
     }
     region
 }

@@ -114,6 +114,8 @@ async fn main(spawner: Spawner) {
         updates,
         #[cfg(feature = "esp32s3")]
         models: loader,
+        #[cfg(feature = "esp32s3")]
+        policies: regions.policies,
         rng: esp_hal::rng::Rng::new(),
     };
     expect(activities::spawn(spawner, robot, parts), "activities");

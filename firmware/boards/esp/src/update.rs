@@ -17,8 +17,8 @@ use crate::flash::Region;
 use crate::system::Start;
 use crate::{ESP_APP_DESC, kept, system};
 
-/// How many models updates may bring: the one of the detector, on the chip that has it.
-const MODELS: usize = if cfg!(feature = "esp32s3") { 1 } else { 0 };
+/// How many models updates may bring: that of the detector and a policy, on the chip that has room for them.
+const MODELS: usize = if cfg!(feature = "esp32s3") { 2 } else { 0 };
 
 /// What the link and the update activity share.
 pub(crate) type Updates = crawler_app::Updates<CriticalSectionRawMutex, MODELS>;

@@ -9,7 +9,9 @@
 //! |---|---|---|
 //! | `0x10_0000` | slot 0: 15 groups of 64 KiB, one of 60 KiB, the trailer | 17, from 6 on |
 //! | `0x20_0000` | slot 1 | 17, from 23 on |
-//! | `0x30_0000` | select entries, two sectors | 2, from 40 on |
+//! | `0x30_0000` | select entries of the slots, two sectors | 2, from 40 on |
+//! | `0x30_2000` | select entries of policies, two sectors | 2, from 43 on |
+//! | `0x30_4000` | two places for a policy: 12 KiB, and a trailer | 2 each, from 45 on |
 //!
 //! Erase blocks 0 to 3 hold parameters, the next two settings; block 42 what a launcher remembers
 //! ([`FLASHED`]).
@@ -33,7 +35,7 @@ pub const SETTINGS_BLOCKS: u16 = 2;
 /// Where the program is linked to run, and its region's bytes.
 pub const PROGRAM: u32 = 0x8000_0000;
 /// Most bytes of a program.
-pub const PROGRAM_MAX: u32 = 704 * 1024;
+pub const PROGRAM_MAX: u32 = 736 * 1024;
 
 /// Where the slots begin, in their own address space.
 pub const SLOTS: [u32; 2] = [0x10_0000, 0x20_0000];
@@ -41,8 +43,17 @@ pub const SLOTS: [u32; 2] = [0x10_0000, 0x20_0000];
 pub const SLOT_BYTES: u32 = 0x10_0000;
 /// Where the select entries begin, in the address space of the slots.
 pub const OTADATA: u32 = 0x30_0000;
+/// Where the select entries of policies begin, in that address space.
+pub const POLICY_SELECT: u32 = OTADATA + OTADATA_BYTES;
+/// Where the places for a policy begin, in that address space.
+pub const POLICIES: [u32; 2] = [
+    POLICY_SELECT + OTADATA_BYTES,
+    POLICY_SELECT + OTADATA_BYTES + POLICY_BYTES,
+];
+/// Bytes of a place for a policy, with the trailer, its last sector.
+pub const POLICY_BYTES: u32 = 4 * SECTOR;
 /// End of the address space of the slots.
-pub const END: u32 = OTADATA + OTADATA_BYTES;
+pub const END: u32 = POLICIES[1] + POLICY_BYTES;
 
 /// Most bytes of a group.
 pub const GROUP: u32 = 64 * 1024;
@@ -54,6 +65,8 @@ const GROUPS: u32 = SLOT_BYTES / GROUP;
 const FIRST_BLOCK: u32 = PARAMETER_BLOCKS as u32 + SETTINGS_BLOCKS as u32;
 const SLOT_BLOCKS: [u32; 2] = [FIRST_BLOCK, FIRST_BLOCK + GROUPS + 1];
 const OTADATA_BLOCK: u32 = SLOT_BLOCKS[1] + GROUPS + 1;
+
+const POLICY_BLOCK: u32 = FLASHED / ERASE_BLOCK + 1;
 
 const _: () = assert!(FLASHED == (OTADATA_BLOCK + 2) * ERASE_BLOCK);
 const _: () = assert!(PROGRAM_MAX + SECTOR <= SLOT_BYTES - SECTOR);
@@ -73,12 +86,22 @@ impl Group {
     /// The group of the byte at `address` of the slots' address space; `None` where there is nothing.
     #[must_use]
     pub const fn of(address: u32) -> Option<Self> {
-        if address >= OTADATA && address < END {
+        if address >= POLICIES[0] && address < END {
+            let place = (address - POLICIES[0]) / POLICY_BYTES;
+            return Some(Self::in_place(place, address));
+        }
+        if address >= OTADATA && address < POLICIES[0] {
             let sector = (address - OTADATA) / SECTOR;
+            let of_policies = address >= POLICY_SELECT;
             return Some(Self {
                 start: OTADATA + sector * SECTOR,
                 length: SECTOR,
-                block: (OTADATA_BLOCK + sector) * ERASE_BLOCK,
+                block: ERASE_BLOCK
+                    * if of_policies {
+                        POLICY_BLOCK + (address - POLICY_SELECT) / SECTOR
+                    } else {
+                        OTADATA_BLOCK + sector
+                    },
             });
         }
         let mut slot = 0;
@@ -111,6 +134,25 @@ impl Group {
                 GROUP
             },
             block: (first + group) * ERASE_BLOCK,
+        }
+    }
+
+    const fn in_place(place: u32, address: u32) -> Self {
+        let start = POLICIES[0] + place * POLICY_BYTES;
+        let trailer = start + POLICY_BYTES - SECTOR;
+        let block = POLICY_BLOCK + OTADATA_BYTES / SECTOR + 2 * place;
+        if address >= trailer {
+            Self {
+                start: trailer,
+                length: SECTOR,
+                block: (block + 1) * ERASE_BLOCK,
+            }
+        } else {
+            Self {
+                start,
+                length: trailer - start,
+                block: block * ERASE_BLOCK,
+            }
         }
     }
 
@@ -171,19 +213,27 @@ mod tests {
             assert!(group.start <= sector && sector + SECTOR <= group.start + group.length);
             assert!(group.length <= ERASE_BLOCK && group.block.is_multiple_of(ERASE_BLOCK));
             assert!(group.block >= FIRST_BLOCK * ERASE_BLOCK);
-            assert!(group.block < FLASHED);
+            assert_ne!(group.block, FLASHED);
+            assert!(group.block < BANK);
             let other = *blocks.entry(group.block).or_insert(group.start);
             assert_eq!(other, group.start);
             covered += SECTOR;
         }
-        assert_eq!(covered, 2 * SLOT_BYTES + OTADATA_BYTES);
-        assert_eq!(blocks.len(), 2 * 17 + 2);
+        assert_eq!(covered, 2 * (SLOT_BYTES + OTADATA_BYTES + POLICY_BYTES));
+        assert_eq!(blocks.len(), 2 * 17 + 2 + 2 + 2 * 2);
     }
 
     #[test]
     fn a_trailer_and_each_select_entry_stand_alone() {
         let alone = SLOTS.map(|slot| slot + SLOT_BYTES - SECTOR);
-        for sector in alone.into_iter().chain([OTADATA, OTADATA + SECTOR]) {
+        let of_policies = POLICIES.map(|place| place + POLICY_BYTES - SECTOR);
+        let entries = [
+            OTADATA,
+            OTADATA + SECTOR,
+            POLICY_SELECT,
+            POLICY_SELECT + SECTOR,
+        ];
+        for sector in alone.into_iter().chain(of_policies).chain(entries) {
             let group = Group::of(sector).expect("there");
             assert_eq!((group.start, group.length), (sector, SECTOR));
         }

@@ -4,7 +4,7 @@
 
 use chacha20::ChaCha20Rng;
 use crawler_app::policy::SPREAD;
-use crawler_app::{Config, Inline, Robot, Updates};
+use crawler_app::{Config, Inline, NoEyes, Robot};
 use crawler_board::arguments::{Arguments, Faults};
 use crawler_board::model::{Bench, GEOMETRY, Line, LineFault, ModelEcho, Side, seed};
 use crawler_board::network::Cable;
@@ -16,6 +16,7 @@ use crawler_virt::ethernet::Ethernet;
 use crawler_virt::flash::{ParameterFlash, Programs};
 use crawler_virt::machine::{self, Description, ExitCode};
 use crawler_virt::system::VirtSystem;
+use crawler_virt::update::SharedUpdates;
 use crawler_virt::{executor, log, provision, stack, system, time, update};
 use embassy_executor::Spawner;
 use embassy_net::{DhcpConfig, Runner, StackResources};
@@ -136,6 +137,7 @@ fn start(arguments: &Arguments, description: Description, spawner: Spawner) {
     spawner.spawn(net(runner).expect(FIRST));
     spawner.spawn(link(robot, updates, network, link_rng, secret).expect(FIRST));
     if let Some(slots) = update::slots() {
+        updates.expect_models();
         spawner.spawn(take_updates(robot, updates, slots, update_rng).expect(FIRST));
     }
     // On a bench somebody waits for it.
@@ -287,7 +289,7 @@ async fn store(robot: &'static Context, mut flash: ParameterFlash, noise: Option
 
 #[embassy_executor::task]
 async fn decide(robot: &'static Context, rng: Pcg32) -> ! {
-    match crawler_app::decide(robot, SPREAD, rng).await {}
+    match crawler_app::decide_with_shelf(robot, SPREAD, &update::SHELF, rng).await {}
 }
 
 #[embassy_executor::task]
@@ -298,17 +300,19 @@ async fn net(mut runner: Runner<'static, Ethernet>) -> ! {
 #[embassy_executor::task]
 async fn take_updates(
     robot: &'static Context,
-    updates: &'static Updates<CriticalSectionRawMutex>,
+    updates: &'static SharedUpdates,
     slots: SlotPort<Programs>,
     rng: Pcg32,
 ) -> ! {
-    match crawler_app::update(robot, updates, slots, rng, EmbassyClock).await {}
+    let update = crawler_app::update_with_policies_held::<Inline, _, _, _, _, NoEyes, Inline, 1>;
+    let models = (None, update::policies());
+    match update(robot, updates, slots, models, rng, EmbassyClock).await {}
 }
 
 #[embassy_executor::task]
 async fn link(
     robot: &'static Context,
-    updates: &'static Updates<CriticalSectionRawMutex>,
+    updates: &'static SharedUpdates,
     network: Network,
     rng: Pcg32,
     secret: Option<(Authority, ChaCha20Rng)>,
@@ -320,6 +324,7 @@ async fn link(
         clock: || robot.unix_ms(EmbassyClock.now()).map(|ms| ms / 1_000),
     });
     let network = Secured::new(network, security);
+    updates.models_known().await;
     let link = crawler_app::link_with_updates_held::<Inline, _, _, _, _, _>(
         robot,
         updates,

@@ -2,13 +2,16 @@
 
 use core::cell::Cell;
 
-use crawler_app::Updates;
+use crawler_app::policy::Shelf;
+use crawler_app::{Inline, PolicyHost, Updates};
 use crawler_board::guard::{self, Next};
 use crawler_board::update_identity;
-use crawler_hal::{SlotPort, SlotRegion, System as _};
+use crawler_hal::{ModelRegion, SlotPort, SlotRegion, System as _};
 use crawler_image_format::header::{BUILD, Header};
 use crawler_image_format::keys::KeyTable;
-use crawler_image_format::layout::{OTADATA, SLOT_BYTES, SLOTS};
+use crawler_image_format::layout::{
+    OTADATA, POLICIES, POLICY_BYTES, POLICY_SELECT, SLOT_BYTES, SLOTS,
+};
 use crawler_image_format::start;
 use crawler_protocol::BuildId;
 use crawler_release::Chip;
@@ -93,9 +96,32 @@ pub fn slots() -> Option<SlotPort<Programs>> {
     })
 }
 
+/// The place of a policy that a release has brought.
+pub static SHELF: Shelf<CriticalSectionRawMutex, Inline> = Shelf::new();
+
+/// Where policies are: in the flash of the slots.
+pub fn policies() -> Policies {
+    PolicyHost::new(
+        &SHELF,
+        Some(ModelRegion {
+            select: POLICY_SELECT,
+            places: POLICIES.map(|start| SlotRegion {
+                start,
+                length: POLICY_BYTES,
+            }),
+        }),
+    )
+}
+
+/// What holds policies.
+pub type Policies = PolicyHost<&'static Shelf<CriticalSectionRawMutex, Inline>>;
+
+/// What the link and the update activity share. Releases may bring a policy.
+pub type SharedUpdates = Updates<CriticalSectionRawMutex, 1>;
+
 /// What the link and the update activity share. There may be one call.
-pub fn updates() -> &'static Updates<CriticalSectionRawMutex> {
-    static UPDATES: StaticCell<Updates<CriticalSectionRawMutex>> = StaticCell::new();
+pub fn updates() -> &'static SharedUpdates {
+    static UPDATES: StaticCell<SharedUpdates> = StaticCell::new();
     UPDATES.init_with(|| Updates::new(update_identity::identity(build(), &RELEASE_KEYS)))
 }
 

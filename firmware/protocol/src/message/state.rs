@@ -54,6 +54,8 @@ words! {
         Missions = "missions",
         /// It tells its map when it is asked to.
         Map = "map",
+        /// It has room for a policy that a release brings.
+        Policies = "policies",
     }
 }
 

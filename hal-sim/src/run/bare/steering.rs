@@ -4,7 +4,7 @@ use crawler_app::controller::{Controller, Inputs, Outputs, Tuning};
 use crawler_app::motion::{Odometry, Ramp, Twist};
 use crawler_app::order::{Halt, Order, UpdateWish};
 use crawler_app::perception::{Battery, LinkHealth, Reading};
-use crawler_app::policy::Installed;
+use crawler_app::policy::Policies;
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::{Pose, ResponseStatus};
 use heapless::Deque;
@@ -176,7 +176,7 @@ impl SteeringState {
             halt,
             order: order.as_ref(),
             update: UpdateWish::None,
-            policy: Installed::None,
+            policies: Policies::NONE,
             decision: None,
         };
         let Outputs {

@@ -29,9 +29,9 @@ pub(crate) struct WithdrawalView {
 pub(crate) struct ReleaseView {
     /// Its id.
     id: String,
-    /// `program` or `model`.
+    /// `program`, `model` or `policy`.
     kind: String,
-    /// Name of the model; `null` for programs.
+    /// Name of the model or the policy; `null` for programs.
     name: Option<String>,
     /// The board that it is for.
     board: String,
@@ -62,8 +62,11 @@ impl ReleaseView {
     pub(super) fn new(release: KeptRelease) -> Self {
         let ends = |end: i64| end.saturating_mul(1_000).min(END_OF_TIME);
         Self {
+            kind: match release.what() {
+                Some(kind) => kind.name().to_owned(),
+                None => release.kind,
+            },
             id: release.id,
-            kind: release.kind,
             name: release.name,
             board: release.board,
             version: release.version,

@@ -39,6 +39,7 @@ impl Robots for Three {
                 board: "virt",
                 kind: Kind::Emulated,
                 vision: false,
+                policies: false,
                 build,
                 models: &Models::new(),
                 boot: 1,

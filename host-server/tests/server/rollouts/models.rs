@@ -1,5 +1,6 @@
 //! Rollouts of models, on a whole server.
 
+use crawler_release::Kind;
 use serde_json::json;
 
 use super::robot::{Program, Robot};
@@ -112,5 +113,74 @@ async fn rollouts_of_programs_and_of_models_take_no_robots_from_each_other() {
     let third = home.begin(&plan(&newer, &[100], &json!({}))).await;
     home.wait_count(&second, "superseded", 2).await;
     home.act(&format!("{third}/abort")).await;
+    home.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_reaches_every_robot_that_has_room_for_one() {
+    let mut home = Home::new().await;
+    let first = Some("apart");
+    let release = home.release_by_kind(Kind::Policy, first, 4, 9_000).await;
+    let _robots = home.robots(3, &release, Program::Good, 0).await;
+    let (port, name) = (home.port.port(), "full");
+    let _full = Robot::start(port, name, release.clone(), Program::Blind, 0);
+    home.http().wait_told(name).await;
+    let id = home.begin(&plan(&release, &[50, 100], &json!({}))).await;
+    home.wait_state(&id, "done").await;
+    let (left, rows): (Vec<_>, Vec<_>) = home
+        .rows(&id)
+        .await
+        .into_iter()
+        .partition(|row| row["robot"] == name);
+    assert_eq!(rows.len(), 3, "{rows:?}");
+    assert!(
+        rows.iter().all(|row| row["state"] == "confirmed"),
+        "{rows:?}"
+    );
+    let left: Vec<_> = left
+        .iter()
+        .map(|row| (&row["state"], &row["reason"]))
+        .collect();
+    assert_eq!(left, [(&json!("not_applicable"), &json!("no_policies"))]);
+    let view = home.rollout(&id).await;
+    let planned = &view["plan"]["releases"][0];
+    assert_eq!(
+        (&planned["model"], &planned["policy"]),
+        (&json!("apart"), &json!(true))
+    );
+    let robot = home.http().get("/api/v1/robots/r00").await.json();
+    assert_eq!(robot["models"], json!({"apart": "apart-4"}));
+    let path = format!("/api/v1/releases/{}", release.id);
+    let told = home.http().get(&path).await.json();
+    assert_eq!(
+        (&told["kind"], &told["name"]),
+        (&json!("policy"), &json!("apart"))
+    );
+    // Policies have one order, whatever they are called, and models another one.
+    let below = home
+        .release_by_kind(Kind::Policy, Some("together"), 3, 9_000)
+        .await;
+    let refused = home
+        .http()
+        .post(
+            "/api/v1/rollouts",
+            &plan(&below, &[100], &json!({})).to_string(),
+        )
+        .await;
+    refused.is_problem(422, "invalid_rollout");
+    let model = home.release_of(Some("eyes"), 1, 5_000).await;
+    let id = home.begin(&plan(&model, &[100], &json!({}))).await;
+    home.act(&format!("{id}/abort")).await;
+    // The next one takes robots from the one before, which is called otherwise.
+    let older = home.release_by_kind(Kind::Policy, first, 5, 9_000).await;
+    let older = home
+        .begin(&plan(&older, &[50, 100], &json!({"parallel": 1})))
+        .await;
+    let newer = home
+        .release_by_kind(Kind::Policy, Some("together"), 6, 9_000)
+        .await;
+    let newer = home.begin(&plan(&newer, &[100], &json!({}))).await;
+    home.wait_count(&older, "superseded", 3).await;
+    home.act(&format!("{newer}/abort")).await;
     home.stop().await;
 }

@@ -192,7 +192,7 @@ impl Body {
     fn introduce(&self, client: &AsyncClient) {
         let capabilities: &[_] = match self.program {
             Program::Blind => &["drive"],
-            Program::Good | Program::Panics => &["drive", "camera", "vision"],
+            Program::Good | Program::Panics => &["drive", "camera", "vision", "policies"],
         };
         let mut status = json!({"robot": self.id, "online": true, "kind": "simulated",
             "firmware": "0.4.0", "build": self.build, "board": "virt", "capabilities": capabilities,

@@ -250,6 +250,7 @@ describe('reasons', () => {
     expect(because('interrupted')).toBe('it went offline on the way')
     expect(because({ told: 'panic' })).toBe('the new program panicked')
     expect(because('no_vision')).toContain('it does not see')
+    expect(because('no_policies')).toContain('no room')
     expect(because({ told: 'gremlins' })).toBe('it says gremlins')
     expect(because({ timed_out: 'trial' })).toBe('it took too long while on trial')
     expect(because({ wrong_build: 'b7' })).toContain('b7')

@@ -127,7 +127,7 @@ pub fn chip_for(
             _ => return Err(ImageFault::UnknownBoard),
         },
     };
-    if kind == Kind::Model {
+    if kind != Kind::Program {
         return Ok(chip);
     }
     if board == SIMULATED {
@@ -226,7 +226,9 @@ mod tests {
             assert_eq!(came, expected, "{board} {named:?}");
         }
         // A model is data to every chip.
-        assert_eq!(chip_for(Kind::Model, "xiao-c3", None, b"weights"), Ok(c3));
+        for kind in [Kind::Model, Kind::Policy] {
+            assert_eq!(chip_for(kind, "xiao-c3", None, b"weights"), Ok(c3));
+        }
     }
 
     #[test]

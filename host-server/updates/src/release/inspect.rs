@@ -108,7 +108,7 @@ fn check_image(manifest: &Manifest<'_>, image: &[u8]) -> Result<(), ImageFault> 
     chip_for(manifest.kind, manifest.board, Some(manifest.chip), image)?;
     match manifest.kind {
         Kind::Program => check_names(image, manifest.version, Some(manifest.build)),
-        Kind::Model => Ok(()),
+        Kind::Model | Kind::Policy => Ok(()),
     }
 }
 

@@ -33,7 +33,7 @@ impl fmt::Display for SignFault {
                 f.write_str("a release cannot require its own sequence, or a later one")
             }
             Self::Manifest(Malformed::OutOfRange("name")) => {
-                f.write_str("a model has a name of at most 16 letters a-z, digits and `-`, a program none")
+                f.write_str("a model or a policy has a name of at most 16 letters a-z, digits and `-`, a program none")
             }
             Self::Manifest(Malformed::OutOfRange("board")) => {
                 f.write_str("a board has a name of at most 16 letters a-z, digits and `-`")
@@ -71,7 +71,7 @@ impl From<Malformed> for SignFault {
 pub struct SignOptions<'a> {
     /// What the image is.
     pub kind: Kind,
-    /// Name of the model.
+    /// Name of the model or the policy.
     pub name: Option<&'a str>,
     /// The board that it is for.
     pub board: &'a str,
@@ -79,7 +79,7 @@ pub struct SignOptions<'a> {
     pub chip: Option<Chip>,
     /// Version for people.
     pub version: &'a str,
-    /// Build id; without it a model goes by the first half of its SHA-256, in 32 digits.
+    /// Build id; without it a model or a policy goes by the first half of its SHA-256, in 32 digits.
     pub build: Option<&'a str>,
     /// Sequence.
     pub sequence: u32,
@@ -111,7 +111,7 @@ impl SignOptions<'_> {
         let digits = format!("{:032x}", u128::from_be_bytes(block_hash(image)));
         let build = match (self.build, self.kind) {
             (Some(build), _) => build,
-            (None, Kind::Model) => &digits,
+            (None, Kind::Model | Kind::Policy) => &digits,
             (None, Kind::Program) => return Err(SignFault::NoBuild),
         };
         let manifest = Manifest {

@@ -6,7 +6,7 @@ use crawler_protocol::RobotId;
 
 use super::event::Sighting;
 use super::names::RolloutId;
-use super::plan::{Plan, Selection};
+use super::plan::{Plan, Replaced, Selection};
 use super::rank::rank;
 use super::robot::{Reason, RobotRow, UpdateState};
 
@@ -56,8 +56,11 @@ fn suiting(plan: &Plan, seen: &Sighting) -> Result<usize, Reason> {
     let mut releases = plan.releases.iter();
     let at = releases.position(|release| release.suits(&seen.board, seen.kind));
     match at {
-        Some(_) if plan.model().is_some() && !seen.vision => Err(Reason::NoVision),
-        Some(at) => Ok(at),
+        Some(at) => match plan.replaces() {
+            Some(Replaced::Model(_)) if !seen.vision => Err(Reason::NoVision),
+            Some(Replaced::Policy) if !seen.policies => Err(Reason::NoPolicies),
+            Some(Replaced::Program | Replaced::Model(_) | Replaced::Policy) | None => Ok(at),
+        },
         None => Err(Reason::NoRelease),
     }
 }

@@ -84,7 +84,7 @@ impl fmt::Display for PlanError {
             }
             Self::Mixed(a, b) => write!(
                 f,
-                "releases {a} and {b} bring different things: programs, and each model, have rollouts of their own"
+                "releases {a} and {b} bring different things: programs, each model, and policies have rollouts of their own"
             ),
             Self::Share(percent) => write!(
                 f,
@@ -157,7 +157,8 @@ impl Plan {
         for (at, release) in self.releases.iter().enumerate() {
             range("bytes of a release", release.bytes, 1, MOST_BYTES.into())?;
             range("sequence", release.sequence, 1, u64::MAX)?;
-            if release.model.as_ref() != self.model() {
+            if release.model.as_ref() != self.model() || Some(release.replaces()) != self.replaces()
+            {
                 let (a, b) = (self.releases[0].release.clone(), release.release.clone());
                 return Err(PlanError::Mixed(a, b));
             }

@@ -13,6 +13,7 @@ fn release(id: &str, board: &str, kind: Option<Kind>) -> PlannedRelease {
         board: BoardName::new(board).unwrap(),
         kind,
         model: None,
+        policy: false,
         build: BuildId::new("new").unwrap(),
         version: Version::new("0.4.0").unwrap(),
         sequence: 4,

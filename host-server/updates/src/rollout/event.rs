@@ -55,6 +55,8 @@ pub struct Sighting {
     pub kind: Kind,
     /// Whether it has the capability `vision`: models are for those that have.
     pub vision: bool,
+    /// Whether it has the capability `policies`: policies are for those that have.
+    pub policies: bool,
     /// The build that it runs; in a rollout of a model that of the model which it uses, [`OWN_MODEL`] where that is its
     /// program's own.
     pub build: BuildId,

@@ -59,10 +59,13 @@ pub struct PlannedRelease {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub kind: Option<Kind>,
-    /// The model that it brings; a program without one. All releases of a plan bring the same.
+    /// The model, or the policy, that it brings; a program without one. All releases of a plan bring the same.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     pub model: Option<ModelName>,
+    /// Whether that is a policy.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub policy: bool,
     /// What a robot that runs it reports as its build, or as that of the model.
     #[schema(value_type = String)]
     pub build: BuildId,
@@ -75,15 +78,48 @@ pub struct PlannedRelease {
     pub bytes: u32,
 }
 
+// The form that serde asks for.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+const fn is_false(value: &bool) -> bool {
+    !*value
+}
+
+/// What of a robot a release replaces. Each has an order of releases, and rollouts, of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Replaced<'a> {
+    /// Its program.
+    Program,
+    /// A model that looks.
+    Model(&'a ModelName),
+    /// The one policy that a release may have brought, whatever it is called.
+    Policy,
+}
+
 impl Plan {
-    /// The model that the releases bring; `None` for programs.
+    /// The model or the policy that the releases bring; `None` for programs.
     #[must_use]
     pub fn model(&self) -> Option<&ModelName> {
         self.releases.first()?.model.as_ref()
     }
+
+    /// What the releases replace; `None` where there are none.
+    #[must_use]
+    pub fn replaces(&self) -> Option<Replaced<'_>> {
+        self.releases.first().map(PlannedRelease::replaces)
+    }
 }
 
 impl PlannedRelease {
+    /// What it replaces.
+    #[must_use]
+    pub fn replaces(&self) -> Replaced<'_> {
+        match &self.model {
+            None => Replaced::Program,
+            Some(_) if self.policy => Replaced::Policy,
+            Some(name) => Replaced::Model(name),
+        }
+    }
+
     /// Whether it is for robots of this kind on this board.
     #[must_use]
     pub fn suits(&self, board: &BoardName, kind: Kind) -> bool {

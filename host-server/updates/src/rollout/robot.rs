@@ -154,6 +154,8 @@ pub enum Reason {
     NoRelease,
     /// The releases bring a model, and it does not see.
     NoVision,
+    /// The releases bring a policy, and it has no room for one.
+    NoPolicies,
     /// No phase selects it.
     NotSelected,
     /// It went offline on the way. It goes on where it was.

@@ -136,6 +136,25 @@ fn a_model_is_for_robots_that_see() {
 }
 
 #[test]
+fn a_policy_is_for_robots_that_have_room_for_one() {
+    let mut policy = plan(&[100]);
+    policy.releases[0].model = Some("apart".parse().unwrap());
+    policy.releases[0].policy = true;
+    let has_room = Sighting {
+        policies: true,
+        ..sighting("a")
+    };
+    let sees = Sighting {
+        vision: true,
+        ..sighting("b")
+    };
+    let scene = Scene::start(policy, &[has_room, sees]);
+    let left_out = (UpdateState::NotApplicable, Some(Reason::NoPolicies));
+    assert_eq!(scene.robot("b"), left_out);
+    assert_eq!(Scene::offered(&scene.waiting), ["a"]);
+}
+
+#[test]
 fn a_robot_that_goes_away_gives_its_place_to_another_and_goes_on_later() {
     let mut limited = plan(&[100]);
     limited.limits.parallel = 1;

@@ -45,6 +45,7 @@ pub(crate) fn sighting(name: &str) -> Sighting {
         board: BoardName::new("sim").unwrap(),
         kind: Kind::Simulated,
         vision: false,
+        policies: false,
         build: build(OLD),
         boot: 1,
         online: true,

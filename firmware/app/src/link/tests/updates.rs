@@ -12,7 +12,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use super::harness::{Broker, run_updated};
 use super::peer::Peer;
 use crate::perception::LinkHealth;
-use crate::update::{Have, Progress, UpdateIdentity, Updates, Word};
+use crate::update::{Have, Progress, Subject, UpdateIdentity, Updates, Word};
 
 const TOPIC: &str = "swarm/ota/sim-0001";
 const RELEASE: ReleaseId = ReleaseId::new([0x9f, 0x2c, 0x1a, 0xb0, 0x34, 0xd5, 0xe6, 0xf7]);
@@ -230,7 +230,7 @@ fn what_the_broker_has_not_confirmed_is_sent_again_as_it_is_then() {
                 stage: UpdateStage::Receiving,
                 reason: None,
                 bytes,
-                of_model: false,
+                of: Subject::Program,
             };
             updates.tell_progress(progress(1));
             broker.robot.outbox.nudge();

@@ -2,6 +2,7 @@
 
 mod deltas;
 mod models;
+mod policies;
 mod server;
 
 use crawler_bundle::{Bundle, Defect, DefectKind};

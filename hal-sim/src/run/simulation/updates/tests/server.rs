@@ -14,6 +14,8 @@ use crate::run::Simulation;
 const TOPIC: &str = "swarm/ota/sim-0001";
 /// Where the robot says who it is.
 const STATUS: &str = "swarm/status/sim-0001";
+/// Where the robot answers commands.
+const RESPONSE: &str = "swarm/response/robot/sim-0001";
 /// How long the server takes to answer.
 const TURN: Duration = Duration::from_millis(20);
 /// How long a robot may be silent before it is offered the release again.
@@ -77,10 +79,55 @@ impl Signer {
 
     /// A release of a model.
     pub(crate) fn model(&self, name: &str, blob: &[u8], sequence: u32, floor: u32) -> Release {
+        self.sign(
+            crawler_release::Kind::Model,
+            "sim",
+            (name, blob),
+            sequence,
+            floor,
+        )
+    }
+
+    /// A release of a policy.
+    pub(crate) fn policy(&self, name: &str, blob: &[u8], sequence: u32, floor: u32) -> Release {
+        self.sign(
+            crawler_release::Kind::Policy,
+            "sim",
+            (name, blob),
+            sequence,
+            floor,
+        )
+    }
+
+    /// A release of a policy for another board.
+    pub(crate) fn policy_for(
+        &self,
+        board: &str,
+        name: &str,
+        blob: &[u8],
+        sequence: u32,
+    ) -> Release {
+        self.sign(
+            crawler_release::Kind::Policy,
+            board,
+            (name, blob),
+            sequence,
+            0,
+        )
+    }
+
+    fn sign(
+        &self,
+        kind: crawler_release::Kind,
+        board: &str,
+        (name, blob): (&str, &[u8]),
+        sequence: u32,
+        floor: u32,
+    ) -> Release {
         let options = SignOptions {
-            kind: crawler_release::Kind::Model,
+            kind,
             name: Some(name),
-            board: "sim",
+            board,
             chip: None,
             version: "1",
             build: None,
@@ -109,6 +156,13 @@ impl Release {
     /// Bytes of what makes it out of another.
     pub(crate) fn patch_bytes(&self) -> usize {
         self.part(Part::Delta).len()
+    }
+
+    /// The same with another signature.
+    pub(crate) fn forged(mut self) -> Self {
+        // Behind the key's id.
+        self.envelope[4 + 8 + 5] ^= 1;
+        self
     }
 
     /// What names its contents.
@@ -144,6 +198,10 @@ pub(crate) struct Server {
     pub(crate) models: Option<Value>,
     /// The models that its last wills told of.
     pub(crate) wills: Vec<Value>,
+    /// What it told last that it can do.
+    pub(crate) capabilities: Option<Value>,
+    /// What it has answered to commands.
+    pub(crate) answers: Vec<Value>,
     /// What the robot has said about updates.
     pub(crate) heard: Vec<Value>,
     /// Bytes of MQTT in both directions, as far as they belong to updates.
@@ -164,6 +222,8 @@ impl Server {
             of_image: 0,
             models: None,
             wills: Vec::new(),
+            capabilities: None,
+            answers: Vec::new(),
             heard: Vec::new(),
             stream: 0,
             wire: 0,
@@ -209,9 +269,14 @@ impl Server {
             if published.topic == STATUS {
                 let status: Value = serde_json::from_slice(&published.payload).expect("JSON");
                 self.models = Some(status["models"].clone());
+                self.capabilities = Some(status["capabilities"].clone());
                 if status["online"] == false {
                     self.wills.push(status["models"].clone());
                 }
+            }
+            if published.topic == RESPONSE {
+                let answer = serde_json::from_slice(&published.payload);
+                self.answers.push(answer.expect("JSON"));
             }
             if published.topic != TOPIC || published.payload.first() != Some(&b'{') {
                 continue;
