@@ -5,6 +5,7 @@
 
 mod board;
 mod driving;
+mod policies;
 mod tls;
 mod update_server;
 mod updates;

@@ -86,7 +86,7 @@ fn commands_of_the_console_can_be_meant() {
     assert!(count > 5, "only {count} commands of the console");
 }
 
-/// Keys, a program, a model, a bundle and a gate, made, verified and added one after the other in one folder, where there is
+/// Keys, a program, a model, a policy, a bundle and a gate, made, verified and added one after the other in one folder, where there is
 /// a server's data.
 #[test]
 fn releases_are_made_as_the_page_says() {
@@ -115,9 +115,15 @@ fn releases_are_made_as_the_page_says() {
             let path = image_at.map(|at| folder.path().join(&words[at + 1]));
             if let Some(path) = path.filter(|path| !path.exists()) {
                 std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
-                // Another name is another image, so that there is a delta between them.
-                image[1_000] = path.as_os_str().len() as u8;
-                std::fs::write(path, &image).expect("an image");
+                if path.extension().is_some_and(|end| end == "tcpo") {
+                    // Policies are read before they are signed.
+                    let policy = root().join("firmware/app/policies/spread.tcpo");
+                    std::fs::copy(policy, path).expect("a policy");
+                } else {
+                    // Another name is another image, so that there is a delta between them.
+                    image[1_000] = path.as_os_str().len() as u8;
+                    std::fs::write(path, &image).expect("an image");
+                }
             }
             let output = programs::output(program(folder.path(), words));
             assert!(output.status.success(), "{words:?}: {}", said(&output));
@@ -126,7 +132,7 @@ fn releases_are_made_as_the_page_says() {
             }
         }
     }
-    let all = "keygen sign sign verify verify add gate verify add sign sign add bundle sign add bundle sign sign delta";
+    let all = "keygen sign sign verify verify add gate verify add sign sign add sign add bundle sign add bundle sign sign delta";
     assert_eq!(done.join(" "), all);
 }
 
