@@ -102,6 +102,9 @@ const CODES: Readonly<Record<string, string>> = {
   bad_block: 'a block came wrong three times',
   bad_hash: 'the image is not what was signed',
   bad_model: 'it is no model that its program can run',
+  bad_policy: 'it is no policy',
+  other_observation:
+    'its program observes, acts or shields otherwise than what the policy was trained with',
   flash_failed: 'its flash fails',
   initializing: 'it starts',
   driving: 'it drives',
