@@ -90,14 +90,16 @@ fn the_rules_hold_and_cost_no_time() {
 }
 
 #[test]
-fn the_last_sector_of_both_slots_is_within_the_chip() {
+fn the_last_sector_of_every_place_is_within_the_chip() {
     let (mut sched, _, mut slots) = bench(1);
     let work = async move {
-        for slot in SLOTS {
-            let last = slot.start + slot.length - 4;
+        for place in SLOTS.into_iter().chain(POLICIES.places) {
+            let last = place.start + place.length - 4;
             slots.write(last, &[0; 4]).await.expect("written");
         }
-        assert_eq!(slots.capacity() as u32, SLOTS[1].start + SLOTS[1].length);
+        let [_, highest] = POLICIES.places;
+        assert_eq!(slots.capacity() as u32, highest.start + highest.length);
+        assert!(SLOTS[1].start + SLOTS[1].length <= POLICIES.select);
         assert!(OTADATA_AT + 8_192 <= SLOTS[0].start);
     };
     run(&mut sched, work);
