@@ -25,18 +25,23 @@ use checksums::{CHECKSUMS, Checksums, Hashing, append};
 use crawler_system::clock::now_ms;
 use crawler_system::data::{self, DataDir};
 
-/// What is not copied as a file: locks and addresses belong to processes, and databases are copied by
-/// themselves.
+/// What of the data directory itself is not copied as a file: locks and addresses belong to processes, and databases
+/// are copied by themselves. Names within its folders may be those of robots.
 fn is_skipped(name: &str) -> bool {
-    name.contains("lock")
+    is_lock(name)
         || name.contains(".sqlite")
-        || Path::new(name)
-            .extension()
-            .is_some_and(|ending| ending == "new")
         || name.starts_with(ASIDE)
         || name.starts_with(MAKING)
         || name == ADDRESSES_FILE
         || name == CHECKSUMS
+}
+
+fn is_lock(name: &str) -> bool {
+    name == "lock" || has_ending(name, "lock")
+}
+
+fn has_ending(name: &str, ending: &str) -> bool {
+    Path::new(name).extension().is_some_and(|has| has == ending)
 }
 
 fn is_database(name: &Path) -> bool {
@@ -49,8 +54,8 @@ const ASIDE: &str = "before-restore-";
 const MAKING: &str = ".making-";
 /// More than any key, certificate or number. What is larger is not ours.
 const LARGEST: u64 = 1024 * 1024;
-/// Files beside the records. There are a handful.
-const MOST: usize = 1_000;
+/// Files beside the records: a handful, and the certificate of every robot.
+const MOST: usize = 25_000;
 /// Directories within directories.
 const DEEPEST: usize = 4;
 /// What the database copies.
@@ -109,7 +114,7 @@ async fn write(console: &Console, data: &Path, file: &Path, out: File) -> Result
         append(&mut tar, &mut sums, &copy.0.join(name), name).map_err(cannot)?;
     }
     let mut files = Vec::new();
-    collect(data, Path::new(""), DEEPEST, &mut files)
+    collect(data, Path::new(""), (DEEPEST, MOST), &mut files)
         .map_err(|error| format!("cannot read {}: {error}", data.display()))?;
     for name in files {
         append(&mut tar, &mut sums, &data.join(&name), &name).map_err(cannot)?;
@@ -124,8 +129,13 @@ async fn write(console: &Console, data: &Path, file: &Path, out: File) -> Result
     out.sync_all().map_err(cannot)
 }
 
-/// The files beside the records, by their names below `data`.
-fn collect(data: &Path, below: &Path, depth: usize, files: &mut Vec<PathBuf>) -> io::Result<()> {
+/// The files beside the records, by their names below `data`, at most `most` and in folders of this `depth`.
+fn collect(
+    data: &Path,
+    below: &Path,
+    (depth, most): (usize, usize),
+    files: &mut Vec<PathBuf>,
+) -> io::Result<()> {
     for entry in fs::read_dir(data.join(below))? {
         let entry = entry?;
         let (Some(name), kind) = (
@@ -134,13 +144,20 @@ fn collect(data: &Path, below: &Path, depth: usize, files: &mut Vec<PathBuf>) ->
         ) else {
             continue;
         };
-        if is_skipped(&name) || files.len() >= MOST {
+        // Of a file that is being replaced the one before is there as well.
+        if has_ending(&name, "new") || (below == Path::new("") && is_skipped(&name)) {
             continue;
         }
         let path = below.join(&name);
         if kind.is_dir() && depth > 0 {
-            collect(data, &path, depth - 1, files)?;
+            collect(data, &path, (depth - 1, most), files)?;
         } else if kind.is_file() && entry.metadata()?.len() <= LARGEST {
+            // A backup without some of them must not pass for one.
+            if files.len() >= most {
+                return Err(io::Error::other(format!(
+                    "there are more than {most} files"
+                )));
+            }
             files.push(path);
         }
     }
@@ -253,9 +270,7 @@ fn held_files(target: &Path) -> Result<Vec<String>, String> {
     Ok(entries
         .iter()
         .filter_map(|entry| entry.file_name().into_string().ok())
-        .filter(|name| {
-            !name.starts_with(ASIDE) && !name.starts_with(MAKING) && !name.contains("lock")
-        })
+        .filter(|name| !name.starts_with(ASIDE) && !name.starts_with(MAKING) && !is_lock(name))
         .collect())
 }
 
@@ -286,7 +301,7 @@ fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, String> {
         } else {
             LARGEST
         };
-        if entry.size() > largest || names.len() > MOST {
+        if entry.size() > largest || names.len() > MOST + DATABASES.len() {
             return Err(broken(&format!("`{}` is too large", name.display())));
         }
         let path = into.join(&name);
@@ -428,12 +443,21 @@ mod tests {
         }
         fs::create_dir_all(scratch.0.join("tls")).expect("directory");
         fs::write(scratch.0.join("tls/ca.key"), "key").expect("file");
+        fs::write(scratch.0.join("tls/ca.key.new"), "key").expect("file");
+        // Robots may be called like a lock.
+        fs::create_dir_all(scratch.0.join("twins")).expect("directory");
+        fs::write(scratch.0.join("twins/block-1.json"), "{}").expect("file");
         fs::create_dir_all(scratch.0.join("before-restore-1")).expect("directory");
         fs::write(scratch.0.join("before-restore-1/seq"), "1").expect("file");
         std::os::unix::fs::symlink("/etc/passwd", scratch.0.join("link")).expect("link");
         let mut files = Vec::new();
-        collect(&scratch.0, Path::new(""), DEEPEST, &mut files).expect("read");
+        let all = ["seq", "tls/ca.key", "twins/block-1.json"].map(Path::new);
+        collect(&scratch.0, Path::new(""), (DEEPEST, all.len()), &mut files).expect("read");
         files.sort();
-        assert_eq!(files, [Path::new("seq"), Path::new("tls/ca.key")]);
+        assert_eq!(files, all);
+        // Fewer are none.
+        let fewer = (DEEPEST, all.len() - 1);
+        let error = collect(&scratch.0, Path::new(""), fewer, &mut Vec::new()).unwrap_err();
+        assert!(error.to_string().contains("more than 2 files"), "{error}");
     }
 }
