@@ -1,7 +1,7 @@
 //! Twins of the robots of a fleet while they drive.
 //!
 //! Whoever hears a robot or a tracker hands on what it says, and never waits for it: [`Twins::telemetry`] and
-//! [`Twins::fix`] put it into a bounded inbox. A thread of its own ([`Twins::run`]) takes it out, steps the twin of
+//! [`Twins::fix`] put it into a bounded inbox. A thread of its own ([`Worker::run`]) takes it out, steps the twin of
 //! each robot, looks for certificates, and tells when something is wrong with a robot, or no longer. Whoever asks
 //! ([`Twins::state`], [`Twins::forecast`], [`Twins::certificate`]) waits for one twin at most.
 //!

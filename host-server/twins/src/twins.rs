@@ -116,7 +116,8 @@ struct Summary {
 /// Which program a robot says that it runs, where it does.
 type Program = Box<dyn Fn(&RobotId) -> Option<String> + Send + Sync>;
 
-/// See the [module](self).
+/// The twins of a fleet: whoever hears a robot or a tracker tells them, and whoever wants to know asks them. [`Worker`]
+/// steps them.
 pub struct Twins {
     most: usize,
     clock: Clock,
