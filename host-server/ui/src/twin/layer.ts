@@ -1,12 +1,11 @@
-/**
- * The twin of the selected robot: where it is by what its motors did, and where it will be in a second. Asked for again
- * and again while the layer is shown, and painted under goals.
- */
+/** The twin of the selected robot: where it is by what its motors did, and where it will be in a second. */
 
-import type { Ref, ShallowRef } from 'vue'
-import { ref, shallowRef, watch } from 'vue'
 import { trouble } from '../account/trouble'
 import type { TwinForecastsBody } from '../api-types'
+import type { Failure } from '../arena/asked-layer'
+import { AskedLayer } from '../arena/asked-layer'
+import type { Camera, Size } from '../arena/camera'
+import type { Ink } from '../arena/overlay'
 import type { Stage } from '../arena/stage'
 import type { Room } from '../control/room'
 import { ApiError } from '../http'
@@ -21,80 +20,40 @@ export const AGAIN_MS = 2_000
 /** What is then no longer so. */
 const GONE = new Set(['no_twin', 'unknown_robot'])
 
-export class TwinLayer {
+export class TwinLayer extends AskedLayer<TwinForecastsBody> {
   /** Null while there is none. */
-  readonly twin: ShallowRef<TwinForecastsBody | null> = shallowRef(null)
-  /** The same in words, or why there is none. */
-  readonly said: Ref<string> = ref('')
-  private timer: ReturnType<typeof setTimeout> | null = null
-  /** Counts questions: an answer to an earlier one is late. */
-  private latest = 0
-  private lift: (() => void) | null = null
-  private unwatch: (() => void) | null = null
+  readonly twin = this.body
 
   constructor(
-    private readonly room: Room,
-    private readonly stage: Stage,
+    room: Room,
+    stage: Stage,
     private readonly api: Pick<TwinApi, 'forecast'>,
-  ) {}
-
-  start(): void {
-    this.lift = this.stage.lay((context, ink, camera, size) => {
-      const twin = this.twin.value
-      return twin !== null && paint(context, ink, { camera, size, twin })
-    })
-    this.unwatch = watch(this.room.selectedId, () => this.begin(), { immediate: true })
+  ) {
+    super(room, stage, ASK_EVERY_MS, AGAIN_MS)
   }
 
-  stop(): void {
-    this.latest += 1
-    if (this.timer !== null) clearTimeout(this.timer)
-    this.timer = null
-    this.unwatch?.()
-    this.lift?.()
-    ;[this.unwatch, this.lift] = [null, null]
-    this.show(null, '')
+  protected override ask(robot: string): Promise<TwinForecastsBody> {
+    return this.api.forecast(robot)
   }
 
-  /** Another robot is selected, or none. */
-  private begin(): void {
-    const robot = this.room.selectedId.value
-    this.show(null, robot === null ? words.nobody : words.asking(robot))
-    void this.ask()
+  protected override describe(robot: string | null, twin: TwinForecastsBody | null): string {
+    if (robot === null) return words.nobody
+    return twin === null ? words.asking(robot) : words.twin(robot, twin, this.room.serverNow())
   }
 
-  private async ask(): Promise<void> {
-    if (this.timer !== null) clearTimeout(this.timer)
-    this.latest += 1
-    const mine = this.latest
-    const robot = this.room.selectedId.value
-    if (robot === null) return
-    let wait = ASK_EVERY_MS
-    if (this.inView) {
-      try {
-        const twin = await this.api.forecast(robot)
-        if (mine !== this.latest) return
-        this.show(twin, words.twin(robot, twin, this.room.serverNow()))
-      } catch (error) {
-        if (mine !== this.latest) return
-        wait = AGAIN_MS
-        const gone = error instanceof ApiError && GONE.has(error.code ?? '')
-        // What was shown stays where only an answer is missing.
-        this.show(gone ? null : this.twin.value, words.failed(robot, trouble(error)))
-      }
+  protected override fail(robot: string, error: unknown): Failure {
+    return {
+      gone: error instanceof ApiError && GONE.has(error.code ?? ''),
+      said: words.failed(robot, trouble(error)),
     }
-    this.timer = setTimeout(() => void this.ask(), wait)
   }
 
-  private get inView(): boolean {
-    const { room, stage } = this
-    return !document.hidden && stage.size.width > 0 && room.status.value.state === 'live'
-  }
-
-  private show(twin: TwinForecastsBody | null, said: string): void {
-    this.said.value = said
-    if (twin === null && this.twin.value === null) return
-    this.twin.value = twin
-    this.stage.drawOver()
+  protected override paint(
+    context: CanvasRenderingContext2D,
+    ink: Ink,
+    view: { camera: Camera; size: Size },
+    twin: TwinForecastsBody,
+  ): boolean {
+    return paint(context, ink, { ...view, twin })
   }
 }
