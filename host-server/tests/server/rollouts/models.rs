@@ -1,10 +1,22 @@
 //! Rollouts of models, on a whole server.
 
 use crawler_release::Kind;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::robot::{Program, Robot};
 use super::{Home, OVERRIDE, hold, plan};
+
+/// The row of `name` in a rollout that three others have confirmed.
+async fn all_confirmed_but(home: &Home, id: &str, name: &str) -> Vec<Value> {
+    let rows = home.rows(id).await.into_iter();
+    let (left, rows): (Vec<_>, Vec<_>) = rows.partition(|row| row["robot"] == name);
+    assert_eq!(rows.len(), 3, "{rows:?}");
+    assert!(
+        rows.iter().all(|row| row["state"] == "confirmed"),
+        "{rows:?}"
+    );
+    left
+}
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_good_model_reaches_every_robot_and_is_told_by_its_status() {
@@ -17,16 +29,7 @@ async fn a_good_model_reaches_every_robot_and_is_told_by_its_status() {
     let plan = plan(&release, &[50, 100], &json!({}));
     let id = home.begin(&plan).await;
     home.wait_state(&id, "done").await;
-    let (left, rows): (Vec<_>, Vec<_>) = home
-        .rows(&id)
-        .await
-        .into_iter()
-        .partition(|row| row["robot"] == name);
-    assert_eq!(rows.len(), 3, "{rows:?}");
-    assert!(
-        rows.iter().all(|row| row["state"] == "confirmed"),
-        "{rows:?}"
-    );
+    let left = all_confirmed_but(&home, &id, name).await;
     // Who does not see is left out, and counted nowhere.
     let left: Vec<_> = left
         .iter()
@@ -127,16 +130,7 @@ async fn a_policy_reaches_every_robot_that_has_room_for_one() {
     home.http().wait_told(name).await;
     let id = home.begin(&plan(&release, &[50, 100], &json!({}))).await;
     home.wait_state(&id, "done").await;
-    let (left, rows): (Vec<_>, Vec<_>) = home
-        .rows(&id)
-        .await
-        .into_iter()
-        .partition(|row| row["robot"] == name);
-    assert_eq!(rows.len(), 3, "{rows:?}");
-    assert!(
-        rows.iter().all(|row| row["state"] == "confirmed"),
-        "{rows:?}"
-    );
+    let left = all_confirmed_but(&home, &id, name).await;
     let left: Vec<_> = left
         .iter()
         .map(|row| (&row["state"], &row["reason"]))
