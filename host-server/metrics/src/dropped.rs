@@ -16,7 +16,7 @@ pub enum Dropped {
     CommandExpired,
     /// Too many lines wait to be written into the audit log.
     AuditFull,
-    /// Too many words of robots and trackers wait for their twins.
+    /// Too many samples of robots and fixes of trackers wait for their twins.
     TwinsFull,
     /// An address or a user asks for too much.
     RateLimited,

@@ -32,7 +32,7 @@ fn unix_ms() -> u64 {
     now.map_or(0, |now| now.as_millis() as u64)
 }
 
-/// A word of a robot, at a second of the drive.
+/// What is told of a robot, at a second of the drive.
 struct Due {
     second: f64,
     robot: usize,
@@ -40,7 +40,7 @@ struct Due {
 }
 
 /// Everything that is said, in order, and certificates of the robots in `folder`.
-fn words(folder: &std::path::Path) -> Vec<Due> {
+fn evidence(folder: &std::path::Path) -> Vec<Due> {
     let mut due = Vec::new();
     for body in 0..BODIES {
         let hidden = Hidden::draw(1_000 + body as u64, 0.0);
@@ -79,7 +79,7 @@ fn name(robot: usize) -> String {
 fn main() {
     let folder = std::env::temp_dir().join(format!("crawler-twins-live-{}", std::process::id()));
     fs::create_dir_all(&folder).expect("a folder");
-    let due = words(&folder);
+    let due = evidence(&folder);
     let text = r#"{"robot":"robot","seq":1,"timestamp":6,"state":"MOVING","behaviour":"wander","pose":{"x":0,"y":0,"theta":0,"sigma":0.1},"range_mm":812,"temperature_c":22.5,"wheels":{"left":0.5,"right":0.5},"battery":{"mv":7610,"percent":71},"rssi_dbm":-61}"#;
     let samples = (0..ROBOTS).map(|robot| {
         let read = open::read::<Telemetry>(text.as_bytes());
@@ -194,7 +194,10 @@ fn main() {
     };
     let certified = ages.iter().filter(|(_, certified, _)| *certified).count();
     println!("\n| {ROBOTS} twins in a server, for {SECONDS:.0} s | |\n|---|---:|");
-    println!("| words a second | {:.0} |", calls.len() as f64 / SECONDS);
+    println!(
+        "| samples and fixes a second | {:.0} |",
+        calls.len() as f64 / SECONDS
+    );
     println!("| of them fixes | {:.0} |", fixes as f64 / SECONDS);
     println!(
         "| stepping them, of a core | {:.2} |",
@@ -205,13 +208,13 @@ fn main() {
         asked.as_secs_f64() / SECONDS
     );
     println!(
-        "| what whoever hears a word waits, µs (median, 99 %, 99.9 %, longest) | {:.1}, {:.1}, {:.1}, {:.0} |",
+        "| what whoever hears a robot waits, µs (median, 99 %, 99.9 %, longest) | {:.1}, {:.1}, {:.1}, {:.0} |",
         of(0.5),
         of(0.99),
         of(0.999),
         of(1.0)
     );
-    println!("| words that found no room | {refused} |");
+    println!("| samples and fixes that found no room | {refused} |");
     println!(
         "| twins at the end, with their certificates | {}, {certified} |",
         ages.len()

@@ -6,26 +6,26 @@ use std::time::Instant;
 
 use crawler_protocol::{Pose, RobotId};
 
-/// Words that wait: more than a second of the largest fleet that has twins.
+/// What may wait: more than a second of the largest fleet that has twins.
 pub(crate) const MOST_WAITING: usize = 16_384;
 
 /// What was heard.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Word {
+pub(crate) enum Evidence {
     /// Of a robot: what its motors were told, and the voltage of its pack, 0 where it has no gauge.
     Sample { duty: [f32; 2], mv: u16 },
     /// Of a tracker.
     Fix(Pose),
 }
 
-/// A word, of whom, and when.
+/// Evidence, of whom, and when it came.
 #[derive(Debug, Clone)]
 pub(crate) struct Heard {
     pub(crate) robot: RobotId,
     /// Unix milliseconds by the clock of whoever said it.
     pub(crate) timestamp: u64,
     pub(crate) arrived: Instant,
-    pub(crate) word: Word,
+    pub(crate) evidence: Evidence,
 }
 
 /// See the [module](self).
@@ -36,7 +36,7 @@ pub(crate) struct Inbox {
 }
 
 impl Inbox {
-    /// Takes a word; `false` where there is no room, and it is let go.
+    /// Takes evidence; `false` where there is no room, and it is let go.
     pub(crate) fn put(&self, heard: Heard) -> bool {
         let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
         let has_room = waiting.len() < MOST_WAITING;

@@ -15,7 +15,7 @@ use crawler_twin::evidence::{Duty, Fix, Row, Supply};
 use proptest::prelude::*;
 
 use crate::folder::Refusal;
-use crate::inbox::{MOST_WAITING, Word};
+use crate::inbox::{Evidence, MOST_WAITING};
 use crate::notice::Notice;
 use crate::{NoTwin, Twins, Worker};
 use reference::{Hidden, Random, Rates, anyhow, baseline, drive};
@@ -103,27 +103,27 @@ impl Stage {
     fn hear(&mut self, robot: &RobotId, row: &Row) {
         let arrived_s = row.arrived_s().expect("an arrival");
         self.until(arrived_s);
-        let (at_s, word) = match row {
+        let (at_s, evidence) = match row {
             Row::Duty(Duty { at_s, duty, .. }) => {
                 let (duty, mv) = (duty.map(|duty| duty as f32), self.mv);
-                (at_s, Word::Sample { duty, mv })
+                (at_s, Evidence::Sample { duty, mv })
             }
             Row::Supply(Supply { volts, .. }) => {
                 self.mv = (volts * 1e3) as u16;
                 return;
             }
-            Row::Fix(fix) => (&fix.at_s, Word::Fix(pose(fix))),
+            Row::Fix(fix) => (&fix.at_s, Evidence::Fix(pose(fix))),
         };
         let put = self
             .twins
-            .put(robot, unix_ms(*at_s), self.at(arrived_s), word);
+            .put(robot, unix_ms(*at_s), self.at(arrived_s), evidence);
         put.expect("room");
     }
 
     /// Where a robot is, as fixes and telemetry of somebody who stands.
     fn stands(&mut self, robot: &RobotId, second: f64, x: f64) {
         let at = self.at(second);
-        let sample = Word::Sample {
+        let sample = Evidence::Sample {
             duty: [0.0; 2],
             mv: 7_400,
         };
@@ -133,8 +133,8 @@ impl Stage {
             theta: 0.0,
             sigma: 0.01,
         };
-        for word in [sample, Word::Fix(place)] {
-            let put = self.twins.put(robot, unix_ms(second), at, word);
+        for evidence in [sample, Evidence::Fix(place)] {
+            let put = self.twins.put(robot, unix_ms(second), at, evidence);
             put.expect("room");
         }
     }
@@ -365,7 +365,9 @@ fn twins_are_so_many_and_who_goes_makes_room() {
     // A fix alone says where it is, and not where it goes.
     let place = Pose::default();
     let at = stage.at(701.0);
-    let put = stage.twins.put(&b, unix_ms(701.0), at, Word::Fix(place));
+    let put = stage
+        .twins
+        .put(&b, unix_ms(701.0), at, Evidence::Fix(place));
     put.expect("room");
     stage.until(702.0);
     assert_eq!(known(&stage, &b), Err(NoTwin::NoTelemetry));
@@ -374,13 +376,13 @@ fn twins_are_so_many_and_who_goes_makes_room() {
 }
 
 #[test]
-fn words_that_find_no_room_are_let_go() {
+fn what_finds_no_room_is_let_go() {
     let mut stage = Stage::bare(1);
     let (robot, at) = (id("a"), stage.begun);
     let put = |stage: &Stage| {
         stage
             .twins
-            .put(&robot, EPOCH_MS, at, Word::Fix(Pose::default()))
+            .put(&robot, EPOCH_MS, at, Evidence::Fix(Pose::default()))
     };
     for _ in 0..MOST_WAITING {
         put(&stage).expect("room");
@@ -394,9 +396,9 @@ fn words_that_find_no_room_are_let_go() {
     let text = metrics.finish();
     for line in [
         "terracrawler_twins{body=\"nominal\"} 1\n".to_owned(),
-        format!("terracrawler_twin_words_total {}\n", MOST_WAITING + 1),
-        format!("terracrawler_twin_words_refused_total {MOST_WAITING}\n"),
-        "terracrawler_twin_words_waiting 0\n".to_owned(),
+        format!("terracrawler_twin_evidence_total {}\n", MOST_WAITING + 1),
+        format!("terracrawler_twin_evidence_refused_total {MOST_WAITING}\n"),
+        "terracrawler_twin_evidence_waiting 0\n".to_owned(),
         "terracrawler_twin_faults{fault=\"stuck\"} 0\n".to_owned(),
     ] {
         assert!(text.contains(&line), "{line} is not in {text}");
@@ -496,22 +498,22 @@ proptest! {
 
     #[test]
     fn whatever_is_said_what_twins_know_are_numbers(
-        words in prop::collection::vec(
+        all in prop::collection::vec(
             (0..3_usize, any::<bool>(), prop_oneof![4 => 0..40_000_u64, 1 => any::<u64>()], 0..400_u64, any::<[f32; 4]>(), any::<u16>()),
             0..300,
         ),
     ) {
         let mut stage = Stage::bare(2);
         let robots = ["a", "b", "c"].map(id);
-        for (robot, is_fix, stamp, later, [a, b, c, d], mv) in words {
+        for (robot, is_fix, stamp, later, [a, b, c, d], mv) in all {
             let timestamp = if stamp < 40_000 { EPOCH_MS + stamp } else { stamp };
-            let word = if is_fix {
-                Word::Fix(Pose { x: a, y: b, theta: c, sigma: d })
+            let evidence = if is_fix {
+                Evidence::Fix(Pose { x: a, y: b, theta: c, sigma: d })
             } else {
-                Word::Sample { duty: [a.clamp(-1.1, 1.1), b.clamp(-1.1, 1.1)], mv }
+                Evidence::Sample { duty: [a.clamp(-1.1, 1.1), b.clamp(-1.1, 1.1)], mv }
             };
             let at = stage.at(stage.now_s + later as f64 * 1e-3);
-            stage.twins.put(&robots[robot], timestamp, at, word).expect("room");
+            stage.twins.put(&robots[robot], timestamp, at, evidence).expect("room");
             stage.until(stage.now_s + 0.25);
         }
         for robot in &robots {

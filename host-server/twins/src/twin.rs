@@ -8,7 +8,7 @@ use crawler_twin::detect::Fault;
 use crawler_twin::evidence::{Duty, Fix, Row, Supply};
 use crawler_twin::shadow::Shadow;
 
-use crate::inbox::{Heard, Word};
+use crate::inbox::{Evidence, Heard};
 use crate::notice::Turn;
 
 /// A fault that is named for so long is told: the first name may become another one.
@@ -53,7 +53,7 @@ pub(crate) struct Twin {
     pub(crate) shadow: Shadow,
     /// `None` for the nominal body.
     pub(crate) body: Option<Arc<Certificate>>,
-    /// When a word of the robot or its tracker came last.
+    /// When something of the robot or its tracker came last.
     pub(crate) heard: Instant,
     alarms: Vec<Alarm>,
     /// Rows that were no evidence.
@@ -92,8 +92,8 @@ impl Twin {
         self.heard = self.heard.max(heard.arrived);
         let at_s = clock.of_stamp(heard.timestamp);
         let arrived_s = Some(clock.seconds(heard.arrived));
-        match heard.word {
-            Word::Sample { duty, mv } => {
+        match heard.evidence {
+            Evidence::Sample { duty, mv } => {
                 let duty = duty.map(f64::from);
                 self.row(Row::Duty(Duty {
                     at_s,
@@ -110,7 +110,7 @@ impl Twin {
                     }));
                 }
             }
-            Word::Fix(pose) => self.row(Row::Fix(Fix {
+            Evidence::Fix(pose) => self.row(Row::Fix(Fix {
                 at_s,
                 arrived_s,
                 x: f64::from(pose.x),

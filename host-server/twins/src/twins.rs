@@ -14,13 +14,13 @@ use crawler_twin::detect::{Fault, FaultName};
 use crawler_twin::shadow::{Estimate, Forecast, Residual, View};
 
 use crate::folder::{Folder, Read, Refusal, judge};
-use crate::inbox::{Heard, Inbox, Word};
+use crate::inbox::{Evidence, Heard, Inbox};
 use crate::notice::{Notice, Turn, notices};
 use crate::twin::{Clock, Twin};
 
 /// Robots that have a twin at a time, unless somebody says otherwise.
 pub const MOST: usize = 1_000;
-/// How long words wait at most until a twin hears them.
+/// How long evidence waits at most until a twin has it.
 const ROUND: Duration = Duration::from_millis(50);
 /// How often faults are looked at, and who has gone.
 const SWEEP_EVERY: Duration = Duration::from_secs(1);
@@ -31,7 +31,7 @@ const FORGET_AFTER: Duration = Duration::from_mins(10);
 /// The same where there is no room for another.
 const MAKE_ROOM_AFTER: Duration = Duration::from_secs(30);
 
-/// There was no room for a word.
+/// There was no room for more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Full;
 
@@ -78,7 +78,7 @@ pub struct State {
     pub body: Option<Arc<Certificate>>,
     /// Faults that people were told of, each with Unix milliseconds since when.
     pub faults: Vec<(Fault, u64)>,
-    /// Words that were no evidence.
+    /// What came as evidence and is none.
     pub refused: u64,
 }
 
@@ -135,7 +135,7 @@ pub struct Worker {
     batch: Vec<Heard>,
     looked: Option<Instant>,
     swept: Option<Instant>,
-    /// Words that were no evidence, of twins that are gone.
+    /// What came as evidence and was none, of twins that are gone.
     refused: u64,
 }
 
@@ -192,7 +192,7 @@ impl Twins {
             &sample.robot,
             sample.timestamp,
             arrived,
-            Word::Sample { duty, mv },
+            Evidence::Sample { duty, mv },
         )
     }
 
@@ -204,7 +204,7 @@ impl Twins {
         if !self.are_on() {
             return Ok(());
         }
-        self.put(&fix.robot, fix.timestamp, arrived, Word::Fix(fix.pose))
+        self.put(&fix.robot, fix.timestamp, arrived, Evidence::Fix(fix.pose))
     }
 
     pub(crate) fn put(
@@ -212,13 +212,13 @@ impl Twins {
         robot: &RobotId,
         timestamp: u64,
         arrived: Instant,
-        word: Word,
+        evidence: Evidence,
     ) -> Result<(), Full> {
         let heard = Heard {
             robot: robot.clone(),
             timestamp,
             arrived,
-            word,
+            evidence,
         };
         if self.inbox.put(heard) {
             Ok(())
@@ -323,18 +323,18 @@ impl Twins {
             FaultName::ALL.map(|name| (name.name(), count(name))),
         );
         out.counter(
-            "terracrawler_twin_words",
+            "terracrawler_twin_evidence",
             "Samples of robots and fixes of trackers that twins have heard",
             self.inbox.taken() as f64,
         );
         out.counter(
-            "terracrawler_twin_words_refused",
+            "terracrawler_twin_evidence_refused",
             "Those of them that are no evidence: doubled, out of range, or of a clock that was set",
             summary.refused as f64,
         );
         out.gauge(
-            "terracrawler_twin_words_waiting",
-            "Words that twins have not heard yet",
+            "terracrawler_twin_evidence_waiting",
+            "Samples and fixes that twins do not have yet",
             self.inbox.len() as f64,
         );
     }
@@ -405,9 +405,9 @@ impl Worker {
     fn hear(&self, heard: &Heard, unix_ms: u64) {
         let twins = &self.twins;
         let known = lock(&twins.robots).get(&heard.robot).cloned();
-        let twin = match (known, heard.word) {
+        let twin = match (known, heard.evidence) {
             (Some(twin), _) => twin,
-            (None, Word::Fix(_)) => {
+            (None, Evidence::Fix(_)) => {
                 // Whose telemetry alone is heard cannot be followed.
                 if lock(&twins.robots).len() >= twins.most {
                     return;
@@ -417,7 +417,7 @@ impl Worker {
                 lock(&twins.robots).insert(heard.robot.clone(), Arc::clone(&twin));
                 twin
             }
-            (None, Word::Sample { .. }) => return,
+            (None, Evidence::Sample { .. }) => return,
         };
         lock(&twin).take(heard, &twins.clock);
     }
