@@ -17,5 +17,5 @@ mod spread;
 pub mod train;
 
 pub use export::{Header, Unfit, export};
-pub use run::{Judged, Line, Options, Run, RunError, Summary};
+pub use run::{JUDGED, Judged, Line, Options, Run, RunError, Summary};
 pub use spread::{Driven, Spread};

@@ -8,6 +8,8 @@
 //! | `policy` | the same in floats |
 //! | `run.json` | options, results and hashes |
 //!
+//! Whoever has a run stand between two rounds [keeps](Run::keep) it, so that nothing is done twice.
+//!
 //! Nothing in them tells the time of day or how fast the machine is: who runs the same options again, in one go or
 //! killed and begun again ten times, on one thread or many, has the same bytes.
 
@@ -18,6 +20,7 @@ use std::io;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crawler_app::policy::{Mode, Policy as Blob, choose};
 use crawler_policy::ppo::{Config, Critic, Ppo, Report};
@@ -36,7 +39,7 @@ use crate::spread::Spread;
 /// Rounds from one checkpoint to the next.
 pub(crate) const KEPT_EVERY: u64 = 10;
 /// Episodes that a policy is judged on in the bare world.
-const JUDGED: u32 = 300;
+pub const JUDGED: u32 = 300;
 
 /// What a run is made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +54,15 @@ pub struct Options {
     pub units: usize,
     /// Whether the critic sees what no robot knows.
     pub privileged: bool,
+}
+
+impl Options {
+    /// Rounds that a run in worlds with so many robots comes to.
+    #[must_use]
+    pub fn rounds(&self, robots: u32) -> u64 {
+        let round = Config::default().steps * self.worlds * robots as usize;
+        self.steps.div_ceil(round.max(1) as u64).max(1)
+    }
 }
 
 impl Default for Options {
@@ -139,14 +151,17 @@ pub struct Line {
     pub clipped: f64,
     /// Half of the squared error of the critic.
     pub critic: f64,
+    /// The clipped objective, negative.
+    pub loss: f64,
+    /// Share of the decisions from which the shield took something.
+    pub vetoes: f32,
 }
 
 /// First line of the curve.
-const COLUMNS: &str =
-    "round,agent_steps,episodes,reward,success,length,entropy,divergence,clipped,critic\n";
+const COLUMNS: &str = "round,agent_steps,episodes,reward,success,length,entropy,divergence,clipped,critic,loss,vetoes\n";
 
 impl Line {
-    fn of(report: &Report) -> Self {
+    fn of(report: &Report, vetoes: f32) -> Self {
         let episodes = &report.episodes;
         let mean = |value: fn(&Episode) -> f32| {
             episodes.iter().map(value).sum::<f32>() / episodes.len() as f32
@@ -162,10 +177,52 @@ impl Line {
             divergence: report.divergence,
             clipped: report.clipped,
             critic: report.value_loss,
+            loss: report.policy_loss,
+            vetoes,
         }
     }
 
-    fn csv(&self) -> String {
+    /// Whether the run is kept after this round.
+    #[must_use]
+    pub const fn is_kept(&self) -> bool {
+        self.round.is_multiple_of(KEPT_EVERY)
+    }
+
+    /// Reads a line of the file; `None` for any other, and for its first one.
+    #[must_use]
+    pub fn read(line: &str) -> Option<Self> {
+        let mut fields = line.trim_end_matches('\n').split(',');
+        let mut next = || fields.next();
+        // What is not there has no number.
+        let number = |text: &str| -> Option<f32> {
+            if text.is_empty() {
+                return Some(f32::NAN);
+            }
+            text.parse().ok().filter(|number: &f32| number.is_finite())
+        };
+        let whole = |text: &str| -> Option<f64> {
+            text.parse().ok().filter(|number: &f64| number.is_finite())
+        };
+        let line = Self {
+            round: next()?.parse().ok()?,
+            steps: next()?.parse().ok()?,
+            episodes: next()?.parse().ok()?,
+            reward: number(next()?)?,
+            success: number(next()?)?,
+            length: number(next()?)?,
+            entropy: whole(next()?)?,
+            divergence: whole(next()?)?,
+            clipped: whole(next()?)?,
+            critic: whole(next()?)?,
+            loss: whole(next()?)?,
+            vetoes: number(next()?)?,
+        };
+        next().is_none().then_some(line)
+    }
+
+    /// The line of the file.
+    #[must_use]
+    pub fn csv(&self) -> String {
         let Self {
             round,
             steps,
@@ -177,6 +234,8 @@ impl Line {
             divergence,
             clipped,
             critic,
+            loss,
+            vetoes,
         } = self;
         // What is not there has no number.
         let number = |value: f32| {
@@ -189,7 +248,7 @@ impl Line {
         let (reward, success, length) = (number(*reward), number(*success), number(*length));
         format!(
             "{round},{steps},{episodes},{reward},{success},{length},{entropy:.5},{divergence:.6},\
-             {clipped:.5},{critic:.5}\n"
+             {clipped:.5},{critic:.5},{loss:.6},{vetoes:.4}\n"
         )
     }
 }
@@ -234,6 +293,8 @@ pub struct Run {
     compute: Compute,
     ppo: Ppo<Spread>,
     rounds: u64,
+    /// Of the round under way.
+    vetoes: Arc<AtomicU64>,
     /// The curve so far.
     curve: String,
 }
@@ -262,10 +323,11 @@ impl Run {
         };
         config.hidden.units = vec![options.units; 2];
         config.entropy = 0.003;
-        let round = config.steps * options.worlds * scenario.robots as usize;
-        config.rounds = options.steps.div_ceil(round.max(1) as u64).max(1);
+        config.rounds = options.rounds(scenario.robots);
         let rounds = config.rounds;
-        let worlds = (0..options.worlds).map(|_| Spread::new(Arc::clone(&scenario)));
+        let vetoes = Arc::new(AtomicU64::new(0));
+        let world = |_| Spread::counting(Arc::clone(&scenario), Arc::clone(&vetoes));
+        let worlds = (0..options.worlds).map(world);
         let ppo = Ppo::new(config, compute, worlds.collect())?;
         let mut run = Self {
             options: options.clone(),
@@ -274,6 +336,7 @@ impl Run {
             compute,
             ppo,
             rounds,
+            vetoes,
             curve: COLUMNS.to_owned(),
         };
         fs::create_dir_all(folder).map_err(|error| RunError::File(folder.to_owned(), error))?;
@@ -283,6 +346,8 @@ impl Run {
                 let resumed = run.ppo.resume(&bytes);
                 resumed.map_err(|error| RunError::Checkpoint(path, error))?;
                 run.recall()?;
+                // Decisions that were taken again are counted already.
+                run.vetoes.store(0, Ordering::Relaxed);
             }
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             Err(error) => return Err(RunError::File(path, error)),
@@ -294,10 +359,26 @@ impl Run {
     fn recall(&mut self) -> Result<(), RunError> {
         let path = self.path("curve.csv");
         let text = fs::read_to_string(&path).map_err(|error| RunError::File(path, error))?;
-        let lines = text.split_inclusive('\n');
-        let kept = lines.take(1 + self.ppo.rounds() as usize);
-        self.curve = kept.collect();
+        let mut lines = text.split_inclusive('\n');
+        let rounds = self.ppo.rounds();
+        let is_head = lines.next() == Some(COLUMNS);
+        let kept: Vec<&str> = lines.take(rounds as usize).collect();
+        let numbers = kept.iter().map(|line| Some(Line::read(line)?.round));
+        if !is_head || !numbers.eq((1..=rounds).map(Some)) {
+            let odd = io::Error::new(
+                io::ErrorKind::InvalidData,
+                "is damaged, or of another version",
+            );
+            return Err(RunError::File(self.path("curve.csv"), odd));
+        }
+        self.curve.extend(kept);
         Ok(())
+    }
+
+    /// The curve so far, as in its file.
+    #[must_use]
+    pub fn curve(&self) -> &str {
+        &self.curve
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -317,14 +398,37 @@ impl Run {
         if self.ppo.rounds() >= self.rounds {
             return Ok(None);
         }
-        let line = Line::of(&self.ppo.round()?);
+        let report = self.ppo.round()?;
+        let decisions = report.agent_steps / report.round.max(1);
+        let vetoes = self.vetoes.swap(0, Ordering::Relaxed);
+        let line = Line::of(&report, vetoes as f32 / decisions as f32);
         self.curve += &line.csv();
-        if line.round.is_multiple_of(KEPT_EVERY) || line.round == self.rounds {
-            // The curve first: it may have more than the checkpoint, and never less.
-            self.write("curve.csv", self.curve.as_bytes())?;
-            self.write("checkpoint", &self.ppo.checkpoint())?;
+        if line.is_kept() || line.round == self.rounds {
+            self.keep()?;
         }
         Ok(Some(line))
+    }
+
+    /// Writes down all that the run needs to go on after the last round.
+    ///
+    /// # Errors
+    /// [`RunError::File`]: what was kept before stays.
+    pub fn keep(&self) -> Result<(), RunError> {
+        // The curve first: it may have more than the checkpoint, and never less.
+        self.write("curve.csv", self.curve.as_bytes())?;
+        self.write("checkpoint", &self.ppo.checkpoint())
+    }
+
+    /// What was learned so far, as robots have it; nobody has judged it.
+    ///
+    /// # Errors
+    /// [`RunError::Unfit`] when it is none for robots.
+    pub fn so_far(&self) -> Result<Vec<u8>, RunError> {
+        let header = Header {
+            mode: Mode::Drawn,
+            score: None,
+        };
+        Ok(export(&self.ppo.policy(), header)?)
     }
 
     /// Judges what was learned, and writes it down.

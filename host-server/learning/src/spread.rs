@@ -12,6 +12,7 @@
 //! to take something away it is 0.01 less: what it does is not to be leant on.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crawler_app::controller::{PERIOD, Tuning};
 use crawler_app::parameters::{Parameter, Parameters};
@@ -55,6 +56,8 @@ enum Outcome {
 pub struct Spread {
     scenario: Arc<Scenario>,
     episode: Option<Episode>,
+    /// Counts decisions from which the shield took something.
+    vetoes: Option<Arc<AtomicU64>>,
 }
 
 #[derive(Debug, Clone)]
@@ -88,6 +91,16 @@ impl Spread {
         Self {
             scenario,
             episode: None,
+            vetoes: None,
+        }
+    }
+
+    /// The same, adding to `vetoes` how many decisions the shield took something from.
+    pub(crate) const fn counting(scenario: Arc<Scenario>, vetoes: Arc<AtomicU64>) -> Self {
+        Self {
+            scenario,
+            episode: None,
+            vetoes: Some(vetoes),
         }
     }
 
@@ -195,7 +208,9 @@ impl Episode {
         least
     }
 
-    fn step(&mut self, actions: &[u8], rewards: &mut [f32]) {
+    /// Takes a step, and returns from how many decisions the shield took something.
+    fn step(&mut self, actions: &[u8], rewards: &mut [f32]) -> u64 {
+        let mut vetoes = 0;
         for (agent, action) in self.agents.iter_mut().zip(actions) {
             agent.action = Some(*action);
         }
@@ -219,6 +234,7 @@ impl Episode {
         };
         for (robot, reward) in rewards.iter_mut().enumerate() {
             let less = self.agents[robot].observation().numbers()[LESS] > 0;
+            vetoes += u64::from(less);
             *reward = gain - 0.005 + if apart { 0.05 } else { 0.0 } - if less { 0.01 } else { 0.0 };
             *reward += match self.outcome {
                 Outcome::Apart => 5.0,
@@ -228,6 +244,7 @@ impl Episode {
             };
         }
         self.contacts = contacts;
+        vetoes
     }
 
     /// What no robot knows: where the others really are, seen from it, and what is left.
@@ -304,7 +321,10 @@ impl Environment for Spread {
             rewards.fill(0.0);
             return Status::Terminated;
         };
-        episode.step(actions, rewards);
+        let vetoes = episode.step(actions, rewards);
+        if let Some(counted) = &self.vetoes {
+            counted.fetch_add(vetoes, Ordering::Relaxed);
+        }
         match episode.outcome {
             Outcome::Running => Status::Running,
             Outcome::Apart | Outcome::Touched => Status::Terminated,

@@ -58,7 +58,7 @@ fn a_run_that_is_killed_comes_to_the_same_bytes_on_any_threads() {
     // As if it had been killed between the two files of a later checkpoint.
     let curve = parts.join("curve.csv");
     let text = fs::read_to_string(&curve).unwrap();
-    fs::write(&curve, text + "11,1,2,3,4,5,6,7,8,9\n").unwrap();
+    fs::write(&curve, text.clone() + "11,1,2,3,4,5,6,7,8,9,10,11\n").unwrap();
     let mut run = open(&parts, 2).unwrap();
     assert_eq!(run.rounds(), (10, 12));
     while run.round().unwrap().is_some() {}
@@ -67,7 +67,14 @@ fn a_run_that_is_killed_comes_to_the_same_bytes_on_any_threads() {
 
     let curve = fs::read_to_string(whole.join("curve.csv")).unwrap();
     assert_eq!(curve.lines().count(), 13);
-    assert!(curve.lines().all(|line| line.split(',').count() == 10));
+    assert!(curve.lines().all(|line| line.split(',').count() == 12));
+    let lines: Vec<Line> = curve.lines().skip(1).filter_map(Line::read).collect();
+    assert_eq!(lines.len(), 12);
+    for (line, text) in lines.iter().zip(curve.lines().skip(1)) {
+        assert_eq!(line.csv(), format!("{text}\n"));
+        assert!((0.0..=1.0).contains(&line.vetoes), "{text}");
+    }
+    assert!(lines.iter().any(|line| line.vetoes > 0.0), "{curve}");
 
     // Other options are another run.
     let other = Options {
@@ -84,4 +91,65 @@ fn a_run_that_is_killed_comes_to_the_same_bytes_on_any_threads() {
     for folder in [whole, parts] {
         let _ = fs::remove_dir_all(folder);
     }
+}
+
+#[test]
+fn a_run_that_stands_is_kept_and_what_is_damaged_is_refused() {
+    let (whole, parts) = (folder("straight"), folder("standing"));
+    let mut run = open(&whole, 1).unwrap();
+    while run.round().unwrap().is_some() {}
+    // Whoever stands after each round loses none.
+    loop {
+        let mut run = open(&parts, 1).unwrap();
+        if run.round().unwrap().is_none() {
+            break;
+        }
+        run.keep().unwrap();
+        assert!(crawler_app::policy::Policy::new(&run.so_far().unwrap()).is_ok());
+    }
+    for name in ["checkpoint", "curve.csv"] {
+        let read = |folder: &Path| fs::read(folder.join(name)).unwrap();
+        assert_eq!(read(&whole), read(&parts), "{name}");
+    }
+
+    let curve = parts.join("curve.csv");
+    let text = fs::read_to_string(&curve).unwrap();
+    for damaged in [
+        text.replacen("vetoes", "others", 1),
+        text.replacen("\n7,", "\n8,", 1),
+        text.split_inclusive('\n').take(5).collect(),
+        text.replacen(',', ",,", 20),
+        text.replacen("\n3,", "\n3,inf,", 1),
+    ] {
+        fs::write(&curve, damaged).unwrap();
+        assert!(matches!(open(&parts, 1), Err(RunError::File(..))));
+    }
+    fs::write(&curve, &text).unwrap();
+    let checkpoint = parts.join("checkpoint");
+    let mut bytes = fs::read(&checkpoint).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    for damaged in [&bytes[..], &bytes[..9], &[]] {
+        fs::write(&checkpoint, damaged).unwrap();
+        assert!(matches!(open(&parts, 1), Err(RunError::Checkpoint(..))));
+    }
+    for folder in [whole, parts] {
+        let _ = fs::remove_dir_all(folder);
+    }
+}
+
+#[test]
+fn no_text_makes_a_line_but_those_of_a_curve() {
+    for text in [
+        "",
+        ",",
+        "1",
+        COLUMNS,
+        "1,2,3,4,5,6,7,8,9,10,11",
+        "1,2,3,,,,7,8,9,10,11,NaN",
+    ] {
+        assert_eq!(Line::read(text), None, "{text}");
+    }
+    let line = Line::read("1,2,0,,,,7,8,9,10,11,0.5\n").unwrap();
+    assert!(line.reward.is_nan() && line.vetoes == 0.5);
 }
