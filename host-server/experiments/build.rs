@@ -18,6 +18,8 @@ const SIMULATOR: [&str; 10] = [
     "models/detector/detector.tcmm",
     "models/detector/src",
 ];
+/// What learns, beside both of these.
+const LEARNING: [&str; 2] = ["host-server/learning/src", "models/policy/src"];
 /// So many digits of a hash tell programs apart.
 const DIGITS: usize = 12;
 
@@ -28,21 +30,22 @@ fn main() {
         println!("cargo::rerun-if-changed=../../{name}/Cargo.toml");
         println!("cargo::rerun-if-changed=../../{name}/src");
     }
-    for name in SIMULATOR {
+    for name in SIMULATOR.into_iter().chain(LEARNING) {
         println!("cargo::rerun-if-changed=../../{name}");
     }
-    let simulator = SIMULATOR.iter().map(|name| (*name).to_owned());
+    let of = |names: &[&str]| sources::hash_of(root, names.iter().map(|name| (*name).to_owned()));
     match (
         sources::hash(root, &sources::CRATES),
-        sources::hash_of(root, simulator),
+        of(&SIMULATOR),
+        of(&LEARNING),
     ) {
-        (Ok(program), Ok(simulator)) => println!(
-            "cargo::rustc-env=EXPERIMENT_BUILD={}-{}",
-            &program[..DIGITS],
-            &simulator[..DIGITS]
-        ),
-        (Err(error), _) | (_, Err(error)) => {
-            println!("cargo::error=the sources of robot program and simulator: {error}");
+        (Ok(program), Ok(simulator), Ok(learning)) => {
+            let (program, simulator) = (&program[..DIGITS], &simulator[..DIGITS]);
+            println!("cargo::rustc-env=EXPERIMENT_BUILD={program}-{simulator}");
+            println!("cargo::rustc-env=TRAINING_BUILD={}", &learning[..DIGITS]);
+        }
+        (Err(error), ..) | (_, Err(error), _) | (.., Err(error)) => {
+            println!("cargo::error=the sources of robot program, simulator and learning: {error}");
         }
     }
 }

@@ -70,6 +70,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-experiments",
         &[
             "crawler-detector",
+            "crawler-learning",
             "crawler-metrics",
             "crawler-records",
             "crawler-sim",

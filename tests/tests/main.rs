@@ -20,5 +20,6 @@ mod repository;
 mod robot_tls;
 mod rollouts;
 mod timeseries;
+mod trainings;
 mod words;
 mod workers;

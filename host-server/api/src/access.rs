@@ -83,6 +83,8 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/experiments", VIEWER),
     ("GET", "/api/v1/experiments/{id}", VIEWER),
     ("GET", "/api/v1/experiments/{id}/metrics", VIEWER),
+    ("GET", "/api/v1/experiments/{id}/curve", VIEWER),
+    ("GET", "/api/v1/experiments/{id}/files/{name}", VIEWER),
     ("GET", "/api/v1/releases", VIEWER),
     ("GET", "/api/v1/releases/{id}", VIEWER),
     ("GET", "/api/v1/releases/{id}/gate", VIEWER),

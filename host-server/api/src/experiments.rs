@@ -1,4 +1,4 @@
-//! Experiments: scenarios on many seeds, run by this server and by all that share its records.
+//! Experiments: scenarios on many seeds, run by this server and by all that share its records, and policies that learn.
 
 mod view;
 
@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::{Path, State};
-use axum::http::StatusCode;
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use crawler_records::{MAX_SEEDS, Records};
+use crawler_records::{Experiment, ExperimentKind, MAX_SEEDS, Records};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use utoipa::IntoParams;
@@ -19,7 +19,7 @@ use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::query::{self, ApiQuery, bad_query};
 use crawler_experiments::{self as experiments, Action, ControlError, Experiments};
-use view::{ExperimentList, ExperimentView, MetricsView, NewExperiment, TrialView};
+use view::{CurveView, ExperimentList, ExperimentRequest, ExperimentView, MetricsView, TrialView};
 
 /// Experiments of a page, and most of them.
 const PAGE: u32 = 50;
@@ -27,6 +27,9 @@ const LARGEST_PAGE: u32 = 200;
 /// Trials of a page, and most of them.
 const TRIALS: u32 = 1_000;
 const MOST_TRIALS: u32 = 5_000;
+/// Rounds of a page of a curve, and most of them.
+const ROUNDS: u32 = 1_000;
+const MOST_ROUNDS: u32 = 10_000;
 
 /// Which page of experiments.
 #[derive(Deserialize, IntoParams)]
@@ -51,6 +54,19 @@ pub(super) struct MetricsQuery {
     after: Option<u32>,
     /// How many at most, 1 to 5000; 1000 where it is left out
     #[param(minimum = 1, maximum = 5000)]
+    limit: Option<u32>,
+}
+
+/// Which page of a curve.
+#[derive(Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct CurveQuery {
+    /// Only rounds after the one of this number
+    #[param(minimum = 0, maximum = 100_000)]
+    after: Option<u32>,
+    /// How many at most, 1 to 10000; 1000 where it is left out
+    #[param(minimum = 1, maximum = 10_000)]
     limit: Option<u32>,
 }
 
@@ -130,10 +146,11 @@ pub(super) async fn list(
 
 /// Makes an experiment
 ///
-/// Its first world is built to see whether it can be: nothing is stored otherwise. The trials run in
-/// the background, in the order of their seeds; at most four experiments run at once and others wait.
+/// The first world of an evaluation is built to see whether it can be: nothing is stored otherwise. The trials run in
+/// the background, in the order of their seeds; at most four experiments run at once and others wait. A training learns
+/// in a thread that gives way to everything else; one learns at a time, and others wait.
 #[utoipa::path(post, path = "/experiments", tag = "experiments",
-    request_body = NewExperiment,
+    request_body = ExperimentRequest,
     responses(
         (status = 201, description = "Made", body = ExperimentView),
         (status = 400, description = "Not JSON"),
@@ -171,9 +188,89 @@ pub(super) async fn one(
     State(experiments): State<Arc<Experiments>>,
     Path(id): Path<String>,
 ) -> Result<Json<ExperimentView>, Problem> {
-    let row = records.experiment(number(&id)?).await;
+    let row = find(&records, &id).await?;
+    let files = experiments.training_files(&row).await;
+    let mut view = ExperimentView::new(&experiments, row)?;
+    if let Some(training) = &mut view.training {
+        training.files = files;
+    }
+    Ok(Json(view))
+}
+
+async fn find(records: &Records, id: &str) -> Result<Experiment, Problem> {
+    let row = records.experiment(number(id)?).await;
     let row = row.map_err(|error| Problem::records(&error))?;
-    ExperimentView::new(&experiments, row.ok_or_else(unknown)?).map(Json)
+    row.ok_or_else(unknown)
+}
+
+/// The same for what only trainings have.
+async fn find_training(records: &Records, id: &str) -> Result<Experiment, Problem> {
+    let row = find(records, id).await?;
+    if row.kind == ExperimentKind::Training {
+        return Ok(row);
+    }
+    Err(Problem::new(
+        Code::NotFound,
+        "the experiment is no training, and has neither curve nor files",
+    ))
+}
+
+/// How a training has gone, round by round
+#[utoipa::path(get, path = "/experiments/{id}/curve", tag = "experiments",
+    params(("id" = String, Path, description = "Id of the training"), CurveQuery),
+    responses(
+        (status = 200, description = "A page of rounds, oldest first", body = CurveView),
+        (status = 400, description = "The query is not valid"),
+        (status = 404, description = "There is none of that id, or it is no training")))]
+pub(super) async fn curve(
+    State(records): State<Records>,
+    State(experiments): State<Arc<Experiments>>,
+    Path(id): Path<String>,
+    ApiQuery(asked): ApiQuery<CurveQuery>,
+) -> Result<Json<CurveView>, Problem> {
+    let limit = query::page(asked.limit.unwrap_or(ROUNDS), MOST_ROUNDS)? as usize;
+    if asked.after.is_some_and(|after| after > MAX_SEEDS) {
+        return Err(bad_query("after", format!("must be 0 to {MAX_SEEDS}")));
+    }
+    let row = find_training(&records, &id).await?;
+    let after = u64::from(asked.after.unwrap_or(0));
+    let mut points = experiments.curve(&row, after, limit + 1).await;
+    let more = points.len() > limit;
+    points.truncate(limit);
+    let next = points.last().filter(|_| more).map(|point| point.round);
+    Ok(Json(CurveView { points, next }))
+}
+
+/// A file that came of a training
+///
+/// `policy.tcpo` is the policy for robots, `policy` the same in floats, `curve.csv` has a line for each round, and
+/// `run.json` options, results and hashes: the files of `terracrawler train`. Before the end there is `so-far.tcpo`,
+/// what was learned by the last checkpoint.
+#[utoipa::path(get, path = "/experiments/{id}/files/{name}", tag = "experiments",
+    params(("id" = String, Path, description = "Id of the training"),
+        ("name" = String, Path, description = "Name of the file")),
+    responses(
+        (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 404, description = "There is none of that id or name, or another server has it")))]
+pub(super) async fn file(
+    State(records): State<Records>,
+    State(experiments): State<Arc<Experiments>>,
+    Path((id, name)): Path<(String, String)>,
+) -> Result<Response, Problem> {
+    let row = find_training(&records, &id).await?;
+    let file = experiments.training_file(&row, &name).await;
+    let file = file.map_err(|error| {
+        tracing::warn!(%error, id, name, "a file of a training cannot be read");
+        Problem::internal("the file cannot be read")
+    })?;
+    let (media, bytes) =
+        file.ok_or_else(|| Problem::new(Code::NotFound, "the training has no such file here"))?;
+    let headers = [
+        (header::CONTENT_TYPE, media),
+        (header::CACHE_CONTROL, "no-cache"),
+        (header::CONTENT_DISPOSITION, "attachment"),
+    ];
+    Ok((headers, bytes).into_response())
 }
 
 /// Deletes an experiment that does not run, with all of its trials
@@ -229,10 +326,8 @@ pub(super) async fn metrics(
     if asked.after.is_some_and(|after| after > MAX_SEEDS) {
         return Err(bad_query("after", format!("must be 0 to {MAX_SEEDS}")));
     }
-    let id = number(&id)?;
-    let row = records.experiment(id).await;
-    let row = row.map_err(|error| Problem::records(&error))?;
-    let row = row.ok_or_else(unknown)?;
+    let row = find(&records, &id).await?;
+    let id = row.id;
     let from = asked.after.map_or(0, |after| after.saturating_add(1));
     let trials = records.trials(id, from, limit).await;
     let mut trials = trials.map_err(|error| Problem::records(&error))?;

@@ -82,7 +82,7 @@ const MAX_BODY: usize = 4 * 1024;
         (name = "commands", description = "Telling robots what to do"),
         (name = "fences", description = "Where robots are to stay in or out of"),
         (name = "simulator", description = "The simulated world of this process"),
-        (name = "experiments", description = "Scenarios on many seeds, and what comes of it"),
+        (name = "experiments", description = "Scenarios on many seeds and policies that learn, and what comes of it"),
         (name = "updates", description = "What robots may be updated to"),
         (name = "feed", description = "Everything as it happens"),
         (name = "history", description = "What was, as far back as it is recorded"),
@@ -130,6 +130,8 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 .routes(routes!(experiments::resume))
                 .routes(routes!(experiments::stop))
                 .routes(routes!(experiments::metrics))
+                .routes(routes!(experiments::curve))
+                .routes(routes!(experiments::file))
                 .routes(routes!(releases::list, releases::add))
                 .routes(routes!(releases::one))
                 .routes(routes!(releases::gate::one, releases::gate::attach))

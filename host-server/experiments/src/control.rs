@@ -3,15 +3,17 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use crawler_records::{EventLevel, Experiment, ExperimentState, NewExperiment, RecordsError};
+use crawler_records::{
+    EventLevel, Experiment, ExperimentKind, ExperimentState, NewExperiment, RecordsError,
+};
 use crawler_system::clock::now_ms;
 use serde_json::{Map, Value};
 use tokio_util::task::TaskTracker;
 
 use super::keeper::{count, divide, metrics, or_unknown, recount};
 use super::recipe::{FieldError, read};
-use super::worker::BUILD;
-use super::{Experiments, Tally};
+use super::worker::build_of;
+use super::{Experiments, Tally, training};
 
 use ExperimentState::{Created, Paused, Running, Stopped};
 
@@ -92,6 +94,58 @@ async fn whole<T: Send + 'static>(
     )))
 }
 
+/// An experiment of either kind, to be made.
+struct Made {
+    kind: ExperimentKind,
+    name: String,
+    recipe: Result<String, serde_json::Error>,
+    metrics: String,
+    /// Trials, or rounds.
+    seeds: u32,
+    start: bool,
+}
+
+/// Reads a body, and builds the first world of an evaluation.
+fn tried(mut body: Map<String, Value>) -> Result<Made, Vec<FieldError>> {
+    let kind = match body.remove("kind") {
+        None | Some(Value::Null) => ExperimentKind::Evaluation,
+        Some(kind) => kind
+            .as_str()
+            .and_then(|kind| kind.parse().ok())
+            .ok_or_else(|| {
+                vec![FieldError {
+                    pointer: "/kind".to_owned(),
+                    detail: "is none of evaluation, training".to_owned(),
+                }]
+            })?,
+    };
+    match kind {
+        ExperimentKind::Evaluation => {
+            let wanted = read(body)?;
+            wanted.build()?;
+            Ok(Made {
+                kind,
+                recipe: serde_json::to_string(&wanted.recipe),
+                name: wanted.name,
+                metrics: metrics(),
+                seeds: wanted.recipe.seeds,
+                start: wanted.start,
+            })
+        }
+        ExperimentKind::Training => {
+            let wanted = training::read(body)?;
+            Ok(Made {
+                kind,
+                recipe: serde_json::to_string(&wanted.asked),
+                name: wanted.name,
+                metrics: "[]".to_owned(),
+                seeds: wanted.rounds,
+                start: wanted.start,
+            })
+        }
+    }
+}
+
 /// Makes an experiment of a body, once its first world has been built.
 ///
 /// # Errors
@@ -108,9 +162,7 @@ pub async fn create(
     let permit = permit.map_err(|_| ControlError::Busy)?;
     let tried = tokio::task::spawn_blocking(move || {
         let _permit = permit;
-        let wanted = read(body)?;
-        wanted.build()?;
-        Ok(wanted)
+        tried(body)
     });
     let wanted = match tried.await {
         Ok(wanted) => wanted.map_err(ControlError::Invalid)?,
@@ -118,14 +170,16 @@ pub async fn create(
     };
     let (experiments, tasks) = (Arc::clone(experiments), &experiments.tasks);
     whole(tasks, async move {
-        let recipe = serde_json::to_string(&wanted.recipe);
         let new = NewExperiment {
+            kind: wanted.kind,
             owner: experiments.owner.clone(),
             name: wanted.name,
-            build: BUILD.to_owned(),
-            recipe: recipe.map_err(|_| ControlError::Internal("a recipe cannot be written"))?,
-            metrics: metrics(),
-            seeds: wanted.recipe.seeds,
+            build: build_of(wanted.kind).to_owned(),
+            recipe: wanted
+                .recipe
+                .map_err(|_| ControlError::Internal("a recipe cannot be written"))?,
+            metrics: wanted.metrics,
+            seeds: wanted.seeds,
             by,
             created: now_ms(),
             start: wanted.start,
@@ -144,6 +198,12 @@ pub async fn create(
 /// Takes up what runs from now on, and tells of it.
 async fn take_up(experiments: &Experiments, row: Experiment) {
     let word = if row.done > 0 { "goes on" } else { "begins" };
+    if row.kind == ExperimentKind::Training {
+        let text = format!("training “{}” {word}: {} rounds", row.name, row.seeds);
+        experiments.tell(EventLevel::Info, text);
+        experiments.trainer.wake();
+        return;
+    }
     let text = format!("experiment “{}” {word}: {} trials", row.name, row.seeds);
     experiments.tell(EventLevel::Info, text);
     let id = row.id;
@@ -177,7 +237,7 @@ pub async fn act(
             .ok_or(ControlError::WrongState(row.state))?;
         if to == Running {
             adopt(&experiments, &row).await?;
-        } else {
+        } else if row.kind == ExperimentKind::Evaluation {
             stand(&experiments, &mut tallies, id).await?;
         }
         let moved = experiments
@@ -200,8 +260,13 @@ pub async fn act(
             if let Err(error) = experiments.worker.release(id).await {
                 tracing::warn!(%error, "what is held of an experiment is free when its lease ends");
             }
+            experiments.trainer.wake();
             let text = match tally {
                 Some(tally) => tally.farewell(to),
+                None if row.kind == ExperimentKind::Training => format!(
+                    "training “{}” is {to} after {} of {} rounds",
+                    row.name, row.done, row.seeds
+                ),
                 None => format!("experiment “{}” is {to}", row.name),
             };
             experiments.tell(EventLevel::Info, text);
@@ -214,11 +279,12 @@ pub async fn act(
 
 /// Has this build run an experiment of which nothing is done, whoever made it.
 async fn adopt(experiments: &Experiments, row: &Experiment) -> Result<(), ControlError> {
-    if row.build == BUILD {
+    let build = build_of(row.kind);
+    if row.build == build {
         return Ok(());
     }
     let parts = experiments.records.parts();
-    if row.done == 0 && parts.adopt(row.id, BUILD).await? {
+    if row.done == 0 && parts.adopt(row.id, build).await? {
         return Ok(());
     }
     Err(ControlError::OtherBuild(or_unknown(&row.build).to_owned()))
@@ -247,6 +313,7 @@ pub async fn delete(experiments: &Arc<Experiments>, id: i64) -> Result<(), Contr
         let row = find(&experiments, id).await?;
         match experiments.records.delete_experiment(id).await {
             Ok(()) => {
+                experiments.trainer.wake();
                 recount(&experiments).await;
                 Ok(())
             }

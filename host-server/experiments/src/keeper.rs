@@ -249,7 +249,7 @@ pub(super) async fn recount(experiments: &Experiments) {
 }
 
 /// Notes that an experiment cannot go on.
-async fn fail(experiments: &Experiments, id: i64, why: &str) {
+pub(super) async fn fail(experiments: &Experiments, id: i64, why: &str) {
     experiments.worker.leave(id);
     let (from, to) = (ExperimentState::Running, ExperimentState::Failed);
     let moved = experiments

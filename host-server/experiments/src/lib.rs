@@ -1,5 +1,5 @@
 //! Experiments: evaluations of a scenario on many seeds, by threads of this process beside its other
-//! work, and by as many other processes as share the records.
+//! work, and by as many other processes as share the records; and trainings of policies, by one server each.
 //!
 //! What the records say is so. They have what is left to do, part by part; a worker claims a part, runs its trials and
 //! stores what they come to. One server counts them in the order of their seeds. A trial is the same whenever and
@@ -12,6 +12,7 @@
 //! - `recipe` reads what an experiment is asked to be, `control` makes, starts, pauses and ends it, `worker` claims its
 //!   parts and stores what comes of them, `board` has those of this process and runs their trials, `keeper` counts
 //!   trials, `results` has what they come to.
+//! - `training` has the experiments that learn: what they are asked to be, the thread in which they do, their files.
 
 pub mod evaluate;
 pub mod scenarios;
@@ -21,14 +22,18 @@ mod control;
 mod keeper;
 mod recipe;
 mod results;
+mod training;
 mod worker;
 
 use std::collections::HashMap;
-use std::num::NonZeroU8;
+use std::num::{NonZeroU8, NonZeroUsize};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crawler_records::{EventLevel, Experiment, ExperimentState, Records, RecordsError};
+use crawler_records::{
+    EventLevel, Experiment, ExperimentKind, ExperimentState, Records, RecordsError,
+};
 use serde::Serialize;
 use tokio::sync::Semaphore;
 use tokio_util::task::TaskTracker;
@@ -42,7 +47,12 @@ pub use keeper::keep;
 pub use recipe::{FieldError, MAX_SEED, Recipe};
 use results::Tally;
 pub use results::{Judged, MetricView, Results, Summary};
-pub use worker::{BUILD, Worker, machine, work};
+use training::Trainer;
+pub use training::{
+    Asked as TrainingAsked, CurvePoint, Outcome as TrainingOutcome, Score as TrainingScore,
+    TrainingFile, train,
+};
+pub use worker::{BUILD, TRAINING_BUILD, Worker, machine, work};
 
 use keeper::{Watched, or_unknown};
 
@@ -61,6 +71,7 @@ pub struct Experiments {
     /// What was begun for somebody and goes on without them.
     tasks: TaskTracker,
     worker: Worker,
+    trainer: Trainer,
     /// What runs came to so far. Whoever holds it is alone with all experiments of this server.
     tallies: tokio::sync::Mutex<HashMap<i64, Tally>>,
     /// How this server is called in records that it shares with others.
@@ -157,10 +168,12 @@ fn drawn() -> Result<u64, getrandom::Error> {
 impl Experiments {
     /// Nothing runs before [`Experiments::begin`]; then so many `threads` run trials, half as many as there are
     /// processors when nobody says. `owner` is how this server is called in `records`, `name` how people know it among
-    /// those who work on experiments, and `tasks` is what it waits for before it ends.
+    /// those who work on experiments, and `tasks` is what it waits for before it ends. `folder` is for the files of
+    /// trainings.
     #[must_use]
     pub fn new(
         records: Records,
+        folder: PathBuf,
         owner: String,
         name: &str,
         threads: Option<NonZeroU8>,
@@ -173,6 +186,10 @@ impl Experiments {
         let threads = threads.unwrap_or_else(|| (cores() / 2).max(1));
         Self {
             worker: Worker::new(records.clone(), name, &owner, threads),
+            trainer: Trainer::new(
+                folder,
+                NonZeroUsize::new(threads).unwrap_or(NonZeroUsize::MIN),
+            ),
             records,
             tell,
             tasks,
@@ -207,16 +224,32 @@ impl Experiments {
     /// Whether an experiment that runs waits until others are done, or for somebody who can work on it.
     #[must_use]
     pub fn is_waiting(&self, experiment: &Experiment) -> bool {
-        self.worker.is_waiting(experiment.id) || self.waits_for(experiment).is_some()
+        let is_behind = match experiment.kind {
+            ExperimentKind::Evaluation => self.worker.is_waiting(experiment.id),
+            ExperimentKind::Training => {
+                experiment.state == ExperimentState::Running && !self.trainer.is_at(experiment)
+            }
+        };
+        is_behind || self.waits_for(experiment).is_some()
     }
 
     /// For whom an experiment waits that runs, where this server cannot work on it; for people.
     #[must_use]
     pub fn waits_for(&self, experiment: &Experiment) -> Option<String> {
-        let other = experiment.state == ExperimentState::Running && experiment.build != BUILD;
-        other.then(|| {
+        if experiment.state != ExperimentState::Running {
+            return None;
+        }
+        let own = worker::build_of(experiment.kind);
+        if experiment.build != own {
             let build = or_unknown(&experiment.build);
-            format!("waits for a server or worker of its build, {build}: this server is {BUILD}")
+            return Some(format!(
+                "waits for a server or worker of its build, {build}: this server is {own}"
+            ));
+        }
+        let elsewhere =
+            experiment.kind == ExperimentKind::Training && !self.is_own(&experiment.owner);
+        elsewhere.then(|| {
+            "goes on where it was begun: at another server, which has its files".to_owned()
         })
     }
 

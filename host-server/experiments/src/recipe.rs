@@ -19,6 +19,10 @@ const MAX_SET: usize = 32;
 const MAX_THRESHOLDS: usize = 16;
 /// Longest word of a recipe, in bytes.
 const MAX_WORD: usize = 256;
+/// What a field has to be.
+pub(super) const WHOLE: &str = "must be a whole number";
+pub(super) const TEXT: &str = "must be a text";
+pub(super) const YES_OR_NO: &str = "must be true or false";
 /// What every reader of JSON can count to.
 pub const MAX_SEED: u64 = (1 << 53) - 1;
 
@@ -67,13 +71,48 @@ pub(super) struct Wanted {
 }
 
 /// The fields of a body, and what is wrong with them.
-struct Form {
+pub(super) struct Form {
     fields: Map<String, Value>,
     errors: Vec<FieldError>,
 }
 
 impl Form {
-    fn wrong(&mut self, field: &str, detail: impl Into<String>) {
+    pub(super) const fn new(fields: Map<String, Value>) -> Self {
+        Self {
+            fields,
+            errors: Vec::new(),
+        }
+    }
+
+    /// What is wrong with them; nothing else may be there.
+    pub(super) fn end(mut self) -> Result<(), Vec<FieldError>> {
+        self.refuse_others();
+        if self.errors.is_empty() {
+            Ok(())
+        } else {
+            Err(self.errors)
+        }
+    }
+
+    fn refuse_others(&mut self) {
+        for (field, _) in std::mem::take(&mut self.fields) {
+            self.wrong(&field, "is unknown");
+        }
+    }
+
+    /// A name for people.
+    pub(super) fn name(&mut self) -> String {
+        let name: String = self.need("name", TEXT).unwrap_or_default();
+        let name = name.trim().to_owned();
+        if !self.is_wrong("name") && (name.is_empty() || name.chars().count() > MAX_NAME) {
+            self.wrong("name", format!("must have 1 to {MAX_NAME} characters"));
+        } else if name.contains(char::is_control) {
+            self.wrong("name", "has control characters");
+        }
+        name
+    }
+
+    pub(super) fn wrong(&mut self, field: &str, detail: impl Into<String>) {
         let name = field.replace('~', "~0").replace('/', "~1");
         self.errors.push(FieldError {
             pointer: format!("/{name}"),
@@ -96,7 +135,7 @@ impl Form {
     }
 
     /// The field of that name; `null` is as good as nothing.
-    fn take<T: DeserializeOwned>(&mut self, field: &str, rule: &str) -> Option<T> {
+    pub(super) fn take<T: DeserializeOwned>(&mut self, field: &str, rule: &str) -> Option<T> {
         let value = self.fields.remove(field).filter(|value| !value.is_null())?;
         let read = serde_json::from_value(value).ok();
         if read.is_none() {
@@ -115,7 +154,13 @@ impl Form {
     }
 
     /// A number within bounds.
-    fn number(&mut self, field: &str, value: Option<u64>, least: u64, most: u64) -> Option<u64> {
+    pub(super) fn number(
+        &mut self,
+        field: &str,
+        value: Option<u64>,
+        least: u64,
+        most: u64,
+    ) -> Option<u64> {
         let value = value?;
         if (least..=most).contains(&value) {
             return Some(value);
@@ -185,19 +230,8 @@ fn is_word(word: &str) -> bool {
 /// # Errors
 /// Every field that is wrong, and how. No world is built.
 pub(super) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>> {
-    const WHOLE: &str = "must be a whole number";
-    const TEXT: &str = "must be a text";
-    let mut form = Form {
-        fields,
-        errors: Vec::new(),
-    };
-    let name: String = form.need("name", TEXT).unwrap_or_default();
-    let name = name.trim().to_owned();
-    if !form.is_wrong("name") && (name.is_empty() || name.chars().count() > MAX_NAME) {
-        form.wrong("name", format!("must have 1 to {MAX_NAME} characters"));
-    } else if name.contains(char::is_control) {
-        form.wrong("name", "has control characters");
-    }
+    let mut form = Form::new(fields);
+    let name = form.name();
     let scenario: Option<String> = form.need("scenario", TEXT);
     let robots = form.take("robots", WHOLE);
     let robots = form.number("robots", robots, 1, MAX_ROBOTS.into());
@@ -220,10 +254,8 @@ pub(super) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>
             form.wrong_entry("thresholds", number, why);
         }
     }
-    let start = form.take("start", "must be true or false").unwrap_or(true);
-    for (field, _) in std::mem::take(&mut form.fields) {
-        form.wrong(&field, "is unknown");
-    }
+    let start = form.take("start", YES_OR_NO).unwrap_or(true);
+    form.refuse_others();
 
     let recipe = Recipe {
         scenario: scenario.unwrap_or_default(),

@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crawler_records::{
-    Experiment, MAX_WORKER, Records, RecordsError, RunningExperiment, part_size,
+    Experiment, ExperimentKind, MAX_WORKER, Records, RecordsError, RunningExperiment, part_size,
 };
 use crawler_sim::scenario::{Scenario, Threshold};
 use tokio::time::MissedTickBehavior;
@@ -27,6 +27,24 @@ pub const BUILD: &str = concat!(
     env!("EXPERIMENT_BUILD"),
     ")"
 );
+/// The same for what a training comes to.
+pub const TRAINING_BUILD: &str = concat!(
+    env!("CARGO_PKG_VERSION"),
+    " (",
+    env!("EXPERIMENT_BUILD"),
+    "-",
+    env!("TRAINING_BUILD"),
+    ")"
+);
+
+/// The program that experiments of a kind need.
+pub(super) const fn build_of(kind: ExperimentKind) -> &'static str {
+    match kind {
+        ExperimentKind::Evaluation => BUILD,
+        ExperimentKind::Training => TRAINING_BUILD,
+    }
+}
+
 /// How long a worker holds what it has claimed without a word.
 pub(super) const LEASE: Duration = Duration::from_secs(15);
 /// How often it says that it does.
@@ -484,5 +502,6 @@ mod tests {
         assert!(long.id.len() <= MAX_WORKER && long.id.ends_with("#0123abcd"));
         assert!(!machine().is_empty());
         assert!(BUILD.len() <= 96, "{BUILD}");
+        assert!(TRAINING_BUILD.len() <= 96, "{TRAINING_BUILD}");
     }
 }

@@ -15,6 +15,8 @@ pub use parts::{
 
 /// Most experiments.
 pub const MAX_EXPERIMENTS: i64 = 1_000;
+/// Most of them that are trainings.
+pub const MAX_TRAININGS: i64 = 100;
 /// Most seeds of one experiment.
 pub const MAX_SEEDS: u32 = 100_000;
 /// Most trials that all experiments together may come to.
@@ -86,9 +88,41 @@ impl FromStr for ExperimentState {
     }
 }
 
+/// What an experiment is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ExperimentKind {
+    /// Trials of a scenario.
+    Evaluation,
+    /// Rounds of learning.
+    Training,
+}
+
+impl ExperimentKind {
+    /// Its name in files and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Evaluation => "evaluation",
+            Self::Training => "training",
+        }
+    }
+}
+
+impl FromStr for ExperimentKind {
+    type Err = RecordsError;
+
+    fn from_str(text: &str) -> Result<Self, RecordsError> {
+        let mut all = [Self::Evaluation, Self::Training].into_iter();
+        let unknown = RecordsError::Invalid("an invalid kind of experiment is stored");
+        all.find(|kind| kind.name() == text).ok_or(unknown)
+    }
+}
+
 /// An experiment to be made.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NewExperiment {
+    /// What it is made of.
+    pub kind: ExperimentKind,
     /// The server that runs it.
     pub owner: String,
     /// Its name, for people.
@@ -99,7 +133,7 @@ pub struct NewExperiment {
     pub recipe: String,
     /// What is measured.
     pub metrics: String,
-    /// How many trials it is to have.
+    /// How many trials it is to have, or rounds.
     pub seeds: u32,
     /// Who asked for it.
     pub by: String,
@@ -114,6 +148,8 @@ pub struct NewExperiment {
 pub struct Experiment {
     /// Its number; later ones have greater ones.
     pub id: i64,
+    /// What it is made of.
+    pub kind: ExperimentKind,
     /// The server that counts its trials.
     pub owner: String,
     /// Its name, for people.
@@ -124,7 +160,7 @@ pub struct Experiment {
     pub metrics: String,
     /// What the trials that are done came to; empty before the first.
     pub results: String,
-    /// How many trials it is to have.
+    /// How many trials it is to have, or rounds.
     pub seeds: u32,
     /// Who asked for it.
     pub by: String,
@@ -138,7 +174,7 @@ pub struct Experiment {
     pub state: ExperimentState,
     /// Why it is that far.
     pub reason: Option<String>,
-    /// How many trials are done: the first ones.
+    /// How many trials are done: the first ones. Of a training, how many rounds.
     pub done: u32,
     /// The program that runs it: another would come to other numbers. Empty where a version made it that did not say.
     pub build: String,
@@ -205,6 +241,14 @@ mod tests {
         fn any_bytes_can_be_unpacked(bytes: Vec<u8>) {
             prop_assert_eq!(unpacked(&bytes).len(), bytes.len() / 8);
         }
+    }
+
+    #[test]
+    fn kinds_go_by_their_names() {
+        for kind in [ExperimentKind::Evaluation, ExperimentKind::Training] {
+            assert_eq!(kind.name().parse::<ExperimentKind>().unwrap(), kind);
+        }
+        assert!("odd".parse::<ExperimentKind>().is_err());
     }
 
     #[test]

@@ -59,9 +59,9 @@ pub use events::{
     NoCursor, StoredEvent,
 };
 pub use experiments::{
-    Experiment, ExperimentParts, ExperimentState, Holder, MAX_EXPERIMENT_TEXT, MAX_EXPERIMENTS,
-    MAX_LOST, MAX_SEEDS, MAX_TRIALS, MAX_WORKER, NewExperiment, NewTrials, Part, RunningExperiment,
-    StoredTrial, part_size,
+    Experiment, ExperimentKind, ExperimentParts, ExperimentState, Holder, MAX_EXPERIMENT_TEXT,
+    MAX_EXPERIMENTS, MAX_LOST, MAX_SEEDS, MAX_TRAININGS, MAX_TRIALS, MAX_WORKER, NewExperiment,
+    NewTrials, Part, RunningExperiment, StoredTrial, part_size,
 };
 pub use fences::{KeptFence, MAX_FENCE_NAME, MAX_FENCES};
 pub use postgres::DatabaseStats;

@@ -13,6 +13,7 @@ pub(crate) const RECORDS: Schema = Schema {
         include_str!("schema/records.rollouts.sql"),
         include_str!("schema/records.releases.sql"),
         include_str!("schema/records.parts.sql"),
+        include_str!("schema/records.trainings.sql"),
     ],
 };
 

@@ -64,7 +64,7 @@ const TABLES: &[(&str, &[&str])] = &[
         "experiment",
         &[
             "id", "owner", "name", "recipe", "metrics", "results", "seeds", "made_by", "created",
-            "started", "ended", "state", "reason", "done", "build",
+            "started", "ended", "state", "reason", "done", "build", "kind",
         ],
     ),
     ("trial", &["id", "seed", "success", "reason", "measured"]),

@@ -262,6 +262,9 @@ async fn simulate(
     })
 }
 
+/// Folder with the files of trainings, in the data directory.
+const TRAININGS: &str = "trainings";
+
 /// Lets experiments run.
 fn experiment(
     settings: &Settings,
@@ -273,6 +276,7 @@ fn experiment(
 ) -> Result<Arc<Experiments>, StartError> {
     let experiments = Arc::new(Experiments::new(
         storage.records.clone(),
+        settings.data.join(TRAININGS),
         owner,
         &settings.worker_name(),
         settings.experiment_threads,
@@ -281,6 +285,8 @@ fn experiment(
     ));
     let own = Arc::clone(&experiments);
     parts.task("the experiments", |stop| experiments::keep(own, stop))?;
+    let own = Arc::clone(&experiments);
+    parts.task("the trainings", |stop| experiments::train(own, stop))?;
     experiments.begin().map_err(StartError::Experiments)?;
     let own = Arc::clone(&experiments);
     parts.end_with(async move { own.end().await })?;

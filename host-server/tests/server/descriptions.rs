@@ -112,6 +112,8 @@ async fn descriptions_fit_what_is_there() {
             "get /api/v1/events",
             "get /api/v1/experiments",
             "get /api/v1/experiments/{id}",
+            "get /api/v1/experiments/{id}/curve",
+            "get /api/v1/experiments/{id}/files/{name}",
             "get /api/v1/experiments/{id}/metrics",
             "get /api/v1/fences",
             "get /api/v1/history",

@@ -176,6 +176,7 @@ async fn experiments_are_told_of() {
     let scratch = Scratch::new();
     let records = Records::open(&scratch.0).await.expect("records");
     let new = NewExperiment {
+        kind: crawler_records::ExperimentKind::Evaluation,
         owner: "x".into(),
         name: "of another version".into(),
         build: "0.0.1 (other)".into(),

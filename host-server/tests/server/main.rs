@@ -37,4 +37,5 @@ mod simulator;
 mod swarm;
 mod telemetry;
 mod tls;
+mod trainings;
 mod twins;

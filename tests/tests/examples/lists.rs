@@ -162,6 +162,7 @@ pub(crate) fn faults(pages: &[Page]) -> Vec<String> {
     );
     for (page, schema) in [
         ("docs/experiments.md", "NewExperiment"),
+        ("docs/learning.md", "NewTraining"),
         ("docs/operate.md", "NewFence"),
     ] {
         compare(

@@ -135,7 +135,7 @@ pub(super) async fn drop_parts(
 }
 
 impl ExperimentParts<'_> {
-    /// Every experiment that runs, in the order in which they were started.
+    /// Every experiment that runs and has trials, in the order in which they were started.
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.

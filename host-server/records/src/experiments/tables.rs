@@ -4,8 +4,8 @@ use sqlx::AssertSqlSafe;
 
 use super::parts::drop_parts;
 use super::{
-    Experiment, ExperimentState, MAX_EXPERIMENT_TEXT, MAX_EXPERIMENTS, MAX_SEEDS, MAX_TRIALS,
-    NewExperiment,
+    Experiment, ExperimentKind, ExperimentState, MAX_EXPERIMENT_TEXT, MAX_EXPERIMENTS, MAX_SEEDS,
+    MAX_TRAININGS, MAX_TRIALS, NewExperiment,
 };
 use crate::query::{Connection, query};
 use crate::text::cut;
@@ -40,10 +40,11 @@ type Row = (
     Option<String>,
     i64,
     String,
+    String,
 );
 
 const COLUMNS: &str = "id, owner, name, recipe, metrics, results, seeds, made_by, created, started, \
-                       ended, state, reason, done, build";
+                       ended, state, reason, done, build, kind";
 
 fn experiment(row: Row) -> Result<Experiment, RecordsError> {
     let (
@@ -62,6 +63,7 @@ fn experiment(row: Row) -> Result<Experiment, RecordsError> {
         reason,
         done,
         build,
+        kind,
     ) = row;
     let count = |number: i64| {
         u32::try_from(number)
@@ -69,6 +71,7 @@ fn experiment(row: Row) -> Result<Experiment, RecordsError> {
     };
     Ok(Experiment {
         id,
+        kind: kind.parse()?,
         owner,
         name,
         recipe,
@@ -161,10 +164,8 @@ impl Records {
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<Experiment>, RecordsError> {
-        let sql =
-            format!("SELECT {COLUMNS} FROM experiment WHERE id < $1 ORDER BY id DESC LIMIT $2");
-        self.list(sql, before.unwrap_or(i64::MAX), limit.into())
-            .await
+        let newest = "id < $1 ORDER BY id DESC LIMIT $2";
+        list(self, newest, before.unwrap_or(i64::MAX), limit.into()).await
     }
 
     /// Every experiment in `state`, in the order in which they were started.
@@ -176,31 +177,8 @@ impl Records {
         state: ExperimentState,
     ) -> Result<Vec<Experiment>, RecordsError> {
         // The name is one of ours, no text of others.
-        let sql = format!(
-            "SELECT {COLUMNS} FROM experiment WHERE state = '{state}' AND id >= $1
-             ORDER BY started, id LIMIT $2"
-        );
-        self.list(sql, 0, MAX_EXPERIMENTS).await
-    }
-
-    async fn list(
-        &self,
-        sql: String,
-        bound: i64,
-        limit: i64,
-    ) -> Result<Vec<Experiment>, RecordsError> {
-        self.db()
-            .read(move |connection| {
-                Box::pin(async move {
-                    let rows: Vec<Row> = query(AssertSqlSafe(sql))
-                        .bind(bound)
-                        .bind(limit)
-                        .fetch_all(connection)
-                        .await?;
-                    rows.into_iter().map(experiment).collect()
-                })
-            })
-            .await
+        let which = format!("state = '{state}' AND id >= $1 ORDER BY started, id LIMIT $2");
+        list(self, &which, 0, MAX_EXPERIMENTS).await
     }
 
     /// How many experiments there are in each state, for each server that has some.
@@ -268,6 +246,52 @@ impl Records {
             .await
     }
 
+    /// Every training that runs, in the order in which they were started.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when they cannot be read.
+    pub async fn running_trainings(&self) -> Result<Vec<Experiment>, RecordsError> {
+        list(
+            self,
+            "kind = 'training' AND state = 'running' AND id >= $1 ORDER BY started, id LIMIT $2",
+            0,
+            MAX_TRAININGS,
+        )
+        .await
+    }
+
+    /// Notes how many rounds of a training that is not over are kept, and what they came to.
+    ///
+    /// # Errors
+    /// [`RecordsError::NotFound`] when there is none, or it is over, and [`RecordsError::Invalid`] for
+    /// what is too long.
+    pub async fn note_training(
+        &self,
+        id: i64,
+        done: u32,
+        results: String,
+    ) -> Result<(), RecordsError> {
+        if results.len() > MAX_EXPERIMENT_TEXT {
+            return Err(RecordsError::Invalid("results have at most 64 KiB"));
+        }
+        self.db()
+            .write(move |connection| {
+                Box::pin(async move {
+                    query(
+                        "UPDATE experiment SET done = $1, results = $2
+                         WHERE id = $3 AND kind = 'training' AND state IN ('running', 'paused') AND seeds >= $1",
+                    )
+                    .bind(i64::from(done))
+                    .bind(results)
+                    .bind(id)
+                    .execute(connection)
+                    .await
+                    .and_then(|done| crate::users::changed(done, RecordsError::NotFound))
+                })
+            })
+            .await
+    }
+
     /// Deletes an experiment that does not run, with its trials.
     ///
     /// # Errors
@@ -295,18 +319,48 @@ impl Records {
     }
 }
 
+/// Experiments by a condition of ours, with a bound and a limit.
+async fn list(
+    records: &Records,
+    which: &str,
+    bound: i64,
+    limit: i64,
+) -> Result<Vec<Experiment>, RecordsError> {
+    let sql = format!("SELECT {COLUMNS} FROM experiment WHERE {which}");
+    records
+        .db()
+        .read(move |connection| {
+            Box::pin(async move {
+                let rows: Vec<Row> = query(AssertSqlSafe(sql))
+                    .bind(bound)
+                    .bind(limit)
+                    .fetch_all(connection)
+                    .await?;
+                rows.into_iter().map(experiment).collect()
+            })
+        })
+        .await
+}
+
 async fn add(
     connection: &mut Connection<'_>,
     new: NewExperiment,
 ) -> Result<Experiment, RecordsError> {
-    let (count, trials): (i64, i64) =
-        query("SELECT count(*), CAST(coalesce(sum(seeds), 0) AS BIGINT) FROM experiment")
-            .fetch_one(&mut *connection)
-            .await?;
+    let (count, trainings, trials): (i64, i64, i64) = query(
+        "SELECT count(*), CAST(coalesce(sum(CASE kind WHEN 'training' THEN 1 ELSE 0 END), 0) AS BIGINT),
+             CAST(coalesce(sum(CASE kind WHEN 'training' THEN 0 ELSE seeds END), 0) AS BIGINT)
+         FROM experiment",
+    )
+    .fetch_one(&mut *connection)
+    .await?;
     if count >= MAX_EXPERIMENTS {
         return Err(RecordsError::TooMany("experiments"));
     }
-    if trials + i64::from(new.seeds) > MAX_TRIALS {
+    let is_training = new.kind == ExperimentKind::Training;
+    if is_training && trainings >= MAX_TRAININGS {
+        return Err(RecordsError::TooMany("trainings"));
+    }
+    if !is_training && trials + i64::from(new.seeds) > MAX_TRIALS {
         return Err(RecordsError::TooMany("trials of experiments"));
     }
     let id = next_id(&mut *connection).await?;
@@ -317,7 +371,8 @@ async fn add(
     };
     query(
         "INSERT INTO experiment (id, owner, name, recipe, metrics, results, seeds, made_by, created,
-         started, state, done, build) VALUES ($1, $2, $3, $4, $5, '', $6, $7, $8, $9, $10, 0, $11)",
+         started, state, done, build, kind)
+         VALUES ($1, $2, $3, $4, $5, '', $6, $7, $8, $9, $10, 0, $11, $12)",
     )
     .bind(id)
     .bind(cut(&new.owner, MAX_BY))
@@ -330,6 +385,7 @@ async fn add(
     .bind(new.start.then_some(new.created))
     .bind(state.name())
     .bind(cut(&new.build, MAX_BUILD))
+    .bind(new.kind.name())
     .execute(&mut *connection)
     .await?;
     find(connection, id).await?.ok_or(RecordsError::NotFound)

@@ -17,6 +17,7 @@ const STEPS: &[&str] = &[
     include_str!("../schema/postgres.rollouts.sql"),
     include_str!("../schema/postgres.releases.sql"),
     include_str!("../schema/postgres.parts.sql"),
+    include_str!("../schema/postgres.trainings.sql"),
 ];
 /// The oldest `PostgreSQL` that its makers still looked after when this was written, as it numbers
 /// itself.

@@ -2,8 +2,8 @@
 
 use crate::support::{Folder, memory, on_postgres, open};
 use crawler_records::{
-    ExperimentState, MAX_EXPERIMENTS, MAX_TRIALS, NewExperiment, NewTrials, Records, RecordsError,
-    StoredTrial,
+    ExperimentKind, ExperimentState, MAX_EXPERIMENTS, MAX_TRAININGS, MAX_TRIALS, NewExperiment,
+    NewTrials, Records, RecordsError, StoredTrial,
 };
 
 use ExperimentState::{Completed, Created, Failed, Paused, Running, Stopped};
@@ -12,6 +12,7 @@ const BUILD: &str = "0.3.0 (one)";
 
 fn new(name: &str, seeds: u32, start: bool) -> NewExperiment {
     NewExperiment {
+        kind: ExperimentKind::Evaluation,
         owner: "one".into(),
         name: name.into(),
         build: BUILD.into(),
@@ -198,6 +199,63 @@ async fn no_more_than_fits() {
         matches!(refused, Err(RecordsError::TooMany(_))),
         "{refused:?}"
     );
+}
+
+/// A training of ten rounds.
+fn training(name: &str, start: bool) -> NewExperiment {
+    NewExperiment {
+        kind: ExperimentKind::Training,
+        ..new(name, 10, start)
+    }
+}
+
+#[tokio::test]
+async fn a_training_has_rounds_and_no_parts() {
+    let records = memory().await;
+    let made = records.add_experiment(training("a", true)).await.unwrap();
+    assert_eq!(made.kind, ExperimentKind::Training);
+    let other = records.add_experiment(new("b", 3, true)).await.unwrap();
+    assert_eq!(other.kind, ExperimentKind::Evaluation);
+    // Who works on trials does not see it.
+    let running = records.parts().running().await.unwrap();
+    assert_eq!(
+        running.iter().map(|row| row.id).collect::<Vec<_>>(),
+        [other.id]
+    );
+    let trainings = records.running_trainings().await.unwrap();
+    assert_eq!((trainings.len(), &trainings[0]), (1, &made));
+
+    let note = |id, done, results: &str| records.note_training(id, done, results.to_owned());
+    note(made.id, 7, "seven").await.unwrap();
+    let now = records.experiment(made.id).await.unwrap().unwrap();
+    assert_eq!((now.done, now.results.as_str()), (7, "seven"));
+    for wrong in [(made.id, 11), (other.id, 1), (other.id + 1, 1)] {
+        let refused = note(wrong.0, wrong.1, "").await;
+        assert!(matches!(refused, Err(RecordsError::NotFound)), "{wrong:?}");
+    }
+    let long = note(made.id, 8, &"x".repeat(70_000)).await;
+    assert!(matches!(long, Err(RecordsError::Invalid(_))));
+    records
+        .move_experiment(made.id, Running, Paused, None, 2)
+        .await
+        .unwrap();
+    assert_eq!(records.running_trainings().await.unwrap(), []);
+    // Whoever was at it when it was paused has kept one more.
+    note(made.id, 8, "eight").await.unwrap();
+    records
+        .move_experiment(made.id, Paused, Stopped, None, 3)
+        .await
+        .unwrap();
+    let late = note(made.id, 9, "").await;
+    assert!(matches!(late, Err(RecordsError::NotFound)), "it is over");
+
+    for _ in 1..MAX_TRAININGS {
+        let made = records.add_experiment(training("more", false)).await;
+        made.unwrap();
+    }
+    let many = records.add_experiment(training("one more", false)).await;
+    assert!(matches!(many, Err(RecordsError::TooMany("trainings"))));
+    records.add_experiment(new("c", 3, false)).await.unwrap();
 }
 
 #[tokio::test]

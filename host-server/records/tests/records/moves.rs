@@ -73,6 +73,7 @@ async fn fill(records: &Records) -> u64 {
     }
     for n in 0..3 {
         let new = NewExperiment {
+            kind: crawler_records::ExperimentKind::Evaluation,
             owner: "one".into(),
             name: format!("experiment {n}"),
             build: format!("build {n}"),

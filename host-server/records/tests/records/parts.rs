@@ -18,6 +18,7 @@ const FIRST_SEED: u64 = 40;
 
 async fn experiment(records: &Records, seeds: u32) -> i64 {
     let new = NewExperiment {
+        kind: crawler_records::ExperimentKind::Evaluation,
         owner: "one".into(),
         name: "shared".into(),
         build: BUILD.into(),

@@ -25,7 +25,7 @@ pub(super) async fn running(
                  THEN 1 ELSE 0 END AS BIGINT),
              coalesce((SELECT min(id) FROM experiment_part
                  WHERE {of} AND lost >= {MAX_LOST} AND held_until <= {}), -1)
-         FROM experiment AS e WHERE e.state = 'running' ORDER BY e.started, e.id",
+         FROM experiment AS e WHERE e.state = 'running' AND e.kind = 'evaluation' ORDER BY e.started, e.id",
         now(connection)
     );
     let rows: Vec<Row> = query(AssertSqlSafe(sql)).fetch_all(connection).await?;

@@ -1,0 +1,259 @@
+//! What a training is asked to be, checked field by field, and the command line that does the same.
+
+use crawler_learning::{Options, Spread};
+use crawler_records::MAX_SEEDS;
+use crawler_sim::scenario::Scenario;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::recipe::{FieldError, Form, MAX_SEED, TEXT, WHOLE, YES_OR_NO};
+use crate::scenarios::Randomisation;
+
+/// The algorithm that there is.
+const ALGORITHM: &str = "ppo";
+/// The task that there is.
+const TASK: &str = "spread";
+/// Most decisions to learn from.
+const MAX_STEPS: u64 = 1_000_000_000;
+/// Most worlds side by side: a round of so many takes seconds, and nobody waits longer for it to stand.
+const MAX_WORLDS: u64 = 256;
+/// Units of the hidden layers, as robots have room for.
+const UNITS: std::ops::RangeInclusive<u64> = 4..=64;
+/// Most rounds: the curve stays within a megabyte.
+const MAX_ROUNDS: u64 = 10_000;
+const _: () = assert!(MAX_ROUNDS <= MAX_SEEDS as u64);
+
+/// What was asked for.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Asked {
+    /// Name of the algorithm.
+    pub algorithm: String,
+    /// Name of the task.
+    pub task: String,
+    /// Names the run.
+    pub seed: u64,
+    /// Decisions of all robots to learn from.
+    pub steps: u64,
+    /// Worlds side by side.
+    pub worlds: u32,
+    /// Units of both hidden layers.
+    pub units: u32,
+    /// Whether the critic sees no more than a robot.
+    pub own_critic: bool,
+    /// Name of a profile.
+    pub randomisation: String,
+}
+
+/// A training to be made.
+#[derive(Debug)]
+pub(crate) struct Wanted {
+    pub(crate) name: String,
+    pub(crate) asked: Asked,
+    pub(crate) rounds: u32,
+    pub(crate) start: bool,
+}
+
+/// Reads what is wanted.
+///
+/// # Errors
+/// Every field that is wrong, and how.
+pub(crate) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>> {
+    let usual = Options::default();
+    let mut form = Form::new(fields);
+    let name = form.name();
+    for (field, only) in [("algorithm", ALGORITHM), ("task", TASK)] {
+        let named: Option<String> = form.take(field, TEXT);
+        if named.is_some_and(|named| named != only) {
+            form.wrong(field, format!("must be {only}: there is no other one"));
+        }
+    }
+    let mut number = |field: &str, least: u64, most: u64, usual: u64| {
+        let value = form.take(field, WHOLE);
+        form.number(field, value, least, most).unwrap_or(usual)
+    };
+    let seed = number("seed", 0, MAX_SEED, usual.seed);
+    let steps = number("steps", 1, MAX_STEPS, usual.steps);
+    let worlds = number("worlds", 1, MAX_WORLDS, usual.worlds as u64);
+    let units = number("units", *UNITS.start(), *UNITS.end(), usual.units as u64);
+    let own_critic = form
+        .take("own_critic", YES_OR_NO)
+        .unwrap_or(!usual.privileged);
+    let randomisation: Option<String> = form.take("randomisation", TEXT);
+    let randomisation = randomisation.unwrap_or_else(|| Randomisation::None.name().to_owned());
+    if Randomisation::by_name(&randomisation).is_none() {
+        form.wrong("randomisation", "is none of none, mild, wild");
+    }
+    let start = form.take("start", YES_OR_NO).unwrap_or(true);
+    let asked = Asked {
+        algorithm: ALGORITHM.to_owned(),
+        task: TASK.to_owned(),
+        seed,
+        steps,
+        // Within their bounds, which are small.
+        worlds: worlds as u32,
+        units: units as u32,
+        own_critic,
+        randomisation,
+    };
+    let rounds = asked.rounds();
+    if rounds > MAX_ROUNDS {
+        let each = steps.div_ceil(rounds.max(1));
+        form.wrong(
+            "steps",
+            format!("makes {rounds} rounds of about {each}, and {MAX_ROUNDS} is the most: ask for more worlds, or fewer steps"),
+        );
+    }
+    form.end()?;
+    Ok(Wanted {
+        name,
+        asked,
+        rounds: rounds as u32,
+        start,
+    })
+}
+
+impl Asked {
+    /// The same for the run.
+    pub(super) const fn options(&self) -> Options {
+        Options {
+            seed: self.seed,
+            steps: self.steps,
+            worlds: self.worlds as usize,
+            units: self.units as usize,
+            privileged: !self.own_critic,
+        }
+    }
+
+    /// The worlds to learn in.
+    ///
+    /// # Errors
+    /// Why this program cannot train it, which the one that took it could.
+    pub(super) fn scenario(&self) -> Result<Scenario, String> {
+        if self.algorithm != ALGORITHM || self.task != TASK {
+            return Err(format!("it knows no {} for {}", self.algorithm, self.task));
+        }
+        let profile = Randomisation::by_name(&self.randomisation);
+        let profile = profile.ok_or_else(|| format!("it knows no {}", self.randomisation))?;
+        let mut scenario = Spread::scenario().map_err(|error| error.to_string())?;
+        scenario.randomisation = profile.profile();
+        Ok(scenario)
+    }
+
+    /// Robots of each world.
+    #[must_use]
+    pub fn robots(&self) -> u32 {
+        Spread::scenario().map_or(0, |scenario| scenario.robots)
+    }
+
+    fn rounds(&self) -> u64 {
+        self.options().rounds(self.robots())
+    }
+
+    /// The command line that comes to the same bytes.
+    #[must_use]
+    pub fn command(&self) -> String {
+        let Self {
+            seed,
+            steps,
+            worlds,
+            units,
+            randomisation,
+            ..
+        } = self;
+        let own_critic = if self.own_critic { " --own-critic" } else { "" };
+        format!(
+            "terracrawler train --out trained --seed {seed} --steps {steps} --worlds {worlds} --units {units} \
+             --randomisation {randomisation}{own_critic}"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use serde_json::json;
+
+    use super::*;
+
+    fn fields(value: Value) -> Map<String, Value> {
+        match value {
+            Value::Object(fields) => fields,
+            _ => unreachable!("an object"),
+        }
+    }
+
+    #[test]
+    fn what_is_left_out_is_as_on_the_console() {
+        let wanted = read(fields(json!({ "name": " first " }))).expect("fine");
+        assert_eq!((wanted.name.as_str(), wanted.start), ("first", true));
+        assert_eq!(wanted.asked.options(), Options::default());
+        assert_eq!(wanted.rounds, 163);
+        assert_eq!(wanted.asked.scenario().expect("there").robots, 3);
+        assert_eq!(
+            wanted.asked.command(),
+            "terracrawler train --out trained --seed 1 --steps 4000000 --worlds 64 --units 64 --randomisation none"
+        );
+        let text = serde_json::to_string(&wanted.asked).expect("written");
+        assert_eq!(
+            serde_json::from_str::<Asked>(&text).expect("read"),
+            wanted.asked
+        );
+    }
+
+    #[test]
+    fn every_field_that_is_wrong_is_named() {
+        let body = json!({
+            "name": "", "algorithm": "dqn", "task": 1, "seed": -1, "steps": 0, "worlds": 257, "units": 65,
+            "own_critic": "no", "randomisation": "much", "start": 0, "a/b~": 1, "scenario": "spread",
+        });
+        let errors = read(fields(body)).expect_err("all of it");
+        let mut pointers: Vec<&str> = errors.iter().map(|error| error.pointer.as_str()).collect();
+        pointers.sort_unstable();
+        assert_eq!(
+            pointers,
+            [
+                "/algorithm",
+                "/a~1b~0",
+                "/name",
+                "/own_critic",
+                "/randomisation",
+                "/scenario",
+                "/seed",
+                "/start",
+                "/steps",
+                "/task",
+                "/units",
+                "/worlds",
+            ]
+        );
+        // A round of one world has 384 decisions.
+        let body = |steps: u64| json!({ "name": "x", "worlds": 1, "steps": steps });
+        assert_eq!(
+            read(fields(body(3_840_000))).expect("just so").rounds,
+            10_000
+        );
+        let errors = read(fields(body(3_840_001))).expect_err("one round too many");
+        assert_eq!((errors.len(), errors[0].pointer.as_str()), (1, "/steps"));
+    }
+
+    proptest! {
+        /// Whatever is asked, it is refused with pointers or can be trained.
+        #[test]
+        fn what_is_taken_can_be_trained(
+            seed: u64, steps: u64, worlds in 0_u64..300, units in 0_u64..70,
+            randomisation in "none|mild|wild|[a-z]{0,6}", name in "\\PC{0,70}",
+        ) {
+            let body = json!({
+                "name": name, "seed": seed, "steps": steps, "worlds": worlds, "units": units,
+                "randomisation": randomisation,
+            });
+            match read(fields(body)) {
+                Ok(wanted) => {
+                    prop_assert!((1..=MAX_ROUNDS).contains(&u64::from(wanted.rounds)));
+                    prop_assert!(wanted.asked.scenario().is_ok());
+                }
+                Err(errors) => prop_assert!(errors.iter().all(|error| error.pointer.starts_with('/'))),
+            }
+        }
+    }
+}
