@@ -1,10 +1,24 @@
 // How experiments look: in every state, size and colour; when the server is away; to viewers; and
 // when there are very many trials.
 
+import { POLICY } from '../tests/mock/experiments.mjs'
 import { startMock } from '../tests/mock/server.mjs'
 import { DESKTOP, PHONE, WALL } from './browser.mjs'
 import { axe, axeDark, check, expect, measure, picture, until } from './checks.mjs'
 
+/** Somebody has signed what the mock's trainings come to. */
+const POLICY_RELEASE = {
+  id: 'feedfacefeedface',
+  kind: 'policy',
+  name: 'mine',
+  board: 'sim',
+  version: '3',
+  build: POLICY.slice(0, 32),
+  sequence: 3,
+  size: 8_552,
+  withdrawn: null,
+  expires_at: null,
+}
 /** Trials of the long experiment: as many as there can be. */
 const MANY = 100_000
 /** A page that does nothing for so long is frozen to whoever clicks. */
@@ -31,9 +45,15 @@ function fill(mock) {
   const broken = done(make('Things break', { scenario: 'resilience' }), 120)
   const paused = done(make('To be gone on with', { seeds: 400, first_seed: 1_000 }), 130)
   const running = done(make('A long one with a name that takes up room', { seeds: 50_000 }), 9_000)
+  const train = (name, change) =>
+    mock.experiments.create({ kind: 'training', name, steps: 1_000_000, ...change })
+  const trained = done(train('Apart, as it is', { seed: 1 }), 41)
+  const other = done(train('Apart, in wilder worlds', { seed: 2, randomisation: 'wild' }), 41)
+  const learning = done(train('A long one that learns', { steps: 400_000_000 }), 300)
+  mock.releases.unshift({ ...mock.releases[0], ...POLICY_RELEASE })
   const created = make('Not yet', { start: false, set: ['duration_s=60'] })
   const now = Date.now()
-  for (const one of [good, bad]) {
+  for (const one of [good, bad, trained, other]) {
     Object.assign(one, { state: 'completed', started_at: now - 95_000, ended_at: now - 60_000 })
   }
   Object.assign(broken, {
@@ -51,6 +71,9 @@ function fill(mock) {
     paused: `experiments/${paused.id}`,
     running: `experiments/${running.id}?curves=success,time_to_goal_s,energy_j,collisions`,
     created: `experiments/${created.id}`,
+    trained: `experiments/${trained.id}`,
+    learning: `experiments/${learning.id}`,
+    'compared-trainings': `experiments?compare=${trained.id},${other.id}`,
     form: `experiments?from=${bad.id}`,
     compared: `experiments?compare=${good.id},${bad.id},${broken.id},${paused.id}`,
     unknown: 'experiments/nobody',
@@ -68,6 +91,9 @@ const LAST = {
   paused: '[data-curve=time_to_goal_s] canvas',
   running: '[data-curve=collisions] canvas',
   created: '[data-testid=experiment-start]',
+  trained: '[data-testid=roll-out]',
+  learning: '[data-curve=clipped] canvas',
+  'compared-trainings': '[data-testid=runs-together]',
   form: '[data-testid=usual-values]',
   compared: '[data-curve=time_to_goal_s] canvas',
   unknown: '[data-testid=experiment-unknown]',
@@ -125,6 +151,38 @@ async function pictures(page, name) {
 }
 
 export async function troubles({ page, mock, goTo }) {
+  await check('a finished training leads to a rollout of its policy', async () => {
+    await goTo(page, 'experiments')
+    await page.locator('tr', { hasText: 'Apart, as it is' }).getByRole('link').click()
+    await id(page, 'sign-command').waitFor()
+    const command = await id(page, 'sign-command').inputValue()
+    expect(command.includes('--kind policy --name apart-as-it-is '), `it is ${command}`)
+    expect(command.includes('--sequence 4 '), `it is ${command}`)
+    const coming = page.waitForEvent('download')
+    await id(page, 'file-policy.tcpo').click()
+    const name = (await coming).suggestedFilename()
+    expect(name === 'policy.tcpo', `it is called ${name}`)
+    await id(page, 'roll-out').click()
+    const ticked = page.locator('.new-rollout input[type=checkbox]:checked')
+    await until('nothing is chosen', async () => (await ticked.count()) === 1)
+  })
+  await check('what a server has against a training stands at its field', async () => {
+    await goTo(page, 'experiments')
+    await id(page, 'more-of-training').click()
+    await id(page, 'training-worlds').fill('1')
+    await id(page, 'training-steps').fill('10000000')
+    await id(page, 'run-training').click()
+    await page.locator('#training-steps-error').waitFor()
+    await axe(page, 'a wrong training')
+    await id(page, 'training-steps').fill('1000')
+    await id(page, 'training-seed').fill('13')
+    await id(page, 'run-training').click()
+    const words = page.locator('#training-seed-error')
+    await words.waitFor()
+    const focused = await page.evaluate(() => document.activeElement?.id)
+    expect(focused === 'training-seed', `${focused} has the focus`)
+    return (await words.textContent()).trim()
+  })
   await check('a hundred thousand trials are drawn, and the page answers meanwhile', async () => {
     const many = mock.experiments.create({
       name: 'Very many',

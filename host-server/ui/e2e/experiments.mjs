@@ -32,6 +32,7 @@ async function opened(page) {
 
 const is = (page, state) => async () => (await data(id(page, 'experiment'), 'state')) === state
 const made = []
+const trained = []
 
 async function first(page) {
   await check('nobody has one yet, and the page says what one is', async () => {
@@ -160,6 +161,54 @@ async function another(page) {
   })
 }
 
+async function learned(page) {
+  await check('a policy is trained, watched, paused, and judged', async () => {
+    await goTo(page, 'experiments')
+    await id(page, 'training-steps').fill('200000')
+    await id(page, 'more-of-training').click()
+    await id(page, 'training-name').fill('Learns')
+    await id(page, 'training-worlds').fill('8')
+    await id(page, 'training-units').fill('8')
+    await id(page, 'run-training').click()
+    const one = await opened(page)
+    await page.locator('[data-curve=success] canvas').waitFor()
+    await until('it does not learn', async () => {
+      return Number(await data(id(page, 'training-live'), 'round')) > 2
+    })
+    await id(page, 'experiment-pause').click()
+    await until('it does not pause', is(page, 'paused'))
+    await axe(page, 'a training that stands')
+    await id(page, 'experiment-resume').click()
+    await until('it is not over', is(page, 'completed'))
+    await id(page, 'training-score').waitFor()
+    await until('not all is drawn', async () => {
+      return (await data(page.locator('[data-curve=entropy]'), 'loaded')) === '66'
+    })
+    const coming = page.waitForEvent('download')
+    await id(page, 'file-policy.tcpo').click()
+    expect((await coming).suggestedFilename() === 'policy.tcpo', 'it has another name')
+    const command = await id(page, 'sign-command').inputValue()
+    expect(command.includes('--kind policy --name learns '), `it is ${command}`)
+    await axe(page, 'a training that is over')
+    await picture(page, 'training')
+    trained.push(one)
+    return (await id(page, 'training-score').textContent()).trim()
+  })
+  await check('it is trained once more, and both are compared', async () => {
+    await id(page, 'experiment-again').click()
+    await until('it is the same page', async () => !page.url().endsWith(`/${trained[0]}`))
+    trained.push(await opened(page))
+    await until('it is not over', is(page, 'completed'))
+    await goTo(page, `experiments?compare=${trained.join(',')}`)
+    await id(page, 'runs-together').waitFor()
+    await page.locator('[data-curve=reward] canvas').waitFor()
+    const row = page.locator('[data-testid=compare-table] tr[data-metric=success] td')
+    expect((await data(row.nth(1), 'standing')) === 'same', 'the same run is not the same')
+    await axe(page, 'compared trainings')
+    return (await id(page, 'runs-together').textContent()).trim()
+  })
+}
+
 async function several(page) {
   await check('the list is searched and filtered, and the address says how', async () => {
     await goTo(page, 'experiments')
@@ -222,7 +271,7 @@ const guard = guarded()
 try {
   const browser = await launch()
   const page = await newPage(browser)
-  if (mock === null) for (const part of [first, another, several, byKeys]) await part(page)
+  if (mock === null) for (const part of [first, another, several, learned, byKeys]) await part(page)
   else {
     const hands = { browser, page, mock, newPage, goTo }
     await everyLook(hands)

@@ -42,6 +42,10 @@ export const settings: Record<Setting, string> = {
   difficulty: 'Difficulty',
   randomisation: 'Randomisation',
   set: 'Other values',
+  steps: 'Decisions to learn from',
+  worlds: 'Worlds side by side',
+  units: 'Units of each layer',
+  own_critic: 'Critic sees no more than a robot',
 }
 
 const METRICS: Readonly<Record<string, string>> = {
@@ -146,6 +150,7 @@ export const page = {
   older: 'Older experiments',
   columns: ['Compare', 'Experiment', 'State', 'Success', 'Made'],
   progress: (done: number, all: number) => `${number(done)} of ${count(all, 'trial', 'trials')}`,
+  rounds: (done: number, all: number) => `${number(done)} of ${count(all, 'round', 'rounds')}`,
   progressOf: (name: string) => `Progress of ${name}`,
   interval: (low: string, high: string) => `${low} to ${high}`,
   noShare: 'nothing yet',
@@ -263,6 +268,8 @@ export const one = {
   sureRemove: (name: string) => `Remove “${name}” and all it has measured for good?`,
   sureStop: (left: number) =>
     `Stop it for good? ${count(left, 'trial is', 'trials are')} not done yet.`,
+  sureStopTraining: (left: number) =>
+    `Stop it for good? ${count(left, 'round is', 'rounds are')} not learned yet, and nothing is judged.`,
   reason: (why: string) => `The server says: ${why}`,
   verdict: 'Verdict',
   verdictLater: 'Judged when all trials are done.',

@@ -84,14 +84,19 @@ const SETTINGS = [
   'randomisation',
   'set',
 ] as const
-export type Setting = (typeof SETTINGS)[number]
+/** The same of trainings. */
+const OF_TRAININGS = ['steps', 'worlds', 'units', 'own_critic'] as const
+export type Setting = (typeof SETTINGS)[number] | (typeof OF_TRAININGS)[number]
 
 export function differing(
   experiments: readonly Experiment[],
 ): { setting: Setting; values: (string | null)[] }[] {
-  return SETTINGS.flatMap((setting) => {
+  return [...SETTINGS, ...OF_TRAININGS].flatMap((setting) => {
     const values = experiments.map((one) => {
-      const value = one[setting] ?? null
+      const value =
+        (setting in one
+          ? one[setting as (typeof SETTINGS)[number]]
+          : one.training?.[setting as (typeof OF_TRAININGS)[number]]) ?? null
       const text = Array.isArray(value) ? value.join(', ') : value === null ? null : String(value)
       return text === '' ? null : text
     })

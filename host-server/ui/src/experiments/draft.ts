@@ -1,6 +1,7 @@
 /** What is written into the form of a new experiment, checked before it is sent. */
 
-import type { Experiment, NewExperiment } from '../api-types'
+import type { Experiment, NewExperiment, NewTraining } from '../api-types'
+import { repeatTraining } from './training'
 
 /** In the order of the form: the first wrong one gets the focus. */
 export const FIELDS = [
@@ -77,7 +78,8 @@ export function draftOf(experiment: Experiment, name: string): Draft {
 }
 
 /** The same once more. */
-export function repeat(experiment: Experiment): NewExperiment {
+export function repeat(experiment: Experiment): NewExperiment | NewTraining {
+  if (experiment.kind === 'training') return repeatTraining(experiment)
   return bodyOf(draftOf(experiment, experiment.name), experiment.name)
 }
 

@@ -17,6 +17,13 @@ const ROBOTS = { 'simple-navigation': 1, 'dynamic-environment': 2, resilience: 4
 /** How likely a trial succeeds. */
 const CHANCES = { 'simple-navigation': 0.96, 'dynamic-environment': 0.85, resilience: 0.6 }
 
+/** Decisions of a world in a round of a training. */
+const ROUND = 384
+const FILES_SO_FAR = ['so-far.tcpo', 'curve.csv']
+const FILES = ['policy.tcpo', 'policy', 'curve.csv', 'run.json']
+/** SHA-256 of every policy of the mock. */
+export const POLICY = 'ab'.repeat(32)
+
 /** What nobody is told. */
 const INSIDE = { sums: undefined, exact: undefined, looked: undefined }
 
@@ -106,7 +113,96 @@ export function createExperiments({ clock, perSecond = 12 }) {
     })
   }
 
+  /** What a round of a training came to: it rises, and trembles. */
+  function point(one, round) {
+    const part = round / one.seeds
+    const shaken = 0.04 * drawn(one.first_seed, round) - 0.02
+    return {
+      round,
+      steps: round * ROUND * one.training.worlds,
+      episodes: 12,
+      reward: -8 + 15 * Math.sqrt(part) + 10 * shaken,
+      success: round === 1 ? null : Math.min(1, 0.25 + 0.65 * Math.sqrt(part) + shaken),
+      length_s: 38 - 22 * part,
+      entropy: 1.94 - 1.2 * part,
+      divergence: 0.008 + shaken / 10,
+      clipped: 0.1 + shaken,
+      critic: 0.4 - 0.3 * part,
+      loss: -0.01 - shaken / 10,
+      vetoes: 0.3 - 0.2 * part,
+    }
+  }
+
+  function training(one) {
+    const learns = one.state === 'running' && !one.waiting
+    const over = one.state === 'completed'
+    const round = ROUND * one.training.worlds
+    const rate = learns ? 60_000 : null
+    const success = 0.85 + 0.1 * drawn(one.first_seed, 1)
+    const score = {
+      episodes: 300,
+      success,
+      low: success - 0.04,
+      high: success + 0.03,
+      length_s: 15,
+      floats: success + 0.01,
+      bytes: 8_552,
+      sha256: POLICY,
+    }
+    const names = over ? FILES : one.done > 0 ? FILES_SO_FAR : []
+    return {
+      ...one.training,
+      algorithm: 'ppo',
+      steps_per_second: rate,
+      left_s: learns ? ((one.seeds - one.done) * round) / rate : null,
+      judging: false,
+      last: one.done > 0 ? point(one, one.done) : null,
+      score: over ? score : null,
+      files: names.map((name) => ({ name, bytes: 8_552 })),
+    }
+  }
+
+  function curve(one, url) {
+    const after = Number(url.searchParams.get('after') ?? 0)
+    const limit = Number(url.searchParams.get('limit') ?? 1_000)
+    const to = Math.min(one.done, after + limit)
+    const points = Array.from({ length: Math.max(0, to - after) }, (_, at) =>
+      point(one, after + 1 + at),
+    )
+    return { points, next: to < one.done ? to : null }
+  }
+
+  function viewOfTraining(one) {
+    const told = training(one)
+    const command = `terracrawler train --out trained --seed ${one.first_seed} --steps ${told.steps}`
+    const lines =
+      told.score === null
+        ? []
+        : [
+            {
+              metric: 'success',
+              unit: 'share',
+              mean: told.score.success,
+              low: told.score.low,
+              high: told.score.high,
+              count: 300,
+            },
+          ]
+    const build = '0.1.0 (0123456789ab-cdef01234567-89abcdef0123)'
+    return {
+      ...one,
+      ...INSIDE,
+      training: told,
+      summary: lines,
+      verdict: null,
+      command,
+      workers: [],
+      build,
+    }
+  }
+
   function view(one) {
+    if (one.kind === 'training') return viewOfTraining(one)
     const lines = summed(one)
     const verdict = one.state === 'completed' ? judged(one, lines) : null
     const from = `--seeds ${one.seeds} --seed ${one.first_seed}`
@@ -119,6 +215,10 @@ export function createExperiments({ clock, perSecond = 12 }) {
   function wrong(body) {
     const errors = []
     const say = (field, message) => errors.push({ field, message })
+    if (body.kind === 'training') {
+      if (body.seed === 13) errors.push({ pointer: '/seed', detail: 'is unlucky' })
+      return errors
+    }
     const known = Object.keys(ROBOTS)
     if (!known.includes(body.scenario)) {
       say('scenario', `\`${body.scenario}\` is none of ${known.join(', ')}`)
@@ -141,15 +241,24 @@ export function createExperiments({ clock, perSecond = 12 }) {
   function create(body, by = 'ada') {
     const now = clock()
     const start = body.start ?? true
+    const isTraining = body.kind === 'training'
+    const asked = {
+      steps: body.steps ?? 4_000_000,
+      worlds: body.worlds ?? 64,
+      units: body.units ?? 64,
+      own_critic: body.own_critic ?? false,
+    }
     const one = {
+      kind: isTraining ? 'training' : 'evaluation',
+      training: isTraining ? asked : null,
       id: String(all.length + 1),
       name: body.name,
-      scenario: body.scenario,
-      robots: body.robots ?? ROBOTS[body.scenario] ?? 1,
-      seeds: body.seeds,
-      first_seed: body.first_seed ?? 1,
+      scenario: isTraining ? 'spread' : body.scenario,
+      robots: isTraining ? 3 : (body.robots ?? ROBOTS[body.scenario] ?? 1),
+      seeds: isTraining ? Math.ceil(asked.steps / (ROUND * asked.worlds)) : body.seeds,
+      first_seed: (isTraining ? body.seed : body.first_seed) ?? 1,
       difficulty: body.difficulty ?? null,
-      randomisation: body.randomisation ?? null,
+      randomisation: body.randomisation ?? (isTraining ? 'none' : null),
       set: body.set ?? [],
       thresholds: body.thresholds ?? [],
       by,
@@ -229,6 +338,8 @@ export function createExperiments({ clock, perSecond = 12 }) {
       return { status: 201, body: view(create(body, who)) }
     }
     const one = find(id)
+    if (what === 'curve') return { status: 200, body: curve(one, url) }
+    if (what === 'files') return { status: 200, body: { policy: parts[3] } }
     if (what === 'metrics') return { status: 200, body: metrics(one, url) }
     if (what in NEXT && method === 'POST') return act(one, what)
     if (what === undefined && method === 'GET') return { status: 200, body: view(one) }

@@ -26,6 +26,7 @@ import { figure, metricName, withUnit, wrongWords } from '../../src/strings-expe
 
 const experiment = (change: Partial<Experiment> = {}): Experiment => ({
   id: '7',
+  kind: 'evaluation',
   name: 'A first try',
   scenario: 'simple-navigation',
   robots: 1,

@@ -1,24 +1,36 @@
 /** Calls of the pages about experiments. */
 
-import type { Experiment, ExperimentMetrics, NewExperiment, ScenarioSummary } from '../../api-types'
+import type {
+  Experiment,
+  ExperimentMetrics,
+  NewExperiment,
+  NewTraining,
+  ScenarioSummary,
+  TrainingCurve,
+} from '../../api-types'
 import type { Act } from '../../experiments/shown'
 import { createClient } from '../../client'
 import type { Send } from '../../http'
-import { ApiError } from '../../http'
+import { ApiError, SLOW_MS, payloadOf, request } from '../../http'
 
 /** The most that a server gives of them at once. */
 const TRIALS_AT_ONCE = 5_000
+const ROUNDS_AT_ONCE = 2_000
 const LISTED_AT_ONCE = 50
 
 export interface ExperimentsApi {
   /** The newest ones, `pages` times as many as the server gives at once. */
   list(pages: number): Promise<{ experiments: readonly Experiment[]; more: boolean }>
   one(id: string): Promise<Experiment>
-  create(experiment: NewExperiment): Promise<Experiment>
+  create(experiment: NewExperiment | NewTraining): Promise<Experiment>
   act(id: string, act: Act): Promise<Experiment>
   remove(id: string): Promise<void>
   /** Trials after the one of this number; from the first with −1. */
   trials(id: string, after: number): Promise<ExperimentMetrics>
+  /** Rounds of a training after the one of this number; from the first with 0. */
+  curve(id: string, after: number): Promise<TrainingCurve>
+  /** A file of a training. */
+  file(id: string, name: string): Promise<Blob>
   /** `null` from a server that does not list them. */
   scenarios(): Promise<readonly ScenarioSummary[] | null>
 }
@@ -48,6 +60,16 @@ export function experimentsApi(send: Send): ExperimentsApi {
     trials(id, after) {
       const query = { limit: TRIALS_AT_ONCE, after: after < 0 ? null : after }
       return ask('get', '/experiments/{id}/metrics', { path: { id }, query })
+    },
+    curve(id, after) {
+      const query = { limit: ROUNDS_AT_ONCE, after }
+      return ask('get', '/experiments/{id}/curve', { path: { id }, query })
+    },
+    async file(id, name) {
+      const path = `/experiments/${encodeURIComponent(id)}/files/${encodeURIComponent(name)}`
+      const answer = await request(send, 'GET', path, undefined, SLOW_MS)
+      if (!answer.ok) await payloadOf(answer)
+      return answer.blob()
     },
     async scenarios() {
       try {
