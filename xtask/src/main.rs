@@ -25,7 +25,6 @@ mod image;
 mod mixed;
 mod mutants;
 mod paho;
-mod python;
 mod report;
 mod run;
 mod server;
@@ -115,12 +114,6 @@ const TASKS: &[Task] = &[
         arguments: "[DIRECTORY]",
         about: "the interoperability suite of Eclipse Paho, against docs/conformance.md",
         run: paho::command,
-    },
-    Task {
-        name: "python",
-        arguments: "",
-        about: "types, lints and tests of the package for Python, and tasks of ours beside Gymnasium's own",
-        run: python::command,
     },
     Task {
         name: "emulate",

@@ -6,7 +6,7 @@
 //! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
 //! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
 //! each subject: `robots`, `images`, `maps`, `twins`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
-//! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
+//! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`, `policies`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
 //! `assets`.
 
 mod access;
@@ -29,6 +29,7 @@ mod live;
 mod maps;
 mod mqtt;
 mod peer;
+mod policies;
 mod problem;
 mod query;
 mod rates;
@@ -140,6 +141,9 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                     routes!(rollouts::list, rollouts::start)
                         .layer(DefaultBodyLimit::max(rollouts::MAX_PLAN)),
                 )
+                .routes(routes!(policies::deploy).layer(DefaultBodyLimit::max(rollouts::MAX_PLAN)))
+                .routes(routes!(policies::list))
+                .routes(routes!(policies::one))
                 .routes(routes!(rollouts::one))
                 .routes(routes!(rollouts::robots))
                 .routes(routes!(rollouts::robot))

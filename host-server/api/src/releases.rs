@@ -2,7 +2,7 @@
 
 mod arrival;
 pub(super) mod gate;
-mod view;
+pub(super) mod view;
 
 use std::sync::Arc;
 

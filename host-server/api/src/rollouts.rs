@@ -193,7 +193,16 @@ pub(super) async fn start(
     caller: Caller,
     body: JsonBody,
 ) -> Result<Response, Problem> {
-    let asked: Value = body.read()?;
+    begin(&rollouts, &audit, &caller, body.read()?).await
+}
+
+/// Begins a rollout with a plan as it was asked for.
+pub(super) async fn begin(
+    rollouts: &Rollouts,
+    audit: &Audit,
+    caller: &Caller,
+    asked: Value,
+) -> Result<Response, Problem> {
     let plan = serde_path_to_error::deserialize(&asked);
     let plan: NewPlan = plan.map_err(|error| {
         // It quotes nothing but names and numbers of a plan.
@@ -207,7 +216,7 @@ pub(super) async fn start(
         .as_ref()
         .map_or_else(|_| String::new(), i64::to_string);
     audit
-        .write(&caller, "rollout.create", &id, asked, &begun)
+        .write(caller, "rollout.create", &id, asked, &begun)
         .await;
     let view = rollouts.one(begun?).await?;
     Ok((StatusCode::CREATED, Json(view)).into_response())

@@ -22,7 +22,6 @@ mod doctor;
 mod evaluate;
 mod folder;
 mod guesses;
-mod gym;
 mod hostile_names;
 mod newcomer;
 mod program;

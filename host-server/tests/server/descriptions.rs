@@ -119,6 +119,8 @@ async fn descriptions_fit_what_is_there() {
             "get /api/v1/history",
             "get /api/v1/history/frames",
             "get /api/v1/live",
+            "get /api/v1/policies",
+            "get /api/v1/policies/{name}",
             "get /api/v1/releases",
             "get /api/v1/releases/{id}",
             "get /api/v1/releases/{id}/gate",
@@ -151,6 +153,7 @@ async fn descriptions_fit_what_is_there() {
             "post /api/v1/experiments/{id}/stop",
             "post /api/v1/fences",
             "post /api/v1/invitations",
+            "post /api/v1/policies/{name}/deploy",
             "post /api/v1/releases",
             "post /api/v1/releases/{id}/gate",
             "post /api/v1/releases/{id}/withdraw",
@@ -299,7 +302,7 @@ async fn every_call_points_at_what_is_wrong_in_its_body() {
             tried.insert(format!("{method} {path}"));
         }
     }
-    assert_eq!(tried.len(), 15, "{tried:?}");
+    assert_eq!(tried.len(), 16, "{tried:?}");
     fixture.stop().await;
 }
 

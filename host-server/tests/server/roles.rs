@@ -43,6 +43,7 @@ const ADMINISTRATORS: &[&str] = &[
     "post /api/v1/releases/{id}/withdraw",
     "post /api/v1/robots/{id}/credential",
     "delete /api/v1/robots/{id}/credential",
+    "post /api/v1/policies/{name}/deploy",
     "post /api/v1/rollouts",
     "post /api/v1/rollouts/{id}/pause",
     "post /api/v1/rollouts/{id}/resume",

@@ -77,6 +77,7 @@ codes! {
     UnknownCredential NOT_FOUND "unknown_credential",
     UnknownExperiment NOT_FOUND "unknown_experiment",
     UnknownFence NOT_FOUND "unknown_fence",
+    UnknownPolicy NOT_FOUND "unknown_policy",
     UnknownRollout NOT_FOUND "unknown_rollout",
     UnknownMessage NOT_FOUND "unknown_message",
     UnknownScenario NOT_FOUND "unknown_scenario",

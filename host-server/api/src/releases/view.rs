@@ -59,7 +59,7 @@ pub(crate) struct ReleaseView {
 }
 
 impl ReleaseView {
-    pub(super) fn new(release: KeptRelease) -> Self {
+    pub(crate) fn new(release: KeptRelease) -> Self {
         let ends = |end: i64| end.saturating_mul(1_000).min(END_OF_TIME);
         Self {
             kind: match release.what() {

@@ -144,6 +144,15 @@ async fn a_policy_reaches_every_robot_that_has_room_for_one() {
     );
     let robot = home.http().get("/api/v1/robots/r00").await.json();
     assert_eq!(robot["models"], json!({"apart": "apart-4"}));
+    let one = home.http().get("/api/v1/policies/apart").await.json();
+    assert_eq!(one["builds"], json!([{"build": "apart-4", "robots": 3}]));
+    let has: Vec<_> = one["robots"]
+        .as_array()
+        .expect("robots")
+        .iter()
+        .map(|one| &one["robot"])
+        .collect();
+    assert_eq!(has, ["r00", "r01", "r02"]);
     let path = format!("/api/v1/releases/{}", release.id);
     let told = home.http().get(&path).await.json();
     assert_eq!(
@@ -176,5 +185,108 @@ async fn a_policy_reaches_every_robot_that_has_room_for_one() {
     let newer = home.begin(&plan(&newer, &[100], &json!({}))).await;
     home.wait_count(&older, "superseded", 3).await;
     home.act(&format!("{newer}/abort")).await;
+    home.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_is_deployed_to_chosen_robots_by_its_name() {
+    const POLICIES: &str = "/api/v1/policies";
+    let mut home = Home::new().await;
+    let names = async |home: &Home| -> Vec<(Value, Value)> {
+        let told = home.http().get(POLICIES).await.json();
+        let policies = told["policies"].as_array().expect("policies").clone();
+        policies
+            .into_iter()
+            .map(|one| (one["name"].clone(), one["built_in"].clone()))
+            .collect()
+    };
+    let spread = (json!("spread"), json!(true));
+    assert_eq!(names(&home).await, std::slice::from_ref(&spread));
+    let older = home
+        .release_by_kind(Kind::Policy, Some("apart"), 4, 9_000)
+        .await;
+    let newer = home
+        .release_by_kind(Kind::Policy, Some("apart"), 5, 9_000)
+        .await;
+    let eyes = home.release_of(Some("eyes"), 1, 5_000).await;
+    let _robots = home.robots(3, &newer, Program::Good, 0).await;
+    let apart = (json!("apart"), json!(false));
+    assert_eq!(names(&home).await, [apart.clone(), spread]);
+    let one = home.http().get(&format!("{POLICIES}/apart")).await.json();
+    let ids: Vec<_> = one["releases"]
+        .as_array()
+        .expect("releases")
+        .iter()
+        .map(|one| &one["id"])
+        .collect();
+    assert_eq!(ids.len(), 2);
+    assert_eq!((&one["builds"], &one["robots"]), (&json!([]), &json!([])));
+    for name in ["eyes", "nobody", "%00", "..%2F..", ""] {
+        let answer = home.http().get(&format!("{POLICIES}/{name}")).await;
+        assert_eq!(answer.status, 404, "{name}");
+    }
+
+    let deploy = async |name: &str, body: Value| {
+        let path = format!("{POLICIES}/{name}/deploy");
+        home.http().post(&path, &body.to_string()).await
+    };
+    for name in ["spread", "eyes", "nobody"] {
+        let refused = deploy(name, json!({"robots": ["r00"]})).await;
+        refused.is_problem(404, "unknown_policy");
+    }
+    let wrong = json!({
+        "robots": ["r00", "nobody", "r00", "NO NAME"], "release": eyes.id, "soak_s": 1_000_000,
+    });
+    let refused = deploy("apart", wrong).await;
+    refused.is_problem(422, "invalid_rollout");
+    let errors = refused.json()["errors"].as_array().expect("errors").clone();
+    let pointers: Vec<_> = errors
+        .iter()
+        .map(|error| error["pointer"].clone())
+        .collect();
+    assert_eq!(
+        pointers,
+        ["/release", "/soak_s", "/robots/1", "/robots/2", "/robots/3"]
+    );
+    for robots in [json!([]), json!(vec!["r00"; 1_001])] {
+        let refused = deploy("apart", json!({ "robots": robots })).await;
+        refused.is_problem(422, "invalid_rollout");
+        assert_eq!(refused.json()["errors"][0]["pointer"], "/robots");
+    }
+    for body in [
+        json!({}),
+        json!({"robots": "r00"}),
+        json!({"robots": ["r00"], "share": 1}),
+    ] {
+        deploy("apart", body).await.is_problem(422, "invalid_body");
+    }
+    // What a rollout asks for, this one asks for.
+    let refused = deploy("apart", json!({"robots": ["r00"]})).await;
+    refused.is_problem(422, "gate_missing");
+
+    let body = json!({"robots": ["r02", "r00"], "override_gate": OVERRIDE});
+    let begun = deploy("apart", body).await;
+    assert_eq!(begun.status, 201, "{}", begun.text());
+    let begun = begun.json();
+    let releases = begun["plan"]["releases"].as_array().expect("releases");
+    assert_eq!(
+        (releases.len(), &releases[0]["release"]),
+        (1, &json!(newer.id))
+    );
+    let id = begun["id"].as_str().expect("an id").to_owned();
+    home.wait_state(&id, "done").await;
+    let rows = home.rows(&id).await;
+    let confirmed = rows.iter().filter(|row| row["state"] == "confirmed");
+    let confirmed: Vec<_> = confirmed.map(|row| row["robot"].clone()).collect();
+    assert_eq!(confirmed, ["r00", "r02"], "{rows:?}");
+    let one = home.http().get(&format!("{POLICIES}/apart")).await.json();
+    assert_eq!(one["builds"], json!([{"build": "apart-5", "robots": 2}]));
+    // One that is older than what was rolled out is refused, as by any rollout.
+    let body = json!({"robots": ["r01"], "release": older.id, "override_gate": OVERRIDE});
+    let refused = home
+        .http()
+        .post(&format!("{POLICIES}/apart/deploy"), &body.to_string())
+        .await;
+    refused.is_problem(422, "invalid_rollout");
     home.stop().await;
 }
