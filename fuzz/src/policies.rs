@@ -1,9 +1,10 @@
-//! Fuzz targets of what is read as a policy or gone on from as a run. The fuzzer and the replay of its corpus in the
+//! Fuzz targets of what is read as a policy, gone on from as a run, or asked over a pipe. The fuzzer and the replay of its corpus in the
 //! tests of `crawler-policy` include this file.
 
 use std::num::NonZeroUsize;
 
 use crawler_policy::dqn::{self, Dqn};
+use crawler_policy::gym::{self, ServeError};
 use crawler_policy::ppo::{self, Ppo};
 use crawler_policy::{Compute, Environment, Hidden, Interface, Policy, Seed, Status};
 use sha2::{Digest, Sha256};
@@ -12,7 +13,11 @@ use sha2::{Digest, Sha256};
 pub type Target = fn(&[u8]);
 
 /// Name and body of every target.
-pub const TARGETS: [(&str, Target); 2] = [("policy", policy), ("policy_run", run)];
+pub const TARGETS: [(&str, Target); 3] = [
+    ("policy", policy),
+    ("policy_gym", asked),
+    ("policy_run", run),
+];
 
 /// Makes the checksum right, or nothing would get past it.
 fn signed(data: &[u8]) -> Vec<u8> {
@@ -114,5 +119,48 @@ fn run(data: &[u8]) {
     if run.resume(&bytes).is_ok() {
         assert_eq!(run.checkpoint(), bytes);
         let _ = run.round();
+    }
+}
+
+/// What begins a session, so that fuzzing does not have to find it.
+pub const HELLO: &[u8] = b"\x08\0\0\0\x01TCGY\x01\0\x01";
+
+/// What nine worlds answer to these bytes.
+fn answers(threads: usize, data: &[u8]) -> (Vec<u8>, bool) {
+    let count = |number| NonZeroUsize::new(number).unwrap_or(NonZeroUsize::MIN);
+    let mut out = Vec::new();
+    let ended = gym::serve(
+        "count",
+        count(9),
+        Count::default,
+        count(threads),
+        data,
+        &mut out,
+    );
+    assert!(matches!(ended, Ok(()) | Err(ServeError::Refused(_))));
+    (out, ended.is_err())
+}
+
+/// Whole frames are answered, each as long as it has to be, the same ones by any number of threads.
+fn asked(data: &[u8]) {
+    let greeted = [HELLO, data].concat();
+    for data in [data, &greeted] {
+        let (answered, refused) = answers(1, data);
+        assert_eq!(answers(2, data), (answered.clone(), refused));
+        let mut rest = &answered[..];
+        let mut last = 0;
+        while let Some((length, behind)) = rest.split_first_chunk() {
+            let (frame, behind) = behind.split_at(u32::from_le_bytes(*length) as usize);
+            assert_ne!(last, 3, "something follows a refusal");
+            last = frame[0];
+            let room = match last {
+                1 => 1 + 26 + 5..=1 + 26 + 5,
+                2 => 1 + 9 * 9..=1 + 9 * 9,
+                _ => 10..=200,
+            };
+            assert!(room.contains(&frame.len()), "{last}: {} bytes", frame.len());
+            rest = behind;
+        }
+        assert_eq!(last == 3, refused);
     }
 }

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 use crawler_experiments::evaluate::EvaluateArgs;
+use crawler_learning::gym::GymArgs;
 use crawler_learning::train::TrainArgs;
 
 use crate::config::{
@@ -73,6 +74,8 @@ pub enum Command {
     Evaluate(Box<EvaluateArgs>),
     /// Trains a policy for robots, from nothing
     Train(Box<TrainArgs>),
+    /// Worlds to learn in for another program, over standard input and output; `python/` is one
+    Gym(GymArgs),
     /// Runs a recording, or a seed, through the program once more
     Replay(Box<ReplayArgs>),
     /// Models of robots: identifies their bodies from drives, and certifies them
@@ -150,6 +153,9 @@ impl Cli {
             Command::Train(_) => {
                 return Err(ConfigError::Conflict("`train` has options of its own"));
             }
+            Command::Gym(_) => {
+                return Err(ConfigError::Conflict("`gym` has options of its own"));
+            }
             Command::Replay(_) => {
                 return Err(ConfigError::Conflict("`replay` has options of its own"));
             }
@@ -199,6 +205,7 @@ impl Command {
             | Self::Worker(_)
             | Self::Evaluate(_)
             | Self::Train(_)
+            | Self::Gym(_)
             | Self::Replay(_)
             | Self::Twin(_)
             | Self::Release(_) => None,

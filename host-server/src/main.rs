@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use crawler_experiments::evaluate;
-use crawler_learning::train;
+use crawler_learning::{gym, train};
 use crawler_server::cli::{Cli, Command};
 use crawler_server::{console, release, replay, run, twin};
 
@@ -14,6 +14,7 @@ fn main() -> ExitCode {
         Command::Twin(args) => return twin::run(args),
         Command::Evaluate(args) => return evaluate::run(args),
         Command::Train(args) => return train::run(args),
+        Command::Gym(args) => return gym::run(args),
         Command::Replay(args) => return replay::run(args),
         Command::Release(args) => {
             if let Some(code) = release::run(args) {

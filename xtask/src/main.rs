@@ -25,6 +25,7 @@ mod image;
 mod mixed;
 mod mutants;
 mod paho;
+mod python;
 mod report;
 mod run;
 mod server;
@@ -114,6 +115,12 @@ const TASKS: &[Task] = &[
         arguments: "[DIRECTORY]",
         about: "the interoperability suite of Eclipse Paho, against docs/conformance.md",
         run: paho::command,
+    },
+    Task {
+        name: "python",
+        arguments: "",
+        about: "types, lints and tests of the package for Python, and tasks of ours beside Gymnasium's own",
+        run: python::command,
     },
     Task {
         name: "emulate",

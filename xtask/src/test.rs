@@ -7,7 +7,7 @@ use crate::run::{self, Failure, Outcome};
 use crate::suites::Selection;
 use crate::{
     bench_server, bogo, counts, counts_simulator, cross, detector, docs, fuzz, fuzz_api, histories,
-    image, mixed, mutants, paho, size, tools, ui,
+    image, mixed, mutants, paho, python, size, tools, ui,
 };
 
 /// Seconds for each fuzz target of the deep tier.
@@ -125,6 +125,7 @@ fn deep() -> Outcome {
     report.step("an earlier version beside this one", |_| mixed::step());
     report.step("clippy of the other RISC-V chip", |_| clippy_of(&[&C6]));
     report.step("tasks that everybody knows", |_| known_tasks());
+    report.step("package for Python", |_| python::step());
     report.step("instructions of simulated robots", |_| {
         counts_simulator::thorough_step()
     });

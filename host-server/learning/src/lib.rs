@@ -5,17 +5,21 @@
 //! (`crawler_app::policy`), on top of the program's filters, odometry, ramps and motor driver. What comes over the
 //! network under the firmware comes here as often, as late and as noisy: fixes, and who is near.
 //!
-//! Reading order: `agent`, one robot; `outside`, what comes to robots from outside; `spread`, the environment with its task; `export`, from
-//! what was learned to a blob for robots; `run`, a training run with its files; `train`, the same from a command line.
+//! Reading order: `agent`, one robot; `outside`, what comes to robots from outside; `spread`, the environment with its task; `teammates`,
+//! the same for one learner; `export`, from what was learned to a blob for robots; `run`, a training run with its files;
+//! `train`, the same from a command line; `gym`, the environment for those who learn elsewhere.
 #![forbid(unsafe_code)]
 
 mod agent;
 mod export;
+pub mod gym;
 mod outside;
 mod run;
 mod spread;
+mod teammates;
 pub mod train;
 
 pub use export::{Header, Unfit, export};
 pub use run::{JUDGED, Judged, Line, Options, Run, RunError, Summary};
 pub use spread::{Driven, Spread};
+pub use teammates::Teammates;

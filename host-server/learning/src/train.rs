@@ -52,7 +52,7 @@ pub enum Randomisation {
 }
 
 impl Randomisation {
-    const fn profile(self) -> Profile {
+    pub(crate) const fn profile(self) -> Profile {
         match self {
             Self::None => Profile::None,
             Self::Mild => Profile::Mild,

@@ -22,6 +22,7 @@ mod doctor;
 mod evaluate;
 mod folder;
 mod guesses;
+mod gym;
 mod hostile_names;
 mod newcomer;
 mod program;

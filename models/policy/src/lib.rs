@@ -18,7 +18,7 @@
 //! Reading order: `environment`, what is learned in; `network` on `kernel`, `math` and `compute`, which computes; `adam`
 //! and `learner`, which change a network; `categorical` and `policy`, which choose actions; `actor`, an environment that
 //! is acted in, and `batch`, many samples at once; `ppo` with `advantage`, and `dqn`; `config`, what both have in common;
-//! `checkpoint`; `random`; `statistics`.
+//! `checkpoint`; `random`; `statistics`; `gym`, environments for those who learn elsewhere.
 #![forbid(unsafe_code)]
 // Kernels are inlined into whoever calls, with the vectors that the caller is compiled for.
 #![allow(clippy::inline_always)]
@@ -33,6 +33,7 @@ mod compute;
 mod config;
 pub mod dqn;
 mod environment;
+pub mod gym;
 mod kernel;
 mod learner;
 mod math;

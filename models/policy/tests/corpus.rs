@@ -8,6 +8,10 @@ mod policies;
 use std::fs;
 use std::path::Path;
 
+use crawler_policy::gym::VERSION;
+
+use crate::client::{Order, advance, frame, hello};
+
 #[test]
 fn the_corpus_is_replayed() {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus");
@@ -21,7 +25,43 @@ fn the_corpus_is_replayed() {
     }
 }
 
-/// What runs are kept as today, without the checksum: which target, which file, which bytes.
+/// Sessions over a pipe, with and without hello.
+fn sessions() -> Vec<(String, Vec<u8>)> {
+    let all = |order: &Order| advance(&vec![order.clone(); 9], 1);
+    let begin = all(&Order::Train(1, 2, 3));
+    let act = all(&Order::Act(vec![1]));
+    let mixed = [
+        Order::Act(vec![0]),
+        Order::Rest,
+        Order::Evaluate(7),
+        Order::Act(vec![1]),
+        Order::Train(u64::MAX, 0, 1),
+        Order::Rest,
+        Order::Rest,
+        Order::Act(vec![0]),
+        Order::Evaluate(0),
+    ];
+    let sessions = [
+        ("begin", begin.clone()),
+        ("begin-evaluation", all(&Order::Evaluate(4))),
+        ("rest", all(&Order::Rest)),
+        ("act", [&begin[..], &act].concat()),
+        ("act-before-begin", act.clone()),
+        ("act-to-the-end", [begin.clone(), act.repeat(12)].concat()),
+        ("mixed", [begin.clone(), advance(&mixed, 1)].concat()),
+        ("hello", hello(VERSION, 0)),
+        ("hello-of-another-version", hello(VERSION + 1, 1)),
+        ("close", [begin, frame(3, &[])].concat()),
+        ("action-that-is-none", all(&Order::Act(vec![2]))),
+        ("unknown-kind", frame(9, b"?")),
+    ];
+    let named = sessions.into_iter();
+    named
+        .map(|(name, bytes)| (name.to_owned(), bytes))
+        .collect()
+}
+
+/// What runs are kept as today, without the checksum, and sessions: which target, which file, which bytes.
 fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
     let mut found = Vec::new();
     let mut keep = |target, name: String, mut bytes: Vec<u8>| {
@@ -37,6 +77,8 @@ fn seeds() -> Vec<(&'static str, String, Vec<u8>)> {
         ppo.round().expect("finite");
         dqn.round().expect("finite");
     }
+    let sessions = sessions().into_iter();
+    found.extend(sessions.map(|(name, bytes)| ("policy_gym", name, bytes)));
     found
 }
 

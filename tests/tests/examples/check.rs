@@ -13,8 +13,9 @@ use super::{commands, shell};
 
 /// What a block may be, beside `console`, `json` and `toml`, which are held against the program.
 /// `cddl` and `mermaid` are held by tests of the crates that they are about.
-const LANGUAGES: [&str; 9] = [
-    "cddl", "haproxy", "ini", "influx", "mermaid", "nginx", "rust", "text", "udev",
+/// Those of `python` are run by the tests of `python/`.
+const LANGUAGES: [&str; 10] = [
+    "cddl", "haproxy", "ini", "influx", "mermaid", "nginx", "python", "rust", "text", "udev",
 ];
 
 /// What is wrong with a page.

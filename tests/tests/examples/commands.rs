@@ -13,7 +13,7 @@ use super::programs::{TERRACRAWLER, check_call, check_cargo, check_xtask, output
 use super::shell::{self, Simple};
 
 /// Programs that are not ours. Another one is added here when it is meant.
-const OUTSIDE: [&str; 24] = [
+const OUTSIDE: [&str; 25] = [
     "createdb",
     "createuser",
     "echo",
@@ -24,6 +24,7 @@ const OUTSIDE: [&str; 24] = [
     "journalctl",
     "npm",
     "openssl",
+    "pip",
     "printf",
     "prometheus",
     "promtool",
@@ -171,6 +172,7 @@ pub(crate) fn check_paths(words: &[String]) -> Result<(), String> {
         "hil/",
         "host-server/",
         "models/",
+        "python/",
         "tests/",
         "world/",
         "xtask/",
