@@ -20,7 +20,7 @@ use crate::console::{
 use crate::release::{ReleaseArgs, ReleaseTask};
 use crate::replay::ReplayArgs;
 use crate::rollout::RolloutArgs;
-use crate::twin::TwinArgs;
+use crate::twin::{CalibrateArgs, TwinArgs};
 
 /// A swarm of robots, simulated or real: broker, API, control room.
 ///
@@ -159,8 +159,11 @@ impl Cli {
             Command::Replay(_) => {
                 return Err(ConfigError::Conflict("`replay` has options of its own"));
             }
-            Command::Twin(_) => {
-                return Err(ConfigError::Conflict("`twin` has options of its own"));
+            Command::Twin(args) => {
+                let Some(CalibrateArgs { remote, .. }) = args.live() else {
+                    return Err(ConfigError::Conflict("`twin` has options of its own"));
+                };
+                return Ok((Role::Serve, remote.layer(), remote.config.clone()));
             }
             Command::Release(ReleaseArgs {
                 task: ReleaseTask::Add(args),
@@ -198,6 +201,7 @@ impl Command {
                 task: ReleaseTask::Add(args),
             }) => Some(Task::AddRelease(args.clone())),
             Self::Rollout(args) => Some(Task::Rollout(args.clone())),
+            Self::Twin(args) => args.live().map(|live| Task::Calibrate(live.clone().into())),
             Self::Doctor { .. } => Some(Task::Doctor),
             Self::Up { .. }
             | Self::Serve { .. }
@@ -207,7 +211,6 @@ impl Command {
             | Self::Train(_)
             | Self::Gym(_)
             | Self::Replay(_)
-            | Self::Twin(_)
             | Self::Release(_) => None,
         }
     }

@@ -124,12 +124,30 @@ impl Client {
         self.call(Method::POST, path, body).await
     }
 
+    /// Has something ended, or taken away.
+    ///
+    /// # Errors
+    /// As [`Self::post`].
+    pub(crate) async fn delete(&mut self, path: &str) -> Result<(), CallError> {
+        let answer = self.answer(Method::DELETE, path, Vec::new()).await;
+        answer.map(|_| ())
+    }
+
     async fn call(
         &mut self,
         method: Method,
         path: &str,
         body: Vec<u8>,
     ) -> Result<Value, CallError> {
+        read(&self.answer(method, path, body).await?)
+    }
+
+    async fn answer(
+        &mut self,
+        method: Method,
+        path: &str,
+        body: Vec<u8>,
+    ) -> Result<Answer, CallError> {
         let first = self.send(method.clone(), path, body.clone()).await;
         let expired = matches!(&first, Err(CallError::Refused(refusal)) if refusal.code == EXPIRED);
         if !expired
@@ -138,11 +156,11 @@ impl Client {
                 .as_ref()
                 .is_none_or(|login| login.cookie.is_none())
         {
-            return read(&first?);
+            return first;
         }
         // Refused before it was looked at: nothing is done twice.
         self.enter("/api/v1/session/refresh", Vec::new()).await?;
-        read(&self.send(method, path, body).await?)
+        self.send(method, path, body).await
     }
 
     /// The answer, where it is one that the status calls good.

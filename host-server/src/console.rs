@@ -1,6 +1,6 @@
 //! The console: accounts, credentials, releases, audit log and backups, from the shell of the server's machine.
 //!
-//! Every command but those of rollouts works on the data directory, or on the database that `--database` names, beside
+//! Every command but those of rollouts and calibrations works on the data directory, or on the database that `--database` names, beside
 //! a running server or without one: the records take several processes. A running server looks for what the console changed every few seconds.
 //! What a command does is written to the audit log under `console:NAME`, where NAME is the person's
 //! name on this machine.
@@ -26,6 +26,7 @@ use serde_json::Value;
 use crate::config::Settings;
 use crate::release::AddArgs;
 use crate::rollout::{self, RolloutArgs};
+use crate::twin::{self, CalibrateArgs};
 use crawler_system::clock::now_ms;
 
 pub use args::{
@@ -73,6 +74,8 @@ pub enum Task {
     AddRelease(AddArgs),
     /// Rollouts of a server that runs.
     Rollout(RolloutArgs),
+    /// A robot that a server is to calibrate.
+    Calibrate(Box<CalibrateArgs>),
     /// Who did what.
     Audit(AuditArgs),
     /// Copies everything to one file.
@@ -92,6 +95,7 @@ impl Task {
             Self::Robot(args) => robots::run(args.task, settings).await?,
             Self::AddRelease(args) => return releases::add(&args, settings).await,
             Self::Rollout(args) => return rollout::run(args, settings).await,
+            Self::Calibrate(args) => return twin::live::run(&args, settings).await,
             Self::Audit(args) => return audit::run(args.task, settings).await,
             Self::Backup(args) => backup::backup(&args.file, settings).await?,
             Self::Restore(args) => backup::restore(&args.file, args.replace, settings).await?,

@@ -11,7 +11,7 @@ use crawler_server::{console, release, replay, run, twin};
 fn main() -> ExitCode {
     let cli = Cli::parse();
     match &cli.command {
-        Command::Twin(args) => return twin::run(args),
+        Command::Twin(args) if args.live().is_none() => return twin::run(args),
         Command::Evaluate(args) => return evaluate::run(args),
         Command::Train(args) => return train::run(args),
         Command::Gym(args) => return gym::run(args),

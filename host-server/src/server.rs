@@ -1,6 +1,7 @@
 //! The server as a whole: started from settings, stopped in order.
 
 mod broker_link;
+mod calibrations;
 mod cells;
 mod clockwork;
 mod cluster;

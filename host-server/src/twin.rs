@@ -4,6 +4,7 @@
 mod args;
 mod export;
 mod follow;
+pub(crate) mod live;
 mod recording;
 mod show;
 
@@ -16,8 +17,8 @@ use crawler_twin::certificate::{About, Certificate, certify, certify_on};
 use crawler_twin::evidence::Evidence;
 use crawler_twin::{script, table};
 
-use args::{CalibrateArgs, Common, ImportArgs};
-pub use args::{TwinArgs, TwinTask};
+pub use args::{CalibrateArgs, TwinArgs, TwinTask};
+use args::{Common, ImportArgs};
 
 /// Largest table that is read, bytes.
 const LARGEST_TABLE: u64 = 256 * 1024 * 1024;
@@ -77,7 +78,8 @@ fn read_certificate(path: &Path) -> Result<Certificate, String> {
 }
 
 fn calibrate(args: &CalibrateArgs) -> Result<ExitCode, String> {
-    let drive = recording::read(&args.file, args.robot.as_deref())?;
+    let file = args.file.as_ref().ok_or("there is no recording")?;
+    let drive = recording::read(file, args.robot.as_deref())?;
     let held = match &args.validate {
         Some(file) => Some(recording::read(file, Some(&drive.robot))?.evidence()),
         None => None,
@@ -89,7 +91,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<ExitCode, String> {
         floor: args.common.floor.clone().unwrap_or_default(),
         made_ms: now_ms(),
     };
-    finish(&args.file, &evidence, held.as_ref(), about, &args.common)
+    finish(file, &evidence, held.as_ref(), about, &args.common)
 }
 
 fn import(args: &ImportArgs) -> Result<ExitCode, String> {

@@ -96,6 +96,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-api",
             "crawler-broker",
             "crawler-bundle",
+            "crawler-calibrations",
             "crawler-cells",
             "crawler-cluster",
             "crawler-commands",
@@ -173,6 +174,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-access",
             "crawler-accounts",
             "crawler-broker",
+            "crawler-calibrations",
             "crawler-cluster",
             "crawler-commands",
             "crawler-delivery",
@@ -213,6 +215,16 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "crawler-twins",
         &["crawler-metrics", "crawler-protocol", "crawler-twin"],
+    ),
+    (
+        "crawler-calibrations",
+        &[
+            "crawler-fleet",
+            "crawler-protocol",
+            "crawler-system",
+            "crawler-twin",
+            "crawler-twins",
+        ],
     ),
     ("crawler-history", &["crawler-database", "crawler-protocol"]),
     (

@@ -5,13 +5,14 @@
 //!
 //! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
 //! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
-//! each subject: `robots`, `images`, `maps`, `twins`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
+//! each subject: `robots`, `images`, `maps`, `twins`, `calibrations`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
 //! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`, `policies`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
 //! `assets`.
 
 mod access;
 mod assets;
 mod audit;
+mod calibrations;
 mod commands;
 mod compression;
 mod connection;
@@ -112,6 +113,9 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 .routes(routes!(twins::state))
                 .routes(routes!(twins::forecast))
                 .routes(routes!(twins::certificates))
+                .routes(routes!(calibrations::permit))
+                .routes(routes!(calibrations::list, calibrations::begin))
+                .routes(routes!(calibrations::one, calibrations::stop))
                 .routes(routes!(robots::parameters, robots::set_parameters))
                 .routes(routes!(faults::inject, faults::heal))
                 .routes(routes!(commands::to_robot))

@@ -12,6 +12,7 @@ use super::audit::Audit;
 use super::problem::{Code, Problem};
 use crawler_accounts::Accounts;
 use crawler_broker::{BrokerHandle, Kind};
+use crawler_calibrations::Calibrations;
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
 use crawler_experiments::Experiments;
@@ -38,6 +39,8 @@ pub struct Parts {
     pub maps: Arc<Maps>,
     /// Models that follow the robots.
     pub twins: Arc<Twins>,
+    /// Calibrations of robots where they stand.
+    pub calibrations: Arc<Calibrations>,
     /// The session with the broker.
     pub bus: Arc<Bus>,
     /// The numbers of the server.
@@ -83,6 +86,7 @@ struct Shared {
     commands: Arc<CommandCenter>,
     maps: Arc<Maps>,
     twins: Arc<Twins>,
+    calibrations: Arc<Calibrations>,
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
     feed: Arc<Feed>,
@@ -112,6 +116,7 @@ impl ApiState {
             commands: parts.commands,
             maps: parts.maps,
             twins: parts.twins,
+            calibrations: parts.calibrations,
             bus: parts.bus,
             metrics: parts.metrics,
             feed: parts.feed,
@@ -150,6 +155,7 @@ parts! {
     commands: Arc<CommandCenter>,
     maps: Arc<Maps>,
     twins: Arc<Twins>,
+    calibrations: Arc<Calibrations>,
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
     feed: Arc<Feed>,

@@ -357,7 +357,7 @@ fn problem(robot: &RobotId, reason: NoTwin) -> Problem {
 }
 
 /// The robot of that name, where the fleet knows it.
-fn known(fleet: &SharedFleet, id: &str) -> Result<RobotId, Problem> {
+pub(super) fn known(fleet: &SharedFleet, id: &str) -> Result<RobotId, Problem> {
     let robot = RobotId::new(id).map_err(|_| Problem::unknown_robot(id))?;
     match fleet.lock().get(&robot) {
         Some(_) => Ok(robot),

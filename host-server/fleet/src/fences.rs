@@ -111,6 +111,11 @@ impl FleetState {
         }
     }
 
+    /// Every fence.
+    pub fn fences(&self) -> &[Arc<Fence>] {
+        &self.fences.list
+    }
+
     /// Who crossed a fence by the last message.
     pub fn take_crossings(&mut self) -> Vec<Crossing> {
         std::mem::take(&mut self.fences.crossed)

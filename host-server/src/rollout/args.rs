@@ -64,7 +64,7 @@ impl RemoteArgs {
     ///
     /// # Errors
     /// When nobody would be trusted.
-    pub(super) fn client(&self, settings: &Settings) -> Result<Client, String> {
+    pub(crate) fn client(&self, settings: &Settings) -> Result<Client, String> {
         if let Some(url) = &self.server {
             return Client::new(url.clone(), self.ca.as_deref());
         }
@@ -86,7 +86,7 @@ impl RemoteArgs {
     ///
     /// # Errors
     /// One line saying why not.
-    pub(super) async fn log_in(&self, client: &mut Client) -> Result<(), String> {
+    pub(crate) async fn log_in(&self, client: &mut Client) -> Result<(), String> {
         let Some(user) = &self.user else {
             return Ok(());
         };

@@ -10,6 +10,7 @@ use crawler_protocol::open::Telemetry;
 use crawler_protocol::{Fleet, RobotId, Topic};
 
 use super::outcome_log::OutcomeLog;
+use crawler_calibrations::Calibrations;
 use crawler_commands::CommandCenter;
 use crawler_fleet::bus::Receiver;
 use crawler_fleet::enforcement::Stops;
@@ -32,6 +33,7 @@ pub(super) struct Ingest {
     pub(super) commands: Arc<CommandCenter>,
     pub(super) maps: Arc<Maps>,
     pub(super) twins: Arc<Twins>,
+    pub(super) calibrations: Arc<Calibrations>,
     pub(super) history: HistoryStore,
     pub(super) metrics: Arc<Metrics>,
     pub(super) membership: Option<Arc<ClusterMembership>>,
@@ -165,6 +167,7 @@ impl Receiver for Ingest {
                 match received {
                     Received::Response(response) => {
                         self.maps.answer(&response);
+                        self.calibrations.answer(&response);
                         if let Some(over) = self.commands.answer(&response, known, now) {
                             self.outcomes.tell(&over);
                         }

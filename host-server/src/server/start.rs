@@ -12,6 +12,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::broker_link::BrokerLink;
+use super::calibrations;
 use super::clockwork::{Clockwork, Upkeep};
 use super::cluster::OwnLease;
 use super::entrance::Entrance;
@@ -70,12 +71,16 @@ pub(super) async fn start(
     let owner = own.owner.clone();
     let (hub, lease) = Hub::open(settings, &storage, own, parts).await?;
     let told = serve_fleet(settings, &storage, &hub, link.broker.as_ref(), lease, parts).await?;
+    let calibrations = Arc::clone(&told.calibrations);
     let session = link.session.0.clone();
     connect(&hub, told, link.session, parts)?;
     let rollouts = roll_out(settings, &storage, &hub, &owner, &session, parts)?;
     simulate(settings, &storage, &hub, &link.inside, parts).await?;
     let tasks = TaskTracker::new();
     let experiments = experiment(settings, &storage, &hub, owner, &tasks, parts)?;
+    // They end while robots can still be told to stop.
+    let own = Arc::clone(&calibrations);
+    parts.end_with(async move { own.end().await })?;
     let (https, authority) = (entrance.tls.is_some(), entrance.authority());
     let http = entrance.http;
     keep_certificate(entrance.certificates.as_ref(), parts)?;
@@ -92,6 +97,7 @@ pub(super) async fn start(
         commands: hub.commands,
         maps: hub.maps,
         twins: hub.twins,
+        calibrations,
         bus: hub.bus,
         metrics: storage.metrics,
         feed: hub.feed,
@@ -144,6 +150,7 @@ async fn serve_fleet(
         commands: Arc::clone(&hub.commands),
         maps: Arc::clone(&hub.maps),
         twins: Arc::clone(&hub.twins),
+        calibrations: calibrations::open(settings, hub)?,
         history: storage.history.clone(),
         metrics: Arc::clone(&storage.metrics),
         membership: hub.membership.clone(),

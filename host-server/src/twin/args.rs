@@ -2,8 +2,12 @@
 
 use std::path::PathBuf;
 
+use crawler_protocol::RobotId;
+
+use crate::rollout::RemoteArgs;
+
 /// What `terracrawler twin` takes.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 #[command(
     after_help = "calibrate and import end with 0 and a certificate when a part of the drive that was held out \
     is predicted better than by the nominal body, and than by the certificate before; with 1 and the reason when \
@@ -15,13 +19,24 @@ pub struct TwinArgs {
     pub task: TwinTask,
 }
 
+impl TwinArgs {
+    /// What a running server is to do, if that is meant.
+    #[must_use]
+    pub fn live(&self) -> Option<&CalibrateArgs> {
+        match &self.task {
+            TwinTask::Calibrate(args) if args.live.is_some() => Some(args),
+            _ => None,
+        }
+    }
+}
+
 /// What to do.
-#[derive(Debug, clap::Subcommand)]
+#[derive(Debug, Clone, clap::Subcommand)]
 pub enum TwinTask {
     /// Prints the drive to calibrate on, as a scenario
     Script,
-    /// Identifies the body of a robot from a recording
-    Calibrate(CalibrateArgs),
+    /// Identifies the body of a robot from a recording, or from a drive where it stands (--live)
+    Calibrate(Box<CalibrateArgs>),
     /// Identifies the body of a robot from a table of comma-separated values
     Import(ImportArgs),
     /// Lets a twin follow a robot through a recording: what it foretells, and what is wrong with the robot
@@ -41,11 +56,24 @@ pub enum TwinTask {
 }
 
 /// What `twin calibrate` takes.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct CalibrateArgs {
     /// Recording of the drive
-    #[arg(value_name = "FILE")]
-    pub file: PathBuf,
+    #[arg(
+        value_name = "FILE",
+        required_unless_present = "live",
+        conflicts_with = "live"
+    )]
+    pub file: Option<PathBuf>,
+    /// Has a running server calibrate this robot where it stands; without --confirmed it only says whether it may
+    #[arg(long, value_name = "ROBOT", conflicts_with_all = ["robot", "validate", "previous", "out"])]
+    pub live: Option<RobotId>,
+    /// The floor was looked at: it is free, and nobody is within a metre of it
+    #[arg(long, requires = "live")]
+    pub confirmed: bool,
+    /// So many metres are free around the robot, from its middle to each side of a square; fences hold beside it
+    #[arg(long, value_name = "METRES", requires = "live")]
+    pub around: Option<f64>,
     /// Which robot of it [default: the only one]
     #[arg(long, value_name = "ID")]
     pub robot: Option<String>,
@@ -55,10 +83,13 @@ pub struct CalibrateArgs {
     /// What is the same for recordings and tables.
     #[command(flatten)]
     pub common: Common,
+    #[command(flatten)]
+    #[allow(missing_docs)] // a doc comment here would become the command's description
+    pub remote: RemoteArgs,
 }
 
 /// What `twin follow` takes.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct FollowArgs {
     /// Recording
     #[arg(value_name = "FILE")]
@@ -72,7 +103,7 @@ pub struct FollowArgs {
 }
 
 /// What `twin import` takes.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct ImportArgs {
     /// Table of the drive; `docs/twin.md` has its columns
     #[arg(value_name = "FILE")]
@@ -89,7 +120,7 @@ pub struct ImportArgs {
 }
 
 /// What is the same for recordings and tables.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct Common {
     /// Certificate that the new one has to be better than
     #[arg(long, value_name = "CERTIFICATE")]

@@ -9,6 +9,7 @@ mod audit_disk;
 mod broker_attacks;
 mod broker_floods;
 mod broker_rules;
+mod calibrations;
 mod compression;
 mod contract;
 mod deltas;

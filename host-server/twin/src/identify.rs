@@ -181,7 +181,8 @@ fn windows<'a>(drive: &Drive<'a>) -> (Vec<Window<'a>>, usize) {
 }
 
 /// Whether no robot gets from one fix to the other.
-pub(crate) fn jumps_between(a: &Fix, b: &Fix) -> bool {
+#[must_use]
+pub fn jumps_between(a: &Fix, b: &Fix) -> bool {
     let span = (b.at_s - a.at_s).max(1e-3);
     let noise = 6.0 * a.sigma_m.max(b.sigma_m).max(SIGMA_M);
     (b.x - a.x).hypot(b.y - a.y) > FASTEST_MPS * span + noise

@@ -7,15 +7,18 @@
 //! duties between samples, and where a body goes by them; [`identify`], parameters from a drive, by the small
 //! systems of `linear`; [`predict`], predictions against what happened; [`certificate`], a body with the proof
 //! of what it is worth; [`shadow`], a body that follows a robot, and [`detect`], what is wrong with the robot. Beside
-//! them: [`script`], the drive to calibrate on, and [`table`], drives of other robots.
+//! them: [`script`], the drive to calibrate on as a scenario, and [`course`], the same for a robot where it stands, with
+//! [`rehearsal`], which floor it takes; [`table`], drives of other robots.
 
 pub mod body;
 pub mod certificate;
+pub mod course;
 pub mod detect;
 pub mod drive;
 pub mod evidence;
 pub mod identify;
 pub mod predict;
+pub mod rehearsal;
 pub mod script;
 pub mod shadow;
 pub mod table;

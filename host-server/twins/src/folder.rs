@@ -5,7 +5,7 @@
 use std::collections::HashMap;
 use std::fmt;
 use std::fs::{self, File};
-use std::io::{self, Read as _};
+use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -149,6 +149,19 @@ impl Folder {
             .map(|(robot, entry)| (robot.clone(), entry.read.clone()))
             .collect()
     }
+}
+
+/// Puts a certificate in its place: there is never half of one.
+pub(crate) fn put(folder: &Path, certificate: &Certificate) -> io::Result<()> {
+    let robot = &certificate.about.robot;
+    // A name that is no robot's is nobody's file.
+    let robot = RobotId::new(robot).map_err(|_| io::ErrorKind::InvalidInput)?;
+    fs::create_dir_all(folder)?;
+    let draft = folder.join(format!("{robot}.part"));
+    let mut file = File::create(&draft)?;
+    file.write_all(certificate.write().as_bytes())?;
+    file.sync_all()?;
+    fs::rename(&draft, folder.join(format!("{robot}.json")))
 }
 
 /// The robot whose certificate a file of this name is.

@@ -9,12 +9,13 @@
 //! is made of that tracker's word as well, and is not looked at. A robot has a twin from its first fix on. Nothing
 //! here changes a robot.
 //!
-//! Reading order: `inbox`, what was heard and waits; [`folder`], certificates and why one is refused; `twin`, that of one robot;
-//! [`notice`], what people are told; `twins`, all of them.
+//! Reading order: `inbox`, what was heard and waits; [`folder`], certificates and why one is refused; `recording`, evidence that
+//! somebody keeps; `twin`, that of one robot; [`notice`], what people are told; `twins`, all of them.
 
 pub mod folder;
 mod inbox;
 pub mod notice;
+mod recording;
 mod twin;
 mod twins;
 
@@ -25,4 +26,5 @@ pub use crawler_twin::body::{Parameters, Pose, wrap};
 pub use crawler_twin::certificate::{Certificate, Validation, Value};
 pub use crawler_twin::detect::{Fault, FaultName};
 pub use crawler_twin::shadow::{Estimate, Forecast, Residual, View};
+pub use recording::Recording;
 pub use twins::{Ahead, Found, Full, MOST, NoTwin, State, Twins, Worker};

@@ -10,6 +10,7 @@ use crawler_twin::shadow::Shadow;
 
 use crate::inbox::{Evidence, Heard};
 use crate::notice::Turn;
+use crate::recording::Tap;
 
 /// A fault that is named for so long is told: the first name may become another one.
 const TOLD_AFTER: Duration = Duration::from_secs(1);
@@ -60,6 +61,8 @@ pub(crate) struct Twin {
     pub(crate) refused: u64,
     /// Telemetry repeats a voltage until there is another one.
     mv: u16,
+    /// Where what is heard goes as well.
+    pub(crate) tap: Tap,
 }
 
 impl Twin {
@@ -71,6 +74,7 @@ impl Twin {
             alarms: Vec::new(),
             refused: 0,
             mv: 0,
+            tap: Tap::default(),
         }
     }
 
@@ -122,6 +126,7 @@ impl Twin {
     }
 
     fn row(&mut self, row: Row) {
+        self.tap.put(row);
         self.refused += u64::from(self.shadow.take(row).is_err());
     }
 

@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
+use std::io;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -13,9 +15,10 @@ use crawler_twin::certificate::Certificate;
 use crawler_twin::detect::{Fault, FaultName};
 use crawler_twin::shadow::{Estimate, Forecast, Residual, View};
 
-use crate::folder::{Folder, Read, Refusal, judge};
+use crate::folder::{self, Folder, Read, Refusal, judge};
 use crate::inbox::{Evidence, Heard, Inbox};
 use crate::notice::{Notice, Turn, notices};
+use crate::recording::Recording;
 use crate::twin::{Clock, Twin};
 
 /// Robots that have a twin at a time, unless somebody says otherwise.
@@ -126,6 +129,10 @@ pub struct Twins {
     certificates: Mutex<Arc<HashMap<RobotId, Read>>>,
     program: Program,
     summary: Mutex<Summary>,
+    /// Where certificates are.
+    folder: PathBuf,
+    /// Whether they are to be looked for at once.
+    has_new: AtomicBool,
 }
 
 /// What steps the twins; there is one.
@@ -160,6 +167,8 @@ impl Twins {
             certificates: Mutex::default(),
             program: Box::new(program),
             summary: Mutex::default(),
+            folder: folder.clone(),
+            has_new: AtomicBool::new(false),
         });
         let worker = Worker {
             twins: Arc::clone(&twins),
@@ -297,6 +306,32 @@ impl Twins {
         })
     }
 
+    /// Keeps what is heard of a robot from now on, until it is dropped or somebody else keeps it.
+    ///
+    /// # Errors
+    /// [`NoTwin`].
+    pub fn record(&self, robot: &RobotId) -> Result<Recording, NoTwin> {
+        let twin = self.get(robot)?;
+        let recording = Recording::default();
+        lock(&twin).tap = recording.tap();
+        Ok(recording)
+    }
+
+    /// A moment by the clock of twins, seconds: that of the evidence that [`Self::record`] keeps.
+    pub fn seconds(&self, at: Instant) -> f64 {
+        self.clock.seconds(at)
+    }
+
+    /// Puts a certificate in its place, for good when this returns; its robot's twin goes on with it.
+    ///
+    /// # Errors
+    /// The disk does not take it; what was there stays.
+    pub fn certify(&self, certificate: &Certificate) -> io::Result<()> {
+        folder::put(&self.folder, certificate)?;
+        self.has_new.store(true, Ordering::Release);
+        Ok(())
+    }
+
     /// The body that the twin of a robot is to have.
     fn body(&self, robot: &RobotId, unix_ms: u64) -> Option<Arc<Certificate>> {
         let found = self.certificate(robot, unix_ms)?;
@@ -385,7 +420,8 @@ impl Worker {
             last.is_none_or(|last| now.saturating_duration_since(last) >= every)
         };
         let mut turns = Vec::new();
-        if is_due(self.looked, LOOK_EVERY) {
+        let has_new = self.twins.has_new.swap(false, Ordering::AcqRel);
+        if has_new || is_due(self.looked, LOOK_EVERY) {
             self.looked = Some(now);
             self.look(unix_ms, &mut turns);
         }

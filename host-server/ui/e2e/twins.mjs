@@ -4,6 +4,11 @@
 import { id, mock, open, soon, standing } from './arena-steps.mjs'
 import { axe, check, expect, pause, picture } from './checks.mjs'
 
+const seen = (page, name) =>
+  id(page, name)
+    .count()
+    .then((count) => count === 1)
+
 const said = (page) => id(page, 'twin-words').textContent()
 const shown = (page) => id(page, 'twin-words').getAttribute('data-twin')
 
@@ -63,5 +68,62 @@ export async function byTwins() {
     await axe(page, 'axe-core, a fault')
     mock.twins.weak.delete(one.id)
     await soon('still there', async () => (await id(page, 'twin-well').count()) === 1)
+  })
+
+  await check('calibration: what it would be is shown before anything drives', async () => {
+    await id(page, 'calibrate-open').click()
+    await soon('no outline', () => seen(page, 'calibrate-outline'))
+    const words = await id(page, 'calibrate-takes').textContent()
+    expect(words.includes('80 s on 1.2 × 1.3 m'), words)
+    expect(
+      (await id(page, 'calibrate-permit').textContent()).includes('may begin'),
+      'not permitted',
+    )
+    await id(page, 'calibrate-around').fill('0.5')
+    await id(page, 'calibrate-around').press('Enter')
+    await soon('still permitted', async () => {
+      return (await id(page, 'calibrate-permit').getAttribute('data-refused')) === 'leaves'
+    })
+    expect(!(await seen(page, 'calibrate-begin')), 'it can be begun all the same')
+    await id(page, 'calibrate-around').fill('')
+    await id(page, 'calibrate-open').click()
+    await soon('not permitted', () => seen(page, 'calibrate-begin'))
+    await picture(page, 'calibrate')
+    await axe(page, 'axe-core, before a calibration')
+    expect(mock.twins.calibrations.length === 0, 'it has begun by itself')
+  })
+
+  await check('calibration: it begins when somebody has said that the floor is free', async () => {
+    await id(page, 'calibrate-floor').fill('lino')
+    await id(page, 'calibrate-begin').click()
+    await id(page, 'cancel').click()
+    expect(mock.twins.calibrations.length === 0, 'a no began it')
+    await id(page, 'calibrate-begin').click()
+    await id(page, 'confirm').click()
+    await soon('nothing begins', () => seen(page, 'calibrate-state'))
+    expect(mock.twins.calibrations[0]?.floor === 'lino', 'the floor is lost')
+    await id(page, 'calibrate-stop').click()
+    await soon('it goes on', () => seen(page, 'calibrate-result'))
+    const words = await id(page, 'calibrate-result').textContent()
+    expect(words.includes('Broken off') && words.includes('stopped it'), words)
+  })
+
+  await check('calibration: a phone shows each step and what came of it', async () => {
+    await page.setViewportSize({ width: 390, height: 800 })
+    await id(page, 'calibrate-open').click()
+    await soon('not permitted', () => seen(page, 'calibrate-begin'))
+    await id(page, 'calibrate-begin').click()
+    await id(page, 'confirm').click()
+    await soon('no held-out drive', async () => {
+      if (!(await seen(page, 'calibrate-state'))) return false
+      return (await id(page, 'calibrate-state').getAttribute('data-state')) === 'held_out'
+    })
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth)
+    expect(wide <= 390, `the page is ${wide} px wide`)
+    await soon('no result', () => seen(page, 'calibrate-errors'))
+    const words = await id(page, 'calibrate-errors').textContent()
+    expect(words.includes('4.1 cm') && words.includes('52.0 cm'), words)
+    await picture(page, 'calibrated')
+    await axe(page, 'axe-core, after a calibration')
   })
 }

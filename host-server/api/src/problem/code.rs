@@ -73,6 +73,7 @@ codes! {
     // What it is about.
     UnknownRelease NOT_FOUND "unknown_release",
     UnknownRobot NOT_FOUND "unknown_robot",
+    UnknownCalibration NOT_FOUND "unknown_calibration",
     UnknownCommandId NOT_FOUND "unknown_command_id",
     UnknownCredential NOT_FOUND "unknown_credential",
     UnknownExperiment NOT_FOUND "unknown_experiment",
@@ -93,6 +94,7 @@ codes! {
     // What it asks for.
     BadName UNPROCESSABLE_ENTITY "bad_name",
     WeakPassword UNPROCESSABLE_ENTITY "weak_password",
+    InvalidCalibration UNPROCESSABLE_ENTITY "invalid_calibration",
     InvalidCommand UNPROCESSABLE_ENTITY "invalid_command",
     InvalidExperiment UNPROCESSABLE_ENTITY "invalid_experiment",
     InvalidFence UNPROCESSABLE_ENTITY "invalid_fence",
@@ -111,6 +113,7 @@ codes! {
     TellsNoMap CONFLICT "tells_no_map",
     WrongState CONFLICT "wrong_state",
     OtherBuild CONFLICT "other_build",
+    NotPermitted CONFLICT "not_permitted",
     Refused CONFLICT "refused",
 
     // Whether it can be done.

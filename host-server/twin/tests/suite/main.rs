@@ -3,6 +3,7 @@
 
 mod certificates;
 mod corpus;
+mod courses;
 mod hostile;
 mod reference;
 mod shadows;

@@ -200,6 +200,25 @@ const DT: f64 = 1e-3;
 
 /// Lets a hidden robot drive.
 pub(crate) fn drive(hidden: &Hidden, script: &Script, rates: Rates) -> Story {
+    let (mut stage, mut until) = (0, script[0].0);
+    let total: f64 = script.iter().map(|(seconds, _, _)| seconds).sum();
+    drive_by(hidden, rates, |now, _, _| {
+        while now >= until && stage + 1 < script.len() {
+            stage += 1;
+            until += script[stage].0;
+        }
+        let (_, left, right) = script[stage];
+        (now < total).then_some([left, right])
+    })
+}
+
+/// Lets a hidden robot drive by whoever tells duties to reach fifty times a second, from the time, the newest fix and
+/// the volts that the gauge shows; until there are none.
+pub(crate) fn drive_by(
+    hidden: &Hidden,
+    rates: Rates,
+    mut target: impl FnMut(f64, Option<&Fix>, f64) -> Option<[f64; 2]>,
+) -> Story {
     let mut random = Random::new(hidden.seed ^ 0x5eed);
     let mut story = Story {
         duties: Vec::new(),
@@ -209,20 +228,16 @@ pub(crate) fn drive(hidden: &Hidden, script: &Script, rates: Rates) -> Story {
         way: Vec::new(),
     };
     let h = hidden;
-    let total: f64 = script.iter().map(|(seconds, _, _)| seconds).sum();
     let (mut duty, mut rims, mut pose, mut way) =
         ([0.0_f64; 2], [0.0_f64; 2], Pose::default(), 0.0);
-    let (mut stage, mut until) = (0, script[0].0);
     let (mut volts, mut smooth) = (h.open_v, h.open_v);
     let (mut drift, mut kick) = ([0.0_f64; 2], 0.0_f64);
-    for ms in 0..(total * 1e3) as u64 {
+    for ms in 0_u64.. {
         let now = ms as f64 * DT;
-        while now >= until && stage + 1 < script.len() {
-            stage += 1;
-            until += script[stage].0;
-        }
         if ms % 20 == 0 {
-            let (_, left, right) = script[stage];
+            let Some([left, right]) = target(now, story.fixes.last(), h.shown(volts)) else {
+                break;
+            };
             for (duty, target) in duty.iter_mut().zip([left, right]) {
                 let goal = if *duty * target < 0.0 { 0.0 } else { target };
                 *duty += (goal - *duty).clamp(-0.05, 0.05);

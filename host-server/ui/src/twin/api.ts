@@ -1,12 +1,24 @@
 /** The calls for the twin of a robot. */
 
-import type { TwinBody, TwinForecastsBody } from '../api-types'
+import type {
+  CalibrationBody,
+  CalibrationPermit,
+  CalibrationsBody,
+  NewCalibration,
+  TwinBody,
+  TwinForecastsBody,
+} from '../api-types'
 import { createClient } from '../client'
 import type { Send } from '../http'
 
 export interface TwinApi {
   twin(robot: string): Promise<TwinBody>
   forecast(robot: string): Promise<TwinForecastsBody>
+  /** Whether a robot may be calibrated where it stands, with so many metres free around it. */
+  permit(robot: string, around: number | null): Promise<CalibrationPermit>
+  calibrations(robot: string): Promise<CalibrationsBody>
+  calibrate(robot: string, wanted: NewCalibration): Promise<CalibrationBody>
+  stopCalibration(robot: string, number: number): Promise<unknown>
 }
 
 export function twinApi(send: Send): TwinApi {
@@ -14,5 +26,13 @@ export function twinApi(send: Send): TwinApi {
   return {
     twin: (id) => ask('get', '/robots/{id}/twin', { path: { id } }),
     forecast: (id) => ask('get', '/robots/{id}/twin/forecast', { path: { id } }),
+    permit: (id, around) =>
+      ask('get', '/robots/{id}/twin/permit', { path: { id }, query: { around } }),
+    calibrations: (id) => ask('get', '/robots/{id}/twin/calibrations', { path: { id } }),
+    calibrate: (id, body) => ask('post', '/robots/{id}/twin/calibrations', { path: { id }, body }),
+    stopCalibration: (id, number) =>
+      ask('delete', '/robots/{id}/twin/calibrations/{number}', {
+        path: { id, number: String(number) },
+      }),
   }
 }

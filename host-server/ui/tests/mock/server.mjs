@@ -169,7 +169,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     if (fenced !== null) return json(response, fenced.status, fenced.body)
     const mapped = maps.answer(request.method, parts)
     if (mapped !== null) return json(response, mapped.status, mapped.body)
-    const followed = twins.answer(request.method, parts)
+    const followed = twins.answer(request.method, parts, url, body, name)
     if (followed !== null) return json(response, followed.status, followed.body)
     const released = releases.answer(request.method, parts, body, name)
     if (released !== null) return json(response, released.status, released.body)

@@ -63,12 +63,109 @@ export function createTwins({ find, clock }) {
     }
   }
 
+  /** Calibrations of all robots, the newest first. Each look at one that goes on brings it further. */
+  const calibrations = []
+  /** Robots that may not be calibrated, and why. */
+  const refused = new Map()
+
+  function permit(id, around) {
+    const { x, y } = followed(id)
+    const why = refused.get(id) ?? null
+    const small = around !== null && around < 1
+    const leaves = { code: 'leaves', detail: 'the robot may come too near to the edge', at: [x, y] }
+    return {
+      robot: id,
+      refused: small ? leaves : why,
+      seconds: 79.7,
+      size: [1.2, 1.3],
+      area: Array.from({ length: 24 }, (_, k) => {
+        const angle = (k * Math.PI) / 12
+        return [x + 0.6 * Math.cos(angle), y + 0.65 * Math.sin(angle)]
+      }),
+    }
+  }
+
+  function begin(id, body, by) {
+    if (body.confirmed !== true) {
+      throw new Refusal(422, 'invalid_calibration', '`/confirmed` must be true')
+    }
+    const why = permit(id, body.around ?? null).refused
+    if (why !== null) throw new Refusal(409, 'not_permitted', `${why.code}: ${why.detail}`)
+    const one = {
+      number: calibrations.length + 1,
+      robot: id,
+      by,
+      floor: body.floor ?? '',
+      begun: clock(),
+      ended: null,
+      state: 'preparing',
+      seconds: 79.7,
+      begun_legs: 0,
+      legs: 82,
+      area: permit(id, null).area,
+      reason: null,
+      certificate: null,
+      errors: [],
+      took_s: null,
+    }
+    calibrations.unshift(one)
+    return one
+  }
+
+  function bring(one) {
+    if (one.ended !== null) return
+    one.begun_legs = Math.min(one.legs, one.begun_legs + 14)
+    one.state = one.begun_legs > 55 ? 'held_out' : 'baseline'
+    if (one.begun_legs < one.legs) return
+    const pair = (median) => ({ median, p90: 2.5 * median })
+    const errors = { own: pair(0.041), nominal: pair(0.52), previous: null }
+    Object.assign(one, {
+      state: 'certified',
+      ended: clock(),
+      certificate: '0123456789abcdef',
+      took_s: 0.3,
+      errors: [
+        { ...errors, ahead_s: 1 },
+        { ...errors, ahead_s: 10 },
+      ],
+    })
+  }
+
+  function stop(id, number, by) {
+    const one = calibrations.find((one) => one.robot === id && String(one.number) === number)
+    if (one === undefined) throw new Refusal(404, 'unknown_calibration', 'no such calibration')
+    if (one.ended !== null) throw new Refusal(409, 'wrong_state', 'this calibration is over')
+    const reason = { code: 'stopped', detail: `${by} stopped it` }
+    Object.assign(one, { state: 'broken_off', ended: clock(), reason })
+  }
+
+  function calibrated(method, parts, url, body, name) {
+    const id = parts[1]
+    if (parts[3] === 'permit') {
+      const around = url.searchParams.get('around')
+      return { status: 200, body: permit(id, around === null ? null : Number(around)) }
+    }
+    if (parts[3] !== 'calibrations') return null
+    if (method === 'POST') return { status: 202, body: begin(id, body, name) }
+    if (method === 'DELETE') {
+      stop(id, parts[4], name)
+      return { status: 204, body: undefined }
+    }
+    const own = calibrations.filter(({ robot }) => robot === id)
+    own.forEach(bring)
+    return { status: 200, body: { calibrations: own } }
+  }
+
   return {
     asked,
     weak,
+    calibrations,
+    refused,
     /** Status and body of an answer; `null` for what is about something else. */
-    answer(method, parts) {
-      if (method !== 'GET' || parts[0] !== 'robots' || parts[2] !== 'twin') return null
+    answer(method, parts, url, body, name) {
+      if (parts[0] !== 'robots' || parts[2] !== 'twin') return null
+      const found = calibrated(method, parts, url, body, name)
+      if (found !== null || method !== 'GET') return found
       if (parts[3] === undefined) return { status: 200, body: twin(parts[1]) }
       return parts[3] === 'forecast' ? { status: 200, body: forecast(parts[1]) } : null
     },

@@ -1,0 +1,217 @@
+//! Calibrations of the fleet's robots.
+
+use std::sync::{Arc, OnceLock};
+
+use crawler_calibrations::ground::{Ground, Post, Room};
+use crawler_calibrations::robots::{AROUND_M, Fleet, RobotView, SOURCE};
+use crawler_calibrations::{Calibrations, Parts as CalibrationParts};
+use crawler_commands::{CommandCenter, Target};
+use crawler_fleet::{Level, Presence, Robot, SharedFleet};
+use crawler_protocol::open::Open;
+use crawler_protocol::{
+    Action, BehaviourName, Capability, Kind, ParameterValue, ParameterValues, RobotId, Source,
+};
+use crawler_sim::world::{Arena, Obstacle};
+use crawler_simulations::Simulation;
+use tokio::runtime::Handle;
+
+use super::StartError;
+use super::hub::Hub;
+use crate::config::Settings;
+
+/// Where calibrations are kept, in the data directory.
+const FOLDER: &str = "calibrations";
+/// For a word of driving to reach its robot: afterwards there is another one.
+const WORD_MS: u64 = 400;
+/// The same for a stop.
+const STOP_MS: u64 = 2_000;
+
+/// What calibrations know of the fleet, and tell it.
+struct FleetOf {
+    fleet: Arc<SharedFleet>,
+    commands: Arc<CommandCenter>,
+    simulation: Arc<OnceLock<Arc<Simulation>>>,
+    source: Source,
+    runtime: Handle,
+}
+
+/// Calibrations of this server, and those that it has carried out before.
+pub(super) fn open(settings: &Settings, hub: &Hub) -> Result<Arc<Calibrations>, StartError> {
+    let fleet = Arc::new(FleetOf {
+        fleet: Arc::clone(&hub.fleet),
+        commands: Arc::clone(&hub.commands),
+        simulation: Arc::clone(&hub.simulation),
+        source: Source::new(SOURCE).map_err(|_| StartError::Internal("source"))?,
+        runtime: Handle::current(),
+    });
+    Ok(Calibrations::open(CalibrationParts {
+        folder: settings.data.join(FOLDER),
+        twins: Arc::clone(&hub.twins),
+        fleet,
+    }))
+}
+
+impl Fleet for FleetOf {
+    fn robot(&self, robot: &RobotId) -> Option<RobotView> {
+        self.fleet.lock().get(robot).map(view)
+    }
+
+    fn others(&self, robot: &RobotId, at: [f64; 2]) -> Vec<(RobotId, [f64; 2])> {
+        let fleet = self.fleet.lock();
+        let others = fleet.robots().filter(|other| other.id != *robot);
+        let there = others.filter(|other| other.presence != Presence::Offline);
+        there
+            .filter_map(|other| {
+                let pose = other.telemetry.as_ref()?.pose;
+                let place = [pose.x, pose.y].map(f64::from);
+                let is_near = (place[0] - at[0]).hypot(place[1] - at[1]) < AROUND_M;
+                is_near.then(|| (other.id.clone(), place))
+            })
+            .collect()
+    }
+
+    fn ground(&self, robot: &RobotId, at: [f64; 2]) -> Ground {
+        let (fences, is_simulated) = {
+            let fleet = self.fleet.lock();
+            let status = fleet.get(robot).and_then(|known| known.status.as_ref());
+            let is_simulated =
+                status.is_some_and(|status| status.kind == Open::Known(Kind::Simulated));
+            (fleet.fences().to_vec(), is_simulated)
+        };
+        let world = self.simulation.get().filter(|_| is_simulated);
+        Ground {
+            fences,
+            area: None,
+            room: world.map(|world| room(&world.scene().arena, at)),
+        }
+    }
+
+    fn drive(&self, robot: &RobotId, v: f64, w: f64) -> bool {
+        let (v, w) = (v as f32, w as f32);
+        let source = self.source.clone();
+        let asked = self
+            .commands
+            .ask(source, Action::Drive { v, w }, robot, WORD_MS);
+        asked.is_ok()
+    }
+
+    fn stop(&self, robot: &RobotId) {
+        let source = self.source.clone();
+        // Without it the robot stands half a second after its last word.
+        if let Err(error) = self.commands.ask(source, Action::Stop, robot, STOP_MS) {
+            tracing::warn!(?error, %robot, "a robot is not told to stop");
+        }
+    }
+
+    fn set_rate(&self, robot: &RobotId, hz: f32) {
+        let Some(values) = rate(hz) else {
+            return;
+        };
+        let commands = Arc::clone(&self.commands);
+        let (source, robot) = (self.source.clone(), robot.clone());
+        self.runtime.spawn(async move {
+            let target = Target::Robot(robot.clone());
+            let given = commands.give(Some(source), Action::Set(values), target, vec![robot]);
+            if let Err(error) = given.await {
+                tracing::warn!(?error, "a robot is not told how often to tell telemetry");
+            }
+        });
+    }
+
+    fn tell(&self, robot: &RobotId, is_bad: bool, text: String) {
+        let level = if is_bad { Level::Warn } else { Level::Info };
+        let mut fleet = self.fleet.lock();
+        fleet.events.push(level, Some(robot.clone()), text);
+    }
+}
+
+/// The parameter that says how often a robot tells telemetry.
+fn rate(hz: f32) -> Option<ParameterValues> {
+    let mut values = ParameterValues::new();
+    let name = "telemetry_hz".try_into().ok()?;
+    values.push((name, ParameterValue::Number(hz))).ok()?;
+    Some(values)
+}
+
+fn view(robot: &Robot) -> RobotView {
+    let status = robot.status.as_ref();
+    let telemetry = robot.telemetry.as_ref();
+    let parameter = |name: &str| {
+        let told = robot.parameters.as_ref()?;
+        let report = told.values.iter().find(|report| report.name == name)?;
+        match report.value {
+            ParameterValue::Number(value) => Some(value),
+            ParameterValue::Bool(_) | ParameterValue::Text(_) => None,
+        }
+    };
+    let known = |state: Open<_>| match state {
+        Open::Known(state) => Some(state),
+        Open::Unknown(_) => None,
+    };
+    RobotView {
+        is_online: robot.presence == Presence::Online,
+        is_doubled: robot.has_double(),
+        drives: status.is_some_and(|status| {
+            status
+                .capabilities
+                .contains(&Open::Known(Capability::Drive))
+        }),
+        state: robot.state().and_then(known),
+        is_manual: telemetry
+            .is_some_and(|told| told.behaviour == Open::Known(BehaviourName::Manual)),
+        behaviour: telemetry.map_or_else(String::new, |told| told.behaviour.to_string()),
+        boot: status.map_or(0, |status| status.boot.count),
+        firmware: status.map_or_else(String::new, |status| status.firmware.as_str().to_owned()),
+        max_speed: parameter("max_speed"),
+        max_turn: parameter("max_turn"),
+        telemetry_hz: parameter("telemetry_hz"),
+    }
+}
+
+/// The room that simulated robots are in, with what stands around a place.
+fn room(arena: &Arena, at: [f64; 2]) -> Room {
+    let still = arena.obstacles.iter().map(post);
+    let objects = arena.objects.iter().map(|object| Post {
+        at: [object.x, object.y].map(f64::from),
+        radius: f64::from(object.size) * 0.75,
+        ..Post::default()
+    });
+    // What moves is wherever it may get.
+    let movers = arena.movers.iter().flat_map(|mover| {
+        let body = post(&mover.body);
+        let corners = mover.path.iter().map(|corner| corner.map(f64::from));
+        let from = std::iter::once(body.at).chain(corners.clone());
+        let to: Vec<_> = corners.chain([body.at]).collect();
+        let legs: Vec<_> = from.zip(to).collect();
+        legs.into_iter().map(move |(a, b)| {
+            let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
+            Post {
+                at: [(a[0] + b[0]) * 0.5, (a[1] + b[1]) * 0.5],
+                half: [dx.hypot(dy) * 0.5, 0.0],
+                theta: dy.atan2(dx),
+                radius: body.radius + body.half[0].hypot(body.half[1]),
+            }
+        })
+    });
+    let all = still.chain(objects).chain(movers);
+    Room {
+        sides: [arena.width, arena.height].map(f64::from),
+        posts: all.filter(|post| post.distance(at) < AROUND_M).collect(),
+    }
+}
+
+fn post(obstacle: &Obstacle) -> Post {
+    match *obstacle {
+        Obstacle::Circle { x, y, r } => Post {
+            at: [x, y].map(f64::from),
+            radius: r.into(),
+            ..Post::default()
+        },
+        Obstacle::Box { x, y, w, h, theta } => Post {
+            at: [x, y].map(f64::from),
+            half: [f64::from(w) * 0.5, f64::from(h) * 0.5],
+            theta: theta.into(),
+            radius: 0.0,
+        },
+    }
+}

@@ -1,0 +1,305 @@
+//! Calibrations of simulated robots with hidden bodies, from the API.
+
+use std::time::{Duration, Instant};
+
+use crawler_server::server::Server;
+use hyper::Method;
+use serde_json::{Value, json};
+
+use crate::support::closed::{ADMIN, OPERATOR, VIEWER};
+use crate::support::{Fixture, eventually};
+
+/// Two robots whose bodies nobody knows, far from each other, under a camera that sees each of them ten times a second.
+const WORLD: &str = "
+name = \"bench\"
+about = \"Two robots to calibrate.\"
+robots = 2
+randomisation = \"wild\"
+[arena]
+width = 8.0
+height = 4.0
+[spawn]
+poses = [{ x = -2.0, y = 0.0, theta = 0.4 }, { x = 2.0, y = 0.0, theta = -2.0 }]
+[tracker]
+rate_hz = 20.0
+";
+const ONE: &str = "/api/v1/robots/sim-0001/twin";
+const TWO: &str = "/api/v1/robots/sim-0002/twin";
+/// Longer than a drive by far, on whatever machine.
+const LONGEST: Duration = Duration::from_mins(5);
+
+async fn up() -> Fixture {
+    Fixture::up("empty", |layer| {
+        let folder = layer.data.as_ref().expect("a folder");
+        std::fs::create_dir_all(folder).expect("made");
+        let file = folder.join("bench.toml");
+        std::fs::write(&file, WORLD).expect("written");
+        layer.scenario = Some(file.to_str().expect("a path").to_owned());
+    })
+    .await
+}
+
+/// Waits until a robot may be calibrated.
+async fn ready(fixture: &Fixture, twin: &str) {
+    eventually("it may begin", async || {
+        let permit = fixture.get(&format!("{twin}/permit")).await;
+        permit.status == 200 && permit.json()["refused"] == Value::Null
+    })
+    .await;
+}
+
+async fn begin(fixture: &Fixture, twin: &str) -> String {
+    let body = json!({"confirmed": true, "floor": "lino"}).to_string();
+    let begun = fixture.post(&format!("{twin}/calibrations"), &body).await;
+    assert_eq!(begun.status, 202, "{}", begun.text());
+    begun.header("location").to_owned()
+}
+
+/// Waits until a calibration holds what is wanted.
+async fn until(fixture: &Fixture, place: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    let end = Instant::now() + LONGEST;
+    loop {
+        let now = fixture.get(place).await.json();
+        if wanted(&now) {
+            return now;
+        }
+        assert!(Instant::now() < end && now["ended"] == Value::Null, "{now}");
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+}
+
+async fn over(fixture: &Fixture, place: &str) -> Value {
+    until(fixture, place, |now| now["ended"] != Value::Null).await
+}
+
+fn drives(now: &Value) -> bool {
+    now["begun_legs"].as_u64() > Some(3)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn two_robots_get_certificates_that_their_twins_go_on_with() {
+    let fixture = up().await;
+    let mut begun = Vec::new();
+    for twin in [ONE, TWO] {
+        ready(&fixture, twin).await;
+        begun.push((twin, begin(&fixture, twin).await));
+    }
+    for (twin, place) in begun {
+        let over = over(&fixture, &place).await;
+        assert_eq!(over["state"], "certified", "{over}");
+        let ten = &over["errors"][1];
+        let of = |who: &str| ten[who]["median"].as_f64().expect("a number");
+        println!("{over}");
+        assert!(of("own") < 0.08 && of("own") < of("nominal"), "{ten}");
+        assert!(over["ended"].as_u64().expect("ms") - over["begun"].as_u64().expect("ms") > 60_000);
+        // The twin goes on with the new body, and the robot tells of itself as often as before.
+        eventually("the twin has it", async || {
+            fixture.get(twin).await.json()["certificate"] == over["certificate"]
+        })
+        .await;
+        let known = fixture.get(&format!("{twin}/certificates")).await.json();
+        let known = &known["certificates"][0];
+        assert_eq!(known["refused"], Value::Null, "{known}");
+        assert_eq!(known["certificate"]["floor"], "lino");
+        let robot = twin.trim_end_matches("/twin");
+        eventually("its rate is set back", async || {
+            let told = fixture.get(&format!("{robot}/parameters")).await.json();
+            told["values"]["telemetry_hz"]["value"] == 5
+        })
+        .await;
+        let list = fixture.get(&format!("{twin}/calibrations")).await.json();
+        assert_eq!(list["calibrations"].as_array().map(Vec::len), Some(1));
+    }
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_calibration_ends_when_somebody_wants_it_to() {
+    let fixture = up().await;
+    ready(&fixture, ONE).await;
+    // A person stops it.
+    let place = begin(&fixture, ONE).await;
+    let again = json!({"confirmed": true}).to_string();
+    let again = fixture.post(&format!("{ONE}/calibrations"), &again).await;
+    again.is_problem(409, "not_permitted");
+    assert!(again.text().contains("busy: "), "{}", again.text());
+    until(&fixture, &place, drives).await;
+    let stopped = fixture.call(Method::DELETE, &place, &[], "").await;
+    assert_eq!(stopped.status, 204, "{}", stopped.text());
+    let told = over(&fixture, &place).await;
+    assert_eq!(
+        (&told["state"], &told["reason"]["code"]),
+        (&"broken_off".into(), &"stopped".into())
+    );
+    let late = fixture.call(Method::DELETE, &place, &[], "").await;
+    late.is_problem(409, "wrong_state");
+    // So does whoever tells the robot something else, one robot or all.
+    for (path, body) in [
+        ("/api/v1/swarm/commands", r#"{"command":"stop"}"#),
+        (
+            "/api/v1/robots/sim-0001/commands",
+            r#"{"command":"drive","parameters":{"v":0.1,"w":0}}"#,
+        ),
+    ] {
+        ready(&fixture, ONE).await;
+        let place = begin(&fixture, ONE).await;
+        until(&fixture, &place, drives).await;
+        let sent = fixture.post(path, body).await;
+        assert_eq!(sent.status, 202, "{}", sent.text());
+        let told = over(&fixture, &place).await;
+        assert_eq!(told["reason"]["code"], "other_command", "{told}");
+    }
+    let none = fixture.get(&format!("{ONE}/certificates")).await.json();
+    assert_eq!(none["certificates"], json!([]), "nothing came of it");
+    // A server that ends says so when it is back.
+    ready(&fixture, ONE).await;
+    let place = begin(&fixture, ONE).await;
+    until(&fixture, &place, drives).await;
+    let settings = fixture.settings.clone();
+    let scratch = fixture.leave().await;
+    let server = Server::start(&settings).await.expect("it starts again");
+    let fixture = Fixture::of(server, settings);
+    fixture.wait_told("sim-0001").await;
+    let told = fixture.get(&place).await.json();
+    assert_eq!(told["state"], "broken_off", "{told}");
+    assert_eq!(told["reason"]["code"], "server_ended", "{told}");
+    fixture.stop().await;
+    drop(scratch);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_wrong_is_named() {
+    let fixture = up().await;
+    ready(&fixture, ONE).await;
+    let post = async |body: Value| {
+        let path = format!("{ONE}/calibrations");
+        fixture.post(&path, &body.to_string()).await
+    };
+    for (body, code, pointer) in [
+        (json!({}), "invalid_body", "/confirmed"),
+        (
+            json!({"confirmed": false}),
+            "invalid_calibration",
+            "/confirmed",
+        ),
+        (
+            json!({"confirmed": true, "flor": "x"}),
+            "invalid_body",
+            "/flor",
+        ),
+        (
+            json!({"confirmed": true, "floor": "x".repeat(65)}),
+            "invalid_calibration",
+            "/floor",
+        ),
+        (
+            json!({"confirmed": true, "around": 0.0}),
+            "invalid_calibration",
+            "/around",
+        ),
+        (
+            json!({"confirmed": true, "area": [[0, 0], [1, 1]]}),
+            "invalid_calibration",
+            "/area",
+        ),
+        (
+            json!({"confirmed": true, "area": [[0, 0], [1]]}),
+            "invalid_calibration",
+            "/area/1",
+        ),
+        (
+            json!({"confirmed": true, "area": [[0, 0], [1, 0], [0, 1]], "around": 2}),
+            "invalid_calibration",
+            "/around",
+        ),
+    ] {
+        let refused = post(body.clone()).await;
+        refused.is_problem(422, code);
+        assert_eq!(refused.json()["errors"][0]["pointer"], pointer, "{body}");
+    }
+    // Where it would leave what is free, is named.
+    let small = post(json!({"confirmed": true, "around": 0.5})).await;
+    small.is_problem(409, "not_permitted");
+    assert!(small.text().contains("leaves: "), "{}", small.text());
+    let permit = fixture
+        .get(&format!("{ONE}/permit?around=0.5"))
+        .await
+        .json();
+    assert_eq!(permit["refused"]["code"], "leaves", "{permit}");
+    assert_eq!(permit["refused"]["at"].as_array().map(Vec::len), Some(2));
+    let odd = fixture.get(&format!("{ONE}/permit?around=-1")).await;
+    odd.is_problem(400, "bad_query");
+    let permit = fixture.get(&format!("{ONE}/permit")).await.json();
+    assert_eq!(permit["refused"], Value::Null, "{permit}");
+    assert!(permit["seconds"].as_f64() < Some(90.0), "{permit}");
+    assert!(
+        permit["area"].as_array().map(Vec::len) > Some(8),
+        "{permit}"
+    );
+    // A fence around it is too small for the drive.
+    let fence = json!({
+        "name": "cage", "kind": "keep_in", "action": "warn",
+        "corners": [[-2.6, -0.6], [-1.4, -0.6], [-1.4, 0.6], [-2.6, 0.6]],
+    });
+    let made = fixture.post("/api/v1/fences", &fence.to_string()).await;
+    assert_eq!(made.status, 201, "{}", made.text());
+    let caged = post(json!({"confirmed": true})).await;
+    caged.is_problem(409, "not_permitted");
+    assert!(caged.text().contains("the fence cage"), "{}", caged.text());
+    // Who does something else is not calibrated, nor is who stands until somebody sees to it.
+    for (command, code) in [
+        (
+            json!({"command": "behave", "parameters": {"behaviour": "wander"}}),
+            "not_idle",
+        ),
+        (json!({"command": "estop"}), "halted"),
+    ] {
+        let path = "/api/v1/robots/sim-0001/commands";
+        let sent = fixture.post(path, &command.to_string()).await;
+        assert_eq!(sent.status, 202, "{}", sent.text());
+        eventually(code, async || {
+            let permit = fixture.get(&format!("{ONE}/permit")).await.json();
+            permit["refused"]["code"] == code
+        })
+        .await;
+    }
+    for path in ["7", "0", "x"] {
+        let none = fixture.get(&format!("{ONE}/calibrations/{path}")).await;
+        none.is_problem(404, "unknown_calibration");
+        let place = format!("{ONE}/calibrations/{path}");
+        let none = fixture.call(Method::DELETE, &place, &[], "").await;
+        none.is_problem(404, "unknown_calibration");
+    }
+    for path in ["permit", "calibrations", "calibrations/1"] {
+        let nobody = fixture
+            .get(&format!("/api/v1/robots/eve/twin/{path}"))
+            .await;
+        nobody.is_problem(404, "unknown_robot");
+    }
+    fixture.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn operators_calibrate_and_viewers_look() {
+    let fixture = Fixture::closed().await;
+    let robot = "/api/v1/robots/ada-1/twin/calibrations";
+    let viewer = fixture.login(VIEWER).await.token;
+    let body = json!({"confirmed": true}).to_string();
+    for (method, path) in [
+        (Method::POST, robot.to_owned()),
+        (Method::DELETE, format!("{robot}/1")),
+    ] {
+        let refused = fixture.call_as(&viewer, method, &path, &body).await;
+        refused.is_problem(403, "forbidden");
+    }
+    fixture
+        .get_as(&viewer, robot)
+        .await
+        .is_problem(404, "unknown_robot");
+    for who in [OPERATOR, ADMIN] {
+        let token = fixture.login(who).await.token;
+        let unknown = fixture.call_as(&token, Method::POST, robot, &body).await;
+        unknown.is_problem(404, "unknown_robot");
+    }
+    fixture.stop().await;
+}
