@@ -219,7 +219,6 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "crawler-calibrations",
         &[
-            "crawler-fleet",
             "crawler-protocol",
             "crawler-system",
             "crawler-twin",

@@ -17,6 +17,7 @@ use super::guard::JsonBody;
 use super::problem::{Code, FieldError, Problem, member};
 use super::query::ApiQuery;
 use super::twins::known;
+use crawler_calibrations::ground::Region;
 use crawler_calibrations::permit::Refusal;
 use crawler_calibrations::record::{Calibration, Errors};
 use crawler_calibrations::{
@@ -254,7 +255,7 @@ impl NewCalibration {
             (true, Some(around)) => Some(Free::Around(
                 check_around(around).map_err(|rule| invalid("/around", rule))?,
             )),
-            (false, None) => Some(Free::Area(shape(self.area)?)),
+            (false, None) => Some(Free::Area(Arc::new(shape(self.area)?))),
             (false, Some(_)) => {
                 return Err(invalid("/around", "must not be there beside `area`"));
             }
@@ -274,7 +275,21 @@ fn check_around(around: f64) -> Result<f64, String> {
     ))
 }
 
-fn shape(area: Vec<Vec<f64>>) -> Result<Shape, Problem> {
+/// What somebody says to be free.
+#[derive(Debug)]
+struct Stated(Shape);
+
+impl Region for Stated {
+    fn holds(&self, at: [f64; 2]) -> bool {
+        self.0.holds(at)
+    }
+
+    fn to_edge(&self, at: [f64; 2]) -> f64 {
+        self.0.to_edge(at)
+    }
+}
+
+fn shape(area: Vec<Vec<f64>>) -> Result<Stated, Problem> {
     let mut corners = Vec::with_capacity(area.len());
     for (number, corner) in area.into_iter().enumerate() {
         let Ok(corner) = <[f64; 2]>::try_from(corner) else {
@@ -284,7 +299,7 @@ fn shape(area: Vec<Vec<f64>>) -> Result<Shape, Problem> {
         corners.push(corner);
     }
     let refused = |error: crawler_fleet::ShapeError| invalid("/area", error.to_string());
-    Shape::new(corners).map_err(refused)
+    Shape::new(corners).map(Stated).map_err(refused)
 }
 
 fn failed(id: &str, error: BeginError) -> Problem {

@@ -7,7 +7,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use crawler_fleet::Shape;
 use crawler_protocol::open::{Open, Response};
 use crawler_protocol::{Reason as Why, ResponseStatus, RobotId};
 use crawler_system::clock::unix_ms;
@@ -21,6 +20,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::course::Driving;
+use crate::ground::{Region, Square};
 use crate::permit::{self, Refusal};
 use crate::record::{BrokenOff, Calibration, Reason, State};
 use crate::robots::{Fleet, HARMLESS, RobotView, SOURCE};
@@ -43,10 +43,10 @@ pub struct Parts {
 }
 
 /// What a person says to be free.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub enum Free {
     /// This.
-    Area(Shape),
+    Area(Arc<dyn Region>),
     /// A square around the robot, from its middle to each side so many metres.
     Around(f64),
 }
@@ -261,7 +261,7 @@ impl Calibrations {
             .or_else(|| {
                 let at = [home.x, home.y];
                 let mut ground = self.fleet.ground(robot, at);
-                ground.area = free.and_then(|free| area(free, at));
+                ground.area = free.map(|free| area(free, at));
                 let others = self.fleet.others(robot, at);
                 permit::of_drive(&checked.sweep, home, &ground, &others)
             });
@@ -510,15 +510,13 @@ impl Calibrations {
     }
 }
 
-fn area(free: &Free, at: [f64; 2]) -> Option<Shape> {
+fn area(free: &Free, at: [f64; 2]) -> Arc<dyn Region> {
     match free {
-        Free::Area(shape) => Some(shape.clone()),
-        Free::Around(half) => {
-            let corner = |x: f64, y: f64| [at[0] + x * half, at[1] + y * half];
-            let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-            // One that is none leaves the robot without an area.
-            Shape::new(corners.map(|(x, y)| corner(x, y)).to_vec()).ok()
-        }
+        Free::Area(region) => Arc::clone(region),
+        Free::Around(half) => Arc::new(Square {
+            middle: at,
+            half: *half,
+        }),
     }
 }
 

@@ -190,11 +190,8 @@ impl Driving {
         if robot.state == Some(RobotState::Updating) {
             return Some(BrokenOff::OtherCommand("an update".to_owned()));
         }
-        if !robot.is_manual {
-            return Some(BrokenOff::OtherCommand(format!(
-                "who began {}",
-                robot.behaviour
-            )));
+        if let Some(behaviour) = &robot.behaviour {
+            return Some(BrokenOff::OtherCommand(format!("who began {behaviour}")));
         }
         // Before the first of them came, it began at the beginning.
         let silent = |at_s: Option<f64>| now_s - at_s.unwrap_or(self.begun_s) > SILENT_S;

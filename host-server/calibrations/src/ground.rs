@@ -1,14 +1,55 @@
 //! Where a robot may drive.
 
+use std::fmt;
 use std::sync::Arc;
-
-use crawler_fleet::{Fence, FenceKind, Shape};
 
 /// Metres from the middle of a robot to whatever ends the place it may drive in: its body, what it may go beyond what
 /// was rehearsed before it is stopped, and what it takes to stop.
 pub const CLEAR_M: f64 = 0.35;
 /// Metres from the middle of a robot to that of another one.
 pub const BESIDE_M: f64 = 0.6;
+
+/// A region of the floor.
+pub trait Region: Send + Sync + fmt::Debug {
+    /// Whether a place is in it.
+    fn holds(&self, at: [f64; 2]) -> bool;
+    /// How far its edge is from a place, metres.
+    fn to_edge(&self, at: [f64; 2]) -> f64;
+}
+
+/// A square along the axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Square {
+    /// Its middle, metres.
+    pub middle: [f64; 2],
+    /// From there to each side, metres.
+    pub half: f64,
+}
+
+impl Region for Square {
+    fn holds(&self, at: [f64; 2]) -> bool {
+        (0..2).all(|axis| (at[axis] - self.middle[axis]).abs() <= self.half)
+    }
+
+    fn to_edge(&self, at: [f64; 2]) -> f64 {
+        let beyond = [0, 1].map(|axis| (at[axis] - self.middle[axis]).abs() - self.half);
+        match beyond.map(|beyond| beyond.max(0.0)) {
+            [0.0, 0.0] => -beyond[0].max(beyond[1]),
+            [x, y] => x.hypot(y),
+        }
+    }
+}
+
+/// Where robots are to stay in or out of.
+#[derive(Debug, Clone)]
+pub struct Border {
+    /// For people.
+    pub name: String,
+    /// Whether they are to stay in.
+    pub keeps_in: bool,
+    /// Where.
+    pub region: Arc<dyn Region>,
+}
 
 /// Something that stands in the way: a box whose edges are rounded.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -48,9 +89,9 @@ pub struct Room {
 #[derive(Debug, Clone, Default)]
 pub struct Ground {
     /// Every fence.
-    pub fences: Vec<Arc<Fence>>,
+    pub fences: Vec<Border>,
     /// What a person says to be free.
-    pub area: Option<Shape>,
+    pub area: Option<Arc<dyn Region>>,
     /// Where the robot is a simulated one.
     pub room: Option<Room>,
 }
@@ -59,28 +100,23 @@ impl Ground {
     /// Whether anything says where a robot is to stay.
     #[must_use]
     pub fn is_bounded(&self) -> bool {
-        let keeps_in = |fence: &Arc<Fence>| fence.kind == FenceKind::KeepIn;
-        self.area.is_some() || self.room.is_some() || self.fences.iter().any(keeps_in)
+        let is_kept_in = self.fences.iter().any(|fence| fence.keeps_in);
+        self.area.is_some() || self.room.is_some() || is_kept_in
     }
 
     /// What is nearer to a place than a robot may come; for people.
     #[must_use]
     pub fn against(&self, at: [f64; 2]) -> Option<String> {
-        let is_within = |shape: &Shape| shape.holds(at) && shape.to_edge(at) >= CLEAR_M;
+        let is_clear = |region: &dyn Region, keeps_in: bool| {
+            region.holds(at) == keeps_in && region.to_edge(at) >= CLEAR_M
+        };
         for fence in &self.fences {
-            let shape = &fence.shape;
-            let is_clear = match fence.kind {
-                FenceKind::KeepIn => is_within(shape),
-                FenceKind::KeepOut => {
-                    !shape.is_near(at, CLEAR_M)
-                        || (!shape.holds(at) && shape.to_edge(at) >= CLEAR_M)
-                }
-            };
-            if !is_clear {
+            if !is_clear(fence.region.as_ref(), fence.keeps_in) {
                 return Some(format!("the fence {}", fence.name));
             }
         }
-        if self.area.as_ref().is_some_and(|area| !is_within(area)) {
+        let area = self.area.as_deref();
+        if area.is_some_and(|area| !is_clear(area, true)) {
             return Some("the edge of the free area".to_owned());
         }
         let room = self.room.as_ref()?;

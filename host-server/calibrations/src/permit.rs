@@ -170,12 +170,17 @@ pub fn of_robot(robot: &RobotView) -> Option<Refusal> {
     if !robot.drives {
         return Some(Refusal::CannotDrive);
     }
-    match robot.state {
-        Some(RobotState::Error) => return Some(Refusal::Halted),
-        Some(RobotState::Idle) if robot.is_manual => {}
-        Some(RobotState::Idle) => return Some(Refusal::NotIdle(robot.behaviour.clone())),
-        Some(state) => return Some(Refusal::NotIdle(state.name().to_owned())),
-        None => return Some(Refusal::NotIdle("what, it does not tell".to_owned())),
+    if robot.state == Some(RobotState::Error) {
+        return Some(Refusal::Halted);
+    }
+    if let Some(behaviour) = &robot.behaviour {
+        return Some(Refusal::NotIdle(behaviour.clone()));
+    }
+    if robot.state != Some(RobotState::Idle) {
+        let what = robot
+            .state
+            .map_or("what, it does not tell", RobotState::name);
+        return Some(Refusal::NotIdle(what.to_owned()));
     }
     let limits = limits(robot);
     (!limits.suffice()).then_some(Refusal::TooSlow(limits))

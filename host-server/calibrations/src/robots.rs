@@ -15,10 +15,8 @@ pub struct RobotView {
     pub drives: bool,
     /// What it is doing, where that is known.
     pub state: Option<RobotState>,
-    /// Whether it does what it is told, and nothing else.
-    pub is_manual: bool,
-    /// The behaviour in force.
-    pub behaviour: String,
+    /// The behaviour in force, where that is more than to do what it is told.
+    pub behaviour: Option<String>,
     /// How often it has started.
     pub boot: u32,
     /// Its program.

@@ -6,7 +6,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
-use crawler_fleet::{Fence, FenceAction, FenceKind, Shape};
 use crawler_protocol::open::{Response, Telemetry};
 use crawler_protocol::{Pose as Place, PoseFix, RobotId, RobotState, open};
 use crawler_twin::body::{Parameters, Pose, Wheels, wrap};
@@ -18,7 +17,7 @@ use serde_json::json;
 use tokio::time::Instant;
 
 use crate::course::{Driving, Next, Seen};
-use crate::ground::{Ground, Post, Room, are_apart};
+use crate::ground::{Border, Ground, Post, Room, Square, are_apart};
 use crate::permit::{Refusal, of_drive, of_place, of_robot};
 use crate::record::{Calibration, State};
 use crate::robots::{Fleet, RobotView};
@@ -39,8 +38,7 @@ fn well() -> RobotView {
         is_doubled: false,
         drives: true,
         state: Some(RobotState::Idle),
-        is_manual: true,
-        behaviour: "manual".to_owned(),
+        behaviour: None,
         boot: 3,
         firmware: "0.1.0".to_owned(),
         max_speed: Some(0.5),
@@ -537,7 +535,7 @@ async fn whatever_should_not_be_ends_it_and_the_robot_stands() {
         }),
         ("other_command", |site, robot| {
             site.toy.with(robot, |robot| {
-                (robot.view.is_manual, robot.view.behaviour) = (false, "wander".to_owned());
+                robot.view.behaviour = Some("wander".to_owned());
             });
         }),
         ("robot_refused", |site, robot| {
@@ -545,16 +543,16 @@ async fn whatever_should_not_be_ends_it_and_the_robot_stands() {
                 .answer(&answer(robot, "calibration", "rejected", Some("blocked")));
         }),
         ("left_area", |site, robot| {
-            site.toy.with(robot, |robot| robot.pushed = 0.6)
+            site.toy.with(robot, |robot| robot.pushed = 0.6);
         }),
         ("jumped", |site, robot| {
-            site.toy.with(robot, |robot| robot.body.pose.y += 1.0)
+            site.toy.with(robot, |robot| robot.body.pose.y += 1.0);
         }),
         ("tracker_lost", |site, robot| {
-            site.toy.with(robot, |robot| robot.is_unseen = true)
+            site.toy.with(robot, |robot| robot.is_unseen = true);
         }),
         ("link_lost", |site, robot| {
-            site.toy.with(robot, |robot| robot.is_silent = true)
+            site.toy.with(robot, |robot| robot.is_silent = true);
         }),
         ("link_lost", |site, _| site.toy.lock().is_deaf = true),
         ("halted", |site, robot| {
@@ -562,7 +560,7 @@ async fn whatever_should_not_be_ends_it_and_the_robot_stands() {
                 .with(robot, |robot| robot.view.state = Some(RobotState::Error));
         }),
         ("restarted", |site, robot| {
-            site.toy.with(robot, |robot| robot.view.boot += 1)
+            site.toy.with(robot, |robot| robot.view.boot += 1);
         }),
         ("robot_near", |site, robot| {
             let at = site.toy.with(robot, |robot| robot.body.pose);
@@ -605,7 +603,7 @@ async fn whatever_should_not_be_ends_it_and_the_robot_stands() {
         })
         .await;
         assert!(
-            at.elapsed() <= Duration::from_millis(1_000),
+            at.elapsed() <= Duration::from_secs(1),
             "{reason}: {:?}",
             at.elapsed()
         );
@@ -796,7 +794,10 @@ fn what_is_against_a_robot() {
         Some("not_idle")
     );
     assert_eq!(with(|view| view.state = None), Some("not_idle"));
-    assert_eq!(with(|view| view.is_manual = false), Some("not_idle"));
+    assert_eq!(
+        with(|view| view.behaviour = Some("goto".to_owned())),
+        Some("not_idle")
+    );
     assert_eq!(with(|view| view.max_turn = Some(1.0)), Some("too_slow"));
     assert_eq!(
         with(|view| (view.max_speed, view.max_turn) = (None, None)),
@@ -813,16 +814,13 @@ fn what_is_against_a_robot() {
     }
 }
 
-fn fence(kind: FenceKind, corners: &[[f64; 2]]) -> Arc<Fence> {
-    Arc::new(Fence {
-        id: "1".to_owned(),
+fn fence(keeps_in: bool, x: f64, y: f64, half: f64) -> Border {
+    let middle = [x, y];
+    Border {
         name: "yard".to_owned(),
-        kind,
-        action: FenceAction::Warn,
-        shape: Shape::new(corners.to_vec()).expect("a polygon"),
-        by: "ada".to_owned(),
-        made_at: 1,
-    })
+        keeps_in,
+        region: Arc::new(Square { middle, half }),
+    }
 }
 
 fn square(x: f64, y: f64, half: f64) -> [[f64; 2]; 4] {
@@ -834,11 +832,9 @@ fn ground_is_what_fences_walls_and_posts_leave() {
     let bounded = |ground: &Ground| ground.is_bounded();
     let mut ground = Ground::default();
     assert!(!bounded(&ground));
-    ground.fences = vec![fence(FenceKind::KeepOut, &square(5.0, 0.0, 1.0))];
+    ground.fences = vec![fence(false, 5.0, 0.0, 1.0)];
     assert!(!bounded(&ground), "a fence to stay out of keeps nobody in");
-    ground
-        .fences
-        .push(fence(FenceKind::KeepIn, &square(0.0, 0.0, 8.0)));
+    ground.fences.push(fence(true, 0.0, 0.0, 8.0));
     assert!(bounded(&ground));
     let against = |ground: &Ground, x: f64, y: f64| ground.against([x, y]);
     assert_eq!(against(&ground, 0.0, 0.0), None);

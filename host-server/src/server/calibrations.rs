@@ -2,11 +2,11 @@
 
 use std::sync::{Arc, OnceLock};
 
-use crawler_calibrations::ground::{Ground, Post, Room};
+use crawler_calibrations::ground::{Border, Ground, Post, Region, Room};
 use crawler_calibrations::robots::{AROUND_M, Fleet, RobotView, SOURCE};
 use crawler_calibrations::{Calibrations, Parts as CalibrationParts};
 use crawler_commands::{CommandCenter, Target};
-use crawler_fleet::{Level, Presence, Robot, SharedFleet};
+use crawler_fleet::{Fence, FenceKind, Level, Presence, Robot, SharedFleet};
 use crawler_protocol::open::Open;
 use crawler_protocol::{
     Action, BehaviourName, Capability, Kind, ParameterValue, ParameterValues, RobotId, Source,
@@ -76,7 +76,8 @@ impl Fleet for FleetOf {
             let status = fleet.get(robot).and_then(|known| known.status.as_ref());
             let is_simulated =
                 status.is_some_and(|status| status.kind == Open::Known(Kind::Simulated));
-            (fleet.fences().to_vec(), is_simulated)
+            let fences = fleet.fences().iter().map(Arc::clone).map(border);
+            (fences.collect(), is_simulated)
         };
         let world = self.simulation.get().filter(|_| is_simulated);
         Ground {
@@ -125,6 +126,28 @@ impl Fleet for FleetOf {
     }
 }
 
+/// What a fence encloses.
+#[derive(Debug)]
+struct Fenced(Arc<Fence>);
+
+impl Region for Fenced {
+    fn holds(&self, at: [f64; 2]) -> bool {
+        self.0.shape.holds(at)
+    }
+
+    fn to_edge(&self, at: [f64; 2]) -> f64 {
+        self.0.shape.to_edge(at)
+    }
+}
+
+fn border(fence: Arc<Fence>) -> Border {
+    Border {
+        name: fence.name.clone(),
+        keeps_in: fence.kind == FenceKind::KeepIn,
+        region: Arc::new(Fenced(fence)),
+    }
+}
+
 /// The parameter that says how often a robot tells telemetry.
 fn rate(hz: f32) -> Option<ParameterValues> {
     let mut values = ParameterValues::new();
@@ -157,9 +180,10 @@ fn view(robot: &Robot) -> RobotView {
                 .contains(&Open::Known(Capability::Drive))
         }),
         state: robot.state().and_then(known),
-        is_manual: telemetry
-            .is_some_and(|told| told.behaviour == Open::Known(BehaviourName::Manual)),
-        behaviour: telemetry.map_or_else(String::new, |told| told.behaviour.to_string()),
+        behaviour: telemetry
+            .map(|told| told.behaviour)
+            .filter(|behaviour| *behaviour != Open::Known(BehaviourName::Manual))
+            .map(|behaviour| behaviour.to_string()),
         boot: status.map_or(0, |status| status.boot.count),
         firmware: status.map_or_else(String::new, |status| status.firmware.as_str().to_owned()),
         max_speed: parameter("max_speed"),

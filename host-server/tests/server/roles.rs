@@ -24,6 +24,8 @@ const OPERATORS: &[&str] = &[
     "post /api/v1/robots/{id}/faults",
     "delete /api/v1/robots/{id}/faults",
     "put /api/v1/robots/{id}/parameters",
+    "post /api/v1/robots/{id}/twin/calibrations",
+    "delete /api/v1/robots/{id}/twin/calibrations/{number}",
     "post /api/v1/simulator/commands",
     "post /api/v1/experiments",
     "delete /api/v1/experiments/{id}",

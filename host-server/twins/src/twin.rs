@@ -10,7 +10,7 @@ use crawler_twin::shadow::Shadow;
 
 use crate::inbox::{Evidence, Heard};
 use crate::notice::Turn;
-use crate::recording::Tap;
+use crate::recording::{Recording, Tap};
 
 /// A fault that is named for so long is told: the first name may become another one.
 const TOLD_AFTER: Duration = Duration::from_secs(1);
@@ -62,7 +62,7 @@ pub(crate) struct Twin {
     /// Telemetry repeats a voltage until there is another one.
     mv: u16,
     /// Where what is heard goes as well.
-    pub(crate) tap: Tap,
+    tap: Tap,
 }
 
 impl Twin {
@@ -84,6 +84,15 @@ impl Twin {
         self.body = body;
         self.mv = 0;
         self.end()
+    }
+
+    /// Keeps what is heard from now on.
+    pub(crate) fn record(&mut self) -> Recording {
+        let recording = Recording::default();
+        self.tap = recording.tap();
+        // It is to have a voltage, also where that stays as it is.
+        self.mv = 0;
+        recording
     }
 
     /// Forgets faults, as nobody looks for them any more.

@@ -312,8 +312,7 @@ impl Twins {
     /// [`NoTwin`].
     pub fn record(&self, robot: &RobotId) -> Result<Recording, NoTwin> {
         let twin = self.get(robot)?;
-        let recording = Recording::default();
-        lock(&twin).tap = recording.tap();
+        let recording = lock(&twin).record();
         Ok(recording)
     }
 

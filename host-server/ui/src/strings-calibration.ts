@@ -33,7 +33,8 @@ export const words = {
   asking: 'Looking whether it may…',
   failed: (why: string) => `That did not work: ${why}.`,
   wouldTake: ({ seconds, size }: CalibrationPermit): string => {
-    const floor = size == null ? '' : ` on ${size[0].toFixed(1)} × ${size[1].toFixed(1)} m`
+    const sides = (size ?? []).map((side) => side.toFixed(1)).join(' × ')
+    const floor = sides === '' ? '' : ` on ${sides} m`
     return `It takes ${seconds.toFixed(0)} s${floor}, and half a second of this server at the end.`
   },
   may: 'It may begin here.',

@@ -92,8 +92,9 @@ describe('several robots', () => {
           if (all.some(({ ended }) => ended == null)) {
             return Promise.reject(refusal('near_calibration: robot x is being calibrated too near'))
           }
-          all.push(one({ robot, number: all.length + 1, floor: floor ?? '' }))
-          return Promise.resolve({ ...all[all.length - 1]! })
+          const begun = one({ robot, number: all.length + 1, floor: floor ?? '' })
+          all.push(begun)
+          return Promise.resolve({ ...begun })
         },
         calibrations(robot) {
           const own = all.filter((found) => found.robot === robot)
