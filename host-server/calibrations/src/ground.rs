@@ -53,7 +53,7 @@ pub struct Border {
 
 /// Something that stands in the way: a box whose edges are rounded.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Post {
+pub struct Solid {
     /// Its middle, metres.
     pub at: [f64; 2],
     /// Half of its length and width, metres.
@@ -64,7 +64,7 @@ pub struct Post {
     pub radius: f64,
 }
 
-impl Post {
+impl Solid {
     /// How far it is from a place, metres.
     #[must_use]
     pub fn distance(&self, at: [f64; 2]) -> f64 {
@@ -82,7 +82,7 @@ pub struct Room {
     /// Length and width, metres.
     pub sides: [f64; 2],
     /// What stands in it.
-    pub posts: Vec<Post>,
+    pub solids: Vec<Solid>,
 }
 
 /// All that is known of the ground.
@@ -123,11 +123,11 @@ impl Ground {
         if (0..2).any(|axis| at[axis].abs() > room.sides[axis] * 0.5 - CLEAR_M) {
             return Some("a wall".to_owned());
         }
-        let is_near = |post: &&Post| post.distance(at) < CLEAR_M;
-        let post = room.posts.iter().find(is_near)?;
+        let is_near = |solid: &&Solid| solid.distance(at) < CLEAR_M;
+        let solid = room.solids.iter().find(is_near)?;
         Some(format!(
             "what stands at {:.2}, {:.2}",
-            post.at[0], post.at[1]
+            solid.at[0], solid.at[1]
         ))
     }
 }

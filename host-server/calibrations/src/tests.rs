@@ -17,7 +17,7 @@ use serde_json::json;
 use tokio::time::Instant;
 
 use crate::course::{Driving, Next, Seen};
-use crate::ground::{Border, Ground, Post, Room, Square, are_apart};
+use crate::ground::{Border, Ground, Room, Solid, Square, are_apart};
 use crate::permit::{Refusal, of_drive, of_place, of_robot};
 use crate::record::{Calibration, State};
 use crate::robots::{Fleet, RobotView};
@@ -249,7 +249,7 @@ struct Site {
 fn room(side: f64) -> Room {
     Room {
         sides: [side; 2],
-        posts: Vec::new(),
+        solids: Vec::new(),
     }
 }
 
@@ -842,7 +842,7 @@ fn ground_is_what_fences_walls_and_posts_leave() {
     assert!(against(&ground, 7.8, 7.0).is_some());
     ground.room = Some(Room {
         sides: [4.0, 4.0],
-        posts: vec![Post {
+        solids: vec![Solid {
             at: [1.0, 1.0],
             half: [0.5, 0.05],
             theta: std::f64::consts::FRAC_PI_2,

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use crawler_calibrations::ground::{Border, Ground, Post, Region, Room};
+use crawler_calibrations::ground::{Border, Ground, Region, Room, Solid};
 use crawler_calibrations::robots::{AROUND_M, Fleet, RobotView, SOURCE};
 use crawler_calibrations::{Calibrations, Parts as CalibrationParts};
 use crawler_commands::{CommandCenter, Target};
@@ -194,22 +194,22 @@ fn view(robot: &Robot) -> RobotView {
 
 /// The room that simulated robots are in, with what stands around a place.
 fn room(arena: &Arena, at: [f64; 2]) -> Room {
-    let still = arena.obstacles.iter().map(post);
-    let objects = arena.objects.iter().map(|object| Post {
+    let still = arena.obstacles.iter().map(solid);
+    let objects = arena.objects.iter().map(|object| Solid {
         at: [object.x, object.y].map(f64::from),
         radius: f64::from(object.size) * 0.75,
-        ..Post::default()
+        ..Solid::default()
     });
     // What moves is wherever it may get.
     let movers = arena.movers.iter().flat_map(|mover| {
-        let body = post(&mover.body);
+        let body = solid(&mover.body);
         let corners = mover.path.iter().map(|corner| corner.map(f64::from));
         let from = std::iter::once(body.at).chain(corners.clone());
         let to: Vec<_> = corners.chain([body.at]).collect();
         let legs: Vec<_> = from.zip(to).collect();
         legs.into_iter().map(move |(a, b)| {
             let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
-            Post {
+            Solid {
                 at: [(a[0] + b[0]) * 0.5, (a[1] + b[1]) * 0.5],
                 half: [dx.hypot(dy) * 0.5, 0.0],
                 theta: dy.atan2(dx),
@@ -220,18 +220,18 @@ fn room(arena: &Arena, at: [f64; 2]) -> Room {
     let all = still.chain(objects).chain(movers);
     Room {
         sides: [arena.width, arena.height].map(f64::from),
-        posts: all.filter(|post| post.distance(at) < AROUND_M).collect(),
+        solids: all.filter(|solid| solid.distance(at) < AROUND_M).collect(),
     }
 }
 
-fn post(obstacle: &Obstacle) -> Post {
+fn solid(obstacle: &Obstacle) -> Solid {
     match *obstacle {
-        Obstacle::Circle { x, y, r } => Post {
+        Obstacle::Circle { x, y, r } => Solid {
             at: [x, y].map(f64::from),
             radius: r.into(),
-            ..Post::default()
+            ..Solid::default()
         },
-        Obstacle::Box { x, y, w, h, theta } => Post {
+        Obstacle::Box { x, y, w, h, theta } => Solid {
             at: [x, y].map(f64::from),
             half: [f64::from(w) * 0.5, f64::from(h) * 0.5],
             theta: theta.into(),

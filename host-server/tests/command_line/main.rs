@@ -30,3 +30,4 @@ mod release;
 mod replay;
 mod train;
 mod twin;
+mod twin_live;
