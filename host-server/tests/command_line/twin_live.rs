@@ -20,7 +20,14 @@ impl Server {
         let file = place.path().join("bench.toml");
         std::fs::create_dir_all(place.path()).expect("made");
         std::fs::write(&file, WORLD).expect("written");
-        let any = ["up", "--http", "127.0.0.1:0", "--mqtt", "127.0.0.1:0"];
+        let any = [
+            "up",
+            "--open",
+            "--http",
+            "127.0.0.1:0",
+            "--mqtt",
+            "127.0.0.1:0",
+        ];
         let mut command = place.command(&any);
         command.arg("--scenario").arg(&file).args(["--log", "off"]);
         let child = command.stdout(Stdio::piped()).spawn();
