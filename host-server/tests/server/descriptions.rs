@@ -307,7 +307,7 @@ async fn every_call_points_at_what_is_wrong_in_its_body() {
             tried.insert(format!("{method} {path}"));
         }
     }
-    assert_eq!(tried.len(), 16, "{tried:?}");
+    assert_eq!(tried.len(), 17, "{tried:?}");
     fixture.stop().await;
 }
 
