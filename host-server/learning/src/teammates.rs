@@ -10,7 +10,7 @@ use rand_pcg::Pcg32;
 
 use crate::spread::Spread;
 
-/// See the [module](self).
+/// The task with one learner in each world.
 #[derive(Debug, Clone)]
 pub struct Teammates<'a> {
     world: Spread,
