@@ -61,6 +61,7 @@ proptest! {
             prop_assert!(is.x.is_finite() && is.y.is_finite());
             prop_assert!(is.theta > -PI && is.theta <= PI, "heading {}", is.theta);
             prop_assert!(is.sigma >= 0.0 && odometry.turn_sigma() >= 0.0);
+            prop_assert!(odometry.bend().abs() <= 1.0, "bends by {}", odometry.bend());
             match verdict {
                 Correction::Weighed => {
                     prop_assert!(is.sigma <= was.sigma, "{} after {}", is.sigma, was.sigma);
@@ -207,4 +208,59 @@ fn a_full_battery_drives_faster_and_a_strange_reading_does_not_count() {
         assert!((0.2..2.0).contains(&share), "{mv} mV: {share}");
         assert!((0.0..1.0).contains(&odd.stiction_duty));
     }
+}
+
+/// Drives straight on for `periods` of a robot that bends by `bend` radians per metre without knowing it, with a fix every half
+/// second that has noise; returns the odometry and the true pose.
+fn straight_on(bend: f32, periods: u32, rng: &mut TestRng) -> (Odometry, Pose) {
+    const SIGMA: f32 = 0.02;
+    let geometry = Geometry::default();
+    let mut odometry = Odometry::default();
+    let mut truth = Pose::default();
+    let fix = |truth: Pose, rng: &mut TestRng| Pose {
+        x: truth.x + SIGMA * normal(rng),
+        y: truth.y + SIGMA * normal(rng),
+        theta: truth.theta + 0.02 * normal(rng),
+        sigma: SIGMA,
+    };
+    let _ = correct(&mut odometry, fix(truth, rng));
+    let mut untold = odometry;
+    for period in 1..=periods {
+        let before = untold.pose();
+        untold.advance([0.5, 0.5], PERIOD, &geometry);
+        let forward = way(untold.pose(), before);
+        odometry.advance([0.5, 0.5], PERIOD, &geometry);
+        let (sin, cos) = libm::sincosf(truth.theta + bend * forward * 0.5);
+        truth.x += forward * cos;
+        truth.y += forward * sin;
+        truth.theta = wrap(truth.theta + bend * forward);
+        if period % 25 == 0 {
+            let _ = correct(&mut odometry, fix(truth, rng));
+        }
+    }
+    (odometry, truth)
+}
+
+#[test]
+fn how_much_a_robot_bends_is_learned_and_its_heading_is_not_late() {
+    let mut rng = TestRng(11);
+    for bend in [-0.4, -0.2, 0.0, 0.2, 0.4] {
+        let (odometry, truth) = straight_on(bend, 1_000, &mut rng);
+        let learned = odometry.bend();
+        assert!(libm::fabsf(learned - bend) < 0.05, "{learned} for {bend}");
+        let off = libm::fabsf(wrap(odometry.pose().theta - truth.theta));
+        // If it were not learned, the heading would be late by some six times what a fix puts right at once.
+        assert!(off < 0.03, "{off} for {bend}");
+    }
+}
+
+#[test]
+fn carrying_a_robot_says_nothing_of_how_it_bends() {
+    let (mut odometry, truth) = straight_on(0.2, 1_000, &mut TestRng(5));
+    let before = odometry.bend();
+    let elsewhere = pose(truth.x + 3.0, truth.y, wrap(truth.theta + 2.0), 0.02);
+    let verdicts: std::vec::Vec<Correction> =
+        (0..3).map(|_| correct(&mut odometry, elsewhere)).collect();
+    assert_eq!(verdicts[2], Correction::Adopted);
+    assert_eq!(odometry.bend(), before);
 }
