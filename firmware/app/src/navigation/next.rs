@@ -11,8 +11,9 @@ const ROOM: u8 = 2;
 /// Somebody nearer ahead than this wants part of that room, in millimetres, and half as far to either side.
 const BESIDE_MM: i32 = 700;
 /// Nearer than this somebody who comes head-on is met, in millimetres, and with so much between the middles
-/// of both they pass each other.
-const MEET_MM: i32 = 1_500;
+/// of both they pass each other. In a corridor each has to be beside its wall before that, and what is told of others is
+/// half a second old.
+const MEET_MM: i32 = 3_000;
 pub(super) const PASS_MM: i32 = 240;
 
 impl Navigator {
@@ -65,7 +66,7 @@ impl Navigator {
     }
 
     /// The next point, further to the right where somebody comes head-on: so much that both pass each other if
-    /// both do so.
+    /// both do so, as far as there is room.
     pub(super) fn keep_right(&self, point: [i32; 2]) -> [i32; 2] {
         let meets = self.others.iter().find_map(|other| {
             let [ahead, left] = self.here.seen_from(other.at);
@@ -79,13 +80,23 @@ impl Navigator {
         let Some([ahead, left]) = meets else {
             return point;
         };
-        let aside = self.here.point(ahead / 2, (left - PASS_MM) / 2);
-        let [before, _] = self.here.seen_from(point);
-        if before < ahead / 2 || self.map.is_blocked(self.map.cell(aside)) {
-            point
-        } else {
-            aside
+        let [along, beside] = self.here.seen_from(point);
+        let along = along.min(ahead / 2);
+        // It turns elsewhere, or there already.
+        if along < BODY_MM || beside.abs() > along {
+            return point;
         }
+        let tries = [ROOM, 1, 0]
+            .into_iter()
+            .flat_map(|room| [4, 3, 2, 1].map(|quarters| (room, quarters)));
+        for (room, quarters) in tries {
+            let aside = (left - PASS_MM) * quarters / 8;
+            let to = self.here.point(along, aside);
+            if aside < beside && self.wave.passes(&self.map, self.map.cell(to), room) {
+                return to;
+            }
+        }
+        point
     }
 
     /// Whether the straight way to `point` is passable with so many cells to what is blocked, and no fewer than the plan

@@ -307,6 +307,18 @@ fn it_goes_round_who_stands_and_to_the_right_of_who_comes() {
         navigator.set_out(place([0.05, 0.05], 0.0), goal);
     }
     assert_eq!(planned(&mut navigator).0, Way::To([550, 50 - PASS_MM / 2]));
+    // Far away it is the same, before the next point.
+    meet(&mut navigator, [2_850, 50], [-300, 0]);
+    for _ in 0..3 {
+        navigator.set_out(place([0.05, 0.05], 0.0), goal);
+    }
+    let Way::To(point) = planned(&mut navigator).0 else {
+        panic!("there is a way");
+    };
+    assert!(
+        point[0] >= 1_000 && point[1] == 50 - PASS_MM / 2,
+        "{point:?}"
+    );
     // Who goes the same way, or is past, is none of that.
     for (at, velocity) in [([1_050, 50], [300, 0]), ([-300, 50], [-300, 0])] {
         meet(&mut navigator, at, velocity);
@@ -327,6 +339,15 @@ fn it_goes_round_who_stands_and_to_the_right_of_who_comes() {
         navigator.set_out(place([0.05, 0.05], 0.0), goal);
     }
     assert_eq!(planned(&mut navigator).0, Way::To(goal.at));
+    // Where somebody comes it keeps two cells off the wall, though passing would want more.
+    meet(&mut navigator, [1_050, -50], [-300, 0]);
+    for _ in 0..3 {
+        navigator.set_out(place([0.05, -0.05], 0.0), goal);
+    }
+    let Way::To(point) = planned(&mut navigator).0 else {
+        panic!("there is a way");
+    };
+    assert!((-200..-50).contains(&point[1]), "{point:?}");
 }
 
 #[test]
