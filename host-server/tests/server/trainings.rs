@@ -3,15 +3,18 @@
 use std::fs;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use crate::support::closed::{OPERATOR, VIEWER};
-use crate::support::{Answer, Fixture, eventually};
+use crate::support::{Answer, Fixture, eventually, eventually_within};
 use crawler_learning::{Options, Run, Spread};
 use crawler_server::config::Role;
 use hyper::Method;
 use serde_json::{Value, json};
 
 const ALL: &str = "/api/v1/experiments";
+/// A training gives way to whatever else wants the processor.
+const PATIENCE: Duration = Duration::from_mins(10);
 /// Of a training that is over.
 const FILES: [&str; 4] = ["policy.tcpo", "policy", "curve.csv", "run.json"];
 
@@ -55,7 +58,7 @@ async fn done(fixture: &Fixture, id: &str, action: &str, state: &str) {
 
 async fn wait(fixture: &Fixture, id: &str, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
     let mut seen = Value::Null;
-    eventually(what, async || {
+    eventually_within(PATIENCE, what, async || {
         seen = one(fixture, id).await;
         holds(&seen)
     })

@@ -248,12 +248,17 @@ pub async fn within<T>(what: &str, happening: impl Future<Output = T>) -> T {
 }
 
 /// Tries until it holds.
-pub async fn eventually(what: &str, mut holds: impl AsyncFnMut() -> bool) {
-    let end = Instant::now() + LIMIT;
+pub async fn eventually(what: &str, holds: impl AsyncFnMut() -> bool) {
+    eventually_within(LIMIT, what, holds).await;
+}
+
+/// The same, of what may take long where the processor is busy.
+pub async fn eventually_within(limit: Duration, what: &str, mut holds: impl AsyncFnMut() -> bool) {
+    let end = Instant::now() + limit;
     while !holds().await {
         if Instant::now() >= end {
             let last = LAST_ANSWER.take();
-            panic!("not within {LIMIT:?}: {what}; the last answer was {last}");
+            panic!("not within {limit:?}: {what}; the last answer was {last}");
         }
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
