@@ -8,7 +8,7 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use utoipa::openapi::schema::{Array, ArrayBuilder, ObjectBuilder, Type};
+use utoipa::openapi::schema::{Array, ArrayBuilder, Object, ObjectBuilder, Type};
 use utoipa::{IntoParams, ToSchema};
 
 use super::access::Caller;
@@ -207,6 +207,15 @@ impl PermitView {
     }
 }
 
+/// `true` alone.
+fn yes() -> Object {
+    ObjectBuilder::new()
+        .description(Some("Must be `true`: somebody has seen that the floor is free and nobody is within a metre of it."))
+        .schema_type(Type::Boolean)
+        .enum_values(Some([true]))
+        .build()
+}
+
 /// Pairs of numbers.
 fn corners() -> Array {
     let number = ObjectBuilder::new().schema_type(Type::Number);
@@ -220,7 +229,7 @@ fn corners() -> Array {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct NewCalibration {
-    /// Must be `true`: somebody has seen that the floor is free and nobody is within a metre of it.
+    #[schema(schema_with = yes)]
     confirmed: bool,
     /// What the robot drives on, in words: up to 64 characters.
     #[schema(max_length = 64)]

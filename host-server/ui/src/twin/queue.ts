@@ -82,7 +82,7 @@ export class Queue {
     const { robot } = turn
     try {
       if (turn.calibration === null) {
-        const asked = { confirmed: true, floor: this.floor }
+        const asked = { confirmed: true as const, floor: this.floor }
         return { ...turn, calibration: await this.api.calibrate(robot, asked) }
       }
       const { number } = turn.calibration
