@@ -9,7 +9,6 @@ use std::time::Duration;
 
 use crawler_protocol::open::{Open, Response};
 use crawler_protocol::{Reason as Why, ResponseStatus, RobotId};
-use crawler_system::clock::unix_ms;
 use crawler_twin::body::Pose;
 use crawler_twin::course::{Course, Limits};
 use crawler_twin::rehearsal::Sweep;
@@ -32,6 +31,9 @@ const SWEEPS: usize = 16;
 /// For runs to come to their end when the server does.
 const PATIENCE: Duration = Duration::from_secs(3);
 
+/// What time it is, Unix milliseconds.
+pub type Clock = Arc<dyn Fn() -> u64 + Send + Sync>;
+
 /// What calibrations stand on.
 pub struct Parts {
     /// Where they are kept.
@@ -40,6 +42,8 @@ pub struct Parts {
     pub twins: Arc<Twins>,
     /// The fleet.
     pub fleet: Arc<dyn Fleet>,
+    /// Unix milliseconds.
+    pub clock: Clock,
 }
 
 /// What a person says to be free.
@@ -141,6 +145,7 @@ pub struct Calibrations {
     pub(crate) store: Store,
     pub(crate) twins: Arc<Twins>,
     pub(crate) fleet: Arc<dyn Fleet>,
+    pub(crate) clock: Clock,
     book: Mutex<Book>,
     /// How many go on: what hears the fleet looks at it alone, as a rule.
     active: AtomicUsize,
@@ -178,7 +183,7 @@ impl Calibrations {
         let mut all = store.all();
         for found in all.values_mut().filter(|found| !found.state.is_over()) {
             found.state = State::BrokenOff;
-            found.ended = Some(unix_ms());
+            found.ended = Some((parts.clock)());
             found.reason = Some(Reason::from(&BrokenOff::ServerEnded));
             if let Err(error) = store.put(found) {
                 tracing::warn!(%error, id = found.id, "what became of a calibration is not written down");
@@ -194,6 +199,7 @@ impl Calibrations {
             store,
             twins: parts.twins,
             fleet: parts.fleet,
+            clock: parts.clock,
             book: Mutex::new(Book {
                 all,
                 active: HashMap::new(),
@@ -242,7 +248,7 @@ impl Calibrations {
         let limits = permit::limits(&view);
         let sweep = self.sweep(limits).await.ok_or(BeginError::Stopping)?;
         let now = Instant::now().into_std();
-        let state = match self.twins.state(robot, now, unix_ms()) {
+        let state = match self.twins.state(robot, now, (self.clock)()) {
             Ok(state) => state,
             Err(why) => return Ok(Err((against.unwrap_or(Refusal::NoTwin(why)), None))),
         };
@@ -342,7 +348,7 @@ impl Calibrations {
             }
             let id = book.next;
             book.next += 1;
-            let begun = unix_ms();
+            let begun = (self.clock)();
             let seed = begun ^ id.rotate_left(40);
             let driving = Driving::new(
                 checked.home,

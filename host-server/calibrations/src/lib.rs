@@ -24,4 +24,6 @@ mod store;
 #[cfg(test)]
 mod tests;
 
-pub use calibrations::{BeginError, Calibrations, Free, NewCalibration, Parts, Preview, StopError};
+pub use calibrations::{
+    BeginError, Calibrations, Clock, Free, NewCalibration, Parts, Preview, StopError,
+};

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crawler_system::clock::unix_ms;
 use crawler_twin::certificate::{About, Certificate, Refused, certify_on};
 use crawler_twins::Recording;
 use tokio::time::{Instant, MissedTickBehavior};
@@ -48,7 +47,7 @@ impl Run {
             self.calibration.state = State::BrokenOff;
             self.calibration.reason = Some(Reason::from(&broken));
         }
-        self.calibration.ended = Some(unix_ms());
+        self.calibration.ended = Some((self.calibrations.clock)());
         self.finish().await;
     }
 
@@ -118,7 +117,9 @@ impl Run {
             made_ms: self.calibration.begun,
         };
         let evidence = self.recording.evidence();
-        let found = calibrations.twins.certificate(&robot, unix_ms());
+        let found = calibrations
+            .twins
+            .certificate(&robot, (calibrations.clock)());
         let found = found.filter(|found| found.refusal.is_none());
         let previous = found.and_then(|found| found.certificate);
         let made = tokio::task::spawn_blocking(move || {

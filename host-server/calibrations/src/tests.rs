@@ -21,7 +21,7 @@ use crate::ground::{Border, Ground, Room, Solid, Square, are_apart};
 use crate::permit::{Refusal, of_drive, of_place, of_robot};
 use crate::record::{Calibration, State};
 use crate::robots::{Fleet, RobotView};
-use crate::{BeginError, Calibrations, Free, NewCalibration, Parts, StopError};
+use crate::{BeginError, Calibrations, Clock, Free, NewCalibration, Parts, StopError};
 
 /// Unix milliseconds at which the virtual time begins.
 const BEGUN_MS: u64 = 1_700_000_000_000;
@@ -244,6 +244,7 @@ struct Site {
     toy: Arc<Toy>,
     twins: Arc<Twins>,
     calibrations: Arc<Calibrations>,
+    clock: Clock,
 }
 
 fn room(side: f64) -> Room {
@@ -274,6 +275,7 @@ impl Site {
         }
         let begun = Instant::now();
         let now_ms = move || BEGUN_MS + begun.elapsed().as_millis() as u64;
+        let clock: Clock = Arc::new(now_ms);
         let (twins, mut worker) = Twins::new(
             10,
             folder.0.join("twins"),
@@ -302,12 +304,13 @@ impl Site {
                 tokio::time::sleep(Duration::from_millis(50)).await;
             }
         });
-        let calibrations = Self::open(&folder, &twins, &toy);
+        let calibrations = Self::open(&folder, &twins, &toy, &clock);
         let site = Self {
             folder,
             toy,
             twins,
             calibrations,
+            clock,
         };
         for number in 1..=starts.len() {
             site.until("it is known where a robot is", || {
@@ -324,11 +327,17 @@ impl Site {
         site
     }
 
-    fn open(folder: &Folder, twins: &Arc<Twins>, toy: &Arc<Toy>) -> Arc<Calibrations> {
+    fn open(
+        folder: &Folder,
+        twins: &Arc<Twins>,
+        toy: &Arc<Toy>,
+        clock: &Clock,
+    ) -> Arc<Calibrations> {
         Calibrations::open(Parts {
             folder: folder.0.join("calibrations"),
             twins: Arc::clone(twins),
             fleet: Arc::clone(toy) as Arc<dyn Fleet>,
+            clock: Arc::clone(clock),
         })
     }
 
@@ -667,7 +676,7 @@ async fn a_server_that_was_killed_says_so_when_it_is_back() {
     site.until("it drives", || site.now(&begun).legs[0] > 2)
         .await;
     // Another one on the same folder finds what the first would have left behind.
-    let later = Site::open(&site.folder, &site.twins, &site.toy);
+    let later = Site::open(&site.folder, &site.twins, &site.toy, &site.clock);
     let found = later.get(&robot, begun.id).expect("kept");
     assert_eq!(found.state, State::BrokenOff);
     assert_eq!(found.reason.expect("a reason").code, "server_ended");

@@ -13,6 +13,7 @@ use crawler_protocol::{
 };
 use crawler_sim::world::{Arena, Obstacle};
 use crawler_simulations::Simulation;
+use crawler_system::clock::unix_ms;
 use tokio::runtime::Handle;
 
 use super::StartError;
@@ -48,6 +49,7 @@ pub(super) fn open(settings: &Settings, hub: &Hub) -> Result<Arc<Calibrations>, 
         folder: settings.data.join(FOLDER),
         twins: Arc::clone(&hub.twins),
         fleet,
+        clock: Arc::new(unix_ms),
     }))
 }
 
