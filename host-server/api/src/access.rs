@@ -80,6 +80,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("GET", "/api/v1/robots/{id}/twin/certificates", VIEWER),
     ("GET", "/api/v1/robots/{id}/twin/forecast", VIEWER),
     ("GET", "/api/v1/robots/{id}/twin/permit", VIEWER),
+    ("GET", "/api/v1/fleet/gap", VIEWER),
     ("GET", "/api/v1/history", VIEWER),
     ("GET", "/api/v1/history/frames", VIEWER),
     ("GET", "/api/v1/events", VIEWER),

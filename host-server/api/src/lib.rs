@@ -5,7 +5,7 @@
 //!
 //! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
 //! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
-//! each subject: `robots`, `images`, `maps`, `twins`, `calibrations`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
+//! each subject: `robots`, `images`, `maps`, `twins`, `calibrations`, `gap`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
 //! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`, `policies`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
 //! `assets`.
 
@@ -21,6 +21,7 @@ mod events;
 mod experiments;
 mod faults;
 mod fences;
+mod gap;
 mod guard;
 mod health;
 mod history;
@@ -113,6 +114,7 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 .routes(routes!(twins::state))
                 .routes(routes!(twins::forecast))
                 .routes(routes!(twins::certificates))
+                .routes(routes!(gap::of_fleet))
                 .routes(routes!(calibrations::permit))
                 .routes(routes!(calibrations::list, calibrations::begin))
                 .routes(routes!(calibrations::one, calibrations::stop))

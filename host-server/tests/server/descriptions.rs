@@ -117,6 +117,7 @@ async fn descriptions_fit_what_is_there() {
             "get /api/v1/experiments/{id}/files/{name}",
             "get /api/v1/experiments/{id}/metrics",
             "get /api/v1/fences",
+            "get /api/v1/fleet/gap",
             "get /api/v1/history",
             "get /api/v1/history/frames",
             "get /api/v1/live",

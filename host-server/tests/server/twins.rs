@@ -201,6 +201,27 @@ async fn a_robot_that_a_tracker_sees_has_a_twin() {
     .await;
     let told = fixture.get(PATH).await.json();
     assert_eq!(told["faults"][0]["fault"], "tracker_wrong", "{told}");
+    // Of who stands, and is now here, now there, nothing is known of the gap.
+    let gap = fixture.get("/api/v1/fleet/gap").await.json();
+    let own = &gap["robots"][0];
+    assert_eq!(
+        (&own["robot"], &own["certificate"], &own["since"]),
+        (&"ada-1".into(), &"0123456789abcdef".into(), &Value::Null),
+        "{gap}"
+    );
+    for measures in [&own["measures"], &gap["fleet"]] {
+        assert_eq!(measures["whole"], false, "{gap}");
+        let errors = measures["errors"].as_array().expect("errors");
+        let of_each = errors.iter().zip([1.0, 10.0]);
+        for (errors, ahead_s) in of_each {
+            assert_eq!(errors["ahead_s"], ahead_s, "{gap}");
+            assert_eq!(
+                (&errors["count"], &errors["own"]),
+                (&0.into(), &Value::Null)
+            );
+        }
+        assert_eq!(measures["displacements"]["own"], Value::Null, "{gap}");
+    }
     let metrics = fixture.get("/metrics").await;
     for line in [
         "terracrawler_twins{body=\"certificate\"} 1\n",
@@ -251,6 +272,8 @@ async fn a_server_may_keep_none() {
     let none = fixture.get(PATH).await;
     none.is_problem(404, "no_twin");
     assert!(none.text().contains("keeps no twins"), "{}", none.text());
+    let gap = fixture.get("/api/v1/fleet/gap").await;
+    gap.is_problem(404, "no_twin");
     let metrics = fixture.get("/metrics").await;
     assert!(
         !metrics.text().contains("terracrawler_twin"),

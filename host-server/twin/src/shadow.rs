@@ -5,6 +5,7 @@
 //! ago can be held against a fix now. It lags behind the robot by one sample of telemetry, and says where the
 //! robot is from there.
 
+mod predictions;
 mod state;
 
 use std::collections::VecDeque;
@@ -15,8 +16,10 @@ use crate::body::{Parameters, Pose, STEP_S, wrap};
 use crate::detect::{Detector, Fault, Innovation, Sight};
 use crate::drive::{RAMP_PER_S, Timeline, residual};
 use crate::evidence::{Duty, Fix, LATEST_S, Refusal, Row, Supply};
+use crate::gap::Samples;
 use crate::identify::{SIGMA_M, SIGMA_RAD, jumps_between};
 use crate::predict::quantile;
+use predictions::Predictions;
 use state::{Gains, STRETCH, State};
 
 /// Horizons of the forecast, seconds.
@@ -120,13 +123,6 @@ pub struct View {
     pub faults: Vec<Fault>,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Mark {
-    at_s: f64,
-    pose: Pose,
-    driven: Pose,
-}
-
 /// The last of some numbers.
 #[derive(Debug, Clone, Default)]
 struct Recent(VecDeque<f64>);
@@ -191,8 +187,7 @@ pub struct Shadow {
     state: Option<State>,
     open_v: Option<f64>,
     smooth_a: f64,
-    marks: VecDeque<Mark>,
-    residuals: [Recent; 2],
+    predictions: Predictions,
     innovations: Recent,
     detector: Detector,
     fixes: u64,
@@ -218,8 +213,7 @@ impl Shadow {
             state: None,
             open_v: None,
             smooth_a: parameters.quiescent_a,
-            marks: VecDeque::new(),
-            residuals: [Recent::default(), Recent::default()],
+            predictions: Predictions::default(),
             innovations: Recent::default(),
             detector: Detector::default(),
             fixes: 0,
@@ -414,6 +408,7 @@ impl Shadow {
     /// Begins where a fix says.
     fn begin(&mut self, fix: &Fix, sigma: f64) {
         self.state = Some(State::at(fix, sigma, self.gains));
+        self.predictions.begin();
     }
 
     /// Keeps what was learned, for when it begins anew.
@@ -426,7 +421,7 @@ impl Shadow {
     fn forget(&mut self) {
         self.remember();
         self.state = None;
-        self.marks.clear();
+        self.predictions.begin();
         self.waiting.clear();
     }
 
@@ -478,26 +473,25 @@ impl Shadow {
             let duty = [left.at(middle_s), right.at(middle_s)];
             let current = state.step(&self.parameters, duty, open_v);
             self.smooth_a += (current - self.smooth_a) * STEP_S / GAUGE_S;
-            if state.steps == STRETCH {
-                state.stretch(&self.parameters, self.wander, self.detector.is_quiet());
+            self.predictions.step(duty, open_v, state.speeds());
+            let due = self.predictions.is_due(state.at_s);
+            if due || state.steps == STRETCH {
+                self.stretch(&mut state);
             }
-            let due = self
-                .marks
-                .back()
-                .is_none_or(|last| state.at_s - last.at_s >= 1.0);
             if due {
-                let (at_s, pose, driven) = (state.at_s, state.pose, state.driven);
-                self.marks.push_back(Mark { at_s, pose, driven });
+                self.predictions.mark(&state);
             }
         }
-        while self
-            .marks
-            .front()
-            .is_some_and(|first| state.at_s - first.at_s > HORIZONS_S[1] + 2.0)
-        {
-            self.marks.pop_front();
-        }
+        self.predictions.prune(state.at_s);
         self.state = Some(state);
+    }
+
+    /// Takes on how sure the state is, and all that was predicted.
+    fn stretch(&mut self, state: &mut State) {
+        let learns = self.detector.is_quiet();
+        if let Some(stretch) = state.stretch(&self.parameters, self.wander, learns) {
+            self.predictions.spread(&stretch, state);
+        }
     }
 
     fn see(&mut self, fix: Fix, timeline: &Timeline) {
@@ -511,7 +505,7 @@ impl Shadow {
             self.jumps += 1;
             self.remember();
             self.state = None;
-            self.marks.clear();
+            self.predictions.begin();
         }
         self.advance(fix.at_s, timeline);
         // What says nothing of its noise has that of any camera; nothing has none.
@@ -528,28 +522,16 @@ impl Shadow {
             // Not of the time that is known: it begins anew there.
             self.remember();
             self.begin(&fix, sigma);
-            self.marks.clear();
             return;
         }
-        state.stretch(&self.parameters, self.wander, self.detector.is_quiet());
+        self.stretch(&mut state);
         // The last hundredth of a second at most.
         let rest = fix.at_s - state.at_s;
         let pose = state.ahead(&self.parameters, rest);
         let innovation = [fix.x - pose.x, fix.y - pose.y, wrap(fix.theta - pose.theta)];
-        for (horizon_s, residual) in HORIZONS_S.iter().zip(&mut self.residuals) {
-            let age = |mark: &Mark| (fix.at_s - mark.at_s - horizon_s).abs();
-            let mark = self.marks.iter().min_by(|a, b| age(a).total_cmp(&age(b)));
-            if let Some(mark) = mark.filter(|mark| age(mark) <= 0.5) {
-                let driven = State {
-                    pose: state.driven,
-                    ..state
-                }
-                .ahead(&self.parameters, rest);
-                let there = mark.pose.then(mark.driven.sees(driven));
-                residual.push((fix.x - there.x).hypot(fix.y - there.y));
-            }
-        }
         let was_quiet = self.detector.is_quiet();
+        let there = self.predictions.there(&state, &self.parameters, rest);
+        self.predictions.hold(&fix, sigma, &there, was_quiet);
         let Some(told) = state.correct(innovation, sigma, heading, was_quiet) else {
             self.begin(&fix, sigma);
             return;
@@ -569,7 +551,9 @@ impl Shadow {
         // What a fault makes of them says nothing about the noise.
         if was_quiet {
             self.innovations.push(told.square);
+            self.predictions.samples.innovation(told.square);
         }
+        self.predictions.start(&fix, sigma, there, &state);
         let sight = Sight {
             heading: pose.theta,
             ..state.since
@@ -616,12 +600,18 @@ impl Shadow {
         self.detector.faults()
     }
 
+    /// What was predicted, and what came: what the gap between its body and the robot is measured by.
+    #[must_use]
+    pub fn gap(&self) -> &Samples {
+        &self.predictions.samples
+    }
+
     /// What is known now; `None` before there is anything.
     #[must_use]
     pub fn view(&mut self) -> Option<View> {
         let (state, _) = self.newest()?;
         let sigma = |i: usize| state.covariance[i][i].max(0.0).sqrt();
-        let residuals = HORIZONS_S.iter().zip(&self.residuals);
+        let residuals = HORIZONS_S.iter().zip(&self.predictions.residuals);
         let [left, right] = state.speeds();
         Some(View {
             at_s: state.at_s,

@@ -95,6 +95,7 @@ fn main() {
 
     let (mut calls, mut refused, mut fixes, mut ages) = (Vec::new(), 0_u64, 0_u64, Vec::new());
     let (mut stepped, mut asked) = (Duration::ZERO, Duration::ZERO);
+    let (mut gap, mut measured) = (None, Duration::ZERO);
     std::thread::scope(|scope| {
         let stepping = scope.spawn(|| {
             let before = std::cell::Cell::new(None);
@@ -180,6 +181,9 @@ fn main() {
             let state = twins.state(&sample.robot, Instant::now(), unix_ms());
             ages.extend(state.map(|state| (state.age, state.body.is_some(), state.view.fixes)));
         }
+        let before = ThreadTime::now();
+        gap = twins.gap(Instant::now(), unix_ms()).ok();
+        measured = before.elapsed();
         ends.store(true, Ordering::Relaxed);
         stepped = stepping.join().expect("stepped");
         asked = asking.join().expect("asked");
@@ -218,6 +222,16 @@ fn main() {
     println!(
         "| twins at the end, with their certificates | {}, {certified} |",
         ages.len()
+    );
+    println!(
+        "| the gap of all, measured once, s | {:.2} |",
+        measured.as_secs_f64()
+    );
+    let gap = gap.expect("a gap");
+    let enough = |gap: &&crawler_twins::RobotGap| gap.measures.errors[0].value.is_some();
+    println!(
+        "| robots with enough for a gap 1 s ahead | {} |",
+        gap.robots.iter().filter(enough).count()
     );
     if let (Some(middle), Some(last)) = (ages.get(ages.len() / 2), ages.last()) {
         println!(

@@ -493,6 +493,97 @@ fn a_certificate_is_used_or_it_is_said_why_not() {
     assert_eq!(refused(&stage, "good"), Some(Some("expired")));
 }
 
+#[test]
+fn the_gap_of_a_robot_closes_when_it_is_calibrated_and_that_of_the_fleet_with_it() {
+    let (scratch, names) = (Scratch::new("gap"), ["sim-0001", "sim-0002"].map(id));
+    let hidden = [9_021, 9_022].map(|seed| Hidden::draw(seed, 0.0));
+    let mut stage = Stage::new(10, scratch.0.clone());
+    let gap = |stage: &Stage| {
+        let now = stage.at(stage.now_s);
+        stage.twins.gap(now, unix_ms(stage.now_s)).expect("twins")
+    };
+    let before = gap(&stage);
+    assert!(before.robots.is_empty() && before.fleet.errors[0].value.is_none());
+    // Within two seconds there is nothing new to be had.
+    stage.until(1.0);
+    assert!(Arc::ptr_eq(&before, &gap(&stage)));
+    let stories = [0, 1].map(|n: usize| {
+        let way = anyhow(120.0, &mut Random::new(n as u64));
+        drive(&hidden[n], &way, RATES).rows()
+    });
+    let mut rows: Vec<(usize, Row)> = Vec::new();
+    for (n, story) in stories.into_iter().enumerate() {
+        rows.extend(story.into_iter().map(|row| (n, row)));
+    }
+    let at = |row: &Row| row.arrived_s().expect("an arrival");
+    rows.sort_by(|a, b| at(&a.1).total_cmp(&at(&b.1)));
+    for (n, row) in &rows {
+        stage.hear(&names[*n], row);
+    }
+    stage.until(125.0);
+    let open = gap(&stage);
+    let [one, two] = &open.robots[..] else {
+        panic!("{open:?}");
+    };
+    assert_eq!([&one.robot, &two.robot], [&names[0], &names[1]]);
+    assert!(one.body.is_none() && open.time_ms == unix_ms(125.0));
+    assert!(
+        one.since_ms
+            .is_some_and(|ms| (unix_ms(0.0)..unix_ms(10.0)).contains(&ms))
+    );
+    let ten = |gap: &crate::RobotGap| gap.measures.errors[1].value.expect("enough");
+    let fleet = open.fleet.errors[1].value.expect("enough");
+    let both = [ten(one), ten(two)].map(|errors| errors.own.median_m);
+    assert!(
+        both[0].min(both[1]) <= fleet.own.median_m && fleet.own.median_m <= both[0].max(both[1])
+    );
+    assert_eq!(
+        open.fleet.errors[1].count,
+        one.measures.errors[1].count + two.measures.errors[1].count
+    );
+
+    // With its certificate a robot begins anew, and says so until it has enough.
+    let made = certificate(&names[0], &hidden[0], "");
+    scratch.write("sim-0001.json", &made.write());
+    stage.until(138.0);
+    let [one, two] = &gap(&stage).robots[..] else {
+        panic!("two");
+    };
+    assert!(one.body.is_some() && two.body.is_none());
+    assert!(one.since_ms.is_none() && one.measures.errors[0].count == 0);
+    assert!(two.measures.errors[0].value.is_some());
+    for (n, row) in &rows {
+        let later = |at_s: f64| at_s + 140.0;
+        let row = match *row {
+            Row::Duty(duty) => Row::Duty(Duty {
+                at_s: later(duty.at_s),
+                arrived_s: duty.arrived_s.map(later),
+                ..duty
+            }),
+            Row::Supply(supply) => Row::Supply(supply),
+            Row::Fix(fix) => Row::Fix(Fix {
+                at_s: later(fix.at_s),
+                arrived_s: fix.arrived_s.map(later),
+                ..fix
+            }),
+        };
+        if !matches!(row, Row::Supply(_)) || *n == 0 {
+            stage.hear(&names[*n], &row);
+        }
+    }
+    stage.until(270.0);
+    let closed = gap(&stage);
+    let after = ten(&closed.robots[0]);
+    // An uncalibrated twin learns as well; what is held against both is the nominal body.
+    assert!(after.ratio() < Some(0.6), "{after:?}");
+    assert!(after.own.median_m < both[0], "{after:?} {both:?}");
+    assert!(closed.robots[0].since_ms > Some(unix_ms(130.0)));
+    assert_eq!(
+        Stage::bare(0).twins.gap(stage.begun, 0).err(),
+        Some(NoTwin::Off)
+    );
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 

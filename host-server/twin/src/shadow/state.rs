@@ -57,6 +57,68 @@ pub(super) struct State {
     pub(super) seen: Pose,
 }
 
+/// What was driven since a covariance was taken on the last time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stretch {
+    ways: [f64; 2],
+    jitter: [f64; 2],
+    seconds: f64,
+    track_m: f64,
+    wander: f64,
+    learns: bool,
+}
+
+impl Stretch {
+    /// The covariance of who was at `begun` and went on to `pose` meanwhile.
+    pub(super) fn spread(&self, covariance: &Square<5>, begun: Pose, pose: Pose) -> Square<5> {
+        let track_m = self.track_m;
+        let (dx, dy) = (pose.x - begun.x, pose.y - begun.y);
+        let heading = (pose.theta + begun.theta) * 0.5;
+        let (sin, cos) = heading.sin_cos();
+        let [left, right] = self.ways;
+        let mut step = [[0.0; 5]; 5];
+        for (i, row) in step.iter_mut().enumerate() {
+            row[i] = 1.0;
+        }
+        (step[0][2], step[1][2]) = (-dy, dx);
+        for (k, way, side) in [(3, left, -1.0), (4, right, 1.0)] {
+            step[0][k] = cos * way * 0.5;
+            step[1][k] = sin * way * 0.5;
+            step[2][k] = side * way / track_m;
+        }
+        let p = covariance;
+        let mut half = [[0.0; 5]; 5];
+        for (row, factors) in half.iter_mut().zip(&step) {
+            for (j, entry) in row.iter_mut().enumerate() {
+                *entry = (0..5).map(|k| factors[k] * p[k][j]).sum();
+            }
+        }
+        let mut next = [[0.0; 5]; 5];
+        for (row, factors) in next.iter_mut().zip(&half) {
+            for (entry, other) in row.iter_mut().zip(&step) {
+                *entry = factors.iter().zip(other).map(|(a, b)| a * b).sum();
+            }
+        }
+        let way = (left.abs() + right.abs()) * 0.5;
+        next[0][0] += STRAY_M * STRAY_M * way;
+        next[1][1] += STRAY_M * STRAY_M * way;
+        next[2][2] += self.wander * self.wander * way;
+        for (jitter, side) in self.jitter.into_iter().zip([-1.0, 1.0]) {
+            let by = [cos * 0.5, sin * 0.5, side / track_m];
+            for i in 0..3 {
+                for j in 0..3 {
+                    next[i][j] += jitter * by[i] * by[j];
+                }
+            }
+        }
+        if self.learns {
+            next[3][3] += GAIN_WALK * GAIN_WALK * self.seconds;
+            next[4][4] += GAIN_WALK * GAIN_WALK * self.seconds;
+        }
+        next
+    }
+}
+
 /// What a correction found.
 pub(super) struct Told {
     /// The innovation, normalised and squared.
@@ -138,61 +200,30 @@ impl State {
         self.pose.then(arc)
     }
 
-    /// Takes the covariance on over what was driven since the last time.
-    pub(super) fn stretch(&mut self, parameters: &Parameters, wander: f64, learns: bool) {
+    /// Takes the covariance on over what was driven since the last time, which it returns.
+    pub(super) fn stretch(
+        &mut self,
+        parameters: &Parameters,
+        wander: f64,
+        learns: bool,
+    ) -> Option<Stretch> {
         if self.steps == 0 {
-            return;
+            return None;
         }
-        let track_m = parameters.track_m;
-        let (dx, dy) = (self.pose.x - self.begun.x, self.pose.y - self.begun.y);
-        let heading = (self.pose.theta + self.begun.theta) * 0.5;
-        let (sin, cos) = heading.sin_cos();
-        let [left, right] = self.ways;
-        let mut step = [[0.0; 5]; 5];
-        for (i, row) in step.iter_mut().enumerate() {
-            row[i] = 1.0;
-        }
-        (step[0][2], step[1][2]) = (-dy, dx);
-        for (k, way, side) in [(3, left, -1.0), (4, right, 1.0)] {
-            step[0][k] = cos * way * 0.5;
-            step[1][k] = sin * way * 0.5;
-            step[2][k] = side * way / track_m;
-        }
-        let p = &self.covariance;
-        let mut half = [[0.0; 5]; 5];
-        for (row, factors) in half.iter_mut().zip(&step) {
-            for (j, entry) in row.iter_mut().enumerate() {
-                *entry = (0..5).map(|k| factors[k] * p[k][j]).sum();
-            }
-        }
-        let mut next = [[0.0; 5]; 5];
-        for (row, factors) in next.iter_mut().zip(&half) {
-            for (entry, other) in row.iter_mut().zip(&step) {
-                *entry = factors.iter().zip(other).map(|(a, b)| a * b).sum();
-            }
-        }
-        let way = (left.abs() + right.abs()) * 0.5;
-        let seconds = f64::from(self.steps) * STEP_S;
-        next[0][0] += STRAY_M * STRAY_M * way;
-        next[1][1] += STRAY_M * STRAY_M * way;
-        next[2][2] += wander * wander * way;
-        for (jitter, side) in self.jitter.into_iter().zip([-1.0, 1.0]) {
-            let by = [cos * 0.5, sin * 0.5, side / track_m];
-            for i in 0..3 {
-                for j in 0..3 {
-                    next[i][j] += jitter * by[i] * by[j];
-                }
-            }
-        }
+        let stretch = Stretch {
+            ways: self.ways,
+            jitter: self.jitter,
+            seconds: f64::from(self.steps) * STEP_S,
+            track_m: parameters.track_m,
+            wander,
+            learns,
+        };
+        self.covariance = stretch.spread(&self.covariance, self.begun, self.pose);
         self.jitter = [0.0; 2];
-        if learns {
-            next[3][3] += GAIN_WALK * GAIN_WALK * seconds;
-            next[4][4] += GAIN_WALK * GAIN_WALK * seconds;
-        }
-        self.covariance = next;
         self.steps = 0;
         self.begun = self.pose;
         self.ways = [0.0; 2];
+        Some(stretch)
     }
 
     /// Takes in a fix; `None` when the covariance is none.

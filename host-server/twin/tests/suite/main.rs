@@ -4,6 +4,7 @@
 mod certificates;
 mod corpus;
 mod courses;
+mod gaps;
 mod hostile;
 mod reference;
 mod shadows;
