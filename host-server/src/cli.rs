@@ -20,7 +20,7 @@ use crate::console::{
 use crate::release::{ReleaseArgs, ReleaseTask};
 use crate::replay::ReplayArgs;
 use crate::rollout::RolloutArgs;
-use crate::twin::{CalibrateArgs, TwinArgs};
+use crate::twin::TwinArgs;
 
 /// A swarm of robots, simulated or real: broker, API, control room.
 ///
@@ -160,9 +160,10 @@ impl Cli {
                 return Err(ConfigError::Conflict("`replay` has options of its own"));
             }
             Command::Twin(args) => {
-                let Some(CalibrateArgs { remote, .. }) = args.live() else {
+                let Some(live) = args.live() else {
                     return Err(ConfigError::Conflict("`twin` has options of its own"));
                 };
+                let remote = live.remote();
                 return Ok((Role::Serve, remote.layer(), remote.config.clone()));
             }
             Command::Release(ReleaseArgs {
@@ -201,7 +202,7 @@ impl Command {
                 task: ReleaseTask::Add(args),
             }) => Some(Task::AddRelease(args.clone())),
             Self::Rollout(args) => Some(Task::Rollout(args.clone())),
-            Self::Twin(args) => args.live().map(|live| Task::Calibrate(live.clone().into())),
+            Self::Twin(args) => args.live().map(|_| Task::Twin(args.clone())),
             Self::Doctor { .. } => Some(Task::Doctor),
             Self::Up { .. }
             | Self::Serve { .. }

@@ -26,7 +26,7 @@ use serde_json::Value;
 use crate::config::Settings;
 use crate::release::AddArgs;
 use crate::rollout::{self, RolloutArgs};
-use crate::twin::{self, CalibrateArgs};
+use crate::twin::{self, TwinArgs};
 use crawler_system::clock::now_ms;
 
 pub use args::{
@@ -74,8 +74,8 @@ pub enum Task {
     AddRelease(AddArgs),
     /// Rollouts of a server that runs.
     Rollout(RolloutArgs),
-    /// A robot that a server is to calibrate.
-    Calibrate(Box<CalibrateArgs>),
+    /// Twins of a server that runs.
+    Twin(Box<TwinArgs>),
     /// Who did what.
     Audit(AuditArgs),
     /// Copies everything to one file.
@@ -95,7 +95,7 @@ impl Task {
             Self::Robot(args) => robots::run(args.task, settings).await?,
             Self::AddRelease(args) => return releases::add(&args, settings).await,
             Self::Rollout(args) => return rollout::run(args, settings).await,
-            Self::Calibrate(args) => return twin::live::run(&args, settings).await,
+            Self::Twin(args) => return twin::ask(&args, settings).await,
             Self::Audit(args) => return audit::run(args.task, settings).await,
             Self::Backup(args) => backup::backup(&args.file, settings).await?,
             Self::Restore(args) => backup::restore(&args.file, args.replace, settings).await?,

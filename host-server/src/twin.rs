@@ -1,10 +1,11 @@
 //! `terracrawler twin`: identifies a robot's body from a drive, certifies it on a part that was held out,
-//! shows and exports what came of it, and lets it follow the robot through a recording.
+//! shows and exports what came of it, lets it follow the robot through a recording, and measures how far both are apart.
 
 mod args;
 mod export;
 mod follow;
-pub(crate) mod live;
+mod gap;
+mod live;
 mod recording;
 mod show;
 
@@ -17,8 +18,10 @@ use crawler_twin::certificate::{About, Certificate, certify, certify_on};
 use crawler_twin::evidence::Evidence;
 use crawler_twin::{script, table};
 
-pub use args::{CalibrateArgs, TwinArgs, TwinTask};
+pub use args::{CalibrateArgs, GapArgs, Live, TwinArgs, TwinTask};
 use args::{Common, ImportArgs};
+
+use crate::config::Settings;
 
 /// Largest table that is read, bytes.
 const LARGEST_TABLE: u64 = 256 * 1024 * 1024;
@@ -36,6 +39,7 @@ pub fn run(args: &TwinArgs) -> ExitCode {
         TwinTask::Calibrate(args) => calibrate(args),
         TwinTask::Import(args) => import(args),
         TwinTask::Follow(args) => follow::run(args),
+        TwinTask::Gap(args) => gap::scenarios(args),
         TwinTask::Show { file } => read_certificate(file).map(|certificate| {
             print!("{}", show::certificate(&certificate, now_ms()));
             ExitCode::SUCCESS
@@ -51,6 +55,18 @@ pub fn run(args: &TwinArgs) -> ExitCode {
             eprintln!("terracrawler: {text}");
             ExitCode::from(2)
         }
+    }
+}
+
+/// Asks a running server what is to be asked.
+///
+/// # Errors
+/// One line: what cannot be done, and why.
+pub(crate) async fn ask(args: &TwinArgs, settings: &Settings) -> Result<ExitCode, String> {
+    match args.live() {
+        Some(Live::Calibrate(args)) => live::run(args, settings).await,
+        Some(Live::Gap(args)) => gap::live(args, settings).await,
+        None => Err("nothing is asked of a server".to_owned()),
     }
 }
 

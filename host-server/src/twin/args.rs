@@ -11,7 +11,8 @@ use crate::rollout::RemoteArgs;
 #[command(
     after_help = "calibrate and import end with 0 and a certificate when a part of the drive that was held out \
     is predicted better than by the nominal body, and than by the certificate before; with 1 and the reason when \
-    not; with 2 when a file cannot be used. follow ends with 1 when it names a fault."
+    not; with 2 when a file cannot be used. follow ends with 1 when it names a fault. gap of a server ends with 1 when no \
+    robot has driven enough."
 )]
 pub struct TwinArgs {
     /// What to do
@@ -19,12 +20,33 @@ pub struct TwinArgs {
     pub task: TwinTask,
 }
 
-impl TwinArgs {
-    /// What a running server is to do, if that is meant.
+/// What a running server is asked.
+#[derive(Debug, Clone, Copy)]
+pub enum Live<'a> {
+    /// To calibrate a robot.
+    Calibrate(&'a CalibrateArgs),
+    /// How far bodies and robots are apart.
+    Gap(&'a GapArgs),
+}
+
+impl Live<'_> {
+    /// Which server that is.
     #[must_use]
-    pub fn live(&self) -> Option<&CalibrateArgs> {
+    pub const fn remote(&self) -> &RemoteArgs {
+        match self {
+            Self::Calibrate(args) => &args.remote,
+            Self::Gap(args) => &args.remote,
+        }
+    }
+}
+
+impl TwinArgs {
+    /// What a running server is asked, if that is meant.
+    #[must_use]
+    pub fn live(&self) -> Option<Live<'_>> {
         match &self.task {
-            TwinTask::Calibrate(args) if args.live.is_some() => Some(args),
+            TwinTask::Calibrate(args) if args.live.is_some() => Some(Live::Calibrate(args)),
+            TwinTask::Gap(args) if args.scenario.is_empty() => Some(Live::Gap(args)),
             _ => None,
         }
     }
@@ -41,6 +63,8 @@ pub enum TwinTask {
     Import(ImportArgs),
     /// Lets a twin follow a robot through a recording: what it foretells, and what is wrong with the robot
     Follow(FollowArgs),
+    /// How far bodies and robots of a running server are apart; with --scenario, how alike scenarios are in two worlds
+    Gap(Box<GapArgs>),
     /// Prints a certificate for people
     Show {
         /// Certificate
@@ -83,6 +107,41 @@ pub struct CalibrateArgs {
     /// What is the same for recordings and tables.
     #[command(flatten)]
     pub common: Common,
+    #[command(flatten)]
+    #[allow(missing_docs)] // a doc comment here would become the command's description
+    pub remote: RemoteArgs,
+}
+
+/// What `twin gap` takes.
+#[derive(Debug, Clone, clap::Args)]
+pub struct GapArgs {
+    /// File for the report: .json has all numbers, .md and .html are for people
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Runs this scenario, by name or TOML file, in the simulator and in a reference reality; several times for several
+    #[arg(long, value_name = "SCENARIO", conflicts_with = "server")]
+    pub scenario: Vec<String>,
+    /// Another value for a key of the scenario in the reference reality [default: randomisation=wild]
+    #[arg(long, value_name = "KEY=VALUE", requires = "scenario")]
+    pub reference: Vec<String>,
+    /// Another value for a key of the scenario in both worlds
+    #[arg(long, value_name = "KEY=VALUE", requires = "scenario")]
+    pub set: Vec<String>,
+    /// Difficulty from 0 to 1, or the name of one of the scenario's levels; several times for several
+    #[arg(long, value_name = "LEVEL", requires = "scenario")]
+    pub difficulty: Vec<String>,
+    /// How many robots [default: those of the scenario]
+    #[arg(long, value_name = "N", requires = "scenario")]
+    pub robots: Option<u32>,
+    /// How many seeds of each scenario
+    #[arg(long, value_name = "N", default_value_t = 10, requires = "scenario", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub seeds: u64,
+    /// The first seed
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "scenario")]
+    pub seed: u64,
+    /// Worlds that run at the same time [default: one for each processor]
+    #[arg(long, value_name = "N", requires = "scenario", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
     #[command(flatten)]
     #[allow(missing_docs)] // a doc comment here would become the command's description
     pub remote: RemoteArgs,

@@ -30,4 +30,5 @@ mod release;
 mod replay;
 mod train;
 mod twin;
+mod twin_gap;
 mod twin_live;

@@ -13,10 +13,10 @@ const WORLD: &str = "name = \"bench\"\nabout = \"A robot.\"\nrobots = 1\nrandomi
     [tracker]\nrate_hz = 10.0\n";
 
 /// A server, killed when it goes: it has no time to say anything.
-struct Server(Child);
+pub(crate) struct Server(Child);
 
 impl Server {
-    fn start(place: &Place) -> Self {
+    pub(crate) fn start(place: &Place) -> Self {
         let file = place.path().join("bench.toml");
         std::fs::create_dir_all(place.path()).expect("made");
         std::fs::write(&file, WORLD).expect("written");
