@@ -1,7 +1,7 @@
 // The twin of the selected robot, against the mock: off at first, asked for only while somebody looks, and only that of
 // the robot that is selected; in words as well as in the picture. And what it finds wrong, on the page of the robot.
 
-import { id, mock, open, soon, standing } from './arena-steps.mjs'
+import { id, mock, open, openAt, soon, standing } from './arena-steps.mjs'
 import { axe, check, expect, pause, picture } from './checks.mjs'
 
 const seen = (page, name) =>
@@ -68,6 +68,28 @@ export async function byTwins() {
     await axe(page, 'axe-core, a fault')
     mock.twins.weak.delete(one.id)
     await soon('still there', async () => (await id(page, 'twin-well').count()) === 1)
+  })
+
+  await check('gap: the report is a link away from a twin, the worst robot first', async () => {
+    await id(page, 'twin-gap').click()
+    await soon('no rows', async () => (await id(page, 'gap-row').count()) === 9)
+    const rows = await id(page, 'gap-row').allTextContents()
+    expect(rows[0].includes('All robots') && rows[0].includes('floor 1.2 cm'), rows[0])
+    expect(rows[1].includes('8.0 cm') && rows[1].includes('17 %'), rows[1])
+    expect(rows[8].includes('too few'), rows[8])
+    await picture(page, 'gap')
+    await axe(page, 'axe-core, the reality gap')
+    const hand = await openAt(`${mock.url}/#/robots?gap=yes`, 'phone')
+    await soon('no rows', async () => (await id(hand, 'gap-row').count()) === 9)
+    const wide = await hand.evaluate(() => document.documentElement.scrollWidth - innerWidth)
+    expect(wide <= 0, `${wide} pixels too wide`)
+    await picture(hand, 'gap-phone')
+    await id(hand, 'gap-close').click()
+    await soon('no list', () => seen(hand, 'gap-open'))
+    await id(hand, 'gap-open').click()
+    await soon('no report', () => seen(hand, 'gap'))
+    await page.goto(`${mock.url}/#/robots/${one.id}`)
+    await soon('no page', () => seen(page, 'calibrate-open'))
   })
 
   await check('calibration: what it would be is shown before anything drives', async () => {

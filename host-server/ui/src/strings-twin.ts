@@ -58,6 +58,7 @@ export const page = {
   agree: (fixes: string, coverage: number) => `${fixes}, ${percent(coverage)} where expected`,
   wrong: 'Wrong with it',
   nothing: 'nothing found',
+  gap: 'How far it is from its body: reality gap',
   fault: (fault: Fault, since: string) =>
     `${faults[fault.fault] ?? fault.fault}: ${amount(fault)}, since ${since}`,
   sure: (place: string, sigma: number) => `${place} ± ${centimetres(sigma)}`,

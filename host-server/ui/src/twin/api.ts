@@ -4,6 +4,7 @@ import type {
   CalibrationBody,
   CalibrationPermit,
   CalibrationsBody,
+  FleetGapBody,
   NewCalibration,
   TwinBody,
   TwinForecastsBody,
@@ -14,6 +15,8 @@ import type { Send } from '../http'
 export interface TwinApi {
   twin(robot: string): Promise<TwinBody>
   forecast(robot: string): Promise<TwinForecastsBody>
+  /** How far all robots are from the bodies of their twins. */
+  gap(): Promise<FleetGapBody>
   /** Whether a robot may be calibrated where it stands, with so many metres free around it. */
   permit(robot: string, around: number | null): Promise<CalibrationPermit>
   calibrations(robot: string): Promise<CalibrationsBody>
@@ -26,6 +29,7 @@ export function twinApi(send: Send): TwinApi {
   return {
     twin: (id) => ask('get', '/robots/{id}/twin', { path: { id } }),
     forecast: (id) => ask('get', '/robots/{id}/twin/forecast', { path: { id } }),
+    gap: () => ask('get', '/fleet/gap'),
     permit: (id, around) =>
       ask('get', '/robots/{id}/twin/permit', { path: { id }, query: { around } }),
     calibrations: (id) => ask('get', '/robots/{id}/twin/calibrations', { path: { id } }),

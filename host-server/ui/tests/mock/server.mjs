@@ -58,7 +58,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   const experiments = createExperiments({ clock })
   const fences = createFences({ world, clock, crossed })
   const maps = createMaps({ find: (id) => fleet.find(id), clock })
-  const twins = createTwins({ find: (id) => fleet.find(id), clock })
+  const twins = createTwins({ find: (id) => fleet.find(id), list: () => world.robots, clock })
   const releases = createReleases({ clock })
   const rollouts = createRollouts({ clock, releases: releases.releases, robots: world.robots })
   const record = createRecord({ world, clock, robots, seed })

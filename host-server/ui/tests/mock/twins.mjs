@@ -2,7 +2,7 @@
 
 import { Refusal } from './accounts.mjs'
 
-export function createTwins({ find, clock }) {
+export function createTwins({ find, list, clock }) {
   /** Robots whose forecasts were asked for, in turn. */
   const asked = []
   /** Robots that a motor of is weak. */
@@ -60,6 +60,50 @@ export function createTwins({ find, clock }) {
       gaps: 0,
       refused: 0,
       faults: weak.has(id) ? [fault] : [],
+    }
+  }
+
+  /** How far robots are from their bodies: the first ones further than others, the last has driven too little. */
+  function gap() {
+    const pair = (median) => ({ median, p90: 2.4 * median })
+    const measures = (own, count = 240) => ({
+      whole: own !== null,
+      errors: [1, 10].map((ahead_s) => {
+        const far = own === null ? 0 : own * (ahead_s === 1 ? 0.4 : 1)
+        return {
+          ahead_s,
+          count,
+          way: own === null ? null : 0.3 * ahead_s,
+          own: own === null ? null : pair(far),
+          nominal: own === null ? null : pair(6 * far),
+          ratio: own === null ? null : 1 / 6,
+          floor: own === null ? null : pair(0.012),
+          coverage: own === null ? null : { within_50: 0.47, within_95: 0.93 },
+        }
+      }),
+      innovations: {
+        count,
+        coverage: own === null ? null : { within_50: 0.52, within_95: 0.96 },
+      },
+      displacements: {
+        over_s: 2,
+        count: Math.round(count / 2),
+        own: own === null ? null : own / 100,
+        nominal: own === null ? null : own / 20,
+        floor: own === null ? null : 0.00012,
+      },
+    })
+    const seen = list().filter(({ presence }) => presence !== 'offline')
+    const some = seen.slice(0, 8)
+    return {
+      time: clock(),
+      fleet: measures(0.04, 1_680),
+      robots: some.map(({ id }, at) => ({
+        robot: id,
+        certificate: at % 3 === 0 ? null : '0123456789abcdef',
+        since: at === 7 ? null : clock() - 240_000,
+        measures: at === 7 ? measures(null, 3) : measures(0.02 + 0.01 * ((at * 3) % 7)),
+      })),
     }
   }
 
@@ -163,6 +207,7 @@ export function createTwins({ find, clock }) {
     refused,
     /** Status and body of an answer; `null` for what is about something else. */
     answer(method, parts, url, body, name) {
+      if (method === 'GET' && parts.join('/') === 'fleet/gap') return { status: 200, body: gap() }
       if (parts[0] !== 'robots' || parts[2] !== 'twin') return null
       const found = calibrated(method, parts, url, body, name)
       if (found !== null || method !== 'GET') return found
