@@ -84,6 +84,17 @@ impl FaultView {
     }
 }
 
+/// How far the wheels are from the body of the certificate.
+#[derive(Serialize, ToSchema)]
+#[schema(as = TwinDrift)]
+pub(super) struct DriftView {
+    /// Of each wheel, in deviations of what is known of it and what bodies differ by from day to day. Beyond 3 over 5 m of way
+    /// the certificate is stale, and holds again within 2.
+    deviations: WheelsView,
+    /// Unix milliseconds since when the certificate is stale: the robot is to be calibrated anew. `null` where it holds.
+    stale_since: Option<u64>,
+}
+
 /// How far off forecasts were, given what the robot then did.
 #[derive(Serialize, ToSchema)]
 #[schema(as = TwinError)]
@@ -132,6 +143,8 @@ pub(super) struct TwinView {
     gains: WheelsView,
     /// One standard deviation of each.
     gain_sigma: WheelsView,
+    /// Whether the certificate still holds; `null` for the nominal body.
+    drift: Option<DriftView>,
     /// Mean of the normalised innovations squared, over three: about 1 where the twin is as sure as it may be, more where
     /// the robot is not like its body.
     consistency: f64,
@@ -162,6 +175,10 @@ impl TwinView {
             w: view.w,
             gains: WheelsView::new(view.gains),
             gain_sigma: WheelsView::new(view.gain_sigma),
+            drift: view.drift.map(|drift| DriftView {
+                deviations: WheelsView::new(drift.deviations),
+                stale_since: state.stale_since_ms,
+            }),
             consistency: view.consistency,
             coverage: view.coverage,
             fixes: view.fixes,

@@ -135,6 +135,11 @@ async fn a_robot_that_a_tracker_sees_has_a_twin() {
     );
     assert_eq!(told["certificate"], "0123456789abcdef");
     assert_eq!(told["faults"], json!([]));
+    assert_eq!(told["drift"]["stale_since"], Value::Null, "{told}");
+    assert!(
+        told["drift"]["deviations"]["left"].as_f64() < Some(3.0),
+        "{told}"
+    );
     assert!(
         told["time"].as_u64().expect("a time").abs_diff(unix_ms()) < 60_000,
         "{told}"
@@ -259,6 +264,7 @@ async fn a_simulated_robot_is_followed_by_what_its_camera_sees() {
     })
     .await;
     assert_eq!(seen.0["certificate"], Value::Null);
+    assert_eq!(seen.0["drift"], Value::Null);
     fixture.stop().await;
 }
 

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::body::{Parameters, Pose, STEP_S, wrap};
 use crate::detect::{Detector, Fault, Innovation, Sight};
+use crate::drift::{Drift, Watch};
 use crate::drive::{RAMP_PER_S, Timeline, residual};
 use crate::evidence::{Duty, Fix, LATEST_S, Refusal, Row, Supply};
 use crate::gap::Samples;
@@ -121,6 +122,8 @@ pub struct View {
     pub gaps: u64,
     /// What is wrong with it, as far as can be told.
     pub faults: Vec<Fault>,
+    /// How far its wheels are from the body that was certified; `None` for the nominal one.
+    pub drift: Option<Drift>,
 }
 
 /// The last of some numbers.
@@ -188,6 +191,7 @@ pub struct Shadow {
     open_v: Option<f64>,
     smooth_a: f64,
     predictions: Predictions,
+    drift: Watch,
     innovations: Recent,
     detector: Detector,
     fixes: u64,
@@ -214,6 +218,7 @@ impl Shadow {
             open_v: None,
             smooth_a: parameters.quiescent_a,
             predictions: Predictions::default(),
+            drift: Watch::default(),
             innovations: Recent::default(),
             detector: Detector::default(),
             fixes: 0,
@@ -554,6 +559,12 @@ impl Shadow {
             self.predictions.samples.innovation(told.square);
         }
         self.predictions.start(&fix, sigma, there, &state);
+        // While a fault is there gains stand still.
+        if was_quiet {
+            let sigmas = [3, 4].map(|i: usize| state.covariance[i][i].max(0.0).sqrt());
+            let way_m = self.predictions.way_m();
+            self.drift.look(fix.at_s, way_m, state.gains, sigmas);
+        }
         let sight = Sight {
             heading: pose.theta,
             ..state.since
@@ -637,6 +648,7 @@ impl Shadow {
             jumps: self.jumps,
             gaps: self.gaps,
             faults: self.detector.faults(),
+            drift: (!self.learns).then(|| self.drift.now()),
         })
     }
 

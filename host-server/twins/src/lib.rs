@@ -28,6 +28,7 @@ mod tests;
 pub use crawler_twin::body::{Parameters, Pose, wrap};
 pub use crawler_twin::certificate::{Certificate, Validation, Value};
 pub use crawler_twin::detect::{Fault, FaultName};
+pub use crawler_twin::drift::Drift;
 pub use crawler_twin::gap as measures;
 pub use crawler_twin::shadow::{Estimate, Forecast, Residual, View};
 pub use gap::{FleetGap, RobotGap};

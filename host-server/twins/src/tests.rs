@@ -261,6 +261,48 @@ fn weakened(seed: u64) {
 }
 
 #[test]
+fn a_certificate_that_does_not_hold_any_more_is_stale_until_there_is_another() {
+    let (scratch, robot) = (Scratch::new("stale"), id("sim-0001"));
+    let hidden = Hidden {
+        fades: Some((0, 30.0, 0.01 / 60.0)),
+        ..Hidden::draw(9_031, 0.0)
+    };
+    let healthy = Hidden {
+        fades: None,
+        ..hidden.clone()
+    };
+    scratch.write("sim-0001.json", &certificate(&robot, &healthy, "").write());
+    let mut stage = Stage::new(10, scratch.0.clone());
+    let mut first = None;
+    for row in drive(&hidden, &anyhow(540.0, &mut Random::new(6)), RATES).rows() {
+        stage.hear(&robot, &row);
+        let now = stage.at(stage.now_s);
+        let state = stage.twins.state(&robot, now, unix_ms(stage.now_s));
+        let since_ms = state.ok().and_then(|state| state.stale_since_ms);
+        first = first.or(since_ms.map(|since_ms| (since_ms, unix_ms(stage.now_s))));
+    }
+    let (since_ms, told_ms) = first.expect("stale");
+    assert!(since_ms > unix_ms(90.0) && since_ms <= told_ms && told_ms - since_ms < 5_000);
+    // It is no fault, and nobody is called for it.
+    assert!(stage.told.is_empty(), "{:?}", stage.told);
+    // With another one the twin begins anew.
+    let faded = Hidden {
+        gain: [hidden.gain[0] * 0.92, hidden.gain[1]],
+        fades: None,
+        ..hidden
+    };
+    scratch.write("sim-0001.json", &certificate(&robot, &faded, "").write());
+    for tick in 0..60 {
+        let second = 545.0 + f64::from(tick) * 0.5;
+        stage.stands(&robot, second, 0.0);
+        stage.until(second);
+    }
+    let now = stage.at(stage.now_s);
+    let state = stage.twins.state(&robot, now, unix_ms(stage.now_s));
+    assert_eq!(state.expect("a state").stale_since_ms, None);
+}
+
+#[test]
 fn of_a_body_that_nobody_knows_weakness_is_not_told() {
     let robot = id("wild");
     let mut stage = Stage::bare(10);

@@ -85,6 +85,8 @@ pub struct State {
     pub body: Option<Arc<Certificate>>,
     /// Faults that people were told of, each with Unix milliseconds since when.
     pub faults: Vec<(Fault, u64)>,
+    /// Unix milliseconds since when the certificate does not hold any more; `None` where it does.
+    pub stale_since_ms: Option<u64>,
     /// What came as evidence and is none.
     pub refused: u64,
 }
@@ -273,7 +275,10 @@ impl Twins {
         let age = self.age(&twin, view.at_s, now);
         let before = |moment: Instant| ms(now.saturating_duration_since(moment));
         let faults = twin.told();
+        let stale_since_s = view.drift.and_then(|drift| drift.stale_since_s);
+        let stale = stale_since_s.map(|at_s| self.age(&twin, at_s, now));
         Ok(State {
+            stale_since_ms: stale.map(|age| unix_ms.saturating_sub(ms(age))),
             time_ms: unix_ms.saturating_sub(ms(age)),
             age,
             faults: faults

@@ -67,6 +67,9 @@ export async function byTwins() {
     expect(words.includes('Left motor weak: 12 % is missing'), words)
     await axe(page, 'axe-core, a fault')
     mock.twins.weak.delete(one.id)
+    mock.twins.stale.add(one.id)
+    await soon('no certificate is stale', () => seen(page, 'twin-stale'))
+    mock.twins.stale.delete(one.id)
     await soon('still there', async () => (await id(page, 'twin-well').count()) === 1)
   })
 

@@ -58,6 +58,8 @@ export const page = {
   agree: (fixes: string, coverage: number) => `${fixes}, ${percent(coverage)} where expected`,
   wrong: 'Wrong with it',
   nothing: 'nothing found',
+  stale: (since: string) =>
+    `Its certificate does not hold any more: the wheels have drifted since ${since}. Calibrate it again.`,
   gap: 'How far it is from its body: reality gap',
   fault: (fault: Fault, since: string) =>
     `${faults[fault.fault] ?? fault.fault}: ${amount(fault)}, since ${since}`,

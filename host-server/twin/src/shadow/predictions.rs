@@ -154,6 +154,11 @@ impl Predictions {
         }
     }
 
+    /// Driven so far, metres.
+    pub(super) const fn way_m(&self) -> f64 {
+        self.way_m
+    }
+
     /// Where the driven bodies are `rest` seconds after `state`.
     pub(super) fn there(&self, state: &State, parameters: &Parameters, rest: f64) -> There {
         let driven = State {

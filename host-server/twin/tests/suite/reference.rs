@@ -59,6 +59,8 @@ pub(crate) struct Hidden {
     pub(crate) odd: f64,
     /// From a moment on a motor makes so much of its voltage: wheel, second, share.
     pub(crate) weak: Option<(usize, f64, f64)>,
+    /// From a moment on a motor loses so much of its voltage each second: wheel, second, share.
+    pub(crate) fades: Option<(usize, f64, f64)>,
     pub(crate) seed: u64,
 }
 
@@ -88,6 +90,7 @@ impl Hidden {
             open_v: 7.4 + 0.8 * r.share(),
             odd,
             weak: None,
+            fades: None,
             seed,
         }
     }
@@ -266,6 +269,12 @@ pub(crate) fn drive_by(
                 && now >= from
             {
                 gain *= share;
+            }
+            if let Some((wheel, from, per_s)) = h.fades
+                && wheel == k
+                && now >= from
+            {
+                gain *= 1.0 - per_s * (now - from);
             }
             let driven = if duty[k] == 0.0 { h.drag } else { 1.0 };
             let push = duty[k] * motor_v * gain * h.per_amp * h.per_ohm;

@@ -91,6 +91,61 @@ fn it_sticks_to_its_robot_and_knows_how_well() {
     assert!(within * 100 > looks * 90, "{within} of {looks}");
 }
 
+#[test]
+fn a_motor_that_fades_makes_its_certificate_stale_and_health_does_not() {
+    let rows = |hidden: &Hidden, seconds: f64| {
+        drive(
+            hidden,
+            &anyhow(seconds, &mut Random::new(hidden.seed)),
+            RATES,
+        )
+    };
+    for seed in 0..4 {
+        // A hundredth of the voltage a minute: no fault, and six hundredths after all.
+        let fading = Hidden {
+            fades: Some((1, 60.0, 0.01 / 60.0)),
+            ..Hidden::draw(5_200 + seed, 0.0)
+        };
+        let healthy = Hidden {
+            fades: None,
+            ..fading.clone()
+        };
+        let mut known = shadow(&healthy);
+        let mut watched = known.clone();
+        follow(&mut known, &rows(&healthy, 540.0), |_, _| {});
+        let view = known.view().expect("something is known");
+        let drift = view.drift.expect("a certificate");
+        assert_eq!(drift.stale_since_s, None, "{seed}: {view:?}");
+
+        let mut stale = None;
+        follow(&mut watched, &rows(&fading, 540.0), |at_s, shadow| {
+            let drift = shadow.view().and_then(|view| view.drift);
+            if stale.is_none() && drift.is_some_and(|drift| drift.stale_since_s.is_some()) {
+                stale = Some((at_s, shadow.faults()));
+            }
+        });
+        let view = watched.view().expect("something is known");
+        let (at_s, faults) = stale.unwrap_or_else(|| panic!("{seed}: {view:?}"));
+        assert!(
+            at_s > 120.0 && faults.is_empty(),
+            "{seed}: {at_s} {faults:?}"
+        );
+        let drift = view.drift.expect("a certificate");
+        assert!(
+            drift.deviations[1] > drift.deviations[0],
+            "{seed}: {drift:?}"
+        );
+    }
+    assert!(Shadow::uncalibrated().view().is_none());
+    let mut nobody = Shadow::uncalibrated();
+    follow(
+        &mut nobody,
+        &rows(&Hidden::draw(5_210, 0.0), 30.0),
+        |_, _| {},
+    );
+    assert_eq!(nobody.view().expect("something is known").drift, None);
+}
+
 /// When which fault was named first.
 fn first_fault(shadow: &mut Shadow, story: &Story) -> Option<(f64, Fault)> {
     let mut found = None;
@@ -375,8 +430,12 @@ fn nothing_is_named_in_hours_of_health() {
     for seed in 0..16 {
         let hidden = Hidden::draw(6_000 + seed, 0.0);
         let story = drive(&hidden, &anyhow(900.0, &mut Random::new(seed)), RATES);
-        let found = first_fault(&mut shadow(&hidden), &story);
-        println!("{seed} {found:?}");
+        let mut shadow = shadow(&hidden);
+        let found = first_fault(&mut shadow, &story);
+        assert_eq!(found, None, "{seed}");
+        let view = shadow.view().expect("something is known");
+        let drift = view.drift.expect("a certificate");
+        assert_eq!(drift.stale_since_s, None, "{seed}: {drift:?}");
     }
 }
 

@@ -7,6 +7,8 @@ export function createTwins({ find, list, clock }) {
   const asked = []
   /** Robots that a motor of is weak. */
   const weak = new Set()
+  /** Robots whose certificate does not hold any more. */
+  const stale = new Set()
 
   const pose = (x, y, theta, sigma) => ({ x, y, theta, sigma, sigma_theta: 0.02 })
 
@@ -53,6 +55,10 @@ export function createTwins({ find, list, clock }) {
       w: 0,
       gains: { left: 1.01, right: 0.99 },
       gain_sigma: { left: 0.01, right: 0.01 },
+      drift: {
+        deviations: { left: 0.4, right: stale.has(id) ? 4.2 : 0.3 },
+        stale_since: stale.has(id) ? clock() - 3_600_000 : null,
+      },
       consistency: 1.1,
       coverage: 0.94,
       fixes: 1_204,
@@ -203,6 +209,7 @@ export function createTwins({ find, list, clock }) {
   return {
     asked,
     weak,
+    stale,
     calibrations,
     refused,
     /** Status and body of an answer; `null` for what is about something else. */
