@@ -38,6 +38,11 @@ use crate::spread::Spread;
 
 /// Rounds from one checkpoint to the next.
 pub(crate) const KEPT_EVERY: u64 = 10;
+/// Samples in a step of the optimiser.
+const MINIBATCH: usize = 512;
+/// Decisions for which a robot keeps to an action, on average, in the first round. The shield lets nobody drive who has not
+/// looked around, and robots that choose anew every 100 ms do not come to look around, nor away from where they are.
+const HOLD: f32 = 8.0;
 /// Episodes that a policy is judged on in the bare world.
 pub const JUDGED: u32 = 300;
 
@@ -323,6 +328,8 @@ impl Run {
         };
         config.hidden.units = vec![options.units; 2];
         config.entropy = 0.003;
+        config.minibatch = MINIBATCH;
+        config.hold = HOLD;
         config.rounds = options.rounds(scenario.robots);
         let rounds = config.rounds;
         let vetoes = Arc::new(AtomicU64::new(0));

@@ -86,6 +86,12 @@ impl<E: Environment> Actor<E> {
         }
     }
 
+    /// The last action of each agent; none at the beginning of an episode.
+    pub(crate) fn last(&self) -> &[u8] {
+        let earlier = self.taken.len().saturating_sub(self.interface.agents);
+        &self.taken[earlier..]
+    }
+
     pub(crate) fn progress(&self) -> Progress {
         Progress {
             begun: self.begun,

@@ -36,7 +36,8 @@ pub struct Ppo<E> {
     learning: Vec<update::Scratch>,
 }
 
-/// What a round came to. Means are over all samples that were learned from.
+/// What a round came to. Means are over all samples that were learned from; those of the policy over steps at which it
+/// chose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     /// Rounds of the run so far.
@@ -146,27 +147,28 @@ impl<E: Environment> Ppo<E> {
             .iter_mut()
             .map(|stage| &mut stage.actor.finished);
         let episodes = finished.flat_map(|finished| finished.drain(..)).collect();
-        let samples = sums.samples as f64;
+        let (samples, chosen) = (sums.samples as f64, sums.chosen.max(1) as f64);
         Ok(Report {
             round: self.round,
             agent_steps: self.round * self.samples() as u64,
             episodes,
-            policy_loss: sums.policy / samples,
+            policy_loss: sums.policy / chosen,
             value_loss: sums.value / samples,
-            entropy: sums.entropy / samples,
-            divergence: sums.divergence / samples,
-            clipped: sums.clipped as f64 / samples,
+            entropy: sums.entropy / chosen,
+            divergence: sums.divergence / chosen,
+            clipped: sums.clipped as f64 / chosen,
             epochs,
         })
     }
 
-    /// Mean of the advantages, and the inverse of their deviation.
+    /// Mean of the advantages where the policy chose, and the inverse of their deviation.
     fn advantages(&self) -> (f32, f32) {
         let all = || {
             let ways = self.stages.iter().map(|stage| &stage.trajectory);
-            ways.flat_map(|way| way.advantages.iter().copied().map(f64::from))
+            let each = ways.flat_map(|way| way.advantages.iter().zip(&way.chosen));
+            each.filter_map(|(advantage, chosen)| chosen.then_some(f64::from(*advantage)))
         };
-        let count = self.samples() as f64;
+        let count = all().count().max(1) as f64;
         let mean = all().sum::<f64>() / count;
         let variance = all().map(|a| (a - mean) * (a - mean)).sum::<f64>() / count;
         (mean as f32, (1.0 / (variance.sqrt() + 1e-8)) as f32)
@@ -226,7 +228,7 @@ impl<E: Environment> Ppo<E> {
                 sums.add(&first.sums);
             }
             total.add(&sums);
-            let moved = sums.divergence / sums.samples as f64;
+            let moved = sums.divergence / sums.chosen.max(1) as f64;
             if self.config.divergence > 0.0 && moved > self.config.divergence {
                 return Ok((total, epoch + 1));
             }

@@ -130,6 +130,21 @@ fn what_cannot_be_learned_with_is_refused() {
         ),
         Err("clip")
     );
+    for hold in [0.5, f32::NAN, f32::INFINITY] {
+        assert_eq!(begin(ppo::Config { hold, ..usual() }, 1), Err("hold"));
+    }
+    for held_until in [0.0, 1.5, f32::NAN] {
+        assert_eq!(
+            begin(
+                ppo::Config {
+                    held_until,
+                    ..usual()
+                },
+                1
+            ),
+            Err("held_until")
+        );
+    }
     assert_eq!(
         begin(
             ppo::Config {

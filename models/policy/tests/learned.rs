@@ -6,6 +6,7 @@ use sha2::{Digest, Sha256};
 
 use crate::environments::acrobot::Acrobot;
 use crate::environments::cartpole::CartPole;
+use crate::environments::lock::Lock;
 use crate::environments::pair::Pair;
 use crate::runs::threads;
 use crate::tasks;
@@ -70,6 +71,40 @@ fn a_pair_meets() {
     let met = episodes.iter().filter(|episode| episode.succeeded).count();
     let longest = episodes.iter().map(|episode| episode.length).max();
     assert!(met == 200 && longest < Some(30), "{met} {longest:?}");
+}
+
+/// How many of 100 locks are opened after learning with each of four seeds, keeping to actions for so long at first.
+fn opened(hold: f32) -> Vec<usize> {
+    let learn = |seed| {
+        let config = Config {
+            seed,
+            rounds: 40,
+            steps: 64,
+            minibatch: 256,
+            rate: 1e-3,
+            hold,
+            ..Config::default()
+        };
+        let environments = (0..16).map(|_| Lock::default()).collect();
+        let mut run = Ppo::new(config.clone(), threads(2), environments).expect("a configuration");
+        while run.rounds() < config.rounds {
+            run.round().expect("finite");
+        }
+        let policy = run.policy();
+        let episodes = policy.evaluate(Choice::Sampled, &threads(2), 0..100, Lock::default);
+        episodes.iter().filter(|episode| episode.succeeded).count()
+    };
+    (1..=4).map(learn).collect()
+}
+
+/// What takes the same action many times over is hardly found by who chooses anew at each step, and by who keeps to an
+/// action every time.
+#[test]
+fn a_lock_is_opened_by_who_keeps_to_an_action() {
+    let (anew, kept) = (opened(1.0), opened(8.0));
+    let without = anew.iter().filter(|opened| **opened < 5).count();
+    assert!(without >= 3, "{anew:?}");
+    assert!(kept.iter().all(|opened| *opened >= 95), "{kept:?}");
 }
 
 #[test]

@@ -82,7 +82,7 @@ fn dqn_config() -> dqn::Config {
 pub(crate) type Begin = fn(Compute) -> Box<dyn Run>;
 
 /// Runs of both algorithms; seven environments, which no number of threads divides.
-pub(crate) const RUNS: [(&str, Begin); 4] = [
+pub(crate) const RUNS: [(&str, Begin); 5] = [
     ("ppo", |compute| {
         let environments = (0..7).map(|_| CartPole::default()).collect();
         let run = Ppo::new(ppo_config(Critic::Own), compute, environments);
@@ -91,6 +91,16 @@ pub(crate) const RUNS: [(&str, Begin); 4] = [
     ("ppo with a central critic", |compute| {
         let environments = (0..7).map(|_| Pair::default()).collect();
         let run = Ppo::new(ppo_config(Critic::Central), compute, environments);
+        Box::new(run.expect("a configuration"))
+    }),
+    ("ppo that keeps to its actions", |compute| {
+        let environments = (0..7).map(|_| Pair::default()).collect();
+        let config = ppo::Config {
+            seed: 2,
+            hold: 5.0,
+            ..ppo_config(Critic::Central)
+        };
+        let run = Ppo::new(config, compute, environments);
         Box::new(run.expect("a configuration"))
     }),
     ("dqn", |compute| {

@@ -102,6 +102,46 @@ fn an_episode_has_an_end() {
     assert!(!world.driven().unwrap().touched);
 }
 
+/// How far robots come in an episode, in metres from where they began, who choose by chance and keep to it for `hold`
+/// decisions.
+fn come(hold: u32) -> f32 {
+    const EPISODES: u32 = 20;
+    let mut world = world();
+    let (mut rewards, mut state) = ([0.0; 3], 1_u64);
+    let places = |world: &Spread| {
+        let episode = world.episode.as_ref().unwrap();
+        (0..3)
+            .map(|robot| episode.world.observe(index(robot)).unwrap().pose)
+            .collect::<Vec<_>>()
+    };
+    let mut come = 0.0;
+    for number in 0..EPISODES {
+        world.reset(Seed::training(1, number, 0));
+        let began = places(&world);
+        let mut actions = [0; 3];
+        for step in 0.. {
+            for action in actions.iter_mut().filter(|_| step % hold == 0) {
+                state = state.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(1);
+                *action = ((state >> 33) % Action::COUNT as u64) as u8;
+            }
+            if world.step(&actions, &mut rewards) != Status::Running {
+                break;
+            }
+        }
+        for (began, ended) in began.iter().zip(places(&world)) {
+            come += libm::hypotf(ended.x - began.x, ended.y - began.y);
+        }
+    }
+    come / (3 * EPISODES) as f32
+}
+
+/// Why a training has robots keep to what they chose: the shield lets nobody drive who has not looked around.
+#[test]
+fn who_chooses_anew_each_time_goes_nowhere() {
+    let (anew, kept) = (come(1), come(8));
+    assert!(anew < 0.02 && kept > 0.15, "{anew} {kept}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]

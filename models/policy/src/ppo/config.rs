@@ -46,6 +46,13 @@ pub struct Config {
     pub gradient: f32,
     /// A round ends when the policy has moved so far, as estimated after each epoch; 0 for never.
     pub divergence: f64,
+    /// For how many steps an agent keeps to an action, on average, in the first round; 1 is to choose anew at every step.
+    /// Who chooses by chance again and again stays where it is; who keeps to what it chose gets somewhere (Dabney,
+    /// Ostrovski and Barreto 2021). How long is drawn step by step, so the policy need not know of it.
+    pub hold: f32,
+    /// Part of the rounds over which that falls to 1, in a straight line: from then on the agent acts as it will once
+    /// learning is over.
+    pub held_until: f32,
 }
 
 impl Default for Config {
@@ -66,6 +73,8 @@ impl Default for Config {
             entropy: 0.005,
             gradient: 0.5,
             divergence: 0.03,
+            hold: 1.0,
+            held_until: 0.5,
         }
     }
 }
@@ -103,7 +112,16 @@ impl Config {
         )?;
         check((0.0..=10.0).contains(&self.entropy), "entropy", "0 to 10")?;
         let divergence = self.divergence >= 0.0 && self.divergence.is_finite();
-        check(divergence, "divergence", "0, or above")
+        check(divergence, "divergence", "0, or above")?;
+        check((1.0..=1_000.0).contains(&self.hold), "hold", "1 to 1,000")?;
+        let until = self.held_until > 0.0 && self.held_until <= 1.0;
+        check(until, "held_until", "above 0, at most 1")
+    }
+
+    /// For how many steps an agent keeps to an action, on average, in this round.
+    pub(super) fn held(&self, round: u64) -> f32 {
+        let gone = round as f64 / (self.rounds as f64 * f64::from(self.held_until));
+        (1.0 + (f64::from(self.hold) - 1.0) * (1.0 - gone).max(0.0)) as f32
     }
 
     pub(crate) fn write(&self, writer: &mut Writer) {
@@ -124,5 +142,26 @@ impl Config {
             self.entropy,
             self.gradient,
         ]);
+        // A run without it is the one that it was before there was any.
+        if self.hold > 1.0 {
+            writer.f32s(&[self.hold, self.held_until]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn actions_are_kept_to_for_less_and_less_time() {
+        let config = Config {
+            rounds: 8,
+            hold: 9.0,
+            ..Config::default()
+        };
+        let held: Vec<f32> = (0..6).map(|round| config.held(round)).collect();
+        assert_eq!(held, [9.0, 7.0, 5.0, 3.0, 1.0, 1.0]);
+        assert_eq!(Config::default().held(0).to_bits(), 1.0_f32.to_bits());
     }
 }

@@ -21,6 +21,8 @@ pub(super) struct Trajectory {
     pub(super) actions: Vec<u8>,
     /// Logarithm of the probability that the action had.
     pub(super) logarithms: Vec<f32>,
+    /// Whether the policy chose it; otherwise the agent kept to the action before.
+    pub(super) chosen: Vec<bool>,
     rewards: Vec<f32>,
     values: Vec<f32>,
     next_values: Vec<f32>,
@@ -42,6 +44,7 @@ impl Trajectory {
             states: vec![0.0; samples * state],
             actions: vec![0; samples],
             logarithms: vec![0.0; samples],
+            chosen: vec![true; samples],
             rewards: vec![0.0; samples],
             values: vec![0.0; samples],
             next_values: vec![0.0; samples],
@@ -96,6 +99,7 @@ impl Rollout<'_> {
         };
         let mut streams: Vec<Pcg32> = stages.iter().map(stream).collect();
         let agents = self.interface.agents;
+        let held = self.config.held(self.round);
         for step in 0..self.config.steps {
             self.look(scratch, stages);
             let rows = scratch
@@ -119,10 +123,23 @@ impl Rollout<'_> {
                 way.observations[step * row.len()..][..row.len()].copy_from_slice(row);
                 let here = step * agents..(step + 1) * agents;
                 way.values[here.clone()].copy_from_slice(values);
-                let chosen = way.actions[here.clone()].iter_mut();
-                let chosen = chosen.zip(&mut way.logarithms[here.clone()]);
+                let before = stage.actor.last();
+                let each = way.actions[here.clone()].iter_mut();
+                let each = each.zip(&mut way.logarithms[here.clone()]);
+                let each = each.zip(&mut way.chosen[here.clone()]);
                 let logits = logits.chunks_exact_mut(self.interface.actions);
-                for ((action, logarithm), logits) in chosen.zip(logits) {
+                for (agent, (((action, logarithm), chosen), logits)) in each.zip(logits).enumerate()
+                {
+                    *chosen = true;
+                    // Nothing is drawn where nothing is kept to.
+                    if held > 1.0
+                        && let Some(before) = before.get(agent)
+                        && random::uniform(rng) * held >= 1.0
+                    {
+                        *action = *before;
+                        *chosen = false;
+                        continue;
+                    }
                     categorical::normalise(logits, &mut scratch.probabilities);
                     let choice = categorical::sample(&scratch.probabilities, random::uniform(rng));
                     *action = choice as u8;

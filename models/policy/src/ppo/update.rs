@@ -12,6 +12,8 @@ use crate::network::{Network, Workspace};
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Sums {
     pub(super) samples: u64,
+    /// Those whose action the policy chose: all but the critic is about them.
+    pub(super) chosen: u64,
     pub(super) policy: f64,
     pub(super) value: f64,
     pub(super) entropy: f64,
@@ -22,6 +24,7 @@ pub(super) struct Sums {
 impl Sums {
     pub(super) fn add(&mut self, other: &Self) {
         self.samples += other.samples;
+        self.chosen += other.chosen;
         self.policy += other.policy;
         self.value += other.value;
         self.entropy += other.entropy;
@@ -159,6 +162,10 @@ impl Objective<'_> {
             || {
                 for (sample, (logits, slopes)) in samples.iter().zip(rows_of) {
                     let (way, at) = self.find(*sample);
+                    if !way.chosen[at] {
+                        slopes.fill(0.0);
+                        continue;
+                    }
                     let (mean, inverse) = self.advantages;
                     let judged = Judged {
                         action: usize::from(way.actions[at]),
@@ -207,7 +214,7 @@ impl Objective<'_> {
             *slope = probability * (pull + spread) * share;
         }
         slopes[judged.action] -= pull * share;
-        sums.samples += 1;
+        sums.chosen += 1;
         sums.policy -= f64::from(if clipped { bounded } else { free });
         sums.entropy += f64::from(entropy);
         sums.divergence += f64::from(ratio) - 1.0 - f64::from(change);
@@ -239,6 +246,7 @@ impl Objective<'_> {
             let error = values[0] - way.targets[at];
             slopes.fill(0.0);
             slopes[0] = error * share;
+            sums.samples += 1;
             sums.value += 0.5 * f64::from(error) * f64::from(error);
         }
         self.value

@@ -2,6 +2,7 @@
 
 pub(crate) mod acrobot;
 pub(crate) mod cartpole;
+pub(crate) mod lock;
 pub(crate) mod pair;
 
 use crawler_policy::Seed;
