@@ -13,7 +13,7 @@ use crawler_twin::evidence::Row;
 use crawler_twin::predict::{errors, quantile};
 use crawler_twin::shadow::Shadow;
 
-use reference::{Hidden, Random, Rates, anyhow, baseline, drive};
+use reference::{CALIBRATING, Hidden, Random, Rates, anyhow, calibration, drive};
 
 const ROBOTS: u64 = 16;
 /// Seconds of a drive that nothing was made of, for each robot.
@@ -37,9 +37,7 @@ fn study(odd: f64, rates: Rates) -> Table {
     let mut table = Table::default();
     for seed in 0..ROBOTS {
         let hidden = Hidden::draw(1_000 + seed, odd);
-        let mut script = baseline();
-        script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
-        let evidence = drive(&hidden, &script, rates).evidence();
+        let evidence = calibration(&hidden, rates).evidence();
         let begun = ProcessTime::now();
         let made = certify(&evidence, About::default(), None);
         table.cpu_s.push(begun.elapsed().as_secs_f64());
@@ -97,17 +95,7 @@ const SHADOWS: usize = 1_000;
 
 /// A shadow of a robot that was calibrated.
 fn calibrated(hidden: &Hidden) -> Option<Shadow> {
-    let mut script = baseline();
-    script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
-    let rates = Rates {
-        telemetry: 20,
-        fixes: 10,
-    };
-    let healthy = Hidden {
-        weak: None,
-        ..hidden.clone()
-    };
-    let evidence = drive(&healthy, &script, rates).evidence();
+    let evidence = calibration(hidden, CALIBRATING).evidence();
     let made = certify(&evidence, About::default(), None).ok()?;
     Some(Shadow::new(made.parameters, made.wander))
 }

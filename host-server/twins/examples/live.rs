@@ -15,7 +15,7 @@ use crawler_twin::certificate::{About, certify};
 use crawler_twin::evidence::Row;
 use crawler_twins::Twins;
 
-use reference::{Hidden, Random, Rates, anyhow, baseline, drive};
+use reference::{CALIBRATING, Hidden, Random, Rates, anyhow, calibration, drive};
 
 const ROBOTS: usize = 1_000;
 /// Bodies; robots of one drive the same way, not at the same time.
@@ -44,13 +44,7 @@ fn evidence(folder: &std::path::Path) -> Vec<Due> {
     let mut due = Vec::new();
     for body in 0..BODIES {
         let hidden = Hidden::draw(1_000 + body as u64, 0.0);
-        let mut script = baseline();
-        script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
-        let calibration = Rates {
-            telemetry: 20,
-            fixes: 10,
-        };
-        let evidence = drive(&hidden, &script, calibration).evidence();
+        let evidence = calibration(&hidden, CALIBRATING).evidence();
         let made = certify(&evidence, About::default(), None).expect("a certificate");
         let way = anyhow(2.0 * SECONDS + 2.0, &mut Random::new(body as u64));
         let rows = drive(&hidden, &way, RATES).rows();

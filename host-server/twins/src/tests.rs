@@ -18,7 +18,7 @@ use crate::folder::Refusal;
 use crate::inbox::{Evidence, MOST_WAITING};
 use crate::notice::Notice;
 use crate::{NoTwin, Twins, Worker};
-use reference::{Hidden, Random, Rates, anyhow, baseline, drive};
+use reference::{CALIBRATING, Hidden, Random, Rates, anyhow, calibration, drive};
 
 /// Unix milliseconds at which a test begins.
 const EPOCH_MS: u64 = 1_800_000_000_000;
@@ -166,22 +166,13 @@ fn id(name: &str) -> RobotId {
 
 /// The certificate of a robot whose calibration drive was heard.
 fn certificate(robot: &RobotId, hidden: &Hidden, build: &str) -> Certificate {
-    let mut script = baseline();
-    script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
-    let rates = Rates {
-        telemetry: 20,
-        fixes: 10,
-    };
-    let healthy = Hidden {
-        weak: None,
-        ..hidden.clone()
-    };
+    let evidence = calibration(hidden, CALIBRATING).evidence();
     let about = About {
         robot: robot.as_str().to_owned(),
         build: build.to_owned(),
         ..About::default()
     };
-    certify(&drive(&healthy, &script, rates).evidence(), about, None).expect("a certificate")
+    certify(&evidence, about, None).expect("a certificate")
 }
 
 #[test]

@@ -7,19 +7,12 @@ use crawler_twin::evidence::{Evidence, Fix};
 use crawler_twin::identify::Unidentified;
 use crawler_twin::predict::{errors, quantile, score};
 
-use crate::reference::{Hidden, Random, Rates, Story, anyhow, baseline, drive};
+use crate::reference::{Hidden, Random, Rates, Story, anyhow, calibration, drive};
 
 const RATES: Rates = Rates {
     telemetry: 20,
     fixes: 10,
 };
-
-/// A robot drives what one is calibrated on, and some more to validate on.
-fn calibration(hidden: &Hidden, rates: Rates) -> Story {
-    let mut script = baseline();
-    script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
-    drive(hidden, &script, rates)
-}
 
 /// Errors ten seconds ahead on a drive that nothing was made of: by a body, and by the nominal one.
 fn ten_seconds_on(hidden: &Hidden, own: &Parameters) -> (Vec<f64>, Vec<f64>) {

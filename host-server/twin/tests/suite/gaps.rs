@@ -7,7 +7,7 @@ use crawler_twin::gap::{Measures, Samples};
 use crawler_twin::predict::quantile;
 use crawler_twin::shadow::Shadow;
 
-use crate::reference::{Hidden, Random, Rates, anyhow, baseline, drive};
+use crate::reference::{CALIBRATING, Hidden, Random, Rates, anyhow, calibration, drive};
 
 const RATES: Rates = Rates {
     telemetry: 5,
@@ -125,18 +125,8 @@ fn a_certificate_closes_the_gap_of_a_hidden_robot() {
     let (mut with, mut without, mut pool) = (Vec::new(), Vec::new(), Vec::<Samples>::new());
     for seed in 0..5 {
         let hidden = Hidden::draw(6_000 + seed, 0.0);
-        let mut script = baseline();
-        script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
-        let rates = Rates {
-            telemetry: 20,
-            fixes: 10,
-        };
-        let made = certify(
-            &drive(&hidden, &script, rates).evidence(),
-            About::default(),
-            None,
-        )
-        .expect("a certificate");
+        let evidence = calibration(&hidden, CALIBRATING).evidence();
+        let made = certify(&evidence, About::default(), None).expect("a certificate");
         let rows = drive(&hidden, &anyhow(SECONDS, &mut Random::new(seed)), RATES).rows();
         let mut nominal = Shadow::new(Parameters::NOMINAL, 0.0);
         let mut own = Shadow::new(made.parameters, made.wander);
@@ -205,22 +195,8 @@ fn who_stands_or_has_a_fault_tells_nothing_of_a_gap() {
         weak: Some((0, 60.0, 0.5)),
         ..Hidden::draw(6_100, 0.0)
     };
-    let mut script = baseline();
-    script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
-    let rates = Rates {
-        telemetry: 20,
-        fixes: 10,
-    };
-    let healthy = Hidden {
-        weak: None,
-        ..hidden.clone()
-    };
-    let made = certify(
-        &drive(&healthy, &script, rates).evidence(),
-        About::default(),
-        None,
-    );
-    let made = made.expect("a certificate");
+    let evidence = calibration(&hidden, CALIBRATING).evidence();
+    let made = certify(&evidence, About::default(), None).expect("a certificate");
     let mut shadow = Shadow::new(made.parameters, made.wander);
     let story = drive(&hidden, &anyhow(120.0, &mut Random::new(9)), RATES);
     let whole = follow(&mut shadow, story.rows());

@@ -198,6 +198,24 @@ pub(crate) struct Rates {
     pub(crate) fixes: u32,
 }
 
+/// How often while a robot is calibrated.
+pub(crate) const CALIBRATING: Rates = Rates {
+    telemetry: 20,
+    fixes: 10,
+};
+
+/// A robot drives what one is calibrated on, and some more to validate on, with its motors as they were before any fault.
+pub(crate) fn calibration(hidden: &Hidden, rates: Rates) -> Story {
+    let mut script = baseline();
+    script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
+    let healthy = Hidden {
+        weak: None,
+        fades: None,
+        ..hidden.clone()
+    };
+    drive(&healthy, &script, rates)
+}
+
 /// A step, seconds.
 const DT: f64 = 1e-3;
 

@@ -8,7 +8,7 @@ use crawler_twin::predict::quantile;
 use crawler_twin::shadow::Shadow;
 use proptest::prelude::*;
 
-use crate::reference::{Hidden, Random, Rates, Story, anyhow, baseline, drive};
+use crate::reference::{CALIBRATING, Hidden, Random, Rates, Story, anyhow, calibration, drive};
 
 const RATES: Rates = Rates {
     telemetry: 5,
@@ -34,17 +34,7 @@ fn follow_any(shadow: &mut Shadow, story: &Story, mut look: impl FnMut(f64, &mut
 
 /// A shadow of a hidden robot that was calibrated.
 fn shadow(hidden: &Hidden) -> Shadow {
-    let mut script = baseline();
-    script.extend(anyhow(42.0, &mut Random::new(hidden.seed ^ 7)));
-    let rates = Rates {
-        telemetry: 20,
-        fixes: 10,
-    };
-    let healthy = Hidden {
-        weak: None,
-        ..hidden.clone()
-    };
-    let evidence = drive(&healthy, &script, rates).evidence();
+    let evidence = calibration(hidden, CALIBRATING).evidence();
     let made = certify(&evidence, About::default(), None).expect("a certificate");
     Shadow::new(made.parameters, made.wander)
 }
