@@ -6,14 +6,6 @@ use crawler_protocol::RobotId;
 use crawler_twin::certificate::Certificate;
 use crawler_twin::gap::{Measures, Samples};
 
-/// What measures are of.
-#[derive(Debug, Clone)]
-pub(crate) struct Evidence {
-    pub(crate) robot: RobotId,
-    pub(crate) body: Option<Arc<Certificate>>,
-    pub(crate) since_ms: Option<u64>,
-}
-
 /// How far a robot is from the body of its twin.
 #[derive(Debug, Clone)]
 pub struct RobotGap {
@@ -39,20 +31,10 @@ pub struct FleetGap {
 }
 
 impl FleetGap {
-    pub(crate) fn of(mut robots: Vec<(Evidence, Samples)>, time_ms: u64) -> Self {
-        robots.sort_by(|(a, _), (b, _)| a.robot.cmp(&b.robot));
-        let (robots, samples): (Vec<RobotGap>, Vec<Samples>) = robots
-            .into_iter()
-            .map(|(evidence, samples)| {
-                let gap = RobotGap {
-                    robot: evidence.robot,
-                    body: evidence.body,
-                    since_ms: evidence.since_ms,
-                    measures: samples.measure(),
-                };
-                (gap, samples)
-            })
-            .unzip();
+    /// Of robots, each with what was measured.
+    pub(crate) fn of(mut all: Vec<(RobotGap, Samples)>, time_ms: u64) -> Self {
+        all.sort_by(|(a, _), (b, _)| a.robot.cmp(&b.robot));
+        let (robots, samples): (Vec<RobotGap>, Vec<Samples>) = all.into_iter().unzip();
         Self {
             time_ms,
             fleet: Samples::pool(&samples).measure(),

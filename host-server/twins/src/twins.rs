@@ -16,7 +16,7 @@ use crawler_twin::detect::{Fault, FaultName};
 use crawler_twin::shadow::{Estimate, Forecast, Residual, View};
 
 use crate::folder::{self, Folder, Read, Refusal, judge};
-use crate::gap::{self, FleetGap};
+use crate::gap::{FleetGap, RobotGap};
 use crate::inbox::{Evidence, Heard, Inbox};
 use crate::notice::{Notice, Turn, notices};
 use crate::recording::Recording;
@@ -323,15 +323,19 @@ impl Twins {
             return Ok(Arc::clone(gap));
         }
         let robots = self.all().into_iter().map(|(robot, twin)| {
+            // Whoever steps it waits while its numbers are copied, and not while they are looked at.
             let twin = lock(&twin);
             let samples = twin.shadow.gap().clone();
             let since = samples.since_s().map(|at_s| self.age(&twin, at_s, now));
-            let evidence = gap::Evidence {
+            let body = twin.body.clone();
+            drop(twin);
+            let gap = RobotGap {
                 robot,
-                body: twin.body.clone(),
+                body,
                 since_ms: since.map(|age| unix_ms.saturating_sub(ms(age))),
+                measures: samples.measure(),
             };
-            (evidence, samples)
+            (gap, samples)
         });
         let gap = Arc::new(FleetGap::of(robots.collect(), unix_ms));
         *known = Some((now, Arc::clone(&gap)));
