@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Deviations from which on a gain is not that of the body.
-pub const FAR: f64 = 3.0;
+const FAR: f64 = 3.0;
 /// And within which it is again.
 const NEAR: f64 = 2.0;
 /// Either is said when it was so over this way, metres.
