@@ -180,10 +180,9 @@ async function operate(page) {
       'no emergency stop was sent',
     )
     expect(!sent.some((text) => text.includes('behave')), 'Space also clicked the focused button')
-    expect(
-      (await page.getByTestId('stop-panel').getAttribute('data-stop')) === 'stopped',
-      'the stop is not shown as delivered',
-    )
+    await until('the stop is not shown as delivered', async () => {
+      return (await page.getByTestId('stop-panel').getAttribute('data-stop')) === 'stopped'
+    })
     return `${after.length} robots, farthest ${(worst.metres * 1_000).toFixed(1)} mm`
   })
   await picture(page, 'stopped')

@@ -72,6 +72,11 @@ const dropped = async (page) => {
 }
 /** What stands in the arena, as the live feed tells. */
 const standing = async (page) => Number(await data(map(page), 'things'))
+/** The command has been answered: the list and the feed may show what it did before that. */
+const answered = (page, words) =>
+  soon(`${words} is not said`, async () => {
+    return (await id(page, 'things-said').textContent()).includes(words)
+  })
 
 /** A place in the middle of the arena that robots are far from. */
 async function freePlace(page, besides = []) {
@@ -150,7 +155,7 @@ async function things(page) {
     await page.mouse.click(...(await onMap(page, place)))
     await soon('nothing is listed', async () => (await dropped(page)) === 1)
     await soon('the arena does not show it', async () => (await standing(page)) === 1)
-    expect((await id(page, 'things-said').textContent()).includes('box'), 'it is not said')
+    await answered(page, 'Put into the world: box')
     await page.mouse.move(5, 5)
     await goTo(page, '')
     await page.locator('[data-testid=arena]').waitFor()
@@ -187,11 +192,17 @@ async function things(page) {
     await page.keyboard.press('Enter')
     await soon('it is not put in', async () => (await dropped(page)) === 2)
     await soon('the arena does not show it', async () => (await standing(page)) === 2)
+    await answered(page, 'Put into the world: red ball')
     await page.locator(`[data-item="${box}"] button`).focus()
     await page.keyboard.press('Enter')
     await soon('it is not taken away', async () => (await standing(page)) === 1)
-    const on = await page.evaluate(() => document.activeElement.closest('[data-item]') !== null)
-    expect(on, 'the focus is lost')
+    await answered(page, 'Taken away: box')
+    await soon('the focus is lost', () =>
+      page.evaluate((gone) => {
+        const item = document.activeElement.closest('[data-item]')
+        return item !== null && item.dataset.item !== gone
+      }, box),
+    )
     return page.locator('[data-item] span').first().textContent()
   })
 }
@@ -248,6 +259,7 @@ async function bookmarks(page) {
     // What was put in since then goes, what was there then comes back.
     await page.locator('[data-item] button').first().click()
     await soon('it is not taken away', async () => (await standing(page)) === 0)
+    await answered(page, 'Taken away: red ball')
     await page.locator('tr[data-bookmark=before]').getByTestId('restore').click()
     await axe(page, 'going back')
     await picture(page, 'simulation-going-back')
