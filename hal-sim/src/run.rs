@@ -20,6 +20,8 @@ mod overhead;
 pub mod parallel;
 pub(crate) mod simulation;
 
+use crawler_protocol::RobotId;
+
 pub use control::FactorError;
 pub use crawler_app::Credentials;
 pub use crawler_hal::{Duration, Instant};
@@ -28,3 +30,10 @@ pub use error::SimulationError;
 pub use eyes::Looks;
 pub use machine::SimRobot;
 pub use simulation::{EPOCH_MS, Link, Simulation, credentials};
+
+/// The id of a simulated robot by its number, from 0 on.
+fn robot_id(number: usize) -> RobotId {
+    let name = format!("sim-{:04}", number + 1);
+    // Letters, digits and a hyphen: always a valid id.
+    RobotId::new(&name).unwrap_or_else(|_| unreachable!("{name} is a valid id"))
+}

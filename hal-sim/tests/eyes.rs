@@ -187,7 +187,7 @@ fn a_robot_finds_the_red_cylinder_among_blue_boxes() {
     simulation.network().expect("lockstep").record(200_000);
     settle(&mut simulation);
     let mut lines = Vec::new();
-    for stop in [None, Some([-0.7, -0.6])] {
+    for stop in [None, Some([-0.6, -0.7])] {
         if let Some([x, y]) = stop {
             let _ = simulation.submit_all(Action::Goto { x, y });
             simulation.run_for(SECOND * 15);

@@ -110,7 +110,7 @@ fn motion_contacts_faults_commands_and_removals_are_the_same_on_any_number_of_th
     ];
     let mut crowd = scenario("arena", 24);
     // Crowded, so that they meet.
-    crowd.arena.area_per_robot = 0.5;
+    crowd.arena.area_per_robot = 0.4;
     crowd.arena.least_side = 2.5;
     crowd.arena.scatter.per_square_metre = 0.0;
     // And told nothing about where they are, or they would keep off each other.

@@ -1,6 +1,7 @@
 //! The sense activity: the ranger, and whether it can be believed.
 
 mod filter;
+mod jitter;
 mod pilot;
 #[cfg(test)]
 mod tests;
@@ -21,12 +22,14 @@ use crate::behaviour::Leeway;
 use crate::context::{Robot, Snapshot};
 use crate::hold::{Hold, Inline};
 use crate::navigation::{Navigator, Planned};
+use crate::neighbours::name_of;
 use crate::perception::{Reading, SensorHealth};
 
 pub use filter::RangeFilter;
+pub use jitter::Jitter;
 use pilot::{Pilot, course_of, look_of};
 
-/// Time between two measurements: the driver's own time-out of 65 ms and a rest, so that a late
+/// Time between two measurements, but for a [`Jitter`]: the driver's own time-out of 65 ms and a rest, so that a late
 /// echo of one does not answer the next.
 pub const PERIOD: Duration = Duration::from_millis(80);
 /// Time between two looks at the thermometer. Air does not change faster.
@@ -78,6 +81,7 @@ where
         let mut ticker = Ticker::every(PERIOD, clock.now());
         let mut monitor = RangeMonitor::new(clock.now());
         let mut pilot = Pilot::<H::Room<Navigator>>::new();
+        let mut jitter = Jitter::new(name_of(&robot.config().id));
         loop {
             let looked_from = robot.snapshot().pose;
             let measured = ranger.measure(&clock, monitor.air()).await;
@@ -104,7 +108,7 @@ where
                 monitor.set_air_temperature(ranger.temperature(&clock).await);
             }
             if let Some(going) = robot.going() {
-                let look = look_of(measured).filter(|_| reading.health == SensorHealth::Good);
+                let look = look_of(measured).filter(|_| monitor.is_believed());
                 robot
                     .sense_handle()
                     .keep_off(&course_of(&robot.snapshot(), going), now);
@@ -123,7 +127,7 @@ where
                 pilot.rest();
             }
             robot.sense_handle().report_map(pilot.navigator(), now);
-            ticker.tick(&clock).await;
+            ticker.tick_late(&clock, jitter.draw()).await;
         }
     }
 }
@@ -156,6 +160,12 @@ impl RangeMonitor {
     /// What is thought of the sensor.
     pub const fn health(&self) -> SensorHealth {
         self.filter.reading().health
+    }
+
+    /// Whether the newest measurement is one for the map: of a sensor in good health, and
+    /// [confirmed](RangeFilter::is_confirmed).
+    pub fn is_believed(&self) -> bool {
+        self.health() == SensorHealth::Good && self.filter.is_confirmed()
     }
 
     /// Takes one measurement in. `wheels` are the duties of the wheels, and `heading` is where the robot

@@ -75,9 +75,22 @@ impl Ticker {
     /// A dropped call loses no tick.
     pub async fn tick<C: Clock>(&mut self, clock: &C) -> Instant {
         clock.sleep_until(self.next).await;
+        self.go_on(clock.now())
+    }
+
+    /// As [`Ticker::tick`], so much after the tick, or after now when the owner has fallen behind. The next tick comes
+    /// when it would have come.
+    ///
+    /// # Cancellation Safety
+    /// A dropped call loses no tick.
+    pub async fn tick_late<C: Clock>(&mut self, clock: &C, late: Duration) -> Instant {
+        clock.sleep_until(self.next.max(clock.now()) + late).await;
+        self.go_on(clock.now())
+    }
+
+    fn go_on(&mut self, now: Instant) -> Instant {
         let due = self.next;
         self.next += self.period;
-        let now = clock.now();
         if self.next < now {
             self.next = now + self.period;
         }

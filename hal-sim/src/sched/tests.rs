@@ -44,6 +44,38 @@ fn a_ticker_beats_at_exactly_its_times() {
 }
 
 #[test]
+fn a_tick_that_is_late_does_not_shift_the_next_ones() {
+    let clock = SimClock::new();
+    let mut sched = Scheduler::new(&clock);
+    let log: Rc<RefCell<Vec<u64>>> = Rc::default();
+    sched.spawn({
+        let (clock, log) = (clock.clone(), Rc::clone(&log));
+        async move {
+            let mut ticker = Ticker::every(Duration::from_millis(80), clock.now());
+            for (late, work) in [
+                (0, 0),
+                (32, 0),
+                (5, 0),
+                (30, 60),
+                (4, 0),
+                (0, 200),
+                (7, 0),
+                (0, 0),
+            ] {
+                ticker.tick_late(&clock, Duration::from_millis(late)).await;
+                log.borrow_mut().push(clock.now().as_millis());
+                clock
+                    .sleep_until(clock.now() + Duration::from_millis(work))
+                    .await;
+            }
+        }
+    });
+    sched.run_until(ms(10_000), |_| {});
+    // Behind by 10 ms at 400, and by 120 at 480: there two ticks are skipped.
+    assert_eq!(*log.borrow(), [80, 192, 245, 350, 414, 480, 687, 767]);
+}
+
+#[test]
 fn tasks_due_at_one_moment_run_in_order_of_their_identity() {
     let clock = SimClock::new();
     let mut sched = Scheduler::new(&clock);

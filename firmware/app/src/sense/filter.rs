@@ -14,15 +14,18 @@ const DEAD_AFTER: Duration = Duration::from_millis(1_000);
 const STUCK_AFTER: Duration = Duration::from_millis(4_000);
 /// No obstacle, and no robot, comes or goes this far between two measurements.
 const JUMP_MM: u16 = 1_200;
-/// So many jumps among the last eight measurements are absurd. A robot that drives past corners
-/// sees one now and then.
-const ABSURD_JUMPS: u32 = 5;
+/// So many jumps among the last sixteen measurements are absurd. A robot that drives past corners
+/// sees one now and then, and one that hears the bursts of another sees four or five.
+const ABSURD_JUMPS: u32 = 9;
 /// A robot that has turned further than this between two measurements, in radians, looks elsewhere: a
 /// jump says nothing of its sensor then. An escape turns three times as far in the time of a
 /// measurement, and looks from one robot to the next.
 const ELSEWHERE_RAD: f32 = 0.05;
 /// Down to so many, the sensor is believed again.
-const SANE_JUMPS: u32 = 1;
+const SANE_JUMPS: u32 = 3;
+/// Two measurements this near each other show the same thing: two robots that meet at half a metre per second
+/// each are so much nearer at the next one.
+const AGREE_MM: u16 = 100;
 /// Good measurements in a row that make a sensor believed at first, or again.
 const PROVING: u8 = 3;
 
@@ -31,7 +34,13 @@ const CLEAR: Millimeters = Millimeters(u16::MAX);
 /// Stands for [`Sight::Touching`]: nearer than anything.
 const TOUCHING: Millimeters = Millimeters(0);
 
-/// Median of three, and the judgement of the sensor.
+/// What two of three measurements agree on, and the judgement of the sensor.
+///
+/// A ranger that hears the burst of another robot measures nonsense, mostly too near. As robots measure at
+/// [uneven times](super::Jitter), it is other nonsense each time, and no two measurements agree on it (Borenstein
+/// and Koren 1995, "Error eliminating rapid ultrasonic firing for mobile robot obstacle avoidance"). Where nothing
+/// is agreed on, what was seen last stays, and grows old. A robot that turns looks at another thing each time: of
+/// what it sees meanwhile the median counts.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RangeFilter {
@@ -43,10 +52,15 @@ pub struct RangeFilter {
     observed: Instant,
     /// Last range, and where it was looked for: the heading, in radians.
     last: Option<(Millimeters, f32)>,
+    /// The range before the last.
+    before: Option<Millimeters>,
+    /// Whether the newest range may be believed by itself.
+    is_confirmed: bool,
     /// How long the robot has been driving on the same range.
     same_for: Duration,
-    /// One bit per reply, the newest lowest: whether it jumped although the robot looked the same way.
-    jumps: u8,
+    /// One bit per reply, the newest lowest: whether it jumped to what was not there before, although the robot
+    /// looked the same way.
+    jumps: u16,
     /// Good replies in a row.
     proof: u8,
 }
@@ -64,6 +78,8 @@ impl RangeFilter {
             heard: now,
             observed: now,
             last: None,
+            before: None,
+            is_confirmed: false,
             same_for: Duration::ZERO,
             jumps: 0,
             proof: 0,
@@ -73,6 +89,11 @@ impl RangeFilter {
     /// The present reading.
     pub const fn reading(&self) -> Reading {
         self.reading
+    }
+
+    /// Whether the newest measurement shows what one of the two before it has shown, or the robot turns.
+    pub const fn is_confirmed(&self) -> bool {
+        self.is_confirmed
     }
 
     /// Takes one measurement in; `moving` tells whether the wheels are driven, and `heading` where the
@@ -113,6 +134,7 @@ impl RangeFilter {
             // What comes after a gap has nothing to do with what came before it.
             self.median.clear();
             self.last = None;
+            self.before = None;
         }
         if silence >= DEAD_AFTER {
             self.reading.health = SensorHealth::Dead;
@@ -130,18 +152,36 @@ impl RangeFilter {
         let looks_elsewhere = self
             .last
             .is_some_and(|(_, looked)| libm::fabsf(wrap(heading - looked)) > ELSEWHERE_RAD);
-        let jumped = self.last.is_some_and(|(last, _)| is_jump(last, raw));
+        let last = self.last.map(|(last, _)| last);
+        let before = core::mem::replace(&mut self.before, last);
+        let is_repeated = [last, before]
+            .into_iter()
+            .flatten()
+            .any(|one| do_agree(one, raw));
+        let jumped = !is_repeated && last.is_some_and(|last| is_jump(last, raw));
         // Nor does looking elsewhere clear a sensor of what it has said.
         if !(looks_elsewhere && self.reading.health == SensorHealth::Absurd) {
-            self.jumps = self.jumps << 1 | u8::from(jumped && !looks_elsewhere);
+            self.jumps = self.jumps << 1 | u16::from(jumped && !looks_elsewhere);
         }
         self.last = Some((raw, heading));
+        self.is_confirmed = is_repeated || looks_elsewhere;
         self.proof = self.proof.saturating_add(1).min(PROVING);
 
-        let filtered = self.median.push(raw);
+        let median = self.median.push(raw);
         self.reading.health = self.judge();
+        let seen = if looks_elsewhere {
+            median
+        } else if is_repeated {
+            raw
+        } else if let (Some(last), Some(before)) = (last, before)
+            && do_agree(last, before)
+        {
+            last
+        } else {
+            return;
+        };
         self.reading.sight = Some((
-            match filtered {
+            match seen {
                 CLEAR => Sight::Clear,
                 TOUCHING => Sight::Touching,
                 range => Sight::Range(range),
@@ -172,4 +212,9 @@ impl RangeFilter {
 fn is_jump(last: Millimeters, raw: Millimeters) -> bool {
     let seen = |range: Millimeters| range != CLEAR && range != TOUCHING;
     seen(last) && seen(raw) && last.0.abs_diff(raw.0) > JUMP_MM
+}
+
+/// Whether two measurements show the same thing.
+fn do_agree(one: Millimeters, other: Millimeters) -> bool {
+    one.0.abs_diff(other.0) <= AGREE_MM
 }

@@ -4,7 +4,7 @@ use crawler_drivers::us100::{LinkError, RangeError};
 use crawler_hal::{Duration, Instant, Millimeters};
 use proptest::prelude::*;
 
-use super::{PERIOD, RangeFilter};
+use super::{Jitter, PERIOD, RangeFilter};
 use crate::perception::{Reading, SensorHealth, Sight};
 
 type Measured = Result<Millimeters, RangeError>;
@@ -55,7 +55,7 @@ fn a_sensor_proves_itself_before_it_is_believed() {
     assert_eq!(reading.health, SensorHealth::Good);
     assert_eq!(
         reading.fresh(bench.now),
-        Some(Sight::Range(Millimeters(801)))
+        Some(Sight::Range(Millimeters(802)))
     );
 }
 
@@ -116,23 +116,27 @@ fn the_same_number_is_stuck_only_while_the_robot_moves() {
     assert_eq!(reading.health, SensorHealth::Good, "it moves again");
 }
 
+/// Of a sensor that is broken: never twice the same.
+const WILD: [u16; 12] = [
+    4_000, 100, 2_200, 3_700, 900, 2_800, 400, 4_300, 1_500, 3_100, 250, 1_900,
+];
+
 #[test]
 fn jumping_about_is_absurd_and_a_corner_is_not() {
     let mut bench = Bench::new();
     let corner = [500, 502, 3_000, 3_004, 3_001, 900, 902, 904, 903, 905];
     assert_eq!(bench.feed_all(corner, true).health, SensorHealth::Good);
-    let wild = [4_000, 100, 3_900, 150, 4_100, 80];
-    let reading = bench.feed_all(wild, true);
+    let reading = bench.feed_all(WILD, true);
     assert_eq!(reading.health, SensorHealth::Absurd);
     assert_eq!(reading.fresh(bench.now), None);
-    let reading = bench.feed_all([800; 12], false);
+    let reading = bench.feed_all([800; 16], false);
     assert_eq!(reading.health, SensorHealth::Good);
 }
 
 /// What a crowd looks like to a robot that turns: now the next one, now the wall behind it.
 #[test]
 fn jumping_about_is_the_world_while_the_robot_turns_and_the_sensor_while_it_does_not() {
-    let crowd = [4_000, 600, 3_900, 650, 4_100, 580].map(Millimeters);
+    let crowd = WILD.map(Millimeters);
     for turned in [0.17, -0.17] {
         let mut bench = Bench::new();
         bench.heading = core::f32::consts::PI - 0.5;
@@ -159,7 +163,91 @@ fn jumping_about_is_the_world_while_the_robot_turns_and_the_sensor_while_it_does
     }
 }
 
+/// A burst that comes too early is another one each time.
+#[test]
+fn bursts_of_another_robot_are_not_seen() {
+    for (wall, name) in [(4_000, 1), (1_500, 2), (600, 3)] {
+        let mut bench = Bench::new();
+        bench.feed_all([wall; 4], true);
+        let mut jitter = Jitter::new(name);
+        let mut burst = || jitter.draw().as_micros() as u16 / 16;
+        for round in 0..300_u16 {
+            let tremble = round % 3;
+            let looks = [burst().min(wall), wall + tremble, wall - tremble];
+            // One or two of three see what is there.
+            let reading = bench.feed_all(looks, true);
+            assert_eq!(reading.health, SensorHealth::Good, "round {round}");
+            let Some(Sight::Range(Millimeters(seen))) = reading.fresh(bench.now) else {
+                panic!("nothing is seen");
+            };
+            assert!(seen.abs_diff(wall) <= 2, "{seen} in round {round}");
+            assert!(bench.filter.is_confirmed());
+        }
+    }
+}
+
+#[test]
+fn what_nothing_confirms_is_neither_seen_nor_for_the_map() {
+    let mut bench = Bench::new();
+    bench.feed_all([2_000; 4], true);
+    let reading = bench.feed_all([500], true);
+    assert_eq!(reading.range_mm(bench.now), Some(2_000));
+    assert!(!bench.filter.is_confirmed());
+    // What was seen last grows old.
+    let reading = bench.feed_all([900, 1_300, 300, 1_700], true);
+    assert_eq!(reading.fresh(bench.now), None);
+    assert_eq!(reading.health, SensorHealth::Good);
+    let reading = bench.feed_all([1_750], true);
+    assert_eq!(reading.range_mm(bench.now), Some(1_750));
+    assert!(bench.filter.is_confirmed());
+    // Who turns looks at another thing each time.
+    bench.heading += 0.1;
+    bench.feed_all([800], true);
+    assert!(bench.filter.is_confirmed());
+}
+
+#[test]
+fn pauses_are_short_uneven_and_another_robots_are_others() {
+    let [one, two] = [0, 0xcafe].map(|name| {
+        let mut jitter = Jitter::new(name);
+        core::array::from_fn::<u64, 1_000, _>(|_| jitter.draw().as_micros())
+    });
+    for pauses in [one, two] {
+        assert!(pauses.iter().all(|us| *us < 32_000));
+        let mean = pauses.iter().sum::<u64>() / 1_000;
+        assert!((15_000..17_000).contains(&mean), "{mean}");
+        let alike = pauses
+            .windows(2)
+            .filter(|two| two[0].abs_diff(two[1]) < 1_000);
+        assert!(alike.count() < 100);
+    }
+    let together = one
+        .iter()
+        .zip(&two)
+        .filter(|(a, b)| a.abs_diff(**b) < 1_000);
+    assert!(together.count() < 100);
+}
+
 proptest! {
+    /// A robot that looks one way is never told what only one measurement has shown.
+    #[test]
+    fn two_measurements_have_shown_what_is_seen(
+        ranges in prop::collection::vec(20_u16..=4_500, 3..100),
+    ) {
+        let mut bench = Bench::new();
+        for (number, range) in ranges.iter().enumerate() {
+            let reading = bench.feed_all([*range], true);
+            if number < 3 {
+                continue;
+            }
+            if let Some(seen) = reading.range_mm(bench.now) {
+                let near = |one: &u16| one.abs_diff(seen) <= 100;
+                let recent = ranges.iter().take(number + 1).rev().take(6);
+                prop_assert!(recent.filter(|one| near(one)).count() >= 2, "{} mm", seen);
+            }
+        }
+    }
+
     /// Whatever the sensor says, what may be acted upon was said by a sensor in good health, and
     /// recently.
     #[test]

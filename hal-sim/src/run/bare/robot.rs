@@ -2,10 +2,11 @@
 
 use crawler_app::control::Wheels;
 use crawler_app::controller::Tuning;
+use crawler_app::neighbours::name_of;
 use crawler_app::order::{Halt, Order, Sender, Task};
 use crawler_app::perception::{Battery, Reading};
 use crawler_app::power::{self, Monitor};
-use crawler_app::sense::{self, RangeMonitor};
+use crawler_app::sense::{self, Jitter, RangeMonitor};
 use crawler_drivers::us100::{
     RangeError, SILENCE, TRIGGER, TemperatureError, echo_range, parse_range, parse_temperature,
 };
@@ -19,6 +20,7 @@ use super::pins::{Level, Pin};
 use super::steering::{Drive, Known, Senses, Steering, SteeringState};
 use super::{BareWorld, Settings};
 use crate::devices::{BURST, BYTE_TIME, Meter, RangeSensor, ranger_after, senses};
+use crate::run::robot_id;
 use crate::world::{Bridge, Power, Presence, Purpose, RobotIndex, Space, Wiring, stream};
 
 /// Name under which orders are given.
@@ -48,6 +50,9 @@ pub(super) struct BareRobot {
     reading: Reading,
     /// When the next measurement begins.
     measure_at: Instant,
+    /// When the one after it is due, but for the jitter.
+    due: Instant,
+    jitter: Jitter,
     pending: Option<Pending>,
     monitor: Monitor,
     battery: Battery,
@@ -113,6 +118,8 @@ impl BareRobot {
             range_monitor: RangeMonitor::new(Instant::BOOT + first),
             reading: Reading::default(),
             measure_at: world.now + first,
+            due: world.now + first + sense::PERIOD,
+            jitter: Jitter::new(name_of(&robot_id(robot.get() as usize))),
             pending: None,
             monitor: Monitor::new(&world.settings),
             battery: Battery::default(),
@@ -177,10 +184,21 @@ impl BareRobot {
                 return;
             }
             let begun = self.measure_at;
-            self.measure_at = begun + sense::PERIOD;
             if self.lives(space, i) {
                 self.pending = Some(self.measure(space, i, begun));
             }
+            self.wait(self.pending.map_or(begun, |pending| pending.at));
+        }
+    }
+
+    /// Waits for the next measurement, as a program does whose last one was over at `end`: see [`Ticker::tick_late`].
+    ///
+    /// [`Ticker::tick_late`]: crawler_hal::Ticker::tick_late
+    fn wait(&mut self, end: Instant) {
+        self.measure_at = self.due.max(end) + self.jitter.draw();
+        self.due += sense::PERIOD;
+        if self.due < self.measure_at {
+            self.due = self.measure_at + sense::PERIOD;
         }
     }
 
@@ -402,6 +420,7 @@ impl BareRobot {
         word(self.rng.clone().next_u64());
         word(self.boot.as_micros());
         word(self.measure_at.as_micros());
+        word(self.due.as_micros());
         let pose = self.steering_state.pose();
         for value in [pose.x, pose.y, pose.theta, pose.sigma] {
             word(u64::from(value.to_bits()));

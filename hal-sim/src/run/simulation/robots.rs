@@ -6,7 +6,7 @@ use crawler_app::Config;
 use crawler_bundle::DefectKind;
 #[cfg(feature = "live")]
 use crawler_hal::Clock as _;
-use crawler_protocol::{BuildId, Kind, RobotId};
+use crawler_protocol::{BuildId, Kind};
 
 use super::{Machine, Simulation, Way};
 use crate::devices::{BodyParts, Started};
@@ -19,6 +19,7 @@ use crate::run::event_log::life::Life;
 use crate::run::eyes;
 use crate::run::journal::Input;
 use crate::run::machine::{self, Program, SimRobot};
+use crate::run::robot_id;
 use crate::world::Fingerprint;
 use crate::world::Pose;
 
@@ -160,10 +161,8 @@ impl Simulation {
     /// What a robot is told of itself, when `started` is the program that it runs.
     pub(super) fn config(&mut self, number: usize, started: Option<&Started>) -> Config {
         let bundle = started.and_then(|started| started.bundle.as_deref());
-        let name = format!("sim-{:04}", number + 1);
         Config {
-            // Letters, digits and a hyphen: always a valid id.
-            id: RobotId::new(&name).unwrap_or_else(|_| unreachable!("{name} is a valid id")),
+            id: robot_id(number),
             fleet: self.fleet.clone(),
             broker_host: self.broker.host.clone(),
             broker_port: self.broker.port,
