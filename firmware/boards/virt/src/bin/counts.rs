@@ -30,6 +30,7 @@ use crawler_protocol::{
 use crawler_virt::machine::{self, ExitCode};
 use crawler_virt::{log, system, time};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embedded_io_async::{Read, Write as Send};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use rand_pcg::Pcg32;
 use riscv::register::minstret;
@@ -77,6 +78,36 @@ impl System for NoSystem {
 
     async fn reset(&mut self) -> Infallible {
         fail("the program asked for a reset")
+    }
+}
+
+/// What asks the ranger for the range, on its line.
+const RANGE: u8 = 0x55;
+
+/// The line to the ranger, which notes when the range is asked for.
+struct Asking<'a, U> {
+    uart: U,
+    asked: &'a Cell<bool>,
+}
+
+impl<U: embedded_io_async::ErrorType> embedded_io_async::ErrorType for Asking<'_, U> {
+    type Error = U::Error;
+}
+
+impl<U: Read> Read for Asking<'_, U> {
+    async fn read(&mut self, bytes: &mut [u8]) -> Result<usize, U::Error> {
+        self.uart.read(bytes).await
+    }
+}
+
+impl<U: Send> Send for Asking<'_, U> {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, U::Error> {
+        self.asked.set(self.asked.get() || bytes.contains(&RANGE));
+        self.uart.write(bytes).await
+    }
+
+    async fn flush(&mut self) -> Result<(), U::Error> {
+        self.uart.flush().await
     }
 }
 
@@ -196,7 +227,8 @@ struct Rig<'a, 'b> {
     layers: u32,
     decision: u64,
     decisions: u64,
-    /// Sense: instructions from the moment its request is out, and those of past readings.
+    /// Sense: whether it asked for the range, its instructions since it did, and those of past readings.
+    asked: &'a Cell<bool>,
     reading: u64,
     readings: [u64; READINGS],
     taken: usize,
@@ -246,26 +278,17 @@ impl Rig<'_, '_> {
             self.subjects[DECIDE].wake_us.set(again);
         }
         if which == SENSE {
-            let wait_us = self.subjects[SENSE].wake_us.get() - self.now_us.get();
-            let period_us = crawler_app::sense::PERIOD.as_micros();
-            if self.now_us.get().is_multiple_of(period_us) {
-                // The start of a period: the request, with what the model makes of it.
-                self.reading = 0;
-            } else {
-                self.reading += instructions;
-                // A wait of more than half a period is the one for the next.
-                if wait_us > period_us / 4 && self.taken < READINGS && self.published() {
-                    self.readings[self.taken] = self.reading;
+            self.reading += instructions;
+            if self.asked.take() {
+                // The poll that asks, with what the model of the ranger makes of it, is no part of the reading.
+                let past = self.reading - instructions;
+                if let Some(room) = self.readings.get_mut(self.taken) {
+                    *room = past;
                     self.taken += 1;
                 }
+                self.reading = 0;
             }
         }
-    }
-
-    /// The next poll of sense is at the start of a period.
-    fn published(&self) -> bool {
-        let period_us = crawler_app::sense::PERIOD.as_micros();
-        self.subjects[SENSE].wake_us.get().is_multiple_of(period_us)
     }
 
     /// Most instructions of one poll of `which` in the next `ms`.
@@ -305,7 +328,11 @@ fn main(_hart: usize, _tree: usize) -> ! {
     let memory = unsafe { &mut *FLASH.0.get() };
     let (left, right) = (port(Side::Left), port(Side::Right));
     let rng = Pcg32::new(1, 2);
-    let ranger: RangerPort<_, ModelEcho, ModelEcho> = RangerPort::Uart(body.uart(clock(SENSE)));
+    let asked = Cell::new(false);
+    let ranger: RangerPort<_, ModelEcho, ModelEcho> = RangerPort::Uart(Asking {
+        uart: body.uart(clock(SENSE)),
+        asked: &asked,
+    });
     let (overhead, ()) = count(|| ());
 
     let control = pin!(crawler_app::control(
@@ -339,6 +366,7 @@ fn main(_hart: usize, _tree: usize) -> ! {
         layers: LAYERS,
         decision: 0,
         decisions: 0,
+        asked: &asked,
         reading: 0,
         readings: [0; READINGS],
         taken: 0,
@@ -442,7 +470,7 @@ fn measure(robot: &Robot<CriticalSectionRawMutex>, rig: &mut Rig<'_, '_>) {
     rig.taken = 0;
     rig.run(READINGS as u64 * 200);
     if rig.taken < READINGS {
-        fail("sense did not publish its readings");
+        fail("sense did not take its readings");
     }
     rig.readings.sort_unstable();
     tell("sense_reading", rig.readings[READINGS / 2]);
