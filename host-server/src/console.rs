@@ -200,7 +200,8 @@ impl Console {
             outcome: outcome.chars().take(100).collect(),
         };
         self.records
-            .audit(entry)
+            .audit()
+            .append(entry)
             .await
             .map(drop)
             .map_err(|error| format!("the audit log cannot be written: {error}"))

@@ -23,7 +23,8 @@ impl Accounts {
         let code = new_secret()?;
         let expires = now_ms().saturating_add(LIFETIME.as_millis() as i64);
         self.records
-            .invite(Some(user), role, code.digest(), expires)
+            .invitations()
+            .add(Some(user), role, code.digest(), expires)
             .await?;
         Ok(code)
     }
@@ -44,7 +45,7 @@ impl Accounts {
     }
 
     async fn has_admin(&self) -> Result<bool, RecordsError> {
-        let users = self.records.users().await?;
+        let users = self.records.users().all().await?;
         Ok(users
             .iter()
             .any(|user| user.role == Role::Admin && !user.disabled && user.password.is_some()))
@@ -127,7 +128,7 @@ impl Accounts {
             created: now_ms(),
             disabled: false,
         };
-        self.records.add_user(&user).await?;
+        self.records.users().add(&user).await?;
         Ok(user)
     }
 
@@ -139,7 +140,8 @@ impl Accounts {
     ) -> Result<User, LoginError> {
         let taken = self
             .records
-            .take_invitation(code.digest(), now_ms())
+            .invitations()
+            .take(code.digest(), now_ms())
             .await?;
         let invitation = taken.ok_or(LoginError::Invitation)?;
         let result = match (invitation.name.clone(), name) {
@@ -153,7 +155,8 @@ impl Accounts {
             &result
         {
             self.records
-                .invite(
+                .invitations()
+                .add(
                     invitation.name.as_ref(),
                     invitation.role,
                     code.digest(),
@@ -167,7 +170,7 @@ impl Accounts {
     /// Gives an account that was made for somebody its password.
     async fn complete(&self, name: &UserName, password: String) -> Result<User, LoginError> {
         password::check(name, &password).map_err(LoginError::Weak)?;
-        let user = self.records.user(name).await?;
+        let user = self.records.users().get(name).await?;
         let user = user
             .filter(|user| !user.disabled)
             .ok_or(LoginError::Invitation)?;
@@ -175,7 +178,7 @@ impl Accounts {
             .hashing
             .run(move |memory| memory.hash(&password))
             .await??;
-        self.records.set_password(name, &hash).await?;
+        self.records.users().set_password(name, &hash).await?;
         // Whoever was in with an older password is not who was invited.
         self.end_sessions(name, None).await?;
         Ok(User {

@@ -115,7 +115,7 @@ impl Accounts {
     /// [`OpenError`] says why there are none.
     pub async fn open(records: Records, open: bool) -> Result<Self, OpenError> {
         let new = Secret::generate().map_err(|_| OpenError::NoRandomness)?;
-        let kept = records.setting_or(KEY, new.as_bytes()).await?;
+        let kept = records.settings().get_or_set(KEY, new.as_bytes()).await?;
         let kept = <[u8; 32]>::try_from(kept).map_err(|_| OpenError::Key)?;
         let accounts = Self {
             open,
@@ -250,7 +250,7 @@ impl Accounts {
         // Memory first: whatever the disk does, nobody goes on with it.
         let now = now_ms();
         lock(&self.alive).end(session, now);
-        match self.records.revoke_session(session, now).await {
+        match self.records.sessions().revoke(session, now).await {
             Ok(()) => Ok(true),
             Err(RecordsError::NotFound) => Ok(false),
             Err(error) => Err(error),
@@ -261,7 +261,7 @@ impl Accounts {
     async fn end_sessions(&self, user: &UserName, but: Option<u64>) -> Result<(), RecordsError> {
         let now = now_ms();
         lock(&self.alive).end_all(user, but, now);
-        let ended = self.records.revoke_sessions(user, but, now).await?;
+        let ended = self.records.sessions().revoke_all(user, but, now).await?;
         let mut alive = lock(&self.alive);
         for session in ended {
             alive.end(session, now);
@@ -278,7 +278,7 @@ impl Accounts {
         user: Option<&UserName>,
     ) -> Result<Vec<crawler_records::Session>, RecordsError> {
         let now = now_ms();
-        let mut sessions = self.records.sessions(user).await?;
+        let mut sessions = self.records.sessions().all(user).await?;
         sessions.retain(|session| session.expires > now);
         Ok(sessions)
     }
@@ -291,7 +291,7 @@ impl Accounts {
     pub async fn catch_up(&self) -> Result<(), RecordsError> {
         // Sessions that are opened from here on may be missing from what is read.
         let before = lock(&self.alive).ids();
-        let known = self.records.sessions(None).await?;
+        let known = self.records.sessions().all(None).await?;
         let now = now_ms();
         let mut alive = lock(&self.alive);
         for session in &known {

@@ -131,7 +131,7 @@ impl Accounts {
             .and_then(|()| self.failures.begin(name.as_ref(), from, now))
             .map_err(LoginError::Wait)?;
         let user = match &name {
-            Some(name) => self.records.user(name).await?,
+            Some(name) => self.records.users().get(name).await?,
             None => None,
         };
         let hash = user.as_ref().and_then(|user| user.password.clone());
@@ -165,7 +165,8 @@ impl Accounts {
         let expires = now.saturating_add(SESSION_LIFETIME.as_millis() as i64);
         let session = self
             .records
-            .open_session(
+            .sessions()
+            .open(
                 &user.name,
                 refresh.digest(),
                 now,
@@ -180,7 +181,7 @@ impl Accounts {
         };
         lock(&self.alive).insert(session, &user.name, expires);
         // Whoever changed the account in between has ended all sessions but this one.
-        let still = self.records.user(&user.name).await?;
+        let still = self.records.users().get(&user.name).await?;
         if still.as_ref() != Some(user) {
             self.end_session(session).await?;
             return Err(LoginError::Credentials);
@@ -218,7 +219,8 @@ impl Accounts {
         let now = now_ms();
         match self
             .records
-            .refresh_session(digest, next.digest(), now)
+            .sessions()
+            .refresh(digest, next.digest(), now)
             .await?
         {
             Refreshed::Ok { session, user } => {
@@ -242,7 +244,7 @@ impl Accounts {
             alive.get(session, now_ms()).map(|(user, _)| user.clone())
         };
         let name = name.ok_or(LoginError::NoSession)?;
-        let user = self.records.user(&name).await?;
+        let user = self.records.users().get(&name).await?;
         let user = user
             .filter(|user| !user.disabled)
             .ok_or(LoginError::NoSession)?;
@@ -260,7 +262,8 @@ impl Accounts {
         let next = new_secret()?;
         let refreshed = self
             .records
-            .refresh_session(old.digest(), next.digest(), now_ms())
+            .sessions()
+            .refresh(old.digest(), next.digest(), now_ms())
             .await?;
         match refreshed {
             Refreshed::Ok { session, user } => {
@@ -292,7 +295,7 @@ impl Accounts {
         self.failures
             .begin(name, from, Instant::now())
             .map_err(LoginError::Wait)?;
-        let user = self.records.user(&identity.user).await?;
+        let user = self.records.users().get(&identity.user).await?;
         let hash = user
             .and_then(|user| user.password)
             .ok_or(LoginError::Credentials)?;
@@ -302,7 +305,10 @@ impl Accounts {
             .await?
             .ok_or(LoginError::Credentials)??;
         self.failures.succeeded(name, from);
-        self.records.set_password(&identity.user, &hashed).await?;
+        self.records
+            .users()
+            .set_password(&identity.user, &hashed)
+            .await?;
         self.end_sessions(&identity.user, Some(identity.session))
             .await?;
         Ok(())

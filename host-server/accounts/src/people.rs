@@ -100,7 +100,7 @@ impl Accounts {
     /// # Errors
     /// [`PeopleError`] of the records.
     pub async fn users(&self) -> Result<Vec<UserView>, PeopleError> {
-        let users = self.records.users().await?;
+        let users = self.records.users().all().await?;
         Ok(users.iter().map(UserView::new).collect())
     }
 
@@ -125,7 +125,7 @@ impl Accounts {
             created: now_ms(),
             disabled: false,
         };
-        self.records.add_user(&user).await?;
+        self.records.users().add(&user).await?;
         let code = match user.password {
             Some(_) => None,
             None => Some(self.invite(&user.name, role).await?),
@@ -143,24 +143,37 @@ impl Accounts {
             None => None,
         };
         let _changing = self.changing.lock().await;
-        let user = self.records.user(name).await?.ok_or(PeopleError::Unknown)?;
+        let user = self
+            .records
+            .users()
+            .get(name)
+            .await?
+            .ok_or(PeopleError::Unknown)?;
         let mut ends = false;
         if let Some(role) = change.role.filter(|role| *role != user.role) {
-            self.records.set_role(name, role).await?;
+            self.records.users().set_role(name, role).await?;
             ends = true;
         }
         if let Some(disabled) = change.disabled {
-            self.records.set_disabled(name, disabled, now_ms()).await?;
+            self.records
+                .users()
+                .set_disabled(name, disabled, now_ms())
+                .await?;
             ends |= disabled;
         }
         if let Some(hash) = hash {
-            self.records.set_password(name, &hash).await?;
+            self.records.users().set_password(name, &hash).await?;
             ends = true;
         }
         if ends {
             self.end_sessions(name, None).await?;
         }
-        let user = self.records.user(name).await?.ok_or(PeopleError::Unknown)?;
+        let user = self
+            .records
+            .users()
+            .get(name)
+            .await?
+            .ok_or(PeopleError::Unknown)?;
         Ok(UserView::new(&user))
     }
 
@@ -180,7 +193,7 @@ impl Accounts {
     /// [`PeopleError`] says why it stays as it is.
     pub async fn delete(&self, name: &UserName) -> Result<(), PeopleError> {
         let _changing = self.changing.lock().await;
-        let ended = self.records.delete_user(name, now_ms()).await?;
+        let ended = self.records.users().delete(name, now_ms()).await?;
         lock(&self.alive).end_all(name, None, now_ms());
         for session in ended {
             lock(&self.alive).end(session, now_ms());

@@ -212,7 +212,8 @@ pub(super) async fn page(
     }
     let limit = query::page(wanted.limit.unwrap_or(PAGE), LARGEST_PAGE)?;
     let stored = records
-        .audit_page(wanted.before, limit, wanted.who.as_deref())
+        .audit()
+        .page(wanted.before, limit, wanted.who.as_deref())
         .await
         .map_err(|error| Problem::records(&error))?;
     let entries: Vec<AuditView> = stored
@@ -257,9 +258,9 @@ pub(super) struct Verdict {
 #[utoipa::path(get, path = "/audit/verify", tag = "accounts",
     responses((status = 200, description = "The verdict", body = Verdict)))]
 pub(super) async fn verify(State(records): State<Records>) -> Result<Json<Verdict>, Problem> {
-    let lost = records.audit_lost().await;
+    let lost = records.audit().lost().await;
     let lost = lost.map_err(|error| Problem::records(&error))?;
-    Ok(Json(match records.audit_verify().await {
+    Ok(Json(match records.audit().verify().await {
         Ok(entries) => Verdict {
             entries,
             intact: true,

@@ -46,7 +46,7 @@ pub(super) struct CredentialList {
 #[utoipa::path(get, path = "/credentials", tag = "accounts",
     responses((status = 200, description = "The credentials", body = CredentialList)))]
 pub(super) async fn list(State(records): State<Records>) -> Result<Json<CredentialList>, Problem> {
-    let credentials = records.credentials().await;
+    let credentials = records.credentials().all().await;
     let credentials = credentials.map_err(|error| Problem::records(&error))?;
     let credentials = credentials.into_iter().map(|credential| CredentialView {
         robot: credential.name,
@@ -138,6 +138,7 @@ pub(super) async fn enrol(
     let robot = named(&id)?;
     let secret = Secret::generate().map_err(|_| Problem::internal("no randomness"))?;
     let result = records
+        .credentials()
         .enroll(robot.as_str(), secret.digest(), now_ms(), &caller.name())
         .await
         .map_err(|error| match error {
@@ -188,7 +189,8 @@ pub(super) async fn revoke(
     };
     let robot = named(&id).map_err(|_| unknown())?;
     let result = records
-        .revoke_credential(robot.as_str(), now_ms())
+        .credentials()
+        .revoke(robot.as_str(), now_ms())
         .await
         .map_err(|error| match error {
             RecordsError::NotFound => unknown(),

@@ -144,7 +144,7 @@ pub(super) async fn page(
 ) -> Result<Json<EventList>, Problem> {
     let wanted = wanted(asked)?;
     let limit = wanted.limit as usize;
-    let events = records.events(wanted).await;
+    let events = records.events().page(wanted).await;
     let events = events.map_err(|error| Problem::records(&error))?;
     let full = events.len() == limit;
     let next = events.last().filter(|_| full).map(StoredEvent::cursor);

@@ -130,7 +130,7 @@ pub(super) async fn list(
         Some(id) => Some(number(id).map_err(|_| bad_query("before", "must be an id"))?),
         None => None,
     };
-    let rows = records.experiments(before, limit).await;
+    let rows = records.experiments().page(before, limit).await;
     let rows = rows.map_err(|error| Problem::records(&error))?;
     let full = rows.len() == limit as usize;
     let next = rows.last().filter(|row| full && row.id > 1);
@@ -198,7 +198,7 @@ pub(super) async fn one(
 }
 
 async fn find(records: &Records, id: &str) -> Result<Experiment, Problem> {
-    let row = records.experiment(number(id)?).await;
+    let row = records.experiments().get(number(id)?).await;
     let row = row.map_err(|error| Problem::records(&error))?;
     row.ok_or_else(unknown)
 }
@@ -329,7 +329,7 @@ pub(super) async fn metrics(
     let row = find(&records, &id).await?;
     let id = row.id;
     let from = asked.after.map_or(0, |after| after.saturating_add(1));
-    let trials = records.trials(id, from, limit).await;
+    let trials = records.trials().page(id, from, limit).await;
     let mut trials = trials.map_err(|error| Problem::records(&error))?;
     // Others may be done that are not counted yet.
     trials.retain(|trial| trial.number < row.done);

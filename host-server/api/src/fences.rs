@@ -175,7 +175,7 @@ impl FromRef<ApiState> for FenceKeeper {
 
 impl FenceKeeper {
     async fn catch_up(&self) {
-        enforcement::catch_up(&self.records, &self.fleet).await;
+        enforcement::catch_up(self.records.fences(), &self.fleet).await;
     }
 
     /// Has a change hold here at once, and writes it down.
@@ -205,7 +205,7 @@ impl FenceKeeper {
         (status = 200, description = "The fences", body = FenceList),
         (status = 503, description = "The records cannot be read")))]
 pub(super) async fn list(State(records): State<Records>) -> Result<Json<FenceList>, Problem> {
-    let fences = enforcement::all(&records)
+    let fences = enforcement::all(records.fences())
         .await
         .map_err(|error| failed(&error))?;
     Ok(Json(FenceList {
@@ -233,7 +233,7 @@ pub(super) async fn add(
 ) -> Result<(StatusCode, Json<FenceView>), Problem> {
     let wanted = NewFence::read(&body)?;
     let fence = wanted.into_fence(new_id()?, caller.name())?;
-    let added = fences.records.add_fence(&fence.to_kept()).await;
+    let added = fences.records.fences().add(&fence.to_kept()).await;
     let result = added.map_err(|error| failed(&error));
     fences.note(&caller, "fence.add", &fence, &result).await;
     result?;
@@ -265,7 +265,7 @@ pub(super) async fn change(
     }
     let fence = wanted.into_fence(id, caller.name())?;
     let changed: Result<KeptFence, RecordsError> =
-        fences.records.change_fence(&fence.to_kept()).await;
+        fences.records.fences().change(&fence.to_kept()).await;
     let result = changed.map_err(|error| failed(&error));
     fences.note(&caller, "fence.change", &fence, &result).await;
     let kept = result?;
@@ -291,7 +291,7 @@ pub(super) async fn delete(
     if !is_id(&id) {
         return Err(unknown());
     }
-    let deleted = fences.records.delete_fence(&id).await;
+    let deleted = fences.records.fences().delete(&id).await;
     let result = deleted.map_err(|error| failed(&error));
     let detail = json!({ "name": result.as_ref().ok() });
     fences.catch_up().await;

@@ -249,8 +249,8 @@ pub(super) async fn frames(
     let tracks = history.frames(&robots, from, to, step).await;
     let tracks = tracks.map_err(|error| problem(&error))?;
     let unreadable = |error| Problem::records(&error);
-    let begin = records.arena_at(from).await.map_err(unreadable)?;
-    let changes = records.arenas(from, to, step).await;
+    let begin = records.arenas().at(from).await.map_err(unreadable)?;
+    let changes = records.arenas().changes(from, to, step).await;
     let kinds: Vec<_> = {
         let fleet = fleet.lock();
         let status = |track: &Track| fleet.get(&track.robot)?.status.as_ref();

@@ -63,7 +63,10 @@ impl Bench {
 
     async fn enroll(&self, name: &str) -> String {
         let secret = Secret::generate().expect("randomness");
-        let enrolled = self.records.enroll(name, secret.digest(), 1, "test");
+        let enrolled = self
+            .records
+            .credentials()
+            .enroll(name, secret.digest(), 1, "test");
         enrolled.await.expect("enrolled");
         secret.to_string()
     }
@@ -179,7 +182,7 @@ async fn a_revoked_robot_is_gone_and_the_fleet_learns_of_it() {
         .await
         .expect("let in");
 
-    let revoked = bench.records.revoke_credential("rover-1", 2).await;
+    let revoked = bench.records.credentials().revoke("rover-1", 2).await;
     revoked.expect("revoked");
     handle.drop_client(Kind::Machine, "rover-1").await;
     robot.ends().await;
@@ -219,7 +222,7 @@ async fn a_simulator_goes_with_all_its_robots_and_a_person_with_all_sessions() {
         created: 1,
         disabled: false,
     };
-    bench.records.add_user(&user).await.expect("added");
+    bench.records.users().add(&user).await.expect("added");
     let mut all = Vec::new();
     for (client_id, name, secret) in [
         ("sim-0001", "simulator-lab", lab.as_str()),
@@ -317,7 +320,7 @@ async fn a_robot_that_floods_shows_and_can_be_dropped_meanwhile() {
         }
     })
     .await;
-    let revoked = bench.records.revoke_credential("rover-1", 2).await;
+    let revoked = bench.records.credentials().revoke("rover-1", 2).await;
     revoked.expect("revoked");
     handle.drop_client(Kind::Machine, "rover-1").await;
     // Also in the middle of a flood.

@@ -185,7 +185,7 @@ pub async fn create(
             start: wanted.start,
         };
         let _alone = experiments.tallies.lock().await;
-        let row = experiments.records.add_experiment(new).await?;
+        let row = experiments.records.experiments().add(new).await?;
         if row.state == Running {
             take_up(&experiments, row.clone()).await;
         }
@@ -240,9 +240,11 @@ pub async fn act(
         } else if row.kind == ExperimentKind::Evaluation {
             stand(&experiments, &mut tallies, id).await?;
         }
-        let moved = experiments
-            .records
-            .move_experiment(id, row.state, to, None, now_ms());
+        let moved =
+            experiments
+                .records
+                .experiments()
+                .change_state(id, row.state, to, None, now_ms());
         let row = match moved.await {
             Ok(row) => row,
             // It came to its end just now.
@@ -311,7 +313,7 @@ pub async fn delete(experiments: &Arc<Experiments>, id: i64) -> Result<(), Contr
     whole(tasks, async move {
         let _alone = experiments.tallies.lock().await;
         let row = find(&experiments, id).await?;
-        match experiments.records.delete_experiment(id).await {
+        match experiments.records.experiments().delete(id).await {
             Ok(()) => {
                 experiments.trainer.wake();
                 recount(&experiments).await;
@@ -326,6 +328,6 @@ pub async fn delete(experiments: &Arc<Experiments>, id: i64) -> Result<(), Contr
 
 /// The experiment of that number.
 async fn find(experiments: &Experiments, id: i64) -> Result<Experiment, ControlError> {
-    let row = experiments.records.experiment(id).await?;
+    let row = experiments.records.experiments().get(id).await?;
     row.ok_or(ControlError::Unknown)
 }

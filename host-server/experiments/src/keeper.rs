@@ -141,7 +141,7 @@ pub(super) async fn count_own(
     tallies: &mut HashMap<i64, Tally>,
     id: i64,
 ) -> Result<(), RecordsError> {
-    match experiments.records.experiment(id).await? {
+    match experiments.records.experiments().get(id).await? {
         Some(row) if experiments.is_own(&row.owner) => count(experiments, tallies, id).await,
         _ => Ok(()),
     }
@@ -157,7 +157,7 @@ pub(super) async fn count(
     id: i64,
 ) -> Result<(), RecordsError> {
     loop {
-        let row = experiments.records.experiment(id).await?;
+        let row = experiments.records.experiments().get(id).await?;
         let Some(row) = row.filter(|row| row.state == ExperimentState::Running) else {
             tallies.remove(&id);
             return Ok(());
@@ -200,7 +200,7 @@ pub(super) async fn count(
             return Ok(());
         };
         let complete = new.completed.is_some();
-        match experiments.records.add_trials(new).await {
+        match experiments.records.trials().add(new).await {
             Ok(()) => {}
             // Another server has counted them, or somebody has paused it: what is so is read anew.
             Err(RecordsError::NotFound) => continue,
@@ -229,7 +229,7 @@ async fn next(
     from: u32,
     limit: u32,
 ) -> Result<(Vec<StoredTrial>, Vec<Measured>), RecordsError> {
-    let mut trials = experiments.records.trials(id, from, limit).await?;
+    let mut trials = experiments.records.trials().page(id, from, limit).await?;
     let mut measured = Vec::with_capacity(trials.len());
     for (number, trial) in (from..).zip(&trials) {
         match results::measured(trial).filter(|_| trial.number == number) {
@@ -254,7 +254,8 @@ pub(super) async fn fail(experiments: &Experiments, id: i64, why: &str) {
     let (from, to) = (ExperimentState::Running, ExperimentState::Failed);
     let moved = experiments
         .records
-        .move_experiment(id, from, to, Some(why), now_ms());
+        .experiments()
+        .change_state(id, from, to, Some(why), now_ms());
     match moved.await {
         Ok(row) => {
             let text = format!("experiment “{}” has failed: {why}", row.name);

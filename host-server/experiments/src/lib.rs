@@ -281,7 +281,7 @@ impl Experiments {
     /// Counts anew, after a change.
     async fn count(&self) -> Result<(), RecordsError> {
         let mut states = [0; ExperimentState::ALL.len()];
-        for (owner, state, count) in self.records.experiments_by_state().await? {
+        for (owner, state, count) in self.records.experiments().by_state().await? {
             if self.is_own(&owner) {
                 states[state as usize] += count;
             }

@@ -240,7 +240,7 @@ impl Worker {
                 // Of another experiment that had its number.
                 self.leave(row.id);
                 self.board.forget(row.id);
-                if let Some(experiment) = self.records.experiment(row.id).await? {
+                if let Some(experiment) = self.records.experiments().get(row.id).await? {
                     // Who cannot run it leaves it to the server that counts its trials.
                     let _ = self.take_up(experiment);
                 }

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use crawler_protocol::{Action as Order, RobotId, Source};
-use crawler_records::{Records, RecordsError};
+use crawler_records::{Fences, RecordsError};
 use futures_util::{StreamExt as _, stream};
 use serde_json::json;
 use tokio::sync::Notify;
@@ -31,8 +31,8 @@ const AGAIN: Duration = Duration::from_secs(1);
 ///
 /// # Errors
 /// [`RecordsError`] when they cannot be read.
-pub async fn all(records: &Records) -> Result<Vec<Fence>, RecordsError> {
-    let kept = records.fences().await?;
+pub async fn all(kept: Fences<'_>) -> Result<Vec<Fence>, RecordsError> {
+    let kept = kept.all().await?;
     let fences = kept.into_iter().filter_map(|kept| {
         let id = kept.id.clone();
         let fence = Fence::of_kept(kept);
@@ -45,8 +45,8 @@ pub async fn all(records: &Records) -> Result<Vec<Fence>, RecordsError> {
 }
 
 /// Brings this server's copy of the list up to date.
-pub async fn catch_up(records: &Records, fleet: &SharedFleet) {
-    match all(records).await {
+pub async fn catch_up(kept: Fences<'_>, fleet: &SharedFleet) {
+    match all(kept).await {
         Ok(fences) => fleet.lock().set_fences(fences),
         Err(error) => tracing::warn!(%error, "cannot read the fences"),
     }

@@ -212,7 +212,7 @@ impl Writer {
     /// Writes what is pending. What the records do not take for now stays.
     async fn write(&mut self) {
         while let Some((at, arena)) = self.pending.arenas.front().cloned() {
-            let outcome = self.records.add_arena(at, arena).await;
+            let outcome = self.records.arenas().add(at, arena).await;
             if !self.is_settled(outcome, 0) {
                 return;
             }
@@ -222,7 +222,7 @@ impl Writer {
             return;
         }
         let count = self.pending.events.len() as u64;
-        let outcome = self.records.add_events(self.pending.events.clone()).await;
+        let outcome = self.records.events().add(self.pending.events.clone()).await;
         if self.is_settled(outcome, count) {
             self.pending.events.clear();
         }
@@ -296,13 +296,17 @@ mod tests {
             before: None,
             limit: 1,
         };
-        let found = records.events(newest).await.expect("events");
+        let found = records.events().page(newest).await.expect("events");
         assert_eq!(found[0].event.text, format!("event {}", EVENTS - 1));
         // The newest arena is there, whatever was left out before it.
-        let arena = records.arena_at(i64::MAX).await.expect("an arena");
+        let arena = records.arenas().at(i64::MAX).await.expect("an arena");
         let width = ARENAS + 4;
         assert_eq!(arena, Some(json!({ "width": width }).to_string()));
-        let arenas = records.arenas(0, i64::MAX, 1).await.expect("arenas");
+        let arenas = records
+            .arenas()
+            .changes(0, i64::MAX, 1)
+            .await
+            .expect("arenas");
         assert!(arenas.len() <= ARENAS, "{}", arenas.len());
         records.close().await;
     }

@@ -1,23 +1,28 @@
 //! What the simulated arena was, by time.
 
+use crate::RecordsError;
 use crate::query::query;
-use crate::{Records, RecordsError};
+use crate::store::Store;
 
 /// Most bytes of an arena.
 pub const MAX_ARENA: usize = 1_048_576;
 
-impl Records {
+/// The simulated arenas among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Arenas<'r>(pub(crate) &'r Store);
+
+impl Arenas<'_> {
     /// Notes that the simulated arena is `arena` from `at` on; `None` where there is none. One that is
     /// as it was is not noted again.
     ///
     /// # Errors
     /// [`RecordsError::Invalid`] for one of more than [`MAX_ARENA`] bytes, others when it cannot be
     /// written.
-    pub async fn add_arena(&self, at: i64, arena: Option<String>) -> Result<(), RecordsError> {
+    pub async fn add(self, at: i64, arena: Option<String>) -> Result<(), RecordsError> {
         if arena.as_ref().is_some_and(|arena| arena.len() > MAX_ARENA) {
             return Err(RecordsError::Invalid("an arena has at most 1 MiB"));
         }
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     let last: Option<(Option<String>,)> =
@@ -43,8 +48,8 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn arena_at(&self, at: i64) -> Result<Option<String>, RecordsError> {
-        self.db()
+    pub async fn at(self, at: i64) -> Result<Option<String>, RecordsError> {
+        self.0
             .read(move |connection| {
                 Box::pin(async move {
                     let row: Option<(Option<String>,)> = query(
@@ -64,13 +69,13 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn arenas(
-        &self,
+    pub async fn changes(
+        self,
         from: i64,
         to: i64,
         step: i64,
     ) -> Result<Vec<(i64, Option<String>)>, RecordsError> {
-        self.db()
+        self.0
             .read(move |connection| {
                 Box::pin(async move {
                     query(
@@ -86,5 +91,18 @@ impl Records {
                 })
             })
             .await
+    }
+
+    /// Deletes those from before `before` and all but the newest `most`, and returns how many: but not the one of
+    /// the earliest time that is kept. What would take long is left for the next call.
+    pub(crate) async fn prune(self, before: i64, most: i64) -> Result<u64, RecordsError> {
+        let old = "DELETE FROM arena WHERE id IN
+                 (SELECT id FROM arena
+                  WHERE at < (SELECT max(at) FROM arena WHERE at <= $1) ORDER BY at LIMIT $2)";
+        let many = "DELETE FROM arena WHERE id IN
+                 (SELECT id FROM arena
+                  WHERE id <= (SELECT coalesce(max(id), 0) FROM arena) - $1 ORDER BY id LIMIT $2)";
+        let deleted = self.0.delete_some(old, before).await?;
+        Ok(deleted + self.0.delete_some(many, most).await?)
     }
 }

@@ -13,9 +13,10 @@ use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
+use crate::RecordsError;
 use crate::query::{Connection, query};
+use crate::store::Store;
 use crate::text::{cut, hex};
-use crate::{Records, RecordsError};
 use append::{append, pass_foreign};
 
 /// Most entries in one answer.
@@ -234,15 +235,19 @@ pub(crate) async fn append_all(
     Ok(())
 }
 
-impl Records {
+/// The audit log among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Audit<'r>(pub(crate) &'r Store);
+
+impl Audit<'_> {
     /// Appends an entry and returns its number, once it is on disk. Entries that somebody else has put
-    /// there are passed, which an entry of its own tells and [`Self::audit_verify`] for ever after.
+    /// there are passed, which an entry of its own tells and [`Self::verify`] for ever after.
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
-    pub async fn audit(&self, entry: Entry) -> Result<u64, RecordsError> {
+    pub async fn append(self, entry: Entry) -> Result<u64, RecordsError> {
         let entry = Canonical::new(&entry);
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     let end = end(connection).await?;
@@ -255,12 +260,12 @@ impl Records {
     }
 
     /// Appends entries in their order, all or none of them, and returns when they are on disk. As
-    /// [`Records::audit`] for the rest.
+    /// [`Audit::append`] for the rest.
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be written.
-    pub async fn audit_all(&self, entries: Vec<Entry>) -> Result<(), RecordsError> {
-        self.db()
+    pub async fn append_all(self, entries: Vec<Entry>) -> Result<(), RecordsError> {
+        self.0
             .write(move |connection| {
                 Box::pin(async move { append_all(connection, &entries).await })
             })
@@ -271,9 +276,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn audit_lost(&self) -> Result<u64, RecordsError> {
+    pub async fn lost(self) -> Result<u64, RecordsError> {
         let gaps: Vec<(String,)> = self
-            .db()
+            .0
             .read(|connection| {
                 Box::pin(async move {
                     query("SELECT detail FROM audit WHERE action = $1")
@@ -295,8 +300,8 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn audit_page(
-        &self,
+    pub async fn page(
+        self,
         before: Option<u64>,
         limit: u32,
         who: Option<&str>,
@@ -304,7 +309,7 @@ impl Records {
         let before = before.map_or(i64::MAX, |seq| i64::try_from(seq).unwrap_or(i64::MAX));
         let limit = limit.min(MAX_AUDIT_PAGE);
         let who = who.map(|who| cut(who, MAX_WHO));
-        self.db()
+        self.0
             .read(move |connection| {
                 Box::pin(async move {
                     let fields = match who {
@@ -333,14 +338,14 @@ impl Records {
     ///
     /// # Errors
     /// [`Broken`] names the first entry that is not what was written, or cannot be read.
-    pub async fn audit_verify(&self) -> Result<u64, Broken> {
+    pub async fn verify(self) -> Result<u64, Broken> {
         let unreadable = |seq: i64, error: &RecordsError| Broken {
             seq: seq as u64,
             why: format!("it cannot be read: {error}"),
         };
         // The end is read first: entries that come in meanwhile are behind it, and left out.
         let (last, sealed) = self
-            .db()
+            .0
             .read(|connection| Box::pin(end(connection)))
             .await
             .map_err(|error| unreadable(1, &error))?;
@@ -348,7 +353,7 @@ impl Records {
         let mut seq = 0;
         while seq < last {
             let rows = self
-                .db()
+                .0
                 .read(move |connection| Box::pin(after(connection, seq, last)))
                 .await
                 .map_err(|error| unreadable(seq + 1, &error))?;
@@ -378,7 +383,7 @@ impl Records {
         }
         // In one statement: entries that come in meanwhile move the end along.
         let foreign: Option<(i64,)> = self
-            .db()
+            .0
             .read(|connection| {
                 Box::pin(async move {
                     query(
@@ -402,16 +407,13 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::Io`] when `to` refuses, others when the log cannot be read.
-    pub async fn audit_export(&self, to: &mut (dyn Write + Send)) -> Result<u64, RecordsError> {
+    pub async fn export(self, to: &mut (dyn Write + Send)) -> Result<u64, RecordsError> {
         let refused = |error| RecordsError::io(std::path::Path::new("export"), error);
-        let (last, _) = self
-            .db()
-            .read(|connection| Box::pin(end(connection)))
-            .await?;
+        let (last, _) = self.0.read(|connection| Box::pin(end(connection))).await?;
         let (mut seq, mut count) = (0, 0);
         loop {
             let rows = self
-                .db()
+                .0
                 .read(move |connection| Box::pin(after(connection, seq, last)))
                 .await?;
             if rows.is_empty() {

@@ -140,7 +140,7 @@ impl AuditWriter {
                 continue;
             }
             let count = batch.len();
-            match self.records.audit_all(batch).await {
+            match self.records.audit().append_all(batch).await {
                 Ok(()) => self.queue.written(count),
                 Err(error) => {
                     self.queue.failed(&error);

@@ -2,9 +2,10 @@
 
 use crawler_access::Digest;
 
+use crate::RecordsError;
 use crate::query::query;
+use crate::store::Store;
 use crate::users::changed;
-use crate::{Records, RecordsError};
 
 /// Most credentials.
 pub const MAX_CREDENTIALS: i64 = 100_000;
@@ -53,13 +54,17 @@ fn check_name(name: &str) -> Result<(), RecordsError> {
     Ok(())
 }
 
-impl Records {
+/// The credentials of robots and simulators among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Credentials<'r>(pub(crate) &'r Store);
+
+impl Credentials<'_> {
     /// Gives `name` the secret of that digest. One that it had is worth nothing from then on.
     ///
     /// # Errors
     /// [`RecordsError::Invalid`] for a name that is none, [`RecordsError::TooMany`].
     pub async fn enroll(
-        &self,
+        self,
         name: &str,
         digest: Digest,
         now: i64,
@@ -67,7 +72,7 @@ impl Records {
     ) -> Result<(), RecordsError> {
         check_name(name)?;
         let (name, by) = (name.to_owned(), crate::text::cut(by, MAX_BY));
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     let (others,): (i64,) =
@@ -100,12 +105,12 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn credential(&self, name: &str) -> Result<Option<Credential>, RecordsError> {
+    pub async fn get(self, name: &str) -> Result<Option<Credential>, RecordsError> {
         if check_name(name).is_err() {
             return Ok(None);
         }
         let name = name.to_owned();
-        self.db()
+        self.0
             .read(move |connection| {
                 Box::pin(async move {
                     let row: Option<Row> = query(
@@ -125,8 +130,8 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn credentials(&self) -> Result<Vec<Credential>, RecordsError> {
-        self.db()
+    pub async fn all(self) -> Result<Vec<Credential>, RecordsError> {
+        self.0
             .read(|connection| {
                 Box::pin(async move {
                     let rows: Vec<Row> = query(
@@ -146,10 +151,10 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`] when there is none, or it was revoked before.
-    pub async fn revoke_credential(&self, name: &str, now: i64) -> Result<(), RecordsError> {
+    pub async fn revoke(self, name: &str, now: i64) -> Result<(), RecordsError> {
         check_name(name).map_err(|_| RecordsError::NotFound)?;
         let name = name.to_owned();
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     let done = query(

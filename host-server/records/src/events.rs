@@ -6,9 +6,10 @@ use std::str::FromStr;
 use crawler_protocol::RobotId;
 use sqlx::AssertSqlSafe;
 
+use crate::RecordsError;
 use crate::query::{Connection, query};
+use crate::store::Store;
 use crate::text::cut;
-use crate::{Records, RecordsError};
 
 /// Most events in one answer.
 pub const MAX_EVENTS_PAGE: u32 = 1_000;
@@ -16,10 +17,6 @@ pub const MAX_EVENTS_PAGE: u32 = 1_000;
 pub const MAX_EVENT_TEXT: usize = 1_024;
 /// Rows in one statement.
 const AT_ONCE: usize = 100;
-/// Rows deleted in one transaction, and so how long others wait for it.
-const DELETED: i64 = 5_000;
-/// Transactions in one go; the rest waits for the next.
-const ROUNDS: usize = 100;
 
 /// How much an event matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -235,13 +232,17 @@ async fn page(
     Ok(rows.into_iter().map(stored).collect())
 }
 
-impl Records {
+/// The events among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Events<'r>(pub(crate) &'r Store);
+
+impl Events<'_> {
     /// Keeps `events` and returns once they are on disk.
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be written; none is then.
-    pub async fn add_events(&self, events: Vec<Event>) -> Result<(), RecordsError> {
-        self.db()
+    pub async fn add(self, events: Vec<Event>) -> Result<(), RecordsError> {
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     for events in events.chunks(AT_ONCE) {
@@ -258,66 +259,22 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn events(&self, wanted: EventQuery) -> Result<Vec<StoredEvent>, RecordsError> {
-        self.db()
+    pub async fn page(self, wanted: EventQuery) -> Result<Vec<StoredEvent>, RecordsError> {
+        self.0
             .read(move |connection| Box::pin(page(connection, wanted)))
             .await
     }
 
-    /// Deletes events and arenas that are older at `now`, or more, than `retention` says, and returns
-    /// how many. Of arenas, the one of the earliest time that is kept stays. What would take long is left
-    /// for the next call.
-    ///
-    /// # Errors
-    /// [`RecordsError`] when it cannot be written.
-    pub async fn prune_events(
-        &self,
-        retention: EventRetention,
-        now: i64,
-    ) -> Result<u64, RecordsError> {
-        let before = now.saturating_sub(retention.ms);
-        let steps = [
-            (
-                "DELETE FROM event WHERE id IN
-                 (SELECT id FROM event WHERE at < $1 ORDER BY at LIMIT $2)",
-                before,
-            ),
-            (
-                "DELETE FROM event WHERE id IN
+    /// Deletes those from before `before` and all but the newest `most`, and returns how many. What would take
+    /// long is left for the next call.
+    pub(crate) async fn prune(self, before: i64, most: i64) -> Result<u64, RecordsError> {
+        let old = "DELETE FROM event WHERE id IN
+                 (SELECT id FROM event WHERE at < $1 ORDER BY at LIMIT $2)";
+        let many = "DELETE FROM event WHERE id IN
                  (SELECT id FROM event
-                  WHERE id <= (SELECT coalesce(max(id), 0) FROM event) - $1 ORDER BY id LIMIT $2)",
-                retention.events,
-            ),
-            (
-                "DELETE FROM arena WHERE id IN
-                 (SELECT id FROM arena
-                  WHERE at < (SELECT max(at) FROM arena WHERE at <= $1) ORDER BY at LIMIT $2)",
-                before,
-            ),
-            (
-                "DELETE FROM arena WHERE id IN
-                 (SELECT id FROM arena
-                  WHERE id <= (SELECT coalesce(max(id), 0) FROM arena) - $1 ORDER BY id LIMIT $2)",
-                retention.arenas,
-            ),
-        ];
-        let mut total = 0;
-        for (sql, bound) in steps {
-            for _ in 0..ROUNDS {
-                let delete = query(sql).bind(bound).bind(DELETED);
-                let deleted = self
-                    .db()
-                    .write(move |connection| {
-                        Box::pin(async move { delete.execute(connection).await })
-                    })
-                    .await?;
-                total += deleted;
-                if deleted < DELETED as u64 {
-                    break;
-                }
-            }
-        }
-        Ok(total)
+                  WHERE id <= (SELECT coalesce(max(id), 0) FROM event) - $1 ORDER BY id LIMIT $2)";
+        let deleted = self.0.delete_some(old, before).await?;
+        Ok(deleted + self.0.delete_some(many, most).await?)
     }
 }
 

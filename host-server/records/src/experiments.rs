@@ -12,6 +12,8 @@ use crate::RecordsError;
 pub use parts::{
     ExperimentParts, Holder, MAX_LOST, MAX_WORKER, Part, RunningExperiment, part_size,
 };
+pub use tables::Experiments;
+pub use trials::Trials;
 
 /// Most experiments.
 pub const MAX_EXPERIMENTS: i64 = 1_000;

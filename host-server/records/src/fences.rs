@@ -1,8 +1,9 @@
 //! Fences: named polygons of the ground. What a good polygon is, whoever keeps one here decides.
 
+use crate::RecordsError;
 use crate::query::{Connection, query};
+use crate::store::Store;
 use crate::users::changed;
-use crate::{Records, RecordsError};
 
 /// Most fences.
 pub const MAX_FENCES: i64 = 64;
@@ -75,13 +76,17 @@ async fn name_is_free(
     other.map_or(Ok(()), |_| Err(RecordsError::Exists))
 }
 
-impl Records {
+/// The fences among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Fences<'r>(pub(crate) &'r Store);
+
+impl Fences<'_> {
     /// Every fence, the oldest first.
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn fences(&self) -> Result<Vec<KeptFence>, RecordsError> {
-        self.db()
+    pub async fn all(self) -> Result<Vec<KeptFence>, RecordsError> {
+        self.0
             .read(|connection| {
                 Box::pin(async move {
                     let rows: Vec<Row> = query(
@@ -102,10 +107,10 @@ impl Records {
     /// # Errors
     /// [`RecordsError::Exists`] when one has its name, [`RecordsError::TooMany`], or
     /// [`RecordsError::Invalid`] for what no fence can be.
-    pub async fn add_fence(&self, fence: &KeptFence) -> Result<(), RecordsError> {
+    pub async fn add(self, fence: &KeptFence) -> Result<(), RecordsError> {
         check(fence)?;
         let fence = fence.clone();
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     let (count,): (i64,) = query("SELECT count(*) FROM fence")
@@ -138,11 +143,11 @@ impl Records {
     /// is kept then.
     ///
     /// # Errors
-    /// [`RecordsError::NotFound`], or as for [`Records::add_fence`].
-    pub async fn change_fence(&self, fence: &KeptFence) -> Result<KeptFence, RecordsError> {
+    /// [`RecordsError::NotFound`], or as for [`Fences::add`].
+    pub async fn change(self, fence: &KeptFence) -> Result<KeptFence, RecordsError> {
         check(fence)?;
         let changes = fence.clone();
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     name_is_free(connection, &changes).await?;
@@ -168,9 +173,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`].
-    pub async fn delete_fence(&self, id: &str) -> Result<String, RecordsError> {
+    pub async fn delete(self, id: &str) -> Result<String, RecordsError> {
         let id = id.to_owned();
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     let row: Option<(String,)> =

@@ -18,10 +18,15 @@
 //! Times are Unix milliseconds and handed in. Only the history looks at a clock, for what it may
 //! forget.
 //!
-//! Reading order: `store` and `settings`; `users`, `sessions`, `credentials` and `audit`, which [`audit_log`]
-//! fills for those who cannot wait; `events`, `arenas`,
-//! `fences`, `experiments`, `releases` and `rollouts`; below them `schema`, `query`, `postgres` and `text`; `backup`
-//! and `transfer`.
+//! [`Records`] owns the database and says what concerns all of it. Each table, or few that are one idea, has
+//! a handle: [`Records::users`] lends [`Users`], whose calls read and write accounts and nothing else. A handle is a
+//! reference, so whoever needs one table can ask for that and no more. All fail with a [`RecordsError`]; each call says
+//! with which of them.
+//!
+//! Reading order: `store`, which is behind every handle, and `settings`, the smallest of them; for people and machines
+//! `users`, `invitations`, `sessions` and `credentials`; `audit`, which [`audit_log`] fills for those who cannot
+//! wait; `events`, `arenas` and `fences`; `experiments` (the experiments, their trials, the parts that are left to
+//! do), `releases` and `rollouts`; below them `schema`, `query`, `postgres` and `text`; `backup` and `transfer`.
 
 mod arenas;
 mod audit;
@@ -31,6 +36,7 @@ mod credentials;
 mod events;
 mod experiments;
 mod fences;
+mod invitations;
 mod postgres;
 mod query;
 mod releases;
@@ -51,19 +57,20 @@ use crawler_history::{HISTORY_FILE, History, Running};
 
 pub use crawler_database::RecordsError;
 
-pub use arenas::MAX_ARENA;
-pub use audit::{Broken, Entry, MAX_AUDIT_PAGE, Stored};
-pub use credentials::{Credential, MAX_CREDENTIAL_NAME, MAX_CREDENTIALS};
+pub use arenas::{Arenas, MAX_ARENA};
+pub use audit::{Audit, Broken, Entry, MAX_AUDIT_PAGE, Stored};
+pub use credentials::{Credential, Credentials, MAX_CREDENTIAL_NAME, MAX_CREDENTIALS};
 pub use events::{
-    Event, EventCursor, EventLevel, EventQuery, EventRetention, MAX_EVENT_TEXT, MAX_EVENTS_PAGE,
-    NoCursor, StoredEvent,
+    Event, EventCursor, EventLevel, EventQuery, EventRetention, Events, MAX_EVENT_TEXT,
+    MAX_EVENTS_PAGE, NoCursor, StoredEvent,
 };
 pub use experiments::{
-    Experiment, ExperimentKind, ExperimentParts, ExperimentState, Holder, MAX_EXPERIMENT_TEXT,
-    MAX_EXPERIMENTS, MAX_LOST, MAX_SEEDS, MAX_TRAININGS, MAX_TRIALS, MAX_WORKER, NewExperiment,
-    NewTrials, Part, RunningExperiment, StoredTrial, part_size,
+    Experiment, ExperimentKind, ExperimentParts, ExperimentState, Experiments, Holder,
+    MAX_EXPERIMENT_TEXT, MAX_EXPERIMENTS, MAX_LOST, MAX_SEEDS, MAX_TRAININGS, MAX_TRIALS,
+    MAX_WORKER, NewExperiment, NewTrials, Part, RunningExperiment, StoredTrial, Trials, part_size,
 };
-pub use fences::{KeptFence, MAX_FENCE_NAME, MAX_FENCES};
+pub use fences::{Fences, KeptFence, MAX_FENCE_NAME, MAX_FENCES};
+pub use invitations::{Invitation, Invitations, MAX_INVITATIONS};
 pub use postgres::DatabaseStats;
 pub use releases::{
     KeptRelease, MAX_RELEASE_BYTES, MAX_RELEASE_GATE, MAX_RELEASE_REASON, MAX_RELEASES, NewRelease,
@@ -74,9 +81,9 @@ pub use rollouts::{
     MAX_ROLLOUTS_AT_WORK, NewRollout, RolloutRobot, RolloutStep, Rollouts, StepNote, Taken,
     Written,
 };
-pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session};
-pub use settings::{MAX_SETTING, MAX_SETTING_KEY};
-pub use users::{Invitation, MAX_INVITATIONS, MAX_PASSWORD_HASH, MAX_USERS, User};
+pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session, Sessions};
+pub use settings::{MAX_SETTING, MAX_SETTING_KEY, Settings};
+pub use users::{MAX_PASSWORD_HASH, MAX_USERS, User, Users};
 
 use postgres::Remote;
 use query::{Connection, query};
@@ -247,22 +254,88 @@ impl Records {
         &self.0.history
     }
 
-    /// The releases.
+    /// Values of no kind of their own, by key.
     #[must_use]
-    pub const fn releases(&self) -> Releases<'_> {
-        Releases(self)
+    pub fn settings(&self) -> Settings<'_> {
+        Settings(self.db())
+    }
+
+    /// The accounts of people.
+    #[must_use]
+    pub fn users(&self) -> Users<'_> {
+        Users(self.db())
+    }
+
+    /// Who may make an account, or complete one.
+    #[must_use]
+    pub fn invitations(&self) -> Invitations<'_> {
+        Invitations(self.db())
+    }
+
+    /// Who is logged in.
+    #[must_use]
+    pub fn sessions(&self) -> Sessions<'_> {
+        Sessions(self.db())
+    }
+
+    /// What robots and simulators log in with.
+    #[must_use]
+    pub fn credentials(&self) -> Credentials<'_> {
+        Credentials(self.db())
+    }
+
+    /// Who did what.
+    #[must_use]
+    pub fn audit(&self) -> Audit<'_> {
+        Audit(self.db())
+    }
+
+    /// What an operator should know of.
+    #[must_use]
+    pub fn events(&self) -> Events<'_> {
+        Events(self.db())
+    }
+
+    /// What the simulated arena was, by time.
+    #[must_use]
+    pub fn arenas(&self) -> Arenas<'_> {
+        Arenas(self.db())
+    }
+
+    /// The fences.
+    #[must_use]
+    pub fn fences(&self) -> Fences<'_> {
+        Fences(self.db())
+    }
+
+    /// The experiments.
+    #[must_use]
+    pub fn experiments(&self) -> Experiments<'_> {
+        Experiments(self.db())
+    }
+
+    /// What the trials of experiments measured.
+    #[must_use]
+    pub fn trials(&self) -> Trials<'_> {
+        Trials(self.db())
     }
 
     /// What is left to do of experiments, and who does it.
     #[must_use]
-    pub const fn parts(&self) -> ExperimentParts<'_> {
-        ExperimentParts(self)
+    pub fn parts(&self) -> ExperimentParts<'_> {
+        ExperimentParts(self.db())
+    }
+
+    /// The releases.
+    #[must_use]
+    pub fn releases(&self) -> Releases<'_> {
+        Releases(self.db())
     }
 
     /// The rollouts.
     #[must_use]
-    pub const fn rollouts(&self) -> Rollouts<'_> {
-        Rollouts(self)
+    pub fn rollouts(&self) -> Rollouts<'_> {
+        Rollouts(self.db())
     }
 
     /// Finishes what waits to be written and closes the files. Calls fail from then on.
@@ -291,6 +364,23 @@ impl Records {
         self.db()
             .write(move |connection| Box::pin(prune(connection, now)))
             .await
+    }
+
+    /// Deletes events and arenas that are older at `now`, or more, than `retention` says, and returns
+    /// how many. Of arenas, the one of the earliest time that is kept stays. What would take long is left
+    /// for the next call.
+    ///
+    /// # Errors
+    /// [`RecordsError`] when it cannot be written.
+    pub async fn prune_events(
+        &self,
+        retention: EventRetention,
+        now: i64,
+    ) -> Result<u64, RecordsError> {
+        let before = now.saturating_sub(retention.ms);
+        let events = self.events().prune(before, retention.events).await?;
+        let arenas = self.arenas().prune(before, retention.arenas).await?;
+        Ok(events + arenas)
     }
 
     fn db(&self) -> &Store {

@@ -11,10 +11,11 @@ use crawler_release::{
 use serde_json::{Value, json};
 use sqlx::AssertSqlSafe;
 
+use crate::RecordsError;
 use crate::query::{Connection, query};
+use crate::store::Store;
 use crate::text::cut;
 use crate::users::changed;
-use crate::{Records, RecordsError};
 
 /// Most releases. Beyond, the oldest of those that were withdrawn makes room.
 pub const MAX_RELEASES: i64 = 1_000;
@@ -373,7 +374,7 @@ async fn withdraw(
 
 /// The releases among the records.
 #[derive(Debug, Clone, Copy)]
-pub struct Releases<'r>(pub(crate) &'r Records);
+pub struct Releases<'r>(pub(crate) &'r Store);
 
 impl Releases<'_> {
     /// Keeps a release.
@@ -381,10 +382,9 @@ impl Releases<'_> {
     /// # Errors
     /// [`RecordsError::Exists`] when there is, or was, one of its id; [`RecordsError::TooMany`] when there are too
     /// many, or their images have too many bytes; [`RecordsError::Invalid`] for what no release can be.
-    pub async fn add(&self, new: NewRelease) -> Result<(), RecordsError> {
+    pub async fn add(self, new: NewRelease) -> Result<(), RecordsError> {
         check(&new)?;
         self.0
-            .db()
             .write(move |connection| Box::pin(add(connection, new)))
             .await
     }
@@ -393,10 +393,9 @@ impl Releases<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn get(&self, id: &str) -> Result<Option<KeptRelease>, RecordsError> {
+    pub async fn get(self, id: &str) -> Result<Option<KeptRelease>, RecordsError> {
         let id = id.to_owned();
         self.0
-            .db()
             .read(move |connection| Box::pin(async move { find(connection, &id).await }))
             .await
     }
@@ -405,9 +404,8 @@ impl Releases<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn in_force(&self) -> Result<BTreeSet<String>, RecordsError> {
+    pub async fn in_force(self) -> Result<BTreeSet<String>, RecordsError> {
         self.0
-            .db()
             .read(|connection| {
                 Box::pin(async move {
                     let rows: Vec<(String,)> =
@@ -426,7 +424,7 @@ impl Releases<'_> {
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
     pub async fn page(
-        &self,
+        self,
         before: Option<&str>,
         limit: u32,
     ) -> Result<Vec<KeptRelease>, RecordsError> {
@@ -438,7 +436,6 @@ impl Releases<'_> {
             format!("SELECT {COLUMNS} FROM release {behind} ORDER BY added DESC, id DESC LIMIT $1");
         let before = before.map(str::to_owned);
         self.0
-            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let mut rows = query(AssertSqlSafe(sql)).bind(i64::from(limit));
@@ -458,14 +455,14 @@ impl Releases<'_> {
     /// # Errors
     /// [`RecordsError`] when it cannot be read, [`RecordsError::Invalid`] where a piece is missing.
     pub async fn image(
-        &self,
+        self,
         id: &str,
         from: u32,
         most: usize,
     ) -> Result<Option<Vec<u8>>, RecordsError> {
         let id = id.to_owned();
         let from = from as usize;
-        self.0.db()
+        self.0
             .read(move |connection| {
                 Box::pin(async move {
                     let found = find(connection, &id).await?;
@@ -502,13 +499,12 @@ impl Releases<'_> {
     /// # Errors
     /// [`RecordsError::NotFound`], [`RecordsError::Exists`] when it was withdrawn before.
     pub async fn withdraw(
-        &self,
+        self,
         id: &str,
         withdrawal: Withdrawal,
     ) -> Result<KeptRelease, RecordsError> {
         let id = id.to_owned();
         self.0
-            .db()
             .write(move |connection| {
                 Box::pin(async move { withdraw(connection, &id, withdrawal).await })
             })
@@ -519,18 +515,12 @@ impl Releases<'_> {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`], [`RecordsError::Invalid`] for one that is too long.
-    pub async fn set_gate(
-        &self,
-        id: &str,
-        gate: Vec<u8>,
-        passed: bool,
-    ) -> Result<(), RecordsError> {
+    pub async fn set_gate(self, id: &str, gate: Vec<u8>, passed: bool) -> Result<(), RecordsError> {
         if gate.len() > MAX_RELEASE_GATE {
             return Err(RecordsError::Invalid("a report has at most 256 KiB"));
         }
         let id = id.to_owned();
         self.0
-            .db()
             .write(move |connection| {
                 Box::pin(async move {
                     let done = query("UPDATE release SET gate = $1, passed = $2 WHERE id = $3")
@@ -549,10 +539,9 @@ impl Releases<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn gate(&self, id: &str) -> Result<Option<Vec<u8>>, RecordsError> {
+    pub async fn gate(self, id: &str) -> Result<Option<Vec<u8>>, RecordsError> {
         let id = id.to_owned();
         self.0
-            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let row: Option<(Vec<u8>,)> =

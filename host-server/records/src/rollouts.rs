@@ -10,8 +10,9 @@ mod steps;
 
 use sqlx::AssertSqlSafe;
 
+use crate::RecordsError;
 use crate::query::{Connection, query};
-use crate::{Records, RecordsError};
+use crate::store::Store;
 
 pub use lease::{Lease, Taken};
 pub use steps::{NewRollout, RolloutRobot, RolloutStep, StepNote, Written};
@@ -94,16 +95,15 @@ async fn robots(connection: &mut Connection<'_>, id: i64) -> Result<Vec<String>,
 
 /// The rollouts among the records.
 #[derive(Debug, Clone, Copy)]
-pub struct Rollouts<'r>(pub(crate) &'r Records);
+pub struct Rollouts<'r>(pub(crate) &'r Store);
 
 impl Rollouts<'_> {
     /// A rollout.
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn get(&self, id: i64) -> Result<Option<KeptRollout>, RecordsError> {
+    pub async fn get(self, id: i64) -> Result<Option<KeptRollout>, RecordsError> {
         self.0
-            .db()
             .read(move |connection| Box::pin(find(connection, id)))
             .await
     }
@@ -113,13 +113,12 @@ impl Rollouts<'_> {
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
     pub async fn page(
-        &self,
+        self,
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<KeptRollout>, RecordsError> {
         let sql = format!("SELECT {COLUMNS} FROM rollout WHERE id < $1 ORDER BY id DESC LIMIT $2");
         self.0
-            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let rows: Vec<Row> = query(AssertSqlSafe(sql))
@@ -138,9 +137,8 @@ impl Rollouts<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn whole(&self, id: i64) -> Result<Option<(KeptRollout, Vec<String>)>, RecordsError> {
+    pub async fn whole(self, id: i64) -> Result<Option<(KeptRollout, Vec<String>)>, RecordsError> {
         self.0
-            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let Some(rollout) = find(connection, id).await? else {
@@ -158,7 +156,7 @@ impl Rollouts<'_> {
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
     pub async fn robots(
-        &self,
+        self,
         id: i64,
         after: Option<&str>,
         state: Option<&str>,
@@ -169,7 +167,6 @@ impl Rollouts<'_> {
         let state = state.map(str::to_owned);
         let limit = i64::from(limit.min(MAX_ROLLOUT_PAGE));
         self.0
-            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let select = match state {
@@ -197,10 +194,9 @@ impl Rollouts<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn robot(&self, id: i64, robot: &str) -> Result<Option<String>, RecordsError> {
+    pub async fn robot(self, id: i64, robot: &str) -> Result<Option<String>, RecordsError> {
         let place = format!("{id}/{robot}");
         self.0
-            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let row: Option<(String,)> =
@@ -220,7 +216,7 @@ impl Rollouts<'_> {
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
     pub async fn notes(
-        &self,
+        self,
         id: i64,
         robot: Option<&str>,
         limit: u32,
@@ -229,7 +225,6 @@ impl Rollouts<'_> {
         let (from, to) = (format!("{id}/{robot}/"), format!("{id}/{robot}0"));
         let limit = i64::from(limit.min(MAX_ROLLOUT_PAGE));
         self.0
-            .db()
             .read(move |connection| {
                 Box::pin(async move {
                     let mut rows: Vec<(i64, String)> = query(

@@ -2,9 +2,10 @@
 
 use crawler_access::{Digest, UserName};
 
+use crate::RecordsError;
 use crate::query::{Connection, query};
+use crate::store::Store;
 use crate::users::{User, changed, find, name};
-use crate::{Records, RecordsError};
 
 /// Most sessions of one account; the oldest ends when another is opened.
 pub const MAX_SESSIONS: i64 = 64;
@@ -96,15 +97,19 @@ async fn keep_digest(
     changed(done, RecordsError::Exists)
 }
 
-impl Records {
+/// The sessions among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Sessions<'r>(pub(crate) &'r Store);
+
+impl Sessions<'_> {
     /// Opens a session of an account, from `now` until `expires`, that `refresh` prolongs. Returns
     /// its number.
     ///
     /// # Errors
     /// [`RecordsError::NotFound`] when there is no such account or it is locked out,
     /// [`RecordsError::Exists`] when the token is known.
-    pub async fn open_session(
-        &self,
+    pub async fn open(
+        self,
         user: &UserName,
         refresh: Digest,
         now: i64,
@@ -116,7 +121,7 @@ impl Records {
         }
         let user = user.to_string();
         let from = crate::text::cut(from, MAX_FROM);
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     match find(connection, &user).await? {
@@ -156,13 +161,13 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::Exists`] when the new token is known.
-    pub async fn refresh_session(
-        &self,
+    pub async fn refresh(
+        self,
         old: Digest,
         new: Digest,
         now: i64,
     ) -> Result<Refreshed, RecordsError> {
-        self.db()
+        self.0
             .write(move |connection| Box::pin(refresh(connection, old, new, now)))
             .await
     }
@@ -171,9 +176,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn sessions(&self, user: Option<&UserName>) -> Result<Vec<Session>, RecordsError> {
+    pub async fn all(self, user: Option<&UserName>) -> Result<Vec<Session>, RecordsError> {
         let user = user.map(ToString::to_string);
-        self.db()
+        self.0
             .read(|connection| {
                 Box::pin(async move {
                     let rows: Vec<Row> = query(
@@ -195,8 +200,8 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn revoked_sessions(&self, since: i64) -> Result<Vec<u64>, RecordsError> {
-        self.db()
+    pub async fn revoked_since(self, since: i64) -> Result<Vec<u64>, RecordsError> {
+        self.0
             .read(move |connection| {
                 Box::pin(async move {
                     let rows: Vec<(i64,)> = query(
@@ -216,8 +221,8 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`] when there is none of that number, or it has ended before.
-    pub async fn revoke_session(&self, session: u64, now: i64) -> Result<(), RecordsError> {
-        self.db()
+    pub async fn revoke(self, session: u64, now: i64) -> Result<(), RecordsError> {
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     let done =
@@ -236,14 +241,14 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be ended.
-    pub async fn revoke_sessions(
-        &self,
+    pub async fn revoke_all(
+        self,
         user: &UserName,
         but: Option<u64>,
         now: i64,
     ) -> Result<Vec<u64>, RecordsError> {
         let user = user.to_string();
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move { revoke_all(connection, &user, but, now).await })
             })

@@ -1,22 +1,27 @@
 //! Values that must survive a restart and are of no kind of their own, such as the key that signs
 //! tokens.
 
+use crate::RecordsError;
 use crate::query::query;
-use crate::{Records, RecordsError};
+use crate::store::Store;
 
 /// Longest key of a setting, in bytes.
 pub const MAX_SETTING_KEY: usize = 64;
 /// Longest value of a setting, in bytes.
 pub const MAX_SETTING: usize = 64 * 1024;
 
-impl Records {
+/// The settings among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings<'r>(pub(crate) &'r Store);
+
+impl Settings<'_> {
     /// The value of `key`.
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn setting(&self, key: &str) -> Result<Option<Vec<u8>>, RecordsError> {
+    pub async fn get(self, key: &str) -> Result<Option<Vec<u8>>, RecordsError> {
         let key = key.to_owned();
-        self.db()
+        self.0
             .read(move |connection| {
                 Box::pin(async move {
                     let row: Option<(Vec<u8>,)> = query("SELECT value FROM setting WHERE key = $1")
@@ -33,7 +38,7 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::Invalid`] when one of the two is too long.
-    pub async fn set_setting(&self, key: &str, value: &[u8]) -> Result<(), RecordsError> {
+    pub async fn set(self, key: &str, value: &[u8]) -> Result<(), RecordsError> {
         if key.is_empty() || key.len() > MAX_SETTING_KEY {
             return Err(RecordsError::Invalid("a setting's key has 1 to 64 bytes"));
         }
@@ -41,7 +46,7 @@ impl Records {
             return Err(RecordsError::Invalid("a setting has at most 64 KiB"));
         }
         let (key, value) = (key.to_owned(), value.to_vec());
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     query(
@@ -62,8 +67,8 @@ impl Records {
     /// all get the same.
     ///
     /// # Errors
-    /// As for [`Records::set_setting`].
-    pub async fn setting_or(&self, key: &str, value: &[u8]) -> Result<Vec<u8>, RecordsError> {
+    /// As for [`Settings::set`].
+    pub async fn get_or_set(self, key: &str, value: &[u8]) -> Result<Vec<u8>, RecordsError> {
         if key.is_empty() || key.len() > MAX_SETTING_KEY {
             return Err(RecordsError::Invalid("a setting's key has 1 to 64 bytes"));
         }
@@ -71,7 +76,7 @@ impl Records {
             return Err(RecordsError::Invalid("a setting has at most 64 KiB"));
         }
         let (key, value) = (key.to_owned(), value.to_vec());
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     query(

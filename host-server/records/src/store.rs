@@ -2,8 +2,13 @@
 
 use crate::RecordsError;
 use crate::postgres::Remote;
-use crate::query::Connection;
+use crate::query::{Connection, query};
 use crawler_database::{Boxed, Db};
+
+/// Rows deleted in one transaction, and so how long others wait for it.
+const DELETED: i64 = 5_000;
+/// Transactions in one go; the rest waits for the next.
+const ROUNDS: usize = 100;
 
 #[derive(Debug, Clone)]
 pub(crate) enum Store {
@@ -79,6 +84,27 @@ impl Store {
                     .await
             }
         }
+    }
+
+    /// Carries out `delete`, which takes a bound and how many rows it may delete, until nothing is left to delete or
+    /// it is enough for one call, and returns how many went.
+    pub(crate) async fn delete_some(
+        &self,
+        delete: &'static str,
+        bound: i64,
+    ) -> Result<u64, RecordsError> {
+        let mut total = 0;
+        for _ in 0..ROUNDS {
+            let delete = query(delete).bind(bound).bind(DELETED);
+            let deleted = self
+                .write(move |connection| Box::pin(async move { delete.execute(connection).await }))
+                .await?;
+            total += deleted;
+            if deleted < DELETED as u64 {
+                break;
+            }
+        }
+        Ok(total)
     }
 
     /// Lets the writer finish what waits, and lets go of the database.

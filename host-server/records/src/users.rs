@@ -1,17 +1,16 @@
-//! People: accounts and invitations.
+//! People: their accounts.
 
 use std::fmt;
 
-use crawler_access::{Digest, Role, UserName};
+use crawler_access::{Role, UserName};
 
+use crate::RecordsError;
 use crate::query::{Connection, query};
 use crate::sessions::revoke_all;
-use crate::{Records, RecordsError};
+use crate::store::Store;
 
 /// Most accounts.
 pub const MAX_USERS: i64 = 10_000;
-/// Most invitations that wait to be taken.
-pub const MAX_INVITATIONS: i64 = 1_000;
 /// Longest hash of a password, in bytes.
 pub const MAX_PASSWORD_HASH: usize = 512;
 
@@ -43,19 +42,7 @@ impl fmt::Debug for User {
     }
 }
 
-/// Leave to make an account, or to complete one.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Invitation {
-    /// The account that it is for; without one the person chooses a name.
-    pub name: Option<UserName>,
-    /// What the account may do.
-    pub role: Role,
-    /// Worth nothing from then on.
-    pub expires: i64,
-}
-
 type Row = (String, String, Option<String>, i64, i64);
-type Invited = (Option<String>, String, i64);
 
 /// A name from the file.
 pub(crate) fn name(text: &str) -> Result<UserName, RecordsError> {
@@ -63,7 +50,8 @@ pub(crate) fn name(text: &str) -> Result<UserName, RecordsError> {
         .map_err(|_| RecordsError::Invalid("an invalid user name is stored"))
 }
 
-fn role(text: &str) -> Result<Role, RecordsError> {
+/// A role from the file.
+pub(crate) fn role(text: &str) -> Result<Role, RecordsError> {
     text.parse()
         .map_err(|_| RecordsError::Invalid("an invalid role is stored"))
 }
@@ -76,17 +64,6 @@ fn user((user, its_role, password, created, disabled): Row) -> Result<User, Reco
         created,
         disabled: disabled != 0,
     })
-}
-
-fn invited(row: Option<Invited>, now: i64) -> Result<Option<Invitation>, RecordsError> {
-    let Some((guest, its_role, expires)) = row.filter(|row| now < row.2) else {
-        return Ok(None);
-    };
-    Ok(Some(Invitation {
-        name: guest.as_deref().map(name).transpose()?,
-        role: role(&its_role)?,
-        expires,
-    }))
 }
 
 /// The account of that name.
@@ -132,13 +109,17 @@ fn check_hash(hash: Option<&str>) -> Result<(), RecordsError> {
     }
 }
 
-impl Records {
+/// The accounts of people among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Users<'r>(pub(crate) &'r Store);
+
+impl Users<'_> {
     /// Every account, by name.
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn users(&self) -> Result<Vec<User>, RecordsError> {
-        self.db()
+    pub async fn all(self) -> Result<Vec<User>, RecordsError> {
+        self.0
             .read(|connection| {
                 Box::pin(async move {
                     let rows: Vec<Row> = query(
@@ -158,9 +139,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn user(&self, name: &UserName) -> Result<Option<User>, RecordsError> {
+    pub async fn get(self, name: &UserName) -> Result<Option<User>, RecordsError> {
         let name = name.to_string();
-        self.db()
+        self.0
             .read(move |connection| Box::pin(async move { find(connection, &name).await }))
             .await
     }
@@ -170,10 +151,10 @@ impl Records {
     /// # Errors
     /// [`RecordsError::Exists`], [`RecordsError::TooMany`], or [`RecordsError::Invalid`] for a hash
     /// that is too long.
-    pub async fn add_user(&self, user: &User) -> Result<(), RecordsError> {
+    pub async fn add(self, user: &User) -> Result<(), RecordsError> {
         check_hash(user.password.as_deref())?;
         let user = user.clone();
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     let (count,): (i64,) = query("SELECT count(*) FROM \"user\"")
@@ -200,14 +181,14 @@ impl Records {
     }
 
     /// Gives an account another password, by its hash. Sessions go on: end them with
-    /// [`Records::revoke_sessions`].
+    /// [`Sessions::revoke_all`](crate::Sessions::revoke_all).
     ///
     /// # Errors
     /// [`RecordsError::NotFound`], or [`RecordsError::Invalid`] for a hash that is too long.
-    pub async fn set_password(&self, name: &UserName, hash: &str) -> Result<(), RecordsError> {
+    pub async fn set_password(self, name: &UserName, hash: &str) -> Result<(), RecordsError> {
         check_hash(Some(hash))?;
         let (name, hash) = (name.to_string(), hash.to_owned());
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     let done = query("UPDATE \"user\" SET password = $1 WHERE name = $2")
@@ -225,9 +206,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`], [`RecordsError::LastAdmin`].
-    pub async fn set_role(&self, name: &UserName, role: Role) -> Result<(), RecordsError> {
+    pub async fn set_role(self, name: &UserName, role: Role) -> Result<(), RecordsError> {
         let name = name.to_string();
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     if role != Role::Admin {
@@ -250,13 +231,13 @@ impl Records {
     /// # Errors
     /// [`RecordsError::NotFound`], [`RecordsError::LastAdmin`].
     pub async fn set_disabled(
-        &self,
+        self,
         name: &UserName,
         disabled: bool,
         now: i64,
     ) -> Result<Vec<u64>, RecordsError> {
         let name = name.to_string();
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     if disabled {
@@ -283,9 +264,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`], [`RecordsError::LastAdmin`].
-    pub async fn delete_user(&self, name: &UserName, now: i64) -> Result<Vec<u64>, RecordsError> {
+    pub async fn delete(self, name: &UserName, now: i64) -> Result<Vec<u64>, RecordsError> {
         let name = name.to_string();
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     not_the_last(connection, &name).await?;
@@ -298,92 +279,6 @@ impl Records {
                         .execute(&mut *connection)
                         .await?;
                     revoke_all(connection, &name, None, now).await
-                })
-            })
-            .await
-    }
-
-    /// Keeps an invitation, by the digest of its code, to the account `name` or to one whose name is
-    /// still to be chosen.
-    ///
-    /// # Errors
-    /// [`RecordsError::Exists`] when the code is known, [`RecordsError::TooMany`].
-    pub async fn invite(
-        &self,
-        name: Option<&UserName>,
-        role: Role,
-        code: Digest,
-        expires: i64,
-    ) -> Result<(), RecordsError> {
-        let name = name.map(ToString::to_string);
-        self.db()
-            .write(move |connection| {
-                Box::pin(async move {
-                    let (count,): (i64,) = query("SELECT count(*) FROM invitation")
-                        .fetch_one(&mut *connection)
-                        .await?;
-                    if count >= MAX_INVITATIONS {
-                        return Err(RecordsError::TooMany("invitations"));
-                    }
-                    let done = query(
-                        "INSERT INTO invitation (digest, name, role, expires)
-                         VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING",
-                    )
-                    .bind(code.0.to_vec())
-                    .bind(name)
-                    .bind(role.to_string())
-                    .bind(expires)
-                    .execute(connection)
-                    .await?;
-                    changed(done, RecordsError::Exists)
-                })
-            })
-            .await
-    }
-
-    /// Looks at an invitation without taking it: whoever answers it may still make mistakes.
-    ///
-    /// # Errors
-    /// [`RecordsError`] when it cannot be read.
-    pub async fn invitation(
-        &self,
-        code: Digest,
-        now: i64,
-    ) -> Result<Option<Invitation>, RecordsError> {
-        self.db()
-            .read(move |connection| {
-                Box::pin(async move {
-                    let row: Option<Invited> =
-                        query("SELECT name, role, expires FROM invitation WHERE digest = $1")
-                            .bind(code.0.to_vec())
-                            .fetch_optional(connection)
-                            .await?;
-                    invited(row, now)
-                })
-            })
-            .await
-    }
-
-    /// Takes an invitation by the digest of its code. Of several that try at once one gets it; one
-    /// that has expired at `now` is gone.
-    ///
-    /// # Errors
-    /// [`RecordsError`] when it cannot be taken.
-    pub async fn take_invitation(
-        &self,
-        code: Digest,
-        now: i64,
-    ) -> Result<Option<Invitation>, RecordsError> {
-        self.db()
-            .write(move |connection| {
-                Box::pin(async move {
-                    let row: Option<Invited> = query(
-                        "DELETE FROM invitation WHERE digest = $1 RETURNING name, role, expires",
-                    )
-                    .bind(code.0.to_vec())
-                    .fetch_optional(connection)
-                    .await?;
-                    invited(row, now)
                 })
             })
             .await

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crawler_protocol::ReleaseId;
-use crawler_records::{MAX_RELEASES, Records, RecordsError};
+use crawler_records::{MAX_RELEASES, RecordsError, Releases};
 use crawler_release::chunk::{PAYLOAD, Part};
 use crawler_updates::delta::{BetweenFault, between};
 use crawler_updates::release::join;
@@ -24,18 +24,17 @@ pub(crate) struct Blob {
 impl Blob {
     /// What is kept of `release`; `None` when there is nothing of it that could be sent.
     pub(crate) async fn load(
-        records: &Records,
+        releases: Releases<'_>,
         release: &PlannedRelease,
     ) -> Result<Option<Arc<Self>>, RecordsError> {
-        Self::read(records, release.release.as_str(), release.bytes as usize).await
+        Self::read(releases, release.release.as_str(), release.bytes as usize).await
     }
 
     async fn read(
-        records: &Records,
+        releases: Releases<'_>,
         id: &str,
         bytes: usize,
     ) -> Result<Option<Arc<Self>>, RecordsError> {
-        let releases = records.releases();
         let (Some(kept), Ok(parsed)) = (releases.get(id).await?, id.parse()) else {
             return Ok(None);
         };
@@ -58,12 +57,12 @@ impl Blob {
     /// withdrawn.
     pub(crate) async fn base(
         &self,
-        records: &Records,
+        releases: Releases<'_>,
         build: &BuildId,
     ) -> Result<Option<Arc<Self>>, RecordsError> {
         let id = self.id.text();
         let most = u32::try_from(MAX_RELEASES).unwrap_or(u32::MAX);
-        let kept = records.releases().page(None, most).await?;
+        let kept = releases.page(None, most).await?;
         let Some(own) = kept.iter().find(|one| one.id == id.as_str()) else {
             return Ok(None);
         };
@@ -72,7 +71,7 @@ impl Blob {
             is_like && one.build == build.as_str() && one.withdrawn.is_none() && one.id != own.id
         });
         match base {
-            Some(base) => Self::read(records, &base.id, base.size as usize).await,
+            Some(base) => Self::read(releases, &base.id, base.size as usize).await,
             None => Ok(None),
         }
     }
@@ -124,7 +123,7 @@ impl Blob {
 
 #[cfg(test)]
 mod tests {
-    use crawler_records::{NewRelease, Withdrawal};
+    use crawler_records::{NewRelease, Records, Withdrawal};
     use crawler_release::{Chip, Kind, Requires};
     use crawler_updates::delta::apply;
     use crawler_updates::release::{SecretKey, SignOptions};
@@ -150,7 +149,7 @@ mod tests {
         let new = NewRelease::of(&envelope, image, "ada", 1).expect("a release");
         let id = new.id.clone();
         records.releases().add(new).await.expect("kept");
-        let blob = Blob::read(records, &id, image.len()).await;
+        let blob = Blob::read(records.releases(), &id, image.len()).await;
         blob.expect("read").expect("there")
     }
 
@@ -176,7 +175,7 @@ mod tests {
         let new = keep(&records, "virt", "new", &image).await;
         let base = async |build: &str| {
             let build = BuildId::new(build).expect("a build");
-            new.base(&records, &build).await.expect("read")
+            new.base(records.releases(), &build).await.expect("read")
         };
         let found = base("old").await.expect("a release");
         let patch = new.patch(&found).expect("a patch");

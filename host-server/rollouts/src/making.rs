@@ -54,7 +54,7 @@ impl Maker {
 }
 
 async fn make(records: &Records, pair: &Pair, blob: Arc<Blob>) -> Option<Vec<u8>> {
-    let base = match blob.base(records, &pair.from).await {
+    let base = match blob.base(records.releases(), &pair.from).await {
         Ok(base) => base?,
         Err(error) => {
             tracing::warn!(from = %pair.from, to = %pair.to, %error, "images come as they are");

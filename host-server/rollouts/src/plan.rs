@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crawler_protocol::{Kind as Body, ModelName};
-use crawler_records::{KeptRelease, MAX_ROLLOUTS, Records, RecordsError};
+use crawler_records::{KeptRelease, MAX_ROLLOUTS, Records, RecordsError, Rollouts};
 use crawler_release::Kind;
 use crawler_updates::rollout::{
     BoardName, BuildId, Document, Limits, OWN_MODEL, Phase, Plan, PlannedRelease, ReleaseId,
@@ -86,7 +86,7 @@ impl NewPlan {
             override_gate: None,
         };
         plan.check().map_err(RolloutError::Plan)?;
-        let newest = newest(records, &plan).await?;
+        let newest = newest(records.rollouts(), &plan).await?;
         plan.check_sequences(&newest).map_err(RolloutError::Plan)?;
         // Last, so that nothing but the gate is in the way of who is told of it.
         plan.override_gate = gate::overridden(self.override_gate.as_deref(), ungated)?;
@@ -137,9 +137,12 @@ fn planned(
 
 /// The highest sequence for each board of the releases that were rolled out before, of programs, of the model of the plan,
 /// or of policies, but for those of the plan: the same release may go to more robots.
-async fn newest(records: &Records, plan: &Plan) -> Result<BTreeMap<BoardName, u64>, RecordsError> {
+async fn newest(
+    rollouts: Rollouts<'_>,
+    plan: &Plan,
+) -> Result<BTreeMap<BoardName, u64>, RecordsError> {
     let mut newest = BTreeMap::new();
-    for kept in records.rollouts().page(None, MAX_ROLLOUTS as u32).await? {
+    for kept in rollouts.page(None, MAX_ROLLOUTS as u32).await? {
         // One that cannot be read says nothing.
         let Ok(document) = serde_json::from_str::<Document>(&kept.document) else {
             continue;

@@ -258,7 +258,7 @@ impl Runner {
         }
         let mut blobs = Vec::new();
         for release in &rollout.document().plan.releases {
-            let blob = Blob::load(records, release).await?;
+            let blob = Blob::load(records.releases(), release).await?;
             if blob.is_none() {
                 tracing::error!(rollout = id, release = %release.release, "its image is gone");
             }
@@ -584,7 +584,7 @@ impl Runner {
             .await?;
         let mut blobs = Vec::new();
         for release in &plan.releases {
-            let blob = Blob::load(records, release).await?;
+            let blob = Blob::load(records.releases(), release).await?;
             let gone = || RolloutError::Release(release.release.clone(), "its image is gone");
             blobs.push(Some(blob.ok_or_else(gone)?));
         }

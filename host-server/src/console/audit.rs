@@ -37,7 +37,8 @@ async fn list(
         let page = left.min(MAX_AUDIT_PAGE);
         let entries = console
             .records
-            .audit_page(before, page, who)
+            .audit()
+            .page(before, page, who)
             .await
             .map_err(|error| said(&error))?;
         for entry in &entries {
@@ -75,10 +76,10 @@ fn line(stored: &Stored) -> String {
 }
 
 async fn verify(console: &Console) -> ExitCode {
-    match console.records.audit_verify().await {
+    match console.records.audit().verify().await {
         Ok(entries) => {
             println!("The chain is whole: {entries} entries.");
-            match console.records.audit_lost().await {
+            match console.records.audit().lost().await {
                 Ok(0) => {}
                 Ok(lost) => println!(
                     "{lost} more are missing, which could not be written when they came: entries \
@@ -103,7 +104,7 @@ async fn verify(console: &Console) -> ExitCode {
 
 async fn export(console: &Console, file: Option<&Path>) -> Result<ExitCode, String> {
     let entries = match file {
-        None => console.records.audit_export(&mut io::stdout()).await,
+        None => console.records.audit().export(&mut io::stdout()).await,
         Some(path) => {
             let refused = |error: io::Error| format!("cannot write {}: {error}", path.display());
             let file = File::options()
@@ -113,7 +114,7 @@ async fn export(console: &Console, file: Option<&Path>) -> Result<ExitCode, Stri
                 .open(path)
                 .map_err(refused)?;
             let mut file = BufWriter::new(file);
-            let entries = console.records.audit_export(&mut file).await;
+            let entries = console.records.audit().export(&mut file).await;
             file.into_inner()
                 .map_err(io::IntoInnerError::into_error)
                 .and_then(|file| file.sync_all())

@@ -51,12 +51,14 @@ async fn enroll(
     let broker = endpoint(settings, address, whose.robot.is_some())?;
     let before = console
         .records
-        .credential(&name)
+        .credentials()
+        .get(&name)
         .await
         .map_err(|error| said(&error))?;
     let secret = Secret::generate().map_err(|error| error.to_string())?;
     let result = console
         .records
+        .credentials()
         .enroll(&name, secret.digest(), now_ms(), &console.who)
         .await;
     console
@@ -164,6 +166,7 @@ async fn list(console: &Console) -> Result<(), String> {
     let credentials = console
         .records
         .credentials()
+        .all()
         .await
         .map_err(|error| said(&error))?;
     if credentials.is_empty() {
@@ -190,7 +193,8 @@ async fn revoke(console: &Console, whose: &Whose) -> Result<(), String> {
     let name = name(whose);
     let known = console
         .records
-        .credential(&name)
+        .credentials()
+        .get(&name)
         .await
         .map_err(|error| said(&error))?;
     if known.is_none() {
@@ -198,7 +202,7 @@ async fn revoke(console: &Console, whose: &Whose) -> Result<(), String> {
             "{name} has no credential; `terracrawler robot list` has those there are"
         ));
     }
-    let result = console.records.revoke_credential(&name, now_ms()).await;
+    let result = console.records.credentials().revoke(&name, now_ms()).await;
     console
         .noted("robot.revoke", &name, json!({}), result)
         .await?;

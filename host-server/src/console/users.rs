@@ -44,7 +44,7 @@ async fn add(console: &Console, name: UserName, role: Role) -> Result<(), String
         created: now_ms(),
         disabled: false,
     };
-    let result = console.records.add_user(&user).await;
+    let result = console.records.users().add(&user).await;
     console
         .noted(
             "user.add",
@@ -61,6 +61,7 @@ async fn list(console: &Console) -> Result<(), String> {
     let users = console
         .records
         .users()
+        .all()
         .await
         .map_err(|error| said(&error))?;
     if users.is_empty() {
@@ -87,7 +88,7 @@ async fn list(console: &Console) -> Result<(), String> {
 async fn passwd(console: &Console, name: &UserName) -> Result<(), String> {
     console.known(name).await?;
     let hash = ask_password(name)?;
-    let result = console.records.set_password(name, &hash).await;
+    let result = console.records.users().set_password(name, &hash).await;
     console
         .noted("user.password", name.as_ref(), json!({}), result)
         .await?;
@@ -99,7 +100,7 @@ async fn passwd(console: &Console, name: &UserName) -> Result<(), String> {
 
 async fn set_role(console: &Console, name: &UserName, role: Role) -> Result<(), String> {
     console.known(name).await?;
-    let result = console.records.set_role(name, role).await;
+    let result = console.records.users().set_role(name, role).await;
     console
         .noted("user.role", name.as_ref(), json!({ "role": role }), result)
         .await?;
@@ -116,7 +117,11 @@ async fn set_disabled(console: &Console, name: &UserName, disabled: bool) -> Res
     } else {
         "user.enable"
     };
-    let result = console.records.set_disabled(name, disabled, now_ms()).await;
+    let result = console
+        .records
+        .users()
+        .set_disabled(name, disabled, now_ms())
+        .await;
     let ended = console
         .noted(action, name.as_ref(), json!({}), result)
         .await?;
@@ -130,7 +135,7 @@ async fn set_disabled(console: &Console, name: &UserName, disabled: bool) -> Res
 
 async fn remove(console: &Console, name: &UserName) -> Result<(), String> {
     console.known(name).await?;
-    let result = console.records.delete_user(name, now_ms()).await;
+    let result = console.records.users().delete(name, now_ms()).await;
     let ended = console
         .noted("user.remove", name.as_ref(), json!({}), result)
         .await?;
@@ -156,7 +161,8 @@ async fn invite(
     let expires = now_ms() + i64::from(hours) * HOUR_MS;
     let result = console
         .records
-        .invite(name, role, code.digest(), expires)
+        .invitations()
+        .add(name, role, code.digest(), expires)
         .await;
     console
         .noted(
@@ -190,7 +196,7 @@ async fn awaited(console: &Console, name: &UserName, role: Option<Role>) -> Resu
             created: now_ms(),
             disabled: false,
         };
-        let result = console.records.add_user(&user).await;
+        let result = console.records.users().add(&user).await;
         let detail = json!({ "role": role, "invited": true });
         console
             .noted("user.add", name.as_ref(), detail, result)
@@ -229,7 +235,11 @@ fn ended_text(sessions: usize) -> String {
 
 impl Console {
     pub(super) async fn find(&self, name: &UserName) -> Result<Option<User>, String> {
-        self.records.user(name).await.map_err(|error| said(&error))
+        self.records
+            .users()
+            .get(name)
+            .await
+            .map_err(|error| said(&error))
     }
 
     async fn known(&self, name: &UserName) -> Result<User, String> {
@@ -239,7 +249,11 @@ impl Console {
     }
 
     async fn end_sessions(&self, name: &UserName) -> Result<usize, String> {
-        let ended = self.records.revoke_sessions(name, None, now_ms()).await;
+        let ended = self
+            .records
+            .sessions()
+            .revoke_all(name, None, now_ms())
+            .await;
         ended
             .map(|ended| ended.len())
             .map_err(|error| format!("done, but the open sessions did not end: {error}"))

@@ -147,7 +147,7 @@ impl Upkeep {
                 // Another server tells that it has changed something.
                 () = self.records_changed.notified() => {}
             }
-            enforcement::catch_up(&self.records, &self.fleet).await;
+            enforcement::catch_up(self.records.fences(), &self.fleet).await;
             if let Err(error) = self.accounts.catch_up().await {
                 tracing::warn!(%error, "cannot read which sessions are alive");
             }

@@ -308,7 +308,7 @@ async fn crowd(scene: &Scene) -> (Arc<AtomicUsize>, JoinSet<()>) {
                 outcome: "ok".to_owned(),
             };
             begun.fetch_add(1, Ordering::Relaxed);
-            while records.audit(entry.clone()).await.is_ok() {
+            while records.audit().append(entry.clone()).await.is_ok() {
                 written.fetch_add(1, Ordering::Relaxed);
             }
         });

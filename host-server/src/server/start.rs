@@ -143,7 +143,7 @@ async fn serve_fleet(
     let outcomes = OutcomeLog::new(Arc::clone(&hub.fleet), storage.audit.notes());
     let time_wanted = Arc::new(AtomicBool::new(false));
     let records_changed = Arc::new(Notify::new());
-    enforcement::catch_up(&storage.records, &hub.fleet).await;
+    enforcement::catch_up(storage.records.fences(), &hub.fleet).await;
     let ingest = Arc::new(Ingest {
         name: settings.fleet.clone(),
         fleet: Arc::clone(&hub.fleet),

@@ -26,7 +26,7 @@ impl Watch {
     ) -> Result<Vec<(Kind, String)>, RecordsError> {
         let mut found = HashMap::new();
         let mut void = Vec::new();
-        for credential in records.credentials().await? {
+        for credential in records.credentials().all().await? {
             let name = (Kind::Machine, credential.name);
             if credential.revoked.is_some() {
                 void.push(name.clone());
@@ -34,7 +34,7 @@ impl Watch {
             let counts = (credential.digest, credential.revoked);
             found.insert(name, fingerprint(counts));
         }
-        for user in records.users().await? {
+        for user in records.users().all().await? {
             let name = (Kind::Person, user.name.to_string());
             if user.disabled {
                 void.push(name.clone());
@@ -85,6 +85,7 @@ mod tests {
         let ada: UserName = "ada".parse().expect("name");
         for name in ["rover-1", "rover-2"] {
             records
+                .credentials()
                 .enroll(name, secret(), 1, "test")
                 .await
                 .expect("enrolled");
@@ -96,13 +97,14 @@ mod tests {
             created: 1,
             disabled: false,
         };
-        records.add_user(&user).await.expect("added");
+        records.users().add(&user).await.expect("added");
         let mut watch = Watch::default();
         assert!(watch.changed(&records).await.expect("read").is_empty());
         assert!(watch.changed(&records).await.expect("read").is_empty());
 
         records
-            .revoke_credential("rover-1", 2)
+            .credentials()
+            .revoke("rover-1", 2)
             .await
             .expect("revoked");
         assert_eq!(
@@ -112,6 +114,7 @@ mod tests {
         assert!(watch.changed(&records).await.expect("read").is_empty());
 
         records
+            .credentials()
             .enroll("rover-2", secret(), 3, "test")
             .await
             .expect("enrolled");
@@ -119,12 +122,17 @@ mod tests {
             watch.changed(&records).await.expect("read"),
             machine("rover-2")
         );
-        records.set_disabled(&ada, true, 4).await.expect("locked");
+        records
+            .users()
+            .set_disabled(&ada, true, 4)
+            .await
+            .expect("locked");
         assert_eq!(watch.changed(&records).await.expect("read"), person("ada"));
-        records.delete_user(&ada, 5).await.expect("removed");
+        records.users().delete(&ada, 5).await.expect("removed");
         assert_eq!(watch.changed(&records).await.expect("read"), person("ada"));
         // The first secret of somebody new is still good: there is no session to end.
         records
+            .credentials()
             .enroll("rover-3", secret(), 6, "test")
             .await
             .expect("enrolled");
@@ -137,9 +145,12 @@ mod tests {
         let mut watch = Watch::default();
         assert!(watch.changed(&records).await.expect("read").is_empty());
         let digest = Secret::generate().expect("randomness").digest();
-        let enrolled = records.enroll("rover-1", digest, 1, "test").await;
+        let enrolled = records
+            .credentials()
+            .enroll("rover-1", digest, 1, "test")
+            .await;
         enrolled.expect("enrolled");
-        let revoked = records.revoke_credential("rover-1", 2).await;
+        let revoked = records.credentials().revoke("rover-1", 2).await;
         revoked.expect("revoked");
         assert_eq!(
             watch.changed(&records).await.expect("read"),
@@ -153,7 +164,7 @@ mod tests {
             created: 3,
             disabled: true,
         };
-        records.add_user(&user).await.expect("added");
+        records.users().add(&user).await.expect("added");
         assert_eq!(watch.changed(&records).await.expect("read"), person("ada"));
         assert!(watch.changed(&records).await.expect("read").is_empty());
     }

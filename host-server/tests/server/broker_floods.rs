@@ -167,7 +167,7 @@ async fn a_flood_is_throttled_then_cut_off_then_locked_out() {
     );
     assert_eq!(closed.refusals("cut_off").await, 1.0);
     eventually("in the audit log", async || {
-        let page = closed.records.audit_page(None, 100, None).await;
+        let page = closed.records.audit().page(None, 100, None).await;
         let mut lines = page.expect("the audit log").into_iter();
         lines.any(|line| line.entry.action == "broker.cut_off" && line.entry.target == "eve")
     })

@@ -196,12 +196,14 @@ async fn nobody_gets_in_without_a_valid_name() {
     // What was revoked or disabled counts no longer.
     closed
         .records
-        .revoke_credential("rover-1", 2)
+        .credentials()
+        .revoke("rover-1", 2)
         .await
         .expect("revoked");
     let ada = "ada".parse().expect("a name");
     closed
         .records
+        .users()
         .set_disabled(&ada, true, 2)
         .await
         .expect("disabled");

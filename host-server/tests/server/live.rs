@@ -189,7 +189,7 @@ async fn experiments_are_told_of() {
         created: 1,
         start: true,
     };
-    let old = records.add_experiment(new).await.expect("made").id;
+    let old = records.experiments().add(new).await.expect("made").id;
     records.close().await;
     let open = |layer: &mut Layer| layer.open = Some(true);
     let fixture = Fixture::closed_at(scratch, Role::Serve, open).await;

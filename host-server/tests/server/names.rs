@@ -105,7 +105,12 @@ async fn a_person_changes(first: First) {
             Gone => both.ask(Method::DELETE, USER, "").await,
             LockedByConsole => {
                 let name = NAME.parse().expect("a name");
-                let locked = both.closed.records.set_disabled(&name, true, 2).await;
+                let locked = both
+                    .closed
+                    .records
+                    .users()
+                    .set_disabled(&name, true, 2)
+                    .await;
                 locked.expect("locked");
             }
         }
@@ -132,7 +137,7 @@ async fn a_robot_changes(first: First) {
             Renewed => both.ask(Method::POST, CREDENTIAL, "").await,
             Revoked => both.ask(Method::DELETE, CREDENTIAL, "").await,
             RevokedByConsole => {
-                let revoked = both.closed.records.revoke_credential(NAME, 2).await;
+                let revoked = both.closed.records.credentials().revoke(NAME, 2).await;
                 revoked.expect("revoked");
             }
         }

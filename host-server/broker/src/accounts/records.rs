@@ -52,7 +52,8 @@ impl RecordAccounts {
         };
         let known = self
             .records
-            .credential(name)
+            .credentials()
+            .get(name)
             .await
             .map_err(|error| unreadable(&error))?;
         let valid = known.is_some_and(|known| {
@@ -90,7 +91,8 @@ impl RecordAccounts {
     async fn check(&self, name: &UserName, given: &str) -> Result<Who, Refusal> {
         let user = self
             .records
-            .user(name)
+            .users()
+            .get(name)
             .await
             .map_err(|error| unreadable(&error))?;
         let known = user.filter(|user| !user.disabled);
@@ -152,7 +154,8 @@ impl Accounts for RecordAccounts {
         if is_robot
             && self
                 .records
-                .user(&name)
+                .users()
+                .get(&name)
                 .await
                 .map_err(|error| unreadable(&error))?
                 .is_none()
@@ -165,7 +168,8 @@ impl Accounts for RecordAccounts {
     async fn has_credential(&self, id: &str) -> Result<bool, Refusal> {
         let known = self
             .records
-            .credential(id)
+            .credentials()
+            .get(id)
             .await
             .map_err(|error| unreadable(&error))?;
         Ok(known.is_some())
@@ -193,7 +197,10 @@ mod tests {
     async fn a_robot_waits_for_no_password_of_anybody() {
         let records = Records::in_memory().await.expect("records");
         let secret = Secret::generate().expect("randomness");
-        let enrolled = records.enroll("rover-1", secret.digest(), 1, "test").await;
+        let enrolled = records
+            .credentials()
+            .enroll("rover-1", secret.digest(), 1, "test")
+            .await;
         enrolled.expect("enrolled");
         let (audit, _writer) = AuditLog::new(records.clone(), Arc::new(Metrics::new()));
         let accounts = RecordAccounts::new(

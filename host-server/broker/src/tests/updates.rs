@@ -91,7 +91,7 @@ impl Bench {
             created: 1,
             disabled: false,
         };
-        self.records.add_user(&user).await.expect("added");
+        self.records.users().add(&user).await.expect("added");
     }
 
     async fn robot(&self, id: &str) -> Listener {

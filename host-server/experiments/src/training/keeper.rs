@@ -100,7 +100,12 @@ impl Keeper<'_> {
             self.tidy().await?;
             self.is_tidy = true;
         }
-        let running = self.experiments.records.running_trainings().await?;
+        let running = self
+            .experiments
+            .records
+            .experiments()
+            .running_trainings()
+            .await?;
         match &mut self.current {
             Some(current) => {
                 if !running.iter().any(|row| current.job.is_of(row)) {
@@ -143,9 +148,13 @@ impl Keeper<'_> {
             Ok(Err(RunError::File(path, error))) if error.kind() != io::ErrorKind::InvalidData => {
                 let why = format!("{}: {error}", called(&path));
                 let (from, to) = (ExperimentState::Running, ExperimentState::Paused);
-                let moved = experiments
-                    .records
-                    .move_experiment(id, from, to, Some(&why), now_ms());
+                let moved = experiments.records.experiments().change_state(
+                    id,
+                    from,
+                    to,
+                    Some(&why),
+                    now_ms(),
+                );
                 match moved.await {
                     Ok(row) => {
                         let text = format!("training “{}” is paused: {why}", row.name);
@@ -195,7 +204,7 @@ impl Keeper<'_> {
             {
                 continue;
             }
-            let row = self.experiments.records.experiment(id).await?;
+            let row = self.experiments.records.experiments().get(id).await?;
             let row = row.filter(|row| row.created == created);
             let folder = folder_in(&self.experiments.trainer.folder, id, created);
             let state = row.map(|row| row.state);
@@ -288,6 +297,7 @@ async fn store(
     let results = serde_json::to_string(outcome).unwrap_or_default();
     match experiments
         .records
+        .experiments()
         .note_training(training.id, done, results)
         .await
     {
@@ -311,9 +321,11 @@ async fn complete(
     let training = &current.training;
     store(experiments, training, kept, &outcome).await?;
     let (from, to) = (ExperimentState::Running, ExperimentState::Completed);
-    let moved = experiments
-        .records
-        .move_experiment(training.id, from, to, None, now_ms());
+    let moved =
+        experiments
+            .records
+            .experiments()
+            .change_state(training.id, from, to, None, now_ms());
     match moved.await {
         Ok(row) => {
             let text = format!(

@@ -48,12 +48,12 @@ async fn what_there_was_no_room_for_is_a_gap_in_the_log() {
     }
     assert!(!audit.has_room());
     finish(writer).await;
-    let newest = records.audit_page(None, 2, None).await.expect("a page");
+    let newest = records.audit().page(None, 2, None).await.expect("a page");
     assert_eq!(newest[0].entry.action, "audit.gap");
     assert_eq!(newest[0].entry.detail["entries"], 10);
     assert_eq!(newest[1].entry.target, (MOST - 1).to_string());
-    assert_eq!(records.audit_verify().await, Ok(MOST as u64 + 1));
-    assert_eq!(records.audit_lost().await.expect("a number"), 10);
+    assert_eq!(records.audit().verify().await, Ok(MOST as u64 + 1));
+    assert_eq!(records.audit().lost().await.expect("a number"), 10);
     // Whoever comes after the end is not kept waiting.
     audit.write(entry(0)).await;
     records.close().await;
@@ -68,7 +68,7 @@ async fn entries_are_written_in_their_order_and_waited_for() {
     for n in 0..300 {
         if n % 3 == 0 {
             audit.write(entry(n)).await;
-            let newest = records.audit_page(None, 1, None).await.expect("a page");
+            let newest = records.audit().page(None, 1, None).await.expect("a page");
             assert_eq!(newest[0].entry.target, n.to_string(), "it is on disk");
         } else {
             audit.note(entry(n));
@@ -76,7 +76,11 @@ async fn entries_are_written_in_their_order_and_waited_for() {
     }
     stop.cancel();
     task.await.expect("it ends");
-    let mut all = records.audit_page(None, 1_000, None).await.expect("a page");
+    let mut all = records
+        .audit()
+        .page(None, 1_000, None)
+        .await
+        .expect("a page");
     all.reverse();
     let targets: Vec<_> = all.into_iter().map(|stored| stored.entry.target).collect();
     let wanted: Vec<_> = (0..300).map(|n| n.to_string()).collect();

@@ -14,8 +14,9 @@ use sqlx::AssertSqlSafe;
 use super::StoredTrial;
 use super::tables::STRIDE;
 use super::trials::{TOO_LONG, long};
+use crate::RecordsError;
 use crate::query::{Connection, query};
-use crate::{Records, RecordsError};
+use crate::store::Store;
 
 use statements::{divide, missing, running, store, take};
 
@@ -79,7 +80,7 @@ pub struct Holder {
 
 /// The parts of experiments among the records.
 #[derive(Debug, Clone, Copy)]
-pub struct ExperimentParts<'r>(pub(crate) &'r Records);
+pub struct ExperimentParts<'r>(pub(crate) &'r Store);
 
 /// Unix milliseconds by the clock of the database.
 const fn now(connection: &Connection<'_>) -> &'static str {
@@ -139,9 +140,8 @@ impl ExperimentParts<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn running(&self) -> Result<Vec<RunningExperiment>, RecordsError> {
+    pub async fn running(self) -> Result<Vec<RunningExperiment>, RecordsError> {
         self.0
-            .db()
             .read(|connection| Box::pin(running(connection)))
             .await
     }
@@ -150,9 +150,8 @@ impl ExperimentParts<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn holders(&self) -> Result<Vec<Holder>, RecordsError> {
+    pub async fn holders(self) -> Result<Vec<Holder>, RecordsError> {
         self.0
-            .db()
             .read(|connection| {
                 Box::pin(async move {
                     let sql = format!(
@@ -179,9 +178,8 @@ impl ExperimentParts<'_> {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`] when it does not run (any more).
-    pub async fn divide(&self, experiment: i64, first_seed: u64) -> Result<(), RecordsError> {
+    pub async fn divide(self, experiment: i64, first_seed: u64) -> Result<(), RecordsError> {
         self.0
-            .db()
             .write(move |connection| Box::pin(divide(connection, experiment, first_seed)))
             .await
     }
@@ -194,7 +192,7 @@ impl ExperimentParts<'_> {
     /// [`RecordsError`] when they cannot be claimed. After [`RecordsError::Unavailable`] they may have been; nobody
     /// gets them then before the lease ends.
     pub async fn claim(
-        &self,
+        self,
         worker: &str,
         experiment: i64,
         build: &str,
@@ -208,7 +206,6 @@ impl ExperimentParts<'_> {
             return Ok(Vec::new());
         };
         self.0
-            .db()
             .apart(move |connection| {
                 Box::pin(async move {
                     let taken = take(&mut *connection, &worker, whole, &build, most, lease).await?;
@@ -224,7 +221,7 @@ impl ExperimentParts<'_> {
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
     pub async fn renew(
-        &self,
+        self,
         worker: &str,
         parts: &[i64],
         lease: Duration,
@@ -236,7 +233,7 @@ impl ExperimentParts<'_> {
         let mut held = Vec::with_capacity(parts.len());
         for some in parts.chunks(MAX_PARTS) {
             let (worker, ids) = (worker.clone(), list(some));
-            let renewed = self.0.db().write(move |connection| {
+            let renewed = self.0.write(move |connection| {
                 Box::pin(async move {
                     let sql = format!(
                         "UPDATE experiment_part SET held_until = {} + $1
@@ -265,7 +262,7 @@ impl ExperimentParts<'_> {
     /// # Errors
     /// [`RecordsError`] when it cannot be written; others get it when the lease ends.
     pub async fn release(
-        &self,
+        self,
         worker: &str,
         experiment: Option<i64>,
         lost: bool,
@@ -277,7 +274,6 @@ impl ExperimentParts<'_> {
             Some(None) => return Ok(()),
         };
         self.0
-            .db()
             .write(move |connection| {
                 Box::pin(async move {
                     query(
@@ -303,7 +299,7 @@ impl ExperimentParts<'_> {
     /// [`RecordsError::NotFound`] when the experiment does not run (any more), and [`RecordsError::Invalid`] for what
     /// is no trial of it. Nothing is stored then.
     pub async fn store(
-        &self,
+        self,
         worker: &str,
         experiment: i64,
         trials: Vec<StoredTrial>,
@@ -314,7 +310,6 @@ impl ExperimentParts<'_> {
         }
         let whole = range(experiment).ok_or(RecordsError::NotFound)?;
         self.0
-            .db()
             .write(move |connection| {
                 Box::pin(async move { store(connection, &worker, experiment, whole, trials).await })
             })
@@ -326,13 +321,12 @@ impl ExperimentParts<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
-    pub async fn adopt(&self, experiment: i64, build: &str) -> Result<bool, RecordsError> {
+    pub async fn adopt(self, experiment: i64, build: &str) -> Result<bool, RecordsError> {
         let Some((first, end)) = range(experiment) else {
             return Ok(false);
         };
         let build = build.to_owned();
         self.0
-            .db()
             .write(move |connection| {
                 Box::pin(async move {
                     let changed = query(
@@ -364,14 +358,13 @@ impl ExperimentParts<'_> {
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
     pub async fn hand_over(
-        &self,
+        self,
         experiment: i64,
         from: &str,
         to: &str,
     ) -> Result<bool, RecordsError> {
         let (from, to) = (from.to_owned(), to.to_owned());
         self.0
-            .db()
             .write(move |connection| {
                 Box::pin(async move {
                     let changed = query(

@@ -7,9 +7,10 @@ use super::{
     Experiment, ExperimentKind, ExperimentState, MAX_EXPERIMENT_TEXT, MAX_EXPERIMENTS, MAX_SEEDS,
     MAX_TRAININGS, MAX_TRIALS, NewExperiment,
 };
+use crate::RecordsError;
 use crate::query::{Connection, query};
+use crate::store::Store;
 use crate::text::cut;
-use crate::{Records, RecordsError};
 
 /// Longest name of an experiment, in characters.
 const MAX_NAME: usize = 64;
@@ -123,12 +124,16 @@ async fn next_id(connection: &mut Connection<'_>) -> Result<i64, RecordsError> {
     Ok(id)
 }
 
-impl Records {
+/// The experiments among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Experiments<'r>(pub(crate) &'r Store);
+
+impl Experiments<'_> {
     /// Makes an experiment and returns it.
     ///
     /// # Errors
     /// [`RecordsError::TooMany`], or [`RecordsError::Invalid`] for what is too long.
-    pub async fn add_experiment(&self, new: NewExperiment) -> Result<Experiment, RecordsError> {
+    pub async fn add(self, new: NewExperiment) -> Result<Experiment, RecordsError> {
         if new.name.is_empty() || new.name.chars().count() > MAX_NAME || new.name.contains('\0') {
             return Err(RecordsError::Invalid(
                 "an experiment has a name of 1 to 64 characters",
@@ -140,7 +145,7 @@ impl Records {
         if !(1..=MAX_SEEDS).contains(&new.seeds) {
             return Err(RecordsError::Invalid("an experiment has 1 to 100000 seeds"));
         }
-        self.db()
+        self.0
             .write(move |connection| Box::pin(add(connection, new)))
             .await
     }
@@ -149,8 +154,8 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn experiment(&self, id: i64) -> Result<Option<Experiment>, RecordsError> {
-        self.db()
+    pub async fn get(self, id: i64) -> Result<Option<Experiment>, RecordsError> {
+        self.0
             .read(move |connection| Box::pin(find(connection, id)))
             .await
     }
@@ -159,36 +164,31 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn experiments(
-        &self,
+    pub async fn page(
+        self,
         before: Option<i64>,
         limit: u32,
     ) -> Result<Vec<Experiment>, RecordsError> {
         let newest = "id < $1 ORDER BY id DESC LIMIT $2";
-        list(self, newest, before.unwrap_or(i64::MAX), limit.into()).await
+        list(self.0, newest, before.unwrap_or(i64::MAX), limit.into()).await
     }
 
     /// Every experiment in `state`, in the order in which they were started.
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn experiments_in(
-        &self,
-        state: ExperimentState,
-    ) -> Result<Vec<Experiment>, RecordsError> {
+    pub async fn in_state(self, state: ExperimentState) -> Result<Vec<Experiment>, RecordsError> {
         // The name is one of ours, no text of others.
         let which = format!("state = '{state}' AND id >= $1 ORDER BY started, id LIMIT $2");
-        list(self, &which, 0, MAX_EXPERIMENTS).await
+        list(self.0, &which, 0, MAX_EXPERIMENTS).await
     }
 
     /// How many experiments there are in each state, for each server that has some.
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn experiments_by_state(
-        &self,
-    ) -> Result<Vec<(String, ExperimentState, u64)>, RecordsError> {
-        self.db()
+    pub async fn by_state(self) -> Result<Vec<(String, ExperimentState, u64)>, RecordsError> {
+        self.0
             .read(|connection| {
                 Box::pin(async move {
                     let rows: Vec<(String, String, i64)> = query(
@@ -210,8 +210,8 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`] when there is none, or it is not in the state `from` (any more).
-    pub async fn move_experiment(
-        &self,
+    pub async fn change_state(
+        self,
         id: i64,
         from: ExperimentState,
         to: ExperimentState,
@@ -221,7 +221,7 @@ impl Records {
         let reason = reason.map(|reason| cut(reason, MAX_REASON));
         let started = (to == ExperimentState::Running).then_some(now);
         let ended = to.is_over().then_some(now);
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     query(
@@ -250,9 +250,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn running_trainings(&self) -> Result<Vec<Experiment>, RecordsError> {
+    pub async fn running_trainings(self) -> Result<Vec<Experiment>, RecordsError> {
         list(
-            self,
+            self.0,
             "kind = 'training' AND state = 'running' AND id >= $1 ORDER BY started, id LIMIT $2",
             0,
             MAX_TRAININGS,
@@ -266,7 +266,7 @@ impl Records {
     /// [`RecordsError::NotFound`] when there is none, or it is over, and [`RecordsError::Invalid`] for
     /// what is too long.
     pub async fn note_training(
-        &self,
+        self,
         id: i64,
         done: u32,
         results: String,
@@ -274,7 +274,7 @@ impl Records {
         if results.len() > MAX_EXPERIMENT_TEXT {
             return Err(RecordsError::Invalid("results have at most 64 KiB"));
         }
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     query(
@@ -296,9 +296,9 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError::NotFound`] when there is none, or it runs.
-    pub async fn delete_experiment(&self, id: i64) -> Result<(), RecordsError> {
+    pub async fn delete(self, id: i64) -> Result<(), RecordsError> {
         let first = id.checked_mul(STRIDE).ok_or(RecordsError::NotFound)?;
-        self.db()
+        self.0
             .write(move |connection| {
                 Box::pin(async move {
                     query("DELETE FROM experiment WHERE id = $1 AND state <> 'running'")
@@ -321,14 +321,13 @@ impl Records {
 
 /// Experiments by a condition of ours, with a bound and a limit.
 async fn list(
-    records: &Records,
+    store: &Store,
     which: &str,
     bound: i64,
     limit: i64,
 ) -> Result<Vec<Experiment>, RecordsError> {
     let sql = format!("SELECT {COLUMNS} FROM experiment WHERE {which}");
-    records
-        .db()
+    store
         .read(move |connection| {
             Box::pin(async move {
                 let rows: Vec<Row> = query(AssertSqlSafe(sql))

@@ -5,9 +5,10 @@ use sqlx::AssertSqlSafe;
 use super::parts::drop_parts;
 use super::tables::{MAX_REASON, STRIDE, find};
 use super::{ExperimentState, MAX_EXPERIMENT_TEXT, NewTrials, StoredTrial, packed, unpacked};
+use crate::RecordsError;
 use crate::query::{Connection, query};
+use crate::store::Store;
 use crate::text::cut;
-use crate::{Records, RecordsError};
 
 /// Most metrics.
 const MAX_METRICS: usize = 64;
@@ -16,20 +17,24 @@ pub(super) const TOO_LONG: RecordsError = RecordsError::Invalid("a trial has at 
 /// Trials that go into one statement.
 const TOGETHER: usize = 500;
 
-impl Records {
+/// The trials of experiments among the records.
+#[derive(Debug, Clone, Copy)]
+pub struct Trials<'r>(pub(crate) &'r Store);
+
+impl Trials<'_> {
     /// Adds trials that are done.
     ///
     /// # Errors
     /// [`RecordsError::NotFound`] when the experiment does not run (any more), or others than these
     /// are its next ones.
-    pub async fn add_trials(&self, new: NewTrials) -> Result<(), RecordsError> {
+    pub async fn add(self, new: NewTrials) -> Result<(), RecordsError> {
         if new.results.len() > MAX_EXPERIMENT_TEXT {
             return Err(RecordsError::Invalid("results have at most 64 KiB"));
         }
         if new.trials.iter().any(long) {
             return Err(TOO_LONG);
         }
-        self.db()
+        self.0
             .write(move |connection| Box::pin(extend(connection, new)))
             .await
     }
@@ -39,8 +44,8 @@ impl Records {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn trials(
-        &self,
+    pub async fn page(
+        self,
         experiment: i64,
         from: u32,
         limit: u32,
@@ -50,7 +55,7 @@ impl Records {
             return Ok(Vec::new());
         };
         let from = first.saturating_add(i64::from(from).min(STRIDE));
-        self.db()
+        self.0
             .read(move |connection| {
                 Box::pin(async move {
                     let rows: Vec<Row> = query(

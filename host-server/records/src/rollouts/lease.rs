@@ -58,10 +58,9 @@ impl Rollouts<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when they cannot be read.
-    pub async fn leases(&self) -> Result<Vec<Lease>, RecordsError> {
+    pub async fn leases(self) -> Result<Vec<Lease>, RecordsError> {
         let rows: Vec<(i64, String, i64, i64)> = self
             .0
-            .db()
             .read(|connection| {
                 Box::pin(async move {
                     query(
@@ -88,14 +87,13 @@ impl Rollouts<'_> {
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
     pub async fn take(
-        &self,
+        self,
         id: i64,
         epoch: u64,
         owner: &str,
     ) -> Result<Option<Taken>, RecordsError> {
         let owner = cut(owner, MAX_OWNER);
         self.0
-            .db()
             .write(move |connection| Box::pin(take(connection, id, epoch, owner)))
             .await
     }
@@ -105,9 +103,8 @@ impl Rollouts<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be written.
-    pub async fn renew(&self, own: Vec<(i64, u64)>) -> Result<Vec<i64>, RecordsError> {
+    pub async fn renew(self, own: Vec<(i64, u64)>) -> Result<Vec<i64>, RecordsError> {
         self.0
-            .db()
             .write(move |connection| {
                 Box::pin(async move {
                     let mut lost = Vec::new();

@@ -251,11 +251,10 @@ impl Rollouts<'_> {
     ///
     /// # Errors
     /// [`RecordsError`] when it cannot be read.
-    pub async fn next_id(&self) -> Result<i64, RecordsError> {
+    pub async fn next_id(self) -> Result<i64, RecordsError> {
         // The newest one is never forgotten.
         let (newest,): (i64,) = self
             .0
-            .db()
             .read(|connection| {
                 Box::pin(async move {
                     query("SELECT coalesce(max(id), 0) FROM rollout")
@@ -272,7 +271,7 @@ impl Rollouts<'_> {
     /// # Errors
     /// [`RecordsError::Exists`] when one has its number, [`RecordsError::TooMany`], or [`RecordsError::Invalid`] for
     /// what is too long.
-    pub async fn add(&self, new: NewRollout) -> Result<(), RecordsError> {
+    pub async fn add(self, new: NewRollout) -> Result<(), RecordsError> {
         new.step.check()?;
         if new.step.document.is_none() || new.owner.is_empty() {
             return Err(RecordsError::Invalid(
@@ -280,7 +279,6 @@ impl Rollouts<'_> {
             ));
         }
         self.0
-            .db()
             .write(move |connection| Box::pin(add(connection, new)))
             .await
     }
@@ -291,14 +289,13 @@ impl Rollouts<'_> {
     /// # Errors
     /// [`RecordsError`] when it cannot be written; nothing of it is then.
     pub async fn write(
-        &self,
+        self,
         id: i64,
         epoch: u64,
         step: RolloutStep,
     ) -> Result<Written, RecordsError> {
         step.check()?;
         self.0
-            .db()
             .write(move |connection| Box::pin(write(connection, id, epoch, step)))
             .await
     }

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 async fn fill(records: &Records, count: i64) {
     for n in 1..=count {
-        assert_eq!(records.audit(entry(n)).await.unwrap(), n as u64);
+        assert_eq!(records.audit().append(entry(n)).await.unwrap(), n as u64);
     }
 }
 
@@ -25,32 +25,33 @@ impl std::io::Write for Full {
 async fn entries_come_back_newest_first_in_pages() {
     let folder = Folder::new();
     let records = open(&folder).await;
-    assert_eq!(records.audit_verify().await, Ok(0));
+    assert_eq!(records.audit().verify().await, Ok(0));
     fill(&records, 5).await;
     records.close().await;
     let records = open(&folder).await;
-    assert_eq!(records.audit(entry(6)).await.unwrap(), 6);
+    assert_eq!(records.audit().append(entry(6)).await.unwrap(), 6);
 
-    let page = records.audit_page(None, 4, None).await.unwrap();
+    let page = records.audit().page(None, 4, None).await.unwrap();
     let seqs: Vec<u64> = page.iter().map(|stored| stored.seq).collect();
     assert_eq!(seqs, [6, 5, 4, 3]);
     assert_eq!(page[0].entry, entry(6));
     assert_eq!(page[0].hash.len(), 64);
-    let page = records.audit_page(Some(3), 4, None).await.unwrap();
+    let page = records.audit().page(Some(3), 4, None).await.unwrap();
     assert_eq!(page.len(), 2);
-    let page = records.audit_page(None, 100, Some("bob")).await.unwrap();
+    let page = records.audit().page(None, 100, Some("bob")).await.unwrap();
     let seqs: Vec<u64> = page.iter().map(|stored| stored.seq).collect();
     assert_eq!(seqs, [5, 3, 1]);
-    let page = records.audit_page(Some(5), 1, Some("bob")).await.unwrap();
+    let page = records.audit().page(Some(5), 1, Some("bob")).await.unwrap();
     assert_eq!(page[0].seq, 3);
     assert!(
         records
-            .audit_page(Some(u64::MAX), 0, None)
+            .audit()
+            .page(Some(u64::MAX), 0, None)
             .await
             .unwrap()
             .is_empty()
     );
-    assert_eq!(records.audit_verify().await, Ok(6));
+    assert_eq!(records.audit().verify().await, Ok(6));
 }
 
 #[tokio::test]
@@ -66,14 +67,14 @@ async fn what_is_too_long_is_cut_and_kept() {
         detail: json!({ "text": long }),
         outcome: long,
     };
-    assert_eq!(records.audit(flood).await.unwrap(), 1);
-    let page = records.audit_page(None, 1, None).await.unwrap();
+    assert_eq!(records.audit().append(flood).await.unwrap(), 1);
+    let page = records.audit().page(None, 1, None).await.unwrap();
     let entry = &page[0].entry;
     assert!(entry.who.len() <= 64 && entry.who.ends_with('…'));
     assert!(entry.outcome.len() <= 128);
     assert!(entry.detail["cut"].is_string());
     assert!(entry.detail.to_string().len() <= 8_192);
-    assert_eq!(records.audit_verify().await, Ok(1));
+    assert_eq!(records.audit().verify().await, Ok(1));
 }
 
 #[tokio::test]
@@ -81,7 +82,7 @@ async fn an_export_has_every_entry_once_in_order() {
     let records = memory().await;
     fill(&records, 1_203).await;
     let mut text = Vec::new();
-    assert_eq!(records.audit_export(&mut text).await.unwrap(), 1_203);
+    assert_eq!(records.audit().export(&mut text).await.unwrap(), 1_203);
     let text = String::from_utf8(text).unwrap();
     for (index, line) in text.lines().enumerate() {
         let value: Value = serde_json::from_str(line).unwrap();
@@ -90,10 +91,10 @@ async fn an_export_has_every_entry_once_in_order() {
         assert_eq!(value["hash"].as_str().unwrap().len(), 64);
     }
     assert_eq!(text.lines().count(), 1_203);
-    assert_eq!(records.audit_verify().await, Ok(1_203));
+    assert_eq!(records.audit().verify().await, Ok(1_203));
 
     assert!(matches!(
-        records.audit_export(&mut Full).await,
+        records.audit().export(&mut Full).await,
         Err(RecordsError::Io { .. })
     ));
 }
@@ -133,7 +134,7 @@ async fn the_database_refuses_to_change_the_log() {
         let error = folder.tamper(sql).await.expect_err(sql).to_string();
         assert!(error.contains("append-only"), "{sql}: {error}");
     }
-    assert_eq!(records.audit_verify().await, Ok(3));
+    assert_eq!(records.audit().verify().await, Ok(3));
 }
 
 #[tokio::test]
@@ -157,11 +158,11 @@ async fn tampering_is_found_where_it_was_done() {
         let mut writes = tokio::task::JoinSet::new();
         for n in first..first + 37 {
             let records = records.clone();
-            writes.spawn(async move { records.audit(entry(n)).await.unwrap() });
+            writes.spawn(async move { records.audit().append(entry(n)).await.unwrap() });
         }
         writes.join_all().await;
     }
-    assert_eq!(records.audit_verify().await, Ok(703));
+    assert_eq!(records.audit().verify().await, Ok(703));
     records.close().await;
     for (sql, seq) in [
         ("UPDATE audit SET who = 'eve' WHERE seq = 700", 700),
@@ -208,7 +209,7 @@ async fn tampering_is_found_where_it_was_done() {
         let records = open(&folder).await;
         folder.tamper(open_up).await.unwrap();
         folder.tamper(sql).await.unwrap();
-        let Err(Broken { seq: found, why }) = records.audit_verify().await else {
+        let Err(Broken { seq: found, why }) = records.audit().verify().await else {
             panic!("{sql}: not found");
         };
         assert_eq!(found, seq, "{sql}: {why}");
@@ -224,18 +225,18 @@ async fn many_at_once_make_one_chain() {
     let mut tasks = tokio::task::JoinSet::new();
     for n in 0..200 {
         let records = if n % 2 == 0 { &one } else { &other }.clone();
-        tasks.spawn(async move { records.audit(entry(n)).await.unwrap() });
+        tasks.spawn(async move { records.audit().append(entry(n)).await.unwrap() });
     }
     let mut seqs = tasks.join_all().await;
     seqs.sort_unstable();
     assert_eq!(seqs, (1..=200).collect::<Vec<u64>>());
-    assert_eq!(one.audit_verify().await, Ok(200));
-    assert_eq!(other.audit_verify().await, Ok(200));
+    assert_eq!(one.audit().verify().await, Ok(200));
+    assert_eq!(other.audit().verify().await, Ok(200));
 }
 
 /// The statement that puts the entry `seq` of `records` into another log, as it is.
 async fn as_it_is(records: &Records, seq: u64) -> &'static str {
-    let page = records.audit_page(Some(seq + 1), 1, None).await.unwrap();
+    let page = records.audit().page(Some(seq + 1), 1, None).await.unwrap();
     let stored = &page[0];
     let entry = &stored.entry;
     let hash = if on_postgres() {
@@ -258,7 +259,7 @@ async fn what_stands_behind_the_end_is_told_of_and_blocks_nothing() {
     records.close().await;
     let longer = original.copy();
     let records = open(&longer).await;
-    assert_eq!(records.audit(entry(4)).await.unwrap(), 4);
+    assert_eq!(records.audit().append(entry(4)).await.unwrap(), 4);
     // Its hash is right, as if the server had written it.
     let right = as_it_is(&records, 4).await;
     records.close().await;
@@ -269,10 +270,10 @@ async fn what_stands_behind_the_end_is_told_of_and_blocks_nothing() {
         let records = open(&folder).await;
         // It has the number that comes next, so the database takes it from anybody.
         folder.tamper(sql).await.unwrap();
-        assert_eq!(records.audit_verify().await.unwrap_err().seq, 4, "{sql}");
+        assert_eq!(records.audit().verify().await.unwrap_err().seq, 4, "{sql}");
         // The log goes on behind it, and says so.
-        assert_eq!(records.audit(entry(5)).await.unwrap(), 6, "{sql}");
-        let page = records.audit_page(None, 2, None).await.unwrap();
+        assert_eq!(records.audit().append(entry(5)).await.unwrap(), 6, "{sql}");
+        let page = records.audit().page(None, 2, None).await.unwrap();
         assert_eq!(page[0].entry, entry(5));
         let note = &page[1].entry;
         assert_eq!(
@@ -283,9 +284,9 @@ async fn what_stands_behind_the_end_is_told_of_and_blocks_nothing() {
             (note.target.as_str(), &note.detail["first"]),
             ("4", &json!(4))
         );
-        assert_eq!(records.audit(entry(6)).await.unwrap(), 7, "{sql}");
+        assert_eq!(records.audit().append(entry(6)).await.unwrap(), 7, "{sql}");
         // That does not make it good.
-        assert_eq!(records.audit_verify().await.unwrap_err().seq, 4, "{sql}");
+        assert_eq!(records.audit().verify().await.unwrap_err().seq, 4, "{sql}");
         records.close().await;
     }
 }
@@ -294,16 +295,20 @@ async fn what_stands_behind_the_end_is_told_of_and_blocks_nothing() {
 async fn a_batch_stays_in_its_order_and_a_gap_is_counted() {
     let folder = Folder::new();
     let records = open(&folder).await;
-    records.audit_all(Vec::new()).await.unwrap();
-    assert_eq!(records.audit_lost().await.unwrap(), 0);
+    records.audit().append_all(Vec::new()).await.unwrap();
+    assert_eq!(records.audit().lost().await.unwrap(), 0);
     let mut batch: Vec<Entry> = (1..=130).map(entry).collect();
     batch.push(Entry::gap(7, 131, 137));
     batch.push(Entry::gap(5, 138, 142));
-    records.audit_all(batch.clone()).await.unwrap();
-    records.audit(entry(143)).await.unwrap();
-    assert_eq!(records.audit_verify().await, Ok(133), "gaps are sealed too");
-    assert_eq!(records.audit_lost().await.unwrap(), 12);
-    let mut page = records.audit_page(None, 1_000, None).await.unwrap();
+    records.audit().append_all(batch.clone()).await.unwrap();
+    records.audit().append(entry(143)).await.unwrap();
+    assert_eq!(
+        records.audit().verify().await,
+        Ok(133),
+        "gaps are sealed too"
+    );
+    assert_eq!(records.audit().lost().await.unwrap(), 12);
+    let mut page = records.audit().page(None, 1_000, None).await.unwrap();
     page.reverse();
     batch.push(entry(143));
     let kept: Vec<Entry> = page.into_iter().map(|stored| stored.entry).collect();

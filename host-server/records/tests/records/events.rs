@@ -45,22 +45,22 @@ fn texts(events: &[StoredEvent]) -> Vec<&str> {
 async fn events_survive_and_are_found_by_what_is_asked() {
     let folder = Folder::new();
     let records = open(&folder).await;
-    assert_eq!(records.events(all(10)).await.unwrap(), []);
-    records.add_events(Vec::new()).await.unwrap();
+    assert_eq!(records.events().page(all(10)).await.unwrap(), []);
+    records.events().add(Vec::new()).await.unwrap();
     // More than go into one statement.
     let events: Vec<Event> = (0..250).map(numbered).collect();
-    records.add_events(events.clone()).await.unwrap();
+    records.events().add(events.clone()).await.unwrap();
     records.close().await;
     let records = open(&folder).await;
 
-    let found = records.events(all(1_000)).await.unwrap();
+    let found = records.events().page(all(1_000)).await.unwrap();
     let kept: Vec<Event> = found
         .iter()
         .rev()
         .map(|stored| stored.event.clone())
         .collect();
     assert_eq!(kept, events);
-    assert_eq!(records.events(all(0)).await.unwrap(), []);
+    assert_eq!(records.events().page(all(0)).await.unwrap(), []);
 
     for level in [EventLevel::Info, EventLevel::Warn, EventLevel::Error] {
         for of in [None, Some(2), Some(9)] {
@@ -71,7 +71,7 @@ async fn events_survive_and_are_found_by_what_is_asked() {
                 to: 1_050,
                 ..all(1_000)
             };
-            let found = records.events(wanted).await.unwrap();
+            let found = records.events().page(wanted).await.unwrap();
             let fits = |event: &&Event| {
                 event.level >= level
                     && (1_010..1_050).contains(&event.at)
@@ -89,17 +89,17 @@ async fn events_survive_and_are_found_by_what_is_asked() {
 async fn pages_have_neither_gap_nor_repeat_while_new_ones_come() {
     let records = memory().await;
     let events: Vec<Event> = (0..97).map(numbered).collect();
-    records.add_events(events).await.unwrap();
+    records.events().add(events).await.unwrap();
     let mut query = all(10);
     let (mut seen, mut later) = (Vec::new(), 97);
     loop {
-        let page = records.events(query.clone()).await.unwrap();
+        let page = records.events().page(query.clone()).await.unwrap();
         let Some(last) = page.last() else { break };
         query.before = Some(last.cursor());
         seen.extend(texts(&page).into_iter().map(str::to_owned));
         // What comes in meanwhile is of later.
         let new = (later..later + 15).map(numbered).collect();
-        records.add_events(new).await.unwrap();
+        records.events().add(new).await.unwrap();
         later += 15;
     }
     let expected: Vec<String> = (0..97).rev().map(|n| format!("event {n}")).collect();
@@ -108,10 +108,10 @@ async fn pages_have_neither_gap_nor_repeat_while_new_ones_come() {
     query.before = None;
     query.to = 1_005;
     query.limit = 2;
-    let page = records.events(query.clone()).await.unwrap();
+    let page = records.events().page(query.clone()).await.unwrap();
     assert_eq!(texts(&page), ["event 14", "event 13"]);
     query.before = Some(page[1].cursor());
-    let page = records.events(query).await.unwrap();
+    let page = records.events().page(query).await.unwrap();
     assert_eq!(texts(&page), ["event 12", "event 11"]);
 }
 
@@ -120,10 +120,11 @@ async fn what_is_too_long_is_cut_and_nonsense_is_tamed() {
     let records = memory().await;
     let long = "ä\0".repeat(2_000);
     records
-        .add_events(vec![event(i64::MIN, EventLevel::Error, None, &long)])
+        .events()
+        .add(vec![event(i64::MIN, EventLevel::Error, None, &long)])
         .await
         .unwrap();
-    let found = records.events(all(1)).await.unwrap();
+    let found = records.events().page(all(1)).await.unwrap();
     let Event { at, text, .. } = &found[0].event;
     assert_eq!(*at, 0);
     assert!(
@@ -137,7 +138,7 @@ async fn what_is_too_long_is_cut_and_nonsense_is_tamed() {
 async fn old_events_go_and_so_do_too_many() {
     let records = memory().await;
     let events = (0..90).map(numbered).collect();
-    records.add_events(events).await.unwrap();
+    records.events().add(events).await.unwrap();
     let keep = EventRetention {
         events: 1_000,
         arenas: 10,
@@ -145,11 +146,11 @@ async fn old_events_go_and_so_do_too_many() {
     };
     assert_eq!(records.prune_events(keep, 1_500).await.unwrap(), 0);
     assert_eq!(records.prune_events(keep, 1_510).await.unwrap(), 30);
-    let found = records.events(all(1_000)).await.unwrap();
+    let found = records.events().page(all(1_000)).await.unwrap();
     assert_eq!(texts(&found).last(), Some(&"event 30"));
     let fewer = EventRetention { events: 20, ..keep };
     assert_eq!(records.prune_events(fewer, 1_510).await.unwrap(), 40);
-    let found = records.events(all(1_000)).await.unwrap();
+    let found = records.events().page(all(1_000)).await.unwrap();
     assert_eq!(found.len(), 20);
     assert_eq!(texts(&found).last(), Some(&"event 70"));
     // By default nothing of this is too old or too much.
@@ -164,8 +165,8 @@ async fn the_arena_of_a_time_is_known() {
     let folder = Folder::new();
     let records = open(&folder).await;
     // That there is none is no news.
-    records.add_arena(50, None).await.unwrap();
-    assert_eq!(records.arena_at(60).await.unwrap(), None);
+    records.arenas().add(50, None).await.unwrap();
+    assert_eq!(records.arenas().at(60).await.unwrap(), None);
     let arena = |text: &str| Some(text.to_owned());
     for (at, what) in [
         (100, arena("a")),
@@ -177,10 +178,10 @@ async fn the_arena_of_a_time_is_known() {
         (450, None),
         (500, arena("c")),
     ] {
-        records.add_arena(at, what).await.unwrap();
+        records.arenas().add(at, what).await.unwrap();
     }
     let long = Some("x".repeat(MAX_ARENA + 1));
-    let error = records.add_arena(600, long).await.unwrap_err();
+    let error = records.arenas().add(600, long).await.unwrap_err();
     assert!(matches!(error, RecordsError::Invalid(_)), "{error}");
     records.close().await;
 
@@ -195,9 +196,9 @@ async fn the_arena_of_a_time_is_known() {
         (400, None),
         (i64::MAX, arena("c")),
     ] {
-        assert_eq!(records.arena_at(at).await.unwrap(), what, "{at}");
+        assert_eq!(records.arenas().at(at).await.unwrap(), what, "{at}");
     }
-    let within = async |from, to, step| records.arenas(from, to, step).await.unwrap();
+    let within = async |from, to, step| records.arenas().changes(from, to, step).await.unwrap();
     assert_eq!(within(0, 100, 1).await, []);
     assert_eq!(
         within(100, 500, 1).await,
@@ -222,11 +223,11 @@ async fn the_arena_of_a_time_is_known() {
     };
     // What it was then is still asked for.
     assert_eq!(records.prune_events(keep, 320).await.unwrap(), 2);
-    assert_eq!(records.arena_at(250).await.unwrap(), arena("c"));
+    assert_eq!(records.arenas().at(250).await.unwrap(), arena("c"));
     let fewer = EventRetention { arenas: 1, ..keep };
     assert_eq!(records.prune_events(fewer, 320).await.unwrap(), 2);
-    assert_eq!(records.arena_at(450).await.unwrap(), None);
-    assert_eq!(records.arena_at(500).await.unwrap(), arena("c"));
+    assert_eq!(records.arenas().at(450).await.unwrap(), None);
+    assert_eq!(records.arenas().at(500).await.unwrap(), arena("c"));
     records.close().await;
 }
 
@@ -234,7 +235,7 @@ async fn the_arena_of_a_time_is_known() {
 async fn paged(records: &Records, mut query: EventQuery) -> Vec<StoredEvent> {
     let mut found = Vec::new();
     loop {
-        let page = records.events(query.clone()).await.expect("a page");
+        let page = records.events().page(query.clone()).await.expect("a page");
         assert!(page.len() <= query.limit as usize);
         let Some(last) = page.last() else { break };
         query.before = Some(last.cursor());
@@ -274,7 +275,7 @@ proptest! {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         let found = runtime.expect("a runtime").block_on(async {
             let records = memory().await;
-            records.add_events(events.clone()).await.expect("written");
+            records.events().add(events.clone()).await.expect("written");
             let found = paged(&records, query.clone()).await;
             records.close().await;
             found

@@ -50,32 +50,35 @@ fn trials(experiment: i64, numbers: std::ops::Range<u32>, completed: Option<i64>
 async fn an_experiment_goes_its_way() {
     let records = memory().await;
     let made = records
-        .add_experiment(new("a", 1_201, false))
+        .experiments()
+        .add(new("a", 1_201, false))
         .await
         .unwrap();
     assert_eq!((made.state, made.done, made.started), (Created, 0, None));
     let id = made.id;
-    let moved = |from, to, now| records.move_experiment(id, from, to, None, now);
+    let moved = |from, to, now| records.experiments().change_state(id, from, to, None, now);
     let wrong = moved(Running, Paused, 2)
         .await
         .expect_err("it does not run");
     assert!(matches!(wrong, RecordsError::NotFound));
-    let early = records.add_trials(trials(id, 0..1, None)).await;
+    let early = records.trials().add(trials(id, 0..1, None)).await;
     assert!(matches!(early, Err(RecordsError::NotFound)), "{early:?}");
 
     let running = moved(Created, Running, 2_000).await.unwrap();
     assert_eq!((running.state, running.started), (Running, Some(2_000)));
     records
-        .add_trials(trials(id, 0..1_100, None))
+        .trials()
+        .add(trials(id, 0..1_100, None))
         .await
         .unwrap();
     // The same once more, as after an answer that was lost; but no gap and nothing twice.
     records
-        .add_trials(trials(id, 0..1_100, None))
+        .trials()
+        .add(trials(id, 0..1_100, None))
         .await
         .unwrap();
     for odd in [0..5, 1_101..1_102, 1_099..1_101, 1_100..1_202] {
-        let refused = records.add_trials(trials(id, odd.clone(), None)).await;
+        let refused = records.trials().add(trials(id, odd.clone(), None)).await;
         assert!(matches!(refused, Err(RecordsError::NotFound)), "{odd:?}");
     }
     let paused = moved(Running, Paused, 3_000).await.unwrap();
@@ -86,22 +89,23 @@ async fn an_experiment_goes_its_way() {
     let again = moved(Paused, Running, 4_000).await.unwrap();
     assert_eq!((again.started, again.ended), (Some(2_000), None));
     records
-        .add_trials(trials(id, 1_100..1_201, Some(5_000)))
+        .trials()
+        .add(trials(id, 1_100..1_201, Some(5_000)))
         .await
         .unwrap();
-    let whole = records.experiment(id).await.unwrap().unwrap();
+    let whole = records.experiments().get(id).await.unwrap().unwrap();
     assert_eq!(
         (whole.state, whole.ended, whole.done),
         (Completed, Some(5_000), 1_201)
     );
 
-    let all = records.trials(id, 0, 5_000).await.unwrap();
+    let all = records.trials().page(id, 0, 5_000).await.unwrap();
     assert_eq!(all, (0..1_201).map(trial).collect::<Vec<_>>());
-    let some = records.trials(id, 1_195, 3).await.unwrap();
+    let some = records.trials().page(id, 1_195, 3).await.unwrap();
     assert_eq!(some, (1_195..1_198).map(trial).collect::<Vec<_>>());
-    assert_eq!(records.trials(id, 1_201, 3).await.unwrap(), []);
-    assert_eq!(records.trials(id + 1, 0, 3).await.unwrap(), []);
-    assert_eq!(records.trials(i64::MAX, 0, 3).await.unwrap(), []);
+    assert_eq!(records.trials().page(id, 1_201, 3).await.unwrap(), []);
+    assert_eq!(records.trials().page(id + 1, 0, 3).await.unwrap(), []);
+    assert_eq!(records.trials().page(i64::MAX, 0, 3).await.unwrap(), []);
 }
 
 #[tokio::test]
@@ -110,12 +114,13 @@ async fn pages_states_and_deletion() {
     let mut ids = Vec::new();
     for n in 0..5 {
         let made = records
-            .add_experiment(new(&format!("number {n}"), 3, n % 2 == 0))
+            .experiments()
+            .add(new(&format!("number {n}"), 3, n % 2 == 0))
             .await
             .unwrap();
         ids.push(made.id);
     }
-    let page = |before, limit| records.experiments(before, limit);
+    let page = |before, limit| records.experiments().page(before, limit);
     let of = |page: Vec<crawler_records::Experiment>| -> Vec<i64> {
         page.iter().map(|experiment| experiment.id).collect()
     };
@@ -124,37 +129,44 @@ async fn pages_states_and_deletion() {
         of(page(Some(ids[3]), 9).await.unwrap()),
         [ids[2], ids[1], ids[0]]
     );
-    let running = records.experiments_in(Running).await.unwrap();
+    let running = records.experiments().in_state(Running).await.unwrap();
     assert_eq!(of(running), [ids[0], ids[2], ids[4]]);
-    let mut counts = records.experiments_by_state().await.unwrap();
+    let mut counts = records.experiments().by_state().await.unwrap();
     counts.sort_by_key(|(_, state, _)| state.name());
     assert_eq!(
         counts,
         [("one".into(), Created, 2), ("one".into(), Running, 3)]
     );
 
-    let busy = records.delete_experiment(ids[4]).await;
+    let busy = records.experiments().delete(ids[4]).await;
     assert!(matches!(busy, Err(RecordsError::NotFound)), "it runs");
     records
-        .add_trials(trials(ids[4], 0..2, None))
+        .trials()
+        .add(trials(ids[4], 0..2, None))
         .await
         .unwrap();
     let failed = records
-        .move_experiment(ids[4], Running, Failed, Some(&"why".repeat(300)), 9)
+        .experiments()
+        .change_state(ids[4], Running, Failed, Some(&"why".repeat(300)), 9)
         .await
         .unwrap();
     assert!(failed.reason.unwrap().len() <= 512);
-    records.delete_experiment(ids[4]).await.unwrap();
-    assert_eq!(records.experiment(ids[4]).await.unwrap(), None);
-    assert_eq!(records.trials(ids[4], 0, 9).await.unwrap(), []);
-    let gone = records.delete_experiment(ids[4]).await;
+    records.experiments().delete(ids[4]).await.unwrap();
+    assert_eq!(records.experiments().get(ids[4]).await.unwrap(), None);
+    assert_eq!(records.trials().page(ids[4], 0, 9).await.unwrap(), []);
+    let gone = records.experiments().delete(ids[4]).await;
     assert!(matches!(gone, Err(RecordsError::NotFound)));
     let gone = records
-        .move_experiment(ids[4], Failed, Stopped, None, 9)
+        .experiments()
+        .change_state(ids[4], Failed, Stopped, None, 9)
         .await;
     assert!(matches!(gone, Err(RecordsError::NotFound)));
     // Its number does not come back.
-    let next = records.add_experiment(new("next", 1, true)).await.unwrap();
+    let next = records
+        .experiments()
+        .add(new("next", 1, true))
+        .await
+        .unwrap();
     assert!(next.id > ids[4]);
 }
 
@@ -173,28 +185,31 @@ async fn no_more_than_fits() {
         },
     ] {
         let name = wrong.name.clone();
-        let refused = records.add_experiment(wrong).await;
+        let refused = records.experiments().add(wrong).await;
         assert!(matches!(refused, Err(RecordsError::Invalid(_))), "{name}");
     }
     for n in 0..MAX_TRIALS / 100_000 {
-        let made = records.add_experiment(new(&"\u{e4}".repeat(64), 100_000, false));
+        let made = records
+            .experiments()
+            .add(new(&"\u{e4}".repeat(64), 100_000, false));
         made.await.unwrap_or_else(|error| panic!("{n}: {error}"));
     }
-    let refused = records.add_experiment(new("one more", 1, false)).await;
+    let refused = records.experiments().add(new("one more", 1, false)).await;
     assert!(
         matches!(refused, Err(RecordsError::TooMany(_))),
         "{refused:?}"
     );
-    for experiment in records.experiments(None, 1_000).await.unwrap() {
-        records.delete_experiment(experiment.id).await.unwrap();
+    for experiment in records.experiments().page(None, 1_000).await.unwrap() {
+        records.experiments().delete(experiment.id).await.unwrap();
     }
     for _ in 0..MAX_EXPERIMENTS {
         records
-            .add_experiment(new("small", 1, false))
+            .experiments()
+            .add(new("small", 1, false))
             .await
             .unwrap();
     }
-    let refused = records.add_experiment(new("one more", 1, false)).await;
+    let refused = records.experiments().add(new("one more", 1, false)).await;
     assert!(
         matches!(refused, Err(RecordsError::TooMany(_))),
         "{refused:?}"
@@ -212,9 +227,13 @@ fn training(name: &str, start: bool) -> NewExperiment {
 #[tokio::test]
 async fn a_training_has_rounds_and_no_parts() {
     let records = memory().await;
-    let made = records.add_experiment(training("a", true)).await.unwrap();
+    let made = records
+        .experiments()
+        .add(training("a", true))
+        .await
+        .unwrap();
     assert_eq!(made.kind, ExperimentKind::Training);
-    let other = records.add_experiment(new("b", 3, true)).await.unwrap();
+    let other = records.experiments().add(new("b", 3, true)).await.unwrap();
     assert_eq!(other.kind, ExperimentKind::Evaluation);
     // Who works on trials does not see it.
     let running = records.parts().running().await.unwrap();
@@ -222,12 +241,16 @@ async fn a_training_has_rounds_and_no_parts() {
         running.iter().map(|row| row.id).collect::<Vec<_>>(),
         [other.id]
     );
-    let trainings = records.running_trainings().await.unwrap();
+    let trainings = records.experiments().running_trainings().await.unwrap();
     assert_eq!((trainings.len(), &trainings[0]), (1, &made));
 
-    let note = |id, done, results: &str| records.note_training(id, done, results.to_owned());
+    let note = |id, done, results: &str| {
+        records
+            .experiments()
+            .note_training(id, done, results.to_owned())
+    };
     note(made.id, 7, "seven").await.unwrap();
-    let now = records.experiment(made.id).await.unwrap().unwrap();
+    let now = records.experiments().get(made.id).await.unwrap().unwrap();
     assert_eq!((now.done, now.results.as_str()), (7, "seven"));
     for wrong in [(made.id, 11), (other.id, 1), (other.id + 1, 1)] {
         let refused = note(wrong.0, wrong.1, "").await;
@@ -236,26 +259,28 @@ async fn a_training_has_rounds_and_no_parts() {
     let long = note(made.id, 8, &"x".repeat(70_000)).await;
     assert!(matches!(long, Err(RecordsError::Invalid(_))));
     records
-        .move_experiment(made.id, Running, Paused, None, 2)
+        .experiments()
+        .change_state(made.id, Running, Paused, None, 2)
         .await
         .unwrap();
-    assert_eq!(records.running_trainings().await.unwrap(), []);
+    assert_eq!(records.experiments().running_trainings().await.unwrap(), []);
     // Whoever was at it when it was paused has kept one more.
     note(made.id, 8, "eight").await.unwrap();
     records
-        .move_experiment(made.id, Paused, Stopped, None, 3)
+        .experiments()
+        .change_state(made.id, Paused, Stopped, None, 3)
         .await
         .unwrap();
     let late = note(made.id, 9, "").await;
     assert!(matches!(late, Err(RecordsError::NotFound)), "it is over");
 
     for _ in 1..MAX_TRAININGS {
-        let made = records.add_experiment(training("more", false)).await;
+        let made = records.experiments().add(training("more", false)).await;
         made.unwrap();
     }
-    let many = records.add_experiment(training("one more", false)).await;
+    let many = records.experiments().add(training("one more", false)).await;
     assert!(matches!(many, Err(RecordsError::TooMany("trainings"))));
-    records.add_experiment(new("c", 3, false)).await.unwrap();
+    records.experiments().add(new("c", 3, false)).await.unwrap();
 }
 
 #[tokio::test]
@@ -263,18 +288,23 @@ async fn what_is_stored_outlasts_the_process() {
     let folder = Folder::new();
     let records = open(&folder).await;
     let made = records
-        .add_experiment(new("lasting", 9, true))
+        .experiments()
+        .add(new("lasting", 9, true))
         .await
         .unwrap();
     records
-        .add_trials(trials(made.id, 0..4, None))
+        .trials()
+        .add(trials(made.id, 0..4, None))
         .await
         .unwrap();
     records.close().await;
     let records: Records = open(&folder).await;
-    let there = records.experiments_in(Running).await.unwrap();
+    let there = records.experiments().in_state(Running).await.unwrap();
     assert_eq!((there.len(), there[0].done, there[0].id), (1, 4, made.id));
-    assert_eq!(records.trials(made.id, 0, 10).await.unwrap().len(), 4);
+    assert_eq!(
+        records.trials().page(made.id, 0, 10).await.unwrap().len(),
+        4
+    );
     records.close().await;
 }
 
@@ -304,16 +334,30 @@ async fn records_of_the_first_version_get_the_new_tables() {
     let folder = Folder::new();
     first_version(&folder).await;
     let records = open(&folder).await;
-    assert_eq!(records.setting("from").await.unwrap().unwrap(), b"vors");
-    let made = records.add_experiment(new("first", 2, true)).await.unwrap();
+    assert_eq!(
+        records.settings().get("from").await.unwrap().unwrap(),
+        b"vors"
+    );
+    let made = records
+        .experiments()
+        .add(new("first", 2, true))
+        .await
+        .unwrap();
     records
-        .add_trials(trials(made.id, 0..2, Some(3)))
+        .trials()
+        .add(trials(made.id, 0..2, Some(3)))
         .await
         .unwrap();
     records.close().await;
     let records = open(&folder).await;
     assert_eq!(
-        records.experiment(made.id).await.unwrap().unwrap().state,
+        records
+            .experiments()
+            .get(made.id)
+            .await
+            .unwrap()
+            .unwrap()
+            .state,
         Completed
     );
     records.close().await;

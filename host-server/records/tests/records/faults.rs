@@ -23,10 +23,18 @@ async fn execute(file: &Path, sql: &'static str) {
 /// Records with something in them.
 async fn filled(folder: &Folder) -> Records {
     let records = open(folder).await;
-    records.add_user(&user("ada", Role::Admin)).await.unwrap();
-    records.set_setting("big", &vec![5; 60_000]).await.unwrap();
+    records
+        .users()
+        .add(&user("ada", Role::Admin))
+        .await
+        .unwrap();
+    records
+        .settings()
+        .set("big", &vec![5; 60_000])
+        .await
+        .unwrap();
     for n in 0..20 {
-        records.audit(entry(n)).await.unwrap();
+        records.audit().append(entry(n)).await.unwrap();
     }
     let at = now() - 60_000;
     for n in 0..500 {
@@ -122,7 +130,7 @@ async fn a_damaged_history_is_put_aside_and_begun_anew() {
     let records = open(&folder).await;
     let aside = records.history().stats().set_aside.expect("put aside");
     assert_eq!(fs::read(aside).unwrap(), damaged);
-    assert_eq!(records.users().await.unwrap().len(), 1);
+    assert_eq!(records.users().all().await.unwrap().len(), 1);
     let at = now();
     records.history().push(sample(&robot(1), 1, at)).unwrap();
     records.history().settle().await.unwrap();
@@ -159,7 +167,8 @@ async fn a_backup_is_made_in_use_and_comes_back() {
     let ada = user("ada", Role::Admin);
     let hour = 3_600_000;
     let session = records
-        .open_session(&ada.name, digest(1), now(), now() + hour, "x")
+        .sessions()
+        .open(&ada.name, digest(1), now(), now() + hour, "x")
         .await
         .unwrap();
     let copies = Folder::new();
@@ -170,7 +179,7 @@ async fn a_backup_is_made_in_use_and_comes_back() {
     let busy = records.clone();
     let writer = tokio::spawn(async move {
         for n in 20..60 {
-            busy.audit(entry(n)).await.unwrap();
+            busy.audit().append(entry(n)).await.unwrap();
         }
     });
     records.backup(&to).await.unwrap();
@@ -183,7 +192,7 @@ async fn a_backup_is_made_in_use_and_comes_back() {
         memory().await.backup(&copies.path().join("x")).await,
         Err(RecordsError::Invalid(_))
     ));
-    records.set_setting("big", b"later").await.unwrap();
+    records.settings().set("big", b"later").await.unwrap();
     assert!(matches!(
         Records::restore(&to, folder.path()).await,
         Err(RecordsError::InUse(_))
@@ -194,33 +203,35 @@ async fn a_backup_is_made_in_use_and_comes_back() {
     let replaced = Records::restore(&to, folder.path()).await.unwrap();
     let records = open(&folder).await;
     assert_eq!(
-        records.setting("big").await.unwrap(),
+        records.settings().get("big").await.unwrap(),
         Some(vec![5; 60_000]),
         "as it was then"
     );
-    assert!(records.audit_verify().await.unwrap() >= 20);
+    assert!(records.audit().verify().await.unwrap() >= 20);
     let points = records.history().query(&robot(9), at, at + 1, 1).await;
     assert_eq!(points.unwrap().len(), 1);
     // Whoever was logged in logs in again, with a session of another number.
     assert_eq!(
         records
-            .refresh_session(digest(1), digest(2), now())
+            .sessions()
+            .refresh(digest(1), digest(2), now())
             .await
             .unwrap(),
         Refreshed::Unknown
     );
     let next = records
-        .open_session(&ada.name, digest(3), now(), now() + hour, "x")
+        .sessions()
+        .open(&ada.name, digest(3), now(), now() + hour, "x")
         .await
         .unwrap();
     assert!(next > session + 1_000);
     // What was there before is kept, and opens.
     let before = Records::open(&replaced).await.unwrap();
     assert_eq!(
-        before.setting("big").await.unwrap().as_deref(),
+        before.settings().get("big").await.unwrap().as_deref(),
         Some(&b"later"[..])
     );
-    assert_eq!(before.audit_verify().await, Ok(60));
+    assert_eq!(before.audit().verify().await, Ok(60));
 }
 
 #[tokio::test]
@@ -251,7 +262,7 @@ async fn a_bad_backup_changes_nothing() {
             _ => panic!("{damage}: {error:?}"),
         }
         let records = open(&folder).await;
-        assert_eq!(records.audit_verify().await, Ok(20), "{damage}");
+        assert_eq!(records.audit().verify().await, Ok(20), "{damage}");
         records.close().await;
         drop(records);
         let left: Vec<_> = fs::read_dir(folder.path())
@@ -272,13 +283,13 @@ async fn a_backup_comes_back_over_a_damaged_file() {
         .await
         .unwrap();
     assert_eq!(fs::read(replaced.join(RECORDS_FILE)).unwrap(), [3; 10_000]);
-    assert_eq!(open(&folder).await.audit_verify().await, Ok(20));
+    assert_eq!(open(&folder).await.audit().verify().await, Ok(20));
     // Into a directory that is new, too.
     let folder = Folder::new();
     let dir = folder.path().join("new");
     Records::restore(backup.path(), &dir).await.unwrap();
     let records = Records::open(&dir).await.unwrap();
-    assert_eq!(records.audit_verify().await, Ok(20));
+    assert_eq!(records.audit().verify().await, Ok(20));
 }
 
 #[cfg(unix)]

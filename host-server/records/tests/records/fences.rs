@@ -7,20 +7,20 @@ use crawler_records::{KeptFence, MAX_FENCES, RecordsError};
 async fn fences_outlive_the_process_oldest_first() {
     let folder = Folder::new();
     let records = open(&folder).await;
-    assert_eq!(records.fences().await.unwrap(), []);
+    assert_eq!(records.fences().all().await.unwrap(), []);
     for n in [3, 1, 2] {
-        records.add_fence(&fence(n)).await.unwrap();
+        records.fences().add(&fence(n)).await.unwrap();
     }
     records.close().await;
     let records = open(&folder).await;
-    let kept = records.fences().await.unwrap();
+    let kept = records.fences().all().await.unwrap();
     assert_eq!(kept, [fence(1), fence(2), fence(3)]);
 }
 
 #[tokio::test]
 async fn a_change_leaves_who_made_it_and_when() {
     let records = memory().await;
-    records.add_fence(&fence(1)).await.unwrap();
+    records.fences().add(&fence(1)).await.unwrap();
     let wish = KeptFence {
         name: "dock".into(),
         kind: "keep_in".into(),
@@ -35,15 +35,15 @@ async fn a_change_leaves_who_made_it_and_when() {
         made_at: fence(1).made_at,
         ..wish.clone()
     };
-    assert_eq!(records.change_fence(&wish).await.unwrap(), expected);
+    assert_eq!(records.fences().change(&wish).await.unwrap(), expected);
     // Its own name is no other's.
-    assert_eq!(records.change_fence(&wish).await.unwrap(), expected);
-    assert_eq!(records.fences().await.unwrap(), [expected]);
-    assert_eq!(records.delete_fence(&wish.id).await.unwrap(), "dock");
-    assert_eq!(records.fences().await.unwrap(), []);
+    assert_eq!(records.fences().change(&wish).await.unwrap(), expected);
+    assert_eq!(records.fences().all().await.unwrap(), [expected]);
+    assert_eq!(records.fences().delete(&wish.id).await.unwrap(), "dock");
+    assert_eq!(records.fences().all().await.unwrap(), []);
     for refused in [
-        records.delete_fence(&wish.id).await.err(),
-        records.change_fence(&wish).await.err(),
+        records.fences().delete(&wish.id).await.err(),
+        records.fences().change(&wish).await.err(),
     ] {
         assert!(matches!(refused, Some(RecordsError::NotFound)));
     }
@@ -53,25 +53,29 @@ async fn a_change_leaves_who_made_it_and_when() {
 async fn a_name_belongs_to_one_and_there_are_so_many() {
     let records = memory().await;
     for n in 0..MAX_FENCES {
-        records.add_fence(&fence(n)).await.unwrap();
+        records.fences().add(&fence(n)).await.unwrap();
     }
-    let more = records.add_fence(&fence(MAX_FENCES)).await;
+    let more = records.fences().add(&fence(MAX_FENCES)).await;
     assert!(matches!(more, Err(RecordsError::TooMany("fences"))));
-    records.delete_fence(&fence(5).id).await.unwrap();
+    records.fences().delete(&fence(5).id).await.unwrap();
     let same = KeptFence {
         name: fence(7).name,
         ..fence(5)
     };
-    let refused = records.add_fence(&same).await;
+    let refused = records.fences().add(&same).await;
     assert!(matches!(refused, Err(RecordsError::Exists)));
     let refused = records
-        .change_fence(&KeptFence {
+        .fences()
+        .change(&KeptFence {
             name: fence(7).name,
             ..fence(8)
         })
         .await;
     assert!(matches!(refused, Err(RecordsError::Exists)));
-    assert_eq!(records.fences().await.unwrap().len() as i64, MAX_FENCES - 1);
+    assert_eq!(
+        records.fences().all().await.unwrap().len() as i64,
+        MAX_FENCES - 1
+    );
 }
 
 #[tokio::test]
@@ -103,7 +107,7 @@ async fn what_cannot_be_a_fence_is_refused() {
             ..fence(1)
         },
     ] {
-        let refused = records.add_fence(&wrong).await;
+        let refused = records.fences().add(&wrong).await;
         assert!(
             matches!(refused, Err(RecordsError::Invalid(_))),
             "{wrong:?}"
@@ -114,8 +118,8 @@ async fn what_cannot_be_a_fence_is_refused() {
         by: "b".repeat(100),
         ..fence(1)
     };
-    records.add_fence(&long).await.unwrap();
-    let kept = records.fences().await.unwrap();
+    records.fences().add(&long).await.unwrap();
+    let kept = records.fences().all().await.unwrap();
     assert_eq!(kept[0].name, long.name);
     assert!(kept[0].by.len() <= 64);
 }

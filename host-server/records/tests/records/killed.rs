@@ -40,7 +40,7 @@ fn child() {
             let records = records.clone();
             tasks.spawn(async move {
                 for n in 0.. {
-                    let seq = records.audit(entry(n)).await.expect("audit");
+                    let seq = records.audit().append(entry(n)).await.expect("audit");
                     acknowledge(&format!("audit {seq} robot-{n}"));
                 }
             });
@@ -49,7 +49,10 @@ fn child() {
         tasks.spawn(async move {
             for n in 0_u32.. {
                 let (name, digest) = (format!("rover-{}", n % 40), digest(n ^ now() as u32));
-                let enrolled = enrolling.enroll(&name, digest, now(), "test").await;
+                let enrolled = enrolling
+                    .credentials()
+                    .enroll(&name, digest, now(), "test")
+                    .await;
                 enrolled.expect("a credential");
                 acknowledge(&format!("credential {name} {:?}", digest.0));
             }
@@ -144,15 +147,15 @@ async fn nothing_acknowledged_is_lost() {
         }
         let what = format!("seed {seed}, kill {kill}");
         let records = Records::open(folder.path()).await.expect(&what);
-        let verified = records.audit_verify().await.expect(&what);
+        let verified = records.audit().verify().await.expect(&what);
         assert!(verified >= known.audit.len() as u64, "{what}");
         for (&seq, target) in &known.audit {
-            let page = records.audit_page(Some(seq + 1), 1, None).await.unwrap();
+            let page = records.audit().page(Some(seq + 1), 1, None).await.unwrap();
             assert_eq!(page[0].seq, seq, "{what}");
             assert_eq!(&page[0].entry.target, target, "{what}");
         }
         for (name, digest) in &known.credentials {
-            let found = records.credential(name).await.unwrap().expect(&what);
+            let found = records.credentials().get(name).await.unwrap().expect(&what);
             // One that was written but not acknowledged any more may have taken its place; then
             // another one is there, and whole.
             let Digest(bytes) = found.digest;

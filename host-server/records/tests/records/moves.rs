@@ -35,41 +35,48 @@ async fn recorded(records: &Records, limit: u32) -> (Vec<Event>, Option<String>)
         before: None,
         limit,
     };
-    let events = records.events(newest).await.unwrap();
+    let events = records.events().page(newest).await.unwrap();
     let events = events.into_iter().map(|stored| stored.event).collect();
-    (events, records.arena_at(i64::MAX).await.unwrap())
+    (events, records.arenas().at(i64::MAX).await.unwrap())
 }
 
 /// Something of everything, more than a page of some. Returns the session.
 async fn fill(records: &Records) -> u64 {
-    records.set_setting("key", &[0, 1, 255]).await.unwrap();
+    records.settings().set("key", &[0, 1, 255]).await.unwrap();
     for n in 0..250 {
         let mut user = user(&format!("user-{n:03}"), Role::Viewer);
         (user.disabled, user.password) = (n % 2 == 0, (n % 3 == 0).then(|| format!("hash {n}")));
-        records.add_user(&user).await.unwrap();
+        records.users().add(&user).await.unwrap();
     }
-    records.add_user(&user("ada", Role::Admin)).await.unwrap();
     records
-        .invite(None, Role::Operator, digest(1), now() + HOUR)
+        .users()
+        .add(&user("ada", Role::Admin))
+        .await
+        .unwrap();
+    records
+        .invitations()
+        .add(None, Role::Operator, digest(1), now() + HOUR)
         .await
         .unwrap();
     let guest = name("user-001");
     records
-        .invite(Some(&guest), Role::Admin, digest(2), now() + HOUR)
+        .invitations()
+        .add(Some(&guest), Role::Admin, digest(2), now() + HOUR)
         .await
         .unwrap();
     for n in 0..220 {
         records
+            .credentials()
             .enroll(&format!("rover-{n}"), digest(n), 5, "ada")
             .await
             .unwrap();
     }
-    records.revoke_credential("rover-7", 9).await.unwrap();
+    records.credentials().revoke("rover-7", 9).await.unwrap();
     for n in 0..20 {
-        records.add_fence(&fence(n)).await.unwrap();
+        records.fences().add(&fence(n)).await.unwrap();
     }
     for n in 1..=431 {
-        records.audit(entry(n)).await.unwrap();
+        records.audit().append(entry(n)).await.unwrap();
     }
     for n in 0..3 {
         let new = NewExperiment {
@@ -84,7 +91,7 @@ async fn fill(records: &Records) -> u64 {
             created: n,
             start: n != 2,
         };
-        let id = records.add_experiment(new).await.unwrap().id;
+        let id = records.experiments().add(new).await.unwrap().id;
         if n != 2 {
             let trials = NewTrials {
                 experiment: id,
@@ -92,14 +99,14 @@ async fn fill(records: &Records) -> u64 {
                 results: "so far".into(),
                 completed: None,
             };
-            records.add_trials(trials).await.unwrap();
+            records.trials().add(trials).await.unwrap();
         }
     }
     let events = (0..431).map(event).collect();
-    records.add_events(events).await.unwrap();
-    records.add_arena(5, Some("{}".into())).await.unwrap();
-    records.add_arena(6, None).await.unwrap();
-    records.add_arena(7, Some("[7]".into())).await.unwrap();
+    records.events().add(events).await.unwrap();
+    records.arenas().add(5, Some("{}".into())).await.unwrap();
+    records.arenas().add(6, None).await.unwrap();
+    records.arenas().add(7, Some("[7]".into())).await.unwrap();
     for id in 1..=2 {
         let mut new = rollout(id);
         new.step.audit.clear();
@@ -133,7 +140,8 @@ async fn fill(records: &Records) -> u64 {
     withdrawn.unwrap();
     let ada = name("ada");
     let session = records
-        .open_session(&ada, digest(3), now(), now() + HOUR, "here")
+        .sessions()
+        .open(&ada, digest(3), now(), now() + HOUR, "here")
         .await;
     session.unwrap()
 }
@@ -150,27 +158,39 @@ fn trial(number: u32) -> StoredTrial {
 
 /// All that was put in by [`fill`] is there, after a restore.
 async fn assert_filled(records: &Records, like: &Records, session: u64) {
-    assert_eq!(records.setting("key").await.unwrap(), Some(vec![0, 1, 255]));
-    assert_eq!(records.users().await.unwrap(), like.users().await.unwrap());
-    assert_eq!(records.users().await.unwrap().len(), 251);
     assert_eq!(
-        records.credentials().await.unwrap(),
-        like.credentials().await.unwrap()
+        records.settings().get("key").await.unwrap(),
+        Some(vec![0, 1, 255])
     );
-    assert_eq!(records.fences().await.unwrap().len(), 20);
     assert_eq!(
-        records.fences().await.unwrap(),
-        like.fences().await.unwrap()
+        records.users().all().await.unwrap(),
+        like.users().all().await.unwrap()
+    );
+    assert_eq!(records.users().all().await.unwrap().len(), 251);
+    assert_eq!(
+        records.credentials().all().await.unwrap(),
+        like.credentials().all().await.unwrap()
+    );
+    assert_eq!(records.fences().all().await.unwrap().len(), 20);
+    assert_eq!(
+        records.fences().all().await.unwrap(),
+        like.fences().all().await.unwrap()
     );
     for n in [1, 2] {
-        let invitation = records.invitation(digest(n), now()).await.unwrap();
+        let invitation = records.invitations().get(digest(n), now()).await.unwrap();
         assert!(invitation.is_some());
-        assert_eq!(invitation, like.invitation(digest(n), now()).await.unwrap());
+        assert_eq!(
+            invitation,
+            like.invitations().get(digest(n), now()).await.unwrap()
+        );
     }
-    let experiments = records.experiments(None, 100).await.unwrap();
-    assert_eq!(experiments, like.experiments(None, 100).await.unwrap());
+    let experiments = records.experiments().page(None, 100).await.unwrap();
+    assert_eq!(
+        experiments,
+        like.experiments().page(None, 100).await.unwrap()
+    );
     assert_eq!(experiments.len(), 3);
-    let of = |index: usize| records.trials(experiments[index].id, 0, 1_000);
+    let of = |index: usize| records.trials().page(experiments[index].id, 0, 1_000);
     assert_eq!(of(0).await.unwrap(), []);
     for index in [1, 2] {
         let wanted: Vec<_> = (0..300).map(trial).collect();
@@ -201,30 +221,34 @@ async fn assert_filled(records: &Records, like: &Records, session: u64) {
         let gate = records.releases().gate(&wanted.id).await.unwrap();
         assert_eq!(gate.as_deref(), (n == 0).then_some(&b"tried"[..]));
     }
-    assert_eq!(records.audit_verify().await, Ok(431));
+    assert_eq!(records.audit().verify().await, Ok(431));
     let (mut text, mut other) = (Vec::new(), Vec::new());
-    records.audit_export(&mut text).await.unwrap();
-    like.audit_export(&mut other).await.unwrap();
+    records.audit().export(&mut text).await.unwrap();
+    like.audit().export(&mut other).await.unwrap();
     assert!(text == other, "the audit logs differ");
     // A restore ends sessions, and their numbers do not come back.
-    let refreshed = records.refresh_session(digest(3), digest(4), now()).await;
+    let refreshed = records
+        .sessions()
+        .refresh(digest(3), digest(4), now())
+        .await;
     assert_eq!(refreshed.unwrap(), Refreshed::Unknown);
     let ada = name("ada");
     let next = records
-        .open_session(&ada, digest(5), now(), now() + HOUR, "there")
+        .sessions()
+        .open(&ada, digest(5), now(), now() + HOUR, "there")
         .await;
     assert!(next.unwrap() > session + 1_000);
     let kept = recorded(records, 1_000).await;
     assert_eq!(kept, recorded(like, 1_000).await);
     assert_eq!((kept.0.len(), kept.1.as_deref()), (431, Some("[7]")));
-    assert_eq!(records.arena_at(6).await.unwrap(), None);
+    assert_eq!(records.arenas().at(6).await.unwrap(), None);
     // New ones come after them.
-    records.add_events(vec![event(431)]).await.unwrap();
-    records.add_arena(8, None).await.unwrap();
+    records.events().add(vec![event(431)]).await.unwrap();
+    records.arenas().add(8, None).await.unwrap();
     assert_eq!(recorded(records, 1).await, (vec![event(431)], None));
     // The log goes on, guarded as before.
-    assert_eq!(records.audit(entry(432)).await.unwrap(), 432);
-    assert_eq!(records.audit_verify().await, Ok(432));
+    assert_eq!(records.audit().append(entry(432)).await.unwrap(), 432);
+    assert_eq!(records.audit().verify().await, Ok(432));
 }
 
 /// Puts the backup in `from` into the database, by way of the directory `ready`.
@@ -260,26 +284,33 @@ async fn a_file_moves_into_a_database_and_back() {
     let place = folder.path().join("file-again");
     Records::restore(&again, &place).await.unwrap();
     let file = Records::open(&place).await.unwrap();
-    assert_eq!(file.audit_verify().await, Ok(432));
-    assert_eq!(file.users().await.unwrap(), database.users().await.unwrap());
-    let experiments = file.experiments(None, 100).await.unwrap();
-    assert_eq!(experiments, database.experiments(None, 100).await.unwrap());
+    assert_eq!(file.audit().verify().await, Ok(432));
     assert_eq!(
-        file.trials(experiments[1].id, 299, 9).await.unwrap(),
+        file.users().all().await.unwrap(),
+        database.users().all().await.unwrap()
+    );
+    let experiments = file.experiments().page(None, 100).await.unwrap();
+    assert_eq!(
+        experiments,
+        database.experiments().page(None, 100).await.unwrap()
+    );
+    assert_eq!(
+        file.trials().page(experiments[1].id, 299, 9).await.unwrap(),
         [trial(299)]
     );
     assert_eq!(
         recorded(&file, 1_000).await,
         recorded(&database, 1_000).await
     );
-    file.add_events(vec![event(432)]).await.unwrap();
+    file.events().add(vec![event(432)]).await.unwrap();
     let refused = sqlx_in(&place, "DELETE FROM audit")
         .await
         .expect_err("append-only");
     assert!(refused.to_string().contains("append-only"), "{refused}");
     let ada = name("ada");
     let next = file
-        .open_session(&ada, digest(6), now(), now() + HOUR, "x")
+        .sessions()
+        .open(&ada, digest(6), now(), now() + HOUR, "x")
         .await
         .unwrap();
     assert!(next > session + 1_000_000_000, "{next}");
@@ -315,14 +346,14 @@ async fn a_database_with_records_or_readers_is_not_overwritten() {
     let server = Postgres::shared();
     let folder = Folder::new();
     let file = Records::open(&folder.path().join("file")).await.unwrap();
-    file.set_setting("from", b"file").await.unwrap();
+    file.settings().set("from", b"file").await.unwrap();
     let (backup, ready) = (folder.path().join("backup"), folder.path().join("ready"));
     file.backup(&backup).await.unwrap();
     Records::restore(&backup, &ready).await.unwrap();
 
     let url = server.database();
     let running = Records::connect(&url, None, true).await.unwrap();
-    running.set_setting("from", b"database").await.unwrap();
+    running.settings().set("from", b"database").await.unwrap();
     let aside = folder.path().join("aside");
     std::fs::create_dir(&aside).unwrap();
     let replace = || Records::restore_database(&ready, &url, Some(&aside));
@@ -335,13 +366,13 @@ async fn a_database_with_records_or_readers_is_not_overwritten() {
     once_free(replace).await.unwrap();
     let there = Records::connect(&url, None, false).await.unwrap();
     assert_eq!(
-        there.setting("from").await.unwrap().as_deref(),
+        there.settings().get("from").await.unwrap().as_deref(),
         Some(&b"file"[..])
     );
     // What was there is a backup.
     let before = Records::open(&aside).await.unwrap();
     assert_eq!(
-        before.setting("from").await.unwrap().as_deref(),
+        before.settings().get("from").await.unwrap().as_deref(),
         Some(&b"database"[..])
     );
 }
@@ -379,7 +410,7 @@ async fn certificates_are_checked_when_the_address_asks() {
     };
     let records = Records::connect(&with(&by_name, "verify-full", &ours), None, true).await;
     let records = records.expect("the right certificate");
-    records.audit(entry(1)).await.unwrap();
+    records.audit().append(entry(1)).await.unwrap();
     let encrypted = server.sql(
         &url,
         "SELECT count(*) FROM pg_stat_ssl JOIN pg_stat_activity

@@ -29,7 +29,7 @@ async fn experiment(records: &Records, seeds: u32) -> i64 {
         created: 1_000,
         start: true,
     };
-    let id = records.add_experiment(new).await.unwrap().id;
+    let id = records.experiments().add(new).await.unwrap().id;
     records.parts().divide(id, FIRST_SEED).await.unwrap();
     id
 }
@@ -85,7 +85,7 @@ async fn what_workers_do_in_any_order_comes_together() {
     assert!(parts.running().await.unwrap()[0].ready);
     // The same once more, as after an answer that was lost.
     assert_eq!(parts.store("a#1", id, half).await.unwrap(), 2);
-    let stored = records.trials(id, 0, 100).await.unwrap();
+    let stored = records.trials().page(id, 0, 100).await.unwrap();
     let wanted: Vec<_> = [0, 2, 8, 9, 10, 11].map(trial).into();
     assert_eq!(stored, wanted);
     // What b had is done, and a holds what it has begun.
@@ -119,7 +119,7 @@ async fn what_a_worker_does_not_come_back_to_is_taken_by_another() {
     let both = vec![trial(0), trial(1)];
     assert_eq!(parts.store("a#1", id, both.clone()).await.unwrap(), 1);
     assert_eq!(parts.store("b#2", id, both).await.unwrap(), 1);
-    assert_eq!(records.trials(id, 0, 9).await.unwrap().len(), 2);
+    assert_eq!(records.trials().page(id, 0, 9).await.unwrap().len(), 2);
     assert!(!parts.running().await.unwrap()[0].divided);
     // Divided once more, as after a backup was put back: what is stored is not done again.
     parts.divide(id, FIRST_SEED).await.unwrap();
@@ -187,7 +187,7 @@ async fn nobody_stores_what_is_not_asked_for() {
         assert_eq!(none, []);
         assert!(parts.divide(nowhere, 1).await.is_err());
     }
-    assert_eq!(records.trials(id, 0, 9).await.unwrap(), []);
+    assert_eq!(records.trials().page(id, 0, 9).await.unwrap(), []);
     for name in ["", &"x".repeat(97), "a\0"] {
         assert!(parts.claim(name, id, BUILD, 1, LEASE).await.is_err());
     }
@@ -206,7 +206,7 @@ async fn an_experiment_that_stands_keeps_nobody_busy() {
         .iter()
         .map(|part| part.id)
         .collect();
-    let moved = |from, to| records.move_experiment(id, from, to, None, 9);
+    let moved = |from, to| records.experiments().change_state(id, from, to, None, 9);
     moved(Running, Paused).await.unwrap();
     assert!(parts.renew("a#1", &held, LEASE).await.unwrap().is_empty());
     assert_eq!(claim(&records, "b#2", id, 9, LEASE).await, []);
@@ -228,7 +228,7 @@ async fn an_experiment_that_stands_keeps_nobody_busy() {
         results: String::new(),
         completed: Some(5),
     };
-    records.add_trials(new).await.unwrap();
+    records.trials().add(new).await.unwrap();
     assert_eq!(parts.holders().await.unwrap(), []);
 }
 
@@ -240,10 +240,10 @@ async fn a_build_takes_up_what_another_has_not_begun() {
     claim(&records, "a#1", id, 2, LEASE).await;
     parts.store("a#1", id, vec![trial(1)]).await.unwrap();
     assert!(!parts.adopt(id, "0.4.0").await.unwrap(), "it runs");
-    let moved = |from, to| records.move_experiment(id, from, to, None, 9);
+    let moved = |from, to| records.experiments().change_state(id, from, to, None, 9);
     moved(Running, Paused).await.unwrap();
     assert!(parts.adopt(id, "0.4.0").await.unwrap());
-    assert_eq!(records.trials(id, 0, 9).await.unwrap(), []);
+    assert_eq!(records.trials().page(id, 0, 9).await.unwrap(), []);
     assert_eq!(moved(Paused, Running).await.unwrap().build, "0.4.0");
     assert_eq!(claim(&records, "a#1", id, 2, LEASE).await, []);
     parts.divide(id, FIRST_SEED).await.unwrap();
@@ -256,7 +256,7 @@ async fn a_build_takes_up_what_another_has_not_begun() {
         results: String::new(),
         completed: None,
     };
-    records.add_trials(new).await.unwrap();
+    records.trials().add(new).await.unwrap();
     moved(Running, Paused).await.unwrap();
     assert!(!parts.adopt(id, BUILD).await.unwrap(), "it has begun");
     assert!(!parts.adopt(i64::MAX, BUILD).await.unwrap());

@@ -44,7 +44,7 @@ async fn refused(url: &str) -> RecordsError {
 async fn until_it_works(records: &Records, n: i64) -> u64 {
     let began = Instant::now();
     loop {
-        let error = match records.audit(entry(n)).await {
+        let error = match records.audit().append(entry(n)).await {
             Ok(seq) => return seq,
             Err(error) => error,
         };
@@ -163,15 +163,23 @@ async fn servers_that_start_at_once_make_the_tables_once() {
         let url = url.clone();
         starts.spawn(async move {
             let records = connect(&url).await;
-            let key = records.setting_or("key", &[n]).await.expect("a key");
-            records.audit(entry(n.into())).await.expect("an entry");
+            let key = records
+                .settings()
+                .get_or_set("key", &[n])
+                .await
+                .expect("a key");
+            records
+                .audit()
+                .append(entry(n.into()))
+                .await
+                .expect("an entry");
             (records, key)
         });
     }
     let started = starts.join_all().await;
     let (records, key) = &started[0];
     assert!(started.iter().all(|(_, other)| other == key));
-    assert_eq!(records.audit_verify().await, Ok(6));
+    assert_eq!(records.audit().verify().await, Ok(6));
     let version = server.sql(&url, "SELECT version FROM terracrawler");
     assert!(version.parse::<u32>().is_ok(), "one version: {version}");
 }
@@ -183,8 +191,8 @@ async fn the_last_two_administrators_cannot_both_go() {
     let (one, other) = (connect(&url).await, connect(&url).await);
     for round in 0..10 {
         for who in ["ada", "bob"] {
-            let _ = one.delete_user(&name(who), round).await;
-            let added = one.add_user(&user(who, Role::Admin)).await;
+            let _ = one.users().delete(&name(who), round).await;
+            let added = one.users().add(&user(who, Role::Admin)).await;
             assert!(
                 matches!(added, Ok(()) | Err(RecordsError::Exists)),
                 "{added:?}"
@@ -192,8 +200,8 @@ async fn the_last_two_administrators_cannot_both_go() {
         }
         let (ada, bob) = (name("ada"), name("bob"));
         let (left, right) = tokio::join!(
-            one.set_role(&ada, Role::Viewer),
-            other.set_role(&bob, Role::Viewer)
+            one.users().set_role(&ada, Role::Viewer),
+            other.users().set_role(&bob, Role::Viewer)
         );
         assert!(left.is_ok() != right.is_ok(), "{left:?} {right:?}");
     }
@@ -214,7 +222,7 @@ async fn nothing_acknowledged_is_lost_when_the_database_is_killed() {
                 let mut acknowledged = Vec::new();
                 for n in 0.. {
                     let n = kill * 1_000_000 + task * 100_000 + n;
-                    match records.audit(entry(n)).await {
+                    match records.audit().append(entry(n)).await {
                         Ok(seq) => {
                             acknowledged.push((seq, entry(n).target));
                             count.fetch_add(1, Ordering::Relaxed);
@@ -240,7 +248,7 @@ async fn nothing_acknowledged_is_lost_when_the_database_is_killed() {
         acknowledged.extend(tasks.join_all().await.into_iter().flatten());
         wait_told(&records, false).await;
         assert!(records.database().expect("a database").failures > 0);
-        let reading = within("an answer", records.users()).await;
+        let reading = within("an answer", records.users().all()).await;
         let reading = reading.expect_err("nobody is there");
         assert!(reading.is_passing(), "{reading:?}");
         server.resume();
@@ -249,10 +257,10 @@ async fn nothing_acknowledged_is_lost_when_the_database_is_killed() {
         wait_told(&records, true).await;
     }
     assert!(acknowledged.len() >= 60, "{}", acknowledged.len());
-    let last = records.audit_verify().await.expect("a whole chain");
+    let last = records.audit().verify().await.expect("a whole chain");
     assert!(last >= acknowledged.len() as u64);
     for (seq, target) in acknowledged {
-        let page = records.audit_page(Some(seq + 1), 1, None).await.unwrap();
+        let page = records.audit().page(Some(seq + 1), 1, None).await.unwrap();
         assert_eq!((page[0].seq, &page[0].entry.target), (seq, &target));
     }
 }
@@ -262,17 +270,17 @@ async fn a_database_that_hangs_holds_nobody_up() {
     let server = Postgres::start();
     let url = server.database();
     let records = connect(&url).await;
-    records.audit(entry(1)).await.unwrap();
+    records.audit().append(entry(1)).await.unwrap();
     // A lock that somebody else holds stands for all that can hang inside.
     let mut hanging = sqlx::PgConnection::connect(&url).await.unwrap();
     sqlx::raw_sql("BEGIN; SELECT pg_advisory_xact_lock(1413698162, 1)")
         .execute(&mut hanging)
         .await
         .unwrap();
-    let answer = within("an answer", records.audit(entry(2))).await;
+    let answer = within("an answer", records.audit().append(entry(2))).await;
     let error = answer.expect_err("it hangs");
     assert!(error.is_passing(), "{error:?}");
-    assert_eq!(records.audit_page(None, 9, None).await.unwrap().len(), 1);
+    assert_eq!(records.audit().page(None, 9, None).await.unwrap().len(), 1);
     drop(hanging);
     until_it_works(&records, 3).await;
 }
@@ -330,11 +338,11 @@ async fn a_network_that_swallows_everything_holds_nobody_up() {
         &format!(":{}/", network.port),
     );
     let records = connect(&far).await;
-    records.audit(entry(1)).await.unwrap();
-    records.users().await.unwrap();
+    records.audit().append(entry(1)).await.unwrap();
+    records.users().all().await.unwrap();
     network.silent.store(true, Ordering::Relaxed);
     let (write, read) = within("answers", async {
-        tokio::join!(records.audit(entry(2)), records.users())
+        tokio::join!(records.audit().append(entry(2)), records.users().all())
     })
     .await;
     for outcome in [write.map(|_| ()), read.map(|_| ())] {
@@ -344,7 +352,7 @@ async fn a_network_that_swallows_everything_holds_nobody_up() {
     wait_told(&records, false).await;
     network.silent.store(false, Ordering::Relaxed);
     let seq = until_it_works(&records, 3).await;
-    assert_eq!(records.audit_verify().await, Ok(seq));
+    assert_eq!(records.audit().verify().await, Ok(seq));
     // Nor does it keep from ending.
     network.silent.store(true, Ordering::Relaxed);
     within("an end", records.close()).await;

@@ -65,7 +65,7 @@ async fn what_was_written_outlives_the_process() {
     assert_eq!(notes, [(1_002, "step 2".into()), (1_003, "step 3".into())]);
     let notes = records.rollouts().notes(1, Some(second.as_str()), 9).await;
     assert_eq!(notes.unwrap(), [(1_001, "note 1".into())]);
-    assert!(records.audit_verify().await.is_ok());
+    assert!(records.audit().verify().await.is_ok());
 }
 
 #[tokio::test]
@@ -86,7 +86,7 @@ async fn a_former_owner_writes_nothing() {
     );
 
     let before = records.rollouts().whole(id).await.unwrap();
-    let lines = records.audit_verify().await;
+    let lines = records.audit().verify().await;
     let late = rollout_step(1, Some("late"));
     for epoch in [0, 1, 3] {
         assert_eq!(
@@ -96,7 +96,7 @@ async fn a_former_owner_writes_nothing() {
     }
     assert_eq!(write(&records, id + 1, 1, late).await, Written::Lost);
     assert_eq!(records.rollouts().whole(id).await.unwrap(), before);
-    assert_eq!(records.audit_verify().await, lines);
+    assert_eq!(records.audit().verify().await, lines);
     assert_eq!(
         records
             .rollouts()
@@ -130,12 +130,12 @@ async fn a_former_owner_writes_nothing() {
 async fn a_step_that_is_written_again_tells_nothing_twice() {
     let records = memory().await;
     let id = begin(&records).await;
-    let before = records.audit_verify().await.unwrap();
+    let before = records.audit().verify().await.unwrap();
     for _ in 0..3 {
         let step = rollout_step(1, Some("[1]"));
         assert_eq!(write(&records, id, 1, step).await, Written::Stored);
     }
-    assert_eq!(records.audit_verify().await, Ok(before + 1));
+    assert_eq!(records.audit().verify().await, Ok(before + 1));
     let notes = records.rollouts().notes(id, None, 9).await.unwrap();
     assert_eq!(notes.len(), 2, "{notes:?}");
 }

@@ -60,7 +60,8 @@ async fn whoever_is_asked_carries_it_out() {
         "{log:?}"
     );
     records
-        .audit_verify()
+        .audit()
+        .verify()
         .await
         .expect("the audit log is whole");
     one.stop().await;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use crawler_access::Role;
-use crawler_records::{RECORDS_FILE, Records, RecordsError, User};
+use crawler_records::{Audit, RECORDS_FILE, Records, RecordsError, User};
 
 use super::Finding;
 use crate::config::{EngineUrl, Postgres, Settings};
@@ -51,7 +51,7 @@ async fn database(settings: &Settings, url: &EngineUrl<Postgres>) -> Vec<Finding
         Err(error) => return vec![judge_database(&url.to_string(), &error)],
     };
     let began = Instant::now();
-    let asked = records.users().await;
+    let asked = records.users().all().await;
     let took = began.elapsed();
     let mut findings = vec![match asked {
         Ok(_) => judge_latency(&url.to_string(), took),
@@ -109,13 +109,13 @@ fn judge_database(place: &str, error: &RecordsError) -> Finding {
 }
 
 async fn inside(records: &Records, settings: &Settings) -> Vec<Finding> {
-    let mut findings = vec![audit(records).await];
-    findings.extend(newest(records).await);
-    match records.users().await {
+    let mut findings = vec![audit(records.audit()).await];
+    findings.extend(newest(records.audit()).await);
+    match records.users().all().await {
         Ok(users) => findings.push(judge_users(settings.open, &users)),
         Err(error) => findings.push(damaged(&error)),
     }
-    match records.credentials().await {
+    match records.credentials().all().await {
         Ok(credentials) => {
             let valid = credentials
                 .iter()
@@ -168,11 +168,11 @@ fn judge_sizes(records: u64, log: u64) -> Finding {
     Finding::ok(WHAT, found)
 }
 
-async fn audit(records: &Records) -> Finding {
+async fn audit(log: Audit<'_>) -> Finding {
     const WHAT: &str = "audit log";
-    match records.audit_verify().await {
+    match log.verify().await {
         Ok(entries) => {
-            let found = match records.audit_lost().await {
+            let found = match log.lost().await {
                 Ok(lost) if lost > 0 => {
                     format!("{entries} entries, the chain is whole; {lost} were lost (`audit.gap`)")
                 }
@@ -189,8 +189,8 @@ async fn audit(records: &Records) -> Finding {
 }
 
 /// Whether the newest entry is from the future.
-async fn newest(records: &Records) -> Option<Finding> {
-    let entries = records.audit_page(None, 1, None).await.ok()?;
+async fn newest(log: Audit<'_>) -> Option<Finding> {
+    let entries = log.page(None, 1, None).await.ok()?;
     judge_newest(entries.first()?.entry.at, crawler_system::clock::now_ms())
 }
 

@@ -341,7 +341,7 @@ async fn people_log_in_over_tls_and_out_again() {
         .expect("records");
     for user in [ADMIN, VIEWER] {
         let name = user.parse().expect("a name");
-        let sessions = records.sessions(Some(&name));
+        let sessions = records.sessions().all(Some(&name));
         assert!(
             sessions.await.expect("sessions").is_empty(),
             "{user} is still in"

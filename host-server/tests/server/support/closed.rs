@@ -67,7 +67,7 @@ pub async fn people(scratch: &Scratch) {
             created: 1,
             disabled: false,
         };
-        records.add_user(&user).await.expect("a user");
+        records.users().add(&user).await.expect("a user");
     }
     records.close().await;
 }

@@ -36,6 +36,7 @@ impl Closed {
     pub async fn enroll(&self, name: &str) -> String {
         let secret = Secret::generate().expect("randomness");
         self.records
+            .credentials()
             .enroll(name, secret.digest(), 1, "test")
             .await
             .expect("enrolled");
@@ -51,7 +52,7 @@ impl Closed {
             created: 1,
             disabled: false,
         };
-        self.records.add_user(&user).await.expect("added");
+        self.records.users().add(&user).await.expect("added");
     }
 
     /// Options of a client of this broker.
