@@ -17,124 +17,122 @@ use crawler_history::{HISTORY, HISTORY_FILE, LOCK_FILE as HISTORY_LOCK};
 /// End of the name of a file that is not complete.
 const PARTIAL: &str = ".partial";
 
-impl Records {
-    /// Writes a copy of both files into the directory `to`, which is made, or must be empty. The
-    /// records may be used meanwhile; the copy is what they were at one moment. When this returns,
-    /// it is checked and on disk. It is itself a directory that [`Records::open`] opens, also when
-    /// the records are in a database; a history that is elsewhere is left out.
-    ///
-    /// # Errors
-    /// [`RecordsError::Exists`] when there is something in `to`, [`RecordsError::Invalid`] for
-    /// records in memory.
-    pub async fn backup(&self, to: &Path) -> Result<(), RecordsError> {
-        if let Store::Sqlite(db) = self.db()
-            && !db.on_disk()
-        {
-            return Err(RecordsError::Invalid("records in memory have no backup"));
+/// Writes a copy of both files into the directory `to`, which is made, or must be empty. The
+/// records may be used meanwhile; the copy is what they were at one moment. When this returns,
+/// it is checked and on disk. It is itself a directory that [`Records::open`] opens, also when
+/// the records are in a database; a history that is elsewhere is left out.
+///
+/// # Errors
+/// [`RecordsError::Exists`] when there is something in `to`, [`RecordsError::Invalid`] for
+/// records in memory.
+pub async fn create(records: &Records, to: &Path) -> Result<(), RecordsError> {
+    if let Store::Sqlite(db) = records.db()
+        && !db.on_disk()
+    {
+        return Err(RecordsError::Invalid("records in memory have no backup"));
+    }
+    std::fs::create_dir_all(to).map_err(|error| RecordsError::io(to, error))?;
+    let mut inside = std::fs::read_dir(to).map_err(|error| RecordsError::io(to, error))?;
+    if inside.next().is_some() {
+        return Err(RecordsError::Exists);
+    }
+    if records.history().stats().keeper {
+        records.history().flush().await?;
+    }
+    let file = to.join(RECORDS_FILE);
+    let partial = beside(&file, PARTIAL);
+    let copied = match records.db() {
+        Store::Sqlite(db) => copy(db, &partial, &RECORDS).await,
+        Store::Postgres(remote) => {
+            let mut connection = remote.patient().await?;
+            connection
+                .run("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY")
+                .await?;
+            dump(&mut connection, &partial).await
         }
-        std::fs::create_dir_all(to).map_err(|error| RecordsError::io(to, error))?;
-        let mut inside = std::fs::read_dir(to).map_err(|error| RecordsError::io(to, error))?;
-        if inside.next().is_some() {
-            return Err(RecordsError::Exists);
-        }
-        if self.history().stats().keeper {
-            self.history().flush().await?;
-        }
-        let file = to.join(RECORDS_FILE);
+    };
+    finish(copied, &partial, &file)?;
+    if let Some(history) = records.history().db().filter(|db| db.on_disk()) {
+        let file = to.join(HISTORY_FILE);
         let partial = beside(&file, PARTIAL);
-        let copied = match self.db() {
-            Store::Sqlite(db) => copy(db, &partial, &RECORDS).await,
-            Store::Postgres(remote) => {
-                let mut connection = remote.patient().await?;
-                connection
-                    .run("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY")
-                    .await?;
-                dump(&mut connection, &partial).await
-            }
-        };
+        let copied = copy(history, &partial, &HISTORY).await;
         finish(copied, &partial, &file)?;
-        if let Some(history) = self.history().db().filter(|db| db.on_disk()) {
-            let file = to.join(HISTORY_FILE);
-            let partial = beside(&file, PARTIAL);
-            let copied = copy(history, &partial, &HISTORY).await;
-            finish(copied, &partial, &file)?;
-        }
-        sync(to)
     }
+    sync(to)
+}
 
-    /// Puts the records of the directory `from`, which [`Records::restore`] made, into the database
-    /// at `url`, which nobody may have open: all of them, or none. If it holds records, a backup of
-    /// those is put into the directory `aside`.
-    ///
-    /// # Errors
-    /// [`RecordsError::Exists`] when the database holds records and there is no `aside`, others as
-    /// of [`Records::connect`] and [`Records::restore`].
-    pub async fn restore_database(
-        from: &Path,
-        url: &str,
-        aside: Option<&Path>,
-    ) -> Result<(), RecordsError> {
-        let file = from.join(RECORDS_FILE);
-        if !file.is_file() {
-            return Err(RecordsError::NotFound);
-        }
-        check(&file, &RECORDS).await?;
-        let mut connection = postgres::alone(url).await?;
-        if !transfer::is_empty(&mut connection).await? {
-            let aside = aside.ok_or(RecordsError::Exists)?.join(RECORDS_FILE);
-            let partial = beside(&aside, PARTIAL);
-            finish(dump(&mut connection, &partial).await, &partial, &aside)?;
-        }
-        transfer::load(&options(&file), &mut connection).await?;
-        connection.run("COMMIT").await?;
-        postgres::leave(connection).await;
-        Ok(())
+/// Puts the records of the directory `from`, which [`restore`] made, into the database
+/// at `url`, which nobody may have open: all of them, or none. If it holds records, a backup of
+/// those is put into the directory `aside`.
+///
+/// # Errors
+/// [`RecordsError::Exists`] when the database holds records and there is no `aside`, others as
+/// of [`Records::connect`] and [`restore`].
+pub async fn restore_database(
+    from: &Path,
+    url: &str,
+    aside: Option<&Path>,
+) -> Result<(), RecordsError> {
+    let file = from.join(RECORDS_FILE);
+    if !file.is_file() {
+        return Err(RecordsError::NotFound);
     }
+    check(&file, &RECORDS).await?;
+    let mut connection = postgres::alone(url).await?;
+    if !transfer::is_empty(&mut connection).await? {
+        let aside = aside.ok_or(RecordsError::Exists)?.join(RECORDS_FILE);
+        let partial = beside(&aside, PARTIAL);
+        finish(dump(&mut connection, &partial).await, &partial, &aside)?;
+    }
+    transfer::load(&options(&file), &mut connection).await?;
+    connection.run("COMMIT").await?;
+    postgres::leave(connection).await;
+    Ok(())
+}
 
-    /// Puts a backup in the place of the records in `dir`, which nobody may have open. It is checked
-    /// first; when it is no good, `dir` is as it was. The files that were there are kept in a
-    /// directory beside them, whose path is returned. A backup without history leaves the history.
-    ///
-    /// Every session of the backup ends, since it may have been revoked after the backup was made. A
-    /// credential that was revoked after that is valid again: revoke it again.
-    ///
-    /// # Errors
-    /// [`RecordsError::NotFound`] when there is no backup in `from`, [`RecordsError::InUse`],
-    /// [`RecordsError::Damaged`], [`RecordsError::Newer`], [`RecordsError::Foreign`].
-    pub async fn restore(from: &Path, dir: &Path) -> Result<PathBuf, RecordsError> {
-        if !from.join(RECORDS_FILE).is_file() {
-            return Err(RecordsError::NotFound);
-        }
-        std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
-        let _alone = Lock::take(&dir.join(LOCK_FILE), Hold::Alone)?
-            .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
-        // A keeper that is still writing its last samples holds this one.
-        let _still = Lock::take(&dir.join(HISTORY_LOCK), Hold::Alone)?
-            .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
-        let now = crawler_history::now();
-        let mut found = Vec::new();
-        for (name, schema) in [(RECORDS_FILE, &RECORDS), (HISTORY_FILE, &HISTORY)] {
-            let source = from.join(name);
-            if !source.is_file() {
-                continue;
-            }
-            let partial = beside(&dir.join(name), PARTIAL);
-            if let Err(error) = bring(&source, &partial, schema, now).await {
-                for name in [RECORDS_FILE, HISTORY_FILE] {
-                    remove_if_there(&beside(&dir.join(name), PARTIAL))?;
-                }
-                return Err(error);
-            }
-            found.push((dir.join(name), partial));
-        }
-        let replaced = dir.join(format!("replaced-{now}"));
-        std::fs::create_dir_all(&replaced).map_err(|error| RecordsError::io(&replaced, error))?;
-        for (file, partial) in found {
-            replace(&file, &partial, &replaced).await?;
-        }
-        sync(dir)?;
-        Ok(replaced)
+/// Puts a backup in the place of the records in `dir`, which nobody may have open. It is checked
+/// first; when it is no good, `dir` is as it was. The files that were there are kept in a
+/// directory beside them, whose path is returned. A backup without history leaves the history.
+///
+/// Every session of the backup ends, since it may have been revoked after the backup was made. A
+/// credential that was revoked after that is valid again: revoke it again.
+///
+/// # Errors
+/// [`RecordsError::NotFound`] when there is no backup in `from`, [`RecordsError::InUse`],
+/// [`RecordsError::Damaged`], [`RecordsError::Newer`], [`RecordsError::Foreign`].
+pub async fn restore(from: &Path, dir: &Path) -> Result<PathBuf, RecordsError> {
+    if !from.join(RECORDS_FILE).is_file() {
+        return Err(RecordsError::NotFound);
     }
+    std::fs::create_dir_all(dir).map_err(|error| RecordsError::io(dir, error))?;
+    let _alone = Lock::take(&dir.join(LOCK_FILE), Hold::Alone)?
+        .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
+    // A keeper that is still writing its last samples holds this one.
+    let _still = Lock::take(&dir.join(HISTORY_LOCK), Hold::Alone)?
+        .ok_or_else(|| RecordsError::InUse(dir.to_owned()))?;
+    let now = crawler_history::now();
+    let mut found = Vec::new();
+    for (name, schema) in [(RECORDS_FILE, &RECORDS), (HISTORY_FILE, &HISTORY)] {
+        let source = from.join(name);
+        if !source.is_file() {
+            continue;
+        }
+        let partial = beside(&dir.join(name), PARTIAL);
+        if let Err(error) = bring(&source, &partial, schema, now).await {
+            for name in [RECORDS_FILE, HISTORY_FILE] {
+                remove_if_there(&beside(&dir.join(name), PARTIAL))?;
+            }
+            return Err(error);
+        }
+        found.push((dir.join(name), partial));
+    }
+    let replaced = dir.join(format!("replaced-{now}"));
+    std::fs::create_dir_all(&replaced).map_err(|error| RecordsError::io(&replaced, error))?;
+    for (file, partial) in found {
+        replace(&file, &partial, &replaced).await?;
+    }
+    sync(dir)?;
+    Ok(replaced)
 }
 
 fn options(file: &Path) -> SqliteConnectOptions {

@@ -26,12 +26,12 @@
 //! Reading order: `store`, which is behind every handle, and `settings`, the smallest of them; for people and machines
 //! `users`, `invitations`, `sessions` and `credentials`; `audit`, which [`audit_log`] fills for those who cannot
 //! wait; `events`, `arenas` and `fences`; `experiments` (the experiments, their trials, the parts that are left to
-//! do), `releases` and `rollouts`; below them `schema`, `query`, `postgres` and `text`; `backup` and `transfer`.
+//! do), `releases` and `rollouts`; below them `schema`, `query`, `postgres` and `text`; [`backup`] and `transfer`.
 
 mod arenas;
 mod audit;
 pub mod audit_log;
-mod backup;
+pub mod backup;
 mod credentials;
 mod events;
 mod experiments;

@@ -15,7 +15,7 @@ use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
 use std::path::{Component, Path, PathBuf};
 
 use crawler_history::HISTORY_FILE;
-use crawler_records::{RECORDS_FILE, Records, RecordsError};
+use crawler_records::{RECORDS_FILE, RecordsError};
 use serde_json::json;
 
 use super::{Console, said};
@@ -102,9 +102,7 @@ async fn write(console: &Console, data: &Path, file: &Path, out: File) -> Result
     copy.push(".records");
     let copy = Emptied(PathBuf::from(copy));
     data::make_private(&copy.0).map_err(cannot)?;
-    console
-        .records
-        .backup(&copy.0)
+    crawler_records::backup::create(&console.records, &copy.0)
         .await
         .map_err(|error| said(&error))?;
     let mut tar = tar::Builder::new(out);
@@ -183,7 +181,7 @@ pub(super) async fn restore(file: &Path, replace: bool, settings: &Settings) -> 
     let names = unpack(file, &making.0)?;
     // Checked before anything is put aside.
     let ready = making.0.join("checked");
-    Records::restore(&making.0, &ready)
+    crawler_records::backup::restore(&making.0, &ready)
         .await
         .map_err(|error| format!("{}: {error}", file.display()))?;
 
@@ -204,8 +202,11 @@ pub(super) async fn restore(file: &Path, replace: bool, settings: &Settings) -> 
     }
     if let Some(url) = &settings.database {
         // All or nothing, and before anything is put aside here.
-        let loaded =
-            Records::restore_database(&ready, url.reveal(), replace.then_some(aside.as_path()));
+        let loaded = crawler_records::backup::restore_database(
+            &ready,
+            url.reveal(),
+            replace.then_some(aside.as_path()),
+        );
         if let Err(error) = loaded.await {
             // Empty, or with a copy of what is still there.
             let _ = fs::remove_dir_all(&aside);

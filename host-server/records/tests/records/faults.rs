@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::support::{Folder, digest, entry, memory, now, open, robot, sample, user};
 use crawler_access::Role;
 use crawler_history::HISTORY_FILE;
-use crawler_records::{RECORDS_FILE, Records, RecordsError, Refreshed};
+use crawler_records::{RECORDS_FILE, Records, RecordsError, Refreshed, backup};
 use sqlx::Connection as _;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 
@@ -182,25 +182,25 @@ async fn a_backup_is_made_in_use_and_comes_back() {
             busy.audit().append(entry(n)).await.unwrap();
         }
     });
-    records.backup(&to).await.unwrap();
+    backup::create(&records, &to).await.unwrap();
     writer.await.unwrap();
     assert!(matches!(
-        records.backup(&to).await,
+        backup::create(&records, &to).await,
         Err(RecordsError::Exists)
     ));
     assert!(matches!(
-        memory().await.backup(&copies.path().join("x")).await,
+        backup::create(&*memory().await, &copies.path().join("x")).await,
         Err(RecordsError::Invalid(_))
     ));
     records.settings().set("big", b"later").await.unwrap();
     assert!(matches!(
-        Records::restore(&to, folder.path()).await,
+        backup::restore(&to, folder.path()).await,
         Err(RecordsError::InUse(_))
     ));
     records.close().await;
     drop(records);
 
-    let replaced = Records::restore(&to, folder.path()).await.unwrap();
+    let replaced = backup::restore(&to, folder.path()).await.unwrap();
     let records = open(&folder).await;
     assert_eq!(
         records.settings().get("big").await.unwrap(),
@@ -251,7 +251,7 @@ async fn a_bad_backup_changes_nothing() {
             "newer" => execute(&file, "PRAGMA user_version = 999").await,
             _ => fs::write(backup.path().join("records.sqlite-wal"), [1; 99]).unwrap(),
         }
-        let error = Records::restore(backup.path(), folder.path())
+        let error = backup::restore(backup.path(), folder.path())
             .await
             .expect_err(damage);
         match (damage, &error) {
@@ -279,15 +279,13 @@ async fn a_backup_comes_back_over_a_damaged_file() {
     let (backup, _, _) = closed().await;
     let (folder, file, _) = closed().await;
     fs::write(&file, [3; 10_000]).unwrap();
-    let replaced = Records::restore(backup.path(), folder.path())
-        .await
-        .unwrap();
+    let replaced = backup::restore(backup.path(), folder.path()).await.unwrap();
     assert_eq!(fs::read(replaced.join(RECORDS_FILE)).unwrap(), [3; 10_000]);
     assert_eq!(open(&folder).await.audit().verify().await, Ok(20));
     // Into a directory that is new, too.
     let folder = Folder::new();
     let dir = folder.path().join("new");
-    Records::restore(backup.path(), &dir).await.unwrap();
+    backup::restore(backup.path(), &dir).await.unwrap();
     let records = Records::open(&dir).await.unwrap();
     assert_eq!(records.audit().verify().await, Ok(20));
 }
@@ -299,7 +297,7 @@ async fn nobody_else_may_read_the_files() {
     let folder = Folder::new();
     let records = filled(&folder).await;
     let to = folder.path().join("copy");
-    records.backup(&to).await.unwrap();
+    backup::create(&records, &to).await.unwrap();
     for dir in [folder.path(), &to] {
         for file in fs::read_dir(dir).unwrap() {
             let file = file.unwrap();

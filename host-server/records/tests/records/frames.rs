@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::support::{Folder, memory, now, open, robot, sample};
 use crawler_history::{Frame, History, MAX_FRAMES, Recorded, Track};
 use crawler_protocol::RobotId;
-use crawler_records::{Records, RecordsError};
+use crawler_records::{Records, RecordsError, backup};
 
 const HOUR: i64 = 3_600_000;
 /// Robots with a history.
@@ -202,7 +202,7 @@ async fn a_history_that_is_elsewhere_has_nothing() {
     assert_eq!(history.query(&robot(1), 0, 5, 1).await.unwrap(), []);
     assert!(!folder.path().join("history.sqlite").exists());
     let backup = folder.path().join("backup");
-    records.backup(&backup).await.unwrap();
+    backup::create(&records, &backup).await.unwrap();
     assert!(!backup.join("history.sqlite").exists());
     records.close().await;
 }

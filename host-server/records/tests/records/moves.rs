@@ -10,7 +10,7 @@ use crate::support::{
 use crawler_access::Role;
 use crawler_records::{
     Event, EventLevel, EventQuery, NewExperiment, NewTrials, Records, RecordsError, Refreshed,
-    StoredTrial, Withdrawal, Written,
+    StoredTrial, Withdrawal, Written, backup,
 };
 use crawler_tests::engines::postgres::Postgres;
 
@@ -253,8 +253,8 @@ async fn assert_filled(records: &Records, like: &Records, session: u64) {
 
 /// Puts the backup in `from` into the database, by way of the directory `ready`.
 async fn restore(from: &Path, ready: &Path, url: &str) -> Result<(), RecordsError> {
-    Records::restore(from, ready).await?;
-    Records::restore_database(ready, url, None).await
+    backup::restore(from, ready).await?;
+    backup::restore_database(ready, url, None).await
 }
 
 #[tokio::test]
@@ -264,7 +264,7 @@ async fn a_file_moves_into_a_database_and_back() {
     let file = Records::open(&folder.path().join("file")).await.unwrap();
     let session = fill(&file).await;
     let backup = folder.path().join("backup");
-    file.backup(&backup).await.unwrap();
+    backup::create(&file, &backup).await.unwrap();
 
     let url = server.database();
     restore(&backup, &folder.path().join("ready"), &url)
@@ -279,10 +279,10 @@ async fn a_file_moves_into_a_database_and_back() {
     }
 
     let again = folder.path().join("again");
-    database.backup(&again).await.unwrap();
+    backup::create(&database, &again).await.unwrap();
     assert!(again.join("history.sqlite").is_file() && !dir.join("records.sqlite").exists());
     let place = folder.path().join("file-again");
-    Records::restore(&again, &place).await.unwrap();
+    backup::restore(&again, &place).await.unwrap();
     let file = Records::open(&place).await.unwrap();
     assert_eq!(file.audit().verify().await, Ok(432));
     assert_eq!(
@@ -348,19 +348,19 @@ async fn a_database_with_records_or_readers_is_not_overwritten() {
     let file = Records::open(&folder.path().join("file")).await.unwrap();
     file.settings().set("from", b"file").await.unwrap();
     let (backup, ready) = (folder.path().join("backup"), folder.path().join("ready"));
-    file.backup(&backup).await.unwrap();
-    Records::restore(&backup, &ready).await.unwrap();
+    backup::create(&file, &backup).await.unwrap();
+    backup::restore(&backup, &ready).await.unwrap();
 
     let url = server.database();
     let running = Records::connect(&url, None, true).await.unwrap();
     running.settings().set("from", b"database").await.unwrap();
     let aside = folder.path().join("aside");
     std::fs::create_dir(&aside).unwrap();
-    let replace = || Records::restore_database(&ready, &url, Some(&aside));
+    let replace = || backup::restore_database(&ready, &url, Some(&aside));
     let error = replace().await.expect_err("a server runs");
     assert!(matches!(error, RecordsError::InUse(_)), "{error:?}");
     running.close().await;
-    let refused = once_free(|| Records::restore_database(&ready, &url, None)).await;
+    let refused = once_free(|| backup::restore_database(&ready, &url, None)).await;
     let error = refused.expect_err("it holds records");
     assert!(matches!(error, RecordsError::Exists), "{error:?}");
     once_free(replace).await.unwrap();
