@@ -231,14 +231,6 @@ impl Records {
         }
     }
 
-    /// Where the database is, without user name and password; `None` when the records are in a file.
-    pub fn database_place(&self) -> Option<&str> {
-        match self.db() {
-            Store::Sqlite(_) => None,
-            Store::Postgres(remote) => Some(remote.shown()),
-        }
-    }
-
     fn of(db: Store, history: (History, Option<Running>), lock: Option<Lock>) -> Self {
         let (history, keeper) = history;
         Self(Arc::new(Inner {

@@ -113,11 +113,6 @@ impl Remote {
         })
     }
 
-    /// Where it is, for people.
-    pub(crate) fn shown(&self) -> &str {
-        &self.place.shown
-    }
-
     pub(crate) fn stats(&self) -> DatabaseStats {
         self.health.stats(self.queue.waiting() as u64)
     }
