@@ -8,8 +8,8 @@ use core::cell::{Cell, RefCell};
 
 use crawler_hal::{Instant, PANIC_TEXT, ResetCause};
 use crawler_protocol::{
-    Action, BehaviourName, Command, Level, ParameterValues, Pose, Reason, ResponseStatus,
-    RobotState, Says, Source,
+    Action, BehaviourName, Command, Level, ParameterValues, PolicyName, Pose, Reason,
+    ResponseStatus, RobotState, Says, Shadow, Source,
 };
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -31,7 +31,8 @@ use crate::outbox::{Outbox, Outgoing};
 use crate::parameters::{Changes, Parameters};
 use crate::perception::{Battery, LinkHealth, Reading};
 use crate::policy::Policies;
-use crate::policy::decisions::Decisions;
+use crate::policy::decisions::{Decisions, named};
+use crate::policy::shadow::Shadows;
 use crate::state::Fault;
 use crate::timesync::TimeSync;
 use crate::tracking::Tracking;
@@ -174,6 +175,8 @@ pub struct Robot<M: RawMutex> {
     pub(crate) injected: Injected<M>,
     /// Control ↔ policy: observations, and what was decided for them.
     decisions: Decisions<M>,
+    /// Intake, update and policy → link: how a policy that does not drive compares.
+    shadows: Shadows<M>,
     /// Update → control.
     update_wish: Mutex<M, Cell<UpdateWish>>,
     /// Control → update: periods that were missed since the start.
@@ -223,6 +226,7 @@ impl<M: RawMutex> Robot<M> {
             loaded: Mutex::new(Cell::new(false)),
             injected: Injected::new(),
             decisions: Decisions::new(),
+            shadows: Shadows::new(),
             update_wish: Mutex::new(Cell::new(UpdateWish::None)),
             missed: Mutex::new(Cell::new(0)),
             lamp_changed: Signal::new(),
@@ -326,6 +330,11 @@ impl<M: RawMutex> Robot<M> {
     /// What there is to drive by.
     pub fn policies(&self) -> Policies {
         self.decisions.installed()
+    }
+
+    /// How a policy that does not drive compares, while somebody wants to know.
+    pub fn shadow(&self) -> Option<Shadow> {
+        self.shadows.told()
     }
 
     /// Periods of control that were missed since the start.
@@ -464,6 +473,7 @@ impl<M: RawMutex> Robot<M> {
                 self.captures.request(sender).map(|()| Routed::Waiting)
             }
             Action::ReportMap => self.map_reports.request(sender).map(|()| Routed::Waiting),
+            Action::Shadow { policy } => self.compare(policy.as_ref()),
             action => {
                 let task = Task::from_action(action).ok_or(Reason::Unsupported)?;
                 let order = Order {
@@ -477,6 +487,15 @@ impl<M: RawMutex> Robot<M> {
                 }
             }
         }
+    }
+
+    /// Has a policy decide beside the one that drives, or none.
+    fn compare(&self, policy: Option<&PolicyName>) -> Result<Routed, Reason> {
+        if let Some(policy) = policy {
+            self.policies().check(named(policy.as_str()))?;
+        }
+        self.shadows.begin(policy);
+        Ok(Routed::Done)
     }
 
     #[inline(never)]
@@ -527,6 +546,8 @@ impl<M: RawMutex> Robot<M> {
 pub enum Routed {
     /// Whoever carries it out will answer it.
     Waiting,
+    /// It is carried out: the caller answers `completed`.
+    Done,
     /// A halt that is obeyed, but one too many in this control period to be answered from
     /// there: the caller answers `accepted`.
     Unattended,

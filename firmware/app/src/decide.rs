@@ -8,15 +8,21 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use rand_core::Rng;
 
 use crate::context::Robot;
+use crate::context::handles::PolicyHandle;
 use crate::hold::Hold;
 use crate::policy::decisions::named;
+use crate::policy::shadow::Compared;
 use crate::policy::{
-    Also, Asked, Decision, Installed, Named, NoShelf, Open, Policy, PolicyError, Scratch, Shelf,
+    Action, Also, Asked, Decision, Installed, Mode, Named, NoShelf, Observation, Open, Policy,
+    PolicyError, Scratch, Shelf,
 };
 
 /// Decides whenever control asks, by a policy; lets others run between two layers of its network.
 ///
 /// Bytes that are no policy are told to whoever asks for the behaviour, and nothing is decided.
+///
+/// Where somebody wants to know how another policy compares ([`Robot::shadow`]), that one decides as well, on the same
+/// observation and after it, unless a newer one waits. What it chooses is counted and goes nowhere else.
 ///
 /// # Cancellation Safety
 /// A dropped activity decides no more, and a robot that drives by a policy stands 300 ms later.
@@ -56,35 +62,94 @@ async fn run<M: RawMutex, R: Rng, A: Also>(
         Err(PolicyError::OtherObservation) => Installed::Other(name),
         Err(_) => Installed::Bad(name),
     });
+    let own = own.as_ref().ok();
     loop {
-        let (asked, wanted) = robot.asked().await;
+        let (asked, driving) = robot.asked().await;
         let Asked {
             observation,
+            around,
             number,
         } = asked;
-        let opened = also.open(wanted).await;
-        let own = own.as_ref().ok().filter(|_| wanted == name);
-        let mut scratch = Scratch::new(&observation);
-        let mut layer = 0;
-        while by(own, opened.as_ref(), |policy| {
-            policy.layers().nth(layer).map(|layer| scratch.run(layer))
-        })
-        .flatten()
-        .is_some()
-        {
-            layer += 1;
-            yield_now().await;
-        }
-        let random = || rng.next_u32() as u8;
-        let action = by(own, opened.as_ref(), |policy| {
-            scratch.action(policy.mode, random)
+        let of = |wanted| own.filter(|_| wanted == name);
+        let Some((scratch, mode)) = ran(of(driving), &also, driving, &observation, None).await
+        else {
+            continue;
+        };
+        let mut drawn = Drawn::default();
+        let action = scratch.action(mode, || drawn.note(rng.next_u32() as u8));
+        robot.decide(Decision {
+            action: action as u8,
+            number,
         });
-        if let Some(action) = action {
-            robot.decide(Decision {
-                action: action as u8,
-                number,
-            });
+        let Some(candidate) = robot.candidate(driving) else {
+            continue;
+        };
+        // It has what time is left until the next observation, and moves nothing.
+        yield_now().await;
+        let (own, wanted) = (of(candidate.name), candidate.name);
+        let chosen = ran(own, &also, wanted, &observation, Some(robot)).await;
+        if let Some((scratch, mode)) = chosen {
+            let mut bytes = drawn.again(number).into_iter();
+            let chosen = scratch.action(mode, || bytes.next().unwrap_or(0));
+            robot.count(candidate, driving, Compared::new(action, chosen, around));
         }
+    }
+}
+
+/// What the network of a policy comes to, and how its action is chosen; nothing where the policy is not there: the one of the
+/// program where it is `own`, or that of the name that is `wanted`. Nothing either once there is an observation that it is
+/// to give way to.
+async fn ran<M: RawMutex, A: Also>(
+    own: Option<&Policy<'_>>,
+    also: &A,
+    wanted: u32,
+    observation: &Observation,
+    gives_way: Option<PolicyHandle<'_, M>>,
+) -> Option<(Scratch, Mode)> {
+    let opened = also.open(wanted).await;
+    let mut scratch = Scratch::new(observation);
+    let mut layer = 0;
+    while !gives_way.is_some_and(PolicyHandle::is_asked) {
+        let ran = by(own, opened.as_ref(), |policy| {
+            policy.layers().nth(layer).map(|layer| scratch.run(layer))
+        });
+        if ran.flatten().is_none() {
+            return by(own, opened.as_ref(), |policy| policy.mode).map(|mode| (scratch, mode));
+        }
+        layer += 1;
+        yield_now().await;
+    }
+    None
+}
+
+/// The random bytes of a decision, for a candidate to decide by as well: whoever has the same network then chooses the
+/// same, and the next decision of the policy that drives draws what it would draw without a candidate.
+#[derive(Default)]
+struct Drawn {
+    bytes: [u8; Action::COUNT],
+    count: usize,
+}
+
+impl Drawn {
+    fn note(&mut self, byte: u8) -> u8 {
+        if let Some(place) = self.bytes.get_mut(self.count) {
+            *place = byte;
+        }
+        self.count += 1;
+        byte
+    }
+
+    /// Where nothing was drawn, bytes that go by the number of the observation.
+    fn again(&self, number: u16) -> [u8; Action::COUNT] {
+        if self.count > 0 {
+            return self.bytes;
+        }
+        let mut state = u32::from(number).wrapping_mul(0x9E37_79B9);
+        [(); Action::COUNT].map(|()| {
+            // The generator of Numerical Recipes in C (1992), section 7.1, of which the high bits are the good ones.
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as u8
+        })
     }
 }
 

@@ -127,6 +127,10 @@ impl<M: RawMutex> Robot<M> {
         }
         match routed {
             Ok(Routed::Waiting) => {}
+            Ok(Routed::Done) => {
+                let completed = ResponseStatus::Completed;
+                self.respond(&command.source, command.seq, completed, None, now);
+            }
             Ok(Routed::Unattended) => {
                 let accepted = ResponseStatus::Accepted;
                 self.respond(&command.source, command.seq, accepted, None, now);

@@ -43,7 +43,7 @@ pub struct Sender {
 /// The part of a command that control carries out.
 ///
 /// `stop` and `estop` travel as [`Halt`], `set` goes to the store, `capture` to the camera, `report_map` to
-/// whoever keeps the map: what cannot be carried out here cannot be written here.
+/// whoever keeps the map, `shadow` to whoever decides: what cannot be carried out here cannot be written here.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Task {
@@ -154,7 +154,12 @@ impl Task {
             Action::Behave(BehaviourSpec::Policy { policy }) => Self::Policy {
                 name: named(policy.as_str()),
             },
-            Action::Capture | Action::ReportMap | Action::Stop | Action::Estop | Action::Set(_) => {
+            Action::Capture
+            | Action::ReportMap
+            | Action::Stop
+            | Action::Estop
+            | Action::Set(_)
+            | Action::Shadow { .. } => {
                 return None;
             }
             Action::Reset => Self::Reset,

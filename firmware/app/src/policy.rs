@@ -15,7 +15,7 @@
 //! Reading order: `action` and `shield`; `memory`, what is remembered of the surroundings, with `sector`; `observation`,
 //! what a network sees of that; `blob`, `network` and `table`, which choose; `pilot`, which puts it together for
 //! the controller; `decisions`, what is handed over to the activity and back; `shelf`, where a policy lies that a release
-//! has brought.
+//! has brought; `shadow`, how one that does not drive compares.
 
 mod action;
 mod blob;
@@ -25,6 +25,7 @@ mod network;
 mod observation;
 mod pilot;
 mod sector;
+pub(crate) mod shadow;
 mod shelf;
 mod shield;
 mod table;

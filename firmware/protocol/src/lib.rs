@@ -70,9 +70,9 @@ pub use message::{
     MAX_MAP_BYTES, MAX_MAP_EDGE, MAX_MODEL, MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS,
     MAX_REASON_CODE, MAX_SAYS, MAX_WAY, MapCell, MapSegment, ModelName, Models, Neighbour,
     Outcomes, ParameterReport, ParametersMessage, Pose, PoseFix, ReasonCode, ReleaseId,
-    ReleaseIdError, Reports, Response, RobotState, Samples, Says, StatusMessage, SwarmResponse,
-    Telemetry, TelemetryEncoding, TimeMessage, UpdateCommand, UpdateDelta, UpdateName,
-    UpdateOutcome, UpdatePart, UpdateReport, UpdateStage, Wheels,
+    ReleaseIdError, Reports, Response, RobotState, Samples, Says, Shadow, StatusMessage,
+    SwarmResponse, Telemetry, TelemetryEncoding, TimeMessage, UpdateCommand, UpdateDelta,
+    UpdateName, UpdateOutcome, UpdatePart, UpdateReport, UpdateStage, Wheels,
 };
 pub use reason::{Reason, ResponseStatus};
 #[cfg(feature = "schema")]

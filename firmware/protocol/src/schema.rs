@@ -94,7 +94,8 @@ fn alternatives(generator: &mut SchemaGenerator) -> Vec<Schema> {
         .map(|name| {
             let parameters = parameters(*name, generator);
             let mut required = std::vec!["command"];
-            if parameters.is_some() {
+            // Without a policy it ends what there is.
+            if parameters.is_some() && *name != CommandName::Shadow {
                 required.push("parameters");
             }
             let parameters = parameters.unwrap_or_else(
@@ -275,6 +276,13 @@ fn parameters(name: CommandName, generator: &mut SchemaGenerator) -> Option<Sche
             "minProperties": 1,
             "maxProperties": MAX_SET,
         })),
+        CommandName::Shadow => {
+            let mut schema = object([("policy", generator.subschema_for::<PolicyName>(), false)]);
+            let nothing = json_schema!({ "type": ["object", "null"] });
+            let kind = nothing.get("type").cloned().unwrap_or_default();
+            schema.ensure_object().insert("type".into(), kind);
+            Some(schema)
+        }
         CommandName::Stop
         | CommandName::Estop
         | CommandName::Reset

@@ -2,7 +2,7 @@
 
 use crawler_protocol::{
     Action, BehaviourSpec, Command, CommandName, DEFAULT_WANDER_SPEED, Direction, EncodeError,
-    MAX_MESSAGE, ParameterValue, Reason, Source,
+    MAX_MESSAGE, ParameterValue, PolicyName, Reason, Source,
 };
 
 fn parse(body: &str) -> Result<Action, Reason> {
@@ -542,6 +542,30 @@ fn every_command_is_understood() {
         ParameterValue::Text("böb 🤖".try_into().unwrap())
     );
     assert_eq!(values[2].1, ParameterValue::Bool(false));
+}
+
+#[test]
+fn a_comparison_of_a_policy_begins_with_its_name_and_ends_without() {
+    let named = |name| {
+        let policy = Some(PolicyName::new(name).unwrap());
+        Ok(Action::Shadow { policy })
+    };
+    let ended = || Ok(Action::Shadow { policy: None });
+    for (parameters, expected) in [
+        (r#","parameters":{"policy":"gather-2"}"#, named("gather-2")),
+        (r#","parameters":{}"#, ended()),
+        (r#","parameters":null"#, ended()),
+        ("", ended()),
+        (r#","parameters":{"policy":""}"#, Err(Reason::OutOfRange)),
+        (r#","parameters":{"policy":1}"#, Err(Reason::WrongType)),
+        (
+            r#","parameters":{"policy":"a","speed":1}"#,
+            Err(Reason::UnknownField),
+        ),
+    ] {
+        let body = format!(r#""command":"shadow"{parameters}"#);
+        assert_eq!(parse(&body), expected, "{body}");
+    }
 }
 
 #[test]

@@ -321,6 +321,7 @@ fn words_on_the_wire_are_stable() {
             "set",
             "identify",
             "reboot",
+            "shadow",
         ],
     );
     words(

@@ -1,7 +1,7 @@
 //! What robots and servers of every version of the protocol have said is read by this build.
 //!
 //! `hal-sim/tests/golden.rs` writes the file of a version; it never changes from then on. Messages about
-//! updates, missions and maps, which came later than the rest of version 1, are in files of their own.
+//! updates, missions, maps and comparisons of policies, which came later than the rest of version 1, are in files of their own.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -10,7 +10,7 @@ use std::path::Path;
 use crawler_protocol::open::{self, Read, Report, Update};
 use crawler_protocol::{
     Action, BehaviourName, CellDigest, Command, CommandName, Detections, Fleet, MapSegment,
-    PROTOCOL_VERSION, ParametersMessage, PoseFix, Reason, ResponseStatus, RobotState,
+    PROTOCOL_VERSION, ParametersMessage, PoseFix, Reason, ResponseStatus, RobotState, Shadow,
     TelemetryEncoding, TimeMessage, Topic, UpdateCommand, UpdateOutcome, UpdatePart, UpdateStage,
 };
 use serde_json::Value;
@@ -156,9 +156,10 @@ fn messages_of_every_version_are_read() {
         assert_eq!(kinds, BTreeSet::from(expected), "version {version}");
         assert_eq!(encodings.len(), TelemetryEncoding::ALL.len());
         if version == 1 {
-            // Nobody could ask for a map then.
+            // Nobody could ask for a map then, nor for a comparison of policies.
+            let later = [CommandName::ReportMap, CommandName::Shadow];
             let first = CommandName::ALL.iter();
-            let first = first.filter(|name| **name != CommandName::ReportMap);
+            let first = first.filter(|name| !later.contains(name));
             let all: BTreeSet<_> = first.map(|name| name.name()).collect();
             assert_eq!(commands, all);
             assert_eq!(answered, all);
@@ -248,6 +249,51 @@ fn messages_about_maps_are_read() {
         (ResponseStatus::Failed.into(), none),
     ];
     assert_eq!(ends, ends_then);
+}
+
+/// Comparisons of policies came later than the rest of version 1.
+#[test]
+fn messages_about_comparisons_of_policies_are_read() {
+    let (mut asked, mut answers, mut compared) = (None, Vec::new(), Vec::new());
+    for Golden { topic, payload, .. } in golden("shadow-1.jsonl") {
+        match topic {
+            Topic::CommandRobot(_) => {
+                let command = Command::parse(&payload).expect("a command");
+                let Action::Shadow { policy } = command.action else {
+                    panic!("{command:?}");
+                };
+                asked = Some((command.seq, policy));
+            }
+            Topic::Response(_) => {
+                let answer: open::Response = known(&payload);
+                let (seq, policy) = asked.clone().expect("a command before");
+                assert_eq!(answer.seq, seq);
+                answers.push((policy.is_some(), answer.status, answer.reason));
+            }
+            Topic::Heartbeat(_) => {
+                let beat: open::Heartbeat = known(&payload);
+                if let Some(told) = &beat.shadow {
+                    let (_, policy) = asked.clone().expect("a command before");
+                    assert_eq!(Some(&told.policy), policy.as_ref());
+                }
+                let counts = |told: Shadow| {
+                    [
+                        told.decisions,
+                        told.agreed,
+                        told.vetoes,
+                        told.driving_vetoes,
+                    ]
+                };
+                compared.push(beat.shadow.map(counts));
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    let completed = |begun| (begun, ResponseStatus::Completed.into(), None);
+    let none = Some(Reason::NoPolicy.into());
+    let refused = (true, ResponseStatus::Rejected.into(), none);
+    assert_eq!(answers, [refused, completed(true), completed(false)]);
+    assert_eq!(compared, [Some([0; 4]), Some([412, 391, 12, 9]), None]);
 }
 
 /// Messages about updates came later than the rest of version 1. Both sides read each other's.

@@ -4,9 +4,9 @@ use crawler_protocol::{
     Battery, BehaviourName, Boot, BootCause, BuildId, Capability, CellDigest, Detection,
     Detections, EncodeError, Heartbeat, Kind, Level, LogRecord, MAX_BUILD, MAX_DETECTIONS,
     MAX_MESSAGE, MAX_MODELS, MAX_NEIGHBOURS, MAX_PANIC, MAX_PARAMETERS, MAX_SAYS, ModelName,
-    Neighbour, Outcomes, ParameterReport, ParameterValue, ParametersMessage, Pose, PoseFix, Reason,
-    Response, ResponseStatus, RobotId, RobotState, Says, Source, StatusMessage, SwarmResponse,
-    Telemetry, TimeMessage, Wheels,
+    Neighbour, Outcomes, ParameterReport, ParameterValue, ParametersMessage, PolicyName, Pose,
+    PoseFix, Reason, Response, ResponseStatus, RobotId, RobotState, Says, Shadow, Source,
+    StatusMessage, SwarmResponse, Telemetry, TimeMessage, Wheels,
 };
 
 fn robot() -> RobotId {
@@ -124,6 +124,13 @@ fn the_longest_message_of_every_kind_fits() {
         timestamp: u64::MAX,
         uptime_ms: u64::MAX,
         state: RobotState::Initializing,
+        shadow: Some(Shadow {
+            policy: PolicyName::new(&"p".repeat(32)).unwrap(),
+            decisions: m,
+            agreed: m,
+            vetoes: m,
+            driving_vetoes: m,
+        }),
     };
     heartbeat.to_json(&mut buf).unwrap();
 

@@ -118,6 +118,7 @@ const TABLE: &[(&str, &str, Need)] = &[
     ("POST", "/api/v1/fences", OPERATOR),
     ("PUT", "/api/v1/fences/{id}", OPERATOR),
     ("DELETE", "/api/v1/fences/{id}", OPERATOR),
+    ("POST", "/api/v1/policies/{name}/shadow", OPERATOR),
     ("POST", "/api/v1/simulator/commands", OPERATOR),
     ("POST", "/api/v1/experiments", OPERATOR),
     ("DELETE", "/api/v1/experiments/{id}", OPERATOR),

@@ -268,6 +268,41 @@ impl CommandSender {
         .await
     }
 
+    /// Sends a command to each of these robots, which the fleet knows, and writes down that `what` was done to `target`.
+    /// Their ids, in the order of the robots.
+    ///
+    /// # Errors
+    /// As [`CommandSender::send_to_robot`]; some of them may have been sent then.
+    ///
+    /// # Cancellation safety
+    /// As [`CommandSender::send_to_robot`].
+    pub(super) async fn send_to_each(
+        self,
+        caller: Caller,
+        robots: Vec<RobotId>,
+        action: Action,
+        (what, target, asked): (&'static str, String, Value),
+    ) -> Result<Vec<String>, Problem> {
+        let tasks = self.tasks.clone();
+        whole(&tasks, async move {
+            self.audit.has_room()?;
+            let each = robots.into_iter().map(|robot| {
+                let to = Target::Robot(robot.clone());
+                self.send(&caller, action.clone(), to, vec![robot])
+            });
+            let sent = futures_util::future::join_all(each).await;
+            let sent = sent
+                .into_iter()
+                .map(|sent| sent.map(|Accepted(view)| view.id));
+            let result: Result<Vec<String>, Problem> = sent.collect();
+            self.audit
+                .write(&caller, what, &target, asked, &result)
+                .await;
+            result
+        })
+        .await
+    }
+
     async fn try_robot(
         &self,
         caller: &Caller,
@@ -353,10 +388,10 @@ impl CommandSender {
 
 /// Does `work` whether or not somebody still waits for it: whoever hangs up while a command waits for
 /// the disk has given it all the same, and the audit log says so.
-async fn whole(
+async fn whole<T: Send + 'static>(
     tasks: &TaskTracker,
-    work: impl Future<Output = Result<Accepted, Problem>> + Send + 'static,
-) -> Result<Accepted, Problem> {
+    work: impl Future<Output = Result<T, Problem>> + Send + 'static,
+) -> Result<T, Problem> {
     match tasks.spawn(work.in_current_span()).await {
         Ok(result) => result,
         Err(error) => match error.try_into_panic() {

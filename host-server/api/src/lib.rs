@@ -6,7 +6,7 @@
 //! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
 //! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
 //! each subject: `robots`, `images`, `maps`, `twins`, `calibrations`, `gap`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
-//! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`, `policies`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
+//! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`, `policies`, `shadows`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
 //! `assets`.
 
 mod access;
@@ -42,6 +42,7 @@ mod schema;
 mod serve;
 mod session;
 mod sessions;
+mod shadows;
 mod simulator;
 mod state;
 mod telemetry;
@@ -148,6 +149,7 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                         .layer(DefaultBodyLimit::max(rollouts::MAX_PLAN)),
                 )
                 .routes(routes!(policies::deploy).layer(DefaultBodyLimit::max(rollouts::MAX_PLAN)))
+                .routes(routes!(policies::shadow).layer(DefaultBodyLimit::max(rollouts::MAX_PLAN)))
                 .routes(routes!(policies::list))
                 .routes(routes!(policies::one))
                 .routes(routes!(rollouts::one))

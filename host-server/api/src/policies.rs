@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::{Path, State};
-use axum::response::Response;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse as _, Response};
 use crawler_fleet::{Robot, SharedFleet};
-use crawler_protocol::RobotId;
+use crawler_protocol::{Action, PolicyName, RobotId};
 use crawler_records::{KeptRelease, Records};
 use crawler_release::Kind;
 use crawler_rollouts::Rollouts;
@@ -18,10 +19,12 @@ use utoipa::ToSchema;
 
 use super::access::Caller;
 use super::audit::Audit;
+use super::commands::CommandSender;
 use super::guard::JsonBody;
 use super::problem::{Code, FieldError, Problem};
 use super::releases::view::ReleaseView;
 use super::rollouts;
+use super::shadows::{SumView, Sums};
 
 /// The policy that every program brings.
 const BUILT_IN: &str = "spread";
@@ -29,7 +32,7 @@ const BUILT_IN: &str = "spread";
 const EYES: &str = "eyes";
 /// Releases that are read from the records at a time.
 const TOGETHER: u32 = 200;
-/// Most robots that a policy is deployed to at once.
+/// Most robots that a policy is deployed to, or compared on, at once.
 const MAX_ROBOTS: usize = 1_000;
 /// Longest time that a deployment is watched, in seconds: a week.
 const MAX_SOAK_S: u32 = 7 * 24 * 3_600;
@@ -76,6 +79,8 @@ pub(super) struct PolicyDetail {
     policy: PolicyView,
     /// The robots that say that they have it, by name.
     robots: Vec<RobotView>,
+    /// How it compares where it decides beside another policy that drives, for each of its builds.
+    shadows: Vec<SumView>,
 }
 
 /// Policies.
@@ -111,12 +116,45 @@ fn unknown() -> Problem {
     )
 }
 
+/// Where a policy is to be compared, or no more.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = PolicyShadow)]
+pub(super) struct ShadowBody {
+    /// The robots, each of which the server knows and which have the policy.
+    #[schema(min_items = 1, max_items = 1000)]
+    robots: Vec<String>,
+    /// Whether they are to compare nothing any more.
+    #[serde(default)]
+    end: bool,
+}
+
+/// The command that a robot was sent.
+#[derive(Serialize, ToSchema)]
+#[schema(as = SentCommand)]
+pub(super) struct SentView {
+    /// The robot.
+    robot: String,
+    /// Name of the command in `/api/v1/commands/{id}`, which tells what it came to.
+    command: String,
+}
+
+/// The commands that robots were sent.
+#[derive(Serialize, ToSchema)]
+#[schema(as = SentCommands)]
+pub(super) struct SentList {
+    /// In the order of the robots.
+    sent: Vec<SentView>,
+}
+
 /// Everything that is known of policies.
 struct Known {
     /// Releases by the names of their policies, those that were added last first.
     releases: BTreeMap<String, Vec<KeptRelease>>,
     /// Robots by the names of the policies that they say they have, with its build.
     robots: BTreeMap<String, Vec<RobotView>>,
+    /// What robots compare.
+    shadows: Sums,
 }
 
 impl Known {
@@ -145,8 +183,10 @@ impl Known {
             }
         }
         let mut robots: BTreeMap<String, Vec<RobotView>> = BTreeMap::new();
+        let mut shadows = Sums::default();
         let fleet = fleet.lock();
         for robot in fleet.robots() {
+            shadows.add(robot);
             let has = robot.status.iter().flat_map(|status| status.models.iter());
             for (name, build) in has {
                 let name = name.as_str();
@@ -159,7 +199,11 @@ impl Known {
                 }
             }
         }
-        Ok(Self { releases, robots })
+        Ok(Self {
+            releases,
+            robots,
+            shadows,
+        })
     }
 
     fn names(&self) -> BTreeSet<String> {
@@ -189,6 +233,7 @@ impl Known {
                 builds,
             },
             robots,
+            shadows: self.shadows.take(name),
         }
     }
 }
@@ -262,6 +307,91 @@ pub(super) async fn deploy(
     let plan = planned(&asked, &releases, &fleet, now_ms())
         .map_err(|errors| Problem::invalid(Code::InvalidRollout, errors))?;
     rollouts::begin(&rollouts, &audit, &caller, plan).await
+}
+
+/// Has chosen robots compare a policy with the one that drives them, and moves none of them
+///
+/// While a robot drives by another policy, this one decides on the same observations; what it would do is counted, in
+/// `shadow` of the robot and `shadows` of the policy. Counting begins at 0, and anew whenever another policy drives or a
+/// release replaces one. It lasts until `end`, another policy, or a restart of the robot. Each robot gets a command
+/// `shadow`, which it rejects where it does not know it.
+#[utoipa::path(post, path = "/policies/{name}/shadow", tag = "updates",
+    params(("name" = String, Path, description = "Name of the policy")),
+    request_body = ShadowBody,
+    responses(
+        (status = 202, description = "Sent to the robots", body = SentList),
+        (status = 400, description = "Not JSON"),
+        (status = 404, description = "There is no policy of that name"),
+        (status = 422, description = "`errors` names every field that is wrong"),
+        (status = 503, description = "The records are away, or there is no connection to the broker, or no disk to write \
+                                      commands to; some may have been sent then")))]
+pub(super) async fn shadow(
+    State(records): State<Records>,
+    State(fleet): State<Arc<SharedFleet>>,
+    State(sender): State<CommandSender>,
+    caller: Caller,
+    Path(name): Path<String>,
+    body: JsonBody,
+) -> Result<Response, Problem> {
+    let asked: ShadowBody = body.read()?;
+    let known = Known::gather(&records, &fleet).await?;
+    let policy = PolicyName::new(&name)
+        .ok()
+        .filter(|_| known.names().contains(&name));
+    let policy = policy.ok_or_else(unknown)?;
+    let owners = known.robots.get(&name).map_or(&[][..], Vec::as_slice);
+    let has = |robot: &str| {
+        asked.end || name == BUILT_IN || owners.iter().any(|owner| owner.robot == robot)
+    };
+    let robots = comparing(&asked.robots, &fleet, has)
+        .map_err(|errors| Problem::invalid(Code::InvalidShadow, errors))?;
+    let action = Action::Shadow {
+        policy: (!asked.end).then_some(policy),
+    };
+    let detail = json!({ "robots": asked.robots, "end": asked.end });
+    let what = ("policy.shadow", name, detail);
+    let sent = sender.send_to_each(caller, robots, action, what).await?;
+    let sent = asked.robots.into_iter().zip(sent);
+    let sent = sent.map(|(robot, command)| SentView { robot, command });
+    let sent = SentList {
+        sent: sent.collect(),
+    };
+    Ok((StatusCode::ACCEPTED, Json(sent)).into_response())
+}
+
+/// The robots of these names.
+///
+/// # Errors
+/// Every one that is wrong, and how.
+fn comparing(
+    robots: &[String],
+    fleet: &SharedFleet,
+    has: impl Fn(&str) -> bool,
+) -> Result<Vec<RobotId>, Vec<FieldError>> {
+    if robots.is_empty() || robots.len() > MAX_ROBOTS {
+        let rule = format!("must name 1 to {MAX_ROBOTS} robots");
+        return Err(vec![FieldError::at("/robots", rule)]);
+    }
+    let (mut found, mut errors, mut named) = (Vec::new(), Vec::new(), BTreeSet::new());
+    let fleet = fleet.lock();
+    for (place, text) in robots.iter().enumerate() {
+        let robot = RobotId::new(text).ok();
+        let wrong = match robot.filter(|robot| fleet.get(robot).is_some()) {
+            None => "is known to nobody",
+            Some(_) if !named.insert(text.as_str()) => "is named twice",
+            Some(_) if !has(text) => "does not have the policy",
+            Some(robot) => {
+                found.push(robot);
+                continue;
+            }
+        };
+        errors.push(FieldError::at(format!("/robots/{place}"), wrong));
+    }
+    if errors.is_empty() {
+        Ok(found)
+    } else {
+        Err(errors)
+    }
 }
 
 /// Where a robot may be found wanting.

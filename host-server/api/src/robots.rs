@@ -18,6 +18,7 @@ use super::commands::{Accepted, Asked, CommandSender};
 use super::guard::JsonBody;
 use super::problem::{Code, Problem};
 use super::query::ApiQuery;
+use super::shadows::{self, ShadowView};
 use super::state::Broker;
 use crawler_broker::LinkState;
 use crawler_fleet::{FleetState, Presence, Robot, SharedFleet};
@@ -88,6 +89,8 @@ pub(super) struct RobotView {
     /// What it says to its neighbours; `null` while its behaviour needs nothing said.
     #[schema(value_type = Option<Vec<i32>>)]
     says: Option<Says>,
+    /// How a policy that does not drive compares with the one that does; `null` while nobody has asked for that.
+    shadow: Option<ShadowView>,
     /// Milliseconds since it started.
     uptime_ms: Option<u64>,
     /// Unix milliseconds of the telemetry shown here, by the robot's clock.
@@ -182,6 +185,7 @@ impl RobotView {
             battery: telemetry.map(|telemetry| telemetry.battery),
             rssi_dbm: telemetry.and_then(|telemetry| telemetry.rssi_dbm),
             says: telemetry.and_then(|telemetry| telemetry.says),
+            shadow: shadows::of_robot(robot),
             uptime_ms: robot.heartbeat.as_ref().map(|beat| beat.uptime_ms),
             timestamp: telemetry.map(|telemetry| telemetry.timestamp),
             sees: robot.sees.as_deref().map(SightView::new),

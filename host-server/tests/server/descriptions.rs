@@ -159,6 +159,7 @@ async fn descriptions_fit_what_is_there() {
             "post /api/v1/fences",
             "post /api/v1/invitations",
             "post /api/v1/policies/{name}/deploy",
+            "post /api/v1/policies/{name}/shadow",
             "post /api/v1/releases",
             "post /api/v1/releases/{id}/gate",
             "post /api/v1/releases/{id}/withdraw",
@@ -308,7 +309,7 @@ async fn every_call_points_at_what_is_wrong_in_its_body() {
             tried.insert(format!("{method} {path}"));
         }
     }
-    assert_eq!(tried.len(), 17, "{tried:?}");
+    assert_eq!(tried.len(), 18, "{tried:?}");
     fixture.stop().await;
 }
 

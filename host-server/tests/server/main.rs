@@ -33,6 +33,7 @@ mod releases;
 mod roles;
 mod rollouts;
 mod sessions;
+mod shadows;
 mod sight;
 mod simulator;
 mod swarm;

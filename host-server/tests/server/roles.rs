@@ -33,6 +33,7 @@ const OPERATORS: &[&str] = &[
     "post /api/v1/experiments/{id}/pause",
     "post /api/v1/experiments/{id}/resume",
     "post /api/v1/experiments/{id}/stop",
+    "post /api/v1/policies/{name}/shadow",
     "post /api/v1/swarm/commands",
 ];
 /// Calls of administrators.

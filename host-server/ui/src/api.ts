@@ -28,6 +28,25 @@ export interface Seen {
   at: { x: number; y: number } | null
 }
 
+/** A share of decisions, and the interval in which the true one lies with 95 %. */
+export interface Share {
+  share: number
+  low: number
+  high: number
+}
+
+/** How a policy that does not drive compares with the one that does, on the same observations. */
+export interface Shadow {
+  policy: string
+  decisions: number
+  /** Both chose the same; `null` before there is a decision. */
+  agreement: Share | null
+  /** The shield would have taken something from what the candidate chose. */
+  vetoes: Share | null
+  /** The same of the policy that drives. */
+  drivingVetoes: Share | null
+}
+
 /** Details of one robot that the live feed does not carry. */
 export interface RobotDetails {
   behaviour: string | null
@@ -55,6 +74,8 @@ export interface RobotDetails {
   /** The models that it has loaded, and what names their contents. */
   models: readonly (readonly [string, string])[]
   capabilities: readonly string[]
+  /** What it compares; `null` while nobody has asked for that. */
+  shadow: Shadow | null
   /** What the broker thinks of how much it sends; `null` when all is well. */
   link: string | null
   /** Two robots seem to use this id. */
@@ -198,9 +219,30 @@ function details(value: unknown): RobotDetails {
     capabilities: Array.isArray(body.capabilities)
       ? body.capabilities.filter((name): name is string => typeof name === 'string')
       : [],
+    shadow: shadow(body.shadow),
     link: text(body.link),
     duplicate: body.duplicate === true,
   }
+}
+
+function shadow(value: unknown): Shadow | null {
+  const body = fields(value)
+  const [policy, decisions] = [text(body['policy']), numeric(body['decisions'])]
+  if (policy === null || decisions === null) return null
+  return {
+    policy,
+    decisions,
+    agreement: share(body['agreement']),
+    vetoes: share(body['veto_share']),
+    drivingVetoes: share(body['driving_veto_share']),
+  }
+}
+
+function share(value: unknown): Share | null {
+  const body = fields(value)
+  const [mean, low, high] = ['share', 'low', 'high'].map((name) => numeric(body[name]))
+  if (mean == null || low == null || high == null) return null
+  return { share: mean, low, high }
 }
 
 function seen(value: unknown): Seen[] | null {

@@ -52,6 +52,18 @@ export const robot = {
   logLevel: 'Show records',
 }
 
+export const shadow = {
+  title: (policy: string) => `Candidate ${policy}`,
+  about: 'It decides on what the robot sees, after the policy that drives, and moves nothing.',
+  decisions: 'Decisions of both',
+  agreement: 'Both chose the same',
+  vetoes: 'Shield against the candidate',
+  drivingVetoes: 'Shield against what drives',
+  waits: 'None yet: another policy has to drive the robot.',
+  share: (share: string, low: string, high: string) => `${share} % (95 %: ${low} to ${high})`,
+  end: 'End the comparison',
+}
+
 export const charts = {
   label: 'Charts',
   range: 'Time range',

@@ -20,6 +20,7 @@ use crate::neighbours::{Cell, MOST, Near};
 use crate::order::{Halt, Order, Sender, SetRequest, UpdateWish};
 use crate::parameters::Parameters;
 use crate::perception::{Battery, LinkHealth, Reading};
+use crate::policy::shadow::{Candidate, Compared};
 use crate::policy::{Asked, Decision, Installed};
 use crate::tracking::{Fix, Refusal};
 use crate::trouble::{LinkTrouble, PANIC};
@@ -121,6 +122,21 @@ impl<'a, M: RawMutex> PolicyHandle<'a, M> {
     pub(crate) fn decide(self, decision: Decision) {
         self.0.decisions.decide(decision);
     }
+
+    /// Whether an observation waits.
+    pub(crate) fn is_asked(self) -> bool {
+        self.0.decisions.is_asked()
+    }
+
+    /// Who is to decide beside the policy that drives, and whose name that stands for.
+    pub(crate) fn candidate(self, driving: u32) -> Option<Candidate> {
+        self.0.shadows.candidate(driving)
+    }
+
+    /// Counts what it has decided.
+    pub(crate) fn count(self, candidate: Candidate, driving: u32, compared: Compared) {
+        self.0.shadows.count(candidate, driving, compared);
+    }
 }
 
 impl<M: RawMutex> UpdateHandle<'_, M> {
@@ -137,6 +153,7 @@ impl<M: RawMutex> UpdateHandle<'_, M> {
     /// Tells control what a release has brought to drive by, and what it has brought in vain.
     pub(crate) fn bring(self, brought: Installed, unfit: Installed) {
         self.0.decisions.bring(brought, unfit);
+        self.0.shadows.begin_anew();
     }
 }
 

@@ -91,6 +91,7 @@ pub(super) fn heartbeat<M: RawMutex>(
         timestamp: robot.unix_ms(now).unwrap_or(0),
         uptime_ms: now.as_millis(),
         state: robot.snapshot().state,
+        shadow: robot.shadow(),
     }
     .to_json(buf)
     .ok()

@@ -125,6 +125,11 @@ impl<M: RawMutex> Decisions<M> {
         self.asked.wait()
     }
 
+    /// Whether an observation waits.
+    pub(crate) fn is_asked(&self) -> bool {
+        self.asked.signaled()
+    }
+
     /// The observation that waits.
     #[cfg(test)]
     pub(crate) fn waiting(&self) -> Option<Asked> {

@@ -52,6 +52,8 @@ pub struct Decision {
 pub struct Asked {
     /// What is seen.
     pub observation: Observation,
+    /// What is in the way then: what the shield goes by in the control step that has made the observation.
+    pub around: Around,
     /// Goes with the decision.
     pub number: u16,
 }
@@ -127,6 +129,8 @@ pub struct Pilot {
     number: u16,
     /// The one that was made in this step.
     observation: Observation,
+    /// What the shield goes by in this step.
+    free: Around,
     asks: bool,
     decided: Option<(Action, Instant)>,
     around: Around,
@@ -158,6 +162,7 @@ impl Pilot {
             decisions: 0,
             number: 0,
             observation: Observation::NOTHING,
+            free: Around::CLEAR,
             asks: false,
             decided: None,
             around: Around::CLEAR,
@@ -193,6 +198,7 @@ impl Pilot {
     pub fn asked(&self) -> Option<Asked> {
         self.asks.then_some(Asked {
             observation: self.observation,
+            around: self.free,
             number: self.number,
         })
     }
@@ -224,14 +230,7 @@ impl Pilot {
         self.twist = match self.decided {
             Some((action, at)) if known.now - at <= DECIDED_WITHIN => {
                 let seen = known.reading.fresh(known.now);
-                let seen = seen.map_or(0, Sight::distance_mm);
-                let around = Around {
-                    ahead: self
-                        .around
-                        .ahead
-                        .min(seen.saturating_sub(known.critical_mm)),
-                    ..self.around
-                };
+                let around = self.free(seen.map_or(0, Sight::distance_mm), known);
                 let (twist, less) = shield(action, around);
                 self.less |= less;
                 twist
@@ -278,8 +277,10 @@ impl Pilot {
 
     fn observe(&mut self, place: &Place, known: &Known<'_>) {
         let seen = known.reading.fresh(known.now);
+        let seen = seen.map_or(0, Sight::distance_mm);
+        self.free = self.free(seen, known);
         self.ranges.rotate_right(1);
-        self.ranges[0] = range(seen.map_or(0, Sight::distance_mm));
+        self.ranges[0] = range(seen);
         if self.decisions == 0 {
             self.ranges = [self.ranges[0]; 4];
         }
@@ -297,6 +298,15 @@ impl Pilot {
         .observation();
         self.decisions = self.decisions.saturating_add(1);
         self.number = self.number.wrapping_add(1);
+    }
+
+    /// What is in the way when the ranger sees so far.
+    fn free(&self, seen_mm: u16, known: &Known<'_>) -> Around {
+        let ahead = seen_mm.saturating_sub(known.critical_mm);
+        Around {
+            ahead: self.around.ahead.min(ahead),
+            ..self.around
+        }
     }
 
     /// Where the robot headed so many milliseconds ago.

@@ -113,6 +113,10 @@ fn action() -> impl Strategy<Value = Action> {
         2 => (-2.0_f32..2.0, -2.0_f32..2.0).prop_map(|(x, y)| Action::Goto { x, y }),
         1 => Just(Action::Identify),
         1 => Just(Action::Capture),
+        1 => prop::option::of(prop_oneof![Just("trained"), Just("other")]).prop_map(|name| {
+            let policy = name.map(|name| PolicyName::new(name).expect("legal"));
+            Action::Shadow { policy }
+        }),
     ]
 }
 

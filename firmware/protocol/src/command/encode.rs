@@ -15,7 +15,8 @@ impl Parameters<'_> {
             | Action::Drive { .. }
             | Action::Behave(_)
             | Action::Goto { .. }
-            | Action::Set(_) => true,
+            | Action::Set(_)
+            | Action::Shadow { policy: Some(_) } => true,
             Action::Stop
             | Action::Estop
             | Action::Reset
@@ -23,7 +24,8 @@ impl Parameters<'_> {
             | Action::Capture
             | Action::ReportMap
             | Action::Identify
-            | Action::Reboot => false,
+            | Action::Reboot
+            | Action::Shadow { policy: None } => false,
         }
     }
 }
@@ -98,6 +100,9 @@ impl Serialize for Parameters<'_> {
                     map.serialize_entry(name.as_str(), value)?;
                 }
             }
+            Action::Shadow {
+                policy: Some(policy),
+            } => map.serialize_entry("policy", policy)?,
             Action::Stop
             | Action::Estop
             | Action::Reset
@@ -105,7 +110,8 @@ impl Serialize for Parameters<'_> {
             | Action::Capture
             | Action::ReportMap
             | Action::Identify
-            | Action::Reboot => {}
+            | Action::Reboot
+            | Action::Shadow { policy: None } => {}
         }
         map.end()
     }

@@ -78,6 +78,15 @@ pub(super) fn action(frame: &Frame) -> Result<Action, Reason> {
         CommandName::ReportMap => given.only(&[]).map(|()| Action::ReportMap),
         CommandName::Identify => given.only(&[]).map(|()| Action::Identify),
         CommandName::Reboot => given.only(&[]).map(|()| Action::Reboot),
+        CommandName::Shadow => {
+            given.only(&["policy"])?;
+            Ok(Action::Shadow {
+                policy: match given.get("policy") {
+                    Some(_) => Some(given.policy()?),
+                    None => None,
+                },
+            })
+        }
     }
 }
 
@@ -173,7 +182,7 @@ fn behave(given: Given<'_>) -> Result<BehaviourSpec, Reason> {
         BehaviourName::Policy => {
             given.only(&["behaviour", "policy"])?;
             Ok(BehaviourSpec::Policy {
-                policy: PolicyName::new(given.text("policy")?).map_err(|_| Reason::OutOfRange)?,
+                policy: given.policy()?,
             })
         }
     }
@@ -277,6 +286,10 @@ impl<'a> Given<'a> {
             Scalar::Text(value) => Ok(value),
             Scalar::Bool(_) | Scalar::Number(_) | Scalar::Places(_) => Err(Reason::WrongType),
         }
+    }
+
+    fn policy(self) -> Result<PolicyName, Reason> {
+        PolicyName::new(self.text("policy")?).map_err(|_| Reason::OutOfRange)
     }
 
     /// Places, `least` of them or more.

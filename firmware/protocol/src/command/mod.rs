@@ -49,6 +49,8 @@ words! {
         Identify = "identify",
         /// See [`Action::Reboot`].
         Reboot = "reboot",
+        /// See [`Action::Shadow`].
+        Shadow = "shadow",
     }
 }
 
@@ -252,6 +254,11 @@ pub enum Action {
     Identify,
     /// Start the program again.
     Reboot,
+    /// Have a policy decide on what the one that drives sees, move nothing by it, and count how often both choose the same.
+    Shadow {
+        /// Its name; with none, which is where none is given, nothing is compared any more.
+        policy: Option<PolicyName>,
+    },
 }
 
 impl Action {
@@ -272,6 +279,7 @@ impl Action {
             Self::Set(_) => CommandName::Set,
             Self::Identify => CommandName::Identify,
             Self::Reboot => CommandName::Reboot,
+            Self::Shadow { .. } => CommandName::Shadow,
         }
     }
 
@@ -297,7 +305,8 @@ impl Action {
             | Self::ReportMap
             | Self::Set(_)
             | Self::Identify
-            | Self::Reboot => false,
+            | Self::Reboot
+            | Self::Shadow { .. } => false,
         }
     }
 

@@ -24,7 +24,9 @@ pub use response::{Outcomes, Response, SwarmResponse};
 pub use says::{MAX_SAYS, Says};
 pub use state::{BehaviourName, BootCause, Capability, Kind, RobotState};
 pub use status::{Boot, MAX_MODELS, MAX_PANIC, Models, StatusMessage};
-pub use telemetry::{Battery, Heartbeat, MAX_BATCH, Samples, Telemetry, TelemetryEncoding, Wheels};
+pub use telemetry::{
+    Battery, Heartbeat, MAX_BATCH, Samples, Shadow, Telemetry, TelemetryEncoding, Wheels,
+};
 pub(crate) use telemetry::{Sample, cbor};
 pub use time::TimeMessage;
 pub use update::{

@@ -6,7 +6,7 @@ mod encoding;
 use serde::{Deserialize, Serialize};
 
 use super::{BehaviourName, Pose, RobotState, Says, wire};
-use crate::RobotId;
+use crate::{PolicyName, RobotId};
 
 pub(crate) use encoding::Sample;
 pub use encoding::{MAX_BATCH, Samples, TelemetryEncoding};
@@ -80,6 +80,24 @@ pub struct Telemetry<S = RobotState, B = BehaviourName> {
 }
 wire!(Telemetry);
 
+/// What the comparison of a policy that does not drive with the one that does has come to, since it began or began anew.
+/// Numbers stay where they are once they are as large as they get.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Shadow {
+    /// The candidate: the one that does not drive.
+    pub policy: PolicyName,
+    /// Observations for which both have decided.
+    pub decisions: u32,
+    /// For how many of them both chose the same action.
+    pub agreed: u32,
+    /// For how many of them the shield would have taken something from the action of the candidate.
+    pub vetoes: u32,
+    /// The same of the policy that drives.
+    pub driving_vetoes: u32,
+}
+
 /// A sign of life.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -96,5 +114,13 @@ pub struct Heartbeat<S = RobotState> {
     pub uptime_ms: u64,
     /// What it is doing.
     pub state: S,
+    /// How a policy that does not drive compares; missing while nobody has asked for that.
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "crate::fields::given"
+    )]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Shadow>"))]
+    pub shadow: Option<Shadow>,
 }
 wire!(Heartbeat);

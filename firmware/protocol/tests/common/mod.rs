@@ -10,8 +10,8 @@ use crawler_protocol::{
     Kind, Level, LogRecord, MAX_COORDINATE, MAX_DRIVE_V, MAX_DRIVE_W, MAX_LAPS, MAX_LIARS,
     MAX_MOVE_MS, MAX_PLACES, MAX_SAYS, MAX_VALUE, MapSegment, Measure, Neighbour, Outcomes,
     ParameterReport, ParameterValue, ParametersMessage, Places, PolicyName, Pose, PoseFix, Reason,
-    Response, ResponseStatus, RobotState, Says, Shape, Source, StatusMessage, SwarmResponse,
-    Telemetry, TimeMessage, Wheels,
+    Response, ResponseStatus, RobotState, Says, Shadow, Shape, Source, StatusMessage,
+    SwarmResponse, Telemetry, TimeMessage, Wheels,
 };
 use heapless::String as Text;
 use proptest::collection::vec;
@@ -162,6 +162,10 @@ pub(crate) fn action() -> impl Strategy<Value = Action> {
             }
             Action::Set(values)
         }),
+        option::of(name::<32>()).prop_map(|name| Action::Shadow {
+            // Names of parameters have an underscore, and those of policies a hyphen.
+            policy: name.map(|name| PolicyName::new(&name.replace('_', "-")).unwrap()),
+        }),
         select(vec![
             Action::Stop,
             Action::Estop,
@@ -275,15 +279,34 @@ pub(crate) fn status() -> impl Strategy<Value = StatusMessage> {
 }
 
 pub(crate) fn heartbeat() -> impl Strategy<Value = Heartbeat> {
-    (robot(), any::<[u64; 3]>(), select(RobotState::ALL)).prop_map(
-        |(robot, [seq, timestamp, uptime_ms], state)| Heartbeat {
-            robot,
-            seq,
-            timestamp,
-            uptime_ms,
-            state,
-        },
+    (
+        robot(),
+        any::<[u64; 3]>(),
+        select(RobotState::ALL),
+        option::of(shadow()),
     )
+        .prop_map(
+            |(robot, [seq, timestamp, uptime_ms], state, shadow)| Heartbeat {
+                robot,
+                seq,
+                timestamp,
+                uptime_ms,
+                state,
+                shadow,
+            },
+        )
+}
+
+fn shadow() -> impl Strategy<Value = Shadow> {
+    (robot(), any::<[u32; 4]>()).prop_map(|(name, [decisions, agreed, vetoes, driving_vetoes])| {
+        Shadow {
+            policy: PolicyName::new(name.as_str()).unwrap(),
+            decisions,
+            agreed,
+            vetoes,
+            driving_vetoes,
+        }
+    })
 }
 
 pub(crate) fn telemetry() -> impl Strategy<Value = Telemetry> {

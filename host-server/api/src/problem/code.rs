@@ -102,6 +102,7 @@ codes! {
     InvalidGate UNPROCESSABLE_ENTITY "invalid_gate",
     InvalidRelease UNPROCESSABLE_ENTITY "invalid_release",
     InvalidRollout UNPROCESSABLE_ENTITY "invalid_rollout",
+    InvalidShadow UNPROCESSABLE_ENTITY "invalid_shadow",
     Exists CONFLICT "exists",
     UserExists CONFLICT "user_exists",
     LastAdmin CONFLICT "last_admin",

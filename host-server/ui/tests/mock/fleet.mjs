@@ -177,6 +177,20 @@ export function createFleet({ world, commands, clock, greet, answering }) {
       firmware: robot.firmware,
       board: robot.board,
       link: null,
+      // The first one compares a policy.
+      shadow:
+        robot.index === 0
+          ? {
+              policy: 'candidate',
+              decisions: 1_200,
+              agreed: 1_128,
+              vetoes: 60,
+              driving_vetoes: 84,
+              agreement: { share: 0.94, low: 0.925, high: 0.952 },
+              veto_share: { share: 0.05, low: 0.039, high: 0.064 },
+              driving_veto_share: { share: 0.07, low: 0.057, high: 0.086 },
+            }
+          : null,
       last_seen: robot.presence === 'online' ? clock() : clock() - 60_000,
       uptime_ms: clock() - pictures + 60_000,
       pose: { x: robot.x, y: robot.y, theta: robot.heading, sigma: 0.03 },

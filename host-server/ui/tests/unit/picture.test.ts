@@ -25,6 +25,7 @@ const details = (image: number | null): RobotDetails => ({
   build: null,
   models: [],
   capabilities: [],
+  shadow: null,
   link: null,
   duplicate: false,
 })

@@ -430,3 +430,59 @@ fn an_update_of_a_policy_that_is_put_off_leaves_the_former_one_in_use() {
         "{former_ones} {next_ones}"
     );
 }
+
+/// A candidate decides beside the policy that drives: whatever it is, not one bit of the history changes.
+#[test]
+fn a_candidate_moves_nothing_and_is_compared() {
+    let signer = Signer::new();
+    // One that would only turn, one that would only drive ahead, and the one that drives, under another name.
+    for (blob, agrees) in [
+        (policy(Motion::Left), None),
+        (policy(Motion::Ahead), None),
+        (SPREAD.blob.to_vec(), Some(true)),
+    ] {
+        let release = signer.policy("candidate", &blob, 5, 0);
+        let drive = |candidate: Option<&str>| {
+            let mut simulation = robot(&signer);
+            let mut server = Server::new(release.clone());
+            assert_eq!(server.until_outcome(&mut simulation, SOON), confirmed());
+            let name = |name: &str| PolicyName::new(name).expect("a name");
+            let policy = candidate.map(name);
+            simulation.submit(0, Action::Shadow { policy });
+            simulation.run_for(Duration::from_secs(1));
+            let policy = name(SPREAD.name);
+            simulation.submit(0, Action::Behave(BehaviourSpec::Policy { policy }));
+            let index = simulation.index(0).expect("there");
+            // The whole physical state after every control step, and all that the robot says but what is compared.
+            let states: Vec<_> = (0..1_500)
+                .map(|_| {
+                    simulation.run_for(Duration::from_millis(20));
+                    simulation.world().robot_hash(index)
+                })
+                .collect();
+            let said = simulation.network().expect("lockstep").take_record();
+            let said = said.into_iter().map(|said| (said.topic, said.payload));
+            let said: Vec<_> = said
+                .filter(|(topic, _)| !topic.contains("/heartbeat/"))
+                .collect();
+            assert!(said.len() > 150, "telemetry comes five times a second");
+            let robot = simulation.robot(0).expect("there");
+            ((states, said), robot.snapshot().pose, robot.shadow())
+        };
+        let (alone, before, nothing) = drive(None);
+        assert_eq!(nothing, None);
+        let (beside, after, told) = drive(Some("candidate"));
+        assert!(beside == alone, "another history");
+        assert_eq!(after, before);
+        let told = told.expect("asked for");
+        assert!((280..=301).contains(&told.decisions), "{told:?}");
+        assert_eq!(agrees.unwrap_or(false), told.agreed == told.decisions);
+        if agrees == Some(true) {
+            assert_eq!(told.vetoes, told.driving_vetoes);
+        }
+        assert!(
+            before.x.abs() + before.y.abs() > 0.1,
+            "it drives: {before:?}"
+        );
+    }
+}
