@@ -63,6 +63,7 @@ async fn run<M: RawMutex, R: Rng, A: Also>(
         Err(_) => Installed::Bad(name),
     });
     let own = own.as_ref().ok();
+    let (never, newer): (Option<PolicyHandle<'_, M>>, _) = (None, Some(robot));
     loop {
         let (asked, driving) = robot.asked().await;
         let Asked {
@@ -71,7 +72,7 @@ async fn run<M: RawMutex, R: Rng, A: Also>(
             number,
         } = asked;
         let of = |wanted| own.filter(|_| wanted == name);
-        let Some((scratch, mode)) = ran(of(driving), &also, driving, &observation, None).await
+        let Some((scratch, mode)) = ran(of(driving), &also, driving, &observation, never).await
         else {
             continue;
         };
@@ -87,7 +88,7 @@ async fn run<M: RawMutex, R: Rng, A: Also>(
         // It has what time is left until the next observation, and moves nothing.
         yield_now().await;
         let (own, wanted) = (of(candidate.name), candidate.name);
-        let chosen = ran(own, &also, wanted, &observation, Some(robot)).await;
+        let chosen = ran(own, &also, wanted, &observation, newer).await;
         if let Some((scratch, mode)) = chosen {
             let mut bytes = drawn.again(number).into_iter();
             let chosen = scratch.action(mode, || bytes.next().unwrap_or(0));
