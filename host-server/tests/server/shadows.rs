@@ -61,7 +61,8 @@ async fn a_candidate_is_compared_on_simulated_robots_before_it_drives() {
     std::fs::create_dir_all(&folder.0).expect("a folder");
     let public = folder.0.join("public.pem");
     std::fs::write(&public, key.public_pem()).expect("written");
-    let fixture = Fixture::up("spread", |layer| {
+    let fixture = Fixture::up("empty", |layer| {
+        layer.robots = Some(2);
         layer.release_key = public.display().to_string().parse().ok();
     })
     .await;
@@ -112,10 +113,14 @@ async fn a_candidate_is_compared_on_simulated_robots_before_it_drives() {
             (json!("/robots/3"), nobody),
         ]
     );
-    let deploy = json!({"robots": ROBOTS, "override_gate": "robots of a test"});
-    let begun = fixture
-        .post(&format!("{POLICY}/deploy"), &deploy.to_string())
-        .await;
+    // As a deployment, but that robots which are busy are asked again soon.
+    let release = added.json()["id"].clone();
+    let plan = json!({
+        "releases": [{"release": release}], "override_gate": "robots of a test",
+        "phases": [{"select": {"group": ROBOTS}, "soak_s": 0}],
+        "retries": {"pause_s": 1, "deferred_s": 1},
+    });
+    let begun = fixture.post("/api/v1/rollouts", &plan.to_string()).await;
     assert_eq!(begun.status, 201, "{}", begun.text());
     let rollout = begun.json()["id"].as_str().expect("an id").to_owned();
     eventually("done", async || {
