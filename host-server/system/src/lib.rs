@@ -6,11 +6,13 @@
 //! - [`places`] and [`waiting`]: room for connections, of which no single machine takes all;
 //!   [`neighbourhood`]: which addresses count as one.
 //! - [`address`]: where brokers, engines and proxies are, as people write it.
+//! - [`cli_error`]: why a command comes to nothing, for the person who typed it.
 //! - [`text`]: what others say of themselves, fit for a log.
 //!
 //! This is among the lowest of the server's crates: it knows no options, no records and no robots.
 
 pub mod address;
+pub mod cli_error;
 pub mod clock;
 pub mod data;
 pub mod descriptors;
