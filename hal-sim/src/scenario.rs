@@ -36,7 +36,7 @@ use crate::world::{Parameters, Profile, Wiring};
 
 pub use command::Refused;
 pub use difficulty::Difficulty;
-pub use error::ScenarioError;
+pub use error::{ScenarioError, UnusablePolicy};
 pub use generate::{Generate, Layout};
 pub use ground::{Ground, Scatter};
 pub use measure::Measure;
@@ -46,7 +46,7 @@ pub use place::Place;
 pub use preview::Preview;
 pub use select::{Quota, Selector};
 pub use spawn::{Line, Spawn, SpawnPose, Spawner, Zone};
-pub use success::{Success, Threshold};
+pub use success::{NoThreshold, Success, Threshold};
 pub use timeline::{Draw, Goal, LONGEST_S, MOST_ENTRIES, TimedCommand, TimedFault};
 pub use tracker::Tracker;
 
@@ -192,10 +192,10 @@ impl Trained {
     /// The policy in `blob` under this name.
     ///
     /// # Errors
-    /// When robots would refuse it, or the name is none; in one line.
-    pub fn new(name: &str, blob: Vec<u8>) -> Result<Self, String> {
-        let name = PolicyName::new(name).map_err(|error| error.to_string())?;
-        Policy::new(&blob).map_err(|error| error.to_string())?;
+    /// [`UnusablePolicy`]
+    pub fn new(name: &str, blob: Vec<u8>) -> Result<Self, UnusablePolicy> {
+        let name = PolicyName::new(name).map_err(UnusablePolicy::Name)?;
+        Policy::new(&blob).map_err(UnusablePolicy::Blob)?;
         let blob = blob.into();
         Ok(Self { name, blob })
     }

@@ -1,10 +1,12 @@
 //! The command line.
 
+use std::error::Error;
+use std::fmt;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 use crawler_hil::BrokerUrl;
-use crawler_protocol::{Fleet, RobotId};
+use crawler_protocol::{Fleet, IdError, RobotId};
 
 /// Hardware in the loop: a conformance suite for any robot, and emulated boards.
 #[derive(Debug, Parser)]
@@ -72,10 +74,32 @@ pub(crate) struct EmulateArguments {
     pub(crate) boot: Vec<String>,
 }
 
-fn robot(text: &str) -> Result<RobotId, String> {
-    RobotId::new(text).map_err(|error| format!("{error}: a robot id is 1 to 32 of a-z, 0-9 and -"))
+/// Why a text is not the name of a thing, and what is.
+#[derive(Debug)]
+struct BadName {
+    what: &'static str,
+    cause: IdError,
 }
 
-fn fleet(text: &str) -> Result<Fleet, String> {
-    Fleet::new(text).map_err(|error| format!("{error}: a fleet is 1 to 32 of a-z, 0-9 and -"))
+impl fmt::Display for BadName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { what, cause } = self;
+        write!(f, "{cause}: {what} is 1 to 32 of a-z, 0-9 and -")
+    }
+}
+
+impl Error for BadName {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        Some(&self.cause)
+    }
+}
+
+fn robot(text: &str) -> Result<RobotId, BadName> {
+    let what = "a robot id";
+    RobotId::new(text).map_err(|cause| BadName { what, cause })
+}
+
+fn fleet(text: &str) -> Result<Fleet, BadName> {
+    let what = "a fleet";
+    Fleet::new(text).map_err(|cause| BadName { what, cause })
 }

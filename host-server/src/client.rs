@@ -9,7 +9,7 @@ mod url;
 use std::path::Path;
 use std::time::Duration;
 
-use crawler_server_tls::TlsClient;
+use crawler_server_tls::{ConnectError, TlsClient};
 use http_body_util::{BodyExt as _, Full, Limited};
 use hyper::body::Bytes;
 use hyper::client::conn::http1::{self, SendRequest};
@@ -24,7 +24,7 @@ use tokio::net::TcpStream;
 pub(crate) use error::CallError;
 pub(crate) use url::ServerUrl;
 
-use error::Refusal;
+use error::{ExchangeError, Refusal};
 
 /// For a request, with connecting and the whole answer: three times what the server takes at most.
 const TIME_OUT: Duration = Duration::from_secs(30);
@@ -61,7 +61,7 @@ impl Client {
     ///
     /// # Errors
     /// When nobody can be trusted so.
-    pub(crate) fn new(url: ServerUrl, ca: Option<&Path>) -> Result<Self, String> {
+    pub(crate) fn new(url: ServerUrl, ca: Option<&Path>) -> Result<Self, ConnectError> {
         let tls = url
             .tls
             .then(|| TlsClient::new(&url.host, url.port, ca, "--ca"));
@@ -171,7 +171,7 @@ impl Client {
         body: Vec<u8>,
     ) -> Result<Answer, CallError> {
         let url = self.url.to_string();
-        let lost = |why: String| CallError::Unreachable { url, why };
+        let lost = |why| CallError::Unreachable { url, why };
         let answer = tokio::time::timeout(TIME_OUT, self.exchange(method, path, body)).await;
         let answer = match answer {
             Ok(Ok(answer)) => answer,
@@ -181,7 +181,7 @@ impl Client {
             }
             Err(_) => {
                 self.sender = None;
-                return Err(lost(format!("no answer within {} s", TIME_OUT.as_secs())));
+                return Err(lost(ExchangeError::TimedOut(TIME_OUT)));
             }
         };
         if answer.status.is_success() {
@@ -199,7 +199,7 @@ impl Client {
         method: Method,
         path: &str,
         body: Vec<u8>,
-    ) -> Result<Answer, String> {
+    ) -> Result<Answer, ExchangeError> {
         let mut request = self.request(method, path, body)?;
         loop {
             let kept = self.sender.take().filter(|sender| !sender.is_closed());
@@ -216,12 +216,12 @@ impl Client {
                         request = unsent;
                         continue;
                     }
-                    _ => return Err(error.into_error().to_string()),
+                    _ => return Err(ExchangeError::Http(error.into_error())),
                 },
             };
             let (parts, body) = response.into_parts();
             let body = Limited::new(body, LONGEST).collect().await;
-            let body = body.map_err(|error| error.to_string())?;
+            let body = body.map_err(ExchangeError::Body)?;
             self.sender = Some(sender);
             return Ok(Answer {
                 status: parts.status,
@@ -236,7 +236,7 @@ impl Client {
         method: Method,
         path: &str,
         body: Vec<u8>,
-    ) -> Result<Request<Full<Bytes>>, String> {
+    ) -> Result<Request<Full<Bytes>>, ExchangeError> {
         let agent = concat!("terracrawler/", env!("CARGO_PKG_VERSION"));
         let mut request = Request::builder()
             .method(method)
@@ -256,26 +256,27 @@ impl Client {
             }
         }
         let request = request.body(Full::new(Bytes::from(body)));
-        request.map_err(|error| error.to_string())
+        request.map_err(ExchangeError::Request)
     }
 
-    async fn connect(&self) -> Result<Sender, String> {
+    async fn connect(&self) -> Result<Sender, ExchangeError> {
         if let Some(tls) = &self.tls {
-            return handshake(tls.connect().await?).await;
+            let stream = tls.connect().await.map_err(ExchangeError::Tls)?;
+            return handshake(stream).await;
         }
         let address = (self.url.host.as_str(), self.url.port);
         let stream = TcpStream::connect(address).await;
-        handshake(stream.map_err(|error| error.to_string())?).await
+        handshake(stream.map_err(ExchangeError::Io)?).await
     }
 }
 
-async fn handshake<S>(stream: S) -> Result<Sender, String>
+async fn handshake<S>(stream: S) -> Result<Sender, ExchangeError>
 where
     S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
 {
     let (sender, connection) = http1::handshake(TokioIo::new(stream))
         .await
-        .map_err(|error| error.to_string())?;
+        .map_err(ExchangeError::Http)?;
     // Ends with the sender, or with the server's side; what went wrong the sender is told.
     tokio::spawn(async move {
         let _ = connection.await;

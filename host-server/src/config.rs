@@ -26,7 +26,7 @@ use crawler_server_tls::CertificateOptions;
 
 pub use keys::{KeyFiles, NoKeyFiles};
 pub(crate) use layer::KEYS;
-pub use layer::{Layer, LogFormat, RequireGate};
+pub use layer::{BadFile, Layer, LogFormat, RequireGate};
 pub use options::{Common, EngineOptions, RobotOptions, ServerOptions, TlsOptions, WorkerOptions};
 pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
 pub use worker_name::{NoWorkerName, WorkerName};
@@ -130,7 +130,7 @@ pub enum ConfigError {
         /// The file.
         path: PathBuf,
         /// What is wrong and where.
-        text: String,
+        cause: BadFile,
     },
     /// An environment variable with our prefix that is not an option.
     UnknownVariable(String),
@@ -149,7 +149,7 @@ impl std::fmt::Display for ConfigError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
-            Self::File { path, text } => write!(f, "{}: {text}", path.display()),
+            Self::File { path, cause } => write!(f, "{}: {cause}", path.display()),
             Self::UnknownVariable(name) => write!(
                 f,
                 "unknown environment variable {name}; known ones are {}",
@@ -343,8 +343,8 @@ fn read_file(path: &Path) -> Result<Layer, ConfigError> {
         path: path.to_owned(),
         cause,
     })?;
-    Layer::from_toml(&text).map_err(|text| ConfigError::File {
+    Layer::from_toml(&text).map_err(|cause| ConfigError::File {
         path: path.to_owned(),
-        text,
+        cause,
     })
 }

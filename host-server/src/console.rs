@@ -27,6 +27,7 @@ use crate::config::Settings;
 use crate::release::AddArgs;
 use crate::rollout::{self, RolloutArgs};
 use crate::twin::{self, TwinArgs};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_system::clock::now_ms;
 
 pub use args::{
@@ -47,20 +48,15 @@ pub fn run(task: Task, settings: &Settings) -> ExitCode {
         .build();
     let runtime = match runtime {
         Ok(runtime) => runtime,
-        Err(error) => return complain(&format!("cannot start: {error}")),
+        Err(error) => {
+            let error = CliError::new(format!("cannot start: {error}"));
+            return error.tell();
+        }
     };
     // What is left of a broker that does not answer must not hold up the end.
     let result = runtime.block_on(task.run(settings));
     runtime.shutdown_background();
-    match result {
-        Ok(code) => code,
-        Err(text) => complain(&text),
-    }
-}
-
-fn complain(text: &str) -> ExitCode {
-    eprintln!("terracrawler: {text}");
-    ExitCode::FAILURE
+    result.unwrap_or_else(|error| error.tell())
 }
 
 /// What the console does.
@@ -89,7 +85,7 @@ pub enum Task {
 }
 
 impl Task {
-    async fn run(self, settings: &Settings) -> Result<ExitCode, String> {
+    async fn run(self, settings: &Settings) -> Result<ExitCode, CliError> {
         match self {
             Self::User(args) => users::run(args.task, settings).await?,
             Self::Robot(args) => robots::run(args.task, settings).await?,
@@ -115,7 +111,7 @@ struct Console {
 impl Console {
     /// Opens the records. `make` says whether they may be made: a typing mistake in `--data` or
     /// `--database` must not look like a server without accounts.
-    async fn open(settings: &Settings, make: bool) -> Result<Self, String> {
+    async fn open(settings: &Settings, make: bool) -> Result<Self, CliError> {
         if settings.database.is_some() {
             // Accounts, credentials and audit log need no data directory then.
             return Self::connect(settings, None, make).await;
@@ -123,21 +119,21 @@ impl Console {
         let data = &settings.data;
         if make && !data.exists() {
             crawler_system::data::make_private(data)
-                .map_err(|error| format!("cannot make {}: {error}", data.display()))?;
+                .or_say(|error| format!("cannot make {}: {error}", data.display()))?;
         }
         check_owner(data)?;
         if !make && !data.join(crawler_records::RECORDS_FILE).exists() {
-            return Err(format!(
+            return Err(CliError::new(format!(
                 "{} holds no records: is it the data directory of the server (--data)?",
                 data.display()
-            ));
+            )));
         }
-        let records = Records::open(data).await.map_err(|error| said(&error))?;
+        let records = Records::open(data).await?;
         Ok(Self::of(records))
     }
 
     /// The same with the history, for backups.
-    async fn open_all(settings: &Settings) -> Result<Self, String> {
+    async fn open_all(settings: &Settings) -> Result<Self, CliError> {
         if settings.database.is_none() {
             return Self::open(settings, false).await;
         }
@@ -149,16 +145,16 @@ impl Console {
         settings: &Settings,
         history: Option<&Path>,
         make: bool,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, CliError> {
         let Some(url) = &settings.database else {
-            return Err("no database is named (--database)".to_owned());
+            return Err(CliError::new("no database is named (--database)"));
         };
         match Records::connect(url.reveal(), history, make).await {
             Ok(records) => Ok(Self::of(records)),
-            Err(RecordsError::NotFound) => Err(format!(
+            Err(RecordsError::NotFound) => Err(CliError::new(format!(
                 "{url} holds no records: is it the database of the server (--database)?"
-            )),
-            Err(error) => Err(said(&error)),
+            ))),
+            Err(error) => Err(error.into()),
         }
     }
 
@@ -174,13 +170,13 @@ impl Console {
         target: &str,
         detail: Value,
         result: Result<T, RecordsError>,
-    ) -> Result<T, String> {
+    ) -> Result<T, CliError> {
         let outcome = match &result {
             Ok(_) => "ok".to_owned(),
             Err(error) => format!("refused: {error}"),
         };
         self.note(action, target, detail, &outcome).await?;
-        result.map_err(|error| said(&error))
+        result.map_err(CliError::from)
     }
 
     async fn note(
@@ -189,7 +185,7 @@ impl Console {
         target: &str,
         detail: Value,
         outcome: &str,
-    ) -> Result<(), String> {
+    ) -> Result<(), CliError> {
         let entry = Entry {
             at: now_ms(),
             who: self.who.clone(),
@@ -204,7 +200,7 @@ impl Console {
             .append(entry)
             .await
             .map(drop)
-            .map_err(|error| format!("the audit log cannot be written: {error}"))
+            .or_say(|error| format!("the audit log cannot be written: {error}"))
     }
 
     /// Everything is on disk when this returns.
@@ -213,30 +209,31 @@ impl Console {
     }
 }
 
-fn said(error: &RecordsError) -> String {
-    error.to_string()
-}
-
 /// Files that root makes in a directory of the server's account are files the server cannot write.
-fn check_owner(data: &Path) -> Result<(), String> {
+fn check_owner(data: &Path) -> Result<(), CliError> {
     let owner = match std::fs::metadata(data) {
         Ok(metadata) => metadata.uid(),
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            return Err(format!(
+            return Err(CliError::new(format!(
                 "there is no data directory {}: name the server's with --data",
                 data.display()
-            ));
+            )));
         }
-        Err(error) => return Err(format!("cannot read {}: {error}", data.display())),
+        Err(error) => {
+            return Err(CliError::new(format!(
+                "cannot read {}: {error}",
+                data.display()
+            )));
+        }
     };
     if owner == rustix::process::geteuid().as_raw() {
         return Ok(());
     }
-    Err(format!(
+    Err(CliError::new(format!(
         "{} belongs to another account (user {owner}): run this as that one, like `sudo -u '#{owner}' \
          terracrawler …`",
         data.display()
-    ))
+    )))
 }
 
 /// Who is at the keyboard, as the machine calls them. Whoever can write the records can claim any

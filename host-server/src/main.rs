@@ -7,6 +7,7 @@ use crawler_experiments::evaluate;
 use crawler_learning::{gym, train};
 use crawler_server::cli::{Cli, Command};
 use crawler_server::{console, release, replay, run, twin};
+use crawler_system::cli_error::CliError;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
@@ -26,19 +27,13 @@ fn main() -> ExitCode {
     let task = cli.command.console();
     let settings = match cli.settings(std::env::vars_os()) {
         Ok(settings) => settings,
-        Err(error) => {
-            eprintln!("terracrawler: {error}");
-            return ExitCode::from(2);
-        }
+        Err(error) => return CliError::from(error).exits(2).tell(),
     };
     if let Some(task) = task {
         return console::run(task, &settings);
     }
     match run::run(&settings) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("terracrawler: {error}");
-            ExitCode::FAILURE
-        }
+        Err(error) => CliError::from(error).tell(),
     }
 }

@@ -15,6 +15,7 @@ use std::process::ExitCode;
 use crawler_bundle::Bundle;
 use crawler_release::{KeyId, Kind, MAX_IMAGE, PublicKey, Requires};
 use crawler_sim::scenario::Trained;
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_system::clock::unix_ms;
 use crawler_updates::gate::{GATE_MAX, GateFault, GateReport, check, signer};
 use crawler_updates::release::{
@@ -48,21 +49,18 @@ pub fn run(args: &ReleaseArgs) -> Option<ExitCode> {
         ReleaseTask::Gate(args) => gate::run(args),
         ReleaseTask::Add(_) => return None,
     };
-    Some(done.unwrap_or_else(|text| {
-        eprintln!("terracrawler: {text}");
-        ExitCode::FAILURE
-    }))
+    Some(done.unwrap_or_else(|error| error.tell()))
 }
 
-fn keygen(folder: &Path) -> Result<ExitCode, String> {
+fn keygen(folder: &Path) -> Result<ExitCode, CliError> {
     std::fs::create_dir_all(folder)
-        .map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
-    let key = SecretKey::generate().map_err(|fault| fault.to_string())?;
+        .or_say(|error| format!("cannot make {}: {error}", folder.display()))?;
+    let key = SecretKey::generate()?;
     let (private, public) = (folder.join(PRIVATE), folder.join(PUBLIC));
     // Neither without the other: a public key of something else beside the private one is a trap.
     for path in [&private, &public] {
         if path.exists() {
-            return Err(exists(path));
+            return Err(CliError::new(exists(path)));
         }
     }
     write_new(&private, 0o600, &[key.to_pem().as_bytes()])?;
@@ -77,14 +75,14 @@ fn keygen(folder: &Path) -> Result<ExitCode, String> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn bundle(args: &BundleArgs) -> Result<ExitCode, String> {
+fn bundle(args: &BundleArgs) -> Result<ExitCode, CliError> {
     let mut bundle = Bundle::new(&args.version, &args.build);
     bundle.parameters.clone_from(&args.set);
     bundle.parameters.sort_by(|one, other| one.0.cmp(&other.0));
     bundle.defects.clone_from(&args.defect);
     bundle.defects.sort_by_key(|defect| defect.kind);
     let image = bundle.image(args.size, args.seed);
-    let image = image.map_err(|fault| fault.to_string())?;
+    let image = image?;
     write_new(&args.out, 0o644, &[&image])?;
     println!("image    {}", args.out.display());
     println!("bytes    {}", image.len());
@@ -94,17 +92,19 @@ fn bundle(args: &BundleArgs) -> Result<ExitCode, String> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn sign(args: &SignArgs) -> Result<ExitCode, String> {
+fn sign(args: &SignArgs) -> Result<ExitCode, CliError> {
     let text = read_text(&args.key)?;
-    let key = SecretKey::from_pem(&text).map_err(|fault| told(&args.key, &fault))?;
+    let key = SecretKey::from_pem(&text).or_say(|fault| told(&args.key, &fault))?;
     let image = read(&args.image, MAX_IMAGE as usize)?;
     if args.kind == Kind::Policy {
-        policy(args.name.as_deref(), &image).map_err(|text| told(&args.image, &text))?;
+        policy(args.name.as_deref(), &image).map_err(|error| error.of(args.image.display()))?;
     }
     let now = unix_ms() / 1_000;
     let expires = args.expires.map(|end| end.unix(now));
     if expires.is_some_and(|end| end <= now) {
-        return Err("the release would have expired already (--expires)".to_owned());
+        return Err(CliError::new(
+            "the release would have expired already (--expires)",
+        ));
     }
     let options = SignOptions {
         kind: args.kind,
@@ -121,36 +121,37 @@ fn sign(args: &SignArgs) -> Result<ExitCode, String> {
             protocol: args.requires_protocol,
         },
     };
-    let envelope = options.sign(&image, &key).map_err(|fault| match fault {
-        SignFault::Image(fault) => told(&args.image, &fault),
+    let envelope = options.sign(&image, &key).or_say(|fault| match fault {
+        SignFault::Image(fault) => told(&args.image, fault),
         other => other.to_string(),
     })?;
-    let file = join(&envelope, &image).map_err(|fault| fault.to_string())?;
+    let file = join(&envelope, &image)?;
     write_new(&args.out, 0o644, &[&file])?;
     let expected = Expected {
         now,
         ..Expected::default()
     };
-    let made = inspect(&file, &[key.public()], &expected).map_err(|fault| fault.to_string())?;
+    let made = inspect(&file, &[key.public()], &expected)?;
     print!("{}", table::text(&args.out, &made));
     Ok(ExitCode::SUCCESS)
 }
 
 /// Whether robots would drive by an image under this name.
-fn policy(name: Option<&str>, image: &[u8]) -> Result<(), String> {
+fn policy(name: Option<&str>, image: &[u8]) -> Result<(), CliError> {
     if name == Some(EYES) {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "{EYES} is the name of a detector: call the policy something else"
-        ));
+        )));
     }
-    Trained::new(name.unwrap_or_default(), image.to_vec()).map(|_| ())
+    Trained::new(name.unwrap_or_default(), image.to_vec())?;
+    Ok(())
 }
 
-fn verify(args: &VerifyArgs) -> Result<ExitCode, String> {
+fn verify(args: &VerifyArgs) -> Result<ExitCode, CliError> {
     let keys: Vec<PublicKey> = args
         .public
         .iter()
-        .map(|path| public_from_pem(&read_text(path)?).map_err(|fault| told(path, &fault)))
+        .map(|path| public_from_pem(&read_text(path)?).or_say(|fault| told(path, &fault)))
         .collect::<Result<_, _>>()?;
     let file = read(&args.file, FILE_MAX)?;
     let image = args.image.as_deref();
@@ -164,7 +165,7 @@ fn verify(args: &VerifyArgs) -> Result<ExitCode, String> {
         now: unix_ms() / 1_000,
     };
     let found = inspect(&file, &keys, &expected);
-    let mut found = found.map_err(|fault| told(&args.file, &fault))?;
+    let mut found = found.or_say(|fault| told(&args.file, &fault))?;
     let gate = match &args.gate {
         Some(path) => Some(Gate::read(path, &keys, &found.id.to_string())?),
         None => None,
@@ -205,9 +206,13 @@ impl<'a> Gate<'a> {
     ///
     /// # Errors
     /// When the file cannot be read, or is none of a report.
-    pub(crate) fn read(path: &'a Path, keys: &[PublicKey], release: &str) -> Result<Self, String> {
+    pub(crate) fn read(
+        path: &'a Path,
+        keys: &[PublicKey],
+        release: &str,
+    ) -> Result<Self, CliError> {
         let file = read(path, GATE_MAX)?;
-        let key = signer(&file).map_err(|fault| told(path, &fault))?;
+        let key = signer(&file).or_say(|fault| told(path, &fault))?;
         let report = check(&file, keys, release);
         Ok(Self {
             path,
@@ -245,29 +250,32 @@ fn exists(path: &Path) -> String {
 }
 
 /// Reads a file of at most so many bytes.
-pub(crate) fn read(path: &Path, most: usize) -> Result<Vec<u8>, String> {
-    let refused = |error: io::Error| format!("cannot read {}: {error}", path.display());
-    let file = File::open(path).map_err(refused)?;
+pub(crate) fn read(path: &Path, most: usize) -> Result<Vec<u8>, CliError> {
+    let refused = |error: &io::Error| format!("cannot read {}: {error}", path.display());
+    let file = File::open(path).or_say(refused)?;
     let mut bytes = Vec::new();
     // One more than there may be tells that there are too many.
     file.take(most as u64 + 1)
         .read_to_end(&mut bytes)
-        .map_err(refused)?;
+        .or_say(refused)?;
     if bytes.len() > most {
-        return Err(told(path, &format!("more than {most} bytes")));
+        return Err(CliError::new(told(
+            path,
+            &format!("more than {most} bytes"),
+        )));
     }
     Ok(bytes)
 }
 
-fn read_text(path: &Path) -> Result<String, String> {
-    String::from_utf8(read(path, KEY_MAX)?).map_err(|_| told(path, &"not a key in PEM"))
+fn read_text(path: &Path) -> Result<String, CliError> {
+    String::from_utf8(read(path, KEY_MAX)?).or_say(|_| told(path, &"not a key in PEM"))
 }
 
 /// Writes a file that is not there yet, and all of it or nothing.
-fn write_new(path: &Path, mode: u32, parts: &[&[u8]]) -> Result<(), String> {
+fn write_new(path: &Path, mode: u32, parts: &[&[u8]]) -> Result<(), CliError> {
     let mut options = File::options();
     options.write(true).create_new(true).mode(mode);
-    let mut file = options.open(path).map_err(|error| match error.kind() {
+    let mut file = options.open(path).or_say(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => exists(path),
         _ => format!("cannot write {}: {error}", path.display()),
     })?;
@@ -275,7 +283,7 @@ fn write_new(path: &Path, mode: u32, parts: &[&[u8]]) -> Result<(), String> {
         .iter()
         .try_for_each(|part| file.write_all(part))
         .and_then(|()| file.sync_all());
-    written.map_err(|error| {
+    written.or_say(|error| {
         // Half a key or half a release is of no use to anybody.
         let _ = std::fs::remove_file(path);
         format!("cannot write {}: {error}", path.display())

@@ -15,6 +15,7 @@ use crawler_sim::tools::recording::Recorded;
 use crawler_sim::tools::replay::{Recording, replay};
 
 use crawler_experiments::scenarios::{self, Changes, DETECTOR, Randomisation};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use session::Session;
 
 /// What `terracrawler replay` takes.
@@ -61,20 +62,20 @@ pub struct ReplayArgs {
     pub interactive: bool,
 }
 
-fn setting(text: &str) -> Result<(String, String), String> {
+fn setting(text: &str) -> Result<(String, String), CliError> {
     match text.split_once('=') {
         Some((name, value)) if !name.is_empty() && !value.is_empty() => {
             Ok((name.to_owned(), value.to_owned()))
         }
-        _ => Err("must be NAME=VALUE".to_owned()),
+        _ => Err(CliError::new("must be NAME=VALUE")),
     }
 }
 
 /// A second of a world, up to a year.
-fn seconds(text: &str) -> Result<f64, String> {
+fn seconds(text: &str) -> Result<f64, CliError> {
     match text.parse::<f64>() {
         Ok(seconds) if (0.0..=31_536_000.0).contains(&seconds) => Ok(seconds),
-        _ => Err("must be a number of seconds, 0 to 31536000".to_owned()),
+        _ => Err(CliError::new("must be a number of seconds, 0 to 31536000")),
     }
 }
 
@@ -85,23 +86,17 @@ pub fn run(args: &ReplayArgs) -> ExitCode {
         Some(file) => replay_file(file, &args.set),
         None => run_world(args),
     };
-    match done {
-        Ok(code) => code,
-        Err(text) => {
-            eprintln!("terracrawler: {text}");
-            ExitCode::from(2)
-        }
-    }
+    done.unwrap_or_else(|error| error.exits(2).tell())
 }
 
 /// Robot parameters from the command line, through the reader that commands go through.
-pub(crate) fn parameters(set: &[(String, String)]) -> Result<ParameterValues, String> {
+pub(crate) fn parameters(set: &[(String, String)]) -> Result<ParameterValues, CliError> {
     let mut object = serde_json::Map::new();
     for (name, value) in set {
         // A word that is no number and no switch is a text.
         let value = serde_json::from_str(value).unwrap_or_else(|_| value.as_str().into());
         if object.insert(name.clone(), value).is_some() {
-            return Err(format!("`{name}` is set twice"));
+            return Err(CliError::new(format!("`{name}` is set twice")));
         }
     }
     if object.is_empty() {
@@ -110,18 +105,18 @@ pub(crate) fn parameters(set: &[(String, String)]) -> Result<ParameterValues, St
     let command = serde_json::json!({ "command": "set", "parameters": object }).to_string();
     match crawler_protocol::Action::parse(command.as_bytes()) {
         Ok(crawler_protocol::Action::Set(values)) => Ok(values),
-        Ok(_) => Err("parameters cannot be set like this".to_owned()),
-        Err(reason) => Err(format!("parameters: {}", reason.name())),
+        Ok(_) => Err(CliError::new("parameters cannot be set like this")),
+        Err(reason) => Err(CliError::new(format!("parameters: {}", reason.name()))),
     }
 }
 
-fn replay_file(path: &Path, set: &[(String, String)]) -> Result<ExitCode, String> {
+fn replay_file(path: &Path, set: &[(String, String)]) -> Result<ExitCode, CliError> {
     let parameters = parameters(set)?;
     let told = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
-    let file = File::open(path).map_err(|error| told(&error))?;
-    let recording = Recording::read(BufReader::new(file)).map_err(|error| told(&error))?;
+    let file = File::open(path).or_say(|error| told(&error))?;
+    let recording = Recording::read(BufReader::new(file)).or_say(|error| told(&error))?;
     if recording.robots().next().is_none() {
-        return Err(told(&"there is no robot in it"));
+        return Err(CliError::new(told(&"there is no robot in it")));
     }
     let word = |name: &str| recording.words.get(name).map_or("?", String::as_str);
     println!(
@@ -150,7 +145,7 @@ fn replay_file(path: &Path, set: &[(String, String)]) -> Result<ExitCode, String
             println!("{}: its program panicked: {text}", report.robot);
         }
     })
-    .map_err(|error| told(&error))?;
+    .or_say(|error| told(&error))?;
     println!("{same} of {all} robots do the same");
     Ok(ExitCode::from(u8::from(same != all)))
 }
@@ -163,7 +158,7 @@ const FORMS: &str = "nothing is said of what to replay. One of
   terracrawler replay --interactive                a world by hand, at a prompt
 `terracrawler replay --help` has all options";
 
-fn run_world(args: &ReplayArgs) -> Result<ExitCode, String> {
+fn run_world(args: &ReplayArgs) -> Result<ExitCode, CliError> {
     let record = args.record.as_deref();
     let by_hand = args.interactive || args.until.is_some();
     let mut session = if let Some(path) = &args.restore {
@@ -171,7 +166,7 @@ fn run_world(args: &ReplayArgs) -> Result<ExitCode, String> {
         Session::restored(&snapshot, record)?
     } else {
         if args.scenario.is_none() && !by_hand {
-            return Err(FORMS.to_owned());
+            return Err(CliError::new(FORMS));
         }
         let set = args.set.iter().map(|(key, value)| format!("{key}={value}"));
         let set: Vec<_> = set.collect();
@@ -200,8 +195,7 @@ fn run_world(args: &ReplayArgs) -> Result<ExitCode, String> {
     let code = if args.interactive {
         let stdin = std::io::stdin();
         let shows = stdin.is_terminal();
-        prompt::run(&mut session, stdin.lock(), &mut std::io::stdout(), shows)
-            .map_err(|error| error.to_string())?
+        prompt::run(&mut session, stdin.lock(), &mut std::io::stdout(), shows)?
     } else {
         ExitCode::SUCCESS
     };
@@ -215,7 +209,7 @@ fn run_to_failure(
     seed: u64,
     record: Option<&Path>,
     words: String,
-) -> Result<ExitCode, String> {
+) -> Result<ExitCode, CliError> {
     let (trial, mut session) = Session::run_to_failure(scenario, seed, record, words)?;
     println!("{}", session.summary());
     for failure in &trial.failures {

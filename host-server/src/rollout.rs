@@ -8,6 +8,7 @@ mod watch;
 
 use std::process::ExitCode;
 
+use crawler_system::cli_error::CliError;
 use serde_json::Value;
 
 use crate::client::{CallError, Client};
@@ -25,13 +26,13 @@ const FAILURES: usize = 20;
 ///
 /// # Errors
 /// One line: what cannot be done, and why.
-pub(crate) async fn run(args: RolloutArgs, settings: &Settings) -> Result<ExitCode, String> {
+pub(crate) async fn run(args: RolloutArgs, settings: &Settings) -> Result<ExitCode, CliError> {
     // What can be refused without a server is.
     let plan = match &args.task {
         RolloutTask::Start(start) if args.remote.reads_input() && start.plan.is_piped() => {
             let text =
                 "standard input is the plan: name a file with the password (--password-file)";
-            return Err(text.to_owned());
+            return Err(CliError::new(text));
         }
         RolloutTask::Start(start) => Some(plan::body(&start.plan)?),
         _ => None,
@@ -40,7 +41,9 @@ pub(crate) async fn run(args: RolloutArgs, settings: &Settings) -> Result<ExitCo
     args.remote.log_in(&mut client).await?;
     let done = tokio::select! {
         done = perform(&mut client, args.task, plan.unwrap_or_default()) => done,
-        _ = tokio::signal::ctrl_c() => Err("given up; what was asked for may be done all the same".to_owned()),
+        _ = tokio::signal::ctrl_c() => {
+            Err(CliError::new("given up; what was asked for may be done all the same"))
+        }
     };
     client.log_out().await;
     done
@@ -50,7 +53,7 @@ async fn perform(
     client: &mut Client,
     task: RolloutTask,
     plan: Vec<u8>,
-) -> Result<ExitCode, String> {
+) -> Result<ExitCode, CliError> {
     let (view, json, follow) = match task {
         RolloutTask::Start(args) => {
             let begun = client.post("/api/v1/rollouts", plan).await?;
@@ -94,7 +97,7 @@ async fn act(client: &mut Client, id: u64, path: &str) -> Result<Value, CallErro
 }
 
 /// Prints a rollout, with the robots at which it has failed.
-async fn show(client: &mut Client, view: Value, json: bool) -> Result<(), String> {
+async fn show(client: &mut Client, view: Value, json: bool) -> Result<(), CliError> {
     if json {
         println!("{view}");
         return Ok(());
@@ -120,7 +123,7 @@ async fn page(
     state: Option<&str>,
     after: Option<&str>,
     limit: usize,
-) -> Result<(Vec<Value>, Option<String>), String> {
+) -> Result<(Vec<Value>, Option<String>), CliError> {
     let mut path = format!("{}/robots?limit={limit}", address(id));
     for (name, value) in [("state", state), ("after", after)] {
         if let Some(value) = value {
@@ -131,9 +134,9 @@ async fn page(
     let next = page["next"].as_str().map(str::to_owned);
     match page["robots"].take() {
         Value::Array(robots) => Ok((robots, next)),
-        other => Err(format!(
+        other => Err(CliError::new(format!(
             "the server answers with {other} where robots were asked for"
-        )),
+        ))),
     }
 }
 
@@ -142,7 +145,7 @@ async fn robots(
     id: u64,
     state: Option<&str>,
     json: bool,
-) -> Result<ExitCode, String> {
+) -> Result<ExitCode, CliError> {
     let mut after = None;
     let mut all = Vec::new();
     loop {
@@ -165,7 +168,7 @@ async fn robots(
 }
 
 /// Prints the last rollouts.
-async fn list(client: &mut Client, json: bool) -> Result<ExitCode, String> {
+async fn list(client: &mut Client, json: bool) -> Result<ExitCode, CliError> {
     let mut list = client.get("/api/v1/rollouts").await?;
     let list = list["rollouts"].take();
     if json {

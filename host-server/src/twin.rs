@@ -14,6 +14,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_twin::certificate::{About, Certificate, certify, certify_on};
 use crawler_twin::evidence::Evidence;
 use crawler_twin::{script, table};
@@ -49,24 +50,18 @@ pub fn run(args: &TwinArgs) -> ExitCode {
             ExitCode::SUCCESS
         }),
     };
-    match done {
-        Ok(code) => code,
-        Err(text) => {
-            eprintln!("terracrawler: {text}");
-            ExitCode::from(2)
-        }
-    }
+    done.unwrap_or_else(|error| error.exits(2).tell())
 }
 
 /// Asks a running server what is to be asked.
 ///
 /// # Errors
 /// One line: what cannot be done, and why.
-pub(crate) async fn ask(args: &TwinArgs, settings: &Settings) -> Result<ExitCode, String> {
+pub(crate) async fn ask(args: &TwinArgs, settings: &Settings) -> Result<ExitCode, CliError> {
     match args.live() {
         Some(Live::Calibrate(args)) => live::run(args, settings).await,
         Some(Live::Gap(args)) => gap::live(args, settings).await,
-        None => Err("nothing is asked of a server".to_owned()),
+        None => Err(CliError::new("nothing is asked of a server")),
     }
 }
 
@@ -80,21 +75,22 @@ fn told(path: &Path, error: impl std::fmt::Display) -> String {
 }
 
 /// Reads a whole file that is not larger than `most`.
-fn read_file(path: &Path, most: u64) -> Result<Vec<u8>, String> {
-    let length = fs::metadata(path).map_err(|error| told(path, error))?.len();
+fn read_file(path: &Path, most: u64) -> Result<Vec<u8>, CliError> {
+    let length = fs::metadata(path).or_say(|error| told(path, error))?.len();
     if length > most {
-        return Err(told(path, "it is too large"));
+        return Err(CliError::new(told(path, "it is too large")));
     }
-    fs::read(path).map_err(|error| told(path, error))
+    fs::read(path).or_say(|error| told(path, error))
 }
 
-fn read_certificate(path: &Path) -> Result<Certificate, String> {
+fn read_certificate(path: &Path) -> Result<Certificate, CliError> {
     let text = read_file(path, LARGEST_CERTIFICATE)?;
-    Certificate::read(&text).map_err(|error| told(path, error))
+    Certificate::read(&text).or_say(|error| told(path, error))
 }
 
-fn calibrate(args: &CalibrateArgs) -> Result<ExitCode, String> {
-    let file = args.file.as_ref().ok_or("there is no recording")?;
+fn calibrate(args: &CalibrateArgs) -> Result<ExitCode, CliError> {
+    let file = args.file.as_ref();
+    let file = file.ok_or_else(|| CliError::new("there is no recording"))?;
     let drive = recording::read(file, args.robot.as_deref())?;
     let held = match &args.validate {
         Some(file) => Some(recording::read(file, Some(&drive.robot))?.evidence()),
@@ -110,11 +106,11 @@ fn calibrate(args: &CalibrateArgs) -> Result<ExitCode, String> {
     finish(file, &evidence, held.as_ref(), about, &args.common)
 }
 
-fn import(args: &ImportArgs) -> Result<ExitCode, String> {
+fn import(args: &ImportArgs) -> Result<ExitCode, CliError> {
     let read = |path: &Path| {
         let text = String::from_utf8(read_file(path, LARGEST_TABLE)?)
-            .map_err(|_| told(path, "it is no text in UTF-8"))?;
-        table::read(&text).map_err(|error| told(path, error))
+            .or_say(|_| told(path, "it is no text in UTF-8"))?;
+        table::read(&text).or_say(|error| told(path, error))
     };
     let evidence = read(&args.file)?;
     let held = args.validate.as_deref().map(read).transpose()?;
@@ -134,7 +130,7 @@ fn finish(
     held: Option<&Evidence>,
     about: About,
     common: &Common,
-) -> Result<ExitCode, String> {
+) -> Result<ExitCode, CliError> {
     let previous = common
         .previous
         .as_deref()
@@ -143,10 +139,10 @@ fn finish(
     if let Some(previous) = &previous
         && previous.about.robot != about.robot
     {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "the certificate before is of {}, and this drive of {}",
             previous.about.robot, about.robot
-        ));
+        )));
     }
     println!(
         "{}: {}, {} duties, {} fixes, {} voltages",
@@ -166,8 +162,8 @@ fn finish(
             if let Some(out) = &common.out {
                 // Never half a certificate in the place of a whole one.
                 let draft = out.with_extension("part");
-                fs::write(&draft, certificate.write()).map_err(|error| told(&draft, error))?;
-                fs::rename(&draft, out).map_err(|error| told(out, error))?;
+                fs::write(&draft, certificate.write()).or_say(|error| told(&draft, error))?;
+                fs::rename(&draft, out).or_say(|error| told(out, error))?;
                 println!("written to {}", out.display());
             }
             Ok(ExitCode::SUCCESS)

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use cargo_metadata::{Metadata, MetadataCommand, Package};
 use crawler_tests::root;
+use syn::visit::{self, Visit};
 
 /// Licences that go with MIT OR Apache-2.0. The same list stands in `deny.toml`.
 const LICENCES: &[&str] = &[
@@ -31,14 +32,16 @@ const LICENCES: &[&str] = &[
 const MOST_FILES: usize = 6;
 
 /// Types that are not divided yet, and in how many files they are at most.
-const SCATTERED: [(&str, &str, usize); 6] = [
+const SCATTERED: [(&str, &str, usize); 5] = [
     ("firmware/app", "Connection", 7),
     ("hal-sim", "Scenario", 8),
     ("hal-sim", "Simulation", 12),
     ("hal-sim", "Space", 9),
     ("hil", "Bench", 7),
-    ("host-server/records", "Records", 12),
 ];
+
+/// Where a text is what an error is made of, and in how many places at most: details of fields that are refused.
+const SAID: [(&str, usize); 1] = [("host-server/api", 2)];
 
 /// Modules from which on a crate says in which order to read them.
 const MANY_MODULES: usize = 8;
@@ -165,6 +168,55 @@ fn a_type_is_in_few_files() {
 }
 
 #[test]
+fn an_error_is_a_type_and_no_text() {
+    let parts = ["firmware", "hal-sim", "hil", "host-server", "models"];
+    let mut said: BTreeMap<String, usize> = BTreeMap::new();
+    for path in sources() {
+        let inside = path.strip_prefix(root()).expect("below the root");
+        let is_part = parts.iter().any(|part| inside.starts_with(part));
+        if is_part && !inside.iter().any(|folder| folder == "examples") {
+            let text = std::fs::read_to_string(&path).expect("UTF-8");
+            let mut texts = Texts::default();
+            texts.visit_file(&syn::parse_file(&text).expect("valid Rust"));
+            *said.entry(crate_of(&path)).or_default() += texts.count;
+        }
+    }
+    assert!(said.len() > 40, "only {} crates", said.len());
+    for (folder, most) in SAID {
+        let count = said.remove(folder).unwrap_or_default();
+        assert!(count <= most, "{folder}: {count} errors are texts");
+    }
+    said.retain(|_, count| *count > 0);
+    assert!(said.is_empty(), "errors that are texts: {said:?}");
+}
+
+/// Counts `Result<_, String>`, but not in tests.
+#[derive(Default)]
+struct Texts {
+    count: usize,
+}
+
+impl<'ast> Visit<'ast> for Texts {
+    fn visit_item_mod(&mut self, module: &'ast syn::ItemMod) {
+        if !is_test(&module.attrs) {
+            visit::visit_item_mod(self, module);
+        }
+    }
+
+    fn visit_path_segment(&mut self, segment: &'ast syn::PathSegment) {
+        if segment.ident == "Result"
+            && let syn::PathArguments::AngleBracketed(arguments) = &segment.arguments
+            && let Some(syn::GenericArgument::Type(syn::Type::Path(error))) =
+                arguments.args.iter().nth(1)
+            && error.path.is_ident("String")
+        {
+            self.count += 1;
+        }
+        visit::visit_path_segment(self, segment);
+    }
+}
+
+#[test]
 fn a_crate_says_in_which_order_to_read_it() {
     let mut silent = Vec::new();
     let mut count = 0;
@@ -197,15 +249,18 @@ fn modules(file: &syn::File) -> Vec<String> {
         syn::Item::Mod(module) if module.content.is_none() => Some(module),
         _ => None,
     });
-    let ours = modules.filter(|module| {
-        let conditions = module.attrs.iter().filter(|one| one.path().is_ident("cfg"));
-        let mut texts = conditions.filter_map(|one| match &one.meta {
-            syn::Meta::List(list) => Some(list.tokens.to_string()),
-            _ => None,
-        });
-        !texts.any(|text| text == "test")
-    });
+    let ours = modules.filter(|module| !is_test(&module.attrs));
     ours.map(|module| module.ident.to_string()).collect()
+}
+
+/// Whether what has these attributes is there for tests alone.
+fn is_test(attributes: &[syn::Attribute]) -> bool {
+    let conditions = attributes.iter().filter(|one| one.path().is_ident("cfg"));
+    let mut texts = conditions.filter_map(|one| match &one.meta {
+        syn::Meta::List(list) => Some(list.tokens.to_string()),
+        _ => None,
+    });
+    texts.any(|text| text == "test")
 }
 
 /// Every source file that is no test.

@@ -31,18 +31,46 @@ impl std::fmt::Display for Axis {
     }
 }
 
-impl std::str::FromStr for Axis {
-    type Err = String;
+/// Why a text is no [`Axis`].
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NoAxis {
+    /// This is not like one.
+    Shape(String),
+    /// This is no number that a key can have.
+    Infinite(String),
+    /// A range of this has too many points, or none.
+    Range(String),
+    /// A list of this has too many points.
+    List(String),
+}
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let shape = || format!("`{text}` is not like key=least:most:points or key=1,2,5");
+impl std::fmt::Display for NoAxis {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Shape(text) => {
+                write!(f, "`{text}` is not like key=least:most:points or key=1,2,5")
+            }
+            Self::Infinite(text) => write!(f, "`{text}` is not a finite number"),
+            Self::Range(text) => write!(f, "`{text}`: 1 to {MOST_POINTS} points"),
+            Self::List(text) => write!(f, "`{text}`: at most {MOST_POINTS} points"),
+        }
+    }
+}
+
+impl std::error::Error for NoAxis {}
+
+impl std::str::FromStr for Axis {
+    type Err = NoAxis;
+
+    fn from_str(text: &str) -> Result<Self, NoAxis> {
+        let shape = || NoAxis::Shape(text.to_owned());
         let (key, range) = text.split_once('=').ok_or_else(shape)?;
         let number = |text: &str| {
             let number = text.trim().parse::<f64>().map_err(|_| shape())?;
             if number.is_finite() {
                 Ok(number)
             } else {
-                Err(format!("`{text}` is not a finite number"))
+                Err(NoAxis::Infinite(text.to_owned()))
             }
         };
         let parts: Vec<&str> = range.split(':').collect();
@@ -51,7 +79,7 @@ impl std::str::FromStr for Axis {
                 let (least, most) = (number(least)?, number(most)?);
                 let points: usize = points.trim().parse().map_err(|_| shape())?;
                 if !(1..=MOST_POINTS).contains(&points) {
-                    return Err(format!("`{text}`: 1 to {MOST_POINTS} points"));
+                    return Err(NoAxis::Range(text.to_owned()));
                 }
                 let step = (most - least) / (points.max(2) - 1) as f64;
                 (0..points)
@@ -62,7 +90,7 @@ impl std::str::FromStr for Axis {
             _ => return Err(shape()),
         };
         if values.len() > MOST_POINTS {
-            return Err(format!("`{text}`: at most {MOST_POINTS} points"));
+            return Err(NoAxis::List(text.to_owned()));
         }
         Ok(Self {
             key: key.trim().to_owned(),

@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+use crawler_app::policy::PolicyError;
+use crawler_protocol::IdError;
+
 use super::{Place, Scenario};
 use crate::world::ArenaError;
 
@@ -63,6 +66,33 @@ impl ScenarioError {
         match self {
             Self::Text(_, place) | Self::Value(_, _, place) => *place,
             Self::Unknown(_) | Self::Arena(_) | Self::NoRoom(_) => None,
+        }
+    }
+}
+
+/// Why robots cannot drive by a policy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum UnusablePolicy {
+    /// It is called what no policy can be.
+    Name(IdError),
+    /// Robots would refuse it.
+    Blob(PolicyError),
+}
+
+impl fmt::Display for UnusablePolicy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Name(error) => error.fmt(f),
+            Self::Blob(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for UnusablePolicy {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Name(error) => Some(error),
+            Self::Blob(error) => Some(error),
         }
     }
 }

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::de::{Error, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::has_turn;
+use super::{ScenarioError, has_turn};
 
 /// Some of the robots: `"all"`, a share (`0.5`), or a list of numbers counted from 0 (`[0, 3]`).
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -34,20 +34,21 @@ impl Selector {
         }
     }
 
-    /// The first reason why it cannot be meant for `robots` robots.
-    pub(super) fn validate(&self, robots: u32) -> Result<(), String> {
-        match self {
-            Self::All => Ok(()),
-            Self::Share(share) if (0.0..=1.0).contains(share) => Ok(()),
-            Self::Share(share) => Err(format!("must be a share of 0 to 1, not {share}")),
+    /// The first reason why what is at `key` cannot be meant for `robots` robots.
+    pub(super) fn validate(&self, key: &str, robots: u32) -> Result<(), ScenarioError> {
+        let rule = match self {
+            Self::All => return Ok(()),
+            Self::Share(share) if (0.0..=1.0).contains(share) => return Ok(()),
+            Self::Share(share) => format!("must be a share of 0 to 1, not {share}"),
             Self::List(list) => match list.iter().find(|&&number| number >= robots) {
-                Some(number) => Err(format!(
+                Some(number) => format!(
                     "names robot {number}, and the last of {robots} is {}",
                     i64::from(robots) - 1
-                )),
-                None => Ok(()),
+                ),
+                None => return Ok(()),
             },
-        }
+        };
+        Err(ScenarioError::value(key, rule))
     }
 }
 
@@ -126,11 +127,15 @@ impl Quota {
         }
     }
 
-    pub(super) fn validate(self) -> Result<(), String> {
+    /// Why there can be no such quota at `key`.
+    pub(super) fn validate(self, key: &str) -> Result<(), ScenarioError> {
         match self {
             Self::All | Self::Any => Ok(()),
             Self::Share(share) if (0.0..=1.0).contains(&share) => Ok(()),
-            Self::Share(share) => Err(format!("must be 0 to 1, not {share}")),
+            Self::Share(share) => {
+                let rule = format!("must be 0 to 1, not {share}");
+                Err(ScenarioError::value(key, rule))
+            }
         }
     }
 }

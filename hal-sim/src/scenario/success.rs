@@ -152,8 +152,9 @@ impl Success {
 
     pub(super) fn validate(&self) -> Result<(), ScenarioError> {
         for (key, quota) in [("reach", self.reach), ("alive", self.alive)] {
-            let sound = quota.map_or(Ok(()), Quota::validate);
-            sound.map_err(|rule| ScenarioError::value(format!("success.{key}"), rule))?;
+            if let Some(quota) = quota {
+                quota.validate(&format!("success.{key}"))?;
+            }
         }
         for (key, value, most) in [
             ("within_s", self.within_s, LONGEST_S),
@@ -236,24 +237,53 @@ impl fmt::Display for Threshold {
     }
 }
 
-impl std::str::FromStr for Threshold {
-    type Err = String;
+/// Why a text is no [`Threshold`].
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NoThreshold {
+    /// This is not like one.
+    Shape(String),
+    /// There is no such metric.
+    Metric(String),
+    /// The number in this is none that can be met.
+    Infinite(String),
+}
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let shape = || format!("`{text}` is not like `success >= 0.9` or `collisions <= 2`");
+impl fmt::Display for NoThreshold {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Shape(text) => {
+                write!(
+                    f,
+                    "`{text}` is not like `success >= 0.9` or `collisions <= 2`"
+                )
+            }
+            Self::Metric(name) => {
+                let known: Vec<_> = Metric::ALL.iter().map(|metric| metric.name()).collect();
+                write!(f, "`{name}` is none of {}", known.join(", "))
+            }
+            Self::Infinite(text) => write!(f, "`{text}` needs a finite number"),
+        }
+    }
+}
+
+impl std::error::Error for NoThreshold {}
+
+impl std::str::FromStr for Threshold {
+    type Err = NoThreshold;
+
+    fn from_str(text: &str) -> Result<Self, NoThreshold> {
+        let shape = || NoThreshold::Shape(text.to_owned());
         let (at_least, (name, value)) = match (text.split_once(">="), text.split_once("<=")) {
             (Some(parts), None) => (true, parts),
             (None, Some(parts)) => (false, parts),
             _ => return Err(shape()),
         };
         let name = name.trim();
-        let metric = Metric::by_name(name).ok_or_else(|| {
-            let known: Vec<_> = Metric::ALL.iter().map(|metric| metric.name()).collect();
-            format!("`{name}` is none of {}", known.join(", "))
-        })?;
+        let metric = Metric::by_name(name);
+        let metric = metric.ok_or_else(|| NoThreshold::Metric(name.to_owned()))?;
         let value: f64 = value.trim().parse().map_err(|_| shape())?;
         if !value.is_finite() {
-            return Err(format!("`{text}` needs a finite number"));
+            return Err(NoThreshold::Infinite(text.to_owned()));
         }
         Ok(Self {
             metric,
@@ -264,9 +294,9 @@ impl std::str::FromStr for Threshold {
 }
 
 impl TryFrom<String> for Threshold {
-    type Error = String;
+    type Error = NoThreshold;
 
-    fn try_from(text: String) -> Result<Self, String> {
+    fn try_from(text: String) -> Result<Self, NoThreshold> {
         text.parse()
     }
 }

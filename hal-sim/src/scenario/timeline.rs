@@ -1,6 +1,7 @@
 //! What happens when: commands, faults, and the places robots are sent to.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use crawler_protocol::Action;
 use serde::{Deserialize, Serialize};
@@ -134,20 +135,39 @@ struct FaultText {
     fault: BTreeMap<String, toml::Value>,
 }
 
-impl TryFrom<FaultText> for TimedFault {
-    type Error = String;
+/// Why what stands in a file is no fault.
+enum NoFault {
+    /// It has no name.
+    Missing,
+    /// There is none of that name, or not with these keys.
+    Unreadable(toml::de::Error),
+    /// A key does not belong to it.
+    Unknown(String),
+}
 
-    fn try_from(text: FaultText) -> Result<Self, String> {
+impl fmt::Display for NoFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing => f.write_str("missing field `fault`"),
+            Self::Unreadable(error) => f.write_str(error.message()),
+            Self::Unknown(key) => write!(f, "unknown field `{key}`"),
+        }
+    }
+}
+
+impl TryFrom<FaultText> for TimedFault {
+    type Error = NoFault;
+
+    fn try_from(text: FaultText) -> Result<Self, NoFault> {
         if !text.fault.contains_key("fault") {
-            return Err("missing field `fault`".to_owned());
+            return Err(NoFault::Missing);
         }
         let table: toml::Table = text.fault.into_iter().collect();
-        let fault = Fault::deserialize(table.clone());
-        let fault = fault.map_err(|error| error.message().to_owned())?;
+        let fault = Fault::deserialize(table.clone()).map_err(NoFault::Unreadable)?;
         // A fault without numbers would take no notice of keys that do not belong to it.
         let own = toml::Table::try_from(fault).unwrap_or_default();
         if let Some(key) = table.keys().find(|key| !own.contains_key(*key)) {
-            return Err(format!("unknown field `{key}`"));
+            return Err(NoFault::Unknown(key.clone()));
         }
         Ok(Self {
             at_s: text.at_s,

@@ -156,9 +156,7 @@ impl Scenario {
     }
 
     fn check_robots(&self, key: &str, robots: &super::Selector) -> Result<(), ScenarioError> {
-        robots
-            .validate(self.robots)
-            .map_err(|rule| ScenarioError::value(format!("{key}.robots"), rule))
+        robots.validate(&format!("{key}.robots"), self.robots)
     }
 
     fn check_times(&self, key: &str, times: Times) -> Result<(), ScenarioError> {

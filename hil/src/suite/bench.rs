@@ -227,7 +227,7 @@ impl Bench {
         let topic = topic.render(&self.target.fleet);
         self.connection
             .publish(&topic, at_least_once, payload)
-            .map_err(Failure::Lost)
+            .map_err(|error| Failure::Lost(error.to_string()))
     }
 
     /// Sends bytes on a topic of the fleet.

@@ -1,13 +1,14 @@
 //! The suite's own MQTT session. A task of its own serves it, so that nothing a case does or
 //! leaves undone costs a byte of the stream.
 
+use std::fmt;
 use std::time::Duration;
 
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{
     ConnectReturnCode, Filter, Packet, PubAckReason, SubscribeReasonCode,
 };
-use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
+use rumqttc::v5::{AsyncClient, ClientError, ConnectionError, Event, EventLoop, MqttOptions};
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
@@ -100,21 +101,20 @@ impl Connection {
     /// Hands a message to the session.
     ///
     /// # Errors
-    /// One line when too much is waiting or the session is over.
+    /// [`NotSent`] when too much is waiting or the session is over.
     pub(super) fn publish(
         &self,
         topic: &str,
         at_least_once: bool,
         payload: Vec<u8>,
-    ) -> Result<(), String> {
+    ) -> Result<(), NotSent> {
         let quality = if at_least_once {
             QoS::AtLeastOnce
         } else {
             QoS::AtMostOnce
         };
-        self.client
-            .try_publish(topic, quality, false, payload)
-            .map_err(|error| format!("a message cannot be sent: {error}"))
+        let sent = self.client.try_publish(topic, quality, false, payload);
+        sent.map_err(|error| NotSent(Box::new(error)))
     }
 
     /// The next arrival; none when `until` passes first.
@@ -143,6 +143,15 @@ impl Connection {
         };
         // Whoever does not take the goodbye is left.
         let _ = tokio::time::timeout(Duration::from_secs(2), farewell).await;
+    }
+}
+
+/// Why a message does not leave.
+pub(super) struct NotSent(Box<ClientError>);
+
+impl fmt::Display for NotSent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "a message cannot be sent: {}", self.0)
     }
 }
 

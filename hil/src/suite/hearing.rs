@@ -2,6 +2,7 @@
 //! than the bench: what it says beyond what the bench knows is counted, and no finding.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
 
 use crawler_protocol::open::{
     self, Heartbeat, LogRecord, Read, Response, StatusMessage, Telemetry, Unknown,
@@ -118,9 +119,9 @@ impl Book {
         self.messages += 1;
         let word = match read(&parsed, payload, &mut self.unknown) {
             Ok(word) => word?,
-            Err(text) => {
+            Err(error) => {
                 let shown = String::from_utf8_lossy(&payload[..payload.len().min(120)]);
-                self.find(format!("{topic}: {text}: {shown}"));
+                self.find(format!("{topic}: {error}: {shown}"));
                 return None;
             }
         };
@@ -179,10 +180,27 @@ impl Book {
     }
 }
 
+/// Why a message says nothing.
+enum Unreadable {
+    /// It has more bytes than a message may have.
+    TooLong(usize),
+    /// It is not what belongs to its topic.
+    Decode(DecodeError),
+}
+
+impl fmt::Display for Unreadable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooLong(bytes) => write!(f, "{bytes} bytes"),
+            Self::Decode(error) => write!(f, "cannot be read ({error})"),
+        }
+    }
+}
+
 /// Reads a message of the robot; none for topics it only listens to.
-fn read(topic: &Topic, payload: &[u8], unknown: &mut Unknown) -> Result<Option<Word>, String> {
+fn read(topic: &Topic, payload: &[u8], unknown: &mut Unknown) -> Result<Option<Word>, Unreadable> {
     if !matches!(topic, Topic::Image(_)) && payload.len() > MAX_MESSAGE {
-        return Err(format!("{} bytes", payload.len()));
+        return Err(Unreadable::TooLong(payload.len()));
     }
     let word = match topic {
         Topic::Status(_) => told(payload, unknown).map(Box::new).map(Word::Status),
@@ -196,8 +214,7 @@ fn read(topic: &Topic, payload: &[u8], unknown: &mut Unknown) -> Result<Option<W
         Topic::Image(_) => Ok(Word::Image(payload.to_vec())),
         _ => return Ok(None),
     };
-    word.map(Some)
-        .map_err(|error| format!("cannot be read ({error})"))
+    word.map(Some).map_err(Unreadable::Decode)
 }
 
 /// Reads a message of a robot that may be newer than the bench.

@@ -19,6 +19,8 @@ use crawler_sim::evaluate::{
 };
 use crawler_sim::scenario::{Scenario, Threshold, Trained};
 
+use crawler_system::cli_error::{CliError, OrSay as _};
+
 use crate::scenarios::{self, Changes, Randomisation, quoted};
 use compare::Baseline;
 use output::{can_write, explain, write_file};
@@ -106,17 +108,17 @@ pub struct EvaluateArgs {
     pub out: PathBuf,
 }
 
-fn parse_criterion(name: &str) -> Result<Criterion, String> {
+fn parse_criterion(name: &str) -> Result<Criterion, CliError> {
     Criterion::by_name(name).ok_or_else(|| {
         let known: Vec<_> = Criterion::ALL.iter().map(|known| known.name()).collect();
-        format!("`{name}` is none of {}", known.join(", "))
+        CliError::new(format!("`{name}` is none of {}", known.join(", ")))
     })
 }
 
-fn parse_driver(name: &str) -> Result<Driver, String> {
+fn parse_driver(name: &str) -> Result<Driver, CliError> {
     Driver::by_name(name).ok_or_else(|| {
         let known = Driver::ALL.map(Driver::name);
-        format!("`{name}` is none of {}", known.join(", "))
+        CliError::new(format!("`{name}` is none of {}", known.join(", ")))
     })
 }
 
@@ -124,16 +126,10 @@ fn parse_driver(name: &str) -> Result<Driver, String> {
 /// cannot be used, 130 when it was interrupted.
 #[must_use]
 pub fn run(args: &EvaluateArgs) -> ExitCode {
-    match evaluate(args) {
-        Ok(code) => code,
-        Err(why) => {
-            eprintln!("terracrawler: {why}");
-            ExitCode::from(2)
-        }
-    }
+    evaluate(args).unwrap_or_else(|error| error.exits(2).tell())
 }
 
-fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, String> {
+fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, CliError> {
     let scenario = scenario(args)?;
     let out = args.adversarial.then_some(&args.out);
     for path in args.csv.iter().chain(&args.json).chain(out) {
@@ -206,7 +202,7 @@ fn bounds(jobs: &[Job<'_>], stop: &AtomicBool) -> Vec<Trial> {
 }
 
 /// The scenario as the options want it.
-pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
+pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, CliError> {
     let changes = Changes {
         robots: args.robots,
         randomisation: args.randomisation,
@@ -215,7 +211,9 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
     };
     let scenario = changes.apply(scenarios::scenario(Some(&args.scenario))?)?;
     if scenario.robots == 0 {
-        return Err("a world without robots cannot fail: there is nothing to evaluate".into());
+        return Err(CliError::new(
+            "a world without robots cannot fail: there is nothing to evaluate",
+        ));
     }
     let scenario = match &args.policy {
         Some(path) => driven_by(path, scenario)?,
@@ -224,9 +222,9 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
     match args.driver {
         Driver::Program => Ok(scenario),
         Driver::Wander => Ok(wandering(scenario)),
-        Driver::Ideal if scenario.goals.is_empty() => {
-            Err("--driver ideal: the scenario has no goals, so there is no way to them".into())
-        }
+        Driver::Ideal if scenario.goals.is_empty() => Err(CliError::new(
+            "--driver ideal: the scenario has no goals, so there is no way to them",
+        )),
         // Nobody looks.
         Driver::Ideal => Ok(Scenario {
             detector: None,
@@ -236,13 +234,13 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, String> {
 }
 
 /// The scenario for robots that drive by the policy of this name, or in this file.
-fn driven_by(path: &Path, scenario: Scenario) -> Result<Scenario, String> {
+fn driven_by(path: &Path, scenario: Scenario) -> Result<Scenario, CliError> {
     let told = |why: &dyn Display| format!("--policy {}: {why}", shown(path));
     let policy = if let Some(shipped) = path.to_str().and_then(Trained::shipped) {
         shipped
     } else {
-        let blob = std::fs::read(path).map_err(|error| told(&error))?;
-        Trained::new(GIVEN, blob).map_err(|error| told(&error))?
+        let blob = std::fs::read(path).or_say(|error| told(error))?;
+        Trained::new(GIVEN, blob).or_say(|error| told(error))?
     };
     Ok(scenario.driven_by(policy))
 }
@@ -264,13 +262,13 @@ fn threads_or_all(threads: Option<u16>) -> usize {
 }
 
 /// A flag that Ctrl-C sets; a second one ends the process at once.
-fn stop_on_interrupt() -> Result<Arc<AtomicBool>, String> {
+fn stop_on_interrupt() -> Result<Arc<AtomicBool>, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
-        .map_err(|error| format!("cannot start: {error}"))?;
+        .or_say(|error| format!("cannot start: {error}"))?;
     std::thread::spawn(move || {
         runtime.block_on(async {
             // Without signals Ctrl-C ends the process as ever.

@@ -60,7 +60,7 @@ pub(super) async fn see(
         let plan = match experiments.worker.plan(row.id) {
             Some(Ok(plan)) => plan,
             Some(Err(why)) if own => {
-                fail(experiments, row.id, &why).await;
+                fail(experiments, row.id, &why.to_string()).await;
                 continue;
             }
             _ => continue,

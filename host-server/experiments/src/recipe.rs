@@ -1,12 +1,15 @@
 //! What an experiment is asked to be, checked field by field, and the command line that does the same.
 
+use std::error::Error;
+use std::fmt;
+
 use crawler_sim::run::Simulation;
-use crawler_sim::scenario::{Scenario, Threshold};
+use crawler_sim::scenario::{NoThreshold, Scenario, Threshold};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::scenarios::{Change, Changes, Randomisation, built_in, quoted};
+use crate::scenarios::{Change, ChangeError, Changes, NoScenario, Randomisation, built_in, quoted};
 
 /// Longest name, in characters.
 const MAX_NAME: usize = 64;
@@ -195,12 +198,13 @@ impl Form {
         let scenario = match built_in(&recipe.scenario) {
             Ok(scenario) => scenario,
             Err(why) => {
-                self.wrong("scenario", why);
+                self.wrong("scenario", why.to_string());
                 return None;
             }
         };
         let (scenario, refused) = recipe.changes().apply_all(scenario);
         for (change, why) in refused {
+            let why = why.to_string();
             let why = why.trim_end();
             match change {
                 Change::Difficulty => self.wrong("difficulty", why),
@@ -251,7 +255,7 @@ pub(super) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>
     let thresholds = form.words("thresholds", MAX_THRESHOLDS);
     for (number, threshold) in thresholds.iter().enumerate() {
         if let Err(why) = threshold.parse::<Threshold>() {
-            form.wrong_entry("thresholds", number, why);
+            form.wrong_entry("thresholds", number, why.to_string());
         }
     }
     let start = form.take("start", YES_OR_NO).unwrap_or(true);
@@ -298,6 +302,55 @@ impl Wanted {
     }
 }
 
+/// Why a program cannot run what another one has taken.
+#[derive(Debug)]
+pub(super) enum RecipeError {
+    /// It has no such scenario.
+    Scenario(NoScenario),
+    /// The scenario does not take a change.
+    Change(ChangeError),
+    /// It knows no such threshold.
+    Threshold(NoThreshold),
+}
+
+impl From<NoScenario> for RecipeError {
+    fn from(error: NoScenario) -> Self {
+        Self::Scenario(error)
+    }
+}
+
+impl From<ChangeError> for RecipeError {
+    fn from(error: ChangeError) -> Self {
+        Self::Change(error)
+    }
+}
+
+impl From<NoThreshold> for RecipeError {
+    fn from(error: NoThreshold) -> Self {
+        Self::Threshold(error)
+    }
+}
+
+impl fmt::Display for RecipeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Scenario(error) => error.fmt(f),
+            Self::Change(error) => error.fmt(f),
+            Self::Threshold(error) => error.fmt(f),
+        }
+    }
+}
+
+impl Error for RecipeError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Scenario(error) => Some(error),
+            Self::Change(error) => Some(error),
+            Self::Threshold(error) => Some(error),
+        }
+    }
+}
+
 impl Recipe {
     fn changes(&self) -> Changes<'_> {
         let randomisation = self.randomisation.as_deref();
@@ -313,7 +366,7 @@ impl Recipe {
     ///
     /// # Errors
     /// Why this program cannot run it, which the one that took it could.
-    pub(super) fn scenario(&self) -> Result<(Scenario, Vec<Threshold>), String> {
+    pub(super) fn scenario(&self) -> Result<(Scenario, Vec<Threshold>), RecipeError> {
         let scenario = self.changes().apply(built_in(&self.scenario)?)?;
         let thresholds: Result<_, _> = self.thresholds.iter().map(|text| text.parse()).collect();
         Ok((scenario, thresholds?))

@@ -208,7 +208,8 @@ proptest! {
             .args;
         prop_assert_eq!((args.seeds, args.seed), (u64::from(seeds), first_seed));
         prop_assert_eq!(args.threshold.len(), thresholds.len());
-        let there = crate::evaluate::scenario(&args).map_err(TestCaseError::fail)?;
+        let there = crate::evaluate::scenario(&args);
+        let there = there.map_err(|error| TestCaseError::fail(error.to_string()))?;
         prop_assert_eq!(there, wanted.scenario);
     }
 

@@ -1,9 +1,12 @@
 //! Scenarios from names and files, with what the command line changes about them.
 
+use std::error::Error;
+use std::fmt;
+use std::io;
 use std::path::Path;
 
 use clap::ValueEnum;
-use crawler_sim::scenario::Scenario;
+use crawler_sim::scenario::{Scenario, ScenarioError};
 use crawler_sim::world::Profile;
 
 use crawler_system::text::read_text;
@@ -79,31 +82,122 @@ pub enum Change {
     All,
 }
 
+/// Why a scenario cannot be what is asked of it.
+#[derive(Debug, Clone)]
+pub enum ChangeFault {
+    /// What is to be set is no key with a value.
+    NoPair,
+    /// It would not be a sound one.
+    Scenario(ScenarioError),
+}
+
+impl fmt::Display for ChangeFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoPair => f.write_str("not like key=value"),
+            Self::Scenario(error) => error.fmt(f),
+        }
+    }
+}
+
+impl Error for ChangeFault {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::NoPair => None,
+            Self::Scenario(error) => Some(error),
+        }
+    }
+}
+
+/// The first change that a scenario does not take.
+#[derive(Debug, Clone)]
+pub struct ChangeError {
+    /// The option that asks for it, as it was written; `None` where all changes together are at fault.
+    pub option: Option<String>,
+    /// Why not.
+    pub why: ChangeFault,
+}
+
+impl fmt::Display for ChangeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.option {
+            Some(option) => write!(f, "{option}: {}", self.why),
+            None => self.why.fmt(f),
+        }
+    }
+}
+
+impl Error for ChangeError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        Some(&self.why)
+    }
+}
+
+/// Why there is no such scenario.
+#[derive(Debug)]
+pub enum NoScenario {
+    /// None of this name comes along, and a file is not meant.
+    Unknown,
+    /// None of this name comes along, nor can a file be read.
+    Unreadable(String, io::Error),
+    /// The file of this name holds none.
+    File(String, ScenarioError),
+    /// The one that comes along is not sound.
+    BuiltIn(ScenarioError),
+}
+
+impl fmt::Display for NoScenario {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let known = || Scenario::names().collect::<Vec<_>>().join(", ");
+        match self {
+            Self::Unknown => write!(f, "is none of {}", known()),
+            Self::Unreadable(name, error) => write!(
+                f,
+                "`{name}` is neither a scenario ({}) nor a file that can be read: {error}",
+                known()
+            ),
+            Self::File(name, error) => write!(f, "{name}: {}", error.to_string().trim_end()),
+            Self::BuiltIn(error) => error.fmt(f),
+        }
+    }
+}
+
+impl Error for NoScenario {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Unknown => None,
+            Self::Unreadable(_, error) => Some(error),
+            Self::File(_, error) | Self::BuiltIn(error) => Some(error),
+        }
+    }
+}
+
 impl Changes<'_> {
     /// The scenario with the changes, in this order: difficulty, robots, randomisation, keys.
     ///
     /// # Errors
     /// One line that names the option.
-    pub fn apply(&self, scenario: Scenario) -> Result<Scenario, String> {
+    pub fn apply(&self, scenario: Scenario) -> Result<Scenario, ChangeError> {
         let (scenario, refused) = self.apply_all(scenario);
         let Some((change, why)) = refused.into_iter().next() else {
             return Ok(scenario);
         };
-        Err(match change {
-            Change::Difficulty => format!("--difficulty: {why}"),
-            Change::Robots => format!("--robots: {why}"),
-            Change::Randomisation => format!("--randomisation: {why}"),
-            Change::Set(number) => format!("--set {}: {why}", self.set[number]),
-            Change::All => why,
-        })
+        let option = match change {
+            Change::Difficulty => Some("--difficulty".to_owned()),
+            Change::Robots => Some("--robots".to_owned()),
+            Change::Randomisation => Some("--randomisation".to_owned()),
+            Change::Set(number) => Some(format!("--set {}", self.set[number])),
+            Change::All => None,
+        };
+        Err(ChangeError { option, why })
     }
 
     /// The same, and everything that is refused, with the reason; the scenario goes without that.
     #[must_use]
-    pub fn apply_all(&self, scenario: Scenario) -> (Scenario, Vec<(Change, String)>) {
+    pub fn apply_all(&self, scenario: Scenario) -> (Scenario, Vec<(Change, ChangeFault)>) {
         let mut refused = Vec::new();
         let mut scenario = scenario;
-        let mut take = |change: Change, changed: Result<Scenario, String>| match changed {
+        let mut take = |change: Change, changed: Result<Scenario, ChangeFault>| match changed {
             Ok(changed) => Some(changed),
             Err(why) => {
                 refused.push((change, why));
@@ -112,7 +206,7 @@ impl Changes<'_> {
         };
         if let Some(difficulty) = self.difficulty {
             let changed = scenario.clone().with_difficulty(difficulty);
-            let changed = changed.map_err(|error| error.to_string());
+            let changed = changed.map_err(ChangeFault::Scenario);
             scenario = take(Change::Difficulty, changed).unwrap_or(scenario);
         }
         if let Some(robots) = self.robots {
@@ -126,14 +220,14 @@ impl Changes<'_> {
         for (number, pair) in self.set.iter().enumerate() {
             let changed = match pair.split_once('=') {
                 Some((key, value)) => with(&scenario, key.trim(), value.trim()),
-                None => Err("not like key=value".to_owned()),
+                None => Err(ChangeFault::NoPair),
             };
             scenario = take(Change::Set(number), changed).unwrap_or(scenario);
         }
         if refused.is_empty()
             && let Err(error) = scenario.validate()
         {
-            refused.push((Change::All, error.to_string()));
+            refused.push((Change::All, ChangeFault::Scenario(error)));
         }
         (scenario, refused)
     }
@@ -159,9 +253,10 @@ impl Changes<'_> {
     }
 }
 
-fn with(scenario: &Scenario, key: &str, value: &str) -> Result<Scenario, String> {
-    let changed = scenario.with_value(key, value);
-    changed.map_err(|error| error.to_string())
+fn with(scenario: &Scenario, key: &str, value: &str) -> Result<Scenario, ChangeFault> {
+    scenario
+        .with_value(key, value)
+        .map_err(ChangeFault::Scenario)
 }
 
 /// A word as a shell takes it.
@@ -179,11 +274,8 @@ pub fn quoted(word: &str) -> String {
 ///
 /// # Errors
 /// One line with the names that there are.
-pub fn built_in(name: &str) -> Result<Scenario, String> {
-    let scenario = Scenario::built_in(name).map_err(|_| {
-        let known: Vec<_> = Scenario::names().collect();
-        format!("is none of {}", known.join(", "))
-    })?;
+pub fn built_in(name: &str) -> Result<Scenario, NoScenario> {
+    let scenario = Scenario::built_in(name).map_err(|_| NoScenario::Unknown)?;
     Ok(Scenario {
         detector: DETECTOR,
         ..scenario
@@ -195,29 +287,24 @@ pub fn built_in(name: &str) -> Result<Scenario, String> {
 ///
 /// # Errors
 /// One line that says what is wrong with the name or the file.
-pub fn scenario(name: Option<&str>) -> Result<Scenario, String> {
+pub fn scenario(name: Option<&str>) -> Result<Scenario, NoScenario> {
     Ok(Scenario {
         detector: DETECTOR,
         ..named(name)?
     })
 }
 
-fn named(name: Option<&str>) -> Result<Scenario, String> {
+fn named(name: Option<&str>) -> Result<Scenario, NoScenario> {
     let Some(name) = name else {
         let default = Scenario::names().next().unwrap_or("arena");
-        return Scenario::built_in(default).map_err(|error| error.to_string());
+        return Scenario::built_in(default).map_err(NoScenario::BuiltIn);
     };
     if Scenario::names().any(|known| known == name) {
-        return Scenario::built_in(name).map_err(|error| error.to_string());
+        return Scenario::built_in(name).map_err(NoScenario::BuiltIn);
     }
-    let text = read_text(Path::new(name)).map_err(|error| {
-        let known: Vec<_> = Scenario::names().collect();
-        format!(
-            "`{name}` is neither a scenario ({}) nor a file that can be read: {error}",
-            known.join(", ")
-        )
-    })?;
-    Scenario::parse(&text).map_err(|error| format!("{name}: {}", error.to_string().trim_end()))
+    let text = read_text(Path::new(name))
+        .map_err(|error| NoScenario::Unreadable(name.to_owned(), error))?;
+    Scenario::parse(&text).map_err(|error| NoScenario::File(name.to_owned(), error))
 }
 
 #[cfg(test)]
@@ -235,6 +322,7 @@ mod tests {
     #[test]
     fn a_scenario_that_is_not_there_is_named_with_those_that_are() {
         let error = scenario(Some("nowhere.toml")).expect_err("no such file");
+        let error = error.to_string();
         assert!(error.contains("nowhere.toml"), "{error}");
         assert!(error.contains("arena"), "{error}");
     }

@@ -6,6 +6,8 @@
 //! program alone, so a worker takes up only what its own build has begun.
 
 use std::collections::{HashMap, HashSet};
+use std::error::Error;
+use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -18,6 +20,7 @@ use tokio::time::MissedTickBehavior;
 use tokio_util::sync::CancellationToken;
 
 use super::board::Board;
+use super::recipe::RecipeError;
 use super::{Experiments, Recipe, keeper};
 
 /// This program, as far as what a trial comes to depends on it: its version, its robot program, and its simulator.
@@ -71,14 +74,42 @@ pub(super) struct Plan {
     pub(super) seeds: u32,
 }
 
+/// Why this program cannot run an experiment.
+#[derive(Debug)]
+pub(super) enum Unrunnable {
+    /// The recipe is of another version.
+    Unreadable(serde_json::Error),
+    /// It asks for what there is not.
+    Recipe(RecipeError),
+}
+
+impl fmt::Display for Unrunnable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("this version of the program cannot run it: ")?;
+        match self {
+            Self::Unreadable(error) => error.fmt(f),
+            Self::Recipe(error) => error.fmt(f),
+        }
+    }
+}
+
+impl Error for Unrunnable {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Unreadable(error) => Some(error),
+            Self::Recipe(error) => Some(error),
+        }
+    }
+}
+
+/// What this program makes of an experiment, for everybody who asks.
+pub(super) type Planned = Result<Arc<Plan>, Arc<Unrunnable>>;
+
 impl Plan {
-    /// # Errors
-    /// Why this program cannot run it.
-    fn of(experiment: Experiment) -> Result<Self, String> {
-        let cannot = |why: String| format!("this version of the program cannot run it: {why}");
+    fn of(experiment: Experiment) -> Result<Self, Unrunnable> {
         let recipe: Recipe =
-            serde_json::from_str(&experiment.recipe).map_err(|error| cannot(error.to_string()))?;
-        let (scenario, thresholds) = recipe.scenario().map_err(cannot)?;
+            serde_json::from_str(&experiment.recipe).map_err(Unrunnable::Unreadable)?;
+        let (scenario, thresholds) = recipe.scenario().map_err(Unrunnable::Recipe)?;
         Ok(Self {
             name: experiment.name,
             created: experiment.created,
@@ -93,7 +124,7 @@ impl Plan {
 /// What runs, as far as this process knows.
 #[derive(Debug, Default)]
 struct Known {
-    plans: HashMap<i64, (i64, Result<Arc<Plan>, String>)>,
+    plans: HashMap<i64, (i64, Planned)>,
     /// What this program can work on, in the order in which it was started.
     active: Vec<i64>,
     /// Where there was nothing to claim at the last try.
@@ -186,17 +217,17 @@ impl Worker {
     }
 
     /// What this program makes of an experiment that runs; `None` for one that it knows nothing of.
-    pub(super) fn plan(&self, id: i64) -> Option<Result<Arc<Plan>, String>> {
+    pub(super) fn plan(&self, id: i64) -> Option<Planned> {
         self.known().plans.get(&id).map(|(_, plan)| plan.clone())
     }
 
     /// Takes up an experiment that runs by this build, and returns what this program makes of it.
-    pub(super) fn take_up(&self, experiment: Experiment) -> Result<Arc<Plan>, String> {
+    pub(super) fn take_up(&self, experiment: Experiment) -> Planned {
         let (id, created) = (experiment.id, experiment.created);
         let mut known = self.known();
         let plan = match known.plans.get(&id) {
             Some((of, plan)) if *of == created => plan.clone(),
-            _ => Plan::of(experiment).map(Arc::new),
+            _ => Plan::of(experiment).map(Arc::new).map_err(Arc::new),
         };
         known.plans.insert(id, (created, plan.clone()));
         if plan.is_ok() && !known.active.contains(&id) {

@@ -7,6 +7,8 @@
 //! A lost connection is replaced by an entirely new client: commands of the old one would be out of
 //! date, and the client library can lock up when a session ends with a publish under way.
 
+use std::error::Error;
+use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -16,7 +18,7 @@ use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{
     ConnectReturnCode, Filter, Packet, PublishProperties, SubscribeReasonCode,
 };
-use rumqttc::v5::{AsyncClient, ConnectionError, Event, EventLoop, MqttOptions};
+use rumqttc::v5::{AsyncClient, ClientError, ConnectionError, Event, EventLoop, MqttOptions};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
@@ -240,28 +242,104 @@ const fn quality(qos: Qos) -> QoS {
     }
 }
 
+/// Why a broker cannot be used.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum BrokerError {
+    /// It cannot be reached, or does not speak MQTT 5.
+    Connection(Box<ConnectionError>),
+    /// It refuses user name or password.
+    Credentials,
+    /// It refuses us for another reason.
+    Refused(ConnectReturnCode),
+    /// It does not answer in the time that the client library gives it.
+    Silent,
+    /// Nor was all of it done in time.
+    TimedOut,
+    /// The client takes no requests.
+    Client(Box<ClientError>),
+    /// It refuses what we subscribe to.
+    Subscriptions,
+    /// It sends and sends, and never says that we have subscribed.
+    Unacknowledged,
+}
+
+impl From<ConnectionError> for BrokerError {
+    fn from(error: ConnectionError) -> Self {
+        match error {
+            ConnectionError::ConnectionRefused(ConnectReturnCode::BadUserNamePassword) => {
+                Self::Credentials
+            }
+            ConnectionError::ConnectionRefused(code) => Self::Refused(code),
+            ConnectionError::Timeout(_) => Self::Silent,
+            error => Self::Connection(Box::new(error)),
+        }
+    }
+}
+
+impl From<ClientError> for BrokerError {
+    fn from(error: ClientError) -> Self {
+        Self::Client(Box::new(error))
+    }
+}
+
+impl fmt::Display for BrokerError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Connection(error) => match &**error {
+                ConnectionError::Io(error) => error.fmt(f),
+                error => error.fmt(f),
+            },
+            Self::Credentials => f.write_str("the broker refuses user name or password"),
+            Self::Refused(code) => write!(f, "the broker refuses us: {code:?}"),
+            Self::Silent => f.write_str("no answer in time"),
+            Self::TimedOut => write!(f, "no answer within {} s", SETUP.as_secs()),
+            Self::Client(error) => error.fmt(f),
+            Self::Subscriptions => f.write_str("the broker refuses our subscriptions"),
+            Self::Unacknowledged => {
+                f.write_str("the broker sends without acknowledging our subscriptions")
+            }
+        }
+    }
+}
+
+impl Error for BrokerError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Connection(error) => Some(&**error),
+            Self::Client(error) => Some(&**error),
+            Self::Credentials
+            | Self::Refused(_)
+            | Self::Silent
+            | Self::TimedOut
+            | Self::Subscriptions
+            | Self::Unacknowledged => None,
+        }
+    }
+}
+
 /// Connects and subscribes once.
 ///
 /// # Errors
-/// One line saying why the broker cannot be used.
-pub async fn connect(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
+/// [`BrokerError`]
+pub async fn connect(target: &Target, fleet: &Fleet) -> Result<Connection, BrokerError> {
     match tokio::time::timeout(SETUP, set_up(target, fleet)).await {
         Ok(result) => result,
-        Err(_) => Err(format!("no answer within {} s", SETUP.as_secs())),
+        Err(_) => Err(BrokerError::TimedOut),
     }
 }
 
 /// Whether the broker lets us in: connects, and leaves again.
 ///
 /// # Errors
-/// One line saying why the broker cannot be used.
-pub async fn probe(target: &Target) -> Result<(), String> {
+/// [`BrokerError`]
+pub async fn probe(target: &Target) -> Result<(), BrokerError> {
     let (client, mut events) = AsyncClient::new(target.options(MAX_PACKET), OUTGOING);
     let probing = async {
         loop {
-            match events.poll().await.map_err(|error| describe(&error))? {
+            match events.poll().await? {
                 Event::Incoming(Packet::ConnAck(_)) => {
-                    client.try_disconnect().map_err(|error| error.to_string())?;
+                    client.try_disconnect()?;
                 }
                 Event::Outgoing(rumqttc::Outgoing::Disconnect) => return Ok(()),
                 _ => {}
@@ -270,11 +348,11 @@ pub async fn probe(target: &Target) -> Result<(), String> {
     };
     match tokio::time::timeout(SETUP, probing).await {
         Ok(result) => result,
-        Err(_) => Err(format!("no answer within {} s", SETUP.as_secs())),
+        Err(_) => Err(BrokerError::TimedOut),
     }
 }
 
-async fn set_up(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
+async fn set_up(target: &Target, fleet: &Fleet) -> Result<Connection, BrokerError> {
     let mut options = target.options(MAX_PACKET);
     let mut network = rumqttc::NetworkOptions::new();
     network.set_tcp_nodelay(true);
@@ -301,17 +379,15 @@ async fn set_up(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
     let filters: Vec<Filter> = filters.collect();
     let mut early = Vec::new();
     loop {
-        match events.poll().await.map_err(|error| describe(&error))? {
-            Event::Incoming(Packet::ConnAck(_)) => client
-                .try_subscribe_many(filters.clone())
-                .map_err(|error| error.to_string())?,
+        match events.poll().await? {
+            Event::Incoming(Packet::ConnAck(_)) => client.try_subscribe_many(filters.clone())?,
             Event::Incoming(Packet::SubAck(ack)) => {
                 let refused = ack
                     .return_codes
                     .iter()
                     .any(|code| !matches!(code, SubscribeReasonCode::Success(_)));
                 if refused {
-                    return Err("the broker refuses our subscriptions".into());
+                    return Err(BrokerError::Subscriptions);
                 }
                 return Ok(Connection {
                     client,
@@ -322,24 +398,12 @@ async fn set_up(target: &Target, fleet: &Fleet) -> Result<Connection, String> {
             // Retained messages may overtake the acknowledgement.
             event @ Event::Incoming(Packet::Publish(_)) => {
                 if early.len() == MAX_EARLY {
-                    return Err("the broker sends without acknowledging our subscriptions".into());
+                    return Err(BrokerError::Unacknowledged);
                 }
                 early.push(event);
             }
             _ => {}
         }
-    }
-}
-
-fn describe(error: &ConnectionError) -> String {
-    match error {
-        ConnectionError::Io(error) => error.to_string(),
-        ConnectionError::ConnectionRefused(ConnectReturnCode::BadUserNamePassword) => {
-            "the broker refuses user name or password".into()
-        }
-        ConnectionError::ConnectionRefused(code) => format!("the broker refuses us: {code:?}"),
-        ConnectionError::Timeout(_) => "no answer in time".into(),
-        error => error.to_string(),
     }
 }
 
@@ -394,7 +458,10 @@ async fn run(
                     receiver.connection(false, &reason);
                 }
             }
-            Err(reason) => tracing::warn!(reason, "the broker cannot be reached, trying again"),
+            Err(error) => tracing::warn!(
+                reason = error.to_string(),
+                "the broker cannot be reached, trying again"
+            ),
         }
         tokio::select! {
             () = stop.cancelled() => {}
@@ -434,7 +501,7 @@ async fn serve_one(
                     return format!("the broker ended the session: {:?}", packet.reason_code);
                 }
                 Ok(Ok(event)) => deliver(receiver.as_ref(), &event),
-                Ok(Err(error)) => return describe(&error),
+                Ok(Err(error)) => return BrokerError::from(error).to_string(),
                 Err(_) => return "the connection is stuck".into(),
             },
         }

@@ -4,6 +4,7 @@
 //! `ota/+` is what robots say: with No Local (MQTT 5, 3.8.3.1) our own chunks do not come back, and what other
 //! servers send is passed over. A lost session is replaced by an entirely new client, as that of commands is.
 
+use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -11,7 +12,7 @@ use crawler_protocol::{Fleet, ReleaseId, RobotId, Topic, TopicFilter};
 use crawler_release::chunk::Part;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Filter, Packet, Publish, SubscribeReasonCode};
-use rumqttc::v5::{AsyncClient, Event, EventLoop, MqttOptions};
+use rumqttc::v5::{AsyncClient, ClientError, ConnectionError, Event, EventLoop, MqttOptions};
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
@@ -84,7 +85,7 @@ pub(crate) async fn keep(
                 }
                 reason.unwrap_or_default()
             }
-            Ok(Err(reason)) => reason,
+            Ok(Err(error)) => error.to_string(),
             Err(_) => "no answer in time".to_owned(),
         };
         tracing::warn!(
@@ -99,7 +100,32 @@ pub(crate) async fn keep(
     }
 }
 
-async fn connect(options: &MqttOptions, fleet: &Fleet) -> Result<(AsyncClient, EventLoop), String> {
+/// Why there is no session with the broker.
+enum SessionError {
+    /// The broker cannot be reached, or lets nobody in.
+    Connection(Box<ConnectionError>),
+    /// The client takes no requests.
+    Client(Box<ClientError>),
+    /// The broker refuses what we subscribe to.
+    Subscription,
+}
+
+impl fmt::Display for SessionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Connection(error) => error.fmt(f),
+            Self::Client(error) => error.fmt(f),
+            Self::Subscription => f.write_str("the broker refuses our subscription"),
+        }
+    }
+}
+
+async fn connect(
+    options: &MqttOptions,
+    fleet: &Fleet,
+) -> Result<(AsyncClient, EventLoop), SessionError> {
+    let lost = |error| SessionError::Connection(Box::new(error));
+    let refused = |error| SessionError::Client(Box::new(error));
     let mut options = options.clone();
     let mut network = rumqttc::NetworkOptions::new();
     network.set_tcp_nodelay(true);
@@ -109,16 +135,16 @@ async fn connect(options: &MqttOptions, fleet: &Fleet) -> Result<(AsyncClient, E
     let mut filter = Filter::new(topics.as_str(), QoS::AtLeastOnce);
     filter.nolocal = true;
     loop {
-        match events.poll().await.map_err(|error| error.to_string())? {
+        match events.poll().await.map_err(lost)? {
             Event::Incoming(Packet::ConnAck(_)) => client
                 .try_subscribe_many([filter.clone()])
-                .map_err(|error| error.to_string())?,
+                .map_err(refused)?,
             Event::Incoming(Packet::SubAck(ack)) => {
                 let taken = |code| matches!(code, &SubscribeReasonCode::Success(_));
                 if ack.return_codes.iter().all(taken) {
                     return Ok((client, events));
                 }
-                return Err("the broker refuses our subscription".to_owned());
+                return Err(SessionError::Subscription);
             }
             // What comes before that is said again.
             _ => {}

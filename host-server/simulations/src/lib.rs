@@ -6,16 +6,19 @@
 mod listener;
 mod view;
 
+use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
 use crawler_sim::live::{
-    ControlError, LiveConfig, LiveDone, LiveHandle, LiveScene, LiveState, start, start_recorded,
+    ControlError, LiveConfig, LiveDone, LiveError, LiveHandle, LiveScene, LiveState, start,
+    start_recorded,
 };
 use crawler_sim::tools::recording::RecordTo;
 use crawler_sim::world::Arena;
 use crawler_sim_protocol::SimulatorCommand;
 use tokio::sync::watch;
+use tokio::task::JoinError;
 
 use crawler_metrics::Exposition;
 
@@ -77,6 +80,33 @@ impl Simulated {
     }
 }
 
+/// Why a world does not start.
+#[derive(Debug)]
+pub enum SimulationStartError {
+    /// What is wrong with the scenario or the system.
+    World(LiveError),
+    /// What sets it up has failed.
+    Task(JoinError),
+}
+
+impl fmt::Display for SimulationStartError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::World(error) => error.fmt(f),
+            Self::Task(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for SimulationStartError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::World(error) => Some(error),
+            Self::Task(error) => Some(error),
+        }
+    }
+}
+
 /// A running world.
 pub struct Simulation {
     world: Arc<LiveHandle>,
@@ -87,16 +117,19 @@ impl Simulation {
     /// to what file.
     ///
     /// # Errors
-    /// One line saying what is wrong with the scenario or the system.
-    pub async fn start(config: LiveConfig, record: Option<RecordTo>) -> Result<Self, String> {
+    /// [`SimulationStartError`]
+    pub async fn start(
+        config: LiveConfig,
+        record: Option<RecordTo>,
+    ) -> Result<Self, SimulationStartError> {
         let start = move || match record {
             Some(to) => start_recorded(config, to),
             None => start(config),
         };
         let world = tokio::task::spawn_blocking(start)
             .await
-            .map_err(|error| error.to_string())?
-            .map_err(|error| error.to_string())?;
+            .map_err(SimulationStartError::Task)?
+            .map_err(SimulationStartError::World)?;
         if let Some(radio) = world.radio() {
             tracing::info!(address = %radio.address(), "robots reach the broker over a radio");
         }

@@ -1,7 +1,11 @@
 //! Why a call came to nothing.
 
+use std::error::Error;
 use std::fmt;
+use std::io;
+use std::time::Duration;
 
+use crawler_server_tls::ConnectError;
 use crawler_system::text::line;
 use hyper::StatusCode;
 use serde::Deserialize;
@@ -58,7 +62,7 @@ pub(crate) enum CallError {
         /// From where.
         url: String,
         /// Why not.
-        why: String,
+        why: ExchangeError,
     },
     /// The server refuses.
     Refused(Refusal),
@@ -83,7 +87,7 @@ impl fmt::Display for CallError {
             Self::Unreachable { url, why } => write!(
                 f,
                 "{url} cannot be reached: {}; does the server run? --server names another one",
-                line(why, SHOWN)
+                line(&why.to_string(), SHOWN)
             ),
             Self::Refused(refusal) => refusal.fmt(f),
             Self::Strange(what) => write!(f, "no server of robots: {}", line(what, SHOWN)),
@@ -91,8 +95,54 @@ impl fmt::Display for CallError {
     }
 }
 
-impl From<CallError> for String {
-    fn from(error: CallError) -> Self {
-        error.to_string()
+impl Error for CallError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Unreachable { why, .. } => Some(why),
+            Self::Refused(_) | Self::Strange(_) => None,
+        }
+    }
+}
+
+/// Why a request came to nothing before there was an answer.
+#[derive(Debug)]
+pub(crate) enum ExchangeError {
+    /// There is no TLS.
+    Tls(ConnectError),
+    /// There is no connection.
+    Io(io::Error),
+    /// The connection ended, or what came is no HTTP.
+    Http(hyper::Error),
+    /// There can be no such request.
+    Request(hyper::http::Error),
+    /// The rest of the answer did not come, or it is too long.
+    Body(Box<dyn Error + Send + Sync>),
+    /// It took longer than this.
+    TimedOut(Duration),
+}
+
+impl fmt::Display for ExchangeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tls(error) => error.fmt(f),
+            Self::Io(error) => error.fmt(f),
+            Self::Http(error) => error.fmt(f),
+            Self::Request(error) => error.fmt(f),
+            Self::Body(error) => error.fmt(f),
+            Self::TimedOut(limit) => write!(f, "no answer within {} s", limit.as_secs()),
+        }
+    }
+}
+
+impl Error for ExchangeError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Tls(error) => Some(error),
+            Self::Io(error) => Some(error),
+            Self::Http(error) => Some(error),
+            Self::Request(error) => Some(error),
+            Self::Body(error) => Some(&**error),
+            Self::TimedOut(_) => None,
+        }
     }
 }

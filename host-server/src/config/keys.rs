@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use crawler_release::{PublicKey, PublicKeys};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_updates::release::public_from_pem;
 use serde::Deserialize;
 
@@ -33,11 +34,11 @@ impl KeyFiles {
     ///
     /// # Errors
     /// Which file holds none, and what is wrong with it.
-    pub fn read(&self) -> Result<PublicKeys, String> {
+    pub fn read(&self) -> Result<PublicKeys, CliError> {
         let read = |path: &Path| {
             let text = crawler_system::text::read_text(path)
-                .map_err(|error| format!("cannot read {}: {error}", path.display()))?;
-            public_from_pem(&text).map_err(|fault| format!("{}: {fault}", path.display()))
+                .or_say(|error| format!("cannot read {}: {error}", path.display()))?;
+            public_from_pem(&text).or_say(|fault| format!("{}: {fault}", path.display()))
         };
         Ok(PublicKeys {
             current: read(self.current())?,
@@ -49,7 +50,7 @@ impl KeyFiles {
     ///
     /// # Errors
     /// As of [`KeyFiles::read`].
-    pub fn list(files: Option<&Self>) -> Result<Vec<PublicKey>, String> {
+    pub fn list(files: Option<&Self>) -> Result<Vec<PublicKey>, CliError> {
         let keys = files.map(Self::read).transpose()?;
         let both = keys.map(|keys| [Some(keys.current), keys.next]);
         Ok(both.into_iter().flatten().flatten().collect())
@@ -105,9 +106,9 @@ mod tests {
     #[test]
     fn a_file_that_holds_no_key_is_named() {
         let files: KeyFiles = "/nowhere/key.pem".parse().expect("a file");
-        let text = files.read().expect_err("no file");
+        let text = files.read().expect_err("no file").to_string();
         assert!(text.contains("/nowhere/key.pem"), "{text}");
-        assert_eq!(KeyFiles::list(None), Ok(Vec::new()));
+        assert_eq!(KeyFiles::list(None).expect("none"), []);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! One source of options: each of them may be there or not.
 
 use std::ffi::OsString;
-use std::fmt::Display;
+use std::fmt::{self, Display};
 use std::net::SocketAddr;
 use std::num::NonZeroU8;
 use std::path::PathBuf;
@@ -172,17 +172,47 @@ pub struct Layer {
     pub worker_name: Option<WorkerName>,
 }
 
+/// What is wrong with a file of options, and where.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BadFile {
+    line: usize,
+    what: String,
+}
+
+impl Display for BadFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}: {}", self.line, self.what)
+    }
+}
+
+impl std::error::Error for BadFile {}
+
+/// What is wrong with the value of an option.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct BadValue(String);
+
+impl Display for BadValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for BadValue {}
+
 impl Layer {
     /// Reads the file format.
     ///
     /// # Errors
-    /// One line saying what is wrong and where.
-    pub fn from_toml(text: &str) -> Result<Self, String> {
+    /// [`BadFile`]
+    pub fn from_toml(text: &str) -> Result<Self, BadFile> {
         toml::from_str(text).map_err(|error| {
             let line = error
                 .span()
                 .map_or(1, |span| 1 + text[..span.start].matches('\n').count());
-            format!("line {line}: {}", error.message().replace('\n', " "))
+            BadFile {
+                line,
+                what: error.message().replace('\n', " "),
+            }
         })
     }
 
@@ -215,7 +245,7 @@ impl Layer {
             })?;
             layer
                 .set(&key_name, &value)
-                .map_err(|text| ConfigError::Value {
+                .map_err(|BadValue(text)| ConfigError::Value {
                     origin: origin(),
                     text,
                 })?;
@@ -223,12 +253,12 @@ impl Layer {
         Ok((layer, config))
     }
 
-    fn set(&mut self, key: &str, value: &str) -> Result<(), String> {
-        fn parse<T: FromStr<Err: Display>>(value: &str) -> Result<Option<T>, String> {
+    fn set(&mut self, key: &str, value: &str) -> Result<(), BadValue> {
+        fn parse<T: FromStr<Err: Display>>(value: &str) -> Result<Option<T>, BadValue> {
             value
                 .parse()
                 .map(Some)
-                .map_err(|error| format!("`{value}`: {error}"))
+                .map_err(|error| BadValue(format!("`{value}`: {error}")))
         }
         match key {
             "fleet" => self.fleet = Some(parse_fleet(value)?),
@@ -260,7 +290,7 @@ impl Layer {
             "broker_ca" => self.broker_ca = Some(PathBuf::from(value)),
             "experiment_threads" => self.experiment_threads = parse(value)?,
             "worker_name" => self.worker_name = parse(value)?,
-            _ => return Err("unknown".into()),
+            _ => return Err(BadValue("unknown".to_owned())),
         }
         Ok(())
     }
@@ -308,7 +338,10 @@ impl Layer {
 }
 
 /// A fleet's name, with the rule in the message when it breaks it.
-pub(super) fn parse_fleet(text: &str) -> Result<Fleet, String> {
-    Fleet::new(text)
-        .map_err(|_| format!("`{text}` is not a fleet's name: 1 to 32 of a-z, 0-9 and -"))
+pub(super) fn parse_fleet(text: &str) -> Result<Fleet, BadValue> {
+    Fleet::new(text).map_err(|_| {
+        BadValue(format!(
+            "`{text}` is not a fleet's name: 1 to 32 of a-z, 0-9 and -"
+        ))
+    })
 }

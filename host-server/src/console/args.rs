@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use crawler_access::{Role, UserName};
 use crawler_protocol::RobotId;
+use crawler_system::cli_error::{CliError, OrSay as _};
 
 use crate::config::{EngineUrl, Layer, Postgres};
 
@@ -121,9 +122,9 @@ pub struct Whose {
     pub simulator: Option<RobotId>,
 }
 
-fn robot_id(text: &str) -> Result<RobotId, String> {
+fn robot_id(text: &str) -> Result<RobotId, CliError> {
     RobotId::new(text)
-        .map_err(|_| format!("`{text}` is not a robot's id: 1 to 32 of a-z, 0-9 and -"))
+        .or_say(|_| format!("`{text}` is not a robot's id: 1 to 32 of a-z, 0-9 and -"))
 }
 
 /// What can be done with credentials of robots.

@@ -7,12 +7,13 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use crawler_records::{MAX_AUDIT_PAGE, Stored};
+use crawler_system::cli_error::{CliError, OrSay as _};
 
 use super::args::AuditTask;
-use super::{Console, moment, said};
+use super::{Console, moment};
 use crate::config::Settings;
 
-pub(super) async fn run(task: AuditTask, settings: &Settings) -> Result<ExitCode, String> {
+pub(super) async fn run(task: AuditTask, settings: &Settings) -> Result<ExitCode, CliError> {
     let console = Console::open(settings, false).await?;
     let result = match task {
         AuditTask::List { limit, before, who } => {
@@ -30,17 +31,12 @@ async fn list(
     limit: u32,
     mut before: Option<u64>,
     who: Option<&str>,
-) -> Result<ExitCode, String> {
+) -> Result<ExitCode, CliError> {
     let mut left = limit;
     let mut out = io::stdout().lock();
     while left > 0 {
         let page = left.min(MAX_AUDIT_PAGE);
-        let entries = console
-            .records
-            .audit()
-            .page(before, page, who)
-            .await
-            .map_err(|error| said(&error))?;
+        let entries = console.records.audit().page(before, page, who).await?;
         for entry in &entries {
             // Whoever reads may have seen enough.
             if writeln!(out, "{}", line(entry)).is_err() {
@@ -102,27 +98,27 @@ async fn verify(console: &Console) -> ExitCode {
     }
 }
 
-async fn export(console: &Console, file: Option<&Path>) -> Result<ExitCode, String> {
+async fn export(console: &Console, file: Option<&Path>) -> Result<ExitCode, CliError> {
     let entries = match file {
         None => console.records.audit().export(&mut io::stdout()).await,
         Some(path) => {
-            let refused = |error: io::Error| format!("cannot write {}: {error}", path.display());
+            let refused = |error: &io::Error| format!("cannot write {}: {error}", path.display());
             let file = File::options()
                 .write(true)
                 .create_new(true)
                 .mode(0o600)
                 .open(path)
-                .map_err(refused)?;
+                .or_say(refused)?;
             let mut file = BufWriter::new(file);
             let entries = console.records.audit().export(&mut file).await;
             file.into_inner()
                 .map_err(io::IntoInnerError::into_error)
                 .and_then(|file| file.sync_all())
-                .map_err(refused)?;
+                .or_say(refused)?;
             entries
         }
     };
-    let entries = entries.map_err(|error| said(&error))?;
+    let entries = entries?;
     eprintln!("{entries} entries.");
     Ok(ExitCode::SUCCESS)
 }

@@ -18,10 +18,11 @@ use crawler_history::HISTORY_FILE;
 use crawler_records::{RECORDS_FILE, RecordsError};
 use serde_json::json;
 
-use super::{Console, said};
+use super::Console;
 use crate::addresses::ADDRESSES_FILE;
 use crate::config::Settings;
 use checksums::{CHECKSUMS, Checksums, Hashing, append};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_system::clock::now_ms;
 use crawler_system::data::{self, DataDir};
 
@@ -64,16 +65,16 @@ const DATABASES: [&str; 2] = [RECORDS_FILE, HISTORY_FILE];
 const LARGEST_DATABASE: u64 = 64 * 1024 * 1024 * 1024;
 
 /// Makes a backup in `file`, which must not exist.
-pub(super) async fn backup(file: &Path, settings: &Settings) -> Result<(), String> {
+pub(super) async fn backup(file: &Path, settings: &Settings) -> Result<(), CliError> {
     let data = &settings.data;
     let console = Console::open_all(settings).await?;
-    let cannot = |error: io::Error| format!("cannot write {}: {error}", file.display());
+    let cannot = |error: &io::Error| format!("cannot write {}: {error}", file.display());
     let out = File::options()
         .write(true)
         .create_new(true)
         .mode(0o600)
         .open(file)
-        .map_err(cannot)?;
+        .or_say(cannot)?;
     let made = write(&console, data, file, out).await;
     if let Err(error) = made {
         // Half a backup must not pass for one.
@@ -95,36 +96,34 @@ pub(super) async fn backup(file: &Path, settings: &Settings) -> Result<(), Strin
     Ok(())
 }
 
-async fn write(console: &Console, data: &Path, file: &Path, out: File) -> Result<(), String> {
-    let cannot = |error: io::Error| format!("cannot write {}: {error}", file.display());
+async fn write(console: &Console, data: &Path, file: &Path, out: File) -> Result<(), CliError> {
+    let cannot = |error: &io::Error| format!("cannot write {}: {error}", file.display());
     // Beside the backup rather than in the data directory: there is room for it there.
     let mut copy = file.as_os_str().to_owned();
     copy.push(".records");
     let copy = Emptied(PathBuf::from(copy));
-    data::make_private(&copy.0).map_err(cannot)?;
-    crawler_records::backup::create(&console.records, &copy.0)
-        .await
-        .map_err(|error| said(&error))?;
+    data::make_private(&copy.0).or_say(cannot)?;
+    crawler_records::backup::create(&console.records, &copy.0).await?;
     let mut tar = tar::Builder::new(out);
     let mut sums = Checksums::default();
     for name in DATABASES {
         let name = Path::new(name);
-        append(&mut tar, &mut sums, &copy.0.join(name), name).map_err(cannot)?;
+        append(&mut tar, &mut sums, &copy.0.join(name), name).or_say(cannot)?;
     }
     let mut files = Vec::new();
     collect(data, Path::new(""), (DEEPEST, MOST), &mut files)
-        .map_err(|error| format!("cannot read {}: {error}", data.display()))?;
+        .or_say(|error| format!("cannot read {}: {error}", data.display()))?;
     for name in files {
-        append(&mut tar, &mut sums, &data.join(&name), &name).map_err(cannot)?;
+        append(&mut tar, &mut sums, &data.join(&name), &name).or_say(cannot)?;
     }
     let text = sums.to_text();
     let mut header = tar::Header::new_gnu();
     header.set_mode(0o644);
     header.set_size(text.len() as u64);
     tar.append_data(&mut header, CHECKSUMS, text.as_bytes())
-        .map_err(cannot)?;
-    let out = tar.into_inner().map_err(cannot)?;
-    out.sync_all().map_err(cannot)
+        .or_say(cannot)?;
+    let out = tar.into_inner().or_say(cannot)?;
+    out.sync_all().or_say(cannot)
 }
 
 /// The files beside the records, by their names below `data`, at most `most` and in folders of this `depth`.
@@ -163,42 +162,46 @@ fn collect(
 }
 
 /// Puts the contents of a backup where the data directory is.
-pub(super) async fn restore(file: &Path, replace: bool, settings: &Settings) -> Result<(), String> {
+pub(super) async fn restore(
+    file: &Path,
+    replace: bool,
+    settings: &Settings,
+) -> Result<(), CliError> {
     let target = &settings.data;
     if target.exists() {
         super::check_owner(target)?;
     } else {
         data::make_private(target)
-            .map_err(|error| format!("cannot make {}: {error}", target.display()))?;
+            .or_say(|error| format!("cannot make {}: {error}", target.display()))?;
     }
     // Held to the end: no server starts meanwhile, and none runs.
-    let held = DataDir::open(target).map_err(|error| format!("{error}; stop it first"))?;
+    let held = DataDir::open(target).or_say(|error| format!("{error}; stop it first"))?;
     let making = Emptied(target.join(format!("{MAKING}{}", std::process::id())));
     fs::DirBuilder::new()
         .mode(0o700)
         .create(&making.0)
-        .map_err(|error| format!("cannot make {}: {error}", making.0.display()))?;
+        .or_say(|error| format!("cannot make {}: {error}", making.0.display()))?;
     let names = unpack(file, &making.0)?;
     // Checked before anything is put aside.
     let ready = making.0.join("checked");
     crawler_records::backup::restore(&making.0, &ready)
         .await
-        .map_err(|error| format!("{}: {error}", file.display()))?;
+        .or_say(|error| format!("{}: {error}", file.display()))?;
 
     let there = held_files(target)?;
     if !there.is_empty() && !replace {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "{} holds a server's data already; --replace puts it aside first",
             target.display()
-        ));
+        )));
     }
     let aside = target.join(format!("{ASIDE}{}", now_ms()));
-    let cannot_aside = |error: io::Error| format!("cannot put the old data aside: {error}");
+    let cannot_aside = |error: &io::Error| format!("cannot put the old data aside: {error}");
     if replace {
         fs::DirBuilder::new()
             .mode(0o700)
             .create(&aside)
-            .map_err(cannot_aside)?;
+            .or_say(cannot_aside)?;
     }
     if let Some(url) = &settings.database {
         // All or nothing, and before anything is put aside here.
@@ -211,36 +214,34 @@ pub(super) async fn restore(file: &Path, replace: bool, settings: &Settings) -> 
             // Empty, or with a copy of what is still there.
             let _ = fs::remove_dir_all(&aside);
             return Err(match error {
-                RecordsError::Exists => {
-                    format!(
-                        "{url} holds a server's records already; --replace puts them aside first"
-                    )
-                }
-                error => said(&error),
+                RecordsError::Exists => CliError::new(format!(
+                    "{url} holds a server's records already; --replace puts them aside first"
+                )),
+                error => error.into(),
             });
         }
         fs::remove_file(ready.join(RECORDS_FILE))
-            .map_err(|error| format!("cannot write to {}: {error}", target.display()))?;
+            .or_say(|error| format!("cannot write to {}: {error}", target.display()))?;
     }
     there
         .iter()
         .try_for_each(|name| fs::rename(target.join(name), aside.join(name)))
-        .map_err(cannot_aside)?;
+        .or_say(cannot_aside)?;
     // It goes away if there was nothing to put into it.
     if replace && fs::remove_dir(&aside).is_err() {
         println!("What was there lies in {} now.", aside.display());
     }
-    let cannot = |error: io::Error| format!("cannot write to {}: {error}", target.display());
+    let cannot = |error: &io::Error| format!("cannot write to {}: {error}", target.display());
     for name in names.iter().filter(|name| !is_database(name)) {
         if let Some(parent) = name.parent() {
-            data::make_private(&target.join(parent)).map_err(cannot)?;
+            data::make_private(&target.join(parent)).or_say(cannot)?;
         }
-        fs::rename(making.0.join(name), target.join(name)).map_err(cannot)?;
+        fs::rename(making.0.join(name), target.join(name)).or_say(cannot)?;
     }
     for name in DATABASES {
         let made = ready.join(name);
         if made.exists() {
-            fs::rename(made, target.join(name)).map_err(cannot)?;
+            fs::rename(made, target.join(name)).or_say(cannot)?;
         }
     }
     drop(making);
@@ -249,7 +250,7 @@ pub(super) async fn restore(file: &Path, replace: bool, settings: &Settings) -> 
 }
 
 /// Opens what was restored, and says what a person has to put right after time went back.
-async fn settle(settings: &Settings, file: &Path) -> Result<(), String> {
+async fn settle(settings: &Settings, file: &Path) -> Result<(), CliError> {
     let console = Console::open(settings, false).await?;
     console
         .note("restore", &file.display().to_string(), json!({}), "ok")
@@ -264,10 +265,10 @@ async fn settle(settings: &Settings, file: &Path) -> Result<(), String> {
 }
 
 /// What a server has left in `target`, apart from locks and what restores left.
-fn held_files(target: &Path) -> Result<Vec<String>, String> {
+fn held_files(target: &Path) -> Result<Vec<String>, CliError> {
     let entries = fs::read_dir(target)
         .and_then(Iterator::collect::<io::Result<Vec<_>>>)
-        .map_err(|error| format!("cannot read {}: {error}", target.display()))?;
+        .or_say(|error| format!("cannot read {}: {error}", target.display()))?;
     Ok(entries
         .iter()
         .filter_map(|entry| entry.file_name().into_string().ok())
@@ -276,7 +277,7 @@ fn held_files(target: &Path) -> Result<Vec<String>, String> {
 }
 
 /// Unpacks the archive into an empty directory, and nothing beside it. Returns the names.
-fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, String> {
+fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, CliError> {
     let broken = |error: &dyn std::fmt::Display| {
         format!(
             "{} is not a backup of this program: {error}",
@@ -284,18 +285,19 @@ fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, String> {
         )
     };
     let archive =
-        File::open(file).map_err(|error| format!("cannot read {}: {error}", file.display()))?;
+        File::open(file).or_say(|error| format!("cannot read {}: {error}", file.display()))?;
     let mut archive = tar::Archive::new(archive);
     let mut names = Vec::new();
     let mut sums = Checksums::default();
-    for entry in archive.entries().map_err(|error| broken(&error))? {
-        let mut entry = entry.map_err(|error| broken(&error))?;
-        let name = entry.path().map_err(|error| broken(&error))?.into_owned();
+    for entry in archive.entries().or_say(|error| broken(error))? {
+        let mut entry = entry.or_say(|error| broken(error))?;
+        let name = entry.path().or_say(|error| broken(error))?.into_owned();
         let plain = name
             .components()
             .all(|part| matches!(part, Component::Normal(_)));
         if !plain || !entry.header().entry_type().is_file() {
-            return Err(broken(&format!("`{}` has no place in one", name.display())));
+            let text = format!("`{}` has no place in one", name.display());
+            return Err(CliError::new(broken(&text)));
         }
         let largest = if is_database(&name) {
             LARGEST_DATABASE
@@ -303,7 +305,8 @@ fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, String> {
             LARGEST
         };
         if entry.size() > largest || names.len() > MOST + DATABASES.len() {
-            return Err(broken(&format!("`{}` is too large", name.display())));
+            let text = format!("`{}` is too large", name.display());
+            return Err(CliError::new(broken(&text)));
         }
         let path = into.join(&name);
         let mut content = Hashing::new(entry.by_ref().take(largest));
@@ -321,22 +324,24 @@ fn unpack(file: &Path, into: &Path) -> Result<Vec<PathBuf>, String> {
                 io::copy(&mut content, &mut out)?;
                 out.sync_all()
             });
-        written.map_err(|error| broken(&error))?;
+        written.or_say(|error| broken(error))?;
         if name != Path::new(CHECKSUMS) {
             sums.add(&name, content);
             names.push(name);
         }
     }
     if !names.iter().any(|name| name == Path::new(RECORDS_FILE)) {
-        return Err(broken(&"it holds no records"));
+        return Err(CliError::new(broken(&"it holds no records")));
     }
     match fs::read_to_string(into.join(CHECKSUMS)) {
-        Ok(text) => sums.check(&text).map_err(|error| broken(&error))?,
+        Ok(text) => sums
+            .check(&text)
+            .map_err(|error| CliError::new(broken(&error)))?,
         Err(error) if error.kind() == io::ErrorKind::NotFound => eprintln!(
             "{} has no checksums, as backups of earlier versions: whether it is whole cannot be told.",
             file.display()
         ),
-        Err(error) => return Err(broken(&error)),
+        Err(error) => return Err(error).or_say(|error| broken(error)),
     }
     Ok(names)
 }
@@ -402,7 +407,8 @@ mod tests {
             let into = scratch.0.join("into");
             fs::create_dir(&into).expect("directory");
             let error = unpack(&path, &into).expect_err("refused");
-            assert!(error.contains("not a backup"), "{bad:?}: {error}");
+            let told = error.to_string();
+            assert!(told.contains("not a backup"), "{bad:?}: {told}");
             assert!(!scratch.0.join("outside").exists(), "{bad:?}");
         }
     }

@@ -10,6 +10,7 @@ use clap::{Args, Subcommand};
 use crawler_access::Role;
 use crawler_access::topics::{Act, Row, TABLE, Who};
 use crawler_protocol::{Fleet, Qos, Topic};
+use crawler_system::cli_error::CliError;
 
 use crate::config::{Broker, Common, Settings};
 
@@ -75,7 +76,7 @@ fn site(text: &str) -> Result<String, &'static str> {
 }
 
 /// Prints what was asked for.
-pub(super) fn run(task: &MosquittoTask, settings: &Settings) -> Result<(), String> {
+pub(super) fn run(task: &MosquittoTask, settings: &Settings) -> Result<(), CliError> {
     let text = match task {
         MosquittoTask::Bridge { site, .. } => bridge(site, settings)?,
         MosquittoTask::Acl {
@@ -116,16 +117,18 @@ fn quality(filter: &str, fleet: &Fleet) -> u8 {
 }
 
 /// Text that can stand in a line of Mosquitto's configuration.
-fn line<'a>(what: &str, text: &'a str) -> Result<&'a str, String> {
+fn line<'a>(what: &str, text: &'a str) -> Result<&'a str, CliError> {
     if text.is_empty() || text.contains(|c: char| c.is_control()) || text.trim() != text {
-        return Err(format!("the {what} cannot stand in a configuration"));
+        return Err(CliError::new(format!(
+            "the {what} cannot stand in a configuration"
+        )));
     }
     Ok(text)
 }
 
-fn bridge(site: &str, settings: &Settings) -> Result<String, String> {
+fn bridge(site: &str, settings: &Settings) -> Result<String, CliError> {
     let Broker::Outside(broker) = &settings.broker else {
-        return Err("name the fleet's broker with --broker".into());
+        return Err(CliError::new("name the fleet's broker with --broker"));
     };
     let mut out = String::new();
     // Writing to a String does not fail.
@@ -207,7 +210,7 @@ impl As {
     }
 }
 
-fn acl(fleet: &Fleet, users: &[(Vec<String>, As)]) -> Result<String, String> {
+fn acl(fleet: &Fleet, users: &[(Vec<String>, As)]) -> Result<String, CliError> {
     let mut out = String::from(
         "# Mosquitto 2: what each client may do. Made by `terracrawler mosquitto acl`. Belongs to\n\
          # `allow_anonymous false` and a `password_file` in which every robot has its id as name.\n\n\
@@ -222,7 +225,7 @@ fn acl(fleet: &Fleet, users: &[(Vec<String>, As)]) -> Result<String, String> {
             // A wildcard in a name would be one in the patterns above.
             let word = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
             if name.is_empty() || !name.chars().all(word) {
-                return Err(format!("{name:?} is no name of a user"));
+                return Err(CliError::new(format!("{name:?} is no name of a user")));
             }
             let _ = writeln!(out, "\nuser {name}");
             for row in TABLE.iter().filter(|row| kind.may(row)) {

@@ -10,17 +10,17 @@ use serde_json::{Value, json};
 use super::Console;
 use crate::config::{KeyFiles, Settings};
 use crate::release::{AddArgs, Gate, read, table, told};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_system::clock::{now_ms, unix_ms};
 
 /// Adds a release, and its gate where one is named, if they are genuine. Otherwise says every reason against them, as
 /// `release verify` does. The gate of a release that is there already takes the place of another.
-pub(super) async fn add(args: &AddArgs, settings: &Settings) -> Result<ExitCode, String> {
+pub(super) async fn add(args: &AddArgs, settings: &Settings) -> Result<ExitCode, CliError> {
     let keys = KeyFiles::list(settings.release_key.as_ref())?;
     if keys.is_empty() {
-        return Err(
-            "no public key is named by which the release could be believed (--release-key)"
-                .to_owned(),
-        );
+        return Err(CliError::new(
+            "no public key is named by which the release could be believed (--release-key)",
+        ));
     }
     let file = read(&args.file, FILE_MAX)?;
     let expected = Expected {
@@ -28,7 +28,7 @@ pub(super) async fn add(args: &AddArgs, settings: &Settings) -> Result<ExitCode,
         ..Expected::default()
     };
     let wrong = |fault: &dyn std::fmt::Display| told(&args.file, fault);
-    let found = inspect(&file, &keys, &expected).map_err(|fault| wrong(&fault))?;
+    let found = inspect(&file, &keys, &expected).or_say(|fault| wrong(fault))?;
     print!("{}", table::text(&args.file, &found));
     if !found.faults.is_empty() {
         return Ok(ExitCode::FAILURE);
@@ -50,14 +50,14 @@ pub(super) async fn add(args: &AddArgs, settings: &Settings) -> Result<ExitCode,
         }) => Some((file, report)),
         None => None,
     };
-    let (envelope, image) = split(&file).map_err(|fault| wrong(&fault))?;
+    let (envelope, image) = split(&file).or_say(|fault| wrong(fault))?;
     let console = Console::open(settings, false).await?;
     let new = NewRelease::of(envelope, image, &console.who, now_ms());
-    let new = new.map_err(|fault| wrong(&fault))?;
+    let new = new.or_say(|fault| wrong(fault))?;
     let detail = new.for_audit();
     let done = keep(&console, new, detail, gate).await;
     console.close().await;
-    let added = done.map_err(|text| wrong(&text))?;
+    let added = done.map_err(|error| error.of(args.file.display()))?;
     println!("{added}");
     Ok(ExitCode::SUCCESS)
 }
@@ -68,10 +68,10 @@ async fn keep(
     new: NewRelease,
     detail: Value,
     gate: Option<(Vec<u8>, GateReport)>,
-) -> Result<&'static str, String> {
+) -> Result<&'static str, CliError> {
     let releases = console.records.releases();
     let id = new.id.clone();
-    let known = releases.get(&id).await.map_err(|error| error.to_string())?;
+    let known = releases.get(&id).await?;
     let adds = gate.is_none() || known.is_none_or(|known| known.withdrawn.is_some());
     if adds {
         let result = releases.add(new).await;

@@ -8,13 +8,14 @@ use crawler_sim::live::Authority;
 use serde_json::json;
 
 use super::args::{RobotTask, Whose};
-use super::{Console, moment, said};
+use super::{Console, moment};
 use crate::addresses::{Addresses, Endpoint};
 use crate::config::{Broker, Settings};
 use crawler_server_tls::first_certificate;
+use crawler_system::cli_error::CliError;
 use crawler_system::clock::now_ms;
 
-pub(super) async fn run(task: RobotTask, settings: &Settings) -> Result<(), String> {
+pub(super) async fn run(task: RobotTask, settings: &Settings) -> Result<(), CliError> {
     let make = matches!(task, RobotTask::Enroll { .. });
     let console = Console::open(settings, make).await?;
     let result = match task {
@@ -43,19 +44,14 @@ async fn enroll(
     settings: &Settings,
     whose: &Whose,
     address: Option<&str>,
-) -> Result<(), String> {
+) -> Result<(), CliError> {
     let name = name(whose);
     if let Some(robot) = &whose.robot {
         check_free(console, robot.as_str()).await?;
     }
     let broker = endpoint(settings, address, whose.robot.is_some())?;
-    let before = console
-        .records
-        .credentials()
-        .get(&name)
-        .await
-        .map_err(|error| said(&error))?;
-    let secret = Secret::generate().map_err(|error| error.to_string())?;
+    let before = console.records.credentials().get(&name).await?;
+    let secret = Secret::generate()?;
     let result = console
         .records
         .credentials()
@@ -78,24 +74,24 @@ async fn enroll(
 }
 
 /// A robot goes by its id at the broker, where the server, simulators and people have names too.
-async fn check_free(console: &Console, robot: &str) -> Result<(), String> {
+async fn check_free(console: &Console, robot: &str) -> Result<(), CliError> {
     let reserved = ["server", "simulator"].iter().any(|word| {
         robot
             .strip_prefix(word)
             .is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
     });
     if reserved {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "`{robot}` is a name that the server or a simulator goes by at the broker: give the robot \
              another id, or use --simulator NAME"
-        ));
+        )));
     }
     if let Ok(name) = robot.parse::<UserName>()
         && console.find(&name).await?.is_some()
     {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "`{robot}` is the account of a person: give the robot another id"
-        ));
+        )));
     }
     Ok(())
 }
@@ -162,13 +158,8 @@ fn authority(broker: &Endpoint, settings: &Settings) -> String {
     )
 }
 
-async fn list(console: &Console) -> Result<(), String> {
-    let credentials = console
-        .records
-        .credentials()
-        .all()
-        .await
-        .map_err(|error| said(&error))?;
+async fn list(console: &Console) -> Result<(), CliError> {
+    let credentials = console.records.credentials().all().await?;
     if credentials.is_empty() {
         println!("No credentials yet.");
         return Ok(());
@@ -189,18 +180,13 @@ async fn list(console: &Console) -> Result<(), String> {
     Ok(())
 }
 
-async fn revoke(console: &Console, whose: &Whose) -> Result<(), String> {
+async fn revoke(console: &Console, whose: &Whose) -> Result<(), CliError> {
     let name = name(whose);
-    let known = console
-        .records
-        .credentials()
-        .get(&name)
-        .await
-        .map_err(|error| said(&error))?;
+    let known = console.records.credentials().get(&name).await?;
     if known.is_none() {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "{name} has no credential; `terracrawler robot list` has those there are"
-        ));
+        )));
     }
     let result = console.records.credentials().revoke(&name, now_ms()).await;
     console
@@ -215,7 +201,7 @@ fn endpoint(
     settings: &Settings,
     address: Option<&str>,
     for_board: bool,
-) -> Result<Endpoint, String> {
+) -> Result<Endpoint, CliError> {
     let addresses = Addresses::of(settings);
     let Endpoint { host, port, tls } = if for_board {
         addresses.robots
@@ -225,7 +211,7 @@ fn endpoint(
     let Some(address) = address else {
         return Ok(Endpoint { host, port, tls });
     };
-    let wrong = || format!("--address: `{address}` is not HOST or HOST:PORT");
+    let wrong = || CliError::new(format!("--address: `{address}` is not HOST or HOST:PORT"));
     let (host, given) = if let Some(inner) = address.strip_prefix('[') {
         let (host, tail) = inner.split_once(']').ok_or_else(wrong)?;
         (host, tail.strip_prefix(':'))

@@ -1,6 +1,7 @@
 //! Passwords from a person or from a pipe, and never from an argument: the list of processes shows
 //! those to everybody.
 
+use crawler_system::cli_error::{CliError, OrSay as _};
 use std::io::{self, BufRead as _, IsTerminal as _, Write as _};
 
 use rustix::termios::{
@@ -14,53 +15,55 @@ const CONTROL_C: u8 = 3;
 const LONGEST: u64 = 4_096;
 
 /// A password for `whom`: typed twice at a terminal, or the first line of standard input.
-pub(super) fn new_password(whom: &str) -> Result<String, String> {
+pub(super) fn new_password(whom: &str) -> Result<String, CliError> {
     if !io::stdin().is_terminal() {
         return read_line(io::stdin().lock());
     }
     let first = ask(&format!("New password of {whom}: "))?;
     let second = ask("Once more: ")?;
     if first != second {
-        return Err("the two are not the same; nothing was changed".into());
+        return Err(CliError::new(
+            "the two are not the same; nothing was changed",
+        ));
     }
     Ok(first)
 }
 
 /// The password of `whom`: typed at a terminal, or the first line of standard input.
-pub(crate) fn password_of(whom: &str) -> Result<String, String> {
+pub(crate) fn password_of(whom: &str) -> Result<String, CliError> {
     if !io::stdin().is_terminal() {
         return read_line(io::stdin().lock());
     }
     ask(&format!("Password of {whom}: "))
 }
 
-fn ask(question: &str) -> Result<String, String> {
-    let failed = |error: io::Error| format!("cannot ask: {error}");
+fn ask(question: &str) -> Result<String, CliError> {
+    let failed = |error: &io::Error| format!("cannot ask: {error}");
     // The question goes where it does not mix with what a script reads.
     let mut errors = io::stderr();
     write!(errors, "{question}")
         .and_then(|()| errors.flush())
-        .map_err(failed)?;
-    let silence = Silence::new().map_err(failed)?;
+        .or_say(failed)?;
+    let silence = Silence::new().or_say(failed)?;
     let answer = read_line(io::stdin().lock());
     drop(silence);
     let _ = writeln!(errors);
     answer.and_then(|line| {
         if line.as_bytes().contains(&CONTROL_C) {
-            return Err("given up; nothing was changed".into());
+            return Err(CliError::new("given up; nothing was changed"));
         }
         Ok(line)
     })
 }
 
-fn read_line(input: impl io::BufRead) -> Result<String, String> {
+fn read_line(input: impl io::BufRead) -> Result<String, CliError> {
     let mut line = Vec::new();
     input
         .take(LONGEST)
         .read_until(b'\n', &mut line)
-        .map_err(|error| format!("cannot read the password: {error}"))?;
+        .or_say(|error| format!("cannot read the password: {error}"))?;
     if line.is_empty() {
-        return Err("no password came".into());
+        return Err(CliError::new("no password came"));
     }
     if line.last() == Some(&b'\n') {
         line.pop();
@@ -68,7 +71,7 @@ fn read_line(input: impl io::BufRead) -> Result<String, String> {
             line.pop();
         }
     }
-    String::from_utf8(line).map_err(|_| "the password is not UTF-8".into())
+    String::from_utf8(line).or_say(|_| "the password is not UTF-8".to_owned())
 }
 
 /// The terminal shows nothing of what is typed while this lives.
@@ -107,7 +110,7 @@ mod tests {
             (b"  spaces count  \n", "  spaces count  "),
             (b"\n", ""),
         ] {
-            assert_eq!(read_line(input).as_deref(), Ok(password));
+            assert_eq!(read_line(input).expect("a line"), password);
         }
         assert!(read_line(&b""[..]).is_err());
         assert!(read_line(&b"\xff\xfe\n"[..]).is_err());

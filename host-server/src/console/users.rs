@@ -5,14 +5,15 @@ use crawler_records::User;
 use serde_json::json;
 
 use super::args::UserTask;
-use super::{Console, moment, said, terminal};
+use super::{Console, moment, terminal};
 use crate::addresses::Addresses;
 use crate::config::Settings;
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_system::clock::now_ms;
 
 const HOUR_MS: i64 = 3_600_000;
 
-pub(super) async fn run(task: UserTask, settings: &Settings) -> Result<(), String> {
+pub(super) async fn run(task: UserTask, settings: &Settings) -> Result<(), CliError> {
     // The first account may be made before the server ever ran.
     let make = matches!(task, UserTask::Add { .. } | UserTask::Invite { .. });
     let console = Console::open(settings, make).await?;
@@ -32,10 +33,10 @@ pub(super) async fn run(task: UserTask, settings: &Settings) -> Result<(), Strin
     result
 }
 
-async fn add(console: &Console, name: UserName, role: Role) -> Result<(), String> {
+async fn add(console: &Console, name: UserName, role: Role) -> Result<(), CliError> {
     // Before anybody types a password for nothing.
     if console.find(&name).await?.is_some() {
-        return Err(format!("{name} has an account already"));
+        return Err(CliError::new(format!("{name} has an account already")));
     }
     let user = User {
         password: Some(ask_password(&name)?),
@@ -57,13 +58,8 @@ async fn add(console: &Console, name: UserName, role: Role) -> Result<(), String
     Ok(())
 }
 
-async fn list(console: &Console) -> Result<(), String> {
-    let users = console
-        .records
-        .users()
-        .all()
-        .await
-        .map_err(|error| said(&error))?;
+async fn list(console: &Console) -> Result<(), CliError> {
+    let users = console.records.users().all().await?;
     if users.is_empty() {
         println!("No accounts yet.");
         return Ok(());
@@ -85,7 +81,7 @@ async fn list(console: &Console) -> Result<(), String> {
     Ok(())
 }
 
-async fn passwd(console: &Console, name: &UserName) -> Result<(), String> {
+async fn passwd(console: &Console, name: &UserName) -> Result<(), CliError> {
     console.known(name).await?;
     let hash = ask_password(name)?;
     let result = console.records.users().set_password(name, &hash).await;
@@ -98,7 +94,7 @@ async fn passwd(console: &Console, name: &UserName) -> Result<(), String> {
     Ok(())
 }
 
-async fn set_role(console: &Console, name: &UserName, role: Role) -> Result<(), String> {
+async fn set_role(console: &Console, name: &UserName, role: Role) -> Result<(), CliError> {
     console.known(name).await?;
     let result = console.records.users().set_role(name, role).await;
     console
@@ -110,7 +106,7 @@ async fn set_role(console: &Console, name: &UserName, role: Role) -> Result<(), 
     Ok(())
 }
 
-async fn set_disabled(console: &Console, name: &UserName, disabled: bool) -> Result<(), String> {
+async fn set_disabled(console: &Console, name: &UserName, disabled: bool) -> Result<(), CliError> {
     console.known(name).await?;
     let action = if disabled {
         "user.disable"
@@ -133,7 +129,7 @@ async fn set_disabled(console: &Console, name: &UserName, disabled: bool) -> Res
     Ok(())
 }
 
-async fn remove(console: &Console, name: &UserName) -> Result<(), String> {
+async fn remove(console: &Console, name: &UserName) -> Result<(), CliError> {
     console.known(name).await?;
     let result = console.records.users().delete(name, now_ms()).await;
     let ended = console
@@ -152,12 +148,12 @@ async fn invite(
     name: Option<&UserName>,
     role: Option<Role>,
     hours: u16,
-) -> Result<(), String> {
+) -> Result<(), CliError> {
     let role = match name {
         Some(name) => awaited(console, name, role).await?,
         None => role.unwrap_or(Role::Viewer),
     };
-    let code = Secret::generate().map_err(|error| error.to_string())?;
+    let code = Secret::generate()?;
     let expires = now_ms() + i64::from(hours) * HOUR_MS;
     let result = console
         .records
@@ -186,7 +182,7 @@ async fn invite(
 }
 
 /// The role of the account that is invited to set a password. Somebody new gets one, which waits for it.
-async fn awaited(console: &Console, name: &UserName, role: Option<Role>) -> Result<Role, String> {
+async fn awaited(console: &Console, name: &UserName, role: Option<Role>) -> Result<Role, CliError> {
     let Some(user) = console.find(name).await? else {
         let role = role.unwrap_or(Role::Viewer);
         let user = User {
@@ -204,25 +200,25 @@ async fn awaited(console: &Console, name: &UserName, role: Option<Role>) -> Resu
         return Ok(role);
     };
     if user.disabled {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "{name} is locked out and could not log in: `terracrawler user enable {name}` comes first"
-        ));
+        )));
     }
     match role.filter(|role| *role != user.role) {
-        Some(role) => Err(format!(
+        Some(role) => Err(CliError::new(format!(
             "{name} is {} already: `terracrawler user role {name} {role}` changes that",
             user.role
-        )),
+        ))),
         None => Ok(user.role),
     }
 }
 
-fn ask_password(name: &UserName) -> Result<String, String> {
+fn ask_password(name: &UserName) -> Result<String, CliError> {
     let password = terminal::new_password(name.as_ref())?;
-    password::check(name, &password).map_err(|weak| weak.to_string())?;
+    password::check(name, &password)?;
     password::Memory::new()
         .hash(&password)
-        .map_err(|error| error.to_string())
+        .map_err(CliError::from)
 }
 
 fn ended_text(sessions: usize) -> String {
@@ -234,21 +230,19 @@ fn ended_text(sessions: usize) -> String {
 }
 
 impl Console {
-    pub(super) async fn find(&self, name: &UserName) -> Result<Option<User>, String> {
-        self.records
-            .users()
-            .get(name)
-            .await
-            .map_err(|error| said(&error))
+    pub(super) async fn find(&self, name: &UserName) -> Result<Option<User>, CliError> {
+        self.records.users().get(name).await.map_err(CliError::from)
     }
 
-    async fn known(&self, name: &UserName) -> Result<User, String> {
+    async fn known(&self, name: &UserName) -> Result<User, CliError> {
         self.find(name).await?.ok_or_else(|| {
-            format!("{name} has no account; `terracrawler user list` has those there are")
+            CliError::new(format!(
+                "{name} has no account; `terracrawler user list` has those there are"
+            ))
         })
     }
 
-    async fn end_sessions(&self, name: &UserName) -> Result<usize, String> {
+    async fn end_sessions(&self, name: &UserName) -> Result<usize, CliError> {
         let ended = self
             .records
             .sessions()
@@ -256,6 +250,6 @@ impl Console {
             .await;
         ended
             .map(|ended| ended.len())
-            .map_err(|error| format!("done, but the open sessions did not end: {error}"))
+            .or_say(|error| format!("done, but the open sessions did not end: {error}"))
     }
 }

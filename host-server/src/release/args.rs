@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::{Args, Subcommand};
 use crawler_bundle::{Defect, SIZE_DEFAULT, SIZE_MAX};
 use crawler_release::{Chip, Kind};
+use crawler_system::cli_error::CliError;
 use crawler_updates::delta::Side;
 use crawler_updates::gate::Digest;
 
@@ -256,11 +257,11 @@ impl Expiry {
 }
 
 impl FromStr for Expiry {
-    type Err = String;
+    type Err = CliError;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, CliError> {
         let wrong =
-            || "must be a day like 2027-01-31, or a number of days from 1 to 36525".to_owned();
+            || CliError::new("must be a day like 2027-01-31, or a number of days from 1 to 36525");
         if let Ok(days) = text.parse() {
             return if (1..=MOST_DAYS).contains(&days) {
                 Ok(Self::InDays(days))
@@ -295,26 +296,28 @@ pub(super) fn shown(unix: u64) -> String {
     }
 }
 
-fn kind(text: &str) -> Result<Kind, String> {
+fn kind(text: &str) -> Result<Kind, CliError> {
     let mut known = Kind::ALL.into_iter();
     known
         .find(|kind| kind.name() == text)
-        .ok_or_else(|| "must be program, model or policy".to_owned())
+        .ok_or_else(|| CliError::new("must be program, model or policy"))
 }
 
-fn setting(text: &str) -> Result<(String, f32), String> {
+fn setting(text: &str) -> Result<(String, f32), CliError> {
     let (name, value) = text.split_once('=').unwrap_or_default();
     match value.parse::<f32>() {
         Ok(value) if value.is_finite() && !name.is_empty() => Ok((name.to_owned(), value)),
-        _ => Err("must be a name and a number, as max_speed=40".to_owned()),
+        _ => Err(CliError::new(
+            "must be a name and a number, as max_speed=40",
+        )),
     }
 }
 
-fn chip(text: &str) -> Result<Chip, String> {
+fn chip(text: &str) -> Result<Chip, CliError> {
     let known = Chip::ALL.into_iter().find(|chip| chip.name() == Some(text));
     known
         .or_else(|| text.parse().ok().map(Chip))
-        .ok_or_else(|| "must be none, esp32c3, esp32c6, esp32s3 or a number".to_owned())
+        .ok_or_else(|| CliError::new("must be none, esp32c3, esp32c6, esp32s3 or a number"))
 }
 
 #[cfg(test)]
@@ -350,7 +353,8 @@ mod tests {
 
     #[test]
     fn settings_are_names_with_numbers() {
-        assert_eq!(setting("max_speed=40"), Ok(("max_speed".to_owned(), 40.0)));
+        let (name, value) = setting("max_speed=40").expect("a setting");
+        assert_eq!((name.as_str(), value), ("max_speed", 40.0));
         for wrong in [
             "",
             "=",
@@ -368,9 +372,9 @@ mod tests {
 
     #[test]
     fn chips_have_names_and_numbers() {
-        assert_eq!(chip("esp32c3"), Ok(Chip::ESP32_C3));
-        assert_eq!(chip("none"), Ok(Chip::NONE));
-        assert_eq!(chip("2"), Ok(Chip(2)));
+        assert_eq!(chip("esp32c3").expect("a chip"), Chip::ESP32_C3);
+        assert_eq!(chip("none").expect("a chip"), Chip::NONE);
+        assert_eq!(chip("2").expect("a chip"), Chip(2));
         for wrong in ["esp8266", "-1", "65536", ""] {
             assert!(chip(wrong).is_err(), "{wrong}");
         }

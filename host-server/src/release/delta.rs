@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use crawler_release::Manifest;
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_updates::delta::{BetweenFault, Side, between};
 use crawler_updates::release::FILE_MAX;
 
@@ -10,12 +11,12 @@ use super::args::DeltaArgs;
 use super::{read, told, write_new};
 
 /// Makes the delta, writes it, and says how small it is.
-pub(super) fn run(args: &DeltaArgs) -> Result<ExitCode, String> {
+pub(super) fn run(args: &DeltaArgs) -> Result<ExitCode, CliError> {
     let from = read(&args.from, FILE_MAX)?;
     let to = read(&args.to, FILE_MAX)?;
-    let made = between(&from, &to).map_err(|fault| match fault {
-        BetweenFault::File(side, ref why) => told(args.file(side), why),
-        BetweenFault::Image(side, ref why) => told(args.file(side), why),
+    let made = between(&from, &to).or_say(|fault| match fault {
+        BetweenFault::File(side, why) => told(args.file(*side), why),
+        BetweenFault::Image(side, why) => told(args.file(*side), why),
         fault => fault.to_string(),
     })?;
     write_new(&args.out, 0o644, &[&made.patch])?;

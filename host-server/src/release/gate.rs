@@ -17,6 +17,7 @@ use crawler_release::Kind;
 use crawler_sim::evaluate::{Evaluation, Job, Line, run_all};
 use crawler_sim::scenario::{Scenario, Trained};
 use crawler_sim::tools::replay::{Recording, Report, replay};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_system::clock::unix_ms;
 use crawler_updates::gate::{
     Bound, Digest, Estimate, Evaluated, Evaluator, Finding, GATE_FORMAT, GateReport, MAX_ITEMS,
@@ -40,42 +41,42 @@ const NAMED: usize = 5;
 type Detector = Option<&'static [u8]>;
 
 /// Tries a release, and writes what came of it. Success when it passed.
-pub(super) fn run(args: &GateArgs) -> Result<ExitCode, String> {
+pub(super) fn run(args: &GateArgs) -> Result<ExitCode, CliError> {
     // Hours may go into what is to be in it.
     if args.out.exists() {
-        return Err(exists(&args.out));
+        return Err(CliError::new(exists(&args.out)));
     }
     let program: Digest = PROGRAM
         .parse()
-        .map_err(|text| format!("the sources of the robot program: {text}"))?;
+        .map_err(|text| CliError::new(format!("the sources of the robot program: {text}")))?;
     if let Some(expected) = args.program.filter(|expected| *expected != program) {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "this command line has a robot program of other sources ({program}) than the image \
              ({expected}): build both from one tree"
-        ));
+        )));
     }
     let key = SecretKey::from_pem(&read_text(&args.key)?);
-    let key = key.map_err(|fault| told(&args.key, &fault))?;
+    let key = key.or_say(|fault| told(&args.key, &fault))?;
     let file = read(&args.file, FILE_MAX)?;
     let text = read(&args.plan, PLAN_MAX)?;
     let plan = Plan::read(&text, args.plan.parent().unwrap_or(Path::new(".")));
-    let plan = plan.map_err(|what| told(&args.plan, &what))?;
+    let plan = plan.map_err(|error| error.of(args.plan.display()))?;
     let now = unix_ms() / 1_000;
     let expected = Expected {
         now,
         ..Expected::default()
     };
     let found = inspect(&file, &[key.public()], &expected);
-    let found = found.map_err(|fault| told(&args.file, &fault))?;
+    let found = found.or_say(|fault| told(&args.file, &fault))?;
     let manifest = match found.manifest {
         Some(manifest) if found.faults.is_empty() => manifest,
         _ => {
             let faults = found.faults.iter();
             let faults: Vec<_> = faults.map(|fault| fault.text.as_str()).collect();
-            return Err(told(&args.file, &faults.join("; ")));
+            return Err(CliError::new(told(&args.file, &faults.join("; "))));
         }
     };
-    let (_, image) = split(&file).map_err(|fault| told(&args.file, &fault))?;
+    let (_, image) = split(&file).or_say(|fault| told(&args.file, &fault))?;
     let detector = match manifest.kind {
         Kind::Program | Kind::Policy => DETECTOR,
         // Robots that see do so with the model that is tried. It is there until the end of the process.
@@ -85,7 +86,7 @@ pub(super) fn run(args: &GateArgs) -> Result<ExitCode, String> {
     let policy = match (manifest.kind, manifest.name) {
         (Kind::Policy, Some(name)) => {
             let policy = Trained::new(name, image.to_vec());
-            Some(policy.map_err(|text| told(&args.file, &text))?)
+            Some(policy.or_say(|text| told(&args.file, &text))?)
         }
         _ => None,
     };
@@ -116,7 +117,7 @@ pub(super) fn run(args: &GateArgs) -> Result<ExitCode, String> {
         passed: false,
     };
     report.passed = report.outcome();
-    let signed = sign(&report, &key).map_err(|fault| fault.to_string())?;
+    let signed = sign(&report, &key)?;
     write_new(&args.out, 0o644, &[&signed])?;
     print!(
         "{}",
@@ -130,7 +131,7 @@ pub(super) fn run(args: &GateArgs) -> Result<ExitCode, String> {
 }
 
 /// Runs a scenario on its seeds.
-fn evaluate(task: Task, detector: Detector, threads: Option<u16>) -> Result<Evaluated, String> {
+fn evaluate(task: Task, detector: Detector, threads: Option<u16>) -> Result<Evaluated, CliError> {
     let scenario = Scenario {
         detector,
         ..task.scenario
@@ -157,7 +158,7 @@ fn evaluate(task: Task, detector: Detector, threads: Option<u16>) -> Result<Eval
         }
     }
     println!();
-    let text = scenario.to_toml().map_err(|error| error.to_string())?;
+    let text = scenario.to_toml()?;
     let failures = evaluation.failed().count() as u32;
     Ok(Evaluated {
         scenario: scenario.name.clone(),
@@ -201,14 +202,14 @@ fn estimate(line: &Line) -> Estimate {
 }
 
 /// Runs a recording through the program.
-fn replayed(recorded: &Recorded, detector: Detector) -> Result<Replayed, String> {
+fn replayed(recorded: &Recorded, detector: Detector) -> Result<Replayed, CliError> {
     let path = &recorded.path;
     let wrong = |error: &dyn std::fmt::Display| told(path, error);
-    let sha256 = file_digest(path).map_err(|error| wrong(&error))?;
-    let file = File::open(path).map_err(|error| wrong(&error))?;
-    let recording = Recording::read(BufReader::new(file)).map_err(|error| wrong(&error))?;
+    let sha256 = file_digest(path).or_say(|error| wrong(error))?;
+    let file = File::open(path).or_say(|error| wrong(error))?;
+    let recording = Recording::read(BufReader::new(file)).or_say(|error| wrong(error))?;
     let reports = replay(&recording, &ParameterValues::new(), detector, |_| {});
-    let reports = reports.map_err(|error| wrong(&error))?;
+    let reports = reports.or_say(|error| wrong(error))?;
     for report in &reports {
         if let Some((boot, difference)) = &report.difference {
             println!("{}: parts in boot {boot}, {difference}", report.robot);

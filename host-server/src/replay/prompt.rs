@@ -9,6 +9,7 @@ use crawler_sim::faults::Fault;
 use crawler_sim::run::Simulation;
 use crawler_sim::tools::debugger::Step;
 use crawler_sim::world::Pose;
+use crawler_system::cli_error::{CliError, OrSay as _};
 
 use super::session::Session;
 
@@ -90,7 +91,7 @@ pub(super) fn run(
 }
 
 /// Does what a line says, and says what came of it.
-fn obey(session: &mut Session, line: &str) -> Result<String, String> {
+fn obey(session: &mut Session, line: &str) -> Result<String, CliError> {
     let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
     let rest = rest.trim();
     match word {
@@ -102,13 +103,17 @@ fn obey(session: &mut Session, line: &str) -> Result<String, String> {
                     words.next();
                     count
                 }
-                Some(Ok(_)) => return Err("at least one step".to_owned()),
+                Some(Ok(_)) => return Err(CliError::new("at least one step")),
                 _ => 1,
             };
             let step = match words.next() {
                 None | Some("physics") => Step::Physics,
                 Some("control") => Step::Control,
-                Some(other) => return Err(format!("`{other}` is no step: physics or control")),
+                Some(other) => {
+                    return Err(CliError::new(format!(
+                        "`{other}` is no step: physics or control"
+                    )));
+                }
             };
             session.step(step, count)?;
         }
@@ -121,15 +126,16 @@ fn obey(session: &mut Session, line: &str) -> Result<String, String> {
         "speed" => {
             let factor = rest
                 .parse()
-                .map_err(|_| "speed FACTOR, or speed max".to_owned())?;
+                .map_err(|_| CliError::new("speed FACTOR, or speed max"))?;
             session.set_speed(Some(factor))?;
         }
         "robots" => return Ok(robots(session.world())),
         "show" => return show(session.world(), rest),
         "command" => {
             let (robot, json) = two(rest, "command ROBOT|all JSON")?;
-            let action = Action::parse(json.as_bytes())
-                .map_err(|reason| format!("the command is refused: {}", reason.name()))?;
+            let action = Action::parse(json.as_bytes()).map_err(|reason| {
+                CliError::new(format!("the command is refused: {}", reason.name()))
+            })?;
             let seq = if robot == "all" {
                 session.world_mut().submit_all(action)
             } else {
@@ -149,10 +155,7 @@ fn obey(session: &mut Session, line: &str) -> Result<String, String> {
             let (robot, fault) = two(rest, "inject ROBOT FAULT")?;
             let robot = number(session.world(), robot)?;
             let fault = fault_of(fault)?;
-            session
-                .world_mut()
-                .inject(robot, fault, None)
-                .map_err(|error| error.to_string())?;
+            session.world_mut().inject(robot, fault, None)?;
         }
         "heal" => {
             let robot = number(session.world(), rest)?;
@@ -164,16 +167,18 @@ fn obey(session: &mut Session, line: &str) -> Result<String, String> {
             session.world_mut().remove(robot);
         }
         "drop" => {
-            let what = serde_json::from_str(rest).map_err(|error| error.to_string())?;
+            let what = serde_json::from_str(rest)?;
             let item = session.world_mut().drop_in(what);
-            return Ok(format!("item {}", item.map_err(|error| error.to_string())?));
+            return Ok(format!("item {}", item?));
         }
         "take" => {
             let there = rest
                 .parse()
                 .is_ok_and(|item| session.world_mut().take_away(item));
             if !there {
-                return Err(format!("nothing that was dropped has number `{rest:.20}`"));
+                return Err(CliError::new(format!(
+                    "nothing that was dropped has number `{rest:.20}`"
+                )));
             }
         }
         "hash" => return Ok(hashes(session.world())),
@@ -184,7 +189,10 @@ fn obey(session: &mut Session, line: &str) -> Result<String, String> {
             let seed = if rest.is_empty() {
                 None
             } else {
-                Some(rest.parse().map_err(|_| format!("`{rest}` is no seed"))?)
+                Some(
+                    rest.parse::<u64>()
+                        .or_say(|_| format!("`{rest}` is no seed"))?,
+                )
             };
             session.reset(seed)?;
         }
@@ -196,30 +204,30 @@ fn obey(session: &mut Session, line: &str) -> Result<String, String> {
         }
         "record" => session.record(file(rest)?)?,
         _ => {
-            return Err(format!(
+            return Err(CliError::new(format!(
                 "`{word:.40}` is no command; `help` names those there are"
-            ));
+            )));
         }
     }
     Ok(session.summary())
 }
 
-fn two<'a>(rest: &'a str, usage: &str) -> Result<(&'a str, &'a str), String> {
+fn two<'a>(rest: &'a str, usage: &str) -> Result<(&'a str, &'a str), CliError> {
     let (first, second) = rest
         .split_once(char::is_whitespace)
-        .ok_or_else(|| format!("it is: {usage}"))?;
+        .ok_or_else(|| CliError::new(format!("it is: {usage}")))?;
     Ok((first, second.trim()))
 }
 
-fn file(name: &str) -> Result<&Path, String> {
+fn file(name: &str) -> Result<&Path, CliError> {
     if name.is_empty() {
-        return Err("a file is missing".to_owned());
+        return Err(CliError::new("a file is missing"));
     }
     Ok(Path::new(name))
 }
 
 /// A robot by its name or its number, counting from 1.
-fn number(world: &Simulation, name: &str) -> Result<usize, String> {
+fn number(world: &Simulation, name: &str) -> Result<usize, CliError> {
     let named = (0..world.robots()).find(|&robot| {
         world.id(robot).is_some_and(|id| id.as_str() == name)
             || name
@@ -227,26 +235,26 @@ fn number(world: &Simulation, name: &str) -> Result<usize, String> {
                 .is_ok_and(|number| number == robot + 1)
     });
     let there = named.filter(|&robot| world.observe(robot).is_some_and(|seen| seen.present));
-    there.ok_or_else(|| format!("there is no robot `{name}`"))
+    there.ok_or_else(|| CliError::new(format!("there is no robot `{name}`")))
 }
 
-fn fault_of(text: &str) -> Result<Fault, String> {
+fn fault_of(text: &str) -> Result<Fault, CliError> {
     let json = if text.starts_with('{') {
         text.to_owned()
     } else {
         serde_json::json!({ "fault": text }).to_string()
     };
-    serde_json::from_str(&json).map_err(|error| error.to_string())
+    serde_json::from_str(&json).map_err(CliError::from)
 }
 
-fn add(world: &mut Simulation, rest: &str) -> Result<String, String> {
+fn add(world: &mut Simulation, rest: &str) -> Result<String, CliError> {
     let numbers: Result<Vec<f32>, _> = rest.split_whitespace().map(str::parse).collect();
     let added = match numbers.as_deref() {
         Ok([]) => world.spawn(),
         Ok([x, y, theta]) => world.spawn_at(Pose::new(*x, *y, *theta)),
-        _ => return Err("it is: add, or add X Y THETA".to_owned()),
+        _ => return Err(CliError::new("it is: add, or add X Y THETA")),
     };
-    let robot = added.map_err(|error| error.to_string())?;
+    let robot = added?;
     let id = world.id(robot).map_or("", |id| id.as_str());
     Ok(format!("added {id}"))
 }
@@ -275,12 +283,12 @@ fn robots(world: &Simulation) -> String {
     lines.join("\n")
 }
 
-fn show(world: &Simulation, name: &str) -> Result<String, String> {
+fn show(world: &Simulation, name: &str) -> Result<String, CliError> {
     let robot = number(world, name)?;
     let (Some(first), Some(seen), Some(program)) =
         (line(world, robot), world.observe(robot), world.robot(robot))
     else {
-        return Err(format!("robot `{name}` does not run"));
+        return Err(CliError::new(format!("robot `{name}` does not run")));
     };
     let told = program.snapshot();
     Ok(format!(

@@ -15,6 +15,7 @@ use crawler_sim::tools::snapshot::{self, Snapshot};
 
 use crawler_experiments::BUILD;
 use crawler_experiments::scenarios::DETECTOR;
+use crawler_system::cli_error::{CliError, OrSay as _};
 
 /// Real time between two looks at the clock, while a world runs at a pace.
 const TURN: StdDuration = StdDuration::from_millis(20);
@@ -28,15 +29,11 @@ pub(super) struct Session {
 }
 
 /// Reads a snapshot from a file.
-pub(super) fn read_snapshot(path: &Path) -> Result<Snapshot, String> {
+pub(super) fn read_snapshot(path: &Path) -> Result<Snapshot, CliError> {
     let told = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
-    let file = File::open(path).map_err(|error| told(&error))?;
-    let kept = snapshot::read_from(BufReader::new(file)).map_err(|error| told(&error))?;
+    let file = File::open(path).or_say(|error| told(&error))?;
+    let kept = snapshot::read_from(BufReader::new(file)).or_say(|error| told(&error))?;
     Ok(kept.with_detector(DETECTOR))
-}
-
-fn text(error: impl std::fmt::Display) -> String {
-    error.to_string()
 }
 
 /// Records to a file, with the name of this build.
@@ -54,8 +51,8 @@ impl Session {
         seed: u64,
         record: Option<&Path>,
         words: String,
-    ) -> Result<Self, String> {
-        let mut recorder = record.map(recorder).transpose().map_err(text)?;
+    ) -> Result<Self, CliError> {
+        let mut recorder = record.map(recorder).transpose()?;
         if let Some(recorder) = &mut recorder {
             recorder.say("command", words);
         }
@@ -65,7 +62,7 @@ impl Session {
             }
             None => Simulation::lockstep(scenario, seed),
         };
-        Ok(Self::of(simulation.map_err(text)?, recorder))
+        Ok(Self::of(simulation?, recorder))
     }
 
     /// Runs a world as `evaluate` does, up to the moment at which a criterion is lost for good.
@@ -74,7 +71,7 @@ impl Session {
         seed: u64,
         record: Option<&Path>,
         words: String,
-    ) -> Result<(Trial, Self), String> {
+    ) -> Result<(Trial, Self), CliError> {
         let begun = Self::new(scenario.clone(), seed, record, words)?;
         let Self {
             debugger,
@@ -83,7 +80,7 @@ impl Session {
         } = begun;
         let advance = |simulation: &mut Simulation, end: Instant| {
             if let Some(recorder) = &mut recorder {
-                return recorder.run_until(simulation, end).map_err(text);
+                return recorder.run_until(simulation, end).map_err(CliError::from);
             }
             simulation.run_until(end);
             Ok(())
@@ -93,13 +90,13 @@ impl Session {
         Ok((trial, Self::of(simulation, recorder)))
     }
 
-    pub(super) fn restored(snapshot: &Snapshot, record: Option<&Path>) -> Result<Self, String> {
-        let mut recorder = record.map(recorder).transpose().map_err(text)?;
+    pub(super) fn restored(snapshot: &Snapshot, record: Option<&Path>) -> Result<Self, CliError> {
+        let mut recorder = record.map(recorder).transpose()?;
         let simulation = match &mut recorder {
             Some(recorder) => snapshot.restore_recorded(recorder),
             None => snapshot.restore(),
         };
-        Ok(Self::of(simulation.map_err(text)?, recorder))
+        Ok(Self::of(simulation?, recorder))
     }
 
     fn of(simulation: Simulation, recorder: Option<Recorder>) -> Self {
@@ -119,10 +116,10 @@ impl Session {
     }
 
     /// Runs to a moment, at once.
-    fn run_to(&mut self, end: Instant) -> Result<(), String> {
+    fn run_to(&mut self, end: Instant) -> Result<(), CliError> {
         if let Some(recorder) = &mut self.recorder {
             let simulation = self.debugger.simulation_mut();
-            recorder.run_until(simulation, end).map_err(text)
+            recorder.run_until(simulation, end).map_err(CliError::from)
         } else {
             self.debugger.run_until(end);
             Ok(())
@@ -130,7 +127,7 @@ impl Session {
     }
 
     /// Runs to a second, at the pace that was asked for.
-    pub(super) fn run_until(&mut self, seconds: f64) -> Result<(), String> {
+    pub(super) fn run_until(&mut self, seconds: f64) -> Result<(), CliError> {
         let end = Instant::from_micros((seconds * 1e6).round() as u64);
         let mut looked = RealInstant::now();
         while self.paced && self.world().now() < end {
@@ -144,65 +141,69 @@ impl Session {
         self.run_to(end.max(self.world().now()))
     }
 
-    pub(super) fn step(&mut self, step: Step, count: u32) -> Result<(), String> {
+    pub(super) fn step(&mut self, step: Step, count: u32) -> Result<(), CliError> {
         self.run_to(self.debugger.after(step, count))
     }
 
     /// Keeps pace at so many times real time; `None` is as fast as it can.
-    pub(super) fn set_speed(&mut self, factor: Option<f64>) -> Result<(), String> {
+    pub(super) fn set_speed(&mut self, factor: Option<f64>) -> Result<(), CliError> {
         if let Some(factor) = factor {
-            self.debugger.set_factor(factor).map_err(text)?;
+            self.debugger.set_factor(factor)?;
         }
         self.paced = factor.is_some();
         Ok(())
     }
 
     /// Whether this world can give way to another one.
-    fn may_leave(&self) -> Result<(), String> {
+    fn may_leave(&self) -> Result<(), CliError> {
         if self.recorder.is_some() {
-            return Err("a recording is of one world: it ends with `record off` first".to_owned());
+            return Err(CliError::new(
+                "a recording is of one world: it ends with `record off` first",
+            ));
         }
         Ok(())
     }
 
-    pub(super) fn reset(&mut self, seed: Option<u64>) -> Result<(), String> {
+    pub(super) fn reset(&mut self, seed: Option<u64>) -> Result<(), CliError> {
         self.may_leave()?;
-        self.debugger.reset(seed).map_err(text)
+        self.debugger.reset(seed).map_err(CliError::from)
     }
 
-    pub(super) fn keep(&self, path: &Path) -> Result<(), String> {
-        let kept = self.debugger.snapshot().map_err(text)?;
-        let told = |error: std::io::Error| format!("{}: {error}", path.display());
+    pub(super) fn keep(&self, path: &Path) -> Result<(), CliError> {
+        let kept = self.debugger.snapshot()?;
+        let told = |error: &std::io::Error| format!("{}: {error}", path.display());
         // Never half a snapshot in the place of a whole one.
         let draft = path.with_extension("part");
-        let file = File::create(&draft).map_err(told)?;
-        snapshot::write_to(&kept, BufWriter::new(file)).map_err(told)?;
-        std::fs::rename(&draft, path).map_err(told)
+        let file = File::create(&draft).or_say(told)?;
+        snapshot::write_to(&kept, BufWriter::new(file)).or_say(told)?;
+        std::fs::rename(&draft, path).or_say(told)
     }
 
-    pub(super) fn restore(&mut self, path: &Path) -> Result<(), String> {
+    pub(super) fn restore(&mut self, path: &Path) -> Result<(), CliError> {
         self.may_leave()?;
-        self.debugger.restore(&read_snapshot(path)?).map_err(text)
+        self.debugger
+            .restore(&read_snapshot(path)?)
+            .map_err(CliError::from)
     }
 
     /// Records to a file, from the beginning of the world: it is made once more to that end.
-    pub(super) fn record(&mut self, path: &Path) -> Result<(), String> {
+    pub(super) fn record(&mut self, path: &Path) -> Result<(), CliError> {
         if self.recorder.is_some() {
-            return Err("it is being recorded already".to_owned());
+            return Err(CliError::new("it is being recorded already"));
         }
-        let kept = self.debugger.snapshot().map_err(text)?;
-        let mut recorder = recorder(path).map_err(text)?;
-        let simulation = kept.restore_recorded(&mut recorder).map_err(text)?;
+        let kept = self.debugger.snapshot()?;
+        let mut recorder = recorder(path)?;
+        let simulation = kept.restore_recorded(&mut recorder)?;
         self.debugger.replace(simulation);
         self.recorder = Some(recorder);
         Ok(())
     }
 
     /// Ends the recording, if there is one.
-    pub(super) fn finish(&mut self) -> Result<Option<Recorded>, String> {
+    pub(super) fn finish(&mut self) -> Result<Option<Recorded>, CliError> {
         let recorder = self.recorder.take();
         let recorded = recorder.map(|recorder| recorder.finish(self.debugger.simulation()));
-        recorded.transpose().map_err(text)
+        recorded.transpose().map_err(CliError::from)
     }
 
     /// One line on the world.

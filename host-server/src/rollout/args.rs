@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::{Args, Subcommand};
 use crawler_access::UserName;
 use crawler_protocol::{Kind, ReleaseId, RobotId};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_updates::rollout::UpdateState;
 
 use crate::addresses::Addresses;
@@ -64,12 +65,12 @@ impl RemoteArgs {
     ///
     /// # Errors
     /// When nobody would be trusted.
-    pub(crate) fn client(&self, settings: &Settings) -> Result<Client, String> {
+    pub(crate) fn client(&self, settings: &Settings) -> Result<Client, CliError> {
         if let Some(url) = &self.server {
-            return Client::new(url.clone(), self.ca.as_deref());
+            return Ok(Client::new(url.clone(), self.ca.as_deref())?);
         }
         let page = Addresses::of(settings).page;
-        let url = page.parse().map_err(|_| {
+        let url = page.parse::<ServerUrl>().or_say(|_| {
             format!("the server of this machine is at no address ({page}): name it with --server")
         })?;
         // The authority that a server makes for itself is in its data directory.
@@ -79,14 +80,14 @@ impl RemoteArgs {
             .is_none()
             .then(|| settings.data.join("tls/ca.pem"));
         let own = own.filter(|path| path.exists());
-        Client::new(url, self.ca.as_deref().or(own.as_deref()))
+        Ok(Client::new(url, self.ca.as_deref().or(own.as_deref()))?)
     }
 
     /// Logs in, where an account is named.
     ///
     /// # Errors
     /// One line saying why not.
-    pub(crate) async fn log_in(&self, client: &mut Client) -> Result<(), String> {
+    pub(crate) async fn log_in(&self, client: &mut Client) -> Result<(), CliError> {
         let Some(user) = &self.user else {
             return Ok(());
         };
@@ -103,7 +104,7 @@ impl RemoteArgs {
     }
 }
 
-fn first_line(path: &Path) -> Result<String, String> {
+fn first_line(path: &Path) -> Result<String, CliError> {
     let bytes = crate::release::read(path, PASSWORD_MAX)?;
     let line = bytes
         .split(|byte| *byte == b'\n')
@@ -113,7 +114,7 @@ fn first_line(path: &Path) -> Result<String, String> {
     String::from_utf8(line.to_vec())
         .ok()
         .filter(|line| !line.is_empty())
-        .ok_or_else(|| format!("{}: its first line is no password", path.display()))
+        .ok_or_else(|| CliError::new(format!("{}: its first line is no password", path.display())))
 }
 
 /// What can be done with rollouts.
@@ -261,35 +262,38 @@ pub struct Phases {
 pub struct Group(pub Vec<RobotId>);
 
 impl FromStr for Group {
-    type Err = String;
+    type Err = CliError;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, CliError> {
         let robots = text.split(',').map(|name| {
             RobotId::new(name)
-                .map_err(|_| format!("`{name}` is not a robot's id: 1 to 32 of a-z, 0-9 and -"))
+                .or_say(|_| format!("`{name}` is not a robot's id: 1 to 32 of a-z, 0-9 and -"))
         });
         robots.collect::<Result<_, _>>().map(Self)
     }
 }
 
-fn release(text: &str) -> Result<(ReleaseId, Option<Kind>), String> {
+fn release(text: &str) -> Result<(ReleaseId, Option<Kind>), CliError> {
     let (id, kind) = match text.split_once('=') {
         Some((id, word)) => {
             let kind = Kind::from_name(word);
-            let unknown = || "behind `=` stands physical, emulated or simulated".to_owned();
+            let unknown = || CliError::new("behind `=` stands physical, emulated or simulated");
             (id, Some(kind.ok_or_else(unknown)?))
         }
         None => (text, None),
     };
     let id = id.parse();
-    let id = id.map_err(|_| "the id of a release has 16 of 0-9 and a-f".to_owned())?;
+    let id = id.map_err(|_| CliError::new("the id of a release has 16 of 0-9 and a-f"))?;
     Ok((id, kind))
 }
 
-fn state(text: &str) -> Result<String, String> {
+fn state(text: &str) -> Result<String, CliError> {
     let known = UpdateState::ALL.map(UpdateState::name);
     if known.contains(&text) {
         return Ok(text.to_owned());
     }
-    Err(format!("must be one of {}", known.join(", ")))
+    Err(CliError::new(format!(
+        "must be one of {}",
+        known.join(", ")
+    )))
 }

@@ -3,6 +3,7 @@
 use std::io::{self, Read as _};
 use std::path::Path;
 
+use crawler_system::cli_error::{CliError, OrSay as _};
 use serde_json::{Value, json};
 
 use super::args::PlanArgs;
@@ -14,13 +15,13 @@ const MOST: usize = 512 * 1024;
 ///
 /// # Errors
 /// When a file is not JSON, or the options say too little.
-pub(super) fn body(args: &PlanArgs) -> Result<Vec<u8>, String> {
+pub(super) fn body(args: &PlanArgs) -> Result<Vec<u8>, CliError> {
     match &args.file {
         Some(_) if args.is_piped() => {
             let mut bytes = Vec::new();
             let input = io::stdin().lock();
             let read = input.take(MOST as u64 + 1).read_to_end(&mut bytes);
-            read.map_err(|error| format!("cannot read the plan: {error}"))?;
+            read.or_say(|error| format!("cannot read the plan: {error}"))?;
             checked(bytes, "standard input")
         }
         Some(path) => checked(crate::release::read(path, MOST)?, &shown(path)),
@@ -32,18 +33,20 @@ fn shown(path: &Path) -> String {
     path.display().to_string()
 }
 
-fn checked(bytes: Vec<u8>, name: &str) -> Result<Vec<u8>, String> {
+fn checked(bytes: Vec<u8>, name: &str) -> Result<Vec<u8>, CliError> {
     if bytes.len() > MOST {
-        return Err(format!("{name}: more than {MOST} bytes"));
+        return Err(CliError::new(format!("{name}: more than {MOST} bytes")));
     }
     match serde_json::from_slice(&bytes) {
         Ok(Value::Object(_)) => Ok(bytes),
-        Ok(_) => Err(format!("{name}: a plan is a JSON object: docs/updates.md")),
-        Err(error) => Err(format!("{name}: no JSON: {error}")),
+        Ok(_) => Err(CliError::new(format!(
+            "{name}: a plan is a JSON object: docs/updates.md"
+        ))),
+        Err(error) => Err(CliError::new(format!("{name}: no JSON: {error}"))),
     }
 }
 
-fn of_options(args: &PlanArgs) -> Result<Value, String> {
+fn of_options(args: &PlanArgs) -> Result<Value, CliError> {
     let releases = args.release.iter().map(|(id, kind)| {
         let mut release = json!({ "release": id.to_string() });
         if let Some(kind) = kind {
@@ -70,10 +73,9 @@ fn of_options(args: &PlanArgs) -> Result<Value, String> {
     });
     let phases: Vec<_> = phases.collect();
     if phases.is_empty() {
-        return Err(
-            "say for whom it is: --share 10,100 for instance, or --group rover-1,rover-2"
-                .to_owned(),
-        );
+        return Err(CliError::new(
+            "say for whom it is: --share 10,100 for instance, or --group rover-1,rover-2",
+        ));
     }
     let mut plan = json!({ "releases": releases.collect::<Vec<_>>(), "phases": phases });
     if let Some(parallel) = args.parallel {
@@ -137,7 +139,7 @@ mod tests {
             serde_json::from_value(least.expect("a plan")).expect("a server reads it");
         assert_eq!((least.limits.parallel, least.phases[0].soak_s), (50, 600));
         let nobody = of_options(&args("--release 9f2c1ab034d5e6f7"));
-        assert!(nobody.is_err_and(|text| text.contains("--share 10,100")));
+        assert!(nobody.is_err_and(|error| error.to_string().contains("--share 10,100")));
     }
 
     #[test]
@@ -157,17 +159,17 @@ mod tests {
             ("[]", "a JSON object"),
             ("{} {}", "no JSON"),
         ] {
-            let refused = checked(text.as_bytes().to_vec(), "plan.json").expect_err(text);
+            let refused = checked(text.as_bytes().to_vec(), "plan.json");
+            let refused = refused.expect_err(text).to_string();
             assert!(
                 refused.starts_with("plan.json: ") && refused.contains(why),
                 "{refused}"
             );
         }
         let long = checked(vec![b' '; MOST + 1], "plan.json").expect_err("too long");
+        let long = long.to_string();
         assert!(long.contains("524288 bytes"), "{long}");
-        assert_eq!(
-            checked(b"{}".to_vec(), "plan.json").as_deref(),
-            Ok(&b"{}"[..])
-        );
+        let sent = checked(b"{}".to_vec(), "plan.json").expect("an object");
+        assert_eq!(sent, b"{}");
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crawler_system::cli_error::{CliError, OrSay as _};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -86,24 +87,24 @@ pub(super) struct Robot {
     pub(super) since: i64,
 }
 
-fn read<T: for<'de> Deserialize<'de>>(value: Value) -> Result<T, String> {
+fn read<T: for<'de> Deserialize<'de>>(value: Value) -> Result<T, CliError> {
     serde_json::from_value(value)
-        .map_err(|error| format!("the server tells of rollouts in another way: {error}"))
+        .or_say(|error| format!("the server tells of rollouts in another way: {error}"))
 }
 
 impl Rollout {
-    pub(super) fn read(value: Value) -> Result<Self, String> {
+    pub(super) fn read(value: Value) -> Result<Self, CliError> {
         read(value)
     }
 
-    pub(super) fn read_all(value: Value) -> Result<Vec<Self>, String> {
+    pub(super) fn read_all(value: Value) -> Result<Vec<Self>, CliError> {
         read(value)
     }
 
     /// Its id as a number.
-    pub(super) fn number(&self) -> Result<u64, String> {
-        let number = self.id.parse();
-        number.map_err(|_| "the server has given the rollout an id that is none".to_owned())
+    pub(super) fn number(&self) -> Result<u64, CliError> {
+        let number = self.id.parse::<u64>();
+        number.or_say(|_| "the server has given the rollout an id that is none".to_owned())
     }
 
     /// How many of its robots are in a state.
@@ -115,7 +116,7 @@ impl Rollout {
 }
 
 impl Robot {
-    pub(super) fn read(values: Value) -> Result<Vec<Self>, String> {
+    pub(super) fn read(values: Value) -> Result<Vec<Self>, CliError> {
         read(values)
     }
 }

@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use crawler_system::cli_error::CliError;
 use serde_json::Value;
 
 use super::view::{Line, Rollout};
@@ -81,7 +82,7 @@ pub(super) async fn follow(
     client: &mut Client,
     mut view: Value,
     json: bool,
-) -> Result<ExitCode, String> {
+) -> Result<ExitCode, CliError> {
     let mut printed = Printed::default();
     let mut heard = Instant::now();
     let mut away = false;
@@ -109,7 +110,7 @@ pub(super) async fn follow(
                         eprintln!("terracrawler: waits: {error}");
                     }
                 }
-                Err(error) => return Err(error.to_string()),
+                Err(error) => return Err(error.into()),
             }
         };
         heard = Instant::now();

@@ -56,9 +56,9 @@ impl BrokerLink {
         }
         let connection = bus::connect(&target, &settings.fleet)
             .await
-            .map_err(|reason| StartError::BrokerUnreachable {
+            .map_err(|error| StartError::BrokerUnreachable {
                 broker: mqtt.to_string(),
-                reason,
+                reason: error.to_string(),
             })?;
         Ok(Self {
             broker: handle,

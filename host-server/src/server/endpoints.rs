@@ -145,9 +145,9 @@ pub(super) async fn open_tunnel(
     let tunnel = Tunnel::open(broker, settings.tls.broker_ca.as_deref()).await;
     tunnel
         .map(Some)
-        .map_err(|reason| StartError::BrokerUnreachable {
+        .map_err(|error| StartError::BrokerUnreachable {
             broker: broker.to_string(),
-            reason,
+            reason: error.to_string(),
         })
 }
 

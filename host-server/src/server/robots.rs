@@ -56,9 +56,9 @@ impl Robots {
         let target = outside(&inside)?.named("simulator");
         bus::probe(&target)
             .await
-            .map_err(|reason| StartError::BrokerUnreachable {
+            .map_err(|error| StartError::BrokerUnreachable {
                 broker: broker.to_string(),
-                reason,
+                reason: error.to_string(),
             })?;
         let simulation = world::start(settings, &inside).await?;
         let simulation = Arc::new(simulation);

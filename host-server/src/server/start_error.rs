@@ -8,6 +8,7 @@ use crawler_records::RecordsError;
 
 use crawler_accounts::OpenError;
 use crawler_server_tls::TlsError;
+use crawler_system::cli_error::CliError;
 use crawler_system::data::DataError;
 
 /// Why the server does not start, in one line each.
@@ -53,7 +54,7 @@ pub enum StartError {
         reason: String,
     },
     /// The simulated robots cannot be started.
-    Simulation(String),
+    Simulation(CliError),
     /// No server has been here: where.
     NoRecords(String),
     /// There are no threads for experiments.
@@ -61,7 +62,7 @@ pub enum StartError {
     /// There is no thread for twins.
     Twins(io::Error),
     /// A public key by which releases would be believed cannot be used.
-    ReleaseKey(String),
+    ReleaseKey(CliError),
     /// Something that cannot happen did.
     Internal(&'static str),
 }

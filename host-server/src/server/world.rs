@@ -5,6 +5,7 @@ use crawler_experiments::scenarios::scenario;
 use crawler_sim::live::LiveConfig;
 use crawler_sim::tools::recording::RecordTo;
 use crawler_simulations::Simulation;
+use crawler_system::cli_error::{CliError, OrSay as _};
 
 use super::StartError;
 use crate::config::{BrokerUrl, KeyFiles, Settings};
@@ -23,14 +24,14 @@ pub(super) async fn start(
         build: BUILD.to_owned(),
     });
     let started = Simulation::start(config, record).await;
-    started.map_err(StartError::Simulation)
+    started.map_err(|error| StartError::Simulation(error.into()))
 }
 
-fn config(settings: &Settings, broker: &BrokerUrl) -> Result<LiveConfig, String> {
+fn config(settings: &Settings, broker: &BrokerUrl) -> Result<LiveConfig, CliError> {
     let credentials = match &broker.credentials {
         Some((name, password)) => {
             let usable = crawler_sim::run::credentials(name, password);
-            Some(usable.map_err(|error| format!("simulated robots take {error}"))?)
+            Some(usable.or_say(|error| format!("simulated robots take {error}"))?)
         }
         None => None,
     };

@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use crawler_system::cli_error::CliError;
 use crawler_twin::body::Parameters;
 use crawler_twin::detect::FaultName;
 use crawler_twin::shadow::{Shadow, View};
@@ -10,7 +11,7 @@ use super::args::FollowArgs;
 use super::{read_certificate, recording, told};
 
 /// Follows, and says what there is to say: 0 when nothing is wrong, 1 when a fault was named.
-pub(super) fn run(args: &FollowArgs) -> Result<ExitCode, String> {
+pub(super) fn run(args: &FollowArgs) -> Result<ExitCode, CliError> {
     let drive = recording::read(&args.file, args.robot.as_deref())?;
     let certificate = args
         .certificate
@@ -20,10 +21,10 @@ pub(super) fn run(args: &FollowArgs) -> Result<ExitCode, String> {
     if let Some(certificate) = &certificate
         && certificate.about.robot != drive.robot
     {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "the certificate is of {}, and this recording of {}",
             certificate.about.robot, drive.robot
-        ));
+        )));
     }
     let (mut shadow, body) = if let Some(certificate) = &certificate {
         let shadow = Shadow::new(certificate.parameters, certificate.wander);
@@ -52,7 +53,9 @@ pub(super) fn run(args: &FollowArgs) -> Result<ExitCode, String> {
         there.extend(faults.iter().map(|fault| fault.fault));
     }
     let view = shadow.view();
-    let view = view.ok_or_else(|| told(&args.file, "duties and fixes are of different times"))?;
+    let view = view.ok_or_else(|| {
+        CliError::new(told(&args.file, "duties and fixes are of different times"))
+    })?;
     print!("{}", summary(&view, refused));
     Ok(ExitCode::from(u8::from(named > 0)))
 }

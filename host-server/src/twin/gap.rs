@@ -8,6 +8,7 @@ mod table;
 use std::fs;
 use std::path::Path;
 
+use crawler_system::cli_error::{CliError, OrSay as _};
 use serde_json::Value;
 
 pub(super) use live::run as live;
@@ -26,12 +27,15 @@ enum Form {
 
 impl Form {
     /// What a file of this name is to be.
-    fn of(path: &Path) -> Result<Self, String> {
+    fn of(path: &Path) -> Result<Self, CliError> {
         match path.extension().and_then(|end| end.to_str()) {
             Some("json") => Ok(Self::Json),
             Some("md") => Ok(Self::Markdown),
             Some("html") => Ok(Self::Html),
-            _ => Err(told(path, "the name ends with .json, .md or .html")),
+            _ => Err(CliError::new(told(
+                path,
+                "the name ends with .json, .md or .html",
+            ))),
         }
     }
 
@@ -53,20 +57,20 @@ fn tell(
     tables: &[Table],
     all: &Value,
     out: Option<(&Path, Form)>,
-) -> Result<(), String> {
+) -> Result<(), CliError> {
     for table in tables {
         println!("{}", table.text());
     }
     if let Some((path, form)) = out {
         let text = form.write(title, tables, all);
-        fs::write(path, text).map_err(|error| told(path, error))?;
+        fs::write(path, text).or_say(|error| told(path, error))?;
         println!("written to {}", path.display());
     }
     Ok(())
 }
 
 /// The file that is to be written, if there is one.
-fn out(path: Option<&Path>) -> Result<Option<(&Path, Form)>, String> {
+fn out(path: Option<&Path>) -> Result<Option<(&Path, Form)>, CliError> {
     path.map(|path| Ok((path, Form::of(path)?))).transpose()
 }
 
@@ -77,9 +81,9 @@ mod tests {
     #[test]
     fn the_name_of_a_file_says_what_it_is() {
         let of = |name: &str| Form::of(Path::new(name));
-        assert_eq!(of("a/gap.json"), Ok(Form::Json));
-        assert_eq!(of("gap.md"), Ok(Form::Markdown));
-        assert_eq!(of("x.y.html"), Ok(Form::Html));
+        assert_eq!(of("a/gap.json").expect("a form"), Form::Json);
+        assert_eq!(of("gap.md").expect("a form"), Form::Markdown);
+        assert_eq!(of("x.y.html").expect("a form"), Form::Html);
         for name in ["gap", "gap.txt", "json"] {
             of(name).expect_err("no form");
         }

@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
+use crawler_system::cli_error::{CliError, OrSay as _};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -51,16 +52,16 @@ struct Calibration {
     errors: Vec<Errors>,
 }
 
-fn read<T: for<'a> Deserialize<'a>>(value: Value) -> Result<T, String> {
+fn read<T: for<'a> Deserialize<'a>>(value: Value) -> Result<T, CliError> {
     serde_json::from_value(value)
-        .map_err(|error| format!("what the server says cannot be read: {error}"))
+        .or_say(|error| format!("what the server says cannot be read: {error}"))
 }
 
 /// Has a server calibrate a robot: 0 with a certificate, or where it may begin; 1 without.
 ///
 /// # Errors
 /// One line: what cannot be done, and why.
-pub(crate) async fn run(args: &CalibrateArgs, settings: &Settings) -> Result<ExitCode, String> {
+pub(crate) async fn run(args: &CalibrateArgs, settings: &Settings) -> Result<ExitCode, CliError> {
     let mut client = args.remote.client(settings)?;
     args.remote.log_in(&mut client).await?;
     let done = if args.confirmed {
@@ -78,7 +79,7 @@ fn place(args: &CalibrateArgs) -> String {
 }
 
 /// Says whether it may begin, and what it would be.
-async fn ask(client: &mut Client, args: &CalibrateArgs) -> Result<ExitCode, String> {
+async fn ask(client: &mut Client, args: &CalibrateArgs) -> Result<ExitCode, CliError> {
     let mut path = format!("{}/permit", place(args));
     if let Some(around) = args.around {
         path = format!("{path}?around={around}");
@@ -99,7 +100,7 @@ async fn ask(client: &mut Client, args: &CalibrateArgs) -> Result<ExitCode, Stri
 }
 
 /// Begins, follows it to its end, and stops it when a person does not want it any more.
-async fn calibrate(client: &mut Client, args: &CalibrateArgs) -> Result<ExitCode, String> {
+async fn calibrate(client: &mut Client, args: &CalibrateArgs) -> Result<ExitCode, CliError> {
     let mut body = json!({ "confirmed": true });
     if let Some(floor) = &args.common.floor {
         body["floor"] = floor.as_str().into();

@@ -10,6 +10,7 @@ use std::path::Path;
 use crawler_protocol::open::StatusMessage;
 use crawler_protocol::{PoseFix, TelemetryEncoding, open};
 use crawler_sim::tools::replay::{Message, messages};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_twin::evidence::{Duty, Evidence, Fix, Row, Supply};
 
 use super::told;
@@ -46,8 +47,8 @@ struct Boot {
 }
 
 /// Reads the drive of a robot; that of its boot with most telemetry.
-pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Recorded, String> {
-    let file = File::open(path).map_err(|error| told(path, error))?;
+pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Recorded, CliError> {
+    let file = File::open(path).or_say(|error| told(path, error))?;
     let mut boots: BTreeMap<String, BTreeMap<u32, Boot>> = BTreeMap::new();
     messages(BufReader::new(file), |message| {
         if robot.is_none_or(|robot| robot == message.robot) {
@@ -55,21 +56,21 @@ pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Recorded, String>
             boots.entry(message.boot).or_default().take(&message);
         }
     })
-    .map_err(|error| told(path, error))?;
+    .or_say(|error| told(path, error))?;
     if boots.len() > 1 {
         let names: Vec<&str> = boots.keys().take(5).map(String::as_str).collect();
         let text = format!(
             "there are several robots in it, like {}: say --robot",
             names.join(", ")
         );
-        return Err(told(path, text));
+        return Err(CliError::new(told(path, text)));
     }
     let (robot, boots) = boots
         .pop_first()
-        .ok_or_else(|| told(path, "no such robot is in it"))?;
+        .ok_or_else(|| CliError::new(told(path, "no such robot is in it")))?;
     let boot = boots.into_values().max_by_key(|boot| boot.samples);
     let boot = boot.filter(|boot| boot.samples > 0);
-    let boot = boot.ok_or_else(|| told(path, "the robot told nothing of itself"))?;
+    let boot = boot.ok_or_else(|| CliError::new(told(path, "the robot told nothing of itself")))?;
     Ok(Recorded {
         robot,
         build: boot.build,

@@ -107,36 +107,42 @@ pub(crate) struct Client {
     idle: Mutex<Vec<Sender>>,
 }
 
-fn trusted(ca: Option<&Path>) -> Result<RootCertStore, String> {
+fn trusted(ca: Option<&Path>) -> Result<RootCertStore, EngineError> {
     let mut roots = RootCertStore::empty();
     if let Some(path) = ca {
-        let said = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
+        let said = |error: &dyn std::fmt::Display| {
+            EngineError::Certificates(format!("{}: {error}", path.display()))
+        };
         let certificates = CertificateDer::pem_file_iter(path).map_err(|error| said(&error))?;
         for certificate in certificates {
             let certificate = certificate.map_err(|error| said(&error))?;
             roots.add(certificate).map_err(|error| said(&error))?;
         }
         if roots.is_empty() {
-            return Err(format!("{} has no certificate", path.display()));
+            let text = format!("{} has no certificate", path.display());
+            return Err(EngineError::Certificates(text));
         }
         return Ok(roots);
     }
     roots.add_parsable_certificates(rustls_native_certs::load_native_certs().certs);
     if roots.is_empty() {
-        return Err("this machine trusts no certificate authority".into());
+        let text = "this machine trusts no certificate authority".to_owned();
+        return Err(EngineError::Certificates(text));
     }
     Ok(roots)
 }
 
-fn connector(address: &Address) -> Result<(TlsConnector, ServerName<'static>), String> {
+fn connector(address: &Address) -> Result<(TlsConnector, ServerName<'static>), EngineError> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let config = ClientConfig::builder_with_provider(provider)
         .with_safe_default_protocol_versions()
-        .map_err(|error| error.to_string())?
+        .map_err(|error| EngineError::Certificates(error.to_string()))?
         .with_root_certificates(trusted(address.ca.as_deref())?)
         .with_no_client_auth();
-    let name = ServerName::try_from(address.host.clone())
-        .map_err(|_| format!("no certificate can be for the host name {}", address.host))?;
+    let name = ServerName::try_from(address.host.clone()).map_err(|_| {
+        let text = format!("no certificate can be for the host name {}", address.host);
+        EngineError::Certificates(text)
+    })?;
     Ok((TlsConnector::from(Arc::new(config)), name))
 }
 
@@ -147,7 +153,7 @@ impl Client {
     /// [`EngineError::Certificates`] when TLS is wanted and nobody is trusted.
     pub(crate) fn new(address: Address) -> Result<Self, EngineError> {
         let tls = if address.tls {
-            Some(connector(&address).map_err(EngineError::Certificates)?)
+            Some(connector(&address)?)
         } else {
             None
         };

@@ -4,6 +4,7 @@
 //! the server again. The certificate lives for ninety days and is made anew when a third of them is
 //! left, or when the server has another name. The authority keeps its key for good.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,9 +14,10 @@ use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa,
     Issuer, KeyPair, KeyUsagePurpose,
 };
-use tokio_rustls::rustls::client::WebPkiServerVerifier;
+use tokio_rustls::rustls::Error;
 use tokio_rustls::rustls::client::danger::ServerCertVerifier;
-use tokio_rustls::rustls::pki_types::{ServerName, UnixTime};
+use tokio_rustls::rustls::client::{VerifierBuilderError, WebPkiServerVerifier};
+use tokio_rustls::rustls::pki_types::{InvalidDnsNameError, ServerName, UnixTime};
 use tokio_rustls::rustls::sign::CertifiedKey;
 
 use crate::validity::Validity;
@@ -33,6 +35,37 @@ const AUTHORITY: i64 = 20 * 365 * DAY;
 const AUTHORITY_LEFT: i64 = 2 * 365 * DAY;
 /// Clients' clocks may be that much behind.
 const BACK: i64 = DAY;
+
+/// Why a certificate that is there is made anew.
+enum RenewalReason {
+    /// It ends soon.
+    Ends,
+    /// There is none in the file.
+    Empty,
+    /// The authority cannot be read.
+    Authority(TlsError),
+    /// The authority vouches for nothing.
+    Verifier(VerifierBuilderError),
+    /// No certificate can be for such a name.
+    Name(InvalidDnsNameError),
+    /// It is not accepted under this name.
+    NotFor(String, Error),
+}
+
+impl fmt::Display for RenewalReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Ends => f.write_str("the old one expires soon"),
+            Self::Empty => f.write_str("the old one is empty"),
+            Self::Authority(error) => error.fmt(f),
+            Self::Verifier(error) => error.fmt(f),
+            Self::Name(error) => error.fmt(f),
+            Self::NotFor(name, error) => {
+                write!(f, "the old one does not serve for {name}: {error}")
+            }
+        }
+    }
+}
 
 /// The authority, and what its certificates are for.
 pub(crate) struct Authority {
@@ -99,7 +132,10 @@ impl Authority {
                         files::make_private(&key)?;
                         return Ok((pair, validity));
                     }
-                    Err(why) => tracing::info!(why, "making a new certificate for TLS"),
+                    Err(why) => {
+                        let why = why.to_string();
+                        tracing::info!(why, "making a new certificate for TLS");
+                    }
                 },
                 // A crash can part the two files; the authority makes good for it.
                 Err(error) => tracing::warn!(%error, "making a new certificate for TLS"),
@@ -138,21 +174,26 @@ impl Authority {
 
     /// Whether a client that pinned the authority accepts the certificate under every name, now
     /// and for a while to come.
-    fn check(&self, pair: &CertifiedKey, validity: Validity, now: i64) -> Result<(), String> {
+    fn check(
+        &self,
+        pair: &CertifiedKey,
+        validity: Validity,
+        now: i64,
+    ) -> Result<(), RenewalReason> {
         if Self::is_due(validity, now) {
-            return Err("the old one expires soon".into());
+            return Err(RenewalReason::Ends);
         }
-        let roots = files::authorities(&self.certificate()).map_err(|error| error.to_string())?;
+        let roots = files::authorities(&self.certificate()).map_err(RenewalReason::Authority)?;
         let client = WebPkiServerVerifier::builder_with_provider(Arc::new(roots), provider())
             .build()
-            .map_err(|error| error.to_string())?;
-        let leaf = pair.cert.first().ok_or("the old one is empty")?;
+            .map_err(RenewalReason::Verifier)?;
+        let leaf = pair.cert.first().ok_or(RenewalReason::Empty)?;
         let now = UnixTime::since_unix_epoch(Duration::from_secs(now.try_into().unwrap_or(0)));
         for name in &self.names {
-            let as_name = ServerName::try_from(name.as_str()).map_err(|error| error.to_string())?;
+            let as_name = ServerName::try_from(name.as_str()).map_err(RenewalReason::Name)?;
             client
                 .verify_server_cert(leaf, &[], &as_name, &[], now)
-                .map_err(|error| format!("the old one does not serve for {name}: {error}"))?;
+                .map_err(|error| RenewalReason::NotFor(name.clone(), error))?;
         }
         Ok(())
     }

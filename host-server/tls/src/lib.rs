@@ -41,7 +41,7 @@ use tokio_util::sync::CancellationToken;
 use authority::Authority;
 use validity::{Validity, day_of};
 
-pub use client::TlsClient;
+pub use client::{ConnectError, TlsClient};
 pub use error::TlsError;
 pub use handshake::{Refusal, TlsHandshake};
 pub use shown::Shown;

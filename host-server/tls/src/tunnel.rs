@@ -17,7 +17,7 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::TaskTracker;
 
 use crate::carry::carry;
-use crate::client::TlsClient;
+use crate::client::{ConnectError, TlsClient};
 use crate::unix_now;
 use crawler_system::address::BrokerUrl;
 
@@ -38,15 +38,15 @@ impl Tunnel {
     /// in `ca`, or else by those that this machine trusts.
     ///
     /// # Errors
-    /// One line saying what is wrong.
-    pub async fn open(url: &BrokerUrl, ca: Option<&Path>) -> Result<Self, String> {
+    /// [`ConnectError`]
+    pub async fn open(url: &BrokerUrl, ca: Option<&Path>) -> Result<Self, ConnectError> {
         let far = Arc::new(Far::new(url, ca)?);
         // Later failures only end connections, which tells those who wait for an answer nothing.
         drop(far.client.connect().await?);
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))
             .await
-            .map_err(|error| error.to_string())?;
-        let inside = listener.local_addr().map_err(|error| error.to_string())?;
+            .map_err(ConnectError::Io)?;
+        let inside = listener.local_addr().map_err(ConnectError::Io)?;
         let stop = CancellationToken::new();
         let connections = TaskTracker::new();
         connections.spawn(serve(listener, far, connections.clone(), stop.clone()));
@@ -85,7 +85,7 @@ struct Far {
 }
 
 impl Far {
-    fn new(url: &BrokerUrl, ca: Option<&Path>) -> Result<Self, String> {
+    fn new(url: &BrokerUrl, ca: Option<&Path>) -> Result<Self, ConnectError> {
         Ok(Self {
             client: TlsClient::new(&url.host, url.port, ca, "--broker-ca")?,
             complained: AtomicI64::new(0),
@@ -130,8 +130,8 @@ async fn serve(
             let _ = near.set_nodelay(true);
             match far.client.connect().await {
                 Ok(broker) => carry(near, broker).await,
-                Err(reason) => {
-                    far.complain(&reason);
+                Err(error) => {
+                    far.complain(&error.to_string());
                     // Clients hear of it as of a broker that is not there.
                     let _ = near.set_zero_linger();
                 }

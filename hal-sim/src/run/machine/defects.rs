@@ -4,13 +4,14 @@
 mod tests;
 
 use std::cell::{Cell, RefCell};
+use std::fmt;
 use std::pin::Pin;
 use std::rc::Rc;
 use std::task::{Context, Poll, Waker};
 
 use crawler_bundle::{Bundle, Defect, DefectKind};
 use crawler_hal::{Clock as _, Duration};
-use crawler_protocol::{ParameterValue, ParameterValues};
+use crawler_protocol::{ParameterValue, ParameterValues, Reason};
 
 use super::{SimRobot, SimUpdates};
 use crate::devices::{Resetter, Started};
@@ -136,8 +137,8 @@ impl Faulty {
                 while !robot.is_loaded() {
                     clock.sleep(LOOK).await;
                 }
-                if let Err(text) = override_parameters(&robot, &bundle) {
-                    resetter.panic(&text);
+                if let Err(error) = override_parameters(&robot, &bundle) {
+                    resetter.panic(&error.to_string());
                 }
                 std::future::pending::<()>().await;
             }));
@@ -146,19 +147,39 @@ impl Faulty {
     }
 }
 
+/// Why a bundle cannot override parameters.
+enum BadOverride {
+    /// It names one that there is not.
+    Unknown(String),
+    /// The robot refuses the values.
+    Refused(Reason),
+}
+
+impl fmt::Display for BadOverride {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unknown(name) => {
+                write!(f, "the bundle overrides {name}, which is no parameter")
+            }
+            Self::Refused(reason) => write!(
+                f,
+                "the bundle overrides parameters with what is refused: {reason:?}"
+            ),
+        }
+    }
+}
+
 /// Puts the parameters of the bundle over what is stored. A program that overrides what it does not know
 /// cannot work.
-fn override_parameters(robot: &SimRobot, bundle: &Bundle) -> Result<(), String> {
+fn override_parameters(robot: &SimRobot, bundle: &Bundle) -> Result<(), BadOverride> {
     let mut values = ParameterValues::new();
     for (name, value) in &bundle.parameters {
-        let unknown = || format!("the bundle overrides {name}, which is no parameter");
+        let unknown = || BadOverride::Unknown(name.clone());
         let name = name.as_str().try_into().map_err(|_| unknown())?;
         let pair = (name, ParameterValue::Number(*value));
         values.push(pair).map_err(|_| unknown())?;
     }
-    let refused =
-        |reason| format!("the bundle overrides parameters with what is refused: {reason:?}");
-    robot.adjust(&values).map_err(refused)
+    robot.adjust(&values).map_err(BadOverride::Refused)
 }
 
 /// What not every program has.

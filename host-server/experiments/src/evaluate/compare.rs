@@ -9,6 +9,7 @@ use std::path::Path;
 
 use crawler_sim::evaluate::{Driver, Estimate, Trial, of_mean, of_paired_shares};
 use crawler_sim::scenario::{Better, Metric};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_system::text::read_text_up_to;
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -45,18 +46,19 @@ impl Baseline {
     ///
     /// # Errors
     /// One line: it cannot be read, or is something else.
-    pub(super) fn read(path: &Path) -> Result<Self, String> {
+    pub(super) fn read(path: &Path) -> Result<Self, CliError> {
         let told = |why: &dyn std::fmt::Display| format!("--compare {}: {why}", path.display());
-        let text = read_text_up_to(path, MAX_FILE).map_err(|error| told(&error))?;
+        let text = read_text_up_to(path, MAX_FILE).or_say(|error| told(error))?;
         let file: File = serde_json::from_str(&text)
-            .map_err(|error| told(&format!("not a file of `evaluate --json`: {error}")))?;
+            .or_say(|error| told(&format!("not a file of `evaluate --json`: {error}")))?;
         if file.trials.is_empty() {
-            return Err(told(&"there is no run in it"));
+            return Err(CliError::new(told(&"there is no run in it")));
         }
         let mut trials = HashMap::new();
         for trial in file.trials {
             if let Some(twice) = trials.insert(trial.seed, trial) {
-                return Err(told(&format!("seed {} is in it twice", twice.seed)));
+                let text = told(&format!("seed {} is in it twice", twice.seed));
+                return Err(CliError::new(text));
             }
         }
         Ok(Self {

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crawler_sim::evaluate::{Search, shrink};
 use crawler_sim::scenario::Scenario;
+use crawler_system::cli_error::CliError;
 
 use super::progress::Progress;
 use super::{EvaluateArgs, quoted, threads_or_all, write_file};
@@ -14,7 +15,7 @@ pub(super) fn run(
     args: &EvaluateArgs,
     scenario: Scenario,
     stop: &AtomicBool,
-) -> Result<ExitCode, String> {
+) -> Result<ExitCode, CliError> {
     let search = Search {
         scenario,
         seed: args.seed,
@@ -46,10 +47,7 @@ pub(super) fn run(
             progress.tell(|| format!("shrinking: {runs} of {budget} runs"));
         })
     };
-    let text = shrunk
-        .scenario
-        .to_toml()
-        .map_err(|error| error.to_string())?;
+    let text = shrunk.scenario.to_toml()?;
     let path = args.out.display().to_string();
     let head = format!(
         "# Found by a search and shrunk. Fails with seed {}:\n# {}\n",

@@ -4,6 +4,7 @@ use std::fs::OpenOptions;
 use std::path::Path;
 
 use crawler_sim::evaluate::Evaluation;
+use crawler_system::cli_error::{CliError, OrSay as _};
 
 use super::shown;
 
@@ -30,10 +31,10 @@ pub(super) fn explain(words: &str, evaluation: &Evaluation, most: usize) {
 }
 
 /// Whether a file can be written, before hours go into what is to be in it. What is in it now stays.
-pub(super) fn can_write(path: &Path) -> Result<(), String> {
+pub(super) fn can_write(path: &Path) -> Result<(), CliError> {
     let is_new = !path.exists();
     let opened = OpenOptions::new().append(true).create(true).open(path);
-    opened.map_err(|error| format!("cannot write {}: {error}", shown(path)))?;
+    opened.or_say(|error| format!("cannot write {}: {error}", shown(path)))?;
     if is_new {
         // One that stays behind is empty, and will be written over.
         let _ = std::fs::remove_file(path);
@@ -42,6 +43,6 @@ pub(super) fn can_write(path: &Path) -> Result<(), String> {
 }
 
 /// Writes a file, or says why not.
-pub(super) fn write_file(path: &Path, text: &str) -> Result<(), String> {
-    std::fs::write(path, text).map_err(|error| format!("cannot write {}: {error}", shown(path)))
+pub(super) fn write_file(path: &Path, text: &str) -> Result<(), CliError> {
+    std::fs::write(path, text).or_say(|error| format!("cannot write {}: {error}", shown(path)))
 }

@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use crawler_sim::evaluate::{Cell, Evaluation, Influence, Job, drawn, grid, influences, jobs};
 use crawler_sim::scenario::{Metric, Scenario};
 use crawler_sim::world::Profile;
+use crawler_system::cli_error::{CliError, OrSay as _};
 use serde_json::json;
 
 use super::output::{explain, write_file};
@@ -32,15 +33,16 @@ pub(super) fn sweep(
     args: &EvaluateArgs,
     scenario: &Scenario,
     stop: &AtomicBool,
-) -> Result<ExitCode, String> {
+) -> Result<ExitCode, CliError> {
     if args.sweep.len() > 2 {
-        return Err("--sweep: one key or two".into());
+        return Err(CliError::new("--sweep: one key or two"));
     }
-    let cells = grid(scenario, &args.sweep).map_err(|error| format!("--sweep: {error}"))?;
+    let cells = grid(scenario, &args.sweep).or_say(|error| format!("--sweep: {error}"))?;
     let seeds = args.seeds as usize;
     let runs = args.seeds.saturating_mul(cells.len() as u64);
     if runs > MOST_RUNS {
-        return Err(format!("--sweep: {runs} runs are more than {MOST_RUNS}"));
+        let text = format!("--sweep: {runs} runs are more than {MOST_RUNS}");
+        return Err(CliError::new(text));
     }
     let jobs: Vec<Job<'_>> = cells
         .iter()
@@ -170,12 +172,12 @@ pub(super) fn monte_carlo(
     args: &EvaluateArgs,
     scenario: &Scenario,
     stop: &AtomicBool,
-) -> Result<ExitCode, String> {
+) -> Result<ExitCode, CliError> {
     let drawn_from = match args.randomisation {
         None if scenario.randomisation != Profile::None => None,
         None => Some(Randomisation::Wild),
         Some(Randomisation::None) => {
-            return Err("--monte-carlo needs something to draw from".into());
+            return Err(CliError::new("--monte-carlo needs something to draw from"));
         }
         some => some,
     };

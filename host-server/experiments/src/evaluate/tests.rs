@@ -49,7 +49,7 @@ fn options_that_cannot_be_used_are_told_by_name() {
     ] {
         let mut all = vec!["--scenario", "simple-navigation"];
         all.extend(words);
-        let said = scenario(&args(&all)).expect_err("refused");
+        let said = scenario(&args(&all)).expect_err("refused").to_string();
         assert!(said.contains(told), "{said}");
     }
     let wrong = ["evaluate", "--scenario", "empty", "--threshold", "luck>=1"];
@@ -78,7 +78,7 @@ fn somebody_else_may_drive() {
     let bound = bounds(&[job], &AtomicBool::new(false));
     assert!(bound[0].is_success(), "{:?}", bound[0].failures);
     assert_eq!(bounds(&[], &AtomicBool::new(true)), []);
-    let said = driven("empty", "ideal").expect_err("refused");
+    let said = driven("empty", "ideal").expect_err("refused").to_string();
     assert!(said.contains("no goals"), "{said}");
     let wrong = ["evaluate", "--scenario", "empty", "--driver", "luck"];
     let said = Line::try_parse_from(wrong)

@@ -1,8 +1,11 @@
 //! What a training is asked to be, checked field by field, and the command line that does the same.
 
+use std::error::Error;
+use std::fmt;
+
 use crawler_learning::{Options, Spread};
 use crawler_records::MAX_SEEDS;
-use crawler_sim::scenario::Scenario;
+use crawler_sim::scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
@@ -112,6 +115,36 @@ pub(crate) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>
     })
 }
 
+/// Why a program cannot train what another one has taken.
+#[derive(Debug)]
+pub(super) enum Untrainable {
+    /// It knows no such algorithm for this task.
+    Task(String, String),
+    /// It knows no such randomisation.
+    Randomisation(String),
+    /// The scenario of the task is not sound.
+    Scenario(ScenarioError),
+}
+
+impl fmt::Display for Untrainable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Task(algorithm, task) => write!(f, "it knows no {algorithm} for {task}"),
+            Self::Randomisation(name) => write!(f, "it knows no {name}"),
+            Self::Scenario(error) => error.fmt(f),
+        }
+    }
+}
+
+impl Error for Untrainable {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Task(..) | Self::Randomisation(_) => None,
+            Self::Scenario(error) => Some(error),
+        }
+    }
+}
+
 impl Asked {
     /// The same for the run.
     pub(super) const fn options(&self) -> Options {
@@ -128,13 +161,14 @@ impl Asked {
     ///
     /// # Errors
     /// Why this program cannot train it, which the one that took it could.
-    pub(super) fn scenario(&self) -> Result<Scenario, String> {
+    pub(super) fn scenario(&self) -> Result<Scenario, Untrainable> {
         if self.algorithm != ALGORITHM || self.task != TASK {
-            return Err(format!("it knows no {} for {}", self.algorithm, self.task));
+            return Err(Untrainable::Task(self.algorithm.clone(), self.task.clone()));
         }
         let profile = Randomisation::by_name(&self.randomisation);
-        let profile = profile.ok_or_else(|| format!("it knows no {}", self.randomisation))?;
-        let mut scenario = Spread::scenario().map_err(|error| error.to_string())?;
+        let unknown = || Untrainable::Randomisation(self.randomisation.clone());
+        let profile = profile.ok_or_else(unknown)?;
+        let mut scenario = Spread::scenario().map_err(Untrainable::Scenario)?;
         scenario.randomisation = profile.profile();
         Ok(scenario)
     }

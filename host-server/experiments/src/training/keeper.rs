@@ -1,5 +1,7 @@
 //! Has trainings run, stand and end as the records say.
 
+use std::error::Error;
+use std::fmt;
 use std::fs;
 use std::future::pending;
 use std::io;
@@ -15,6 +17,7 @@ use tokio::sync::oneshot;
 use tokio::time::MissedTickBehavior;
 use tokio_util::sync::CancellationToken;
 
+use super::asked::Untrainable;
 use super::job::{Job, Work};
 use super::told::{CHECKPOINT, Outcome, SO_FAR, Score};
 use super::{Asked, folder_in};
@@ -131,7 +134,7 @@ impl Keeper<'_> {
                     self.current = Some(current);
                     return Ok(());
                 }
-                Err(why) => fail(experiments, id, &why).await,
+                Err(why) => fail(experiments, id, &why.to_string()).await,
             }
         }
         Ok(())
@@ -227,24 +230,56 @@ impl Keeper<'_> {
     }
 }
 
-/// Starts the thread that learns.
-///
-/// # Errors
-/// Why it cannot be trained.
-fn start(experiments: &Experiments, training: Experiment) -> Result<Current, String> {
-    let cannot = |why: String| format!("this version of the program cannot train it: {why}");
-    if training.build != TRAINING_BUILD {
-        return Err(format!(
-            "another build of the program has begun it ({}): this one ({TRAINING_BUILD}) would come to other weights; \
-             make it anew",
-            or_unknown(&training.build)
-        ));
+/// Why a training cannot go on here.
+#[derive(Debug)]
+enum TrainingError {
+    /// Another build has begun it.
+    OtherBuild(String),
+    /// What was asked for is of another version.
+    Unreadable(serde_json::Error),
+    /// It asks for what there is not.
+    Asked(Untrainable),
+    /// There is no thread for it.
+    Thread(io::Error),
+}
+
+impl fmt::Display for TrainingError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const OTHER: &str = "this version of the program cannot train it";
+        match self {
+            Self::OtherBuild(build) => write!(
+                f,
+                "another build of the program has begun it ({}): this one ({TRAINING_BUILD}) would come to other \
+                 weights; make it anew",
+                or_unknown(build)
+            ),
+            Self::Unreadable(error) => write!(f, "{OTHER}: {error}"),
+            Self::Asked(error) => write!(f, "{OTHER}: {error}"),
+            Self::Thread(error) => write!(f, "there is no thread for it: {error}"),
+        }
     }
-    let asked: Asked =
-        serde_json::from_str(&training.recipe).map_err(|error| cannot(error.to_string()))?;
+}
+
+impl Error for TrainingError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::OtherBuild(_) => None,
+            Self::Unreadable(error) => Some(error),
+            Self::Asked(error) => Some(error),
+            Self::Thread(error) => Some(error),
+        }
+    }
+}
+
+/// Starts the thread that learns.
+fn start(experiments: &Experiments, training: Experiment) -> Result<Current, TrainingError> {
+    if training.build != TRAINING_BUILD {
+        return Err(TrainingError::OtherBuild(training.build));
+    }
+    let asked: Asked = serde_json::from_str(&training.recipe).map_err(TrainingError::Unreadable)?;
     let work = Work {
         options: asked.options(),
-        scenario: asked.scenario().map_err(cannot)?,
+        scenario: asked.scenario().map_err(TrainingError::Asked)?,
         folder: experiments.trainer.folder_of(&training),
         threads: experiments.trainer.threads,
         is_begun: training.done > 0,
@@ -257,9 +292,7 @@ fn start(experiments: &Experiments, training: Experiment) -> Result<Current, Str
         // Nobody listens any more when the server ends.
         let _ = tell.send(own.learn(work));
     };
-    thread
-        .spawn(learn)
-        .map_err(|error| format!("there is no thread for it: {error}"))?;
+    thread.spawn(learn).map_err(TrainingError::Thread)?;
     Ok(Current {
         job,
         noted: training.done.into(),

@@ -1,6 +1,7 @@
 //! What tells that a backup came through whole: the SHA-256 of each of its files, in a last one that
 //! `sha256sum --check` reads as well.
 
+use crawler_system::cli_error::CliError;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs::File;
@@ -37,20 +38,20 @@ impl Checksums {
     ///
     /// # Errors
     /// What is wrong, in words.
-    pub(super) fn check(&self, text: &str) -> Result<(), String> {
+    pub(super) fn check(&self, text: &str) -> Result<(), CliError> {
         let listed = text.lines().map(|line| {
             let (hash, name) = line.split_once("  ")?;
             Some((PathBuf::from(name), hash.to_owned()))
         });
         let listed: BTreeMap<PathBuf, String> = listed
             .collect::<Option<_>>()
-            .ok_or("its list of checksums is damaged")?;
+            .ok_or_else(|| CliError::new("its list of checksums is damaged"))?;
         let names = || self.0.keys().chain(listed.keys());
         match names().find(|name| self.0.get(*name) != listed.get(*name)) {
-            Some(name) => Err(format!(
+            Some(name) => Err(CliError::new(format!(
                 "`{}` is not what was put into it: the file was damaged since",
                 name.display()
-            )),
+            ))),
             None => Ok(()),
         }
     }
@@ -114,7 +115,7 @@ mod tests {
         let sums = of(&[("seq", "17"), ("tls/ca.key", "a key")]);
         let text = sums.to_text();
         assert!(text.contains("  tls/ca.key\n"), "{text}");
-        assert_eq!(sums.check(&text), Ok(()));
+        sums.check(&text).expect("whole");
         for other in [
             of(&[("seq", "18"), ("tls/ca.key", "a key")]),
             of(&[("seq", "17")]),

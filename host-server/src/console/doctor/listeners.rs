@@ -12,6 +12,7 @@ use super::Finding;
 use crate::config::{Broker, BrokerUrl, EngineUrl, Redis, Settings};
 use crawler_fleet::bus::{self, Target};
 use crawler_server_tls::Tunnel;
+use crawler_system::cli_error::{CliError, OrSay as _};
 
 const PATIENCE: Duration = Duration::from_secs(3);
 /// The head of an answer fits several times over.
@@ -69,17 +70,18 @@ async fn cache(url: &EngineUrl<Redis>) -> Finding {
 }
 
 /// Connects to an outside broker as the server does.
-async fn outside(settings: &Settings, url: &BrokerUrl) -> Result<(), String> {
+async fn outside(settings: &Settings, url: &BrokerUrl) -> Result<(), CliError> {
     // It lives as long as the connection needs it.
     let tunnel = if url.tls {
         let opened = Tunnel::open(url, settings.tls.broker_ca.as_deref()).await;
-        Some(opened.map_err(|reason| format!("the broker at {url} cannot be used: {reason}"))?)
+        Some(opened.or_say(|reason| format!("the broker at {url} cannot be used: {reason}"))?)
     } else {
         None
     };
     let inside = tunnel.as_ref().map_or(url, Tunnel::inside);
-    let target = Target::outside(inside).map_err(|_| "internal error: no randomness")?;
-    bus::connect(&target, &settings.fleet).await.map(drop)
+    let target =
+        Target::outside(inside).map_err(|_| CliError::new("internal error: no randomness"))?;
+    Ok(bus::connect(&target, &settings.fleet).await.map(drop)?)
 }
 
 /// Who can reach the server, and what they need.

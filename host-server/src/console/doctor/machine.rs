@@ -65,8 +65,9 @@ fn directory(data: &Path) -> Finding {
             "name a directory with --data",
         );
     }
-    if let Err(text) = crate::console::check_owner(data) {
-        return Finding::fail(WHAT, format!("of user {}", metadata.uid()), text);
+    if let Err(error) = crate::console::check_owner(data) {
+        let found = format!("of user {}", metadata.uid());
+        return Finding::fail(WHAT, found, error.to_string());
     }
     let probe = data.join(format!(".probe-{}", std::process::id()));
     let written = fs::write(&probe, "x").and_then(|()| fs::remove_file(&probe));

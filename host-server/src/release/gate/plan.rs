@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crawler_experiments::scenarios::{self, Changes, Randomisation};
 use crawler_sim::scenario::{Scenario, Threshold};
+use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_updates::gate::{MAX_ITEMS, MAX_NAME, MAX_REASON, rounded};
 use serde::Deserialize;
 
@@ -100,29 +101,31 @@ impl Plan {
     ///
     /// # Errors
     /// What is wrong with it, and where.
-    pub(super) fn read(text: &[u8], folder: &Path) -> Result<Self, String> {
-        let text = std::str::from_utf8(text).map_err(|_| "not UTF-8".to_owned())?;
+    pub(super) fn read(text: &[u8], folder: &Path) -> Result<Self, CliError> {
+        let text = std::str::from_utf8(text).or_say(|_| "not UTF-8".to_owned())?;
         let file: PlanFile =
-            toml::from_str(text).map_err(|error| error.to_string().trim_end().to_owned())?;
+            toml::from_str(text).or_say(|error| error.to_string().trim_end().to_owned())?;
         let counts = [
             ("evaluate", file.evaluate.len()),
             ("replay", file.replay.len()),
         ];
         for (name, count) in counts {
             if count > MAX_ITEMS {
-                return Err(format!("`{name}`: at most {MAX_ITEMS}"));
+                return Err(CliError::new(format!("`{name}`: at most {MAX_ITEMS}")));
             }
         }
         if file.evaluate.is_empty() {
-            return Err("no scenario: a release is evaluated on one at least".to_owned());
+            return Err(CliError::new(
+                "no scenario: a release is evaluated on one at least",
+            ));
         }
         let tasks = file.evaluate.into_iter().map(|table| {
             let scenario = table.scenario.clone();
-            task(table, folder).map_err(|what| format!("{scenario}: {what}"))
+            task(table, folder).map_err(|error| error.of(scenario))
         });
         let recordings = file.replay.into_iter().map(|table| {
             let recording = table.recording.display().to_string();
-            recorded(table, folder).map_err(|what| format!("{recording}: {what}"))
+            recorded(table, folder).map_err(|error| error.of(recording))
         });
         Ok(Self {
             tasks: tasks.collect::<Result<_, _>>()?,
@@ -131,16 +134,19 @@ impl Plan {
     }
 }
 
-fn task(table: EvaluateTable, folder: &Path) -> Result<Task, String> {
+fn task(table: EvaluateTable, folder: &Path) -> Result<Task, CliError> {
     if !(1..=MOST_SEEDS).contains(&table.seeds) {
-        return Err(format!("seeds: 1 to {MOST_SEEDS}"));
+        return Err(CliError::new(format!("seeds: 1 to {MOST_SEEDS}")));
     }
     let last = table.seed.checked_add(u64::from(table.seeds) - 1);
     if last.is_none_or(|last| last > LAST_SEED) {
-        return Err(format!("seed: the last one is at most {LAST_SEED}"));
+        return Err(CliError::new(format!(
+            "seed: the last one is at most {LAST_SEED}"
+        )));
     }
     let randomisation = table.randomisation.as_deref().map(|name| {
-        Randomisation::by_name(name).ok_or_else(|| "randomisation: none, mild or wild".to_owned())
+        let known = Randomisation::by_name(name);
+        known.ok_or_else(|| CliError::new("randomisation: none, mild or wild"))
     });
     let changes = Changes {
         robots: table.robots,
@@ -156,20 +162,22 @@ fn task(table: EvaluateTable, folder: &Path) -> Result<Task, String> {
     };
     let scenario = changes.apply(scenarios::scenario(Some(&name))?)?;
     if scenario.robots == 0 {
-        return Err("a world without robots cannot fail".to_owned());
+        return Err(CliError::new("a world without robots cannot fail"));
     }
     if scenario.name.is_empty() || scenario.name.len() > MAX_NAME {
-        return Err(format!("name: 1 to {MAX_NAME} bytes"));
+        return Err(CliError::new(format!("name: 1 to {MAX_NAME} bytes")));
     }
     let thresholds = scenario.thresholds.iter().chain(&table.thresholds);
     if !(1..=MAX_ITEMS).contains(&thresholds.clone().count()) {
-        return Err(format!(
+        return Err(CliError::new(format!(
             "thresholds: 1 to {MAX_ITEMS}, or nothing is asked of the release"
-        ));
+        )));
     }
     let written = |value: f64| rounded(value).to_bits() == (value + 0.0).to_bits();
     if let Some(threshold) = thresholds.clone().find(|one| !written(one.value)) {
-        return Err(format!("{threshold}: at most six places behind the point"));
+        return Err(CliError::new(format!(
+            "{threshold}: at most six places behind the point"
+        )));
     }
     Ok(Task {
         scenario,
@@ -179,19 +187,21 @@ fn task(table: EvaluateTable, folder: &Path) -> Result<Task, String> {
     })
 }
 
-fn recorded(table: ReplayTable, folder: &Path) -> Result<Recorded, String> {
+fn recorded(table: ReplayTable, folder: &Path) -> Result<Recorded, CliError> {
     let name = table.recording.file_name().and_then(|name| name.to_str());
     let fits = |name: &&str| name.len() <= MAX_NAME && !name.chars().any(char::is_control);
     let name = name.filter(fits);
-    let name = name.ok_or_else(|| format!("a name of at most {MAX_NAME} bytes"))?;
+    let name = name.ok_or_else(|| CliError::new(format!("a name of at most {MAX_NAME} bytes")))?;
     if table.expected.len() > MAX_ITEMS {
-        return Err(format!("expected: at most {MAX_ITEMS} differences"));
+        return Err(CliError::new(format!(
+            "expected: at most {MAX_ITEMS} differences"
+        )));
     }
     let mut robots = BTreeSet::new();
     for one in &table.expected {
         // From there on it is another robot, and where it parts again means nothing.
         if !robots.insert(&one.robot) {
-            return Err(format!("{}: a robot parts once", one.robot));
+            return Err(CliError::new(format!("{}: a robot parts once", one.robot)));
         }
     }
     let expected = table.expected.iter().map(expectation);
@@ -202,8 +212,8 @@ fn recorded(table: ReplayTable, folder: &Path) -> Result<Recorded, String> {
     })
 }
 
-fn expectation(table: &ExpectedTable) -> Result<Expectation, String> {
-    let wrong = |what: &str| Err(format!("{}: {what}", table.robot));
+fn expectation(table: &ExpectedTable) -> Result<Expectation, CliError> {
+    let wrong = |what: &str| Err(CliError::new(format!("{}: {what}", table.robot)));
     if !OUTPUTS.contains(&table.output.as_str()) {
         return wrong(&format!("output: one of {}", OUTPUTS.join(", ")));
     }

@@ -4,7 +4,8 @@ use super::plan::{Expectation, Plan};
 use super::*;
 
 fn read(text: &str) -> Result<Plan, String> {
-    Plan::read(text.as_bytes(), Path::new("/plans"))
+    let plan = Plan::read(text.as_bytes(), Path::new("/plans"));
+    plan.map_err(|error| error.to_string())
 }
 
 fn expectation(robot: &str, output: &str, at_us: u64) -> Expectation {

@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use crawler_system::cli_error::{CliError, OrSay as _};
 use serde::Deserialize;
 
 use super::super::args::GapArgs;
@@ -74,7 +75,7 @@ impl Measures {
 ///
 /// # Errors
 /// One line: what cannot be done, and why.
-pub(crate) async fn run(args: &GapArgs, settings: &Settings) -> Result<ExitCode, String> {
+pub(crate) async fn run(args: &GapArgs, settings: &Settings) -> Result<ExitCode, CliError> {
     let file = out(args.out.as_deref())?;
     let mut client = args.remote.client(settings)?;
     args.remote.log_in(&mut client).await?;
@@ -82,7 +83,7 @@ pub(crate) async fn run(args: &GapArgs, settings: &Settings) -> Result<ExitCode,
     client.log_out().await;
     let all = answer?;
     let gap: Gap = serde_json::from_value(all.clone())
-        .map_err(|error| format!("what the server says cannot be read: {error}"))?;
+        .or_say(|error| format!("what the server says cannot be read: {error}"))?;
     let enough = gap.robots.iter().any(|robot| robot.measures.whole);
     tell("Reality gap", &tables(gap), &all, file)?;
     Ok(if enough {

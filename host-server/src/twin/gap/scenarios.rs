@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use crawler_experiments::scenarios::{self, Changes};
 use crawler_sim::evaluate::{Job, Trial, rank_correlation, run_all};
 use crawler_sim::scenario::{Metric, Scenario};
+use crawler_system::cli_error::CliError;
 use serde_json::{Value, json};
 
 use super::super::args::GapArgs;
@@ -37,7 +38,7 @@ struct Line {
 ///
 /// # Errors
 /// One line: what cannot be done, and why.
-pub(crate) fn run(args: &GapArgs) -> Result<ExitCode, String> {
+pub(crate) fn run(args: &GapArgs) -> Result<ExitCode, CliError> {
     let file = out(args.out.as_deref())?;
     let settings = settings(args)?;
     let seeds: Vec<u64> = (0..args.seeds).map(|n| args.seed.wrapping_add(n)).collect();
@@ -63,7 +64,7 @@ pub(crate) fn run(args: &GapArgs) -> Result<ExitCode, String> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn settings(args: &GapArgs) -> Result<Vec<Setting>, String> {
+fn settings(args: &GapArgs) -> Result<Vec<Setting>, CliError> {
     let levels: Vec<Option<&str>> = match &args.difficulty[..] {
         [] => vec![None],
         levels => levels.iter().map(|level| Some(level.as_str())).collect(),
@@ -84,7 +85,9 @@ fn settings(args: &GapArgs) -> Result<Vec<Setting>, String> {
                 };
                 let scenario = changes.apply(scenarios::scenario(Some(name))?)?;
                 if scenario.robots == 0 {
-                    return Err(format!("{name}: a world without robots shows nothing"));
+                    return Err(CliError::new(format!(
+                        "{name}: a world without robots shows nothing"
+                    )));
                 }
                 Ok(scenario)
             };
